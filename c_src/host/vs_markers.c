@@ -11,14 +11,44 @@
 
 #define SHAPES 1024 /* candidates in a picture */
 
+/* The tables of the scan follow it in memory: parts, then runs. */
 struct vs_markers {
     struct vs_shape shapes[SHAPES];
     struct vs_scan scan;
 };
 
-size_t vs_markers_size(void)
+static int32_t cut(int32_t value, int32_t most)
 {
-    return sizeof(struct vs_markers);
+    return value < 0 ? 0 : value > most ? most : value;
+}
+
+/* Runs that there is room for in a picture: texture has as many per pixel in any. */
+static uint32_t run_room(int32_t width_px, int32_t height_px)
+{
+    uint32_t pixels = (uint32_t)cut(width_px, VS_MARKERS_SIDE) *
+                      (uint32_t)cut(height_px, VS_MARKERS_SIDE);
+    uint32_t room = pixels / VS_SCAN_SPREAD;
+
+    return room > VS_SCAN_RUNS ? room : VS_SCAN_RUNS;
+}
+
+size_t vs_markers_size(int32_t width_px, int32_t height_px)
+{
+    size_t runs = run_room(width_px, height_px);
+
+    return sizeof(struct vs_markers) + runs / 2 * sizeof(struct vs_part) +
+           runs * sizeof(struct vs_run);
+}
+
+/* Lays the tables out for pictures of a size. */
+static void lay_out(struct vs_markers *work, const struct vs_picture *picture)
+{
+    struct vs_scan *scan = &work->scan;
+
+    scan->run_room = run_room(picture->width_px, picture->height_px);
+    scan->part_room = scan->run_room / 2;
+    scan->parts = (struct vs_part *)(void *)(work + 1);
+    scan->runs = (struct vs_run *)(void *)(scan->parts + scan->part_room);
 }
 
 /* A place on the markers' plane, and how it moves with the pixel [m/px]; 0 if nowhere. */
@@ -103,11 +133,6 @@ static int add_marker(const struct vs_search *search, const struct vs_marker *ma
     return 1;
 }
 
-static int32_t cut(int32_t value, int32_t most)
-{
-    return value < 0 ? 0 : value > most ? most : value;
-}
-
 /* The part of a picture as a picture of its own. */
 static struct vs_picture cut_out(const struct vs_picture *picture,
                                  const struct vs_window *window, int32_t *left, int32_t *top)
@@ -186,6 +211,7 @@ int vs_markers_search(struct vs_markers *work, const struct vs_search *search,
     part = cut_out(&view->picture, window, &corner[0], &corner[1]);
     if (err == VS_OK && (part.width_px < 1 || part.height_px < 1))
         return VS_OK;
+    lay_out(work, &view->picture);
     if (err == VS_OK)
         err = vs_scan_picture(&work->scan, &part, search);
     if (err != VS_OK)

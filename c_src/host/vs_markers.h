@@ -15,6 +15,8 @@
 #define VS_MARKERS_FULL_PARTS 2 /* rows further down were not scanned */
 #define VS_MARKERS_FULL_FOUND 4 /* the caller's table was too small for all things found */
 
+#define VS_MARKERS_SIDE 8192 /* [px] greatest width and height of a picture */
+
 #define VS_OUTLINE_SAMPLES 96 /* points along an outline */
 #define VS_OUTLINE_STEPS 15   /* grey values along one normal */
 #define VS_OUTLINE_CELLS 25   /* of a marker: 5 x 5 */
@@ -113,14 +115,17 @@ struct vs_window {
 /* Working memory, the caller's; one thread at a time. Its content is of no meaning before. */
 struct vs_markers;
 
-/* [byte] of that memory, which is to be aligned as for a double. */
-size_t vs_markers_size(void);
+/*
+ * [byte] of that memory for pictures of up to that many pixels, whatever their shape; it is to be
+ * aligned as for a double. Sides are cut to 0 .. VS_MARKERS_SIDE.
+ */
+size_t vs_markers_size(int32_t width_px, int32_t height_px);
 
 /*
- * Looks for markers in a part of the picture; windows are cut to it. Appends those
+ * Looks for markers in a part of the picture, for which there is work; windows are cut to it. Appends those
  * found to markers[*count ..] and keeps all of them apart. Returns the VS_MARKERS_FULL_...
  * of what there was no room for: 0 if all is well.
- * Errors: VS_ERR_ARGUMENT for a picture larger than 8192 px, smaller than 0 or with too small a
+ * Errors: VS_ERR_ARGUMENT for a picture larger than VS_MARKERS_SIDE, smaller than 0 or with too small a
  * stride, a level_256 or second_256 outside 1 .. 255, a print_256 outside 0 .. 256, or counts and passes of the
  * outline beyond those above.
  */

@@ -8,6 +8,8 @@
 
 #include "vs_levels.h"
 
+#define NO_PART UINT32_MAX
+
 /* One bit for each of 16 pixels, the first the lowest: 1 where darker than level. */
 #ifdef __SSE2__
 static uint16_t dark_bits(const uint8_t *pixels, uint8_t level)
@@ -58,6 +60,8 @@ static unsigned lowest(uint32_t word)
 static int add_runs(struct vs_scan *s, const uint16_t *words, uint32_t count)
 {
     static const uint16_t empty[4] = {0, 0, 0, 0};
+    struct vs_run *const runs = s->runs;
+    const uint32_t room = s->run_room;
     uint32_t before = 0, run = s->run_count;
     uint32_t i;
 
@@ -75,12 +79,12 @@ static int add_runs(struct vs_scan *s, const uint16_t *words, uint32_t count)
             uint32_t x = i * VS_SCAN_BLOCK + lowest(edges);
 
             if ((word >> lowest(edges) & 1) != 0) {
-                if (run + 1 >= VS_SCAN_RUNS)
+                if (run + 1 >= room)
                     return 0;
-                s->runs[run].begin = (uint16_t)x;
+                runs[run].begin = (uint16_t)x;
             } else {
-                s->runs[run].end = (uint16_t)x;
-                run += x - s->runs[run].begin > 1;
+                runs[run].end = (uint16_t)x;
+                run += x - runs[run].begin > 1;
             }
         }
     }
@@ -90,9 +94,11 @@ static int add_runs(struct vs_scan *s, const uint16_t *words, uint32_t count)
 
 uint32_t vs_scan_root(struct vs_scan *s, uint32_t part)
 {
-    while (s->parts[part].parent != part) {
-        s->parts[part].parent = s->parts[s->parts[part].parent].parent;
-        part = s->parts[part].parent;
+    struct vs_part *const parts = s->parts;
+
+    while (parts[part].parent != part) {
+        parts[part].parent = parts[parts[part].parent].parent;
+        part = parts[part].parent;
     }
     return part;
 }
@@ -144,26 +150,27 @@ static void extend_part(struct vs_part *part, const struct vs_run *run, uint32_t
 /* Gives each run of a row to a part; runs of neighbouring rows touch at corners, too. */
 static int link_row(struct vs_scan *s, uint32_t row)
 {
+    struct vs_run *const runs = s->runs;
+    const uint32_t end = s->first[row], count = s->run_count;
     uint32_t above = row > 0 ? s->first[row - 1] : 0;
-    uint32_t end = s->first[row];
     uint32_t i;
 
-    for (i = end; i < s->run_count; i++) {
-        struct vs_run *run = &s->runs[i];
-        uint32_t part = VS_SCAN_PARTS;
+    for (i = end; i < count; i++) {
+        struct vs_run *run = &runs[i];
+        uint32_t part = NO_PART;
         uint32_t k;
 
-        while (above < end && s->runs[above].end < run->begin)
+        while (above < end && runs[above].end < run->begin)
             above++;
-        for (k = above; k < end && s->runs[k].begin <= run->end; k++) {
-            uint32_t root = vs_scan_root(s, s->runs[k].part);
+        for (k = above; k < end && runs[k].begin <= run->end; k++) {
+            uint32_t root = vs_scan_root(s, runs[k].part);
 
-            part = part == VS_SCAN_PARTS ? root : join(s, part, root);
+            part = part == NO_PART ? root : join(s, part, root);
         }
-        if (part != VS_SCAN_PARTS) {
+        if (part != NO_PART) {
             extend_part(&s->parts[part], run, row);
             run->part = part;
-        } else if (s->part_count < VS_SCAN_PARTS) {
+        } else if (s->part_count < s->part_room) {
             begin_part(s, run, row);
         } else {
             return 0;

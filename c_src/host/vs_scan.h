@@ -9,14 +9,14 @@
 
 #include "vs_markers.h"
 
-#define VS_SCAN_SIDE 8192     /* [px] greatest width and height of a picture */
+#define VS_SCAN_SIDE VS_MARKERS_SIDE
 #define VS_SCAN_BLOCK 16      /* [px] side of a block */
 #define VS_SCAN_STEP 2        /* [px] from one scanned row to the next */
 #define VS_SCAN_LINE 512      /* blocks in a row: SIDE / BLOCK */
 #define VS_SCAN_BLOCKS 262144 /* blocks in a picture: LINE * LINE */
 #define VS_SCAN_ROWS 4096     /* scanned rows: SIDE / STEP */
-#define VS_SCAN_RUNS 65536    /* runs of dark pixels in a picture */
-#define VS_SCAN_PARTS 32768   /* components before those that meet are joined */
+#define VS_SCAN_RUNS 65536    /* runs of dark pixels that there is room for, at least */
+#define VS_SCAN_SPREAD 32     /* in large pictures there is room for one run in so many pixels */
 
 /* Dark pixels of one row that touch: columns begin .. end - 1. */
 struct vs_run {
@@ -35,8 +35,15 @@ struct vs_part {
     uint16_t bottom;
 };
 
-/* Working memory, the caller's; one thread at a time. Its content is of no meaning before. */
+/*
+ * Working memory, the caller's; one thread at a time. Its content is of no meaning before, but for
+ * its tables and the room in them, which the caller sets.
+ */
 struct vs_scan {
+    struct vs_run *runs;   /* run_room of them */
+    struct vs_part *parts; /* part_room: components before those that meet are joined */
+    uint32_t run_room;
+    uint32_t part_room;
     uint32_t full;       /* VS_MARKERS_FULL_... of the newest scan */
     uint32_t rows;       /* scanned */
     uint32_t run_count;
@@ -48,8 +55,6 @@ struct vs_scan {
     uint8_t light[VS_SCAN_BLOCKS];    /* lightest */
     uint8_t level[VS_SCAN_BLOCKS];    /* a pixel below this is dark */
     uint16_t words[VS_SCAN_BLOCK / VS_SCAN_STEP][VS_SCAN_LINE + 1]; /* of a line of blocks */
-    struct vs_run runs[VS_SCAN_RUNS];
-    struct vs_part parts[VS_SCAN_PARTS];
 };
 
 /*

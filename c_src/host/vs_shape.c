@@ -17,6 +17,7 @@ struct borders {
 static void find_borders(struct vs_scan *s, uint32_t root, struct borders *b)
 {
     const struct vs_part *part = &s->parts[root];
+    const struct vs_run *const runs = s->runs;
     uint32_t row, i;
 
     b->rows = part->bottom - part->top + 1;
@@ -27,7 +28,7 @@ static void find_borders(struct vs_scan *s, uint32_t root, struct borders *b)
         *left = part->right;
         *right = part->left;
         for (i = s->first[row]; i < s->first[row + 1]; i++) {
-            const struct vs_run *run = &s->runs[i];
+            const struct vs_run *run = &runs[i];
 
             if (run->begin < part->left || run->end > part->right ||
                 vs_scan_root(s, run->part) != root)
@@ -279,13 +280,14 @@ static int look_at(struct vs_scan *s, uint32_t root, const struct vs_shape_gate 
 void vs_shape_find(struct vs_scan *s, const struct vs_shape_gate *gate,
                    struct vs_shape *found, size_t capacity, size_t *count)
 {
+    const struct vs_part *const parts = s->parts;
     uint32_t i;
 
     *count = 0;
     for (i = 0; i < s->part_count; i++) {
         struct vs_shape shape;
 
-        if (s->parts[i].parent != i || !has_size(&s->parts[i], gate) ||
+        if (parts[i].parent != i || !has_size(&parts[i], gate) ||
             !look_at(s, i, gate, &shape))
             continue;
         if (*count == capacity) {

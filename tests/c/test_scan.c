@@ -250,6 +250,66 @@ static void test_a_full_table_is_reported(void)
     CHECK(full == VS_MARKERS_FULL_RUNS || full == VS_MARKERS_FULL_PARTS);
 }
 
+/* Stripes of three dark pixels and as many light ones, in columns; every run is a row's own. */
+static void stripe(uint8_t *pixels, int width, int height, int apart)
+{
+    int x, y;
+
+    for (y = 0; y < height; y++)
+        for (x = 0; x < width; x++)
+            pixels[(size_t)y * (size_t)width + (size_t)x] = x % apart < apart / 2 ? 20 : 220;
+}
+
+/* In memory of the size asked for: what a large picture has is scanned down to the last row. */
+static void test_the_tables_follow_the_pictures_size(void)
+{
+    static const int size[3][2] = {{4000, 3000}, {8192, 2000}, {2000, 8192}};
+    const double at_m[2] = {0.0, 0.0};
+    static uint8_t small[WIDTH * HEIGHT];
+    struct vs_outline outline;
+    struct vs_search search;
+    int k, y;
+
+    make_outline(&outline);
+    make_search(&search);
+    draw(small, 1.0, 0.0, at_m);
+    for (k = 0; k < 3; k++) {
+        int width = size[k][0], height = size[k][1];
+        uint8_t *pixels = malloc((size_t)width * (size_t)height);
+        struct vs_markers *large = malloc(vs_markers_size(width, height));
+        struct vs_view view;
+        size_t count = 0;
+
+        CHECK(pixels != NULL && large != NULL);
+        if (pixels == NULL || large == NULL)
+            return;
+        stripe(pixels, width, height, 20);
+        for (y = 0; y < HEIGHT; y++)
+            memcpy(pixels + (size_t)(height - HEIGHT + y) * (size_t)width, small + y * WIDTH, WIDTH);
+        make_view(&view, pixels, (size_t)width, width, height);
+        CHECK((uint32_t)(width / 20) * (uint32_t)(height / 2) > VS_SCAN_RUNS);
+        CHECK(vs_markers_search(large, &search, &outline, &view, &everything, found, CAPACITY,
+                                &count) == VS_OK);
+        CHECK(count == 1);
+        fill(pixels, (size_t)width * (size_t)height, 0);
+        CHECK(vs_markers_search(large, &search, &outline, &view, &everything, found, CAPACITY,
+                                &count) >= VS_OK);
+        free(large);
+        free(pixels);
+    }
+}
+
+/* As much as before for what a camera of two megapixels shows, and never less. */
+static void test_room_grows_with_the_picture_only(void)
+{
+    size_t least = vs_markers_size(1, 1);
+
+    CHECK(vs_markers_size(1620, 1220) == least && vs_markers_size(-1, 70000) == least);
+    CHECK(vs_markers_size(4000, 3000) > least);
+    CHECK(vs_markers_size(4000, 3000) - least < 6u << 20);
+    CHECK(vs_markers_size(8192, 8192) == vs_markers_size(70000, 70000));
+}
+
 static void test_no_room_for_a_marker_is_reported(void)
 {
     static uint8_t pixels[WIDTH * HEIGHT];
@@ -362,12 +422,14 @@ static void test_what_is_behind_a_camera_is_not_seen(void)
 
 int main(void)
 {
-    work = malloc(vs_markers_size());
+    work = malloc(vs_markers_size(1620, 1220));
     CHECK(work != NULL);
     test_an_arrow_is_found_where_it_is();
     test_a_known_arrow_is_followed();
     test_any_bytes_in_any_shape_do_no_harm();
     test_a_full_table_is_reported();
+    test_the_tables_follow_the_pictures_size();
+    test_room_grows_with_the_picture_only();
     test_no_room_for_a_marker_is_reported();
     test_wrong_arguments_are_refused();
     test_a_negative_size_is_refused();

@@ -309,7 +309,7 @@ static void test_a_square_is_found_and_followed_with_its_heading(void)
     static const double turn[5][2] = {{1, 0}, {0, 1}, {-0.8, -0.6}, {0.28, -0.96}, {0.6, -0.8}};
     static const struct vs_window everything = {0, 0, WIDTH, HEIGHT};
     static uint8_t pixels[WIDTH * HEIGHT];
-    struct vs_markers *work = malloc(vs_markers_size());
+    struct vs_markers *work = malloc(vs_markers_size(WIDTH, HEIGHT));
     struct vs_outline outline;
     struct vs_search search;
     struct vs_view view;

@@ -9,6 +9,8 @@ import pytest
 
 from vsense.camera_setup.advice import GOOD_BLUR_CELLS, Brightness, ExposureReading, advise, rounded
 from vsense.camera_setup.markers import PictureScale
+from vsense.markers.families import load_family
+from vsense.tracking.legibility import cell_width
 
 CELL_M = 0.0053
 
@@ -26,7 +28,8 @@ def reading(
     counts = np.zeros(256, np.int64)
     shown = Brightness(counts, mean, 30.0, light, saturated, 0.0)
     scale = None if px_per_m is None else PictureScale(px_per_m, "test")
-    return ExposureReading(exposure_us, gain, shown, noise, speed_m_s, scale, CELL_M)
+    width = None if px_per_m is None else cell_width(load_family("arrow4x4"), px_per_m)
+    return ExposureReading(exposure_us, gain, shown, noise, speed_m_s, scale, CELL_M, width)
 
 
 def test_a_good_picture_needs_nothing() -> None:
@@ -101,3 +104,11 @@ def test_robots_that_stand_still_are_never_blurred() -> None:
 )
 def test_exposures_are_round_and_never_longer(given: float, expected: float) -> None:
     assert rounded(given) == expected
+
+
+def test_cells_that_cannot_be_read_come_first_and_small_ones_last() -> None:
+    assert advise(reading(px_per_m=150.0, saturated=0.5)).startswith(
+        "the cells of arrow4x4, 5.3 mm, are 0.8 px wide: expected at least 1 px, and 2 px"
+    )
+    assert "saturated" in advise(reading(px_per_m=300.0, saturated=0.5))
+    assert "are 1.6 px wide" in advise(reading(px_per_m=300.0))

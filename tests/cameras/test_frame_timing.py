@@ -61,11 +61,29 @@ def test_a_jump_of_the_clock_is_noticed_within_three_pictures_and_undone(jump_ns
     jumps = []
     for number in range(30, 40):
         taken_ns = number * PERIOD_NS
-        mapped_ns, jumped = clock.capture_ns(taken_ns + jump_ns, taken_ns + 3 * MS)
-        jumps.append(jumped)
+        mapped_ns, jumped_ns = clock.capture_ns(taken_ns + jump_ns, taken_ns + 3 * MS)
+        jumps.append(jumped_ns)
         if any(jumps):
             assert mapped_ns == taken_ns + 3 * MS
-    assert sum(jumps) == 1 and jumps.index(True) < PICTURES
+    assert [ns for ns in jumps if ns] == [jump_ns] and jumps.index(jump_ns) < PICTURES
+
+
+@pytest.mark.parametrize("jump_ns", [3600 * S, -3600 * S])
+@pytest.mark.parametrize("late_ms", [5, 20, 60])
+def test_a_jump_by_an_hour_is_noticed_however_irregularly_pictures_come(
+    jump_ns: int, late_ms: int
+) -> None:
+    for seed in range(20):
+        clock, noise, jumps, arrived_ns = ClockMap(), random.Random(seed), [], 0
+        for number in range(40):
+            taken_ns = number * PERIOD_NS
+            late_ns = min(int(noise.expovariate(1 / (late_ms * MS))), S)
+            arrived_ns = max(arrived_ns, taken_ns + late_ns)
+            stamp_ns = taken_ns + (jump_ns if number >= 30 else 0)
+            mapped_ns, jumped_ns = clock.capture_ns(stamp_ns, arrived_ns)
+            jumps.append(jumped_ns)
+            assert abs(mapped_ns - taken_ns) <= S
+        assert abs(jumps[30] - jump_ns) <= S
 
 
 @pytest.mark.parametrize("late", [1, 2])

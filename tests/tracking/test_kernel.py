@@ -185,3 +185,25 @@ def test_the_marker_s_layout_is_that_of_c() -> None:
     assert MARKER.itemsize == kernel_ffi.sizeof("struct vs_marker")
     for name, field in kernel_ffi.typeof("struct vs_marker").fields:
         assert MARKER.fields is not None and MARKER.fields[name][1] == field.offset
+
+
+def test_textured_ground_of_12_megapixels_is_scanned_to_the_last_row() -> None:
+    """With the tables of a picture of two megapixels the rows further down were not scanned."""
+    wide, high = 4000, 3000
+    texture = np.random.default_rng(4).standard_normal((high, wide)).astype(np.float32)
+    texture = cv2.GaussianBlur(texture, (0, 0), 2.4)
+    image = np.clip(130.0 + 25.0 / texture.std() * texture, 0, 255).astype(np.uint8)
+    camera = Camera.looking_down("wide", 0.0, 0.0, 2.43, 4000.0, (wide, high))
+    last = Camera.looking_down("last", 0.0, -0.75, 2.43, 4000.0, SIZE)
+    part = render(last, ARROW, [Robot(TRUTH.tag, 0.0, -0.75, 0.7)], Look(litter=0), seed=2)
+    # The small camera's picture, where the large one shows the same ground.
+    x, y = np.rint(camera.project(np.array([0.0, -0.75, HEIGHT_M]))).astype(int)
+    ground = image[y - 180 : y + 180, x - 240 : x + 240]
+    ground[60:300, 120:360] = part[60:300, 120:360]
+    kernel = Kernel(ARROW)
+    assert len(kernel.search(PICTURE, CORNER, HEIGHT_M)) == 1
+    rows = kernel.search(image, camera, HEIGHT_M)
+    assert kernel.overflows == 0
+    apart = np.hypot(rows["x_m"], rows["y_m"] + 0.75)
+    assert apart.min() < 0.001
+    assert len(kernel.search(PICTURE, CORNER, HEIGHT_M)) == 1

@@ -70,13 +70,13 @@ def test_a_tag_off_the_roster_has_no_name_and_twins_are_both_reported() -> None:
     image = render(CAMERA, ARUCO, robots, seed=4)
     found = make_detector(ARUCO, [7], HEIGHT_M).detect(image, CAMERA)
     assert sorted(found["tag"].tolist()) == [UNNAMED, 7, 7]
-    assert SquareFinder(ARUCO).find(image)["tag"].tolist() == [7, 7, 9]
+    assert SquareFinder(ARUCO.codes).find(image)["tag"].tolist() == [7, 7, 9]
 
 
 def test_the_corners_are_those_of_the_upright_marker() -> None:
     robot = Robot(31, 0.1, -0.2, 0.7)
     image = render(CAMERA, ASKEW, [robot], seed=2)
-    row = SquareFinder(ASKEW).find(image)[0]
+    row = SquareFinder(ASKEW.codes).find(image)[0]
     half, turn = 0.0225, robot.yaw_rad - np.radians(137.0)
     up, right = np.array([np.cos(turn), np.sin(turn)]), np.array([np.sin(turn), -np.cos(turn)])
     c, s = np.cos(robot.yaw_rad), np.sin(robot.yaw_rad)
@@ -97,8 +97,8 @@ def test_a_marker_of_another_size_is_none_of_ours() -> None:
 @pytest.mark.parametrize("shade", [0, 128, 255])
 def test_an_empty_picture_has_no_markers(shade: int) -> None:
     image = np.full((60, 80), shade, dtype=np.uint8)
-    assert SquareFinder(ARUCO).find(image).dtype == SQUARE
-    assert len(SquareFinder(ARUCO).find(image)) == 0
+    assert SquareFinder(ARUCO.codes).find(image).dtype == SQUARE
+    assert len(SquareFinder(ARUCO.codes).find(image)) == 0
     assert len(make_detector(ARUCO, [7], 0.0).detect(image, CAMERA)) == 0
 
 
@@ -106,7 +106,7 @@ def test_mere_noise_has_no_markers() -> None:
     rng = np.random.default_rng(8)
     noise = rng.integers(0, 256, (240, 320)).astype(np.uint8)
     for family in (ARUCO, TAG36):
-        assert len(SquareFinder(family).find(noise)) == 0
+        assert len(SquareFinder(family.codes).find(noise)) == 0
 
 
 def test_a_tag_that_the_family_does_not_have_is_refused() -> None:

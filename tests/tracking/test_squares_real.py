@@ -18,7 +18,7 @@ from tests.tracking import real
 from tests.tracking.real import DATA, grey, square_family
 from vsense.tracking.squares import SquareFinder, area
 
-APRILTAG = SquareFinder(square_family("DICT_APRILTAG_36h11"))
+APRILTAG = SquareFinder(square_family("DICT_APRILTAG_36h11").codes)
 TRUE_TAGS = 109
 SWARM = {"33369213973": 12, "34085369442": 25, "34139872896": 10}
 
@@ -89,7 +89,7 @@ def test_opencv_tutorial_corners_are_where_opencv_says(
     """
     folder = DATA / "opencv-tutorial"
     truth = json.loads((folder / "corners.json").read_text())[name]
-    detector = SquareFinder(square_family(truth["dictionary"], folder))
+    detector = SquareFinder(square_family(truth["dictionary"], folder).codes)
     rows = detector.find(grey(folder / name), local_corners=True)
     found = {int(row["tag"]): row["corners_px"] for row in rows}
     assert sorted(found) == sorted(int(tag) for tag in truth["corners_px"])
@@ -114,7 +114,7 @@ def _inset(corners: np.ndarray, by_px: float) -> np.ndarray:
 def test_fiducials_have_the_published_corners(name: str) -> None:
     folder = DATA / "fiducials-14cm"
     truth = json.loads((folder / "corners.json").read_text())[name]
-    found = SquareFinder(square_family("DICT_5X5_1000")).find(
+    found = SquareFinder(square_family("DICT_5X5_1000").codes).find(
         grey(folder / name), local_corners=True
     )
     assert found["tag"].tolist() == sorted(int(tag) for tag in truth)
@@ -135,7 +135,7 @@ def test_fiducials_have_the_published_corners(name: str) -> None:
     ],
 )
 def test_a_swarm_without_markers_has_none(dictionary: str) -> None:
-    detector = SquareFinder(square_family(dictionary))
+    detector = SquareFinder(square_family(dictionary).codes)
     swarm = grey(DATA / "kilobots" / "swarm.png")
     for image in (swarm, cv2.resize(swarm, None, fx=2.0, fy=2.0), 255 - swarm):
         assert len(detector.find(image)) == 0
@@ -143,6 +143,6 @@ def test_a_swarm_without_markers_has_none(dictionary: str) -> None:
 
 @pytest.mark.parametrize("dictionary", ["DICT_4X4_1000", "DICT_APRILTAG_16h5"])
 def test_markers_of_another_dictionary_are_not_found(dictionary: str) -> None:
-    detector = SquareFinder(square_family(dictionary))
+    detector = SquareFinder(square_family(dictionary).codes)
     for photo, _ in islice(real.wall_photos(), 0, None, 2):
         assert len(detector.find(photo)) == 0

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from vsense.camera_setup.markers import PictureScale, blur_px
 from vsense.cameras.health import DARK_LEVEL
 from vsense.cameras.picture import Image
+from vsense.tracking.legibility import CellWidth
 
 WHITE, BLACK = 254, 1
 """Limits of saturated and of black pixels: lens corrections and JPEG round by one level."""
@@ -98,7 +99,8 @@ class ExposureReading:
     """What is known of a camera's pictures; None: unknown.
 
     `gain` has the camera's own unit; `noise` is a pixel's standard deviation [grey levels];
-    `speed_m_s` is the robots', and `cell_m` the side of a marker's cell.
+    `speed_m_s` is the robots', `cell_m` the side of a marker's cell, and `width` how wide it is
+    in the picture.
     """
 
     exposure_us: float | None
@@ -108,6 +110,7 @@ class ExposureReading:
     speed_m_s: float
     scale: PictureScale | None
     cell_m: float
+    width: CellWidth | None
 
     @property
     def blur_px(self) -> float | None:
@@ -139,7 +142,9 @@ class ExposureReading:
 
 def advise(reading: ExposureReading) -> str:
     """Returns one line: what to change first, or that all is well."""
-    light = reading.light
+    light, width = reading.light, reading.width
+    if width is not None and width.is_illegible:
+        return width.in_words()
     if light.mean < DARK_LEVEL:
         return "the picture is dark: is there light, and is the lens open?" + _brighter(reading)
     if light.saturated > MOST_SATURATED:
@@ -151,7 +156,7 @@ def advise(reading: ExposureReading) -> str:
     if reading.noise is not None and reading.noise > MOST_NOISE:
         text = f"noise {reading.noise:.1f}: above {MOST_NOISE:g} numbers are misread; less gain"
         return text + _longer(reading, ", and ")
-    return "good: nothing to change"
+    return width.in_words() if width is not None and width.is_small else "good: nothing to change"
 
 
 def rounded(exposure_us: float) -> float:

@@ -24,6 +24,7 @@ from vsense.errors import UsageError, VsenseError
 from vsense.live.track_room import TrackRoom
 from vsense.markers.families import load_family
 from vsense.terminal import Console, interruption
+from vsense.tracking.legibility import cell_width
 from vsense.tracking.opening import live_grabber
 from vsense.tracking.specs import GrabberSpec, TrackingSession
 from vsense.ui.access import WebAddress
@@ -76,11 +77,15 @@ def run(
     with ExitStack() as stack:
         interrupted = stack.enter_context(interruption())
         spec = choose(id, wanted, resources)
-        finder = MarkerFinder(load_family(family))
+        markers = load_family(family)
+        finder = MarkerFinder(markers)
         image = _look(spec, save)
         if save is None and not interrupted.is_set():
             finder.find(image)
             console, troubles = Console(), Troubles()
+            width = cell_width(markers, finder.px_per_m) if finder.px_per_m else None
+            if width is not None and width.is_small:
+                console.say(f"vsense: {spec.id}: {width.in_words()}")
             sizes_px = {spec.id: (image.shape[1], image.shape[0])}
             session = session_of(spec.id, [spec], sizes_px, finder.px_per_m)
             room = stack.enter_context(TrackRoom(web, session, troubles, console))

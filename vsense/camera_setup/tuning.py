@@ -9,8 +9,6 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 
-import numpy as np
-
 from vsense.camera_setup import panel
 from vsense.camera_setup.advice import ExposureReading, brightness, noise
 from vsense.camera_setup.markers import MarkerFinder, PictureScale
@@ -27,11 +25,11 @@ from vsense.config import resources as resources_file
 from vsense.errors import UsageError
 from vsense.markers.families import load_family
 from vsense.terminal import LiveBlock, interruption
+from vsense.tracking.legibility import cell_width
 
 PERIOD_NS = 500_000_000
 """Time between two drawings."""
 RETRY_S = 1.0
-_STEP_M = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,17 +63,10 @@ def known_scale(options: TuneOptions, calibration: Calibration | None) -> Pictur
         return PictureScale(focal_px / away_m, text)
     if focal_px is not None or away_m is not None:
         raise UsageError("expected --focal-px together with --height-m")
-    return None if calibration is None else _of_camera(calibration, options.marker_height)
-
-
-def _of_camera(camera: Calibration, height_m: float) -> PictureScale:
-    """Returns the scale in the middle of a picture, `height_m` above the floor."""
-    middle = np.array([(camera.width_px - 1) / 2.0, (camera.height_px - 1) / 2.0])
-    x, y = camera.to_plane(middle, height_m)
-    steps = [(x, y, height_m), (x + _STEP_M, y, height_m), (x, y + _STEP_M, height_m)]
-    here, right, up = camera.project(np.array(steps))
-    area = abs(float(np.linalg.det(np.stack((right - here, up - here)))))
-    return PictureScale(area**0.5 / _STEP_M, f"calibration of {camera.id}")
+    if calibration is None:
+        return None
+    px_per_m = calibration.px_per_m(options.marker_height)
+    return PictureScale(px_per_m, f"calibration of {calibration.id}")
 
 
 class Tuner:
@@ -112,6 +103,7 @@ class Tuner:
             self.speed_m_s,
             scale,
             self.cell_m,
+            None if scale is None else cell_width(self.family, scale.px_per_m),
         )
         height, width = second.shape
         return PanelView(self.camera.id, (width, height), rate_hz, reading, self.family.name, found)

@@ -20,6 +20,7 @@ from vsense.files import parse_json
 Floats = NDArray[np.float64]
 
 _UNDISTORT_STEPS = 12
+_STEP_M = 0.01
 _UNDISTORT_TOLERANCE = 1e-10
 
 
@@ -115,6 +116,19 @@ class Camera:
         centre = np.array(self.position_m)
         reach = (np.asarray(height_m) - centre[2]) / rays[..., 2]
         return np.asarray(centre[:2] + reach[..., np.newaxis] * rays[..., :2])
+
+    def px_per_m(self, height_m: float) -> float:
+        """Returns the scale in the picture's middle, by area, of a plane at a height.
+
+        It is no number where the middle shows nothing of the plane.
+        """
+        middle = np.array([(self.width_px - 1) / 2.0, (self.height_px - 1) / 2.0])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            x, y = self.to_plane(middle, height_m)
+            steps = [(x, y, height_m), (x + _STEP_M, y, height_m), (x, y + _STEP_M, height_m)]
+            here, right, up = self.project(np.array(steps))
+            area = abs(float(np.linalg.det(np.stack((right - here, up - here)))))
+        return float(area**0.5 / _STEP_M)
 
     def contains(self, points_px: Floats, margin_px: float = 0.0) -> NDArray[np.bool_]:
         """Whether (..., 2) pixels lie in the picture, `margin_px` inside its border."""

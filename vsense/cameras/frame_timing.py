@@ -13,6 +13,8 @@ WINDOW = 64
 """Pictures that the shortest transfer is taken from: 6 s at 10 Hz, 0.3 ms of drift at 50 ppm."""
 JUMP_NS = 100_000_000
 """A difference that is a clock's jump: no network delays several pictures alike by so much."""
+CERTAIN_NS = 10_000_000_000
+"""One that is a jump however irregularly pictures come: none is delayed by so much."""
 BEHIND_NS = 40_000_000
 """A lasting step back that is a jump, too: it would cost triggered pictures."""
 STEADY_NS = 20_000_000
@@ -36,18 +38,19 @@ class ClockMap:
         self._apart_ns: deque[int] = deque(maxlen=WINDOW)
         self._newest_ns: int | None = None
 
-    def capture_ns(self, stamp_ns: int, arrived_ns: int) -> tuple[int, bool]:
-        """Returns when a picture was taken, and whether the camera's clock jumped.
+    def capture_ns(self, stamp_ns: int, arrived_ns: int) -> tuple[int, int]:
+        """Returns when a picture was taken, and how far the camera's clock jumped ahead; 0: not.
 
         `stamp_ns` is by the camera's clock; `arrived_ns` and the result are by the host's.
         """
         apart_ns = arrived_ns - stamp_ns
-        jumped = self._has_jumped(stamp_ns, apart_ns)
-        if jumped:
+        jump_ns = 0
+        if self._has_jumped(stamp_ns, apart_ns):
+            jump_ns = min(self._apart_ns) - apart_ns
             self._apart_ns.clear()
         self._newest_ns = stamp_ns
         self._apart_ns.append(apart_ns)
-        return stamp_ns + min(self._apart_ns), jumped
+        return stamp_ns + min(self._apart_ns), jump_ns
 
     def _has_jumped(self, stamp_ns: int, apart_ns: int) -> bool:
         if self._newest_ns is None or not self._apart_ns:
@@ -57,7 +60,8 @@ class ClockMap:
         least_ns, before = min(self._apart_ns), [*self._apart_ns][-PICTURES:]
         if apart_ns < least_ns - JUMP_NS:
             # A prompt picture after some that were late by chance is no jump.
-            return len(before) == PICTURES and _steady(before)
+            is_known = len(before) == PICTURES and _steady(before)
+            return is_known or apart_ns < least_ns - CERTAIN_NS
         last = [*before, apart_ns][-PICTURES:]
         return _steady(last) and all(ns > least_ns + BEHIND_NS for ns in last)
 
@@ -95,17 +99,17 @@ class FrameTiming:
         self._stamp_ns = shot.stamp_ns
         return again
 
-    def capture_ns(self, shot: Shot, arrived_ns: int) -> tuple[int, bool]:
-        """Returns when a picture was taken [host's ns], and whether the camera's clock jumped."""
+    def capture_ns(self, shot: Shot, arrived_ns: int) -> tuple[int, int]:
+        """Returns when a picture was taken [host's ns], and how far the camera's clock jumped."""
         if shot.stamp_ns is None:
             self._times_ns.append(arrived_ns)
-            return arrived_ns, False
-        capture_ns, jumped = self._clock.capture_ns(shot.stamp_ns, arrived_ns)
-        if jumped:
+            return arrived_ns, 0
+        capture_ns, jump_ns = self._clock.capture_ns(shot.stamp_ns, arrived_ns)
+        if jump_ns:
             self._times_ns.clear()
         self._times_ns.append(capture_ns)
         # No picture is taken after it has arrived.
-        return min(capture_ns, arrived_ns), jumped
+        return min(capture_ns, arrived_ns), jump_ns
 
     def rate_change(self) -> float | None:
         """Returns the rate [Hz] when pictures become too slow or recover, else None."""
@@ -118,3 +122,8 @@ class FrameTiming:
             return None
         self.slow = not self.slow
         return 1e9 / max(interval_ns, 1.0)
+
+
+def jump_in_words(jump_ns: int) -> str:
+    """Says how far a clock jumped: "ahead by 3600.00 s"."""
+    return f"{'ahead' if jump_ns > 0 else 'back'} by {abs(jump_ns) / 1e9:.2f} s"

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from vsense.cameras.frame_timing import PICTURES, FrameTiming
+from vsense.cameras.frame_timing import PICTURES, FrameTiming, jump_in_words
 from vsense.cameras.grabber import GrabberError
 from vsense.cameras.picture import Image, PictureError
 from vsense.cameras.recorded_grabber import wrong_size
@@ -133,9 +133,11 @@ class LiveCamera:
     def _accept(self, shot: Shot, arrived_ns: int) -> None:
         """Keeps a good picture, and reports the troubles that it ends."""
         first_ns = arrived_ns if shot.arrived_ns is None else shot.arrived_ns
-        capture_ns, jumped = self._timing.capture_ns(shot, first_ns)
-        if jumped:
-            self._notify("clock", "its clock has jumped; the times of its pictures are right again")
+        capture_ns, jump_ns = self._timing.capture_ns(shot, first_ns)
+        if jump_ns:
+            how = jump_in_words(jump_ns)
+            told = f"its clock has jumped {how}; the times of its pictures are right again"
+            self._notify("clock", told)
         rate_hz = self._timing.rate_change()
         if rate_hz is not None:
             rate = f"{rate_hz:.1f} pictures per second"

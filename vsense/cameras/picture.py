@@ -49,20 +49,24 @@ def to_grey(image: NDArray[Any]) -> Image:
     return np.asarray(cv2.cvtColor(image, code), dtype=np.uint8)
 
 
-def read_picture(path: Path) -> Image:
-    """Reads a picture file as grey, (h, w) uint8; raises PictureError if it is unusable."""
+def read_picture(path: Path, name: str = "") -> Image:
+    """Reads a picture file as grey, (h, w) uint8; raises PictureError if it is unusable.
+
+    `name` is what messages call it, by default the file's own, without its folder.
+    """
+    name = name or path.name
     try:
         data = read_bytes(path, MOST_BYTES)
     except OSError as error:
-        raise PictureError(f"{path.name} cannot be read: {error.strerror}") from None
-    return decode(data, path.name)
+        raise PictureError(f"{name} cannot be read: {error.strerror}") from None
+    return decode(data, name)
 
 
 def decode(data: bytes, name: str, most_pixels: int = MOST_PIXELS) -> Image:
     """Decodes all bytes of a picture file, called `name` in messages, to (h, w) uint8.
 
     A PNG or JPEG that claims more than `most_pixels` is refused before memory is spent on it: four
-    damaged bytes can ask for 2 GB. Other formats have OpenCV's limit of 2^30.
+    damaged bytes can ask for 2 GB. Other formats, with OpenCV's limit of 2^30, are refused after.
 
     Raises:
         PictureError: It is cut off, too large, or is no picture; the message begins with `name`.
@@ -82,6 +86,11 @@ def decode(data: bytes, name: str, most_pixels: int = MOST_PIXELS) -> Image:
         image = None
     if image is None or image.size == 0:
         raise PictureError(f"{name} is no picture, or a damaged one")
+    if image.size > most_pixels:
+        height, width = image.shape
+        raise PictureError(
+            f"{name} has {width} x {height} pixels, expected at most {most_pixels} pixels"
+        )
     return to_grey(image)
 
 

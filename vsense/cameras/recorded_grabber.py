@@ -7,12 +7,16 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from concurrent.futures import TimeoutError as FutureTimeout
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from statistics import median
 from typing import Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from vsense.arena import Frame
+from vsense.cameras.frame_timing import jump_in_words
 from vsense.cameras.grabber import CameraEvent, GrabberError, NoMorePictures
 from vsense.cameras.picture import Image, PictureError
 from vsense.cameras.recordings import CaptureTime
@@ -92,11 +96,105 @@ def _by_time(taken: Mapping[str, Sequence[CaptureTime]]) -> list[RecordedTimeste
     return groups
 
 
+JUMP_NS = 1_000_000_000
+"""Stamps so much, and three periods, later than what was taken later are another clock's."""
+PERIODS = 3
+LONG_NS = 10_000_000_000
+"""A pause in which the others go on, and after which none is there, is a jump, where timesteps do
+not tell."""
+
+
+def undo_jumps(
+    taken: Mapping[str, Sequence[CaptureTime]],
+) -> tuple[dict[str, Sequence[CaptureTime]], list[CameraEvent]]:
+    """Takes the jumps of single cameras' clocks out of the times of their pictures.
+
+    A jump would put a camera's pictures into timesteps of their own, or make the tracker forget
+    the other cameras' robots. Where all cameras pause alike, time has passed.
+
+    Returns:
+        The times, and an event for each jump.
+    """
+    when = {c: np.array([t.capture_ns for t in times]) for c, times in taken.items() if times}
+    steps = {c: [t.timestep for t in taken[c]] for c in when}
+    numbered = all(step is not None for known in steps.values() for step in known)
+    numbers = {c: np.array(known, dtype=np.int64) for c, known in steps.items() if numbered}
+    events: list[CameraEvent] = []
+    # The second time with what the first has mended: several may have jumped.
+    for _ in range(2):
+        told = len(events)
+        for camera in when:
+            jumps = _numbered_jumps(camera, when, numbers) if numbered else _jumps(camera, when)
+            for place, jump_ns in jumps:
+                when[camera][place:] -= jump_ns
+                events.append(CameraEvent(camera, "clock", _told(taken[camera], place, jump_ns)))
+        if len(events) == told:
+            break
+    mended = {event.camera for event in events}
+    return {
+        camera: [replace(t, capture_ns=int(ns)) for t, ns in zip(times, when[camera])]
+        if camera in mended
+        else times
+        for camera, times in taken.items()
+    }, events
+
+
+def _told(times: Sequence[CaptureTime], place: int, jump_ns: int) -> str:
+    last = times[place - 1].picture or f"picture {place - 1}"
+    where = f"after {last}" if place else "from the first on"
+    return f"its stamps jump {jump_in_words(jump_ns)} {where}: taken as if they did not"
+
+
+def _jumps(camera: str, when: Mapping[str, NDArray[np.int64]]) -> list[tuple[int, int]]:
+    """Returns the places from which on a camera's clock is ahead, and how much more [ns]."""
+    own, steps = when[camera], np.diff(when[camera])
+
+    def present(after_ns: int, within_ns: int) -> int:
+        """How many other cameras have a picture in the time after a moment."""
+        bounds = (after_ns, after_ns + within_ns)
+        found = [np.searchsorted(t, bounds, "right") for c, t in when.items() if c != camera]
+        return sum(bool(last > first) for first, last in found)
+
+    return [
+        (place + 1, int(steps[place] - np.median(steps)))
+        for place in np.flatnonzero(steps > LONG_NS).tolist()
+        if present(own[place], LONG_NS) > present(own[place + 1] - LONG_NS, 2 * LONG_NS)
+    ]
+
+
+def _numbered_jumps(
+    camera: str, when: Mapping[str, NDArray[np.int64]], numbers: Mapping[str, NDArray[np.int64]]
+) -> list[tuple[int, int]]:
+    """Returns the same by the timesteps' numbers: what comes later has a later stamp."""
+    own, others = when[camera], [other for other in when if other != camera]
+    ahead = np.full((len(others), len(own)), np.nan)
+    for row, other in zip(ahead, others):
+        # The other's picture of the same timestep, or of the next that it has.
+        place = np.searchsorted(numbers[other], numbers[camera])
+        known = (place < len(when[other])) & (numbers[camera] >= numbers[other][0])
+        row[known] = own[known] - when[other][place[known]]
+    judged = np.flatnonzero(~np.isnan(ahead).all(axis=0))
+    usual_ns = float(np.median(np.diff(own))) if len(own) > 1 else 0.0
+    limit_ns = max(JUMP_NS, PERIODS * usual_ns)
+    median_ns = np.nanmedian(ahead[:, judged], axis=0) if others else np.zeros(0)
+    jumps, shift_ns = [], 0
+    if (median_ns > limit_ns).any():
+        for place, ahead_ns in zip(judged.tolist(), median_ns.tolist()):
+            jump_ns = round(ahead_ns) - shift_ns
+            # What came about bit by bit is no jump, and to undo it would turn time back.
+            is_step = place == 0 or own[place] - own[place - 1] > jump_ns
+            if jump_ns > limit_ns and is_step:
+                jumps.append((place, jump_ns))
+                shift_ns += jump_ns
+    return jumps
+
+
 class RecordedGrabber:
     """A recorded set of cameras, as fast as it is asked for.
 
     The next timesteps are read while the caller works on the last ones. Unreadable pictures are
-    left out and reported in `events`. `missed` counts what `skip` has left out.
+    left out and reported in `events`; so are clocks that jumped, see `undo_jumps`. `missed` counts
+    what `skip` has left out.
     """
 
     def __init__(
@@ -114,7 +212,8 @@ class RecordedGrabber:
         self._recordings = dict(recordings)
         self._sizes_px = sizes_px
         self._clock = clock
-        self._moments = moments({c: r.taken for c, r in self._recordings.items()})
+        self._taken, self._events = undo_jumps({c: r.taken for c, r in recordings.items()})
+        self._moments = moments(self._taken)
         self.timesteps: int | None = len(self._moments)
         self.missed = 0
         cameras = list(self._recordings)
@@ -122,7 +221,6 @@ class RecordedGrabber:
         self._readers = [ThreadPoolExecutor(1, "reading") for _ in self._shares]
         self._coming: deque[tuple[RecordedTimestep, list[Future[list[Frame]]]]] = deque()
         self._place = 0
-        self._events: list[CameraEvent] = []
         self._lock = threading.Lock()
 
     def next(self, timeout_s: float = PATIENCE_S) -> Sequence[Frame]:
@@ -195,7 +293,7 @@ class RecordedGrabber:
             if image.shape[::-1] != tuple(self._sizes_px[camera]):
                 self._tell(camera, "size", wrong_size(image, self._sizes_px[camera]))
                 continue
-            capture_ns = recording.taken[place].capture_ns
+            capture_ns = self._taken[camera][place].capture_ns
             frames.append(Frame(camera, image, moment.timestep, capture_ns, self._clock()))
         return frames
 

@@ -176,7 +176,7 @@ class DirectoryRecording:
         if timestamps is not None:
             self.taken = read_timestamps(timestamps, named=True)
         else:
-            self.taken = at_rate(_pictures(folder), start_ns, rate_hz or DEFAULT_RATE_HZ)
+            self.taken = at_rate(pictures_in(folder), start_ns, rate_hz or DEFAULT_RATE_HZ)
         if not self.taken:
             raise GrabberError(f"{folder}: holds no pictures, expected {', '.join(SUFFIXES)}")
 
@@ -194,7 +194,8 @@ def natural_order(name: str) -> tuple[object, ...]:
     return tuple((int(p), "") if p.isdecimal() else (-1, p) for p in parts), name
 
 
-def _pictures(folder: Path) -> list[str]:
+def pictures_in(folder: Path) -> list[str]:
+    """Returns the names of a folder's pictures in natural order; raises GrabberError."""
     try:
         names = [p.name for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and p.is_file()]
     except OSError as error:

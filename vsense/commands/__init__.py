@@ -26,7 +26,7 @@ COMMANDS = {
     "report": ("report", "make charts and a page from recordings; several are compared"),
     "export": ("export", "write what a recording holds as tables"),
     "cameras": ("cameras", "find cameras, look through them, set them up"),
-    "markers": ("markers", "draw markers to print and cut out"),
+    "markers": ("markers", "draw markers to print and cut out, or find them in pictures"),
     "calibrate": ("calibrate", "from pictures of a printed board to camera files"),
     "track": ("track", "track robots in cameras or recordings: arena states on standard output"),
     "serve": ("serve", "serve arena states to clients of the original tracking system"),

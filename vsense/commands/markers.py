@@ -1,4 +1,4 @@
-"""`vsense markers`: sheets of markers to print."""
+"""`vsense markers`: sheets of markers to print, and markers in pictures."""
 
 from __future__ import annotations
 
@@ -6,14 +6,19 @@ import argparse
 import sys
 from pathlib import Path
 
+from vsense.camera_setup import photographs
+from vsense.camera_setup.photographs import FindOptions
 from vsense.commands import arguments
 from vsense.errors import UsageError, failing_as
 from vsense.markers import codes, paper, sheet
 from vsense.markers.families import load_family
+from vsense.terminal import drop_output
+from vsense.tracking.squares import LEAST_SIDE_PX
 
 DESCRIPTION = (
     "Writes sheets of markers, true to scale, as PDF or PNG. Print them at 100 %: the bar at the"
-    " foot of each page must measure 100 mm."
+    " foot of each page must measure 100 mm. 'find' looks for ArUco and AprilTag markers in any"
+    " pictures instead."
 )
 
 
@@ -27,7 +32,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--ids",
-        required=True,
         metavar="IDS",
         help="1-20, or 3,7,20-22, or auto:20 for 20 numbers that stay apart under blur",
     )
@@ -45,15 +49,65 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "-o",
         "--output",
         type=Path,
-        required=True,
         metavar="FILE",
         help="file.pdf, or file.png; several pages become file-1.png, file-2.png, ...",
+    )
+    actions = parser.add_subparsers(title="actions", metavar="ACTION", dest="action")
+    _add_find(arguments.add_action(actions, "find", "find ArUco and AprilTag markers in pictures"))
+
+
+def _add_find(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "pictures",
+        type=Path,
+        nargs="+",
+        metavar="PICTURE",
+        help="picture files, and folders of pictures; of any camera, calibrated or not",
+    )
+    parser.add_argument(
+        "--family",
+        required=True,
+        metavar="NAME",
+        help="markers to look for: one of OpenCV's dictionaries, such as DICT_4X4_50 or"
+        " DICT_APRILTAG_36h11, a dictionary file (.yml), or a family of vsense that is no arrow",
+    )
+    parser.add_argument(
+        "--format",
+        choices=("jsonl", "csv"),
+        default="jsonl",
+        help="jsonl: one object per picture (default); csv: one row per marker",
+    )
+    parser.add_argument(
+        "--draw",
+        type=Path,
+        metavar="DIR",
+        help="write each picture there as PNG, with what was found drawn in",
+    )
+    arguments.option(
+        parser,
+        "--least-side",
+        _side,
+        "PX",
+        f"shortest side of a marker (default: {LEAST_SIDE_PX:g}); 20 and more is faster",
+        LEAST_SIDE_PX,
     )
 
 
 def run(options: argparse.Namespace) -> int:
-    """Writes the sheets; their names go to standard output."""
-    output: Path = options.output
+    """Writes the sheets; their names go to standard output. Or runs the action."""
+    if options.action is None:
+        return _print(options)
+    try:
+        return photographs.run(arguments.fill(FindOptions, options))
+    except BrokenPipeError:
+        drop_output()
+        return 0
+
+
+def _print(options: argparse.Namespace) -> int:
+    output: Path | None = options.output
+    if options.ids is None or output is None:
+        raise UsageError("expected --ids and -o for sheets, or the action find; see --help")
     if output.suffix.lower() not in (".pdf", ".png"):
         raise UsageError(f"{output}: expected a name that ends in .pdf or .png")
     family = load_family(options.family)
@@ -95,3 +149,13 @@ def _dpi(text: str) -> int:
     if not text.isdecimal() or not 72 <= int(text) <= 600:
         raise argparse.ArgumentTypeError(f"{text!r}: expected 72 to 600 pixels per inch")
     return int(text)
+
+
+def _side(text: str) -> float:
+    try:
+        side = float(text)
+    except ValueError:
+        side = 0.0
+    if not 5.0 <= side <= 10_000.0:
+        raise argparse.ArgumentTypeError(f"{text!r}: expected 5 to 10000 pixels")
+    return side

@@ -16,6 +16,7 @@ from vsense.cameras.genicam import FREE, PIXEL_FORMATS, GenicamSettings, attribu
 from vsense.cameras.opencv_source import Controls
 from vsense.errors import UsageError
 from vsense.markers.families import FamilyError, MarkerFamily, SquareFamily, load_family
+from vsense.native import kernels
 from vsense.tracking.specs import (
     CAMERA,
     CAMERA_TYPES,
@@ -160,7 +161,8 @@ def load_camera(resources: Resources, spec: CameraSpec) -> Camera:
     """Reads a camera's calibration; the camera gets the id of the resources file.
 
     Raises:
-        ConfigError: the camera file cannot be read, or describes no camera.
+        ConfigError: the camera file cannot be read, or describes no camera, or one whose pictures
+            are larger than the tracker takes.
     """
     subject = f"<camera> calibration: {spec.calibration}"
     try:
@@ -171,6 +173,10 @@ def load_camera(resources: Resources, spec: CameraSpec) -> Camera:
         raise resources.error(spec.line, f"{subject} is no text") from None
     except CameraError as error:
         raise resources.error(spec.line, f"{subject}: {error}") from None
+    for name, side_px in (("width_px", camera.width_px), ("height_px", camera.height_px)):
+        if side_px > kernels.VS_MARKERS_SIDE:
+            message = f"{name} is {side_px}, expected at most {kernels.VS_MARKERS_SIDE}"
+            raise resources.error(spec.line, f"{subject}: {message}")
     return Camera(**{name: getattr(camera, name) for name in Camera.__slots__} | {"id": spec.id})
 
 

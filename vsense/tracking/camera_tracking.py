@@ -10,9 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import ArenaState, Frame
-from vsense.cameras.grabber import CameraEvent, Grabber, GrabberError, Troubles
+from vsense.cameras.grabber import (
+    CameraEvent,
+    Grabber,
+    GrabberError,
+    NoMorePictures,
+    Troubles,
+)
 from vsense.cameras.health import Health
 from vsense.cameras.paced_grabber import HeldPlayer
+from vsense.errors import VsenseError
 from vsense.tracking.arena_tracker import ArenaTracker
 
 PERIOD_NS = 80_000_000
@@ -89,15 +96,18 @@ class CameraTracking:
         Raises:
             NoMorePictures: a recording has come to its end.
             GrabberError: no picture came in `timeout_s`.
-            VsenseError: the tracker has failed.
+            VsenseError: the tracker has failed, or a recording had no picture that can be used.
         """
         if self._check_all:
             self.check_cameras()
         try:
             frames = self.grabber.next(timeout_s)
-        except GrabberError:
+        except GrabberError as error:
             with self._checking:
                 self._tell_events(self.grabber.events())
+            nothing = isinstance(error, NoMorePictures) and self.tracker.state.timestep < 0
+            if nothing and self.troubles.counts:
+                raise VsenseError(f"{error}: {self._unusable()}") from None
             raise
         self.record(frames)
         state = self.tracker.update(frames)
@@ -147,6 +157,12 @@ class CameraTracking:
         """Ends a `next` that waits, lets the cameras go, ends the workers; can be called again."""
         self.grabber.close()
         self.tracker.close()
+
+    def _unusable(self) -> str:
+        """Says that no picture could be used, and what was wrong with them."""
+        counts = sorted(self.troubles.counts.items())
+        reasons = ", ".join(f"camera {c}: {count} times {kind}" for (c, kind), count in counts)
+        return f"none has a picture that can be used ({reasons})"
 
     def _note(self, frames: Sequence[Frame]) -> None:
         """Keeps each camera's newest picture for the next check."""

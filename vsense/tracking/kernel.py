@@ -144,8 +144,7 @@ class Kernel:
         self._words = words_of(family) if isinstance(family, SquareFamily) else None
         self._codes = kernel_ffi.NULL
         self._outline(limits.passes, 0.0)
-        self._memory = np.empty(kernels.vs_markers_size(), dtype=np.uint8)
-        self._work = kernel_ffi.cast("struct vs_markers *", self._memory.ctypes.data)
+        self._reserve(0, 0)
         self._markers: NDArray[np.void] = np.zeros(_CAPACITY, dtype=MARKER)
         self._found = kernel_ffi.cast("struct vs_marker *", self._markers.ctypes.data)
         self._origin = np.zeros(_CAPACITY, dtype=np.uint32)
@@ -230,9 +229,17 @@ class Kernel:
         picture.pixels = kernel_ffi.cast("uint8_t *", image.ctypes.data)
         picture.stride = image.strides[0]
         picture.height_px, picture.width_px = image.shape
+        if kernels.vs_markers_size(picture.width_px, picture.height_px) > self._memory.size:
+            self._reserve(picture.width_px, picture.height_px)
         # The pixels must outlive the call, also where they were copied.
         self._image = image
         return view
+
+    def _reserve(self, width_px: int, height_px: int) -> None:
+        """Makes the working memory for pictures up to a size; what is not used takes no room."""
+        size = kernels.vs_markers_size(width_px, height_px)
+        self._memory = np.empty(size, dtype=np.uint8)
+        self._work = kernel_ffi.cast("struct vs_markers *", self._memory.ctypes.data)
 
     def _outline(self, passes: tuple[Pass, ...], px_per_m: float) -> Any:
         limits, shape = self._limits, self._shape

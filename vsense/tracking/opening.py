@@ -21,9 +21,11 @@ from vsense.cameras.paced_grabber import HeldPlayer, PacedGrabber
 from vsense.cameras.recorded_grabber import CameraRecording, RecordedGrabber
 from vsense.cameras.recordings import DirectoryRecording, VideoRecording
 from vsense.cameras.source import Source
+from vsense.errors import ConfigError
 from vsense.markers.families import SquareFamily, load_family
 from vsense.tracking.arena_tracker import ArenaTracker
 from vsense.tracking.camera_tracking import CameraTracking
+from vsense.tracking.legibility import cell_width_seen
 from vsense.tracking.prediction import MarkerSearch, SearchPlan
 from vsense.tracking.specs import (
     DIRECTORY,
@@ -47,7 +49,8 @@ def open_tracking(
 ) -> CameraTracking:
     """Opens a session's cameras or recordings and gets everything ready.
 
-    A camera that does not open is reported and tried again.
+    A camera that does not open is reported and tried again. One whose pictures show the markers too
+    small is refused; that of a recording is told.
 
     Args:
         clock: the host's monotonic clock [ns].
@@ -61,6 +64,7 @@ def open_tracking(
         VsenseError: something else cannot be used.
     """
     teach_opencv()
+    _check_cells(session, tell)
     grabber = _grabber(session, clock, recordings)
     try:
         tracker = _tracker(session)
@@ -68,6 +72,19 @@ def open_tracking(
         grabber.close()
         raise
     return CameraTracking(grabber, tracker, tell, troubles, not session.is_live)
+
+
+def _check_cells(session: TrackingSession, tell: Callable[[str], None]) -> None:
+    """Refuses cameras that see their markers too small to be named, and tells of small ones."""
+    for view in session.views:
+        height_m = min(view.tracker.heights_m.values(), default=0.0)
+        family = load_family(view.tracker.family)
+        width, text = cell_width_seen(family, view.camera, height_m)
+        if width.is_illegible and view.grabber.is_live:
+            message = f"<camera_state_tracker> camera: {view.camera.id!r}: {text}"
+            raise ConfigError(session.file, view.line, message)
+        if width.is_small:
+            tell(f"camera {view.camera.id}: {text}")
 
 
 def _grabber(

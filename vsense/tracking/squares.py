@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.markers.dictionary import Floats, SquareFamily
+from vsense.markers.dictionary import Codes, Floats
 from vsense.tracking.squares_edges import Sides, fit_local_corners, fit_sides
 from vsense.tracking.squares_words import WordReader
 
@@ -152,14 +152,18 @@ _LEAST_CELL_PX = 0.9
 _SLIMMEST = 0.15
 _SAME = 0.05
 _BORDER_PX = 1.0
+_TOGETHER = 4096
+"""Candidates that are fitted or read together, in some 300 MB: a textured picture of 50 megapixels
+has hundreds of thousands."""
 
 
 class SquareFinder:
-    """Finds the square markers of one family, whatever their tags and sizes."""
+    """Finds the square markers of one dictionary, whatever their tags and sizes."""
 
-    def __init__(self, family: SquareFamily) -> None:
-        self._reader = WordReader(family.codes)
-        self._span = family.codes.cells + 2
+    def __init__(self, codes: Codes) -> None:
+        """Raises FamilyError, see `prepare_words`."""
+        self._reader = WordReader(codes)
+        self._span = codes.cells + 2
 
     def find(
         self,
@@ -170,8 +174,7 @@ class SquareFinder:
     ) -> NDArray[np.void]:
         """Returns the markers of a (height, width) uint8 picture, as SQUARE rows.
 
-        All of the family's tags are named, on the roster or not. Markers with the same tag are
-        separate rows; one marker is one row.
+        Markers with the same tag are separate rows; one marker is one row.
 
         Args:
             least_px: Shortest side to look for, seen face to face.
@@ -181,16 +184,29 @@ class SquareFinder:
         """
         longest = float(max(image.shape)) if most_px is None else most_px
         noise = noise_level(image)
-        sides = _refine(image, find_quads(image, least_px, longest, noise))
-        sides = sides.keep(self._plausible(image, sides, noise))
+        quads = find_quads(image, least_px, longest, noise)
+        if len(quads) == 0:
+            return np.zeros(0, dtype=SQUARE)
+        fitted = [self._fit(image, quads[part], noise) for part in _parts(len(quads))]
+        sides = Sides(*map(np.concatenate, zip(*fitted)))
         sides = sides.keep(_distinct(sides))
         if len(sides.corners_px) == 0:
             return np.zeros(0, dtype=SQUARE)
-        read = self._reader.read(self._reader.cells(image, sides.corners_px), self._blur(sides))
-        found = _single(_rows(sides, read)[read["sure"] != 0])
+        read = [self._read(image, sides.keep(part)) for part in _parts(len(sides.corners_px))]
+        found = _single(np.concatenate(read))
         if local_corners and len(found):
             found["corners_px"] = fit_local_corners(image, found["corners_px"])
         return found
+
+    def _fit(self, image: NDArray[np.uint8], quads: Floats, noise: float) -> Sides:
+        """Fits (n, 4, 2) candidates and keeps those that may be markers."""
+        sides = _refine(image, quads)
+        return sides.keep(self._plausible(image, sides, noise))
+
+    def _read(self, image: NDArray[np.uint8], sides: Sides) -> NDArray[np.void]:
+        """Reads fitted quadrilaterals, n > 0; returns those that are markers, as SQUARE."""
+        read = self._reader.read(self._reader.cells(image, sides.corners_px), self._blur(sides))
+        return np.asarray(_rows(sides, read)[read["sure"] != 0])
 
     def _plausible(self, image: NDArray[np.uint8], sides: Sides, noise: float) -> NDArray[np.bool_]:
         """Which fitted quadrilaterals are black on white, large enough and whole."""
@@ -249,14 +265,25 @@ def _refine(image: NDArray[np.uint8], quads: Floats) -> Sides:
 def _distinct(sides: Sides) -> NDArray[np.intp]:
     """Returns the best of those fits that are nearly the same."""
     centre, size = sides.corners_px.mean(axis=1), np.sqrt(np.abs(area(sides.corners_px)))
-    order = np.argsort(sides.residual_px.sum(axis=1), kind="stable")
-    kept: list[int] = []
-    for row in order:
-        gap = np.hypot(*(centre[kept] - centre[row]).T)
-        alike = np.abs(size[kept] / size[row] - 1.0) < _SAME
-        if not (alike & (gap < _SAME * size[row])).any():
-            kept.append(int(row))
-    return np.array(sorted(kept), dtype=np.intp)
+    by_x = np.argsort(centre[:, 0], kind="stable")
+    x = centre[by_x, 0]
+    reach = _SAME * size
+    # Only what lies in the same columns is compared: thousands of candidates have few neighbours.
+    first = np.searchsorted(x, centre[:, 0] - reach)
+    last = np.searchsorted(x, centre[:, 0] + reach, side="right")
+    kept = np.zeros(len(size), dtype=bool)
+    for row in np.argsort(sides.residual_px.sum(axis=1), kind="stable"):
+        near = by_x[first[row] : last[row]]
+        near = near[kept[near]]
+        gap = np.hypot(*(centre[near] - centre[row]).T)
+        alike = np.abs(size[near] / size[row] - 1.0) < _SAME
+        kept[row] = not (alike & (gap < reach[row])).any()
+    return np.flatnonzero(kept)
+
+
+def _parts(count: int) -> list[slice]:
+    """Divides so many candidates into parts that fit the memory."""
+    return [slice(first, first + _TOGETHER) for first in range(0, count, _TOGETHER)]
 
 
 def _single(found: NDArray[np.void]) -> NDArray[np.void]:

@@ -47,7 +47,7 @@ class Sides(NamedTuple):
     residual_px: Floats
     blur_px: Floats
 
-    def keep(self, where: NDArray[np.bool_] | NDArray[np.intp]) -> Sides:
+    def keep(self, where: NDArray[np.bool_] | NDArray[np.intp] | slice) -> Sides:
         return Sides(*(values[where] for values in self))
 
 

@@ -224,7 +224,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     int full;
 
     if (memory == NULL)
-        memory = malloc(vs_markers_size());
+        memory = malloc(vs_markers_size(400, VS_MARKERS_SIDE));
     memset(&view, 0, sizeof view);
     take_picture(&in, &view.picture);
     make_outline(&in);
