@@ -24,8 +24,9 @@ from vsense.run.environment import Environment
 from vsense.run.programs import shared_objects
 from vsense.sim import campaign
 from vsense.sim.job import Job, Setup, Sweep
+from vsense.sim.outcome import Task
 from vsense.sim.simulation import Simulation
-from vsense.sim.watch import Task, simulate_all
+from vsense.sim.watch import simulate_all
 from vsense.world.entities import Box, Led, Light
 
 HERE = Path(__file__).parent / "argos"

@@ -18,8 +18,9 @@ from vsense.run.programs import shared_objects
 from vsense.sim import campaign
 from vsense.sim.campaign import Campaign
 from vsense.sim.job import Job, Setup, Sweep
+from vsense.sim.outcome import Interrupted, Task
 from vsense.sim.record import LOGGED, TRAJECTORY
-from vsense.sim.watch import Interrupted, Task, WorkerProcess, simulate_all
+from vsense.sim.watch import WorkerProcess, simulate_all
 from vsense.terminal import Console, interruption
 
 DESCRIPTION = (
@@ -129,7 +130,7 @@ def _one(
     )
     job = Job(setup, seed, libraries, str(directory))
 
-    def show(workers: Sequence[WorkerProcess]) -> None:
+    def show(workers: Sequence[WorkerProcess[Task]]) -> None:
         done = max(worker.timesteps for worker in workers)
         time_s = done * experiment.timestep_s
         console.progress(f"{time_s:6.1f}/{experiment.length_s:g} s  timestep {done}")

@@ -21,8 +21,9 @@ from vsense.report import FORMATS, LACKING, can_draw, plot
 from vsense.run.programs import loop_object, shared_objects
 from vsense.sim import comparison
 from vsense.sim.job import Job, Setup, Sweep
+from vsense.sim.outcome import Interrupted, Task
 from vsense.sim.results import DURATION, EXPERIMENT, ROBOTS, SEED, CampaignResults
-from vsense.sim.watch import Interrupted, Task, WorkerProcess, simulate_all
+from vsense.sim.watch import Show, WorkerProcess, simulate_all
 from vsense.terminal import Console, Interruption, print_data
 
 BAR_WIDTH = 24
@@ -192,13 +193,11 @@ def _append(results: CampaignResults, task: Task, result: dict[str, Any]) -> Non
     results.append(fixed, {**swarm, **result["measures"]})
 
 
-def _progress(
-    console: Console, todo: Sequence[Task], count: Callable[[], int]
-) -> Callable[[Sequence[WorkerProcess]], None]:
+def _progress(console: Console, todo: Sequence[Task], count: Callable[[], int]) -> Show:
     """Makes the function that draws the progress bar."""
     begun_s = time.monotonic()
 
-    def show(workers: Sequence[WorkerProcess]) -> None:
+    def show(workers: Sequence[WorkerProcess[Task]]) -> None:
         under_way = sum(
             worker.timesteps / worker.task.experiment.timesteps for worker in workers if worker.task
         )
