@@ -22,7 +22,7 @@ from vsense.robot.programs import CodeOptions, Program
 from vsense.run import loop_process
 from vsense.run.environment import Environment
 from vsense.run.programs import shared_objects
-from vsense.sim import campaign
+from vsense.sim import campaign, fingerprint
 from vsense.sim.job import Job, Setup, Sweep
 from vsense.sim.outcome import Task
 from vsense.sim.simulation import Simulation
@@ -362,7 +362,7 @@ def test_every_run_of_a_campaign_knows_the_sources_and_others_make_another_campa
     code = CodeOptions(includes=(str(folder),))
     tasks = campaign.prepare(Sweep.of([], 2, None), Setup(str(path), code=code))
     assert [task.job.setup.code for task in tasks] == [code, code]
-    before = campaign.fingerprint(tasks[0])
-    assert campaign.fingerprint(tasks[1]) == before
+    before = fingerprint.of_campaign(tasks[0])
+    assert fingerprint.of_campaign(tasks[1]) == before
     monkeypatch.setattr(campaign, "loop_object", lambda experiment: Path("edited/loop.so"))
-    assert campaign.fingerprint(tasks[0]) != before
+    assert fingerprint.of_campaign(tasks[0]) != before
