@@ -22,7 +22,7 @@ from vsense.sim import campaign, engine, fingerprint, remote
 from vsense.sim.campaign import Campaign
 from vsense.sim.engine import Engine
 from vsense.sim.job import Job, Origin, Setup, Sweep
-from vsense.sim.outcome import Interrupted
+from vsense.sim.outcome import Interrupted, Task
 from vsense.sim.remote import Place
 from vsense.sim.worker import NotHere, settled
 from vsense.terminal import Console, Interruption
@@ -34,10 +34,10 @@ def nothing(workers: object) -> None:
 
 def test_a_pool_of_processes_gives_the_same_rows(pollutant: Path, tmp_path: Path) -> None:
     here, there = tmp_path / "here.csv", tmp_path / "there.csv"
-    arguments = ("--duration", "6", "--set", "sensor.noise=0,0.7", "--seeds", "3,1-2")
+    arguments = ("--duration", "6", "--set", "sensor.noise=0,0.7", "--seeds", "3,1")
     assert main(["sim", "pollutant", *arguments, "-j", "2", "-o", str(here)]) == 0
-    sweep, setup = Sweep.of([("sensor.noise", "0,0.7")], None, (3, 1, 2)), Setup("pollutant", 6.0)
-    asked = Campaign(sweep, setup, there, there.with_suffix(".png"), None, 1, False)
+    sweep, setup = Sweep.of([("sensor.noise", "0,0.7")], None, (3, 1)), Setup("pollutant", 6.0)
+    asked = Campaign(sweep, setup, there, there.with_suffix(".png"))
     with ProcessPoolExecutor(2, get_context("spawn")) as executor:
         campaign.run(asked, Console(), Interruption(), Engine("a pool", executor))
     assert here.read_bytes() == there.read_bytes()
@@ -197,11 +197,12 @@ def test_a_job_finds_its_files_or_says_which_not(write_experiment, tmp_path, mon
         assert str(caught.value) == f"{words}; {same}"
 
 
-def test_what_runs_depend_on_has_no_file_of_ours(pollutant: Path) -> None:
+def test_what_runs_depend_on_has_no_file_of_ours() -> None:
     """They may lie elsewhere on each machine: their digest is vsense's own."""
     setup = Setup("foraging")
-    (asked,) = campaign.prepare(Sweep.of([], 1, None), setup)
-    assert fingerprint.of_files(asked) == {}
+    experiment = setup.load()
+    assert experiment.loop_functions is not None
+    assert fingerprint.of_files(Task(Job(setup, 1, {}), experiment)) == {}
 
 
 def test_python_that_is_imported_from_beside_counts(write_experiment, tmp_path: Path) -> None:

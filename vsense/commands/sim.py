@@ -29,7 +29,7 @@ DESCRIPTION = (
     " process for every robot, with the lab's wheels and proximity sensors, the same virtual world,"
     " and neither cameras nor network. A seed gives the same run every time. With --runs, --seeds"
     " or several values of a setting it is a campaign: one row of a CSV file for every run, and a"
-    " picture that compares the settings."
+    " picture that compares the settings. --on has a cluster do its runs."
 )
 
 

@@ -45,9 +45,9 @@ class Campaign:
     setup: Setup
     output: Path
     drawing: Path
-    style: str | None
-    jobs: int
-    json: bool
+    style: str | None = None
+    jobs: int = 1
+    json: bool = False
     on: str | None = None
 
 

@@ -5,13 +5,14 @@ Dask is imported where a cluster is wanted, and on its workers; it is slow to lo
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from vsense.errors import VsenseError, require
+from vsense.errors import CutShort, VsenseError, require
 from vsense.sim import fingerprint
 from vsense.sim.engine import Engine
 from vsense.sim.remote import Place
@@ -20,7 +21,7 @@ from vsense.terminal import Console, Interruption
 if TYPE_CHECKING:
     from distributed import Client
 
-CONNECT_S = 5
+CONNECT_S = 5.0
 """A scheduler must answer within this time."""
 
 
@@ -74,15 +75,31 @@ def connected(address: str, console: Console, interrupted: Interruption) -> Iter
 def _connect(address: str) -> Client:
     from distributed import Client
 
-    # What happens to the connection is told in our words.
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    # What becomes of the connection is told in our words.
+    for name in [name for name in logging.root.manager.loggerDict if "distributed" in name]:
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
+        asyncio.run(_greet(address))
         return Client(address, timeout=CONNECT_S, set_as_default=False, name="vsense")
-    except (OSError, ValueError) as error:
+    except CutShort:
+        raise
+    except Exception as error:  # whatever is there may answer anything
+        reason = str(error) or f"silence for {CONNECT_S:g} s"
         raise VsenseError(
-            f"--on {address}: no Dask scheduler answers there within {CONNECT_S} s ({error});"
+            f"--on {address}: no Dask scheduler answers there: {reason};"
             " 'dask scheduler' starts one"
         ) from None
+
+
+async def _greet(address: str) -> None:
+    """Exchanges greetings with a scheduler; Dask's client would wait for a silent one for ever."""
+    from distributed import Security
+    from distributed.comm.core import connect
+
+    secured = Security().get_connection_args("client")
+    connecting = connect(address, timeout=CONNECT_S, **secured)
+    comm = await asyncio.wait_for(connecting, CONNECT_S + 1.0)
+    comm.abort()
 
 
 def _tell(client: Client, address: str, console: Console) -> None:
@@ -100,6 +117,6 @@ def _tell(client: Client, address: str, console: Console) -> None:
         raise VsenseError("\n".join(refused))
     places = sum(client.nthreads().values())
     if answers:
-        console.say(f"{address}: {len(answers)} workers, {places} runs at the same time")
+        console.say(f"{address}: workers: {len(answers)}, runs at the same time: {places}")
     else:
         console.say(f"{address}: no worker is there; runs begin when one comes")

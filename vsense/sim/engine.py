@@ -22,7 +22,7 @@ from vsense.sim.outcome import Answer, Interrupted, Task
 from vsense.sim.remote import Place, do
 from vsense.sim.watch import POLL_S, Show
 
-AHEAD = 2000
+AHEAD = 1000
 """An engine is handed so many jobs at a time: more than most clusters have processors, and few
 enough to be looked at `POLL_S` after `POLL_S`."""
 
