@@ -1,11 +1,10 @@
 """A Dask cluster that somebody has started: `dask scheduler`, and `dask worker` on every machine.
 
-Dask is imported where a cluster is wanted, and on its workers; it is slow to load.
+Dask, and what only it needs, is imported where a cluster is wanted: it is slow to load.
 """
 
 from __future__ import annotations
 
-import asyncio
 import logging
 import socket
 from collections.abc import Iterator
@@ -73,11 +72,14 @@ def connected(address: str, console: Console, interrupted: Interruption) -> Iter
 
 
 def _connect(address: str) -> Client:
+    import asyncio
+
     from distributed import Client
 
     # What becomes of the connection is told in our words.
-    for name in [name for name in logging.root.manager.loggerDict if "distributed" in name]:
-        logging.getLogger(name).setLevel(logging.CRITICAL)
+    for name in list(logging.root.manager.loggerDict):
+        if name.startswith("distributed"):
+            logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         asyncio.run(_greet(address))
         return Client(address, timeout=CONNECT_S, set_as_default=False, name="vsense")
@@ -93,6 +95,8 @@ def _connect(address: str) -> Client:
 
 async def _greet(address: str) -> None:
     """Exchanges greetings with a scheduler; Dask's client would wait for a silent one for ever."""
+    import asyncio
+
     from distributed import Security
     from distributed.comm.core import connect
 

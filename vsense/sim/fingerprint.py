@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import os
 import re
 import sys
 from collections.abc import Callable, Mapping
@@ -26,7 +27,6 @@ from vsense import __version__
 from vsense.errors import VsenseError
 from vsense.robot import build
 from vsense.robot.compiling import native
-from vsense.robot.programs import Program
 from vsense.run.programs import loop_object
 from vsense.sim.outcome import Task
 
@@ -85,16 +85,11 @@ def of_files(task: Task) -> dict[str, str]:
         files[experiment.loop_functions.path] = None
         programs += [p for p in [experiment.loop_functions.program] if p is not None]
     for program in programs:
-        files.update(dict.fromkeys(_sources(program)))
+        sources = build.source_tree().runtime(program).dependencies(native())
+        files.update(dict.fromkeys(sources))
     ours = [Path(__file__).resolve().parents[1], *_folders()]
-    absolute = dict.fromkeys(path.resolve() for path in files)
-    users = [p for p in absolute if not any(p.is_relative_to(root) for root in ours)]
-    return {str(path): of_file(path) for path in users}
-
-
-@lru_cache
-def _sources(program: Program) -> list[Path]:
-    return build.source_tree().runtime(program).dependencies(native())
+    users = [p for p in files if not any(p.resolve().is_relative_to(root) for root in ours)]
+    return {os.path.abspath(path): of_file(path) for path in users}
 
 
 def _folders() -> list[Path]:
