@@ -9,6 +9,7 @@ from contextlib import contextmanager
 EXTRAS = {
     "aiohttp": "web",
     "cryptography": "https",
+    "distributed": "cluster",
     "matplotlib": "report",
     "mcap": "record",
     "ziglang": "robot",

@@ -20,7 +20,8 @@ from tests.experiments.permutation import p_value
 from vsense.config.experiment import shipped
 from vsense.run.programs import shared_objects
 from vsense.sim.job import Job, Setup
-from vsense.sim.watch import Task, simulate_all
+from vsense.sim.outcome import Task
+from vsense.sim.watch import simulate_all
 
 LIMIT_S = 60.0
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import platform
 import pwd
 import shutil
 import signal
@@ -28,7 +29,7 @@ def instant(monkeypatch: pytest.MonkeyPatch) -> None:
     """Builds are empty files: enough for who asks where they land."""
 
     def compile_daemon(tree: build.SourceTree, controller: Path, target: Path) -> None:
-        target.parent.mkdir(parents=True)
+        target.parent.mkdir(parents=True, exist_ok=True)
         target.touch()
 
     monkeypatch.setattr(build, "compile_daemon", compile_daemon)
@@ -101,6 +102,41 @@ def test_other_flags_in_cc_make_a_new_build(
     first = build.daemon("mine.c", tmp_path)
     monkeypatch.setenv("CC", "cc -DMINE")
     assert build.daemon("mine.c", tmp_path) != first
+
+
+def counting_compiler(folder: Path) -> tuple[Path, Path]:
+    """A compiler that notes each program it links, and the file of its notes."""
+    notes, compiler = folder / "linked", folder / "counting-cc"
+    compiler.write_text(
+        f'#!/bin/sh\ncase "$*" in *" -s -o "*) echo >>{notes};; esac\nexec cc "$@"\n'
+    )
+    compiler.chmod(0o755)
+    return compiler, notes
+
+
+def test_processes_that_need_the_same_build_make_it_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compiler, notes = counting_compiler(tmp_path)
+    monkeypatch.setenv("CC", str(compiler))
+    words = "import sys\nfrom vsense.robot import build\nsys.stdin.read()\nbuild.shared('prey')"
+    several = [
+        subprocess.Popen([sys.executable, "-c", words], stdin=subprocess.PIPE) for _ in range(3)
+    ]
+    for process in several:  # all begin together
+        assert process.stdin is not None
+        process.stdin.close()
+    assert [process.wait() for process in several] == [0, 0, 0]
+    assert notes.read_text() == "\n"
+
+
+def test_another_kind_of_machine_has_builds_of_its_own(
+    instant: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Machines of several kinds may share a home."""
+    first = build.daemon("prey")
+    monkeypatch.setattr(platform, "machine", lambda: "riscv64")
+    assert build.daemon("prey") != first
 
 
 def test_controller_that_does_not_compile_shows_the_compilers_words(tmp_path: Path) -> None:

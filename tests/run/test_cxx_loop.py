@@ -6,6 +6,7 @@ import csv
 import shutil
 import threading
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +23,13 @@ from vsense.robot.programs import CodeOptions, Program
 from vsense.run import loop_process
 from vsense.run.environment import Environment
 from vsense.run.programs import shared_objects
-from vsense.sim import campaign
+from vsense.sim import campaign, fingerprint
+from vsense.sim.engine import Engine
 from vsense.sim.job import Job, Setup, Sweep
+from vsense.sim.outcome import Task
 from vsense.sim.simulation import Simulation
-from vsense.sim.watch import Task, simulate_all
+from vsense.sim.watch import simulate_all
+from vsense.terminal import Interruption
 from vsense.world.entities import Box, Led, Light
 
 HERE = Path(__file__).parent / "argos"
@@ -361,7 +365,11 @@ def test_every_run_of_a_campaign_knows_the_sources_and_others_make_another_campa
     code = CodeOptions(includes=(str(folder),))
     tasks = campaign.prepare(Sweep.of([], 2, None), Setup(str(path), code=code))
     assert [task.job.setup.code for task in tasks] == [code, code]
-    before = campaign.fingerprint(tasks[0])
-    assert campaign.fingerprint(tasks[1]) == before
-    monkeypatch.setattr(campaign, "loop_object", lambda experiment: Path("edited/loop.so"))
-    assert campaign.fingerprint(tasks[0]) != before
+    with ThreadPoolExecutor(1) as threads:
+        found = list(Engine("it", threads).simulate(tasks[:1], Interruption(), lambda _: None))
+    ((_, here),) = simulate_all(tasks[:1], 1, threading.Event(), lambda _: None)
+    assert found[0][1]["events"] == here["events"] != []
+    before = fingerprint.of_campaign(tasks[0])
+    assert fingerprint.of_campaign(tasks[1]) == before
+    monkeypatch.setattr(fingerprint, "loop_object", lambda experiment: Path("edited/loop.so"))
+    assert fingerprint.of_campaign(tasks[0]) != before

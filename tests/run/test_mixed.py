@@ -16,8 +16,9 @@ from vsense.robot.inprocess import SimError
 from vsense.run.environment import Environment
 from vsense.run.programs import shared_objects, told_programs
 from vsense.sim.job import Job, Setup
+from vsense.sim.outcome import Task
 from vsense.sim.simulation import Simulation
-from vsense.sim.watch import Task, simulate_all
+from vsense.sim.watch import simulate_all
 
 STEP_NS = 100_000_000
 

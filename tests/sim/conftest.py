@@ -49,11 +49,28 @@ const struct vs_controller vs_controller = {"probe", sizeof(struct probe), init,
 
 FAULTY = r"""
 #include "controller.h"
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <unistd.h>
 
-enum { NOTHING, SEGMENT, DIVIDE, ABORT, LOOP, EXIT, TALK };
+enum { NOTHING, SEGMENT, DIVIDE, ABORT, LOOP, EXIT, TALK, KILL };
 struct faulty { int fault; int steps; };
+
+static int parent_of(int pid)
+{
+    char path[32];
+    int parent = 0;
+    FILE *file;
+
+    snprintf(path, sizeof path, "/proc/%d/stat", pid);
+    file = fopen(path, "r");
+    if (file && fscanf(file, "%*d %*s %*c %d", &parent) != 1)
+        parent = 0;
+    if (file)
+        fclose(file);
+    return parent;
+}
 
 static void init(void *state, struct vs_robot *robot)
 {
@@ -80,6 +97,7 @@ static void step(void *state, struct vs_robot *robot)
     case ABORT: abort();
     case LOOP: while (forever) {} break;
     case EXIT: exit(7);
+    case KILL: kill(parent_of(getppid()), SIGKILL); break; /* of the process behind its own */
     case TALK: puts("{\"result\": 1}"); fflush(stdout); break;
     }
 }

@@ -16,7 +16,8 @@ import pytest
 
 from vsense.run.programs import shared_objects
 from vsense.sim.job import Job, Setup
-from vsense.sim.watch import Interrupted, SimulatedRunError, Task, simulate_all
+from vsense.sim.outcome import Interrupted, SimulatedRunError, Task
+from vsense.sim.watch import simulate_all
 
 TIMESTEP = 4
 """The controller fails in its fifth control step."""

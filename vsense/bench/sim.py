@@ -34,8 +34,9 @@ from vsense.native import kernel_ffi, kernels
 from vsense.run.programs import shared_objects
 from vsense.sim.chain import Chain
 from vsense.sim.job import Job, Setup
+from vsense.sim.outcome import Task
 from vsense.sim.simulation import WARM_UP, Simulation
-from vsense.sim.watch import Task, simulate_all
+from vsense.sim.watch import simulate_all
 from vsense.terminal import aligned
 
 ROBOTS = (15, 100, 1000)

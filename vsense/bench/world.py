@@ -26,7 +26,8 @@ from vsense.sensors.bank import SensorBank
 from vsense.sensors.base import Scope
 from vsense.sensors.readings import SensorReadings
 from vsense.sim.job import Job, Setup
-from vsense.sim.watch import Task, simulate_all
+from vsense.sim.outcome import Task
+from vsense.sim.watch import simulate_all
 from vsense.world import Light, World
 from vsense.xml.element import Document, Element
 

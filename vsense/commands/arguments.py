@@ -118,6 +118,21 @@ def address(text: str) -> tuple[str, int]:
     return host.strip("[]") or "127.0.0.1", port(number)
 
 
+_SCHEDULER = re.compile(
+    r"(?:tcp|tls)://(?:[^\s/:@\[\]]+|\[[0-9A-Fa-f:.]+(?:%[^\s\[\]]+)?\]):([0-9]{1,5})"
+)
+
+
+def scheduler(text: str) -> str:
+    """The address of a Dask scheduler, tcp://HOST:PORT or tls://HOST:PORT."""
+    found = _SCHEDULER.fullmatch(text)
+    if found is None or not 1 <= int(found[1]) <= 65_535:
+        raise argparse.ArgumentTypeError(
+            f"'{text}': expected the address of a Dask scheduler, such as tcp://192.168.1.5:8786"
+        )
+    return text
+
+
 def numbers(text: str) -> tuple[int, ...]:
     """Whole numbers and ranges of them, each number once: 1-100 or 1,2,10-12."""
     found: list[int] = []

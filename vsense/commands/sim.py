@@ -17,9 +17,11 @@ from vsense.run import directory as run_directory
 from vsense.run.programs import shared_objects
 from vsense.sim import campaign
 from vsense.sim.campaign import Campaign
+from vsense.sim.dask_cluster import require_dask
 from vsense.sim.job import Job, Setup, Sweep
+from vsense.sim.outcome import Interrupted, Task
 from vsense.sim.record import LOGGED, TRAJECTORY
-from vsense.sim.watch import Interrupted, Task, WorkerProcess, simulate_all
+from vsense.sim.watch import WorkerProcess, simulate_all
 from vsense.terminal import Console, interruption
 
 DESCRIPTION = (
@@ -27,7 +29,7 @@ DESCRIPTION = (
     " process for every robot, with the lab's wheels and proximity sensors, the same virtual world,"
     " and neither cameras nor network. A seed gives the same run every time. With --runs, --seeds"
     " or several values of a setting it is a campaign: one row of a CSV file for every run, and a"
-    " picture that compares the settings."
+    " picture that compares the settings. --on has a cluster do its runs."
 )
 
 
@@ -73,15 +75,23 @@ def _add_campaign(parser: argparse.ArgumentParser) -> None:
         "-j",
         "--jobs",
         type=arguments.positive,
-        default=len(os.sched_getaffinity(0)),
         metavar="N",
         help="runs at the same time (default: one per processor)",
+    )
+    campaign.add_argument(
+        "--on",
+        type=arguments.scheduler,
+        metavar="tcp://HOST:PORT",
+        help="do the runs on the workers of this Dask scheduler, with the same results; they need"
+        " this vsense, a compiler, and the experiment's files in the same place",
     )
 
 
 def run(options: argparse.Namespace) -> int:
     """Runs an experiment or a campaign; 0, or 130 after Ctrl-C, 143 after SIGTERM."""
     sweep = Sweep.of(options.set, options.runs, options.seeds)
+    if options.on is not None:
+        _check_on(options, sweep)
     settings = sweep.first
     experiment = experiments.open_experiment(options, settings, Stage.SIM)
     if experiment is None:
@@ -102,14 +112,23 @@ def run(options: argparse.Namespace) -> int:
             if options.seed is not None:
                 raise UsageError("--seed: a campaign has --seeds")
             output, drawing = campaign.outputs(options.output, options.format)
-            asked = arguments.fill(
-                Campaign, options, sweep=sweep, setup=setup, output=output, drawing=drawing
-            )
+            files = {"output": output, "drawing": drawing}
+            jobs = options.jobs or len(os.sched_getaffinity(0))
+            asked = arguments.fill(Campaign, options, sweep=sweep, setup=setup, jobs=jobs, **files)
             campaign.run(asked, console, interrupted)
             return 0
         except Interrupted:
             console.end_progress()
             return interrupted.code
+
+
+def _check_on(options: argparse.Namespace, sweep: Sweep) -> None:
+    """Refuses what does not go with --on."""
+    if sweep.seeds is None:
+        raise UsageError("--on: a campaign only, see --runs")
+    if options.jobs is not None:
+        raise UsageError("-j: with --on the cluster has as many at a time as its workers take")
+    require_dask()
 
 
 def _one(
@@ -129,7 +148,7 @@ def _one(
     )
     job = Job(setup, seed, libraries, str(directory))
 
-    def show(workers: Sequence[WorkerProcess]) -> None:
+    def show(workers: Sequence[WorkerProcess[Task]]) -> None:
         done = max(worker.timesteps for worker in workers)
         time_s = done * experiment.timestep_s
         console.progress(f"{time_s:6.1f}/{experiment.length_s:g} s  timestep {done}")

@@ -9,10 +9,13 @@ without a compiler can run that.
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from vsense.errors import UsageError
@@ -188,9 +191,7 @@ def daemon(controller: str | Program = SHIPPED_CONTROLLER, beside: Path | None =
     if program.sources == shipped and tree.prebuilt.is_file():
         return tree.prebuilt
     target = cache_directory() / _fingerprint(tree, program) / "vsensed"
-    if not target.is_file():
-        compile_daemon(tree, program, target)
-    return target
+    return _built(target, partial(compile_daemon, tree, program))
 
 
 def shared(controller: str | Program, beside: Path | None = None) -> Path:
@@ -210,9 +211,8 @@ def shared(controller: str | Program, beside: Path | None = None) -> Path:
     tree = source_tree()
     program = tree.program(controller, beside)
     target = cache_directory() / _fingerprint(tree, program) / "inprocess.so"
-    if not target.is_file():
-        tree.runtime(program).link(native(), target, SHARED_FLAGS)
-    return target
+    runtime = tree.runtime(program)
+    return _built(target, lambda target: runtime.link(native(), target, SHARED_FLAGS))
 
 
 def loop_functions(program: Program) -> Path:
@@ -226,9 +226,7 @@ def loop_functions(program: Program) -> Path:
     program = replace(program, label="")
     sources = tree.loop(program)
     target = cache_directory() / _fingerprint(tree, program, sources) / "loop_functions.so"
-    if not target.is_file():
-        sources.link(native(), target, SHARED_FLAGS)
-    return target
+    return _built(target, lambda target: sources.link(native(), target, SHARED_FLAGS))
 
 
 def cache_directory() -> Path:
@@ -255,6 +253,25 @@ def compile_daemon(tree: SourceTree, program: Program, target: Path) -> None:
         BuildError: the compiler is missing or refuses a source, or the folder cannot be written.
     """
     tree.daemon(program).link_daemon(native(), target)
+
+
+def _built(target: Path, build: Callable[[Path], None]) -> Path:
+    """Gives a build, made where it is missing: by one process, for which the others wait."""
+    if not target.is_file():
+        with _locked(target.parent):
+            if not target.is_file():
+                build(target)
+    return target
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Holds a folder's lock against all processes; goes without where its file system has none."""
+    with ExitStack() as stack:
+        with suppress(OSError):  # the build says what cannot be written
+            folder.mkdir(parents=True, exist_ok=True)
+            fcntl.flock(stack.enter_context((folder / "lock").open("w")), fcntl.LOCK_EX)
+        yield
 
 
 def _cache_for(program: Program) -> Path | None:

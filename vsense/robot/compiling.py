@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import platform
 import re
 import shlex
 import shutil
@@ -98,8 +99,12 @@ class Toolchain:
         )
 
     def version(self) -> str:
-        """What it says about itself: a newer one makes other programs of the same source."""
-        return self.run(["--version"]).stdout
+        """What it says about itself: a newer one makes other programs of the same source.
+
+        And on which kind of machine: several may share a home, and not run each other's programs.
+        """
+        machine = " ".join([platform.machine(), *platform.libc_ver()])
+        return f"{self.run(['--version']).stdout}{machine}\n"
 
 
 @dataclass(frozen=True, slots=True)

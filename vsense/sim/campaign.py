@@ -2,33 +2,30 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
-import re
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
-from xml.sax.saxutils import unescape
 
 import numpy as np
 
-from vsense import __version__
 from vsense.errors import UsageError, VsenseError
 from vsense.report import FORMATS, LACKING, can_draw, plot
-from vsense.run.programs import loop_object, shared_objects
-from vsense.sim import comparison
+from vsense.run.programs import shared_objects
+from vsense.sim import comparison, dask_cluster, fingerprint
+from vsense.sim.engine import Engine
 from vsense.sim.job import Job, Setup, Sweep
+from vsense.sim.outcome import Interrupted, Task
 from vsense.sim.results import DURATION, EXPERIMENT, ROBOTS, SEED, CampaignResults
-from vsense.sim.watch import Interrupted, Task, WorkerProcess, simulate_all
+from vsense.sim.watch import Show, WorkerProcess, simulate_all
 from vsense.terminal import Console, Interruption, print_data
 
 BAR_WIDTH = 24
-
-MAX_NAME = 256
-"""[byte] Longer texts are no file names, and the system refuses to look for them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +36,8 @@ class Campaign:
         output: the CSV file.
         drawing: the picture's file.
         style: of the picture: a Matplotlib style sheet or its name, or None.
-        jobs: runs at the same time.
+        jobs: runs at the same time on this machine.
+        on: address of a Dask cluster that does the runs instead; None: this machine does.
         json: print the figures on standard output.
     """
 
@@ -47,26 +45,45 @@ class Campaign:
     setup: Setup
     output: Path
     drawing: Path
-    style: str | None
-    jobs: int
-    json: bool
+    style: str | None = None
+    jobs: int = 1
+    json: bool = False
+    on: str | None = None
 
 
-def run(campaign: Campaign, console: Console, interrupted: Interruption) -> None:
+def run(
+    campaign: Campaign, console: Console, interrupted: Interruption, engine: Engine | None = None
+) -> None:
     """Does all runs that the file does not hold yet, and compares the settings.
 
-    Rows are written in the order of the campaign, whatever the number of processes.
+    Rows are written in the order of the campaign, wherever and in whatever order runs are done.
+
+    Args:
+        engine: does the runs, on other machines; None: as `Campaign.on` says.
 
     Raises:
         Interrupted: the user has ended it; the rows until then are in the file.
-        CutShort: likewise, while the results were drawn; all rows are in the file.
+        CutShort: likewise, while a cluster was connected or the results were drawn.
         VsenseError: it cannot run, or a run has failed.
     """
-    sweep, path = campaign.sweep, campaign.output
     if campaign.style is not None and can_draw():
         plot.require_sheet(campaign.style)
+    with ExitStack() as stack:
+        if campaign.on is not None and engine is None:
+            cluster = dask_cluster.connected(campaign.on, console, interrupted)
+            engine = stack.enter_context(cluster)
+        results = _complete(campaign, engine, console, interrupted)
+    with interrupted.in_time():
+        _report(campaign, results, console)
+
+
+def _complete(
+    campaign: Campaign, engine: Engine | None, console: Console, interrupted: Interruption
+) -> CampaignResults:
+    """Does the runs that are missing; raises as `run`."""
+    sweep, path = campaign.sweep, campaign.output
     tasks = prepare(sweep, campaign.setup)
-    results = CampaignResults(path, fingerprint(tasks[0]), tuple(sweep.values))
+    results = CampaignResults(path, fingerprint.of_campaign(tasks[0]), tuple(sweep.values))
     there = results.keys()
     todo = [
         task for task in tasks if results.key(task.job.setup.settings, task.job.seed) not in there
@@ -75,16 +92,16 @@ def run(campaign: Campaign, console: Console, interrupted: Interruption) -> None
         console.say(f"{path}: its last row was cut short: that run is done again")
     if len(todo) < len(tasks):
         console.say(f"{path}: {len(tasks) - len(todo)} of {len(tasks)} runs are there already")
+    simulate = partial(simulate_all, processes=campaign.jobs) if engine is None else engine.simulate
     try:
-        _simulate(todo, campaign.jobs, results, console, interrupted)
+        _simulate(todo, simulate, results, console, interrupted)
     except Interrupted:
         done = len(tasks) - len(todo) + len(results.rows) - len(there)
         console.end_progress()
         console.say(f"{path}: {done} of {len(tasks)} runs; the same command goes on from there")
         raise
     console.end_progress()
-    with interrupted.in_time():
-        _report(campaign, results, console)
+    return results
 
 
 def outputs(output: Path | None, form: str | None) -> tuple[Path, Path]:
@@ -122,48 +139,9 @@ def prepare(sweep: Sweep, setup: Setup) -> list[Task]:
     return tasks
 
 
-def fingerprint(task: Task) -> str:
-    """What all runs of a campaign have in common, as 8 hexadecimal digits.
-
-    That is the experiment's file with the files it names, the programs, the length, the robots,
-    whether they are blind, and vsense itself; not settings and seeds, of which more may come.
-
-    Raises:
-        VsenseError: a file cannot be read.
-    """
-    setup = task.job.setup
-    digest = hashlib.sha256()
-    try:
-        for file in _files(task.experiment.path):
-            digest.update(hashlib.sha256(file.read_bytes()).digest())
-    except OSError as error:
-        raise VsenseError(f"{error.filename}: cannot be read: {error.strerror}") from None
-    built = [Path(library).parent.name for library in task.job.libraries.values()]
-    loop_functions = loop_object(task.experiment)
-    if loop_functions is not None:
-        built.append(loop_functions.parent.name)
-    words = [*built, setup.duration_s, setup.robots, setup.blind]
-    digest.update(json.dumps([__version__, *words]).encode())
-    return digest.hexdigest()[:8]
-
-
-_QUOTED = re.compile(r"\"([^\"<]*)\"|'([^'<]*)'")
-
-
-def _files(path: Path) -> list[Path]:
-    """An experiment's file, and every file that an attribute in it names.
-
-    The file is not parsed: ARGoS's files need not be well-formed.
-    """
-    quoted = _QUOTED.findall(path.read_text(encoding="utf-8", errors="replace"))
-    values = {unescape(double or single) for double, single in quoted}
-    named = (path.parent / value for value in sorted(values) if value and len(value) < MAX_NAME)
-    return [path, *(file for file in named if file.is_file())]
-
-
 def _simulate(
     todo: Sequence[Task],
-    jobs: int,
+    simulate: Callable[..., Iterator[tuple[Task, dict[str, Any]]]],
     results: CampaignResults,
     console: Console,
     interrupted: threading.Event,
@@ -173,7 +151,7 @@ def _simulate(
     number = {id(task): place for place, task in enumerate(todo)}
     written = 0
     show = _progress(console, todo, lambda: written + len(finished))
-    for task, result in simulate_all(todo, jobs, interrupted, show):
+    for task, result in simulate(todo, interrupted=interrupted, show=show):
         finished[number[id(task)]] = result
         while written in finished:
             _append(results, todo[written], finished.pop(written))
@@ -192,13 +170,11 @@ def _append(results: CampaignResults, task: Task, result: dict[str, Any]) -> Non
     results.append(fixed, {**swarm, **result["measures"]})
 
 
-def _progress(
-    console: Console, todo: Sequence[Task], count: Callable[[], int]
-) -> Callable[[Sequence[WorkerProcess]], None]:
+def _progress(console: Console, todo: Sequence[Task], count: Callable[[], int]) -> Show:
     """Makes the function that draws the progress bar."""
     begun_s = time.monotonic()
 
-    def show(workers: Sequence[WorkerProcess]) -> None:
+    def show(workers: Sequence[WorkerProcess[Task]]) -> None:
         under_way = sum(
             worker.timesteps / worker.task.experiment.timesteps for worker in workers if worker.task
         )

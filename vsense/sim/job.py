@@ -53,18 +53,37 @@ class Setup:
 
 
 @dataclass(frozen=True, slots=True)
+class Origin:
+    """Where a job comes from that another machine shall do, and what it finds there.
+
+    Attributes:
+        host: the machine's name.
+        folder: that relative paths are taken from.
+        cxxflags: what the user wants a C++ compiler to be told; None: nothing.
+        files: SHA-256 of all files that the user has given, by absolute path.
+    """
+
+    host: str
+    folder: str
+    cxxflags: str | None
+    files: Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True)
 class Job:
     """One run.
 
     Attributes:
         libraries: the shared object of each controller, by its id.
         directory: where trajectories and picture go; None: they are not kept.
+        origin: where it comes from, and there are no `libraries` yet; None: from this machine.
     """
 
     setup: Setup
     seed: int
     libraries: Mapping[str, str]
     directory: str | None = None
+    origin: Origin | None = None
 
     def to_line(self) -> bytes:
         """The job as one line of JSON."""
@@ -76,6 +95,8 @@ class Job:
         fields: dict[str, Any] = json.loads(line)
         setup: dict[str, Any] = fields.pop("setup")
         code = CodeOptions(**setup.pop("code"))
+        if fields["origin"] is not None:
+            fields["origin"] = Origin(**fields["origin"])
         return cls(Setup(**setup, code=code), **fields)
 
 

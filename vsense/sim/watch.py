@@ -1,4 +1,4 @@
-"""Starts and watches the processes that simulate; names the controller that crashed or hangs."""
+"""Starts and watches the processes that simulate, on this machine."""
 
 from __future__ import annotations
 
@@ -6,25 +6,17 @@ import json
 import os
 import selectors
 import struct
-import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
+from contextlib import ExitStack, suppress
 from itertools import islice
-from pathlib import Path
-from typing import Any
+from typing import Any, Generic, Protocol, TypeVar
 
-from vsense.config.specs import Experiment
-from vsense.errors import VsenseError
-from vsense.lab.processes import describe_exit, start_module
+from vsense.lab.processes import start_module
 from vsense.lab.shared import SharedBlock
-from vsense.robot.inprocess import SimError
-from vsense.robot.loop_library import FUNCTIONS
-from vsense.run.programs import LOADING, LOADING_LOOP, PROGRESS_BYTES
-from vsense.sim.job import Job
-from vsense.sim.record import LOGGED, EventLog
-from vsense.sim.simulation import LOOP_FUNCTION, WARM_UP
+from vsense.run.programs import PROGRESS_BYTES
+from vsense.sim.outcome import Answer, Interrupted, Task
+from vsense.sim.simulation import WARM_UP
 
 POLL_S = 0.1
 """Period of the checks. Checks are counted, not time: a machine that slept, or a process that was
@@ -33,37 +25,20 @@ stopped, is no endless loop."""
 LIMIT_S = 10.0
 """A controller that has not returned for so long hangs."""
 
-
-class Interrupted(Exception):
-    """The user has ended the runs."""
-
-
-class SimulatedRunError(VsenseError):
-    """An error in a run's own process, with its message."""
-
-    def __init__(self, text: str, exit_code: int) -> None:
-        super().__init__(text)
-        self.exit_code = exit_code
+Named = TypeVar("Named")
+"""What a caller knows a job by."""
 
 
-@dataclass(frozen=True, slots=True)
-class Task:
-    """A job with what errors name; `label`: which run of many, "" where there is only one."""
+class WorkerProcess(Generic[Named]):
+    """A worker process, its present task, and the pipe of its answers.
 
-    job: Job
-    experiment: Experiment
-    label: str = ""
-
-    def named(self, words: str) -> str:
-        """Puts the label before some words."""
-        return f"{self.label}: {words}" if self.label else words
-
-
-class WorkerProcess:
-    """A worker process, its present task, and the pipe of its answers."""
+    Attributes:
+        task: what was given with the present job; None: there is none.
+        answers: can be read when an answer has come, or the process has ended.
+    """
 
     def __init__(self) -> None:
-        self.task: Task | None = None
+        self.task: Named | None = None
         self._looks = 0
         self._last: tuple[int, int, int] | None = None
         self._block = SharedBlock.anonymous("vsense-sim", PROGRESS_BYTES)
@@ -79,67 +54,42 @@ class WorkerProcess:
         finally:
             os.close(descriptor)
 
-    def start(self, task: Task) -> None:
-        """Starts a run; there is no other."""
+    def start(self, task: Named, line: bytes) -> None:
+        """Starts a run, a job of one line; there is no other."""
         self.task, self._looks, self._last = task, 0, None
         self._block.bytes[:] = 0
         # `receive` reports a process that has ended.
         with suppress(BrokenPipeError):
-            self._jobs.write(task.job.to_line())
+            self._jobs.write(line)
             self._jobs.flush()
 
-    def receive(self) -> dict[str, Any]:
-        """Takes the answer, which has come: that of `vsense.sim.worker.simulate`.
-
-        Raises:
-            VsenseError: what went wrong, and where; it stands among the run's events, too.
-        """
-        with self._noted():
-            return self._receive()
-
-    def _receive(self) -> dict[str, Any]:
+    def receive(self) -> Answer:
+        """Takes the answer, which has come."""
         line = self.answers.readline()
-        if self.task is None or not line:
-            raise SimError(f"the process that simulates {describe_exit(self._process.wait())}")
-        answer: dict[str, Any] = json.loads(line)
-        if "error" in answer:
-            raise SimulatedRunError(self.task.named(answer["error"]), answer["exit_code"])
-        if "status" in answer:
-            how = describe_exit(os.waitstatus_to_exitcode(answer["status"]))
-            raise SimError(f"{self._who(self.task)} {how}")
-        result: dict[str, Any] = answer["result"]
+        if not line:
+            return self._answer(ended=self._process.wait())
+        answer = self._answer(**json.loads(line))
         self.task = None
-        return result
+        return answer
 
-    def check(self, limit_s: float) -> None:
-        """Raises SimError for a controller that hangs for `limit_s`; is called every `POLL_S`."""
+    def check(self, limit_s: float) -> Answer | None:
+        """Answers for a controller that hangs for `limit_s`; is called every `POLL_S`."""
         if self.task is None:
-            return
+            return None
         now = self._progress()
         self._looks = self._looks + 1 if now == self._last and now[1] else 0
         self._last = now
-        if self._looks * POLL_S >= limit_s:
-            with self._noted():
-                raise SimError(f"{self._who(self.task)} did not return within {limit_s:g} s")
-
-    @contextmanager
-    def _noted(self) -> Iterator[None]:
-        """Adds an error to the events of the present run, if they are kept."""
-        try:
-            yield
-        except VsenseError as error:
-            if self.task is not None and self.task.job.directory is not None:
-                time_s = round(self.timesteps * self.task.experiment.timestep_s, 9)
-                with suppress(VsenseError):  # the first one counts
-                    log = EventLog(Path(self.task.job.directory) / LOGGED)
-                    log.add(time_s, str(error), "trouble")
-                    log.close()
-            raise
+        return self._answer(hung_s=limit_s) if self._looks * POLL_S >= limit_s else None
 
     @property
     def timesteps(self) -> int:
         """Timesteps of its run that are over."""
         return max(self._progress()[0] - WARM_UP, 0)
+
+    @property
+    def is_free(self) -> bool:
+        """Whether it runs, and has no job."""
+        return self.task is None and self._process.poll() is None
 
     def close(self) -> None:
         """Ends the process and its run."""
@@ -149,52 +99,31 @@ class WorkerProcess:
         self.answers.close()
         self._block.close()
 
-    def _progress(self) -> tuple[int, int, int]:
-        """The newest timestep, 1 + the robot that is in its control step, and the controller.
+    def _answer(self, **members: Any) -> Answer:
+        return {**members, "progress": self._progress()}
 
-        The robot is a number among those of that controller.
-        """
+    def _progress(self) -> tuple[int, int, int]:
+        """What `Programs` noted last; see `Task`."""
         timestep, robot, controller = struct.unpack("=III", self._block.bytes.tobytes())
         return timestep, robot, controller
 
-    def _who(self, task: Task) -> str:
-        """Names the controller that is running, and the timestep."""
-        experiment = task.experiment
-        timestep, robot, number = self._progress()
-        if timestep < WARM_UP:
-            when = "before the first timestep"
-        else:
-            time_s = (timestep - WARM_UP) * experiment.timestep_s
-            when = f"in timestep {timestep - WARM_UP} (t = {time_s:g} s)"
-        if not robot:
-            return task.named(f"outside of any controller, {when}, the simulation")
-        if number >= LOADING:
-            return task.named(f"{when}: {_loaded(experiment, number)}, when it was loaded,")
-        if number >= LOOP_FUNCTION:
-            function, loop = FUNCTIONS[number - LOOP_FUNCTION], experiment.loop_functions
-            assert loop is not None
-            return task.named(f"{when}: loop functions '{loop.label}' ({loop.path}): {function}")
-        controller = experiment.controllers[number]
-        spec = [r for r in experiment.robots if r.controller == controller.id][robot - 1]
-        return task.named(
-            f"robot {spec.id} (tag {spec.tag}), {when}: its controller '{controller.library}'"
-        )
+
+Show = Callable[[Sequence[WorkerProcess[Task]]], None]
 
 
-def _loaded(experiment: Experiment, number: int) -> str:
-    """Names what is loaded, whose static objects are made then; `number`: see `LOADING`."""
-    if number == LOADING_LOOP:
-        assert experiment.loop_functions is not None
-        return f"loop functions '{experiment.loop_functions.label}'"
-    controller = experiment.controllers[number - LOADING]
-    return f"controller '{controller.id}' ({controller.library})"
+class Flag(Protocol):
+    """What ends runs, such as a `threading.Event`."""
+
+    def is_set(self) -> bool:
+        """Whether they shall end."""
+        ...
 
 
 def simulate_all(
     tasks: Iterable[Task],
     processes: int,
-    interrupted: threading.Event,
-    show: Callable[[Sequence[WorkerProcess]], None],
+    interrupted: Flag,
+    show: Show,
     limit_s: float = LIMIT_S,
 ) -> Iterator[tuple[Task, dict[str, Any]]]:
     """Does runs in several processes; yields each task with its result as soon as it is done.
@@ -207,37 +136,63 @@ def simulate_all(
         Interrupted: `interrupted` was set.
         VsenseError: a run has failed; the others are ended.
     """
-    waiting = iter(tasks)
-    with ExitStack() as stack, selectors.DefaultSelector() as selector:
-        workers = [_start(task, stack, selector) for task in islice(waiting, processes)]
+    jobs = [(task, task.job.to_line()) for task in tasks]
+    with ExitStack() as stack:
+        workers = []
+        for _ in range(min(processes, len(jobs))):
+            workers.append(WorkerProcess[Task]())
+            stack.callback(workers[-1].close)
+        for task, answer in watch(jobs, workers, interrupted, show, limit_s):
+            yield task, task.result(answer)
+
+
+def watch(
+    jobs: Iterable[tuple[Named, bytes]],
+    workers: Sequence[WorkerProcess[Named]],
+    interrupted: Flag,
+    show: Callable[[Sequence[WorkerProcess[Named]]], None],
+    limit_s: float = LIMIT_S,
+) -> Iterator[tuple[Named, Answer]]:
+    """Has processes do jobs; yields each with its answer, the last one where a process is lost.
+
+    Args:
+        jobs: with what the caller knows each by.
+        workers: free ones.
+        interrupted, show, limit_s: see `simulate_all`.
+
+    Raises:
+        Interrupted: `interrupted` was set.
+    """
+    waiting = iter(jobs)
+    with selectors.DefaultSelector() as selector:
+        for worker, job in zip(workers, islice(waiting, len(workers))):
+            selector.register(worker.answers, selectors.EVENT_READ, worker)
+            worker.start(*job)
         looked_s = time.monotonic()
-        while any(worker.task for worker in workers):
+        while any(worker.task is not None for worker in workers):
             for key, _ in selector.select(POLL_S):
-                yield from _exchange(key.data, waiting)
+                task, answer = _exchange(key.data, waiting)
+                yield task, answer
+                if "ended" in answer:
+                    return
             if interrupted.is_set():
                 raise Interrupted
             if time.monotonic() - looked_s >= POLL_S:
                 looked_s = time.monotonic()
                 for worker in workers:
-                    worker.check(limit_s)
+                    if (found := worker.check(limit_s)) is not None:
+                        assert worker.task is not None
+                        yield worker.task, found
+                        return
                 show(workers)
 
 
-def _start(task: Task, stack: ExitStack, selector: selectors.BaseSelector) -> WorkerProcess:
-    worker = WorkerProcess()
-    stack.callback(worker.close)
-    selector.register(worker.answers, selectors.EVENT_READ, worker)
-    worker.start(task)
-    return worker
-
-
 def _exchange(
-    worker: WorkerProcess, waiting: Iterator[Task]
-) -> Iterator[tuple[Task, dict[str, Any]]]:
-    """Takes a result and gives the next task."""
-    done, result = worker.task, worker.receive()
+    worker: WorkerProcess[Named], waiting: Iterator[tuple[Named, bytes]]
+) -> tuple[Named, Answer]:
+    """Takes an answer and gives the next job."""
+    done, answer = worker.task, worker.receive()
     assert done is not None
-    task = next(waiting, None)
-    if task is not None:
-        worker.start(task)
-    yield done, result
+    if worker.task is None and (job := next(waiting, None)) is not None:
+        worker.start(*job)
+    return done, answer

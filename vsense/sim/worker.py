@@ -10,6 +10,7 @@ standard output with one line of JSON each:
 
     {"result": {...}}                 see `simulate`
     {"error": "...", "exit_code": 1}  what a user can mend
+    {"refused": "..."}                it cannot be done on this machine
     {"status": 139}                   how the fork ended otherwise, as of `os.waitpid`
 
 The next job comes after the answer. The process ends with its standard input.
@@ -27,6 +28,7 @@ import sys
 import time
 import traceback
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +38,8 @@ from vsense.lab.processes import read_line
 from vsense.pictures import run_figure
 from vsense.pictures.run_samples import RunSamples
 from vsense.robot.inprocess import declarations
-from vsense.run.programs import PROGRESS_BYTES
+from vsense.run.programs import PROGRESS_BYTES, shared_objects
+from vsense.sim import fingerprint
 from vsense.sim.job import Job
 from vsense.sim.record import LOGGED, TRAJECTORY
 from vsense.sim.simulation import Simulation
@@ -85,6 +88,44 @@ def simulate(job: Job, progress: Any) -> dict[str, Any]:
         "events": run.record.events[:EVENTS_TOLD],
         "events_in_all": len(run.record.events),
     }
+
+
+class NotHere(VsenseError):
+    """A job of another machine cannot be done on this one."""
+
+
+def settled(job: Job) -> Job:
+    """Makes a job of another machine one of this: finds its files, and builds its controllers.
+
+    Raises:
+        NotHere: that is not possible.
+    """
+    origin = job.origin
+    if origin is None:
+        return job
+    for name, expected in origin.files.items():
+        _check_file(Path(name), expected, origin.host)
+    with suppress(OSError):  # it has no file of a user then
+        os.chdir(origin.folder)
+    if origin.cxxflags is None:
+        os.environ.pop("CXXFLAGS", None)
+    else:
+        os.environ["CXXFLAGS"] = origin.cxxflags
+    try:
+        built = shared_objects(job.setup.load())
+    except VsenseError as error:
+        raise NotHere(str(error)) from None
+    return replace(job, libraries={name: str(path) for name, path in built.items()}, origin=None)
+
+
+def _check_file(path: Path, expected: str, host: str) -> None:
+    same = f"on every machine expected as it is on {host}: in a folder that they share, or copied"
+    try:
+        found = fingerprint.of_file(path)
+    except VsenseError as error:
+        raise NotHere(f"{error}; {same}") from None
+    if found != expected:
+        raise NotHere(f"{path}: is another one there; {same}")
 
 
 def _save(run: Simulation, experiment: Experiment, job: Job) -> None:
@@ -146,7 +187,10 @@ class Worker:
             os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
             os.close(self._answers)
             try:
-                answer: dict[str, Any] = {"result": simulate(Job.from_line(line), self._progress)}
+                job = settled(Job.from_line(line))
+                answer: dict[str, Any] = {"result": simulate(job, self._progress)}
+            except NotHere as error:
+                answer = {"refused": str(error)}
             except VsenseError as error:
                 answer = {"error": str(error), "exit_code": error.exit_code}
             data = json.dumps(answer).encode()
