@@ -207,16 +207,19 @@ def draw(image: Image, found: NDArray[np.void]) -> Image:
         cv2.polylines(canvas, [fixed], True, _DRAWN, width, cv2.LINE_AA, _FRACTION)
         radius = 2 * width << _FRACTION
         cv2.circle(canvas, fixed[0].tolist(), radius, _DRAWN, cv2.FILLED, cv2.LINE_AA, _FRACTION)
-        _write(canvas, str(row["tag"]), corners.mean(axis=0), max(0.5, _LETTERS * side))
+        _write(canvas, str(row["tag"]), corners, 2 * width, max(0.5, _LETTERS * side))
     return canvas
 
 
-def _write(canvas: Image, text: str, middle: NDArray[np.float64], size: float) -> None:
-    """Writes a text on a white plate around a place."""
+def _write(canvas: Image, text: str, corners: NDArray[np.float64], apart: int, size: float) -> None:
+    """Writes a text on a white plate above a marker, or below where the picture ends."""
     weight = max(1, round(1.5 * size))
     (wide, high), _ = cv2.getTextSize(text, FONT, size, weight)
     pad = 2 + weight
-    left, base = round(float(middle[0]) - wide / 2), round(float(middle[1]) + high / 2)
+    x, top, bottom = corners[:, 0].mean(), corners[:, 1].min(), corners[:, 1].max()
+    left, base = round(x - wide / 2), round(top) - apart - pad
+    if base < high + pad:
+        base = round(bottom) + apart + pad + high
     corner = (left + wide + pad, base + pad)
     cv2.rectangle(canvas, (left - pad, base - high - pad), corner, _WHITE, cv2.FILLED)
     cv2.putText(canvas, text, (left, base), FONT, size, INK, weight, cv2.LINE_AA)
