@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import sys
@@ -18,8 +17,8 @@ NEVER_S = 60.0
 
 
 def come(number: int) -> None:
-    """The signal comes now."""
-    os.kill(os.getpid(), number)
+    """The signal comes now: sent to the process, it may reach another thread, and later."""
+    signal.raise_signal(number)
 
 
 @pytest.mark.parametrize(
