@@ -66,6 +66,31 @@ double vs_edges_look(const struct vs_picture *picture, double x_px, double y_px)
     return look(picture, (int32_t)(x_px * FIXED), (int32_t)(y_px * FIXED)) / FIXED;
 }
 
+void vs_edges_grid(const struct vs_picture *picture, const double corner_px[4][2],
+                   const double *place, int side, float *grey)
+{
+    int row, column, i, is_inside = 1;
+
+    for (i = 0; i < 4; i++)
+        is_inside &= vs_edges_inside(picture, corner_px[i][0], corner_px[i][1], INSIDE_PX);
+    for (row = 0; row < side; row++) {
+        double from[2], to[2];
+
+        for (i = 0; i < 2; i++) {
+            from[i] = corner_px[0][i] + place[row] * (corner_px[2][i] - corner_px[0][i]);
+            to[i] = corner_px[1][i] + place[row] * (corner_px[3][i] - corner_px[1][i]) - from[i];
+        }
+        for (column = 0; column < side; column++) {
+            double x_px = from[0] + place[column] * to[0];
+            double y_px = from[1] + place[column] * to[1];
+
+            *grey++ = is_inside ? (float)(look(picture, (int32_t)(x_px * FIXED),
+                                               (int32_t)(y_px * FIXED)) / FIXED)
+                                : (float)vs_edges_look(picture, x_px, y_px);
+        }
+    }
+}
+
 int vs_edges_take(const struct vs_outline *outline, const struct vs_view *view,
                   const struct vs_marker *marker, const struct vs_outline_pass *pass,
                   struct vs_profiles *p)

@@ -39,6 +39,14 @@ int vs_edges_slopes(const struct vs_view *view, const struct vs_marker *marker,
 /* The interpolated grey value at a place; 0 outside of the picture. */
 double vs_edges_look(const struct vs_picture *picture, double x_px, double y_px);
 
+/*
+ * Reads side x side grey values row by row: those at the places between four pixels, from the
+ * first towards the second in a row, and from these two towards the last two from row to row.
+ * place has how far along they are, side of them in 0 .. 1.
+ */
+void vs_edges_grid(const struct vs_picture *picture, const double corner_px[4][2],
+                   const double *place, int side, float *grey);
+
 /* Takes the profiles that lie in the picture. Errors: as see. */
 int vs_edges_take(const struct vs_outline *outline, const struct vs_view *view,
                   const struct vs_marker *marker, const struct vs_outline_pass *pass,

@@ -9,6 +9,7 @@
 #define NOISE_SHARE 13   /* [1/8] of the usual block's range is what noise alone makes */
 #define VEIL_BLOCKS 256  /* one in so many may be darker than the veil over the picture */
 #define FLOOR_BLOCKS 256 /* fewer blocks may all be markers */
+#define BESIDE 16        /* blocks that are worked on at once: loops of a fixed length are vectors */
 #define NOISE_MOST 72    /* [grey] the most that noise can raise the contrast asked for */
 
 static void fold_low(uint8_t *low, const uint8_t *row)
@@ -116,6 +117,37 @@ static void extremes_together(const uint8_t *pixels, size_t stride, int rows, ui
 }
 #endif
 
+/* The first value that more than so many are not above. */
+static int quantile(const uint32_t histogram[256], uint32_t most)
+{
+    uint32_t below = 0;
+    int i;
+
+    for (i = 0; i < 255 && (below += histogram[i]) <= most; i++)
+        ;
+    return i;
+}
+
+/*
+ * What lies over the whole picture. Most of its blocks are plain floor, so their range is the
+ * noise's; a small window around a marker says nothing about the floor. Scattered light is a
+ * veil: nothing in the picture is darker.
+ */
+static void measure_whole(struct vs_scan *s)
+{
+    uint32_t range[256], dark[256], count = s->line * s->lines, i;
+
+    memset(range, 0, sizeof range);
+    memset(dark, 0, sizeof dark);
+    for (i = 0; i < count; i++) {
+        range[s->light[i] - s->dark[i]]++;
+        dark[s->dark[i]]++;
+    }
+    s->noise = count < FLOOR_BLOCKS ? 0 : quantile(range, count / 2) * NOISE_SHARE / 8;
+    s->noise = s->noise > NOISE_MOST ? NOISE_MOST : s->noise;
+    s->veil = quantile(dark, count / VEIL_BLOCKS);
+}
+
 void vs_levels_measure(struct vs_scan *s, const struct vs_picture *p)
 {
     uint32_t line, column;
@@ -144,80 +176,73 @@ void vs_levels_measure(struct vs_scan *s, const struct vs_picture *p)
                 edge_extremes(block, p->stride, rows, columns, &dark[column], &light[column]);
         }
     }
-}
-
-/*
- * The contrast to ask for: most blocks of a whole picture are plain floor, so their
- * range is the noise's. A small window around a marker says nothing about the floor.
- */
-static int needed_contrast(const struct vs_scan *s, int least)
-{
-    uint32_t count = s->line * s->lines;
-    uint32_t histogram[256];
-    uint32_t i, below = 0;
-    int needed;
-
-    if (count < FLOOR_BLOCKS)
-        return least;
-    memset(histogram, 0, sizeof histogram);
-    for (i = 0; i < count; i++)
-        histogram[s->light[i] - s->dark[i]]++;
-    for (i = 0; i < 255 && (below += histogram[i]) <= count / 2; i++)
-        ;
-    needed = (int)i * NOISE_SHARE / 8;
-    needed = needed > NOISE_MOST ? NOISE_MOST : needed;
-    return needed > least ? needed : least;
-}
-
-/* What lies over the whole picture, such as scattered light: nothing in it is darker. */
-static int veil_over(const struct vs_scan *s)
-{
-    uint32_t count = s->line * s->lines;
-    uint32_t histogram[256];
-    uint32_t i, below = 0;
-
-    memset(histogram, 0, sizeof histogram);
-    for (i = 0; i < count; i++)
-        histogram[s->dark[i]]++;
-    for (i = 0; i < 255 && (below += histogram[i]) <= count / VEIL_BLOCKS; i++)
-        ;
-    return (int)i;
+    measure_whole(s);
 }
 
 /* Where a neighbourhood is printed, and the level between its extremes. */
 struct rule {
-    int contrast;
-    int level_256;
-    int print_256;
-    int veil;
+    uint16_t contrast;
+    uint16_t level_256;
+    uint16_t print_256;
+    uint16_t veil;
 };
 
-/* The level between the extremes of a neighbourhood; 0 where nothing is printed. */
-static uint8_t level_between(int low, int high, const struct rule *rule)
+static uint16_t asked(int32_t value)
 {
-    if (high - low < rule->contrast || (high - low) * 256 < (high - rule->veil) * rule->print_256)
-        return 0;
-    return (uint8_t)(low + ((high - low) * rule->level_256 + 128) / 256);
+    return (uint16_t)(value < 0 ? 0 : value > 256 ? 256 : value);
+}
+
+static void least_of(const uint8_t *a, const uint8_t *b, const uint8_t *c, uint8_t *least)
+{
+    int i;
+
+    for (i = 0; i < BESIDE; i++) {
+        uint8_t low = a[i] < b[i] ? a[i] : b[i];
+
+        least[i] = c[i] < low ? c[i] : low;
+    }
+}
+
+static void most_of(const uint8_t *a, const uint8_t *b, const uint8_t *c, uint8_t *most)
+{
+    int i;
+
+    for (i = 0; i < BESIDE; i++) {
+        uint8_t high = a[i] > b[i] ? a[i] : b[i];
+
+        most[i] = c[i] > high ? c[i] : high;
+    }
+}
+
+/* The levels between the extremes of neighbourhoods; 0 where nothing is printed. */
+static void levels_between(const uint8_t *low, const uint8_t *high, const struct rule *rule,
+                           uint8_t *level)
+{
+    const struct rule r = *rule;
+    int i;
+
+    for (i = 0; i < BESIDE; i++) {
+        uint16_t range = (uint16_t)(high[i] - low[i]);
+        uint16_t light = high[i] > r.veil ? (uint16_t)(high[i] - r.veil) : 0;
+        uint16_t least = (uint16_t)(light * r.print_256); /* at most 255 * 256 */
+        uint16_t share = (uint16_t)((uint16_t)(range * r.level_256 + 128) >> 8);
+        uint16_t plain = (range < r.contrast) | ((uint16_t)(range << 8) < least);
+
+        level[i] = plain != 0 ? 0 : (uint8_t)(low[i] + share);
+    }
 }
 
 /* Writes the extremes of each three blocks in a column, from place 1 on. */
 static void fold_columns(const struct vs_scan *s, uint32_t line, uint8_t *dark, uint8_t *light)
 {
-    uint32_t n = s->line, here = line * n;
+    uint32_t n = s->line, here = line * n, i;
     uint32_t above = line > 0 ? here - n : here;
     uint32_t below = line + 1 < s->lines ? here + n : here;
-    uint32_t i;
 
-    for (i = 0; i < n; i++) {
-        uint8_t a = s->dark[above + i], b = s->dark[here + i], c = s->dark[below + i];
-
-        b = a < b ? a : b;
-        dark[i + 1] = c < b ? c : b;
-        a = s->light[above + i];
-        b = s->light[here + i];
-        c = s->light[below + i];
-        b = a > b ? a : b;
-        light[i + 1] = c > b ? c : b;
+    for (i = 0; i < n; i += BESIDE) {
+        least_of(&s->dark[above + i], &s->dark[here + i], &s->dark[below + i], &dark[i + 1]);
+        most_of(&s->light[above + i], &s->light[here + i], &s->light[below + i],
+                &light[i + 1]);
     }
     dark[0] = dark[1];
     light[0] = light[1];
@@ -228,24 +253,22 @@ static void fold_columns(const struct vs_scan *s, uint32_t line, uint8_t *dark, 
 void vs_levels_set(struct vs_scan *s, const struct vs_search *search, int32_t level_256)
 {
     struct rule rule;
-    uint8_t dark[VS_SCAN_LINE + 2], light[VS_SCAN_LINE + 2];
+    uint8_t dark[VS_SCAN_LINE + 2 + BESIDE], light[VS_SCAN_LINE + 2 + BESIDE];
+    uint8_t low[BESIDE], high[BESIDE];
     uint32_t line, i;
 
-    rule.contrast = needed_contrast(s, search->least_contrast);
-    rule.level_256 = level_256;
-    rule.print_256 = search->print_256;
-    rule.veil = search->has_veil ? veil_over(s) : 0;
+    rule.contrast = asked(search->least_contrast > s->noise ? search->least_contrast : s->noise);
+    rule.level_256 = asked(level_256);
+    rule.print_256 = asked(search->print_256);
+    rule.veil = asked(search->has_veil ? s->veil : 0);
+    memset(dark, 0, sizeof dark);
+    memset(light, 0, sizeof light);
     for (line = 0; line < s->lines; line++) {
-        uint8_t *level = s->level + line * s->line;
-
         fold_columns(s, line, dark, light);
-        for (i = 0; i < s->line; i++) {
-            int low = dark[i] < dark[i + 1] ? dark[i] : dark[i + 1];
-            int high = light[i] > light[i + 1] ? light[i] : light[i + 1];
-
-            low = dark[i + 2] < low ? dark[i + 2] : low;
-            high = light[i + 2] > high ? light[i + 2] : high;
-            level[i] = level_between(low, high, &rule);
+        for (i = 0; i < s->line; i += BESIDE) {
+            least_of(&dark[i], &dark[i + 1], &dark[i + 2], low);
+            most_of(&light[i], &light[i + 1], &light[i + 2], high);
+            levels_between(low, high, &rule, &s->level[line * s->line + i]);
         }
     }
 }

@@ -50,6 +50,8 @@ struct vs_scan {
     uint32_t part_count;
     uint32_t line;       /* blocks in a row of blocks */
     uint32_t lines;      /* rows of blocks */
+    int32_t noise;       /* [grey] contrast that noise alone can make */
+    int32_t veil;        /* [grey] nothing in the picture is darker; 0 .. 255 */
     uint32_t first[VS_SCAN_ROWS + 1]; /* run with which each scanned row begins */
     uint8_t dark[VS_SCAN_BLOCKS];     /* darkest pixel of each block */
     uint8_t light[VS_SCAN_BLOCKS];    /* lightest */

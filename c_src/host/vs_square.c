@@ -13,30 +13,23 @@
 static int sample_cells(const struct vs_words *words, const struct vs_view *view,
                         const struct vs_marker *marker, float *cells)
 {
-    int span = words->cells + 4, row, column, i;
+    int span = words->cells + 4, side = SPOTS * span, row, column, i;
     double half_m = 0.5 * span * words->cell_m * marker->scale;
-    double corner[4][2], from[2], to[2];
+    double corner[4][2], place[SPOTS * VS_WORDS_SPAN];
+    float grey[SPOTS * VS_WORDS_SPAN * SPOTS * VS_WORDS_SPAN];
 
     for (i = 0; i < 4; i++) {
         if (vs_edges_see(view, marker, i < 2 ? half_m : -half_m,
                          i % 2 == 0 ? half_m : -half_m, corner[i]) != VS_OK)
             return 0;
     }
+    for (i = 0; i < side; i++)
+        place[i] = (i / SPOTS + 0.5 + SPOT_APART * (i % SPOTS - 1)) / span;
+    vs_edges_grid(&view->picture, (const double(*)[2])corner, place, side, grey);
     memset(cells, 0, (size_t)(span * span) * sizeof cells[0]);
-    for (row = 0; row < SPOTS * span; row++) {
-        double down = (row / SPOTS + 0.5 + SPOT_APART * (row % SPOTS - 1)) / span;
-
-        for (i = 0; i < 2; i++) {
-            from[i] = corner[0][i] + down * (corner[2][i] - corner[0][i]);
-            to[i] = corner[1][i] + down * (corner[3][i] - corner[1][i]) - from[i];
-        }
-        for (column = 0; column < SPOTS * span; column++) {
-            double along = (column / SPOTS + 0.5 + SPOT_APART * (column % SPOTS - 1)) / span;
-
-            cells[row / SPOTS * span + column / SPOTS] +=
-                (float)vs_edges_look(&view->picture, from[0] + along * to[0],
-                                     from[1] + along * to[1]);
-        }
+    for (row = 0; row < side; row++) {
+        for (column = 0; column < side; column++)
+            cells[row / SPOTS * span + column / SPOTS] += grey[row * side + column];
     }
     return 1;
 }

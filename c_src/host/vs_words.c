@@ -4,10 +4,11 @@
 #include <string.h>
 
 #include "vs_math.h"
+#include "vs_sums.h"
 
 #define SHORT 12          /* likeliest words that are looked at closely */
-#define PARTS 11          /* of a word of 64 bits */
-#define VALUES 64         /* of a part: 2^VS_WORDS_PART */
+#define TOGETHER 256      /* words whose likeness is added up at once */
+#define LEAST_LIKE -2.0F  /* less than any likeness, which is a correlation */
 #define BLUR_LESS 2       /* how much sharper than its edges a marker may be, in levels */
 #define BLUR_MORE 1       /* and how much more blurred */
 #define LEAST_START 0.6   /* likeness of the best word before other blurs are tried */
@@ -15,20 +16,10 @@
 #define MOST_ERROR 0.25
 #define WRONG 0.5         /* a cell that is farther than this from its word's is wrong */
 
-/* A row of cells, 0 beyond its end: loops of a fixed length are short ones of vectors. */
-typedef float line[VS_WORDS_SPAN];
-
 /* Cells as they are compared: without mean and slope, of unit length, 0 where not used. */
 struct seen {
     int span, ring; /* ring is 1 where the white around is used, too */
-    line cell[VS_WORDS_SPAN];
-};
-
-/* A word's likeness is constant + the sum over its parts, over its length. */
-struct sums {
-    int parts;
-    float constant;
-    float part[PARTS][VALUES];
+    vs_line cell[VS_WORDS_SPAN];
 };
 
 /* The likeliest words of a reading, the first the likeliest, under all blurs so far. */
@@ -88,80 +79,6 @@ static double flatten(struct seen *s)
     return length;
 }
 
-static void add_line(float *to, float share, const float *from)
-{
-    int i;
-
-    for (i = 0; i < VS_WORDS_SPAN; i++)
-        to[i] += share * from[i];
-}
-
-/* Carries the columns' blur over from words to cells: a line for each row of the square. */
-static void gather_rows(const struct vs_words *w, const struct seen *s, int v, line *lines)
-{
-    int i, row;
-
-    for (i = 0; i < w->cells + 2; i++) {
-        memset(lines[i], 0, sizeof lines[i]);
-        for (row = 0; row < s->span; row++)
-            add_line(lines[i], w->seen[v][row][i], s->cell[row]);
-    }
-}
-
-/* Writes the sums of the weights of white cells, for all values of each part of a word. */
-static void add_up(const float *weight, int bits, struct sums *sums)
-{
-    int part, value, bit;
-
-    sums->parts = (bits + VS_WORDS_PART - 1) / VS_WORDS_PART;
-    for (part = 0; part < sums->parts; part++) {
-        float *sum = sums->part[part];
-
-        sum[0] = 0.0F;
-        for (bit = 0; bit < VS_WORDS_PART; bit++) {
-            int place = part * VS_WORDS_PART + bit;
-            float more = place < bits ? weight[place] : 0.0F;
-
-            for (value = 0; value < 1 << bit; value++)
-                sum[(1 << bit) + value] = sum[value] + more;
-        }
-    }
-}
-
-/*
- * The likeness of flat cells to blurred words, as sums of weights of the words' own cells: with
- * the blur along the rows carried over, too, one set of weights does for all words.
- */
-static void weigh(const struct vs_words *w, int u, const line *lines, struct sums *sums)
-{
-    float weight[VS_WORDS_CELLS * VS_WORDS_CELLS];
-    int side = w->cells + 2, i, k;
-
-    sums->constant = 0.0F;
-    for (i = 0; i < side; i++) {
-        line all;
-
-        memset(all, 0, sizeof all);
-        for (k = 0; k < side + 2; k++)
-            add_line(all, lines[i][k], w->seen[u][k]);
-        for (k = 0; k < side; k++)
-            sums->constant -= all[k];
-        if (i > 0 && i < side - 1)
-            memcpy(&weight[(i - 1) * w->cells], &all[1], (size_t)w->cells * sizeof all[0]);
-    }
-    add_up(weight, w->cells * w->cells, sums);
-}
-
-static inline float add_parts(const struct sums *sums, const uint8_t *part)
-{
-    float sum = sums->constant;
-    int i;
-
-    for (i = 0; i < sums->parts; i++)
-        sum += sums->part[i][part[i]];
-    return sum;
-}
-
 /* One over the length of words as they are seen; a quarter turn exchanges the blurs. */
 static const float *per_length(const struct vs_words *w, int ring, int turn, int u, int v)
 {
@@ -170,13 +87,11 @@ static const float *per_length(const struct vs_words *w, int ring, int turn, int
     return w->per_length[ring] + (size_t)kind * (size_t)w->tags;
 }
 
-/* Puts a word into the list if there is room or it is likelier than the last one. */
+/* Puts a word into the list; the last one gives way where there is no room. */
 static void add_word(struct shortlist *list, int word, int kind, float likeness)
 {
     int place = list->count;
 
-    if (place == SHORT && !(likeness > list->likeness[SHORT - 1]))
-        return;
     if (place == SHORT)
         place--;
     else
@@ -195,38 +110,47 @@ static void add_word(struct shortlist *list, int word, int kind, float likeness)
 static void list_words(const struct vs_words *w, const struct seen *s, int u, int v,
                        struct shortlist *list)
 {
-    struct sums sums;
-    line lines[VS_WORDS_SPAN];
-    const uint8_t *part = w->part;
-    const float *per[2];
-    int word;
+    struct vs_sums sums;
+    vs_line lines[VS_WORDS_SPAN];
+    float sum[TOGETHER], least = LEAST_LIKE; /* of what the list has room for */
+    const float *upright = per_length(w, s->ring, 0, u, v);
+    const float *turned = per_length(w, s->ring, 1, u, v);
+    int words = 4 * w->tags, first, i;
 
-    gather_rows(w, s, v, lines);
-    weigh(w, u, (const line *)lines, &sums);
-    per[0] = per_length(w, s->ring, 0, u, v);
-    per[1] = per_length(w, s->ring, 1, u, v);
+    vs_sums_rows(w, s->cell, v, lines);
+    vs_sums_weigh(w, (const vs_line *)lines, u, &sums);
     list->count = 0;
-    for (word = 0; word < 4 * w->tags; word++, part += sums.parts) {
-        float likeness = add_parts(&sums, part) * per[word & 1][word >> 2];
+    for (first = 0; first < words; first += TOGETHER) {
+        int count = words - first < TOGETHER ? words - first : TOGETHER;
 
-        if (list->count < SHORT || likeness > list->likeness[SHORT - 1])
+        vs_sums_add(&sums, w->part + (size_t)first * (size_t)sums.parts, count, sum);
+        for (i = 0; i < count; i++) {
+            int word = first + i;
+            float likeness = sum[i] * (word & 1 ? turned : upright)[word >> 2];
+
+            if (!(likeness > least))
+                continue;
             add_word(list, word, u * VS_WORDS_BLURS + v, likeness);
+            if (list->count == SHORT)
+                least = list->likeness[SHORT - 1];
+        }
     }
 }
 
 /* Tries listed words under another blur; their likeness is that of the blur that suits best. */
 static void try_blur(const struct vs_words *w, const struct seen *s, int u, int v,
-                     const line *lines, struct shortlist *list)
+                     const vs_line *lines, struct shortlist *list)
 {
-    struct sums sums;
+    struct vs_sums sums;
     int place;
 
-    weigh(w, u, lines, &sums);
+    vs_sums_weigh(w, lines, u, &sums);
     for (place = 0; place < list->count; place++) {
         int word = list->word[place];
-        float likeness = add_parts(&sums, w->part + (size_t)word * (size_t)sums.parts) *
-                         per_length(w, s->ring, word, u, v)[word / 4];
+        float likeness;
 
+        vs_sums_add(&sums, w->part + (size_t)word * (size_t)sums.parts, 1, &likeness);
+        likeness *= per_length(w, s->ring, word, u, v)[word / 4];
         if (likeness > list->likeness[place]) {
             list->likeness[place] = likeness;
             list->kind[place] = u * VS_WORDS_BLURS + v;
@@ -237,10 +161,10 @@ static void try_blur(const struct vs_words *w, const struct seen *s, int u, int 
 /* What a camera would see of a word: between 0, black, and 1, white. */
 static void see_word(const struct vs_words *w, uint64_t word, int kind, struct seen *ideal)
 {
-    const line *across = w->seen[kind / VS_WORDS_BLURS];
-    const line *down = w->seen[kind % VS_WORDS_BLURS];
+    const vs_line *across = w->seen[kind / VS_WORDS_BLURS];
+    const vs_line *down = w->seen[kind % VS_WORDS_BLURS];
     int side = w->cells + 2, row, column, i, k;
-    line dark[VS_WORDS_SPAN];
+    vs_line dark[VS_WORDS_SPAN];
 
     memset(dark, 0, sizeof dark);
     for (i = 0; i < side; i++) {
@@ -258,7 +182,7 @@ static void see_word(const struct vs_words *w, uint64_t word, int kind, struct s
         for (column = 0; column < VS_WORDS_SPAN; column++)
             ideal->cell[row][column] = 1.0F;
         for (i = 0; i < side; i++)
-            add_line(ideal->cell[row], -down[row][i], dark[i]);
+            vs_sums_line(ideal->cell[row], -down[row][i], dark[i]);
     }
 }
 
@@ -336,16 +260,16 @@ static void judge(const struct vs_words *w, const struct seen *s, const struct s
 static void try_blurs(const struct vs_words *w, const struct seen *s, const int32_t level[2],
                       struct shortlist *list)
 {
-    line lines[VS_WORDS_SPAN];
+    vs_line lines[VS_WORDS_SPAN];
     int u, v;
 
     for (v = level[1] - BLUR_LESS; v <= level[1] + BLUR_MORE; v++) {
         if (v < 0 || v >= VS_WORDS_BLURS)
             continue;
-        gather_rows(w, s, v, lines);
+        vs_sums_rows(w, s->cell, v, lines);
         for (u = level[0] - BLUR_LESS; u <= level[0] + BLUR_MORE; u++) {
             if (u >= 0 && u < VS_WORDS_BLURS)
-                try_blur(w, s, u, v, (const line *)lines, list);
+                try_blur(w, s, u, v, (const vs_line *)lines, list);
         }
     }
 }
@@ -365,7 +289,7 @@ static void read_cells(const struct vs_words *w, const float *cells, const int32
         memcpy(s.cell[row], cells + row * s.span, (size_t)s.span * sizeof cells[0]);
     flatten(&s);
     list_words(w, &s, level[0], level[1], &list);
-    if (!((double)list.likeness[0] > LEAST_START))
+    if (list.count == 0 || !((double)list.likeness[0] > LEAST_START))
         return;
     try_blurs(w, &s, level, &list);
     for (k = 1; k < list.count; k++)

@@ -43,7 +43,14 @@ class Rows(NamedTuple):
 def gather(found: Sequence[NDArray[np.void]], pictures: Places | None = None) -> Rows:
     """Puts one picture's rows after the other's; `pictures` are their numbers, if not 0, 1 ..."""
     numbers = np.arange(len(found)) if pictures is None else pictures
-    return Rows(np.concatenate(found), np.repeat(numbers, [len(one) for one in found]))
+    return Rows(stack_rows(found), np.repeat(numbers, [len(one) for one in found]))
+
+
+def stack_rows(arrays: Sequence[NDArray[np.void]]) -> NDArray[np.void]:
+    """Concatenates arrays of one dtype; NumPy compares the fields of every two that have some."""
+    dtype = arrays[0].dtype
+    whole = np.dtype((np.void, dtype.itemsize))
+    return np.concatenate([one.view(whole) for one in arrays]).view(dtype)
 
 
 def join(some: Rows, more: Rows) -> Rows:
@@ -51,7 +58,8 @@ def join(some: Rows, more: Rows) -> Rows:
     if len(some.picture) == 0 or len(more.picture) == 0:
         return more if len(some.picture) == 0 else some
     more = more.where(~are_near(more, some))
-    return Rows(*(np.concatenate(both) for both in zip(some, more, strict=True)))
+    picture = np.concatenate((some.picture, more.picture))
+    return Rows(stack_rows((some.values, more.values)), picture)
 
 
 def are_near(some: Rows, others: Rows) -> NDArray[np.bool_]:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from vsense.arena import DETECTION, IMAGE_POSE, UNNAMED
 from vsense.cameras.camera import Camera
 from vsense.cameras.camera_array import CameraArray, Places
+from vsense.tracking.rows import stack_rows
 
 Floats = NDArray[np.float64]
 
@@ -102,7 +103,7 @@ def place_markers(
         found: Each picture's.
         heights_m: Of the tags' markers above the floor; other tags are left out.
     """
-    rows = np.concatenate([np.zeros(0, dtype=DETECTION), *found])
+    rows = stack_rows([np.zeros(0, dtype=DETECTION), *found])
     picture = np.repeat(np.arange(len(found)), [len(one) for one in found])
     height_m = np.array([heights_m.get(tag, np.nan) for tag in rows["tag"].tolist()], dtype=float)
     named = (rows["tag"] != UNNAMED) & ~np.isnan(height_m)
