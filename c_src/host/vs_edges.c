@@ -129,32 +129,47 @@ int vs_edges_take(const struct vs_outline *outline, const struct vs_view *view,
     return VS_OK;
 }
 
+/* Puts those of v[low .. end - 1] below the limit, or at it, first; returns where they end. */
+static inline int put_first(float *v, int low, int end, float limit, int is_at)
+{
+    int i;
+
+    for (i = low; i < end; i++) {
+        float one = v[i];
+        int is_first = (one < limit) | ((one == limit) & is_at);
+
+        v[i] = v[low];
+        v[low] = one;
+        low += is_first;
+    }
+    return low;
+}
+
+/* The middle one of three; no branch, as a processor cannot foresee which it is. */
+static float middle_of(float a, float b, float c)
+{
+    float low = a < b ? a : b, high = a < b ? b : a;
+
+    high = c < high ? c : high;
+    return low < high ? high : low;
+}
+
 float vs_edges_middle(float *v, int count)
 {
-    int low = 0, high = count - 1, k = count / 2;
+    int low = 0, end = count, k = count / 2;
 
-    while (low < high) {
-        float pivot = v[k];
-        int i = low, j = high;
+    for (;;) {
+        float pivot = middle_of(v[low], v[low + (end - low) / 2], v[end - 1]);
+        int below = put_first(v, low, end, pivot, 0);
 
-        while (i <= j) {
-            while (v[i] < pivot)
-                i++;
-            while (pivot < v[j])
-                j--;
-            if (i <= j) {
-                float swap = v[i];
-
-                v[i++] = v[j];
-                v[j--] = swap;
-            }
+        if (k < below) {
+            end = below;
+            continue;
         }
-        if (j < k)
-            low = i;
-        if (k < i)
-            high = j;
+        low = put_first(v, below, end, pivot, 1);
+        if (k < low || low == below) /* what is no number is nowhere */
+            return pivot;
     }
-    return v[k];
 }
 
 void vs_edges_shades(const struct vs_profiles *p, int steps, struct vs_marker *marker)

@@ -52,7 +52,7 @@ int vs_edges_take(const struct vs_outline *outline, const struct vs_view *view,
                   const struct vs_marker *marker, const struct vs_outline_pass *pass,
                   struct vs_profiles *p);
 
-/* The middle one of count > 0 values, by Hoare's selection; changes their order. */
+/* The middle one of count > 0 numbers, by selection; changes their order. */
 float vs_edges_middle(float *v, int count);
 
 /* Sets black and white: the medians of what the profiles begin and end with. */

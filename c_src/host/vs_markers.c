@@ -4,7 +4,9 @@
 #include <string.h>
 
 #include "vs_codes.h"
+#include "vs_edges.h"
 #include "vs_lens.h"
+#include "vs_math.h"
 #include "vs_outline.h"
 #include "vs_shape.h"
 #include "vs_square.h"
@@ -14,6 +16,7 @@
 /* The tables of the scan follow it in memory: parts, then runs. */
 struct vs_markers {
     struct vs_shape shapes[SHAPES];
+    struct vs_spot known[SHAPES];
     struct vs_scan scan;
 };
 
@@ -196,6 +199,29 @@ static int add_scanned(struct vs_markers *work, const struct vs_search *search,
     return is_room;
 }
 
+/* Where in the part are the discs of markers that could be read; returns their number. */
+static size_t find_known(struct vs_markers *work, const struct vs_search *search,
+                         const struct vs_view *view, const int32_t corner[2],
+                         const struct vs_marker *markers, size_t count)
+{
+    double ahead[2], left[2];
+    size_t known = 0, i;
+
+    for (i = 0; i < count && known < SHAPES; i++) {
+        struct vs_spot *spot = &work->known[known];
+
+        if (markers[i].tag < 0.0 || vs_edges_slopes(view, &markers[i], ahead, left) != VS_OK)
+            continue;
+        spot->x_px = markers[i].x_px - corner[0];
+        spot->y_px = markers[i].y_px - corner[1];
+        spot->radius_px = search->least_apart_m *
+                              vs_root(vs_least(ahead[0] * ahead[0] + ahead[1] * ahead[1],
+                                               left[0] * left[0] + left[1] * left[1])) - 1.0;
+        known += spot->radius_px > 0.0;
+    }
+    return known;
+}
+
 int vs_markers_search(struct vs_markers *work, const struct vs_search *search,
                       const struct vs_outline *outline, const struct vs_view *view,
                       const struct vs_window *window, struct vs_marker *markers,
@@ -203,6 +229,7 @@ int vs_markers_search(struct vs_markers *work, const struct vs_search *search,
 {
     int32_t corner[2];
     struct vs_picture part;
+    size_t known;
     int err = vs_outline_check(outline), full, is_room;
 
     if (view->picture.width_px < 0 || view->picture.height_px < 0 || search->second_256 < 0 ||
@@ -219,7 +246,8 @@ int vs_markers_search(struct vs_markers *work, const struct vs_search *search,
     full = (int)work->scan.full;
     is_room = add_scanned(work, search, outline, view, corner, markers, capacity, count);
     if (search->second_256 > 0) {
-        vs_scan_again(&work->scan, &part, search, search->second_256);
+        known = find_known(work, search, view, corner, markers, *count);
+        vs_scan_again(&work->scan, &part, search, search->second_256, work->known, known);
         is_room &= add_scanned(work, search, outline, view, corner, markers, capacity, count);
     }
     return is_room ? full : full | VS_MARKERS_FULL_FOUND;

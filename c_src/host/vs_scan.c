@@ -7,8 +7,10 @@
 #endif
 
 #include "vs_levels.h"
+#include "vs_math.h"
 
 #define NO_PART UINT32_MAX
+#define FOUR 4 /* words of a row that are looked at at once */
 
 /* One bit for each of 16 pixels, the first the lowest: 1 where darker than level. */
 #ifdef __SSE2__
@@ -43,50 +45,52 @@ static uint16_t dark_bits(const uint8_t *pixels, uint8_t level)
 #endif
 
 /* The place of the lowest 1 in a word that is not 0, by a de Bruijn sequence. */
-static unsigned lowest(uint32_t word)
+static unsigned lowest(uint64_t word)
 {
-    static const uint8_t place[32] = {
-        0, 1, 28, 2, 29, 14, 24, 3, 30, 22, 20, 15, 25, 17, 4, 8,
-        31, 27, 13, 23, 21, 19, 16, 7, 26, 12, 18, 6, 11, 5, 10, 9
+    static const uint8_t place[64] = {
+        0,  1,  48, 2,  57, 49, 28, 3,  61, 58, 50, 42, 38, 29, 17, 4,
+        62, 55, 59, 36, 53, 51, 43, 22, 45, 39, 33, 30, 24, 18, 12, 5,
+        63, 47, 56, 27, 60, 41, 37, 16, 54, 35, 52, 21, 44, 32, 23, 11,
+        46, 26, 40, 15, 34, 20, 31, 10, 25, 14, 19, 9,  13, 8,  7,  6
     };
 
-    return place[(word & (0U - word)) * 0x077CB531U >> 27];
+    return place[(word & (0U - word)) * 0x03F79D71B4CB0A89U >> 58];
+}
+
+/* Writes where a row of count words changes from light to dark and back; returns how often. */
+static uint32_t find_edges(const uint16_t *words, uint32_t count, uint16_t *edge)
+{
+    uint64_t before = 0;
+    uint32_t i, found = 0;
+
+    for (i = 0; i < count; i += FOUR) {
+        uint64_t word = (uint64_t)words[i] | (uint64_t)words[i + 1] << 16 |
+                        (uint64_t)words[i + 2] << 32 | (uint64_t)words[i + 3] << 48;
+        uint64_t edges = word ^ (word << 1 | before);
+
+        before = word >> 63;
+        for (; edges != 0; edges &= edges - 1)
+            edge[found++] = (uint16_t)(i * VS_SCAN_BLOCK + lowest(edges));
+    }
+    return found;
 }
 
 /*
- * Appends the runs of a row of 16-pixel words; a dark pixel that stands alone is
- * noise. Returns 0 where the table is full.
+ * Appends the runs of a row of words; a dark pixel that stands alone is noise. Returns 0 where
+ * the table is full.
  */
 static int add_runs(struct vs_scan *s, const uint16_t *words, uint32_t count)
 {
-    static const uint16_t empty[4] = {0, 0, 0, 0};
     struct vs_run *const runs = s->runs;
-    const uint32_t room = s->run_room;
-    uint32_t before = 0, run = s->run_count;
-    uint32_t i;
+    uint16_t edge[VS_SCAN_SIDE + 2];
+    uint32_t edges = find_edges(words, count, edge), run = s->run_count, i;
 
-    for (i = 0; i < count; i++) {
-        uint32_t word = words[i], edges;
-
-        if (word == 0 && before == 0) {
-            while (i + 5 <= count && memcmp(&words[i + 1], empty, sizeof empty) == 0)
-                i += 4;
-            continue;
-        }
-        edges = word ^ (word << 1 | before);
-        before = word >> 15;
-        for (edges &= 0xFFFF; edges != 0; edges &= edges - 1) {
-            uint32_t x = i * VS_SCAN_BLOCK + lowest(edges);
-
-            if ((word >> lowest(edges) & 1) != 0) {
-                if (run + 1 >= room)
-                    return 0;
-                runs[run].begin = (uint16_t)x;
-            } else {
-                runs[run].end = (uint16_t)x;
-                run += x - runs[run].begin > 1;
-            }
-        }
+    for (i = 0; i < edges; i += 2) {
+        if (run + 1 >= s->run_room)
+            return 0;
+        runs[run].begin = edge[i];
+        runs[run].end = edge[i + 1];
+        run += edge[i + 1] - edge[i] > 1;
     }
     s->run_count = run;
     return 1;
@@ -193,7 +197,7 @@ static void threshold_line(struct vs_scan *s, const struct vs_picture *p, uint32
 
     rows = rows > VS_SCAN_BLOCK / VS_SCAN_STEP ? VS_SCAN_BLOCK / VS_SCAN_STEP : rows;
     for (k = 0; k < rows; k++)
-        memset(s->words[k], 0, (s->line + 1) * sizeof s->words[k][0]);
+        memset(s->words[k], 0, (s->line + FOUR) * sizeof s->words[k][0]);
     for (i = 0; i < s->line; i++) {
         int columns = p->width_px - (int)i * VS_SCAN_BLOCK;
         const uint8_t *pixels = p->pixels + (size_t)top * p->stride + i * VS_SCAN_BLOCK;
@@ -213,16 +217,64 @@ static void threshold_line(struct vs_scan *s, const struct vs_picture *p, uint32
     }
 }
 
+/* Clears a row's pixels begin .. end - 1. */
+static void clear_pixels(uint16_t *words, uint32_t begin, uint32_t end)
+{
+    uint32_t first = begin / VS_SCAN_BLOCK, last = end / VS_SCAN_BLOCK, i;
+    uint32_t before = (1U << begin % VS_SCAN_BLOCK) - 1U;
+    uint32_t behind = ~((1U << end % VS_SCAN_BLOCK) - 1U);
+
+    if (first == last) {
+        words[first] &= (uint16_t)(before | behind);
+        return;
+    }
+    words[first] &= (uint16_t)before;
+    for (i = first + 1; i < last; i++)
+        words[i] = 0;
+    words[last] &= (uint16_t)behind;
+}
+
+/* Clears what a line of blocks shows of a disc. */
+static void clear_disc(struct vs_scan *s, const struct vs_picture *p, uint32_t line,
+                       const struct vs_spot *disc)
+{
+    int top = (int)line * VS_SCAN_BLOCK, k;
+
+    if (!(disc->y_px + disc->radius_px > top &&
+          disc->y_px - disc->radius_px < top + VS_SCAN_BLOCK))
+        return;
+    for (k = 0; k < VS_SCAN_BLOCK / VS_SCAN_STEP; k++) {
+        double down = top + k * VS_SCAN_STEP - disc->y_px;
+        double half = disc->radius_px * disc->radius_px - down * down;
+        double begin, end;
+
+        if (half <= 0.0)
+            continue;
+        half = vs_root(half);
+        begin = vs_most(disc->x_px - half, 0.0);
+        end = vs_least(disc->x_px + half, p->width_px);
+        if (begin < end)
+            clear_pixels(s->words[k], (uint32_t)begin, (uint32_t)end);
+    }
+}
+
 /* Finds and links the runs of all rows, as far as the tables reach. */
-static void link_rows(struct vs_scan *s, const struct vs_picture *p)
+static void link_rows(struct vs_scan *s, const struct vs_picture *p,
+                      const struct vs_spot *without, size_t count)
 {
     uint32_t row;
+    size_t i;
 
     for (row = 0; row < s->rows; row++) {
         uint32_t within = row % (VS_SCAN_BLOCK / VS_SCAN_STEP);
 
-        if (within == 0)
-            threshold_line(s, p, row / (VS_SCAN_BLOCK / VS_SCAN_STEP));
+        if (within == 0) {
+            uint32_t line = row / (VS_SCAN_BLOCK / VS_SCAN_STEP);
+
+            threshold_line(s, p, line);
+            for (i = 0; i < count; i++)
+                clear_disc(s, p, line, &without[i]);
+        }
         s->first[row] = s->run_count;
         if (!add_runs(s, s->words[within], s->line + 1))
             s->full |= VS_MARKERS_FULL_RUNS;
@@ -238,12 +290,13 @@ static void link_rows(struct vs_scan *s, const struct vs_picture *p)
 }
 
 void vs_scan_again(struct vs_scan *s, const struct vs_picture *picture,
-                   const struct vs_search *search, int32_t level_256)
+                   const struct vs_search *search, int32_t level_256,
+                   const struct vs_spot *without, size_t count)
 {
     s->full = s->run_count = s->part_count = 0;
     s->rows = ((uint32_t)picture->height_px + VS_SCAN_STEP - 1) / VS_SCAN_STEP;
     vs_levels_set(s, search, level_256);
-    link_rows(s, picture);
+    link_rows(s, picture, without, count);
 }
 
 int vs_scan_picture(struct vs_scan *s, const struct vs_picture *picture,
@@ -259,6 +312,6 @@ int vs_scan_picture(struct vs_scan *s, const struct vs_picture *picture,
     s->line = ((uint32_t)width + VS_SCAN_BLOCK - 1) / VS_SCAN_BLOCK;
     s->lines = ((uint32_t)height + VS_SCAN_BLOCK - 1) / VS_SCAN_BLOCK;
     vs_levels_measure(s, picture);
-    vs_scan_again(s, picture, search, search->level_256);
+    vs_scan_again(s, picture, search, search->level_256, NULL, 0);
     return VS_OK;
 }

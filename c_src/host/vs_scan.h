@@ -56,7 +56,7 @@ struct vs_scan {
     uint8_t dark[VS_SCAN_BLOCKS];     /* darkest pixel of each block */
     uint8_t light[VS_SCAN_BLOCKS];    /* lightest */
     uint8_t level[VS_SCAN_BLOCKS];    /* a pixel below this is dark */
-    uint16_t words[VS_SCAN_BLOCK / VS_SCAN_STEP][VS_SCAN_LINE + 1]; /* of a line of blocks */
+    uint16_t words[VS_SCAN_BLOCK / VS_SCAN_STEP][VS_SCAN_LINE + 4]; /* of a line of blocks, then 0 */
 };
 
 /*
@@ -68,9 +68,18 @@ struct vs_scan {
 int vs_scan_picture(struct vs_scan *s, const struct vs_picture *picture,
                     const struct vs_search *search);
 
-/* Scans the picture of the newest scan again, with another threshold, 1 .. 255; see full. */
+/* A disc in a picture. */
+struct vs_spot {
+    double x_px, y_px, radius_px;
+};
+
+/*
+ * Scans the picture of the newest scan again, with another threshold, 1 .. 255, and without what
+ * is in count discs; see full.
+ */
 void vs_scan_again(struct vs_scan *s, const struct vs_picture *picture,
-                   const struct vs_search *search, int32_t level_256);
+                   const struct vs_search *search, int32_t level_256,
+                   const struct vs_spot *without, size_t count);
 
 /* The part that speaks for a part of the newest scan. */
 uint32_t vs_scan_root(struct vs_scan *s, uint32_t part);

@@ -7,6 +7,7 @@
 #include "vs_sums.h"
 
 #define SHORT 12          /* likeliest words that are looked at closely */
+#define TURNS 4           /* words of a tag */
 #define TOGETHER 256      /* words whose likeness is added up at once */
 #define LEAST_LIKE -2.0F  /* less than any likeness, which is a correlation */
 #define BLUR_LESS 2       /* how much sharper than its edges a marker may be, in levels */
@@ -106,6 +107,18 @@ static void add_word(struct shortlist *list, int word, int kind, float likeness)
     list->kind[place] = kind;
 }
 
+/* Puts a tag's words into the list; returns the likeness that another needs from now on. */
+static float add_tag(struct shortlist *list, int first, int kind, const float *likeness)
+{
+    int i;
+
+    for (i = 0; i < TURNS; i++) {
+        if (list->count < SHORT || likeness[i] > list->likeness[SHORT - 1])
+            add_word(list, first + i, kind, likeness[i]);
+    }
+    return list->count < SHORT ? LEAST_LIKE : list->likeness[SHORT - 1];
+}
+
 /* Finds the words that are the likeliest under one blur. */
 static void list_words(const struct vs_words *w, const struct seen *s, int u, int v,
                        struct shortlist *list)
@@ -115,7 +128,7 @@ static void list_words(const struct vs_words *w, const struct seen *s, int u, in
     float sum[TOGETHER], least = LEAST_LIKE; /* of what the list has room for */
     const float *upright = per_length(w, s->ring, 0, u, v);
     const float *turned = per_length(w, s->ring, 1, u, v);
-    int words = 4 * w->tags, first, i;
+    int kind = u * VS_WORDS_BLURS + v, words = TURNS * w->tags, first, i;
 
     vs_sums_rows(w, s->cell, v, lines);
     vs_sums_weigh(w, (const vs_line *)lines, u, &sums);
@@ -124,15 +137,14 @@ static void list_words(const struct vs_words *w, const struct seen *s, int u, in
         int count = words - first < TOGETHER ? words - first : TOGETHER;
 
         vs_sums_add(&sums, w->part + (size_t)first * (size_t)sums.parts, count, sum);
-        for (i = 0; i < count; i++) {
-            int word = first + i;
-            float likeness = sum[i] * (word & 1 ? turned : upright)[word >> 2];
+        for (i = 0; i < count; i += TURNS) {
+            float a = sum[i] * upright[(first + i) / TURNS];
+            float b = sum[i + 1] * turned[(first + i) / TURNS];
+            float c = sum[i + 2] * upright[(first + i) / TURNS];
+            float d = sum[i + 3] * turned[(first + i) / TURNS];
 
-            if (!(likeness > least))
-                continue;
-            add_word(list, word, u * VS_WORDS_BLURS + v, likeness);
-            if (list->count == SHORT)
-                least = list->likeness[SHORT - 1];
+            if (a > least || b > least || c > least || d > least)
+                least = add_tag(list, first + i, kind, (const float[TURNS]){a, b, c, d});
         }
     }
 }

@@ -121,6 +121,7 @@ class _View(NamedTuple):
 
     view: Any
     search: Any
+    quick: Any
     outline: Any
     warm: Any
 
@@ -163,6 +164,7 @@ class Kernel:
         camera: Camera,
         height_m: float,
         windows: NDArray[np.int32] | None = None,
+        thorough: bool = True,
     ) -> NDArray[np.void]:
         """Looks for markers in a whole picture, or in windows of it.
 
@@ -170,11 +172,13 @@ class Kernel:
             image: (height, width) uint8 picture of `camera`.
             height_m: Height of the markers above the floor.
             windows: (n, 4) left, top, right, bottom [px]; they may reach over the border.
+            thorough: Look a second time, where the cells are small enough to ask for it.
 
         Returns:
             (n,) MARKER, those that lie wholly in the picture.
         """
         view = self._prepare(image, camera, height_m)
+        search = view.search if thorough else view.quick
         if windows is None:
             windows = np.array([(0, 0, image.shape[1], image.shape[0])], dtype=np.int32)
         self._count[0] = full = 0
@@ -182,7 +186,7 @@ class Kernel:
         for window.left, window.top, window.right, window.bottom in windows.tolist():
             code = kernels.vs_markers_search(
                 self._work,
-                view.search,
+                search,
                 view.outline,
                 view.view,
                 window,
@@ -221,7 +225,10 @@ class Kernel:
         if key not in self._views:
             low, high = least_and_most_scale(camera, height_m)
             outlines = (self._outline(p, low) for p in (self._limits.passes, self._limits.warm))
-            self._views[key] = _View(_view(camera, height_m), self._search(low, high), *outlines)
+            search = self._search(low, high)
+            quick = kernel_ffi.new("struct vs_search *", search[0])
+            quick.second_256 = 0
+            self._views[key] = _View(_view(camera, height_m), search, quick, *outlines)
         view = self._views[key]
         if image.strides[1] != 1 or image.strides[0] < image.shape[1]:
             image = np.ascontiguousarray(image)

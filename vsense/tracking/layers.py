@@ -60,13 +60,18 @@ class LayeredKernel:
         return self._kernel.inside_m * least
 
     def search(
-        self, image: Image, camera: Camera, windows: NDArray[np.int32] | None = None
+        self,
+        image: Image,
+        camera: Camera,
+        windows: NDArray[np.int32] | None = None,
+        thorough: bool = True,
     ) -> NDArray[np.void]:
         """See `Kernel.search`; places and sizes are given on the plane of reference."""
-        return _joined(
-            self._refer(self._kernel.search(image, camera, height_m, windows), camera, height_m)
-            for height_m in self._layers_of(camera)
-        )
+        found = []
+        for height_m in self._layers_of(camera):
+            markers = self._kernel.search(image, camera, height_m, windows, thorough)
+            found.append(self._refer(markers, camera, height_m))
+        return _joined(found)
 
     def follow(self, image: Image, camera: Camera, robots: NDArray[np.void]) -> NDArray[np.void]:
         """Fits (n,) EXPECTED robots, given on the plane of reference; see `Kernel.follow`.

@@ -101,12 +101,18 @@ class Kernels:
         self._pictures = pictures
         self.full = np.zeros(len(pictures), dtype=bool)
 
-    def search(self, windows: NDArray[np.int32] | None = None, of: Places | None = None) -> Rows:
+    def search(
+        self,
+        windows: NDArray[np.int32] | None = None,
+        of: Places | None = None,
+        quick: NDArray[np.bool_] | None = None,
+    ) -> Rows:
         """Looks for markers in all pictures, or in windows of them.
 
         Args:
             windows: (n, 4) see `Kernel.search`.
             of: (n,) in which picture each window is.
+            quick: (n,) which of the pictures need no thorough search; see `Kernel.search`.
 
         Returns:
             (k,) MARKER, sorted by the picture.
@@ -118,7 +124,7 @@ class Kernels:
             if mine is not None and len(mine) == 0:
                 return np.zeros(0, dtype=MARKER)
             before = kernel.overflows
-            found = kernel.search(*picture, mine)
+            found = kernel.search(*picture, mine, quick is None or not quick[piece])
             self.full[piece] |= kernel.overflows != before
             return found
 
