@@ -253,21 +253,33 @@ int vs_markers_search(struct vs_markers *work, const struct vs_search *search,
     return is_room ? full : full | VS_MARKERS_FULL_FOUND;
 }
 
-int vs_markers_follow(const struct vs_outline *outline, const struct vs_view *view,
-                      struct vs_marker *markers, uint32_t *origin, size_t *count)
+/* Fits a marker from where it is expected. */
+static int follow_marker(const struct vs_outline *outline, const struct vs_view *view,
+                         const struct vs_marker *expected, struct vs_marker *marker)
+{
+    *marker = *expected;
+    if (outline->words != NULL)
+        vs_square_upright(outline->words, marker);
+    return vs_outline_fit(outline, view, marker);
+}
+
+int vs_markers_follow(const struct vs_outline *first, const struct vs_outline *outline,
+                      const struct vs_view *view, struct vs_marker *markers, uint32_t *origin,
+                      size_t *count)
 {
     size_t known = *count, i;
     int err = vs_outline_check(outline);
 
+    if (err == VS_OK && first != NULL)
+        err = vs_outline_check(first);
     *count = 0;
     if (err != VS_OK)
         return err;
     for (i = 0; i < known; i++) {
-        struct vs_marker marker = markers[i];
+        struct vs_marker marker;
 
-        if (outline->words != NULL)
-            vs_square_upright(outline->words, &marker);
-        if (!vs_outline_fit(outline, view, &marker))
+        if ((first == NULL || !follow_marker(first, view, &markers[i], &marker)) &&
+            !follow_marker(outline, view, &markers[i], &marker))
             continue;
         read_marker(outline, view, &marker);
         origin[*count] = (uint32_t)i;

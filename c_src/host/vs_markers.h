@@ -136,9 +136,11 @@ int vs_markers_search(struct vs_markers *work, const struct vs_search *search,
 
 /*
  * Fits markers from poses that are known about: those that fit move to the front,
- * *count of them, with their place before in origin. Errors: VS_ERR_ARGUMENT.
+ * *count of them, with their place before in origin. The passes of first are tried before those of
+ * outline, which may ask for less and take longer; NULL: none. Errors: VS_ERR_ARGUMENT.
  */
-int vs_markers_follow(const struct vs_outline *outline, const struct vs_view *view,
-                      struct vs_marker *markers, uint32_t *origin, size_t *count);
+int vs_markers_follow(const struct vs_outline *first, const struct vs_outline *outline,
+                      const struct vs_view *view, struct vs_marker *markers, uint32_t *origin,
+                      size_t *count);
 
 #endif

@@ -181,7 +181,7 @@ static void test_a_known_arrow_is_followed(void)
     found[1].x_m = 0.011;
     found[1].y_m = 0.0045;
     found[0].ahead_x = found[1].ahead_x = found[0].scale = found[1].scale = 1.0;
-    CHECK(vs_markers_follow(&outline, &view, found, origin, &count) == VS_OK);
+    CHECK(vs_markers_follow(NULL, &outline, &view, found, origin, &count) == VS_OK);
     CHECK(count == 1 && origin[0] == 1);
     CHECK(found[0].x_m > 0.0098 && found[0].x_m < 0.0102);
 }

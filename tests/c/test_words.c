@@ -330,7 +330,7 @@ static void test_a_square_is_found_and_followed_with_its_heading(void)
         CHECK(count == 1);
         check_pose(&found[0], k % TAGS, turn[k][0], turn[k][1]);
         found[0].x_m += 0.002;
-        CHECK(vs_markers_follow(&outline, &view, found, origin, &count) == VS_OK);
+        CHECK(vs_markers_follow(&outline, &outline, &view, found, origin, &count) == VS_OK);
         CHECK(count == 1);
         check_pose(&found[0], k % TAGS, turn[k][0], turn[k][1]);
     }

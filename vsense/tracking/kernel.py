@@ -41,8 +41,8 @@ class KernelLimits(NamedTuple):
 
     Attributes:
         passes: Of the fit of a candidate.
-        warm: Of the fit of a robot that is expected: it may be half covered, and may be farther
-            from where the fit begins.
+        warm: Of the fit of a robot that is expected, where it does not fit as a candidate does: it
+            may be half covered.
         fine_px: Where a unit is longer than this, they take more steps.
         fit_contrast: White over black in the fit [grey].
         contrast: What white must have over dark for a closer look [grey].
@@ -215,7 +215,9 @@ class Kernel:
         known["scale"] = 1.0
         self._count[0] = count
         origin = kernel_ffi.cast("uint32_t *", self._origin.ctypes.data)
-        code = kernels.vs_markers_follow(view.warm, view.view, self._found, origin, self._count)
+        code = kernels.vs_markers_follow(
+            view.outline, view.warm, view.view, self._found, origin, self._count
+        )
         check(code, f"camera {camera.id}")
         found = self._count[0]
         return np.array(self._markers[:found]), np.array(self._origin[:found])

@@ -198,6 +198,7 @@ static void check_found(const struct vs_view *view, size_t count)
 
 static void follow(struct input *in, const struct vs_view *view)
 {
+    const struct vs_outline *first;
     size_t count = take_below(in, FOUND);
     size_t i;
 
@@ -209,7 +210,8 @@ static void follow(struct input *in, const struct vs_view *view)
         found[i].ahead_y = number(in, 0.1);
         found[i].scale = number(in, 1.0);
     }
-    if (vs_markers_follow(&outline, view, found, origin, &count) == VS_OK)
+    first = take_u8(in) % 2 != 0 ? &outline : NULL;
+    if (vs_markers_follow(first, &outline, view, found, origin, &count) == VS_OK)
         check_found(view, count);
 }
 
