@@ -82,8 +82,8 @@ static uint32_t find_edges(const uint16_t *words, uint32_t count, uint16_t *edge
 static int add_runs(struct vs_scan *s, const uint16_t *words, uint32_t count)
 {
     struct vs_run *const runs = s->runs;
-    uint16_t edge[VS_SCAN_SIDE + 2];
-    uint32_t edges = find_edges(words, count, edge), run = s->run_count, i;
+    const uint16_t *const edge = s->edge;
+    uint32_t edges = find_edges(words, count, s->edge), run = s->run_count, i;
 
     for (i = 0; i < edges; i += 2) {
         if (run + 1 >= s->run_room)

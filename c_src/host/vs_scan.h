@@ -57,6 +57,7 @@ struct vs_scan {
     uint8_t light[VS_SCAN_BLOCKS];    /* lightest */
     uint8_t level[VS_SCAN_BLOCKS];    /* a pixel below this is dark */
     uint16_t words[VS_SCAN_BLOCK / VS_SCAN_STEP][VS_SCAN_LINE + 4]; /* of a line of blocks, then 0 */
+    uint16_t edge[VS_SCAN_SIDE + 2]; /* columns at which a row changes */
 };
 
 /*

@@ -1,8 +1,10 @@
 /* SPDX-License-Identifier: MIT */
-/* Square markers: their words, their outline in a picture, and cells of any values. */
+/* Square markers: their words, their outline in a picture, and cells of any values; with
+ * VS_TEST_THREADS, two threads that search the same picture, under ThreadSanitizer. */
 #include "vs_words.h"
 
 #include <math.h>
+#include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -337,6 +339,52 @@ static void test_a_square_is_found_and_followed_with_its_heading(void)
     free(work);
 }
 
+#ifdef VS_TEST_THREADS
+/* What the tracker's threads share; each has its own working memory. */
+static struct vs_outline shared_outline;
+static struct vs_search shared_search;
+static struct vs_view shared_view;
+
+static void *search_often(void *unused)
+{
+    static const struct vs_window everything = {0, 0, WIDTH, HEIGHT};
+    struct vs_markers *work = malloc(vs_markers_size(WIDTH, HEIGHT));
+    struct vs_marker found[2];
+    uint32_t origin[2];
+    int k;
+
+    CHECK(work != NULL && unused == NULL);
+    for (k = 0; k < 100; k++) {
+        size_t count = 0;
+
+        CHECK(vs_markers_search(work, &shared_search, &shared_outline, &shared_view, &everything,
+                                found, 2, &count) == VS_OK && count == 1);
+        check_pose(&found[0], 1, 0.6, -0.8);
+        CHECK(vs_markers_follow(&shared_outline, &shared_outline, &shared_view, found, origin,
+                                &count) == VS_OK && count == 1);
+    }
+    free(work);
+    return NULL;
+}
+
+static void test_threads_share_all_but_their_memory(void)
+{
+    static uint8_t pixels[WIDTH * HEIGHT];
+    pthread_t thread[2];
+    int k;
+
+    make_outline(&shared_outline);
+    make_view(&shared_view, pixels);
+    make_search(&shared_search);
+    shared_search.second_256 = 128;
+    draw(pixels, 1, 0.6, -0.8);
+    for (k = 0; k < 2; k++)
+        CHECK(pthread_create(&thread[k], NULL, search_often, NULL) == 0);
+    for (k = 0; k < 2; k++)
+        CHECK(pthread_join(thread[k], NULL) == 0);
+}
+#endif
+
 int main(void)
 {
     make_words();
@@ -345,5 +393,8 @@ int main(void)
     test_wrong_cells_are_not_believed();
     test_any_cells_do_no_harm();
     test_a_square_is_found_and_followed_with_its_heading();
+#ifdef VS_TEST_THREADS
+    test_threads_share_all_but_their_memory();
+#endif
     return 0;
 }

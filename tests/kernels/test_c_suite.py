@@ -24,7 +24,7 @@ PICTURES = [
     HOST / f"vs_{part}.c"
     for part in (
         *("math", "lens", "levels", "scan", "shape", "outline", "edges"),
-        *("words", "square", "codes", "markers"),
+        *("sums", "words", "square", "codes", "markers"),
     )
 ]
 RAYS = [HOST / f"vs_{part}.c" for part in ("math", "sight", "rays", "obstacles")]
@@ -48,14 +48,33 @@ def test_c_suite_under_sanitizers(name: str, tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
-def build_race(target: Path, source: Path) -> Path:
+def build_race(target: Path, source: Path, *more: str | Path, test: str = "test_latest") -> Path:
     flags = ["-std=c11", *STRICT, "-g", "-O1", "-fsanitize=thread", "-pthread", "-I", HOST]
-    return build(target, *flags, TESTS / "test_latest.c", source)
+    return build(target, *flags, TESTS / f"{test}.c", source, *more)
 
 
 def test_defect_05_no_torn_data_between_two_threads(tmp_path: Path) -> None:
     done = run(build_race(tmp_path / "test_latest", HOST / "vs_latest.c"))
     assert done.returncode == 0, done.stderr
+
+
+THREADS = ("-DVS_TEST_THREADS", "-lm")
+
+
+def test_threads_that_search_the_same_picture_do_not_race(tmp_path: Path) -> None:
+    done = run(build_race(tmp_path / "test_threads", *PICTURES, *THREADS, test="test_words"))
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_kernel_with_a_state_of_its_own_would_be_found_out(tmp_path: Path) -> None:
+    broken = tmp_path / "vs_sums.c"
+    text = (HOST / "vs_sums.c").read_text()
+    mine = "float weight[VS_WORDS_CELLS * VS_WORDS_CELLS];"
+    assert mine in text
+    broken.write_text(text.replace(mine, f"static {mine}"))
+    others = [source for source in PICTURES if source.name != broken.name]
+    done = run(build_race(tmp_path / "test_broken", broken, *others, *THREADS, test="test_words"))
+    assert "data race" in done.stderr
 
 
 def test_a_buffer_without_ordering_would_be_found_out(tmp_path: Path) -> None:
