@@ -236,27 +236,23 @@ class ArenaTracker:
         sightings = merge_views(views, placed.picture)
         self.counters.out_of_reach += self._tracks.update(sightings)
         self._tracks.forget(now_ns)
+        again = sightings["tag"][1:][sightings["tag"][1:] == sightings["tag"][:-1]]
         self.state = ArenaState(
             timestep=fresh[0].timestep,
             capture_ns=now_ns,
             robots=self._tracks.poses(now_ns),
-            detected=len(np.unique(sightings["tag"])),
+            detected=len(sightings) - len(again),
             unnamed=count_unnamed(found),
-            duplicates=self._duplicates(sightings),
+            duplicates=tuple(sorted(set(again.tolist()))),
             sightings=_sighting_rows(sightings),
             joined=tuple(sorted(self._joined)),
             cameras=tuple(frame.camera for frame in fresh),
             images=image_poses(self._array, placed),
         )
+        self.counters.duplicates += len(self.state.duplicates)
         self._prediction.learn(self.state)
         self._admit(now_ns, sightings)
         return self.state
-
-    def _duplicates(self, sightings: NDArray[np.void]) -> tuple[int, ...]:
-        tags, counts = np.unique(sightings["tag"], return_counts=True)
-        twice = tuple(tags[counts > 1].tolist())
-        self.counters.duplicates += len(twice)
-        return twice
 
     def _admit(self, now_ns: int, sightings: NDArray[np.void]) -> None:
         """Lets robots join the roster, from the next timestep on."""

@@ -25,7 +25,7 @@ from vsense.tracking.naming import (
     note_nameless,
 )
 from vsense.tracking.prediction import MarkerSearch, Prediction
-from vsense.tracking.rows import Rows, are_near
+from vsense.tracking.rows import Rows, are_near, is_in
 from vsense.tracking.workers import Picture, Workers
 
 
@@ -108,7 +108,7 @@ class SquareDetector(MarkerDetector):
     def _name(self, known: Prediction, markers: Rows, expected: Rows) -> Tags:
         """A word that is read is believed: those of a family differ in many cells."""
         tags = carry_names(markers.values["tag"].astype(np.int32), markers, expected)
-        nameless = ~np.isin(tags, self._roster)
+        nameless = ~is_in(tags, self._on_roster)
         cameras = [camera.id for camera in self._cameras.cameras]
         note_nameless(nameless, markers, np.zeros((len(tags), 0)), cameras, known)
         if self._open_roster:

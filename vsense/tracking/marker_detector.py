@@ -21,7 +21,7 @@ from vsense.tracking.joining import UnlistedTags
 from vsense.tracking.kernel import MARKER, Image
 from vsense.tracking.outlines import nearest_blur
 from vsense.tracking.prediction import EXPECTED, MarkerSearch, Prediction, at_height
-from vsense.tracking.rows import Rows, are_near, gather, join
+from vsense.tracking.rows import Rows, are_near, gather, is_in, join
 from vsense.tracking.workers import Kernels, Picture, Workers
 
 Floats = NDArray[np.float64]
@@ -77,10 +77,10 @@ class MarkerDetector:
             self._look_through(tuple(picture.camera for picture in pictures))
             self._admit(known)
             expected = known.in_view(self._cameras, self._height_m)
-            expected = expected.where(np.isin(expected.values["tag"], self._roster))
+            expected = expected.where(is_in(expected.values["tag"], self._on_roster))
             markers = self._search(known, expected)
             tags = self._name(known, markers, expected)
-        tags = np.where(np.isin(tags, self._roster), tags, np.int32(UNNAMED))
+        tags = np.where(is_in(tags, self._on_roster), tags, np.int32(UNNAMED))
         rows = self._report(markers, tags)
         full = self._kernels.full.tolist()
         return [Detected(rows[markers.picture == n], full[n]) for n in range(len(pictures))]
@@ -88,6 +88,7 @@ class MarkerDetector:
     def _grow(self, tags: Iterable[int]) -> None:
         """Adds tags to the roster."""
         self._roster += tags
+        self._on_roster = np.array(self._roster, dtype=np.int32)
 
     def _believed(self, markers: Rows, expected: Rows) -> Rows:
         """Keeps of (n,) MARKER that a search has found what is one."""

@@ -16,7 +16,7 @@ from vsense.arena import UNNAMED
 from vsense.cameras.camera_array import Places
 from vsense.tracking.decoder import Decoder, Tags
 from vsense.tracking.prediction import Anonymous, Prediction
-from vsense.tracking.rows import Rows, gather, single_pairs
+from vsense.tracking.rows import Rows, gather, is_in, single_pairs
 
 Floats = NDArray[np.float64]
 
@@ -47,7 +47,7 @@ def carry_names(tags: Tags, markers: Rows, expected: Rows) -> Tags:
     seen = markers.values[marker]
     alike = (seen["guess"] == expects) & (seen["error"] < _ALIKE) & (read == UNNAMED)
     marker, expects = marker[alike], expects[alike]
-    free = ~np.isin(_keys(markers.picture[marker], expects), _keys(markers.picture, tags))
+    free = ~is_in(_keys(markers.picture[marker], expects), _keys(markers.picture, tags))
     named[marker[free]] = expects[free]
     return named
 

@@ -18,7 +18,7 @@ from vsense.arena import ArenaState, wrap_angle
 from vsense.cameras.camera_array import CameraArray, Places
 from vsense.markers.families import MarkerFamily, SquareFamily
 from vsense.tracking.joining import UnlistedTags
-from vsense.tracking.rows import Rows
+from vsense.tracking.rows import Rows, is_in
 
 Floats = NDArray[np.float64]
 
@@ -136,9 +136,9 @@ class Prediction:
         for name in ("tag", "x_m", "y_m", "yaw_rad"):
             now[name] = seen[name]
         now["capture_ns"], now["sightings"] = state.capture_ns, 1
-        _, new, old = np.intersect1d(
-            now["tag"], self._known["tag"], assume_unique=True, return_indices=True
-        )
+        again = is_in(now["tag"], self._known["tag"])
+        new = np.flatnonzero(again)
+        old = np.searchsorted(self._known["tag"], now["tag"][again])
         elapsed = 1e-9 * (state.capture_ns - self._known["capture_ns"][old])
         lately = (elapsed > 0.0) & (elapsed < _LOST_S)
         new, last, elapsed = new[lately], self._known[old[lately]], elapsed[lately]
@@ -146,7 +146,7 @@ class Prediction:
         way[2] = wrap_angle(way[2])
         now["velocity"][new] = np.stack(way, axis=-1) / elapsed[:, np.newaxis]
         now["sightings"][new] = last["sightings"] + 1
-        others = self._known[~np.isin(self._known["tag"], now["tag"])]
+        others = self._known[~is_in(self._known["tag"], now["tag"])]
         known = np.concatenate((others, now))
         self._known = known[np.argsort(known["tag"])]
 

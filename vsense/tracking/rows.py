@@ -62,6 +62,18 @@ def join(some: Rows, more: Rows) -> Rows:
     return Rows(stack_rows((some.values, more.values)), picture)
 
 
+def is_in(values: NDArray[Any], others: NDArray[Any]) -> NDArray[np.bool_]:
+    """Tells which of (n,) whole numbers are among (m,) others.
+
+    For the few of a timestep, `np.isin` takes five times as long.
+    """
+    if len(others) == 0:
+        return np.zeros(len(values), dtype=bool)
+    ordered = np.sort(others)
+    place = np.minimum(np.searchsorted(ordered, values), len(ordered) - 1)
+    return np.asarray(ordered[place] == values)
+
+
 def are_near(some: Rows, others: Rows) -> NDArray[np.bool_]:
     """Tells which rows have at least one of others at their place."""
     near = np.zeros(len(some.picture), dtype=bool)

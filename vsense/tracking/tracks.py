@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import POSE, wrap_angle
+from vsense.tracking.rows import is_in
 from vsense.tracking.views import HEIGHT_DOUBT_M, VIEW, covariances
 
 Floats = NDArray[np.float64]
@@ -98,7 +99,8 @@ class RobotTracks:
             if len(reachable) == 1:
                 self._believe(np.array([row]), reachable, 0.5)
             strange += len(places) - len(reachable)
-        self._begin(sightings[~np.isin(tags, known)])
+        if len(new := sightings[~is_in(tags, known)]):
+            self._begin(new)
         return strange
 
     def forget(self, now_ns: int) -> None:
@@ -149,10 +151,9 @@ class RobotTracks:
     def _begin(self, sightings: NDArray[np.void]) -> None:
         """Begins a track of each tag that is at one place only."""
         tags, counts = np.unique(sightings["tag"], return_counts=True)
-        if len(tags):
-            new = sightings[np.isin(sightings["tag"], tags[counts == 1])]
-            rows = np.concatenate((self.rows, _new_tracks(new)))
-            self.rows = rows[np.argsort(rows["last"]["tag"])]
+        new = sightings[is_in(sightings["tag"], tags[counts == 1])]
+        rows = np.concatenate((self.rows, _new_tracks(new)))
+        self.rows = rows[np.argsort(rows["last"]["tag"])]
 
     def _believe(self, rows: NDArray[np.intp], now: NDArray[np.void], trust: float) -> None:
         """Takes a sighting of each of some tracks; both in the same order."""
