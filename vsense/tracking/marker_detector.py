@@ -117,8 +117,9 @@ class MarkerDetector:
             markers = self._believed(markers, expected)
         if known.is_key_frame or known.plan.warm:
             missing = self._whole(expected.where(~are_near(expected, markers)))
-            markers = join(markers, self._kernels.follow(missing))
-            lost = missing.picture[~are_near(missing, markers)]
+            followed = self._kernels.follow(missing)
+            lost = missing.picture[~are_near(missing, followed)]
+            markers = join(markers, followed)
             self._unsettled = {self._cameras.cameras[n].id for n in np.unique(lost).tolist()}
         if not known.is_key_frame:
             missing = expected.where(~are_near(expected, markers))
