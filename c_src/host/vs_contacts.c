@@ -9,46 +9,6 @@
 #define MAX_ITERATIONS 100
 #define NONE UINT32_MAX
 
-/* Outside: along the way from the nearest point of the outline. */
-static double outside_gap(double out[2])
-{
-    double gap = vs_root(out[0] * out[0] + out[1] * out[1]);
-
-    out[0] /= gap;
-    out[1] /= gap;
-    return gap;
-}
-
-double vs_box_gap(const double *box_row, double x_m, double y_m, double normal[2])
-{
-    double east = x_m - box_row[0];
-    double north = y_m - box_row[1];
-    double cosine = box_row[2];
-    double sine = box_row[3];
-    double along = east * cosine + north * sine;
-    double aside = north * cosine - east * sine;
-    double beyond_x = (along < 0.0 ? -along : along) - box_row[4];
-    double beyond_y = (aside < 0.0 ? -aside : aside) - box_row[5];
-    double way[2];
-    double gap;
-
-    way[0] = beyond_x > 0.0 ? beyond_x : 0.0;
-    way[1] = beyond_y > 0.0 ? beyond_y : 0.0;
-    if (way[0] + way[1] > 1e-150) {
-        gap = outside_gap(way);
-    } else {
-        /* Inside the shortest way out leads through the nearest side. */
-        way[0] = beyond_x > beyond_y ? 1.0 : 0.0;
-        way[1] = 1.0 - way[0];
-        gap = beyond_x > beyond_y ? beyond_x : beyond_y;
-    }
-    way[0] = along < 0.0 ? -way[0] : way[0];
-    way[1] = aside < 0.0 ? -way[1] : way[1];
-    normal[0] = way[0] * cosine - way[1] * sine;
-    normal[1] = way[0] * sine + way[1] * cosine;
-    return gap;
-}
-
 /* Whether a pair is so far apart that it cannot take part, without a root: most are. */
 static int is_far(const struct vs_near *near, const struct vs_pair *pair,
                   const double *positions_m, uint32_t stride)

@@ -1,24 +1,11 @@
 /* SPDX-License-Identifier: MIT */
 /*
- * vs_contacts.h - who stands near whom on the floor of vs_physics.h, and how bodies that
- * overlap are moved apart.
+ * vs_contacts.h - how bodies that overlap on the floor of vs_physics.h are moved apart.
  */
 #ifndef VS_CONTACTS_H
 #define VS_CONTACTS_H
 
-#include "vs_physics.h"
-
-/*
- * Makes the pairs hold for the bodies' places: body b is at positions_m[b * stride] and the
- * number behind it.
- */
-void vs_near_update(struct vs_near *near, const double *positions_m, uint32_t stride);
-
-/*
- * Distance of a point to a box's outline [m], negative inside; normal: the unit vector of
- * the way out.
- */
-double vs_box_gap(const double *box_row, double x_m, double y_m, double normal[2]);
+#include "vs_near.h"
 
 /*
  * Moves overlapping bodies apart, in place; positions_m and stride as in vs_near_update.

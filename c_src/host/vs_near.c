@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-#include "vs_contacts.h"
+#include "vs_near.h"
 
 #include "vs_math.h"
 
@@ -9,6 +9,46 @@
 #define NONE UINT32_MAX
 #define FEW 48           /* bodies: so many are compared with each other faster than sorted */
 #define FARTHEST 1.0e9   /* cells from the origin */
+
+/* Outside: along the way from the nearest point of the outline. */
+static double outside_gap(double out[2])
+{
+    double gap = vs_root(out[0] * out[0] + out[1] * out[1]);
+
+    out[0] /= gap;
+    out[1] /= gap;
+    return gap;
+}
+
+double vs_box_gap(const double *box_row, double x_m, double y_m, double normal[2])
+{
+    double east = x_m - box_row[0];
+    double north = y_m - box_row[1];
+    double cosine = box_row[2];
+    double sine = box_row[3];
+    double along = east * cosine + north * sine;
+    double aside = north * cosine - east * sine;
+    double beyond_x = (along < 0.0 ? -along : along) - box_row[4];
+    double beyond_y = (aside < 0.0 ? -aside : aside) - box_row[5];
+    double way[2];
+    double gap;
+
+    way[0] = beyond_x > 0.0 ? beyond_x : 0.0;
+    way[1] = beyond_y > 0.0 ? beyond_y : 0.0;
+    if (way[0] + way[1] > 1e-150) {
+        gap = outside_gap(way);
+    } else {
+        /* Inside the shortest way out leads through the nearest side. */
+        way[0] = beyond_x > beyond_y ? 1.0 : 0.0;
+        way[1] = 1.0 - way[0];
+        gap = beyond_x > beyond_y ? beyond_x : beyond_y;
+    }
+    way[0] = along < 0.0 ? -way[0] : way[0];
+    way[1] = aside < 0.0 ? -way[1] : way[1];
+    normal[0] = way[0] * cosine - way[1] * sine;
+    normal[1] = way[0] * sine + way[1] * cosine;
+    return gap;
+}
 
 /* 1 if somebody has moved so far that a pair may be missing. */
 static int is_due(const struct vs_near *near, const double *positions_m, uint32_t stride)
