@@ -22,7 +22,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         from vsense.link import descriptors
 
         descriptors.raise_limit()
-        words = sys.argv[1:] if arguments is None else arguments
+        words = list(sys.argv[1:] if arguments is None else arguments)
+        if words[:1] == ["help"]:
+            words = [*words[1:2], "--help"]
+        if not words:
+            commands.parser(words).print_help(sys.stderr)
+            return 2
         options = commands.parser(words).parse_args(words)
         return int(options.run(options))
     except VsenseError as error:

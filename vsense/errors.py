@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import importlib.util
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 EXTRAS = {
@@ -51,6 +52,20 @@ class ConfigError(VsenseError):
         self.file = file
         self.line = line
         self.message = message
+
+
+_LISTED = 20
+_ALIKE = 0.6
+
+
+def instead(name: str, known: Iterable[str], say: str = "there are") -> str:
+    """Says what may be meant by a name that is not known: the nearest few, or some of all."""
+    names = sorted(set(known))
+    near = difflib.get_close_matches(name, names, 3, _ALIKE)
+    if near:
+        return f"is {' or '.join(map(repr, near))} meant?"
+    more = f" and {len(names) - _LISTED} others" if len(names) > _LISTED else ""
+    return f"{say}: {', '.join(names[:_LISTED]) or 'none'}{more}"
 
 
 @contextmanager

@@ -63,7 +63,7 @@ def test_a_gain_in_db_may_be_negative() -> None:
         ('"GammaEnable"', '"PixelFormat"', 5, "'PixelFormat' is what the grabber's attribute"),
         ('"GammaEnable"', '"TriggerMode"', 5, "attribute 'trigger' sets"),
         ("<feature name", "<feature color='' name", 5, "color"),
-        ("<feature ", "<futures ", 5, "in <grabber>; known there are: feature"),
+        ("<feature ", "<futures ", 5, "in <grabber>; is 'feature' meant"),
         ('trigger="software"', 'trigger=""', 2, "trigger"),
     ],
 )

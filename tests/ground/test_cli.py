@@ -26,7 +26,7 @@ def test_ctrl_c_while_the_commands_load_is_no_traceback(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(commands, "parser", interrupted)
-    assert cli.main([]) == 130
+    assert cli.main(["sim"]) == 130
     assert capsys.readouterr().err == "vsense: interrupted\n"
 
 
@@ -37,9 +37,10 @@ def test_error_is_one_line_and_its_exit_code(
         raise UsageError("no such thing")
 
     parser = argparse.ArgumentParser()
+    parser.add_argument("command")
     parser.set_defaults(run=run)
     monkeypatch.setattr(commands, "parser", lambda words: parser)
-    assert cli.main([]) == 2
+    assert cli.main(["sim"]) == 2
     assert capsys.readouterr().err == "vsense: no such thing\n"
 
 
@@ -49,6 +50,44 @@ def test_every_command_explains_itself(capsys: pytest.CaptureFixture[str]) -> No
     assert ended.value.code == 0
     shown = capsys.readouterr().out
     assert all(f"\n    {name} " in shown for name in commands.COMMANDS)
+
+
+def test_no_command_is_a_page_of_help_and_wrong(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main([]) == 2
+    shown = capsys.readouterr()
+    assert shown.out == "" and "\n    lab " in shown.err
+
+
+@pytest.mark.parametrize(("words", "page"), [(["help"], "vsense"), (["help", "sim"], "vsense sim")])
+def test_help_may_be_a_word(
+    words: list[str], page: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main(words)
+    assert ended.value.code == 0
+    assert capsys.readouterr().out.startswith(f"usage: {page} ")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "hint"),
+    [
+        ("simm", "is 'sim' meant?"),
+        ("calibration", "is 'calibrate' meant?"),
+        ("xyz", "there are: bench, calibrate, "),
+    ],
+)
+def test_an_unknown_command_tells_what_may_be_meant(
+    wrong: str, hint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main([wrong, "--option"]) == 2
+    assert f"vsense: there is no command '{wrong}'; {hint}" in capsys.readouterr().err
+
+
+def test_names_that_may_be_meant() -> None:
+    assert errors.instead("bog", ["bug", "dog", "far"]) == "is 'dog' or 'bug' meant?"
+    assert errors.instead("q", ["b", "a"], "known are") == "known are: a, b"
+    assert errors.instead("q", []) == "there are: none"
+    assert errors.instead("?", map(str, range(22))).endswith(", 7 and 2 others")
 
 
 @pytest.mark.parametrize("name", sorted(commands.COMMANDS))

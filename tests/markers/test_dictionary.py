@@ -92,7 +92,7 @@ def test_a_tag_that_the_family_does_not_have_is_refused(tag: int) -> None:
 @pytest.mark.parametrize(
     ("change", "complaint"),
     [
-        ({"dictionary": "DICT_9X9_50"}, "known are DICT_4X4_100"),
+        ({"dictionary": "DICT_9X9_50"}, "'DICT_9X9_50' is not known; is "),
         ({"dictionary": "detectMarkers"}, "not known"),
         ({"dictionary": "nowhere.yml"}, r"nowhere\.yml: there is no such"),
         ({"size_mm": 0.0}, "positive"),

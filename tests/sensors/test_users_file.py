@@ -131,7 +131,7 @@ def test_what_it_gives_is_checked(scope: Scope) -> None:
         ("def from_xml(e, s):\n    return 3\n", "", r"mine.py gave has no name, layout, read"),
         (GOOD, 'offset="11"', r"<vs:sensor> offset: 11 is out of range"),
         (GOOD.replace('"f4"', '"f8"'), 'offset="1"', r"<vs:sensor>: layout 'f8': expected"),
-        (GOOD, 'offset="1" ofset="1"', r"ofset: is not an attribute of it; known are: "),
+        (GOOD, 'offset="1" ofset="1"', r"ofset: is not an attribute of it; is 'offset' meant"),
     ],
 )
 def test_what_is_no_sensor_is_refused_at_its_element(

@@ -18,7 +18,7 @@ from vsense.camera_setup.showing import save_picture
 from vsense.cameras.grabber import GrabberError
 from vsense.cameras.picture import Image, PictureError, read_picture
 from vsense.cameras.recordings import SUFFIXES, pictures_in
-from vsense.errors import UsageError, failing_as
+from vsense.errors import UsageError, failing_as, instead
 from vsense.markers.dictionary import Codes, FamilyError, load_codes
 from vsense.markers.families import SquareFamily, known_families, load_family
 from vsense.pictures.canvas import FONT, INK, Colour
@@ -121,10 +121,10 @@ def _dictionary(name: str) -> str:
         return f"DICT_{dictionary_name(name)}"
     except UsageError:
         square = [n for n in known_families() if isinstance(load_family(n), SquareFamily)]
-        known = sorted(word for word in dir(cv2.aruco) if word.startswith("DICT_"))
+        known = [*square, *(word for word in dir(cv2.aruco) if word.startswith("DICT_"))]
         raise UsageError(
-            f"--family: {name!r} is not known; known are {', '.join(square)}, the path of a"
-            f" definition (.json) or of a dictionary (.yml), and OpenCV's {', '.join(known)}"
+            f"--family: {name!r} is neither the path of a definition (.json) or of a dictionary"
+            f" (.yml) nor a known family; {instead(name, known)}"
         ) from None
 
 

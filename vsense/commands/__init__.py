@@ -12,6 +12,7 @@ import importlib
 from collections.abc import Sequence
 
 from vsense import __version__
+from vsense.errors import UsageError, instead
 
 COMMANDS = {
     "sim": ("sim", "simulate an experiment with its real controller, faster than real time"),
@@ -62,6 +63,8 @@ def parser(words: Sequence[str]) -> argparse.ArgumentParser:
     whole.add_argument("--version", action="version", version=f"vsense {__version__}")
     commands = whole.add_subparsers(title="commands", metavar="COMMAND", required=True)
     called = next((word for word in words if not word.startswith("-")), "")
+    if called and called not in COMMANDS:
+        raise UsageError(f"there is no command {called!r}; {instead(called, COMMANDS)}")
     for name, (module_name, text) in COMMANDS.items():
         command = commands.add_parser(name, help=text, formatter_class=HelpFormatter)
         if name == called:

@@ -8,6 +8,7 @@ from vsense.config.framework import collect
 from vsense.config.robots import ArenaContents
 from vsense.config.specs import ControllerSpec
 from vsense.config.things import by_id
+from vsense.errors import instead
 from vsense.native import lib
 from vsense.robot.programs import Program
 from vsense.xml.element import Element
@@ -20,8 +21,9 @@ def used_controllers(section: Element, bodies: ArenaContents) -> list[Element]:
     for element in bodies.controllers.values():
         name = element.text("config")
         if name not in known:
-            there = ", ".join(known) or "none"
-            raise element.error(f"there is no controller {name!r}; there are: {there}", "config")
+            raise element.error(
+                f"there is no controller {name!r}; {instead(name, known)}", "config"
+            )
         used.add(name)
     for name, element in known.items():
         if name not in used:

@@ -24,7 +24,7 @@ from vsense.config.robots import ArenaContents, give_tags
 from vsense.config.settings import apply, check_used
 from vsense.config.specs import ControllerSpec, Experiment, MarkerSpec, ObjectSpec, RobotSpec, Stage
 from vsense.config.things import Media, read_media
-from vsense.errors import ConfigError, UsageError
+from vsense.errors import ConfigError, UsageError, instead
 from vsense.files import read_bytes
 from vsense.markers.families import known_families, load_family
 from vsense.robot.programs import CodeOptions
@@ -239,9 +239,9 @@ def _find(name: str) -> tuple[Path, str]:
     path = Path(name)
     if path.suffix == SUFFIX or os.path.isfile(name):
         return path, name
-    known = ", ".join(shipped())
+    hint = instead(name, shipped())
     raise UsageError(
-        f"no experiment {name!r}: expected a path ending in {SUFFIX} or one of: {known}"
+        f"no experiment {name!r}: expected a path ending in {SUFFIX}, or a shipped one; {hint}"
     )
 
 

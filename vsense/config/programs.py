@@ -13,7 +13,7 @@ from pathlib import Path
 from vsense.actuators.base import MountedActuator
 from vsense.actuators.messages import MessagesActuator
 from vsense.config import argos
-from vsense.errors import UsageError
+from vsense.errors import UsageError, instead
 from vsense.robot import finding
 from vsense.robot.argos_code import PAGE
 from vsense.robot.build import BuildError, cache_directory, source_tree
@@ -31,7 +31,7 @@ from vsense.robot.programs import (
 )
 from vsense.sensors.base import MountedSensor
 from vsense.sensors.range_and_bearing import RangeAndBearingSensor
-from vsense.xml.element import Element, listed, shown
+from vsense.xml.element import Element, shown
 
 _SOURCES, _INCLUDE = "vs:sources", "vs:include"
 
@@ -64,9 +64,8 @@ def _check_label(element: Element, program: Program) -> None:
     plain = len(known) == sum(registrations(path, CONTROLLER) for path in program.sources)
     if known and plain and element.name not in known:
         where = ", ".join(path.name for path in program.sources if registers(path, CONTROLLER))
-        raise element.error(
-            f"no REGISTER_CONTROLLER in {where} names {element.name!r}; there are: {listed(known)}"
-        )
+        hint = instead(element.name, known)
+        raise element.error(f"no REGISTER_CONTROLLER in {where} names {element.name!r}; {hint}")
 
 
 def _read(element: Element, folder: Path, code: CodeOptions) -> tuple[str, Program]:
@@ -103,8 +102,8 @@ def check_sources(root: Element, code: CodeOptions) -> None:
         known |= {stem_of(element.peek("library") or ""), element.peek("label")}
     for name in code.sources:
         if name not in known:
-            there = listed(name for name in known if name)
-            raise UsageError(f"--sources {name}=...: nothing is called so; there are: {there}")
+            hint = instead(name, (one for one in known if one))
+            raise UsageError(f"--sources {name}=...: nothing is called so; {hint}")
 
 
 def find_loop_functions(

@@ -11,8 +11,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 
-from vsense.errors import UsageError
-from vsense.xml.element import Element, listed
+from vsense.errors import UsageError, instead
+from vsense.xml.element import Element
 
 DEVICES = {"sensor": "sensors", "actuator": "actuators"}
 """What stands for all virtual devices of a kind, and the element that holds them."""
@@ -49,10 +49,8 @@ def _apply(
         raise UsageError(f"setting {key!r}: expected ELEMENT.attribute, such as 'sensor.noise'")
     found = _matching(root, first, virtual)
     if not found:
-        there = listed(_names(root, virtual))
-        raise UsageError(
-            f"setting {key!r}: there is no {first!r} in {root.document.file}; there are: {there}"
-        )
+        hint = instead(first, _names(root, virtual))
+        raise UsageError(f"setting {key!r}: there is no {first!r} in {root.document.file}; {hint}")
     targets = [inner for element in found for inner in _inside(element, path)]
     if not targets:
         raise UsageError(f"setting {key!r}: {first!r} has no <{'> in <'.join(reversed(path))}>")

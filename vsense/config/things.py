@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from vsense.arena import wrap_angle
 from vsense.config import argos
+from vsense.errors import instead
 from vsense.world.entities import Arena, Box, Color, Cylinder, Entity, Led, Light, Vector, Zone
 from vsense.xml.element import Element, listed, shown
 
@@ -98,9 +99,7 @@ def check_medium(element: Element, media: Media, hears: bool = False) -> None:
         return
     name = element.text("medium")
     if name not in media:
-        raise element.error(
-            f"there is no {name!r} in <media>; there are: {listed(media)}", "medium"
-        )
+        raise element.error(f"there is no {name!r} in <media>; {instead(name, media)}", "medium")
     says = media[name].peek(OCCLUSIONS)
     if hears and says is not None and element.peek(OCCLUSIONS) is None:
         element.set(OCCLUSIONS, says)

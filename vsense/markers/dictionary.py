@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.errors import VsenseError
+from vsense.errors import VsenseError, instead
 
 Floats = NDArray[np.float64]
 
@@ -142,8 +142,9 @@ def load_codes(name: str, folder: Path = Path()) -> Codes:
         return _codes(name, _read_dictionary(folder / name))
     number = getattr(cv2.aruco, name, None) if name.startswith("DICT_") else None
     if not isinstance(number, int):
-        known = sorted(word for word in dir(cv2.aruco) if word.startswith("DICT_"))
-        raise FamilyError(f"dictionary {name!r} is not known; known are {', '.join(known)}")
+        known = (word for word in dir(cv2.aruco) if word.startswith("DICT_"))
+        hint = instead(name, known, "known are")
+        raise FamilyError(f"dictionary {name!r} is not known; {hint}")
     return _codes(name, cv2.aruco.getPredefinedDictionary(number))
 
 

@@ -16,6 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.errors import instead
 from vsense.files import parse_json, read_text
 from vsense.markers.dictionary import FamilyError, Floats, SquareFamily, parse_square
 
@@ -133,8 +134,8 @@ def load_family(name: str) -> MarkerFamily | SquareFamily:
             raise FamilyError(f"{name}: is no text") from None
         return _parse(name, text)
     if name not in known_families():
-        known = ", ".join(known_families())
-        raise FamilyError(f"marker family {name!r} is not known; known are {known}")
+        hint = instead(name, known_families(), "known are")
+        raise FamilyError(f"marker family {name!r} is not known; {hint}")
     file = resources.files(__package__) / "families" / f"{name}.json"
     return _parse(file.name, file.read_text(encoding="utf-8"))
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from vsense.errors import UsageError
+from vsense.errors import UsageError, instead
 from vsense.robot.argos_code import CONTROLLER_PARTS, FLAGS, LOOP_PARTS, STANDARD
 from vsense.robot.compiling import (
     CFLAGS,
@@ -151,9 +151,9 @@ class SourceTree:
         path = (beside or Path()) / name
         if path.suffix in SUFFIXES and path.is_file():
             return path.resolve()
-        known = ", ".join(shipped)
         raise UsageError(
-            f"no controller {name!r}: expected the path of a .c or .cpp file or one of: {known}"
+            f"no controller {name!r}: expected the path of a .c or .cpp file, or a shipped one;"
+            f" {instead(name, shipped)}"
         )
 
 

@@ -27,13 +27,13 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.errors import VsenseError
+from vsense.errors import VsenseError, instead
 from vsense.sensors.quality import Quality, Scale
 from vsense.sensors.updating import ALWAYS, Updating
 from vsense.world.entities import Entity
 from vsense.world.pollution import PollutantSource
 from vsense.world.world import World
-from vsense.xml.element import Element, listed, shown
+from vsense.xml.element import Element, shown
 
 Robots = NDArray[np.void]
 """POSE array (n,) of robots."""
@@ -139,8 +139,8 @@ class Scope:
         """Reads an attribute that names a tagged thing; ConfigError where there is none."""
         entity = element.text(attribute, default)
         if entity not in self.tags:
-            known = f"tagged are: {listed(self.tags)}"
-            raise element.error(f"there is no {entity!r} in the arena; {known}", attribute)
+            hint = instead(entity, self.tags, "tagged are")
+            raise element.error(f"there is no {entity!r} in the arena; {hint}", attribute)
         self.named.add(self.tags[entity])
         return self.tags[entity]
 
@@ -148,8 +148,8 @@ class Scope:
         """Reads the attribute `field`, an id; ConfigError where the floor has no such field."""
         field = element.text("field", None, "the id of a <vs:field>")
         if field not in self.fields:
-            known = f"there are: {listed(self.fields)}"
-            raise element.error(f"there is no field {shown(field)} in the arena; {known}", "field")
+            hint = instead(field, self.fields)
+            raise element.error(f"there is no field {shown(field)} in the arena; {hint}", "field")
         return field
 
 

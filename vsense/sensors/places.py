@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from vsense.errors import instead
 from vsense.sensors.base import Scope
 from vsense.world.entities import Box, Cylinder, Light
 from vsense.world.pollution import DEFAULT_MEMORY_NS
@@ -78,8 +79,8 @@ def from_xml(element: Element, scope: Scope, attribute: str) -> Place:
         return TaggedPlace(scope.tag(element, attribute, name), memory_ns)
     if name in scope.entities:
         return EntityPlace(name)
-    known = ", ".join(sorted([*scope.tags, *scope.entities])) or "nothing"
-    raise element.error(f"there is no {name[:60]!r} in the arena; there are: {known}", attribute)
+    hint = instead(name, [*scope.tags, *scope.entities])
+    raise element.error(f"there is no {name[:60]!r} in the arena; {hint}", attribute)
 
 
 def rectangle_from_xml(element: Element, prefix: str) -> FixedPlace:

@@ -7,6 +7,7 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import TypeVar
 
+from vsense.errors import instead
 from vsense.world.entities import (
     Box,
     Color,
@@ -22,7 +23,6 @@ from vsense.world.entities import (
 Kind = TypeVar("Kind", Box, Cylinder, Light, Zone, VirtualRobot)
 
 KINDS = (Box, Cylinder, Light, Zone, VirtualRobot)
-_SHOWN = 8
 
 
 class Inventory:
@@ -104,9 +104,7 @@ class Inventory:
     def get(self, name: str) -> Entity:
         """The entity of an id; WorldError where there is none."""
         if name not in self._entities:
-            known = sorted(self._entities)
-            listed = ", ".join(known[:_SHOWN]) + (", ..." if len(known) > _SHOWN else "")
-            raise WorldError(f"there is no {name!r} in the world; there are: {listed or 'none'}")
+            raise WorldError(f"there is no {name!r} in the world; {instead(name, self._entities)}")
         return self._entities[name]
 
     def _add(self, entity: Entity) -> None:

@@ -13,7 +13,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
-from vsense.errors import ConfigError
+from vsense.errors import ConfigError, instead
 
 MAX_SHOWN = 60
 """Characters of a value that an error repeats."""
@@ -296,7 +296,9 @@ class Element:
         unset = self._settings.keys() - {key.removeprefix(_OURS) for key in asked}
         if unset or not self.document.lenient:
             for key in (*unset, *(k for k in self._attributes if k not in asked)):
-                raise self.error(f"is not an attribute of it; known are: {listed(asked)}", key)
+                raise self.error(
+                    f"is not an attribute of it; {instead(key, asked, 'known are')}", key
+                )
         self._pass_over_rest()
         for child in self._children:
             if child.name not in self._asked_children and not child._left_out:
@@ -314,7 +316,8 @@ class Element:
         """Refuses an element that its parent does not know, or passes over it."""
         known, place = parent._asked_children, f"<{parent.name}>"
         if not self.document.lenient:
-            raise self.error(f"does not belong in {place}; known there are: {listed(known)}")
+            hint = instead(self.name, known, "known there are")
+            raise self.error(f"does not belong in {place}; {hint}")
         self.leave_out(f"it is not known in {place}{likely(self.name, known)}")
 
     def child_names(self) -> list[str]:

@@ -115,6 +115,8 @@ class _TreeBuilder:
         except expat.ExpatError as error:
             reason = expat.ErrorString(error.code) or "unknown error"
             message = f"not well-formed XML: {reason} (column {error.offset + 1})"
+            if error.code == expat.errors.codes[expat.errors.XML_ERROR_UNBOUND_PREFIX]:
+                message += f'; names with vs: need xmlns:vs="{NAMESPACE}" in the first element'
             raise ConfigError(self._document.file, error.lineno, message) from None
         except (LookupError, ValueError) as error:
             # An encoding that Python does not know, or one that expat cannot use.
