@@ -134,6 +134,8 @@ KERNELS = Library(
         "c_src/host/vs_rays.h",
         "c_src/host/vs_scene.h",
         "c_src/host/vs_light.h",
+        "c_src/host/vs_floor.h",
+        "c_src/host/vs_places.h",
         "c_src/host/vs_world.h",
         "c_src/host/vs_field.h",
         "c_src/host/vs_physics.h",

@@ -142,9 +142,9 @@ class Record:
         self.timesteps, self.share = self.timesteps[:timesteps], self.share[:timesteps]
         self.poses, self.leds = self.poses[:timesteps], self.leds[:timesteps]
 
-    def note(self, timestep: int, poses: Floats, leds: NDArray[np.uint16], share: float) -> None:
+    def note(self, timestep: int, poses: Floats, leds: NDArray[np.uint16]) -> None:
         """Sets the row of a timestep, from 0; see the class."""
-        self.poses[timestep], self.leds[timestep], self.share[timestep] = poses, leds, share
+        self.poses[timestep], self.leds[timestep] = poses, leds
 
     def note_event(self, timestep: int, text: str) -> None:
         """Adds what a controller logged in a timestep; at once to the file, if there is one."""
