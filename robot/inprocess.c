@@ -306,6 +306,7 @@ static void give_notes(const struct vs_robot *robot, uint8_t *shown,
     shown[0] = robot->shown_len;
     memcpy(shown + 1, robot->shown, robot->shown_len);
     now->logged += robot->log.newest - robot->log.heard;
+    now->failed += robot->failure[0] != '\0';
 }
 
 int vs_inprocess_step(struct vs_inprocess *all, struct vs_inprocess_timestep *now)
@@ -315,7 +316,7 @@ int vs_inprocess_step(struct vs_inprocess *all, struct vs_inprocess_timestep *no
 
     if (all->ended)
         return VS_ERR_STATE;
-    now->logged = 0;
+    now->logged = now->failed = 0;
     all->progress->timestep = now->timestep;
     for (i = 0; i < all->robots; i++) {
         struct mind *mind = &all->minds[i];

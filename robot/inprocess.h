@@ -41,6 +41,7 @@ struct vs_inprocess_timestep {
     uint8_t *reports;            /* [robots * table's actuator_bytes] the actuators' blocks */
     uint8_t *shown;              /* [robots * 256] bytes in use, and the values of vs_shown.h */
     uint32_t logged;             /* lines that wait for vs_inprocess_log */
+    uint32_t failed;             /* robots whose controllers cannot go on */
 };
 
 /* Name of the controller that is linked in. */

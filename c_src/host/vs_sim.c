@@ -95,13 +95,6 @@ static int control(struct vs_sim *sim, const struct vs_sim_program *program)
     return program->step(program->all, program->now);
 }
 
-static int has_failed(const struct vs_sim_program *program)
-{
-    uint32_t robot;
-
-    return program->failure(program->all, &robot) != NULL;
-}
-
 static int has_said(const struct vs_sim_program *program)
 {
     return *program->logged != 0 ||
@@ -140,7 +133,7 @@ static int act(struct vs_sim *sim, int *has_news)
 
         if (err != VS_OK)
             return err;
-        if (has_failed(&sim->programs[p])) {
+        if (*sim->programs[p].failed != 0) {
             *has_news = 1;
             return VS_OK;
         }

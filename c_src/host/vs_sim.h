@@ -40,7 +40,6 @@ struct vs_sim_actuator {
 /* The robots of one controller; robot/inprocess.h has the functions and what they take. */
 struct vs_sim_program {
     int (*step)(void *all, void *now);
-    const char *(*failure)(const void *all, uint32_t *robot);
     void *all;
     void *now;
     uint32_t *timestep;       /* these three are told, in now */
@@ -55,6 +54,7 @@ struct vs_sim_program {
     const uint8_t *shown_before;
     size_t shown_bytes;
     const uint32_t *logged;   /* lines that wait to be read */
+    const uint32_t *failed;   /* robots whose controllers cannot go on */
     uint32_t number;          /* of the controller */
 };
 

@@ -17,7 +17,7 @@ struct told {
     uint32_t timestep;
     uint64_t capture_ns;
     uint64_t now_ns;
-    uint32_t logged;
+    uint32_t logged, failed;
     uint32_t calls;
     uint32_t log_at, show_at, fail_at, ended_at; /* timesteps */
     int16_t prox[ROBOTS * 8];
@@ -37,6 +37,7 @@ struct run {
     double mobility[ROBOTS], wheels_m_s[2 * ROBOTS], last[3 * ROBOTS];
     int16_t commands[2 * ROBOTS], raw[8 * ROBOTS], wheels[2 * ROBOTS];
     int64_t rolled_ns[ROBOTS];
+    double arcs[2 * ROBOTS];
     uint8_t states[ROBOTS * ROW], kept[ROBOTS * ROW];
     struct vs_pose_fields fields;
     struct vs_tracker tracker;
@@ -69,20 +70,13 @@ static int step(void *all, void *now)
         return VS_ERR_STATE;
     told->calls++;
     told->logged = told->timestep == told->log_at;
+    told->failed = told->timestep == told->fail_at;
     told->shown[0] = told->timestep >= told->show_at;
     for (i = 0; i < ROBOTS; i++) {
         told->wheels[2 * i] = told->wheels[2 * i + 1] = (int16_t)(100 * (i + 1));
         told->leds[i] = (uint16_t)(told->timestep + 10 * i);
     }
     return VS_OK;
-}
-
-static const char *failure(const void *all, uint32_t *robot)
-{
-    const struct told *told = all;
-
-    *robot = 0;
-    return told->timestep == told->fail_at ? "cannot" : NULL;
 }
 
 static int read(const void *sensor, const struct vs_scene *scene, double *readings)
@@ -118,6 +112,7 @@ static void set_floor(struct run *r)
     r->physics.wheels_m_s = r->wheels_m_s;
     r->physics.commands = r->commands;
     r->physics.rolled_ns = r->rolled_ns;
+    r->physics.arcs = r->arcs;
     for (i = 0; i < ROBOTS; i++) {
         r->radii_m[i] = 0.035;
         r->poses[3 * i + 1] = i;
@@ -167,7 +162,7 @@ static void set_program(struct run *r)
 
     told->log_at = told->show_at = told->fail_at = told->ended_at = 1000;
     r->program.step = step;
-    r->program.failure = failure;
+    r->program.failed = &told->failed;
     r->program.all = r->program.now = told;
     r->program.timestep = &told->timestep;
     r->program.capture_ns = &told->capture_ns;

@@ -85,13 +85,13 @@ class RobotProgram(NamedTuple):
     """`struct vs_sim_program` but for which robots they are: addresses, and arrays of `Robots`."""
 
     step: int
-    failure: int
     all: int
     now: int
     timestep: int
     capture_ns: int
     now_ns: int
     logged: int
+    failed: int
     prox: NDArray[np.int16]
     wheels: NDArray[np.int16]
     leds: NDArray[np.uint16]
@@ -214,13 +214,13 @@ class Robots:
         address = partial(_address, ffi)
         return RobotProgram(
             step=address(ffi.addressof(own, "vs_inprocess_step")),
-            failure=address(ffi.addressof(own, "vs_inprocess_failure")),
             all=address(self._all),
             now=address(now),
             timestep=address(ffi.addressof(now, "timestep")),
             capture_ns=address(ffi.addressof(now, "capture_ns")),
             now_ns=address(ffi.addressof(now, "now_ns")),
             logged=address(ffi.addressof(now, "logged")),
+            failed=address(ffi.addressof(now, "failed")),
             prox=self._prox,
             wheels=self.wheels_steps_s,
             leds=self.leds,

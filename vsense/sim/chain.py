@@ -256,7 +256,8 @@ class Chain:
     ) -> None:
         self._kept += [rows, program]
         row.number, row.robots, row.rows = number, len(rows), pointer("uint32_t", rows)
-        for name in ("step", "failure", "all", "now", "timestep", "capture_ns", "now_ns", "logged"):
+        addresses = ("step", "all", "now", "timestep", "capture_ns", "now_ns", "logged", "failed")
+        for name in addresses:
             field = getattr(row, name)
             setattr(row, name, kernel_ffi.cast(kernel_ffi.typeof(field), getattr(program, name)))
         row.prox, row.wheels = pointer("int16_t", program.prox), pointer("int16_t", program.wheels)
