@@ -138,6 +138,7 @@ KERNELS = Library(
         "c_src/host/vs_places.h",
         "c_src/host/vs_world.h",
         "c_src/host/vs_field.h",
+        "c_src/host/vs_leds.h",
         "c_src/host/vs_physics.h",
         "c_src/host/vs_ring.h",
         "c_src/host/vs_sprites.h",

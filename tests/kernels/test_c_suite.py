@@ -34,6 +34,7 @@ SUITES = {
     "test_words": PICTURES,
     "test_rays": RAYS,
     "test_light": [*RAYS, HOST / "vs_light.c"],
+    "test_leds": [*RAYS, HOST / "vs_leds.c"],
     "test_world": [
         *(*RAYS, HOST / "vs_world.c"),
         *(HOST / f"vs_{part}.c" for part in ("scene", "field", "floor", "places")),

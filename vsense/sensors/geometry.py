@@ -106,16 +106,17 @@ class SensedScene:
         rows: NDArray[np.intp] | None = None,
         bodies: MovingBodies | None = None,
     ) -> None:
-        """Robots (n,) with their rows in `bodies`, those of the world, if they are asked for."""
+        """Robots (n,), and their rows in the world and its `bodies`, if they are asked for."""
         lights = world.light_table()
         self._kept = robots, lights, bodies
         self.cdata: Any = kernel_ffi.new("struct vs_scene *")
         self.cdata.first = kernel_ffi.cast("uint8_t *", robots.ctypes.data + _PLACE_AT)
         self.cdata.stride, self.cdata.robots = robots.strides[0], len(robots)
         self.cdata.lights, self.cdata.lights_count = lights.cdata, len(lights)
-        if bodies is not None:
+        if rows is not None:
             self._own = np.ascontiguousarray(rows, dtype=np.int32)
             self.cdata.own = kernel_ffi.from_buffer("int32_t[]", self._own)
+        if bodies is not None:
             self.cdata.obstacles = bodies.cdata
 
 

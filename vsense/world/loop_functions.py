@@ -124,12 +124,14 @@ class LoopFunctions:
         self._params = dict(params or {})
         module = self._code.load(_MODULE)
         self._hooks: dict[str, Hook] = {}
+        self._lines: dict[str, int] = {}
         holder = self._holder(module, label)
         for name, arguments in HOOKS.items():
             hook = getattr(holder, name, None)
             if hook is not None:
                 self._check_hook(name, hook, arguments)
                 self._hooks[name] = hook
+                self._lines[name] = line_of(hook)
         if not self._hooks:
             known = ", ".join(HOOKS)
             raise LoopFunctionsError(self._file, 1, f"holds no loop function, expected: {known}")
@@ -223,7 +225,7 @@ class LoopFunctions:
         hook = self._hooks.get(name)
         if hook is None:
             return None
-        with self._code.watch(f"in {name}: ", line_of(hook)):
+        with self._code.watch(f"in {name}: ", self._lines[name]):
             return hook(*arguments)
 
     def _holder(self, module: ModuleType, label: str) -> object:
