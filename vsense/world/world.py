@@ -321,10 +321,12 @@ class World:
 
     def pose(self, tag: int) -> np.void | None:
         """The last sighting of a robot or tagged thing, or None if there is none yet."""
-        for poses in (self._robots, self._objects):
-            for row in np.flatnonzero(poses["tag"] == tag):
-                return None if poses[row]["capture_ns"] == NEVER_NS else poses[row]
-        return None
+        self._settle()
+        poses, row = self._places.get(tag, (None, 0))
+        if poses is None or poses[row]["capture_ns"] == NEVER_NS:
+            return None
+        found: np.void = poses[row]
+        return found
 
     def age_ns(self, source: PollutantSource) -> int | None:
         """Age of the source's last sighting; None: it was never seen."""
@@ -366,6 +368,11 @@ class World:
         self._crowd = MovingBodies(self.sightings, standing_rows, BODY_MEMORY_NS)
         self._is_standing = False
         after = self._robots["tag"].tolist()
+        self._places = {
+            tag: (poses, row)
+            for poses in (self._objects, self._robots)
+            for row, tag in enumerate(poses["tag"].tolist())
+        }
         if after != before:
             # Virtual robots that stay keep LEDs and message.
             self._leds = carried(self._leds, before, after)
