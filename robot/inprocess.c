@@ -24,6 +24,7 @@ struct mind {
 
 struct vs_inprocess {
     uint32_t robots;
+    uint32_t ended; /* a loop that has ended asks to be closed, for ever */
     volatile struct vs_inprocess_progress *progress;
     size_t said;
     char complaints[COMPLAINTS_BYTES];
@@ -291,6 +292,7 @@ void vs_inprocess_end(struct vs_inprocess *all)
 {
     uint32_t i;
 
+    all->ended = 1;
     for (i = 0; i < all->robots; i++) {
         all->progress->robot = i + 1;
         vs_loop_end(&all->minds[i].loop);
@@ -304,14 +306,17 @@ static void give_notes(const struct vs_robot *robot, uint8_t *shown,
     shown[0] = robot->shown_len;
     memcpy(shown + 1, robot->shown, robot->shown_len);
     now->logged += robot->log.newest - robot->log.heard;
+    now->failed += robot->failure[0] != '\0';
 }
 
-void vs_inprocess_step(struct vs_inprocess *all, struct vs_inprocess_timestep *now)
+int vs_inprocess_step(struct vs_inprocess *all, struct vs_inprocess_timestep *now)
 {
     struct vs_instant instant = {now->now_ns, now->now_ns};
     uint32_t i;
 
-    now->logged = 0;
+    if (all->ended)
+        return VS_ERR_STATE;
+    now->logged = now->failed = 0;
     all->progress->timestep = now->timestep;
     for (i = 0; i < all->robots; i++) {
         struct mind *mind = &all->minds[i];
@@ -332,4 +337,5 @@ void vs_inprocess_step(struct vs_inprocess *all, struct vs_inprocess_timestep *n
         memcpy(now->reports + i * bytes, mind->loop.robot.actuators, bytes);
         give_notes(&mind->loop.robot, now->shown + (size_t)i * (1 + VS_SHOWN_MAX), now);
     }
+    return VS_OK;
 }

@@ -41,6 +41,7 @@ struct vs_inprocess_timestep {
     uint8_t *reports;            /* [robots * table's actuator_bytes] the actuators' blocks */
     uint8_t *shown;              /* [robots * 256] bytes in use, and the values of vs_shown.h */
     uint32_t logged;             /* lines that wait for vs_inprocess_log */
+    uint32_t failed;             /* robots whose controllers cannot go on */
 };
 
 /* Name of the controller that is linked in. */
@@ -59,8 +60,9 @@ int vs_inprocess_init(struct vs_inprocess *all, uint32_t robots,
 int vs_inprocess_welcome(struct vs_inprocess *all, uint32_t robot, uint16_t tag,
                          const uint8_t *packet, size_t len);
 
-/* One timestep, later than the one before, of robots that all got the same table. */
-void vs_inprocess_step(struct vs_inprocess *all, struct vs_inprocess_timestep *now);
+/* One timestep, later than the one before, of robots that all got the same table. Errors:
+ * VS_ERR_STATE after vs_inprocess_end: nothing happens. */
+int vs_inprocess_step(struct vs_inprocess *all, struct vs_inprocess_timestep *now);
 
 /* The next line that a controller has logged: 1 and the robot, the line's number (1.. for
  * each robot; a gap: lines were lost) and its text, or 0 if none waits. */

@@ -4,7 +4,9 @@
 #include <stddef.h>
 #include <string.h>
 
+#include "../vs_err.h"
 #include "vs_math.h"
+#include "vs_place.h"
 
 /* The four cells around a place, and their shares of it. */
 struct corners {
@@ -95,7 +97,7 @@ void vs_field_deposit(struct vs_field *field, const double *points_m, const doub
     }
 }
 
-void vs_field_diffuse(struct vs_field *field, double share, double *before)
+static void diffuse(struct vs_field *field, double share, double *before)
 {
     size_t columns = field->columns, rows = field->rows, x, y;
 
@@ -113,4 +115,54 @@ void vs_field_diffuse(struct vs_field *field, double share, double *before)
         for (x = 0; x < columns && y > 0; x++)
             to[x] -= share * (at[x] - at[x - columns]);
     }
+}
+
+void vs_spread_step(const struct vs_spread *spread)
+{
+    size_t cells = (size_t)spread->field->columns * spread->field->rows, c;
+    uint32_t i;
+
+    for (i = 0; i < spread->substeps; i++)
+        diffuse(spread->field, spread->share, spread->before);
+    for (c = 0; c < cells && spread->left != 1.0; c++)
+        spread->field->cells[c] *= spread->left;
+}
+
+int vs_field_sense(const void *field, const struct vs_scene *scene, double *readings)
+{
+    uint32_t i;
+
+    for (i = 0; i < scene->robots; i++) {
+        struct vs_place place = vs_place_of(scene, i);
+        double point_m[2] = {place.x_m, place.y_m};
+        double *reading = readings + 3 * (size_t)i;
+        double sine, cosine, east, north;
+
+        vs_field_read(field, point_m, 1, reading);
+        vs_sin_cos(place.yaw_rad, &sine, &cosine);
+        east = reading[1];
+        north = reading[2];
+        reading[1] = east * cosine + north * sine;
+        reading[2] = north * cosine - east * sine;
+    }
+    return VS_OK;
+}
+
+int vs_field_release(const void *release, const struct vs_scene *scene, const double *levels,
+                     const double *growth)
+{
+    const struct vs_release *how = release;
+    uint32_t i;
+
+    for (i = 0; i < scene->robots; i++) {
+        double amount = levels[2 * i] * how->timestep_s + growth[2 * i + 1];
+        struct vs_place place = vs_place_of(scene, i);
+        double point_m[2] = {place.x_m, place.y_m};
+
+        if (amount > how->most)
+            return VS_ERR_ARGUMENT;
+        if (amount > 0.0)
+            vs_field_deposit(how->field, point_m, &amount, 1, how->most);
+    }
+    return VS_OK;
 }

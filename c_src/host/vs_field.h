@@ -6,7 +6,7 @@
 #ifndef VS_FIELD_H
 #define VS_FIELD_H
 
-#include <stdint.h>
+#include "vs_scene.h"
 
 /* The arrays are the caller's. */
 struct vs_field {
@@ -27,8 +27,31 @@ void vs_field_read(const struct vs_field *field, const double *points_m, uint32_
 void vs_field_deposit(struct vs_field *field, const double *points_m, const double *amounts,
                       uint32_t n, double most);
 
-/* Moves a share of every difference between neighbours from one to the other; before is room for
- * rows * columns numbers. */
-void vs_field_diffuse(struct vs_field *field, double share, double *before);
+/* What a field does in a timestep. */
+struct vs_spread {
+    struct vs_field *field;
+    uint32_t substeps; /* in each of which a share of every difference between neighbours moves */
+    double share;      /* from one to the other */
+    double left;       /* in the end every cell is multiplied by this */
+    double *before;    /* [rows * columns] scratch */
+};
+
+void vs_spread_step(const struct vs_spread *spread);
+
+/* A sensor: the concentration under every robot, and its gradient along the robot's own axes, ahead
+ * and left; field is a struct vs_field. VS_OK. */
+int vs_field_sense(const void *field, const struct vs_scene *scene, double *readings);
+
+/* How robots leave something in a field. */
+struct vs_release {
+    struct vs_field *field;
+    double timestep_s;
+    double most;
+};
+
+/* An actuator: every robot leaves levels[2 * i] per second, and growth[2 * i + 1], where it stands;
+ * release is a struct vs_release. Errors: VS_ERR_ARGUMENT, an amount is larger than most. */
+int vs_field_release(const void *release, const struct vs_scene *scene, const double *levels,
+                     const double *growth);
 
 #endif

@@ -5,23 +5,10 @@
 #include <string.h>
 
 #include "vs_math.h"
+#include "vs_place.h"
 
 #define PI 3.14159265358979323846
 #define CENTRE_REACH 2.5 /* ARGoS's epuck_light ends at this distance over intensity */
-
-struct place {
-    double x_m;
-    double y_m;
-    double yaw_rad;
-};
-
-static struct place place_of(const struct vs_scene *scene, uint32_t robot)
-{
-    struct place place;
-
-    memcpy(&place, scene->first + robot * scene->stride, sizeof place);
-    return place;
-}
 
 /* What a light gives at the robot's centre if nothing stands in the way. */
 static double received(const struct vs_light_ring *ring, const struct vs_light *light,
@@ -52,7 +39,7 @@ static void share_out(const struct vs_light_ring *ring, double bearing_rad, doub
 }
 
 static int read_at_centre(const struct vs_light_ring *ring, const struct vs_scene *scene,
-                          const struct place *place, int32_t own, double *sums)
+                          const struct vs_place *place, int32_t own, double *sums)
 {
     double centre_m[3] = {place->x_m, place->y_m, 0.0};
     uint32_t l;
@@ -77,7 +64,7 @@ static int read_at_centre(const struct vs_light_ring *ring, const struct vs_scen
 }
 
 /* Where the sensors of a robot are, three coordinates each. */
-static void find_sensors(const struct vs_light_ring *ring, const struct place *place,
+static void find_sensors(const struct vs_light_ring *ring, const struct vs_place *place,
                          double *points_m)
 {
     uint32_t k;
@@ -112,7 +99,7 @@ static double at_sensor(const struct vs_light_ring *ring, const struct vs_light 
 }
 
 static int read_at_sensors(const struct vs_light_ring *ring, const struct vs_scene *scene,
-                           const struct place *place, double *sums)
+                           const struct vs_place *place, double *sums)
 {
     static const int32_t nobody[VS_LIGHT_SENSORS_MAX];
     double points_m[3 * VS_LIGHT_SENSORS_MAX];
@@ -143,7 +130,7 @@ int vs_light_read(const void *light_ring, const struct vs_scene *scene, double *
     if (ring->sensors > VS_LIGHT_SENSORS_MAX)
         return VS_ERR_ARGUMENT;
     for (i = 0; i < scene->robots; i++) {
-        struct place place = place_of(scene, i);
+        struct vs_place place = vs_place_of(scene, i);
         double *sums = readings + i * ring->step;
         int err;
 

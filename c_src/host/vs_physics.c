@@ -42,7 +42,7 @@ static double sinc(double x)
     return sine / x;
 }
 
-/* Rolls a robot along its arc, exactly. */
+/* Rolls a robot along its arc, exactly. Most ticks are as long as the one before. */
 static void roll(struct vs_physics *physics, uint32_t robot, int64_t time_ns)
 {
     double *pose = physics->poses + 3 * robot;
@@ -50,12 +50,17 @@ static void roll(struct vs_physics *physics, uint32_t robot, int64_t time_ns)
     double duration_s = (double)(time_ns - physics->rolled_ns[robot]) * 1e-9;
     double way_m = (wheels_m_s[0] + wheels_m_s[1]) * 0.5 * duration_s;
     double half_turn_rad = (wheels_m_s[1] - wheels_m_s[0]) * (0.5 / vs_axle_m) * duration_s;
+    double *arc = physics->arcs + 2 * robot;
     double sine;
     double cosine;
 
     physics->rolled_ns[robot] = time_ns;
+    if (half_turn_rad != arc[0]) {
+        arc[0] = half_turn_rad;
+        arc[1] = sinc(half_turn_rad);
+    }
     if (way_m != 0.0) {
-        double chord_m = way_m * sinc(half_turn_rad);
+        double chord_m = way_m * arc[1];
 
         vs_sin_cos(pose[2] + half_turn_rad, &sine, &cosine);
         pose[0] += chord_m * cosine;
@@ -75,6 +80,8 @@ void vs_physics_init(struct vs_physics *physics, int64_t time_ns)
     for (b = 0; b < near->robots; b++) {
         physics->mobility[b] = STANDING_MOBILITY;
         physics->rolled_ns[b] = time_ns;
+        physics->arcs[2 * b] = 0.0;
+        physics->arcs[2 * b + 1] = 1.0;
         physics->wheels_m_s[2 * b] = physics->wheels_m_s[2 * b + 1] = 0.0;
         physics->commands[2 * b] = physics->commands[2 * b + 1] = 0;
     }

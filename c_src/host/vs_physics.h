@@ -72,6 +72,7 @@ struct vs_physics {
     double *wheels_m_s;  /* [robots * 2] what the wheels do, left and right */
     int16_t *commands;   /* [robots * 2] newest commands [step/s] */
     int64_t *rolled_ns;  /* [robots] their poses hold for this time but for contacts */
+    double *arcs;        /* [robots * 2] of the newest roll: half the turn, and chord over way */
     int64_t tick_ns;     /* time of the newest tick */
 };
 

@@ -27,12 +27,21 @@ struct vs_scene {
     const struct vs_obstacles *obstacles;
 };
 
+/* Types of numbers as they travel: singles, and whole numbers with and without a sign. */
+#define VS_NUMBER_F4 0
+#define VS_NUMBER_U1 1
+#define VS_NUMBER_I2 2
+#define VS_NUMBER_U2 3
+#define VS_NUMBER_I4 4
+#define VS_NUMBER_U4 5
+
 /* One sensor's readings of all robots, as they are sent. */
 struct vs_sent {
     uint32_t robots;
     uint32_t count;        /* numbers of a reading */
-    uint8_t *block;        /* where they go: singles, in any alignment, stride bytes from robot */
-    size_t stride;         /* to robot */
+    uint32_t type;         /* VS_NUMBER_... */
+    uint8_t *block;        /* where they go: in any alignment, stride bytes from robot to robot */
+    size_t stride;
     int64_t *captures_ns;  /* when they were measured: [robots], step numbers apart */
     size_t step;
     double *fresh;         /* [robots * count] what the sensor reads */
@@ -43,9 +52,23 @@ struct vs_sent {
 };
 
 /*
- * Sends what was read at capture_ns. Errors: VS_ERR_ARGUMENT for a number that is not finite or
- * too large for a single; nothing of that robot is sent then.
+ * Sends what was read at capture_ns; whole numbers are the nearest. Errors: VS_ERR_ARGUMENT for a
+ * number that is not finite or does not fit the type; nothing of that robot is sent then.
  */
 int vs_sent_renew(const struct vs_sent *sent, int64_t capture_ns);
+
+/* One actuator's reports of all robots: levels, which hold, and counters, whose growth counts. */
+struct vs_heard {
+    uint32_t robots;
+    uint32_t count;       /* numbers of a report */
+    uint32_t type;        /* VS_NUMBER_... */
+    const uint8_t *block; /* where they come from, as in struct vs_sent */
+    size_t stride;
+    const double *low;    /* [count] bounds of what is believed */
+    const double *high;
+    double *last;         /* [robots * count] the counts of the call before */
+    double *levels;       /* [robots * count] what all numbers are, 0 for what is none, */
+    double *growth;       /* [robots * count] and by how much each has grown; after a restart a */
+};                        /* robot counts from 0 */
 
 #endif

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "../vs_err.h"
+#include "vs_place.h"
 
 /* Everything moves on to the capture, the tracker sees it, and the world takes that over. */
 static void see(struct vs_sim *sim)
@@ -11,8 +12,27 @@ static void see(struct vs_sim *sim)
     vs_physics_advance(sim->physics, sim->capture_ns);
     vs_tracker_see(sim->tracker, sim->physics->poses, sim->errors, sim->capture_ns);
     sim->errors += 3 * (size_t)sim->tracker->count;
-    vs_world_update(sim->world, sim->tracker->states, sim->tracker->count);
-    sim->has_seen = 1;
+    vs_world_update(sim->world, sim->tracker->states, sim->tracker->count, sim->capture_ns);
+}
+
+/* Actuators act, and fields change. */
+static int evolve(struct vs_sim *sim)
+{
+    uint32_t i;
+
+    for (i = 0; i < sim->actuators_count; i++) {
+        const struct vs_sim_actuator *one = &sim->actuators[i];
+        int err;
+
+        sim->failed = i;
+        vs_heard_renew(one->heard);
+        err = one->apply(one->actuator, one->scene, one->heard->levels, one->heard->growth);
+        if (err != VS_OK)
+            return err;
+    }
+    for (i = 0; i < sim->fields_count; i++)
+        vs_spread_step(&sim->fields[i]);
+    return VS_OK;
 }
 
 static int measure(struct vs_sim *sim)
@@ -23,6 +43,7 @@ static int measure(struct vs_sim *sim)
         struct vs_sim_sensor *one = &sim->sensors[i];
         int err = one->read(one->sensor, one->scene, one->sent->fresh);
 
+        sim->failed = i;
         if (err != VS_OK)
             return err;
         one->sent->offsets = one->noise;
@@ -33,6 +54,13 @@ static int measure(struct vs_sim *sim)
             one->noise += (size_t)one->sent->robots * one->sent->count;
     }
     return VS_OK;
+}
+
+static int sense(struct vs_sim *sim)
+{
+    int err = sim->crowd ? vs_crowd_stand(sim->crowd, sim->capture_ns) : VS_OK;
+
+    return err == VS_OK ? measure(sim) : err;
 }
 
 /* The record's row of this timestep. */
@@ -56,19 +84,19 @@ static void give_prox(const struct vs_sim *sim, const struct vs_sim_program *pro
                8 * sizeof *program->prox);
 }
 
-/* Runs the controllers of a program; whether the host has to look at them, negative: one failed. */
+/* Runs the controllers of a program. */
 static int control(struct vs_sim *sim, const struct vs_sim_program *program)
 {
-    uint32_t robot;
-
     give_prox(sim, program);
     *sim->present = program->number;
     *program->timestep = sim->timestep;
     *program->capture_ns = (uint64_t)sim->capture_ns;
     *program->now_ns = (uint64_t)(sim->capture_ns + sim->control_ns);
-    program->step(program->all, program->now);
-    if (program->failure(program->all, &robot))
-        return -1;
+    return program->step(program->all, program->now);
+}
+
+static int has_said(const struct vs_sim_program *program)
+{
     return *program->logged != 0 ||
            memcmp(program->shown, program->shown_before, program->shown_bytes) != 0;
 }
@@ -92,46 +120,72 @@ static void obey(struct vs_sim *sim)
     vs_physics_drive_all(sim->physics, sim->wheels, sim->capture_ns + sim->act_ns);
 }
 
-/* Rings, controllers and wheels of a timestep; whether the host has to look. */
-static int act(struct vs_sim *sim)
+/* Rings, controllers and wheels of a timestep; has_news: whether the host has to look. */
+static int act(struct vs_sim *sim, int *has_news)
 {
-    int has_news = 0;
     uint32_t p;
 
     vs_physics_advance(sim->physics, sim->capture_ns + sim->sense_ns);
     vs_rings_read(sim->rings, sim->physics->poses, sim->noise);
     sim->noise += (size_t)sim->rings->near->robots * sim->rings->ring->sensors;
     for (p = 0; p < sim->programs_count; p++) {
-        int news = control(sim, &sim->programs[p]);
+        int err = control(sim, &sim->programs[p]);
 
-        if (news < 0)
-            return 1;
-        has_news |= news;
+        if (err != VS_OK)
+            return err;
+        if (*sim->programs[p].failed != 0) {
+            *has_news = 1;
+            return VS_OK;
+        }
+        *has_news |= has_said(&sim->programs[p]);
     }
     obey(sim);
-    return has_news;
+    return VS_OK;
+}
+
+static int end(struct vs_sim *sim, int *has_news)
+{
+    int err;
+
+    keep(sim);
+    err = act(sim, has_news);
+    if (err != VS_OK)
+        return err;
+    sim->timestep++;
+    sim->capture_ns += sim->dt_ns;
+    sim->done++;
+    return VS_OK;
+}
+
+/* The next part of a timestep; has_news is told at its end. */
+static int go_on(struct vs_sim *sim, int *has_news)
+{
+    int err = VS_OK;
+
+    if (sim->at == VS_SIM_BEGUN)
+        see(sim);
+    else if (sim->at == VS_SIM_SEEN)
+        err = evolve(sim);
+    else if (sim->at == VS_SIM_EVOLVED)
+        err = sense(sim);
+    else
+        err = end(sim, has_news);
+    if (err == VS_OK)
+        sim->at = sim->at == VS_SIM_SENSED ? VS_SIM_BEGUN : sim->at + 1;
+    return err;
 }
 
 int vs_sim_run(struct vs_sim *sim, uint32_t timesteps)
 {
-    sim->done = 0;
-    while (sim->done < timesteps) {
-        int err, has_news;
+    int has_news = 0;
 
-        if (!sim->has_seen)
-            see(sim);
-        err = sim->crowd ? vs_crowd_stand(sim->crowd, sim->capture_ns) : VS_OK;
-        if (err == VS_OK)
-            err = measure(sim);
+    sim->done = 0;
+    while (sim->at != VS_SIM_BEGUN || sim->done < timesteps) {
+        int err = go_on(sim, &has_news);
+
         if (err != VS_OK)
             return err;
-        keep(sim);
-        has_news = act(sim);
-        sim->has_seen = 0;
-        sim->timestep++;
-        sim->capture_ns += sim->dt_ns;
-        sim->done++;
-        if (has_news)
+        if (has_news || (sim->stops >> sim->at & 1u) != 0)
             break;
     }
     return VS_OK;

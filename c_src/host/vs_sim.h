@@ -7,10 +7,17 @@
 #ifndef VS_SIM_H
 #define VS_SIM_H
 
+#include "vs_field.h"
 #include "vs_light.h"
 #include "vs_physics.h"
 #include "vs_ring.h"
 #include "vs_world.h"
+
+/* How far the timestep is; each of these is what was done last. */
+#define VS_SIM_BEGUN 0   /* nothing yet */
+#define VS_SIM_SEEN 1    /* the world has taken over where everybody is */
+#define VS_SIM_EVOLVED 2 /* and what is virtual has changed */
+#define VS_SIM_SENSED 3  /* and the sensors are read: rings, controllers and wheels are left */
 
 /* A sensor of the robots of one controller. */
 struct vs_sim_sensor {
@@ -21,10 +28,18 @@ struct vs_sim_sensor {
     const double *noise;          /* of the next timestep, then of those after it; or NULL */
 };
 
+/* An actuator of the robots of one controller. */
+struct vs_sim_actuator {
+    int (*apply)(const void *actuator, const struct vs_scene *scene, const double *levels,
+                 const double *growth);
+    const void *actuator;
+    const struct vs_scene *scene; /* with all robots that have it */
+    const struct vs_heard *heard;
+};
+
 /* The robots of one controller; robot/inprocess.h has the functions and what they take. */
 struct vs_sim_program {
-    void (*step)(void *all, void *now);
-    const char *(*failure)(const void *all, uint32_t *robot);
+    int (*step)(void *all, void *now);
     void *all;
     void *now;
     uint32_t *timestep;       /* these three are told, in now */
@@ -39,6 +54,7 @@ struct vs_sim_program {
     const uint8_t *shown_before;
     size_t shown_bytes;
     const uint32_t *logged;   /* lines that wait to be read */
+    const uint32_t *failed;   /* robots whose controllers cannot go on */
     uint32_t number;          /* of the controller */
 };
 
@@ -48,7 +64,11 @@ struct vs_sim {
     struct vs_tracker *tracker;
     struct vs_world *world;
     struct vs_crowd *crowd;       /* NULL: no sensor asks for it */
+    const struct vs_sim_actuator *actuators;
+    const struct vs_spread *fields; /* after the actuators */
     struct vs_sim_sensor *sensors;
+    uint32_t actuators_count;
+    uint32_t fields_count;
     uint32_t sensors_count;
     uint32_t programs_count;
     struct vs_sim_program *programs;
@@ -67,14 +87,17 @@ struct vs_sim {
     int64_t act_ns;               /* and wheels obey */
     uint32_t timestep;            /* the next one */
     uint32_t done;                /* timesteps of the newest call of vs_sim_run */
-    int has_seen;                 /* the next one has begun: see vs_sim_run; 0 at first */
+    uint32_t at;                  /* VS_SIM_..., of the next timestep; VS_SIM_BEGUN at first */
+    uint32_t stops;               /* bits: 1 << VS_SIM_SEEN: come back in every timestep then */
+    uint32_t failed;              /* number of the sensor or actuator that an error is of */
 };
 
 /*
- * Runs at most so many timesteps; ends after one in which a controller failed, showed something
- * else than before, or logged. After a failure the wheels do not obey. Errors: those of vs_crowd_stand,
- * of the sensors and of vs_sent_renew; after VS_ERR_SPACE it can be called again, with more room
- * in the crowd, and goes on where it was.
+ * Runs at most so many timesteps, and goes on where it was. It ends after one in which a controller
+ * failed, showed something else than before, or logged; after a failure the wheels do not obey. It
+ * ends within one where stops says so: then somebody else may change the world, the pointers of
+ * this structure, and what they point to. Errors: those of vs_crowd_stand, of actuators, of sensors,
+ * of vs_sent_renew and of controllers' steps; after VS_ERR_SPACE it can be called again, with more room in the crowd.
  */
 int vs_sim_run(struct vs_sim *sim, uint32_t timesteps);
 

@@ -51,10 +51,20 @@ static void update(const struct vs_pose_fields *fields, uint8_t *kept, uint32_t 
     }
 }
 
-void vs_world_update(struct vs_world *world, const uint8_t *states, uint32_t count)
+void vs_world_update(struct vs_world *world, const uint8_t *states, uint32_t count,
+                     int64_t capture_ns)
 {
-    update(world->fields, world->robots, world->real, states, count);
-    update(world->fields, world->things, world->thing_count, states, count);
+    const struct vs_pose_fields *fields = world->fields;
+    uint32_t i;
+
+    update(fields, world->robots, world->real, states, count);
+    update(fields, world->things, world->thing_count, states, count);
+    for (i = world->real; i < world->robots_all; i++) {
+        uint8_t *row = world->robots + (size_t)i * fields->row;
+
+        memcpy(row + fields->capture, &capture_ns, sizeof capture_ns);
+        row[fields->seen] = 1;
+    }
 }
 
 /* Puts the bodies of a table's rows where they were seen last. */

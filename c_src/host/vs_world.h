@@ -30,9 +30,10 @@ struct vs_world {
 
 /*
  * Takes over an arena state, a table of poses sorted by tag: rows of tags that were seen are
- * overwritten, the others stay, not seen. Virtual robots are not touched.
+ * overwritten, the others stay, not seen. Virtual robots are seen where they are.
  */
-void vs_world_update(struct vs_world *world, const uint8_t *states, uint32_t count);
+void vs_world_update(struct vs_world *world, const uint8_t *states, uint32_t count,
+                     int64_t capture_ns);
 
 /* What stands in the way: robots and tagged things, and what stands there for good. */
 struct vs_crowd {

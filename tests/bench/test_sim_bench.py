@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import math
+import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tests.bench import beside_argos
 from tests.conftest import require_tool
 from vsense import cli
 from vsense.bench import sim
@@ -71,3 +73,26 @@ def test_the_report_is_as_promised(
     assert report["startup_s"] > 0.0
     assert "round 1 of 1" in captured.err
     assert "1000" in sim.table(report)
+
+
+def test_argos_is_given_the_same_world_without_what_it_does_not_know() -> None:
+    ours = ET.fromstring(sim.experiment_text(100))
+    text = beside_argos.for_argos(sim.experiment_text(100), "/tmp/libwander.so", 42.5)
+    theirs = ET.fromstring(text)
+    assert "vs:" not in text and "vsense" not in text and "virtual" not in text
+    assert theirs.find("framework/experiment").attrib["length"] == "42.5"  # type: ignore[union-attr]
+    sensors = theirs.find("controllers/wander_controller/sensors")
+    assert sensors is not None
+    assert [one.tag for one in sensors] == ["epuck_proximity", "epuck_light"]
+    for tag in ("arena", "arena/box", "arena/light", "arena/box/body", "arena/distribute/position"):
+        found = [[one.attrib for one in tree.findall(tag)] for tree in (ours, theirs)]
+        assert found[0] == found[1] and found[0]
+    entity = theirs.find("arena/distribute/entity")
+    assert entity is not None and entity.attrib == {"quantity": "100", "max_trials": "1000"}
+
+
+def test_the_ratio_is_that_of_medians() -> None:
+    rates = {15: {"argos": [10.0, 20.0, 40.0], "vsense": [90.0, 30.0, 60.0]}}
+    (row,) = beside_argos.rows_of(rates)
+    assert row["ratio"] == 3.0
+    assert row["ratios"] == [1.5, 1.5, 9.0]

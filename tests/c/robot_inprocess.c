@@ -156,7 +156,7 @@ static void live(struct world *w, uint8_t wanted, uint64_t later_ns)
     w->now.now_ns = w->now.capture_ns + 20 * MS;
     for (i = 0; i < 2 * ROBOTS; i++)
         w->captures_ns[i] = i < 2 * ROBOTS - 2 ? (int64_t)w->now.capture_ns : -1;
-    vs_inprocess_step(w->all, &w->now);
+    CHECK(vs_inprocess_step(w->all, &w->now) == VS_OK);
     CHECK(progress.timestep == w->now.timestep && progress.robot == 0);
 }
 
@@ -241,6 +241,20 @@ static void test_pause_and_stop(struct world *w)
     CHECK(w->wheels[0] == 0 && w->leds[0] == 0);
 }
 
+/* A loop that has ended asks to be closed again and again. */
+static void test_nothing_happens_after_the_end(struct world *w)
+{
+    struct vs_inprocess_timestep before;
+
+    vs_inprocess_end(w->all);
+    w->now.timestep++;
+    w->now.logged = 77;
+    before = w->now;
+    CHECK(vs_inprocess_step(w->all, &w->now) == VS_ERR_STATE);
+    CHECK(memcmp(&before, &w->now, sizeof before) == 0);
+    CHECK(progress.timestep == w->now.timestep - 1 && progress.robot == 0);
+}
+
 int main(void)
 {
     static struct world w;
@@ -252,6 +266,7 @@ int main(void)
     test_complaints_in_the_daemons_words(&w);
     test_silence_stops_the_wheels(&w);
     test_pause_and_stop(&w);
+    test_nothing_happens_after_the_end(&w);
     free(w.all);
     return 0;
 }

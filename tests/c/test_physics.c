@@ -59,6 +59,7 @@ static void build(struct floor *f, uint32_t robots, uint32_t bodies, uint32_t bo
     f->physics.wheels_m_s = room(robots, 2 * sizeof(double));
     f->physics.commands = room(robots, 2 * sizeof(int16_t));
     f->physics.rolled_ns = room(robots, sizeof(int64_t));
+    f->physics.arcs = room(robots, 2 * sizeof(double));
 }
 
 static void tear_down(struct floor *f)
@@ -78,6 +79,7 @@ static void tear_down(struct floor *f)
     free(f->physics.wheels_m_s);
     free(f->physics.commands);
     free(f->physics.rolled_ns);
+    free(f->physics.arcs);
 }
 
 static double draw_between(uint32_t *random, double low, double high)

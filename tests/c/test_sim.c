@@ -17,9 +17,9 @@ struct told {
     uint32_t timestep;
     uint64_t capture_ns;
     uint64_t now_ns;
-    uint32_t logged;
+    uint32_t logged, failed;
     uint32_t calls;
-    uint32_t log_at, show_at, fail_at; /* timesteps */
+    uint32_t log_at, show_at, fail_at, ended_at; /* timesteps */
     int16_t prox[ROBOTS * 8];
     int16_t wheels[ROBOTS * 2];
     uint16_t leds[ROBOTS];
@@ -37,6 +37,7 @@ struct run {
     double mobility[ROBOTS], wheels_m_s[2 * ROBOTS], last[3 * ROBOTS];
     int16_t commands[2 * ROBOTS], raw[8 * ROBOTS], wheels[2 * ROBOTS];
     int64_t rolled_ns[ROBOTS];
+    double arcs[2 * ROBOTS];
     uint8_t states[ROBOTS * ROW], kept[ROBOTS * ROW];
     struct vs_pose_fields fields;
     struct vs_tracker tracker;
@@ -55,31 +56,27 @@ struct run {
     double fresh[ROBOTS], offsets[STEPS * ROBOTS], unit, low, high;
     float block[ROBOTS];
     int64_t captures_ns[ROBOTS];
-    uint32_t present, measured;
+    uint32_t present, measured, applied, refuse_at;
     struct vs_sim sim;
 };
 
-static void step(void *all, void *now)
+static int step(void *all, void *now)
 {
     struct told *told = now;
     uint32_t i;
 
     CHECK(all == (void *)told);
+    if (told->timestep == told->ended_at)
+        return VS_ERR_STATE;
     told->calls++;
     told->logged = told->timestep == told->log_at;
+    told->failed = told->timestep == told->fail_at;
     told->shown[0] = told->timestep >= told->show_at;
     for (i = 0; i < ROBOTS; i++) {
         told->wheels[2 * i] = told->wheels[2 * i + 1] = (int16_t)(100 * (i + 1));
         told->leds[i] = (uint16_t)(told->timestep + 10 * i);
     }
-}
-
-static const char *failure(const void *all, uint32_t *robot)
-{
-    const struct told *told = all;
-
-    *robot = 0;
-    return told->timestep == told->fail_at ? "cannot" : NULL;
+    return VS_OK;
 }
 
 static int read(const void *sensor, const struct vs_scene *scene, double *readings)
@@ -115,6 +112,7 @@ static void set_floor(struct run *r)
     r->physics.wheels_m_s = r->wheels_m_s;
     r->physics.commands = r->commands;
     r->physics.rolled_ns = r->rolled_ns;
+    r->physics.arcs = r->arcs;
     for (i = 0; i < ROBOTS; i++) {
         r->radii_m[i] = 0.035;
         r->poses[3 * i + 1] = i;
@@ -143,8 +141,8 @@ static void set_rings(struct run *r)
 
 static void set_sensor(struct run *r)
 {
-    struct vs_sent sent = {ROBOTS, 1, (uint8_t *)r->block, sizeof(float), r->captures_ns, 1,
-                           r->fresh, NULL, &r->unit, &r->low, &r->high};
+    struct vs_sent sent = {ROBOTS, 1, VS_NUMBER_F4, (uint8_t *)r->block, sizeof(float),
+                           r->captures_ns, 1, r->fresh, NULL, &r->unit, &r->low, &r->high};
 
     r->sent = sent;
     r->unit = 1.0;
@@ -162,9 +160,9 @@ static void set_program(struct run *r)
 {
     struct told *told = &r->told;
 
-    told->log_at = told->show_at = told->fail_at = 1000;
+    told->log_at = told->show_at = told->fail_at = told->ended_at = 1000;
     r->program.step = step;
-    r->program.failure = failure;
+    r->program.failed = &told->failed;
     r->program.all = r->program.now = told;
     r->program.timestep = &told->timestep;
     r->program.capture_ns = &told->capture_ns;
@@ -290,6 +288,71 @@ static void noise_ends_where_singles_do(struct run *r)
     CHECK(vs_sim_run(&r->sim, 1) == VS_OK && r->block[0] == 0.0f);
 }
 
+static int apply(const void *actuator, const struct vs_scene *scene, const double *levels,
+                 const double *growth)
+{
+    struct run *run = (struct run *)(uintptr_t)actuator;
+
+    CHECK(scene == NULL && levels[0] == growth[0]);
+    run->applied++;
+    return run->applied == run->refuse_at ? VS_ERR_ARGUMENT : VS_OK;
+}
+
+/* Actuators act before fields change, once in every timestep. */
+static void what_is_virtual_evolves(struct run *r)
+{
+    static const uint8_t report = 7;
+    double last = 0.0, level, growth, low = 0.0, high = 9.0, cell = 1.0, before;
+    struct vs_heard heard = {1, 1, VS_NUMBER_U1, &report, 1, &low, &high, &last, &level, &growth};
+    struct vs_sim_actuator actuator = {apply, r, NULL, &heard};
+    struct vs_field field = {1, 1, {0.0, 0.0}, 1.0, &cell};
+    struct vs_spread spread = {&field, 1, 0.2, 0.5, &before};
+
+    begin(r);
+    r->sim.actuators = &actuator;
+    r->sim.fields = &spread;
+    r->sim.actuators_count = r->sim.fields_count = 1;
+    CHECK(vs_sim_run(&r->sim, 1) == VS_OK && r->applied == 1 && cell == 0.5);
+    CHECK(level == 7.0 && last == 7.0);
+    last = 0.0;
+    r->refuse_at = 2;
+    CHECK(vs_sim_run(&r->sim, 2) == VS_ERR_ARGUMENT && r->sim.done == 0);
+    CHECK(r->sim.at == VS_SIM_SEEN && r->sim.failed == 0 && cell == 0.5 && r->measured == 1);
+}
+
+/* Whoever wants to comes in between, and each part of a timestep happens once. */
+static void it_comes_back_where_it_is_told(struct run *r)
+{
+    uint32_t k;
+
+    begin(r);
+    r->sim.stops = 1u << VS_SIM_SEEN | 1u << VS_SIM_SENSED;
+    r->told.log_at = 1;
+    for (k = 0; k < STEPS; k++) {
+        CHECK(vs_sim_run(&r->sim, STEPS) == VS_OK);
+        if (k == 2) { /* the controllers have logged: that comes first */
+            CHECK(r->sim.done == 1 && r->sim.at == VS_SIM_BEGUN);
+            CHECK(vs_sim_run(&r->sim, STEPS) == VS_OK);
+        }
+        CHECK(r->sim.done == (k != 0 && k != 2) && r->sim.at == VS_SIM_SEEN);
+        CHECK(r->measured == k && r->told.calls == k && r->sim.timestep == k);
+        CHECK(vs_sim_run(&r->sim, STEPS) == VS_OK && r->sim.done == 0);
+        CHECK(r->sim.at == VS_SIM_SENSED && r->measured == k + 1 && r->told.calls == k);
+        CHECK(r->captures_ns[0] == FIRST_NS + 100 * MS * k);
+    }
+    CHECK(vs_sim_run(&r->sim, 1) == VS_OK && r->sim.done == 1 && r->told.calls == STEPS);
+    CHECK(r->sim.at == VS_SIM_BEGUN);
+}
+
+/* Controllers after their end are an error, not a timestep. */
+static void nobody_steps_who_has_ended(struct run *r)
+{
+    begin(r);
+    r->told.ended_at = 2;
+    CHECK(vs_sim_run(&r->sim, STEPS) == VS_ERR_STATE && r->sim.done == 2);
+    CHECK(r->sim.timestep == 2 && r->told.calls == 2);
+}
+
 int main(void)
 {
     static struct run run;
@@ -297,5 +360,8 @@ int main(void)
     all_timesteps_have_what_is_theirs(&run);
     news_end_the_call(&run);
     noise_ends_where_singles_do(&run);
+    what_is_virtual_evolves(&run);
+    it_comes_back_where_it_is_told(&run);
+    nobody_steps_who_has_ended(&run);
     return 0;
 }

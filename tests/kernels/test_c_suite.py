@@ -34,9 +34,17 @@ SUITES = {
     "test_words": PICTURES,
     "test_rays": RAYS,
     "test_light": [*RAYS, HOST / "vs_light.c"],
-    "test_world": [*RAYS, *(HOST / f"vs_{part}.c" for part in ("world", "scene", "field"))],
+    "test_leds": [*RAYS, HOST / "vs_leds.c"],
+    "test_world": [
+        *(*RAYS, HOST / "vs_world.c"),
+        *(HOST / f"vs_{part}.c" for part in ("scene", "field", "floor", "places")),
+    ],
     "test_physics": FLOOR,
-    "test_sim": [*RAYS, *FLOOR[1:], *(HOST / f"vs_{p}.c" for p in ("world", "scene", "sim"))],
+    "test_sim": [
+        *RAYS,
+        *FLOOR[1:],
+        *(HOST / f"vs_{p}.c" for p in ("world", "scene", "field", "sim")),
+    ],
 }
 """C test -> the kernel's files: none needs another kernel's."""
 

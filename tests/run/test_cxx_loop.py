@@ -181,6 +181,23 @@ def test_a_seed_repeats_a_run(mission: Callable[..., Path]) -> None:
     assert (poses[0] != poses[2]).any()
 
 
+@pytest.mark.parametrize("end", ["0", "8"])
+def test_timesteps_in_c_are_the_same(
+    mission: Callable[..., Path], end: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    runs = []
+    for chained in (True, False):
+        with monkeypatch.context() as patch:
+            if not chained:
+                patch.setattr(Simulation, "_chained", lambda run: None)
+            run = simulated(mission(edge="0.0", end=end))
+            measures = run.run()
+            assert (run.chain is not None) == chained
+            poses = run.record.poses.tobytes(), run.record.leds.tobytes()
+            runs.append((poses, measures, run.record.events, dict(run.environment.world.entities)))
+    assert runs[0] == runs[1]
+
+
 def test_they_end_a_run(mission: Callable[..., Path]) -> None:
     run = simulated(mission(edge="0.0", end="8"))
     run.run()

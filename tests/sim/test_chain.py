@@ -1,4 +1,4 @@
-"""Timesteps in one call of C: the same bits, notes and failures as one after the other."""
+"""Timesteps in C as far as they are C: the same bits, notes and failures as one after the other."""
 
 from __future__ import annotations
 
@@ -10,10 +10,14 @@ from tests.conftest import require_tool
 from vsense.bench.sim import experiment_text
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment, Stage
+from vsense.errors import VsenseError
+from vsense.pictures.run_samples import RunSamples
 from vsense.robot import build
 from vsense.run.programs import shared_objects
 from vsense.sim.chain import Chain
 from vsense.sim.simulation import Simulation
+
+SHIPPED = sorted(Path(build.__file__).parents[1].glob("experiments/*.argos"))
 
 LIGHT = '<virtual_light_sensor implementation="default" formula="epuck" vs:angles="false" />'
 LENGTH_S = 20.0
@@ -62,22 +66,40 @@ def world(folder: Path, robots: int = 15, *changes: tuple[str, str]) -> Experime
 
 
 def told(run: Simulation) -> tuple[object, ...]:
-    record = run.record
-    kept = record.poses.tobytes(), record.leds.tobytes(), len(record.timesteps)
-    return *kept, record.events, record._shown, run.complaints()
+    record, samples = run.record, run.samples
+    kept = record.poses.tobytes(), record.leds.tobytes(), record.share.tobytes()
+    sampled: tuple[object, ...] = ()
+    if samples is not None:
+        fields = [f.tobytes() for s in samples.snapshots.values() for f in s.fields]
+        series = {name: values.tolist() for name, values in samples.measures().items()}
+        sampled = sorted(samples.snapshots), fields, series, samples.shares.tolist()
+    return *kept, *sampled, record.events, record._shown, run.complaints()
+
+
+def outcome(run: Simulation) -> tuple[object, ...]:
+    """All that comes of a run, its failure too."""
+    try:
+        ended: object = run.run()
+    except VsenseError as error:
+        ended = type(error).__name__, str(error)
+    return *told(run), len(run.record.timesteps), ended
 
 
 def both_ways(
-    experiment: Experiment, monkeypatch: pytest.MonkeyPatch
+    experiment: Experiment,
+    monkeypatch: pytest.MonkeyPatch,
+    sampled: bool = False,
+    blind: bool = False,
 ) -> tuple[tuple[object, ...], tuple[object, ...], int]:
     """The run in C, the run in Python, and how many timesteps of the first one were C."""
     in_c = [0]
     whole = Chain.run
 
-    def counted(chain: Chain, *args: int) -> int:
-        done = whole(chain, *args)
-        in_c[0] += done
-        return done
+    def counted(chain: Chain, *args: int) -> None:
+        try:
+            whole(chain, *args)
+        finally:
+            in_c[0] += chain.done
 
     runs = []
     for chained in (True, False):
@@ -85,11 +107,13 @@ def both_ways(
             patch.setattr(Chain, "run", counted)
             if not chained:
                 patch.setattr(Simulation, "_chained", lambda run: None)
-            run = Simulation(experiment, shared_objects(experiment), 3)
-            run.run()
-            runs.append(told(run))
+            run = Simulation(experiment, shared_objects(experiment), 3, blind)
+            run.samples = RunSamples(experiment) if sampled else None
+            runs.append(outcome(run))
     return runs[0], runs[1], in_c[0]
 
+
+GROUND = '<virtual_rgb_ground_sensor implementation="default" />'
 
 VARIANTS = {
     "plain": (),
@@ -98,6 +122,12 @@ VARIANTS = {
     "thesis": ((LIGHT, LIGHT.replace("epuck", "thesis")),),
     "no sensor": ((LIGHT, ""),),
     "fast": (('ticks_per_second="10"', 'ticks_per_second="25"'),),
+    "latency": ((LIGHT, LIGHT.replace("formula", "vs:latency='2' formula")),),
+    "drop-out": ((LIGHT, LIGHT.replace("formula", "vs:drop_out='0.2' formula")),),
+    "condition": ((LIGHT, LIGHT.replace("formula", "vs:update='change' formula")),),
+    "Python beside C": ((LIGHT, f"<gps_virtual_sensor implementation='default' />{LIGHT}"),),
+    "whole numbers": ((LIGHT, LIGHT + GROUND),),
+    "noisy whole numbers": ((LIGHT, LIGHT + GROUND.replace(" imp", " noise_level='0.1' imp")),),
 }
 
 
@@ -112,19 +142,150 @@ def test_c_gives_the_same_bits(name: str, tmp_path: Path, monkeypatch: pytest.Mo
 @pytest.mark.parametrize(
     "change",
     [
-        (LIGHT, LIGHT.replace("formula", "vs:latency='2' formula")),
-        (LIGHT, LIGHT.replace("formula", "vs:drop_out='0.2' formula")),
-        (LIGHT, LIGHT.replace("formula", "vs:update='change' formula")),
-        (LIGHT, "<gps_virtual_sensor implementation='default' />"),
         ('ticks_per_second="10"', 'ticks_per_second="40"'),
         ('<epuck_wheels implementation="default" />', '<epuck_wheels noise_std_dev="0.1" />'),
     ],
 )
-def test_what_needs_python_gets_it(
+def test_what_cannot_be_chained_is_not(
     change: tuple[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     *_, timesteps = both_ways(world(tmp_path, 3, change), monkeypatch)
     assert timesteps == 0
+
+
+@pytest.mark.parametrize("blind", [False, True], ids=["seeing", "blind"])
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_shipped_experiments_are_the_same(
+    path: Path, blind: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    experiment = load(str(path), LENGTH_S, {}, Stage.SIM)
+    in_c, in_python, timesteps = both_ways(experiment, monkeypatch, not blind, blind)
+    assert in_c == in_python
+    assert timesteps == experiment.timesteps - 1
+
+
+def with_loop(folder: Path, code: str, *changes: tuple[str, str]) -> Experiment:
+    """The world with loop functions, a field and all devices that C knows."""
+    (folder / "hooks.py").write_text(code)
+    field = '<vs:field id="trail" cell="0.1" evaporation="0.1" diffusion="0.001" />'
+    zone = '<vs:zone id="goal" shape="circle" radius="0.4" position="0.3,0.2,0" color="red" />'
+    sensors = (
+        LIGHT
+        + GROUND
+        + '<destination_virtual_sensor implementation="default" vs:target="goal" />'
+        + '<virtual_field_sensor implementation="default" field="trail" noise_level="0.5" />'
+    )
+    wheels = '<epuck_wheels implementation="default" />'
+    leaving = f'{wheels}<virtual_pheromone_actuator implementation="default" field="trail" />'
+    (folder / "loop.c").write_text(LEAVING)
+    wander = f'library="{build.source_tree().root / "vsense" / "bench" / "wander.c"}"'
+    return world(
+        folder,
+        6,
+        (LIGHT, sensors),
+        (wheels, leaving),
+        (wander, 'library="loop.c"'),
+        ("<distribute>", f"{field}{zone}<distribute>"),
+        ("</controllers>", '</controllers><loop_functions library="hooks.py" />'),
+        *changes,
+    )
+
+
+LEAVING = r"""
+#include "controller.h"
+
+struct leaving { int ids[5]; double sum; };
+
+static void init(void *state, struct vs_robot *robot)
+{
+    static const char *names[] = {"light", "rgb_ground", "destination", "pheromone"};
+    struct leaving *s = state;
+
+    for (int i = 0; i < 4; i++)
+        s->ids[i] = vs_robot_sensor(robot, names[i]);
+    s->ids[4] = vs_robot_actuator(robot, "pheromone_release");
+}
+
+static void step(void *state, struct vs_robot *robot)
+{
+    struct leaving *s = state;
+    double values[8];
+
+    for (int i = 0; i < 4; i++) {
+        int count = vs_robot_values(robot, s->ids[i], values, 8);
+
+        for (int k = 0; k < count; k++)
+            s->sum += values[k];
+    }
+    s->sum -= 1000.0 * (int)(s->sum / 1000.0);
+    vs_robot_actuate(robot, s->ids[4], 0, vs_robot_random(robot));
+    vs_robot_actuate(robot, s->ids[4], 1, (int)(s->sum / 100.0));
+    vs_robot_set_wheels(robot, 300 + (int)(s->sum / 10.0), 300);
+}
+
+const struct vs_controller vs_controller = {"leaving", sizeof(struct leaving), init, step};
+"""
+
+CHANGES = {
+    "only looks": "    world.results['east'] = float(world.robots['x_m'].mean())",
+    "moves a zone": "    world.move('goal', 0.1 * t % 1.0, 0.0)",
+    "takes the goal away": "    world.remove('goal') if t == 20 else None",
+    "moves a light": "    world.put(Light('spot', (0.1 * t % 1.0, 0.0, 0.3), 1.0 + t % 3))",
+    "puts a box": "    world.put(Box(f'box_{t}', (0.1 * t % 1.0, 0.3, 0), (0.1, 0.1, 0.2)))",
+    "puts a robot": "    world.put(VirtualRobot('ghost', 70000, 0.01 * t % 1.0, 0.1))",
+    "paints the floor": "    world.floor = Floor(color=(t % 256, 9, 9))",
+    "fills the field": "    world.fields['trail'].fill(t % 7)",
+    "changes its array": "    f = world.fields['trail']; f.concentration = f.concentration * 2 % 9",
+    "changes its rate": "    world.fields['trail'].evaporation_per_s = 0.01 * (t % 5)",
+}
+HOOKS = """
+from vsense.world.entities import *
+from vsense.world.floor import Floor
+
+def {hook}(world):
+    t = world.run_timestep
+{change}
+    if t == {wrong}:
+        raise ValueError("enough")
+"""
+
+
+@pytest.mark.parametrize("hook", ["pre_step", "post_step"])
+@pytest.mark.parametrize("name", CHANGES)
+def test_loop_functions_change_what_they_like(
+    name: str, hook: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    code = HOOKS.format(hook=hook, change=CHANGES[name], wrong=-1)
+    experiment = with_loop(tmp_path, code)
+    in_c, in_python, timesteps = both_ways(experiment, monkeypatch, sampled=True)
+    assert in_c == in_python
+    assert timesteps == experiment.timesteps - 1
+
+
+@pytest.mark.parametrize("hook", ["pre_step", "post_step"])
+def test_what_fails_fails_at_its_time(
+    hook: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    code = HOOKS.format(hook=hook, change="    pass", wrong=77)
+    in_c, in_python, timesteps = both_ways(with_loop(tmp_path, code), monkeypatch, sampled=True)
+    assert in_c == in_python
+    assert in_c[-2] == 77 and "hooks.py" in str(in_c[-1])
+    assert timesteps == 76
+
+
+def test_a_sensor_that_cannot_travel_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dazzle = "    world.put(Light('sun', (0.0, 0.0, 0.3), 1e6 if t < 50 else 1e25))"
+    code = HOOKS.format(hook="post_step", change=dazzle, wrong=-1)
+    thesis = (LIGHT, LIGHT.replace("epuck", "thesis"))
+    experiment = with_loop(tmp_path, code, thesis)
+    monkeypatch.setattr("vsense.world.entities.MAX_INTENSITY", 1e30)
+    in_c, in_python, _ = both_ways(experiment, monkeypatch)
+    assert in_c[:-1] == in_python[:-1]
+    assert in_c[-2] == 51
+    for ended in (in_c[-1], in_python[-1]):
+        assert isinstance(ended, tuple) and ended[0] == "SensorError" and "'light'" in ended[1]
 
 
 def test_notes_have_their_times(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

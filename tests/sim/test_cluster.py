@@ -282,8 +282,10 @@ def test_without_dask_nothing_is_begun(tmp_path: Path, monkeypatch, capsys) -> N
     assert list(tmp_path.iterdir()) == []
 
 
-def test_dask_is_loaded_for_a_cluster_only() -> None:
-    words = "import sys, vsense.commands.sim\nprint(*{n.partition('.')[0] for n in sys.modules})"
+@pytest.mark.parametrize("module", ["vsense.commands.sim", "vsense.sim.worker"])
+def test_a_simulation_loads_no_cluster_no_page_and_nothing_that_draws(module: str) -> None:
+    words = f"import sys, {module}\nprint(*{{n.partition('.')[0] for n in sys.modules}})"
     ran = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, check=True)
     assert "numpy" in ran.stdout.split()
-    assert not {"dask", "distributed", "tornado"} & set(ran.stdout.split())
+    others = {"dask", "distributed", "tornado", "cv2", "matplotlib", "ssl", "aiohttp"}
+    assert not others & set(ran.stdout.split())

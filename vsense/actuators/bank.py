@@ -11,14 +11,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.actuators.base import ActuatorError, MountedActuator, Rows
+from vsense.actuators.base import ActuatorError, ApplyFunction, MountedActuator, Rows
+from vsense.native import kernel_ffi
 from vsense.sensors.bank import TableEntry
-from vsense.sensors.base import layout_dtype
-from vsense.sensors.quality import Delay, Distortion, Floats, generator
+from vsense.sensors.base import NUMBERS, layout_dtype
+from vsense.sensors.quality import Delay, Distortion, Floats, Quality, generator
 from vsense.world.sightings import NEVER_NS
 from vsense.world.world import World
 
@@ -52,6 +54,21 @@ class ActuatorBank:
         self.table = tuple(slot.entry(first_id + i) for i, slot in enumerate(self._slots))
         self._size = sum(entry.size for entry in self.table)
 
+    def kernels(
+        self, world: World, robots: NDArray[np.void], reports: NDArray[np.uint8]
+    ) -> list[ActuatorKernel | None]:
+        """What does the same as `apply` for each actuator without Python, where C can.
+
+        Args:
+            robots: theirs in the world, all of which have been seen and report.
+            reports: (n, bytes) where their reports are at each step.
+        """
+        ends = np.cumsum([entry.size for entry in self.table]).tolist()
+        return [
+            slot.kernel(world, robots, reports[:, end - entry.size : end])
+            for slot, entry, end in zip(self._slots, self.table, ends)
+        ]
+
     def apply(
         self, world: World, reports: Mapping[int, bytes], senders: Mapping[int, bytes] = NO_SENDERS
     ) -> None:
@@ -83,6 +100,20 @@ class ActuatorBank:
             start += entry.size
 
 
+class ActuatorKernel(NamedTuple):
+    """One actuator of all robots of a bank as C hears and applies it.
+
+    Attributes:
+        name: of the actuator.
+        apply: see `ApplyFunction`.
+        heard: the `struct vs_heard *`.
+    """
+
+    name: str
+    apply: ApplyFunction
+    heard: Any
+
+
 class _Slot:
     """One actuator with the last reports of all robots: n robots, k numbers each."""
 
@@ -100,6 +131,37 @@ class _Slot:
         self._random = random
         self._distortion = Distortion(quality, actuator.scale, robots, self._count)
         self._delay = Delay(quality.latency, (np.zeros(shape), np.zeros(shape)))
+        self._heard: Any = None
+
+    def kernel(
+        self, world: World, robots: NDArray[np.void], reports: NDArray[np.uint8]
+    ) -> ActuatorKernel | None:
+        """How C hears and applies it, if C can do both."""
+        given = getattr(self._actuator, "kernel", None)
+        if self._quality != Quality() or not callable(given):
+            return None
+        apply = given(world, robots)
+        if not isinstance(apply, ApplyFunction):
+            return None
+        return ActuatorKernel(self._actuator.name, apply, self._as_c(reports))
+
+    def _as_c(self, reports: NDArray[np.uint8]) -> Any:
+        """Makes the `struct vs_heard *`, which goes on with the counts; lives as long as this."""
+        made = self._heard = kernel_ffi.new("struct vs_heard *")
+        shape = self._levels.shape
+        bounds = [np.broadcast_to(b, shape[1:]) for b in (self._low, self._high)]
+        self._bounds = [np.ascontiguousarray(bound, dtype=np.float64) for bound in bounds]
+        self._growth = np.zeros(shape)
+        made.robots, made.count = shape
+        made.type = NUMBERS[self._dtype]
+        made.block = kernel_ffi.cast("const uint8_t *", reports.ctypes.data)
+        made.stride = reports.strides[0]
+        made.low, made.high = (kernel_ffi.from_buffer("double[]", b) for b in self._bounds)
+        arrays = (self._counts.last, self._levels, self._growth)
+        made.last, made.levels, made.growth = (
+            kernel_ffi.from_buffer("double[]", some) for some in arrays
+        )
+        return made
 
     def entry(self, number: int) -> TableEntry:
         size = self._count * self._dtype.itemsize
@@ -161,10 +223,10 @@ class _Slot:
 
 
 class _Counts:
-    """The last counts of every robot and sender, 0 at first."""
+    """The last counts of every robot and sender, 0 at first; `last` those of who reports now."""
 
     def __init__(self, shape: tuple[int, int]) -> None:
-        self._last = np.zeros(shape)
+        self.last = np.zeros(shape)
         self._who: list[bytes | None] = [None] * shape[0]
         self._others: dict[tuple[int, bytes], Floats] = {}
 
@@ -175,9 +237,9 @@ class _Counts:
             before = self._who[robot]
             if before != sender:
                 if before is not None:
-                    self._others[robot, before] = self._last[robot].copy()
-                self._last[robot] = self._others.get((robot, sender), 0.0)
+                    self._others[robot, before] = self.last[robot].copy()
+                self.last[robot] = self._others.get((robot, sender), 0.0)
                 self._who[robot] = sender
-        last = self._last[heard]
-        self._last[heard] = counts
+        last = self.last[heard]
+        self.last[heard] = counts
         return np.maximum(np.where(counts >= last, counts - last, counts), 0.0)

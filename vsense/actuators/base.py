@@ -8,12 +8,17 @@ virtual sensors, which are read before the actuators.
 A robot's report is never an event, since it may come twice or not at all. Each number is a
 **level** ("release 0.3 per second"), which holds until the next one and is 0 where nothing is done,
 or a **cumulative counter** ("dropped 7 since the run began"), whose growth is acted on.
+
+An actuator may also have this member:
+
+    kernel(world, robots)   gives C that does the same as `apply` for all robots, without Python, in
+                            a simulation, until an entity or the floor changes; None: there is none
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +58,18 @@ class VirtualActuator(Protocol):
             values: (m, k) newest levels, k as the layout says; 0 for a silent robot.
             increments: (m, k) by how much each number has grown since the last call, 0 or more.
         """
+
+
+class ApplyFunction(NamedTuple):
+    """A function of a library that acts, and what it takes first; `kept` is what lives as long.
+
+    It is declared as `apply` of `struct vs_sim_actuator`.
+    """
+
+    library: Any
+    name: str
+    cdata: Any
+    kept: object = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,12 +21,15 @@ epuck_base_leds_default_actuator.cpp lines 58-70; argos3 421bd76, leds_default_a
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.actuators.base import Rows, VirtualActuator
-from vsense.sensors.base import Scope
+from vsense.actuators.base import ApplyFunction, Rows, VirtualActuator
+from vsense.native import kernel_ffi, kernels
+from vsense.sensors.base import Robots, Scope
+from vsense.sensors.geometry import rows_of
 from vsense.sensors.quality import Floats, Scale
 from vsense.world.world import ROBOT_LEDS, World
 from vsense.xml.element import Element
@@ -52,7 +55,25 @@ class LedsActuator:
 
     def apply(self, world: World, rows: Rows, values: Floats, increments: Floats) -> None:
         """Shows the colours; see `VirtualActuator.apply`."""
-        world.leds[rows] = np.rint(values).astype(np.uint8)
+        levels = kernel_ffi.from_buffer("double[]", np.rint(values))
+        kernels.vs_shine_show(_Shine(world, rows).cdata, kernel_ffi.NULL, levels, kernel_ffi.NULL)
+
+    def kernel(self, world: World, robots: Robots) -> ApplyFunction:
+        """See `vsense/actuators/base.py`."""
+        shine = _Shine(world, rows_of(world, robots))
+        return ApplyFunction(kernels, "vs_shine_show", shine.cdata, kept=shine)
+
+
+class _Shine:
+    """Where robots' colours go: `cdata` is a `struct vs_shine *`."""
+
+    def __init__(self, world: World, rows: Rows) -> None:
+        """`rows` (n,) are the robots' in the world; it holds until an entity changes."""
+        self._rows = np.ascontiguousarray(rows, dtype=np.int32)
+        self.cdata: Any = kernel_ffi.new("struct vs_shine *")
+        self.cdata.robots = len(rows)
+        self.cdata.rows = kernel_ffi.from_buffer("int32_t[]", self._rows)
+        self.cdata.colors = kernel_ffi.cast("uint8_t *", world.leds.ctypes.data)
 
 
 @dataclass(frozen=True, slots=True)

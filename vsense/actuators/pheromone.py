@@ -16,12 +16,16 @@ concern the level, in units per second.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from vsense.actuators.base import Rows
-from vsense.sensors.base import Scope
+from vsense.actuators.base import ApplyFunction, Rows
+from vsense.native import check, kernel_ffi, kernels
+from vsense.sensors.base import Robots, Scope
+from vsense.sensors.geometry import SensedScene
 from vsense.sensors.quality import Floats, Scale
+from vsense.world.fields import MAX_CONCENTRATION
 from vsense.world.world import World
 from vsense.xml.element import Element
 
@@ -48,12 +52,22 @@ class PheromoneActuator:
 
     def apply(self, world: World, rows: Rows, values: Floats, increments: Floats) -> None:
         """Releases where the robots stand; see `VirtualActuator.apply`."""
-        amounts = values[:, 0] * world.timestep_s + increments[:, 1]
-        robots = world.robots[rows]
-        points_m = np.stack((robots["x_m"], robots["y_m"]), axis=-1)
-        releasing = amounts > 0.0
-        if releasing.any():
-            world.fields[self.field].deposit(points_m[releasing], amounts[releasing])
+        scene = SensedScene(world, world.robots[rows])
+        given = (
+            kernel_ffi.from_buffer("double[]", np.ascontiguousarray(some))
+            for some in (values, increments)
+        )
+        code = kernels.vs_field_release(self._release(world), scene.cdata, *given)
+        check(code, f"what is left in field {self.field!r}")
+
+    def kernel(self, world: World, robots: Robots) -> ApplyFunction:
+        """See `vsense/actuators/base.py`."""
+        return ApplyFunction(kernels, "vs_field_release", self._release(world))
+
+    def _release(self, world: World) -> Any:
+        """Makes the `struct vs_release *`."""
+        field = world.fields[self.field].as_c()
+        return kernel_ffi.new("struct vs_release *", (field, world.timestep_s, MAX_CONCENTRATION))
 
 
 def from_xml(element: Element, scope: Scope) -> PheromoneActuator:

@@ -126,12 +126,12 @@ def parts_us(task: Task) -> dict[str, float]:
     `rings` the robots' proximity sensors; `controllers` are the robots' programs.
     """
     chain = _run_of(task)  # it keeps what the structure points to
-    sim, poses = chain.cdata, chain.cdata.physics.poses
+    sim, poses, tracker = chain.cdata, chain.cdata.physics.poses, chain.cdata.tracker
     nothing = kernel_ffi.new("double[]", 8 * len(task.experiment.robots))
 
     def see() -> None:
-        kernels.vs_tracker_see(sim.tracker, poses, nothing, sim.capture_ns)
-        kernels.vs_world_update(sim.world, sim.tracker.states, sim.tracker.count)
+        kernels.vs_tracker_see(tracker, poses, nothing, sim.capture_ns)
+        kernels.vs_world_update(sim.world, tracker.states, tracker.count, sim.capture_ns)
 
     def sense() -> None:
         for sensor in sim.sensors[0 : sim.sensors_count]:

@@ -1,4 +1,7 @@
-"""What `vsense sim`, `vsense lab` and `vsense run` share: their options, and how they begin."""
+"""What `vsense sim`, `vsense lab` and `vsense run` share: their options, and how they begin.
+
+What only the last two need, robots' links and the control room, is imported where they ask for it.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ import argparse
 import secrets
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from vsense.commands import arguments
 from vsense.config.description import describe
@@ -13,13 +17,13 @@ from vsense.config.experiment import first_robots, load
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment, Stage
 from vsense.errors import UsageError
-from vsense.link.legacy.server import MixedServer
-from vsense.link.robots import keys
-from vsense.link.robots.keys import LinkTrust
-from vsense.link.robots.server import VirtualSensorServer
 from vsense.run import directory as run_directory
 from vsense.terminal import Console, print_data
-from vsense.ui.room import RoomOptions
+
+if TYPE_CHECKING:
+    from vsense.link.robots.keys import LinkTrust
+    from vsense.link.robots.server import VirtualSensorServer
+    from vsense.ui.room import RoomOptions
 
 
 def add_experiment(parser: argparse.ArgumentParser) -> None:
@@ -93,6 +97,8 @@ def add_key(parser: argparse.ArgumentParser) -> None:
 
 def key_path(options: argparse.Namespace) -> Path:
     """Where the swarm's keys are."""
+    from vsense.link.robots import keys
+
     return options.key or keys.default_path()
 
 
@@ -108,6 +114,8 @@ def trust_of(options: argparse.Namespace) -> LinkTrust:
         UsageError: there are no keys, and robots without one are not to be taken.
         VsenseError: the keys cannot be used.
     """
+    from vsense.link.robots import keys
+
     path = key_path(options)
     if options.key is None and not path.exists():
         if options.insecure:
@@ -116,7 +124,7 @@ def trust_of(options: argparse.Namespace) -> LinkTrust:
             f"no swarm key ({path}): 'vsense robot keys --new-key' makes it, 'vsense robot deploy'"
             " brings each robot its own; or go on without keys: --insecure"
         )
-    return LinkTrust(keys.read(path), options.insecure)
+    return keys.LinkTrust(keys.read(path), options.insecure)
 
 
 def say_trust(trust: LinkTrust, say: Callable[[str], None]) -> None:
@@ -148,6 +156,8 @@ def check_legacy_port(options: argparse.Namespace, port: int) -> None:
 
 def say_legacy_port(server: VirtualSensorServer, say: Callable[[str], None]) -> None:
     """Says where robots with the original's client connect to, and what they do not get."""
+    from vsense.link.legacy.server import MixedServer
+
     if isinstance(server, MixedServer):
         say(f"and with the original client on port {server.legacy_port}")
         for name in server.unknown:
@@ -187,6 +197,8 @@ def add_room(parser: argparse.ArgumentParser) -> None:
 
 def room_of(options: argparse.Namespace) -> RoomOptions:
     """Returns what `add_room` declares."""
+    from vsense.ui.room import RoomOptions
+
     return arguments.fill(RoomOptions, options, web=arguments.web_of(options))
 
 

@@ -6,7 +6,6 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from vsense.config import argos
@@ -165,6 +164,8 @@ def read_image(path: Path) -> Image:
         OSError: the file cannot be read.
         ValueError: it holds no picture.
     """
+    import cv2  # few floors have a picture
+
     data = np.frombuffer(read_bytes(path, _MAX_IMAGE_BYTES), dtype=np.uint8)
     image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
     if image is None:

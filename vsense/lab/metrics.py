@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,11 @@ from numpy.typing import NDArray
 from vsense.arena import wrap_angle
 from vsense.config.specs import Experiment
 from vsense.lab.swarm import UNKNOWN_AGE
-from vsense.pictures.run_figure import RunFigure
 from vsense.pictures.run_samples import RunSamples
 from vsense.world.entities import BODY_RADIUS_M, Arena
+
+if TYPE_CHECKING:
+    from vsense.pictures.run_figure import RunFigure
 
 TIMESTEP = np.dtype(
     [
@@ -299,6 +301,8 @@ class SwarmTruth:
         part: Arena,
     ) -> RunFigure:
         """The run as `run_figure` draws it, in a part of the arena."""
+        from vsense.pictures.run_figure import RunFigure  # few runs of a campaign have a picture
+
         turn, inside = experiment.turn_timestep, self.inside
         truth = self.poses, self.lit, inside, turn
         return RunFigure(experiment, run_timesteps, *truth, samples, part)

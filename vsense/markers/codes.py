@@ -10,7 +10,6 @@ import math
 import re
 from functools import cache
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -155,6 +154,8 @@ def choose_square_tags(family: SquareFamily, count: int) -> list[int]:
     """Chooses tags that stay far apart under blur in all four positions; raises FamilyError."""
     if count > family.tags:
         raise FamilyError(f"{count} tags: the family {family.name} has {family.tags}")
+    import cv2  # no arrow needs it
+
     cells = family.codes.bits().astype(np.float32)
     fine = np.pad(
         cells.repeat(_FINE, axis=1).repeat(_FINE, axis=2), ((0, 0), (_FINE,) * 2, (_FINE,) * 2)

@@ -9,13 +9,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense.errors import VsenseError, instead
+
+if TYPE_CHECKING:
+    import cv2
 
 Floats = NDArray[np.float64]
 
@@ -138,6 +140,8 @@ def parse_square(file: str, values: dict[str, Any]) -> SquareFamily:
 
 def load_codes(name: str, folder: Path = Path()) -> Codes:
     """Reads OpenCV's dictionary of a name, or a dictionary file (.yml); raises FamilyError."""
+    import cv2  # no arrow needs it
+
     if name.endswith((".yml", ".yaml", ".xml", ".json")):
         return _codes(name, _read_dictionary(folder / name))
     number = getattr(cv2.aruco, name, None) if name.startswith("DICT_") else None
@@ -150,6 +154,8 @@ def load_codes(name: str, folder: Path = Path()) -> Codes:
 
 def _read_dictionary(path: Path) -> cv2.aruco.Dictionary:
     """Reads the format of OpenCV's tools: nmarkers, markersize, marker_0 ..."""
+    import cv2
+
     if not path.is_file():
         raise FamilyError(f"{path}: there is no such dictionary file")
     dictionary = cv2.aruco.Dictionary()
@@ -164,6 +170,8 @@ def _read_dictionary(path: Path) -> cv2.aruco.Dictionary:
 
 
 def _codes(name: str, dictionary: cv2.aruco.Dictionary) -> Codes:
+    import cv2
+
     cells = dictionary.markerSize
     rows = [row[np.newaxis] for row in dictionary.bytesList]
     bits = np.array([cv2.aruco.Dictionary.getBitsFromByteList(row, cells) for row in rows])

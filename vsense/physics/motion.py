@@ -147,8 +147,8 @@ class Physics:
     def _make(self, mobility: Floats, count: int) -> Any:
         """Makes the `struct vs_physics`; its arrays live as long as this object."""
         wheels_m_s, commands = np.zeros((count, 2)), np.zeros((count, 2), dtype=np.int16)
-        rolled_ns = np.zeros(count, dtype=np.int64)
-        self._kept = (mobility, wheels_m_s, commands, rolled_ns)
+        rolled_ns, arcs = np.zeros(count, dtype=np.int64), np.zeros((count, 2))
+        self._kept = (mobility, wheels_m_s, commands, rolled_ns, arcs)
         made: Any = kernel_ffi.new("struct vs_physics *")
         made.contacts = self._contacts.cdata
         made.poses = pointer("double", self.bodies)
@@ -156,6 +156,7 @@ class Physics:
         made.wheels_m_s = pointer("double", wheels_m_s)
         made.commands = pointer("int16_t", commands)
         made.rolled_ns = pointer("int64_t", rolled_ns)
+        made.arcs = pointer("double", arcs)
         return made
 
     def drive(self, robot: int, left_steps_s: int, right_steps_s: int, time_ns: int) -> None:

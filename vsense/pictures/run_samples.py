@@ -8,15 +8,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import compress
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense.config.specs import Experiment
-from vsense.pictures.canvas import Floats, Image
 from vsense.world.entities import Arena, Box, Cylinder
 from vsense.world.world import World
+
+if TYPE_CHECKING:
+    from vsense.pictures.canvas import Floats, Image
 
 Rgb = tuple[int, int, int]
 

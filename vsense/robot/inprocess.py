@@ -85,18 +85,19 @@ class RobotProgram(NamedTuple):
     """`struct vs_sim_program` but for which robots they are: addresses, and arrays of `Robots`."""
 
     step: int
-    failure: int
     all: int
     now: int
     timestep: int
     capture_ns: int
     now_ns: int
     logged: int
+    failed: int
     prox: NDArray[np.int16]
     wheels: NDArray[np.int16]
     leds: NDArray[np.uint16]
     shown: NDArray[np.uint8]
     shown_before: NDArray[np.uint8]
+    reports: NDArray[np.uint8]
 
 
 class Robots:
@@ -198,7 +199,7 @@ class Robots:
         now = self._now
         now.wanted, now.from_timestep, now.timestep = wanted, from_timestep, timestep
         now.capture_ns, now.now_ns = times_ns
-        self._lib.vs_inprocess_step(self._all, now)
+        check(self._lib.vs_inprocess_step(self._all, now), "robots whose run is over")
         self.check()
 
     def sense(self, readings: SensorReadings) -> None:
@@ -213,18 +214,19 @@ class Robots:
         address = partial(_address, ffi)
         return RobotProgram(
             step=address(ffi.addressof(own, "vs_inprocess_step")),
-            failure=address(ffi.addressof(own, "vs_inprocess_failure")),
             all=address(self._all),
             now=address(now),
             timestep=address(ffi.addressof(now, "timestep")),
             capture_ns=address(ffi.addressof(now, "capture_ns")),
             now_ns=address(ffi.addressof(now, "now_ns")),
             logged=address(ffi.addressof(now, "logged")),
+            failed=address(ffi.addressof(now, "failed")),
             prox=self._prox,
             wheels=self.wheels_steps_s,
             leds=self.leds,
             shown=self._shown,
             shown_before=self._shown_before,
+            reports=self._reports,
         )
 
     def end(self) -> None:
@@ -250,7 +252,7 @@ class Robots:
         size = self._report_bytes
         if not size:
             return {}
-        whole = bytes(self._reports)
+        whole = self._reports.tobytes()
         return {tag: whole[i * size : (i + 1) * size] for i, tag in enumerate(self.tags)}
 
     def shown(self) -> list[tuple[int, Shown]]:
@@ -293,8 +295,7 @@ class Robots:
         for entry, size in zip(table.entries, table.sizes):
             sizes[entry.direction] += size
         self._report_bytes = sizes[Direction.ACTUATOR]
-        self._report_block = ffi.new("uint8_t[]", max(count * self._report_bytes, 1))
-        self._reports = ffi.buffer(self._report_block, count * self._report_bytes)
+        self._reports = np.zeros((count, self._report_bytes), dtype=np.uint8)
         self._prox = np.zeros((count, 8), dtype=np.int16)
         self._light = np.full((count, 8), LIGHT_RAW, dtype=np.int16)
         self.wheels_steps_s = np.zeros((count, 2), dtype=np.int16)
@@ -303,9 +304,8 @@ class Robots:
         self._shown_before = self._shown.copy()
         self._shown_last = self._shown.tobytes()
         self._log = [LogLines() for _ in self.tags]
-        now = self._now = ffi.new("struct vs_inprocess_timestep *")
-        now.reports = self._report_block
-        for name in ("prox", "light", "shown"):
+        self._now = ffi.new("struct vs_inprocess_timestep *")
+        for name in ("reports", "prox", "light", "shown"):
             self._point(name, getattr(self, f"_{name}"))
         self._point("wheels_steps_s", self.wheels_steps_s)
         self._point("leds", self.leds)

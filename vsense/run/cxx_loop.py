@@ -31,6 +31,7 @@ from vsense.world.entities import (
     WorldError,
 )
 from vsense.world.floor import OPAQUE, Floor
+from vsense.world.loop_functions import STEPS
 from vsense.world.sightings import NEVER_NS
 from vsense.world.world import World
 
@@ -69,6 +70,11 @@ class LoopFloor(Floor):
 
     loop: CxxLoopFunctions | None = None
 
+    @property
+    def is_painted(self) -> bool:
+        """See `Floor.is_painted`."""
+        return False
+
     def sample(self, points_m: ArrayLike) -> Floats:
         """See `Floor.sample`; as in ARGoS, no pixel is between the point and its colour."""
         points = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
@@ -90,6 +96,7 @@ class CxxLoopFunctions:
             simulation. Otherwise they are real, and the first try is told.
 
     Attributes:
+        steps: both of them.
         is_alive: they can be called.
         finished: they have said that the experiment is over.
         said: what they logged, and what is to be told, since the list was emptied.
@@ -98,6 +105,8 @@ class CxxLoopFunctions:
     Raises:
         CxxLoopError: a function has failed; so with all hooks.
     """
+
+    steps = STEPS
 
     def __init__(
         self, experiment: Experiment, spec: LoopSpec, seed: int, caller: LoopCaller, moves: bool

@@ -184,30 +184,42 @@ class Environment:
             reports = {**reports, **swarm.reports}
         world.update(state, run_timestep)
         if run_timestep >= 0:
-            self._evolve(reports, senders)
+            self.pre_step()
+            self.act(reports, senders)
         readings = SwarmReadings(
             {some.controller: some.sensors.encode(world, state.timestep) for some in self.equipment}
         )
         if swarm is not None:
             swarm.control(state, run_timestep, readings)
-        if run_timestep >= 0 and self._loop is not None:
-            self._loop.post_step(world)
+        if run_timestep >= 0:
+            self.post_step()
         return readings
 
-    def _evolve(self, reports: Mapping[int, bytes], senders: Mapping[int, bytes]) -> None:
-        """Changes the world in a timestep of the run."""
+    def pre_step(self) -> None:
+        """Calls the user's `pre_step`, as `step` does."""
         if self._loop is not None:
             self._loop.pre_step(self.world)
+
+    def act(self, reports: Mapping[int, bytes], senders: Mapping[int, bytes] = NO_SENDERS) -> None:
+        """Has actuators act and fields change, as `step` does."""
         for equipment in self.equipment:
             equipment.actuators.apply(self.world, reports, senders)
         self.world.step()
 
+    def post_step(self) -> None:
+        """Calls the user's `post_step`, as `step` does."""
+        if self._loop is not None:
+            self._loop.post_step(self.world)
+
     @property
-    def is_quiet(self) -> bool:
-        """Whether in a timestep nothing happens here but that everything is sensed."""
-        acting = any(len(some.actuators.table) for some in self.equipment)
-        moving = acting or self.world.fields or self.experiment.virtual_robots
-        return self._loop is None and self._swarm is None and not moving
+    def hooks(self) -> frozenset[str]:
+        """Which of pre_step and post_step the user has."""
+        return frozenset() if self._loop is None else self._loop.steps
+
+    @property
+    def drives(self) -> bool:
+        """Whether virtual robots run controllers here."""
+        return self._swarm is not None
 
     def end(self) -> dict[str, float]:
         """Ends the run; gives its results by name: the world's, or those of the user's `end`."""

@@ -16,7 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.native import check, kernel_ffi, kernels
-from vsense.sensors.base import MountedSensor, ReadFunction, SensorError, layout_dtype, scale_of
+from vsense.sensors.base import (
+    NUMBERS,
+    MountedSensor,
+    ReadFunction,
+    SensorError,
+    layout_dtype,
+    scale_of,
+)
 from vsense.sensors.quality import Delay, Distortion, generator
 from vsense.sensors.readings import SensorReadings
 from vsense.sensors.updating import ALWAYS
@@ -82,21 +89,27 @@ class SensorBank:
         Raises:
             SensorError: a sensor gave a number that is not finite or does not fit its layout.
         """
-        robots = in_order(world.robots, self._tags)
-        for slot in self._slots:
-            slot.step(world, robots, timestep)
+        self.step(world, timestep, range(len(self._slots)))
         block, captures_ns = self._block.copy(), self._captures_ns.copy()
         return SensorReadings(self._tags, self._sizes, block, captures_ns)
+
+    def step(self, world: World, timestep: int, numbers: Iterable[int]) -> None:
+        """Renews some of the sensors, by their numbers from 0, in `newest`; raises as `encode`."""
+        robots = in_order(world.robots, self._tags)
+        for number in numbers:
+            self._slots[number].step(world, robots, timestep)
 
     @property
     def newest(self) -> SensorReadings:
         """The newest readings, in arrays that change with them."""
         return SensorReadings(self._tags, self._sizes, self._block, self._captures_ns)
 
-    def kernels(self) -> list[SensorKernel] | None:
-        """What reads and sends all of them without Python, or None where that is not enough."""
-        found = [slot.kernel(self._tags) for slot in self._slots]
-        return None if None in found else [some for some in found if some is not None]
+    def kernels(self, world: World, robots: NDArray[np.void]) -> list[SensorKernel | None]:
+        """What reads and sends each of them without Python; None where that is not enough.
+
+        `robots` are theirs in the world. It holds until an entity or the floor changes.
+        """
+        return [slot.kernel(world, robots) for slot in self._slots]
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,14 +117,14 @@ class SensorKernel:
     """One sensor of all robots of a bank as C reads and sends it.
 
     Attributes:
-        tags: the robots.
+        name: of the sensor.
         read: see `ReadFunction`.
         sent: the `struct vs_sent *`.
         noise: gives what is added to the readings to come, (j, n, k), one at least; None: nothing.
         use: is told for how many of the readings to come it was used.
     """
 
-    tags: Sequence[int]
+    name: str
     read: ReadFunction
     sent: Any
     noise: Callable[[], NDArray[np.float64]] | None
@@ -166,19 +179,22 @@ class _Slot:
         if self._delay is not None:
             self._sent[0][:], self._sent[1][:] = self._delay.push(self._kept())
 
-    def kernel(self, tags: Sequence[int]) -> SensorKernel | None:
+    def kernel(self, world: World, robots: NDArray[np.void]) -> SensorKernel | None:
         """How C reads and sends it, if C can do both."""
-        read = getattr(self._sensor, "kernel", None)
-        if self._plain is None or not isinstance(read, ReadFunction):
+        given = getattr(self._sensor, "kernel", None)
+        if self._plain is None or not callable(given):
+            return None
+        read = given(world, robots)
+        if not isinstance(read, ReadFunction):  # a user's sensor may call something else so
             return None
         noise = partial(self._distortion.noise, self._random) if self._quality.distorts else None
-        return SensorKernel(tags, read, self._plain, noise, self._distortion.use)
+        return SensorKernel(self._sensor.name, read, self._plain, noise, self._distortion.use)
 
     @property
     def _is_plain(self) -> bool:
         """Whether every reading is sent as it is, or with noise that is limited to its bounds."""
         quality, noisy = self._quality, self._quality.distorts
-        always = self._updating == ALWAYS and self._dtype == np.dtype("<f4") and not self._blind
+        always = self._updating == ALWAYS and not self._blind
         at_once = not quality.latency and not quality.drop_out and quality.update_every == 1
         tidy = getattr(self._sensor, "tidy", None)
         return always and at_once and (not noisy or (self._distortion.is_noise and tidy is None))
@@ -201,6 +217,7 @@ class _Slot:
         self._bounds = [np.ascontiguousarray(some) for some in bounds]
         made: Any = kernel_ffi.new("struct vs_sent *")
         made.robots, made.count = values.shape
+        made.type = NUMBERS[self._dtype]
         made.block = kernel_ffi.cast("uint8_t *", values.ctypes.data)
         made.stride, made.step = values.strides[0], captures_ns.strides[0] // captures_ns.itemsize
         made.captures_ns = kernel_ffi.cast("int64_t *", captures_ns.ctypes.data)

@@ -11,7 +11,8 @@ A sensor may also have any of these members:
     changed(sent, fresh)       its own updating condition: (m, k) numbers that the robots were
                                sent last and could be sent now -> (m,) whether to send them
     tidy(values)               called on the (m, k) numbers after noise: what must hold again
-    kernel: ReadFunction | None      C that does the same as `read`, without Python, in a simulation
+    kernel(world, robots)      gives C that does the same as `read`, without Python, in a
+                               simulation, until an entity or the floor changes; None: there is none
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.errors import VsenseError, instead
+from vsense.native import kernels
 from vsense.sensors.quality import Quality, Scale
 from vsense.sensors.updating import ALWAYS, Updating
 from vsense.world.entities import Entity
@@ -41,6 +43,10 @@ Readings = NDArray[Any]
 """(n, k) numbers of n robots."""
 _LAYOUT = re.compile(r"(?:([1-9][0-9]{0,3})\*)?([uif][124])")
 _TYPES = ("u1", "i2", "u2", "i4", "u4", "f4")
+NUMBERS: dict[np.dtype[Any], int] = {
+    np.dtype(f"<{name}"): getattr(kernels, f"VS_NUMBER_{name.upper()}") for name in _TYPES
+}
+"""What the C library calls the types."""
 
 
 class SensorError(VsenseError):
@@ -71,12 +77,15 @@ class VirtualSensor(Protocol):
 class ReadFunction(NamedTuple):
     """A function of a library that reads a sensor, and what it takes first.
 
-    It is declared as `read` of `struct vs_sim_sensor`.
+    It is declared as `read` of `struct vs_sim_sensor`. `bodies` is whether it asks what stands in
+    the way; `kept` is what lives as long as this.
     """
 
     library: Any
     name: str
     cdata: Any
+    bodies: bool = False
+    kept: object = None
 
 
 @dataclass(frozen=True, slots=True)

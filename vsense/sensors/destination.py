@@ -17,14 +17,17 @@ Source: iridia.md section 1b (x, y, heading).
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
+from vsense.native import kernel_ffi, kernels
 from vsense.sensors import places
-from vsense.sensors.base import Readings, Robots, Scope
-from vsense.sensors.geometry import seen_from
+from vsense.sensors.base import ReadFunction, Readings, Robots, Scope
+from vsense.sensors.geometry import SensedScene
 from vsense.sensors.quality import Scale
 from vsense.world.world import World
 from vsense.xml.element import Element
@@ -47,19 +50,36 @@ class DestinationSensor:
 
     def read(self, world: World, robots: Robots) -> Readings:
         """Reads the destinations; see `VirtualSensor.read`."""
-        readings = np.zeros((len(robots), 5))
-        for axis, name in enumerate(("x_m", "y_m", "yaw_rad")):
-            readings[:, axis] = robots[name]
-        if isinstance(self.target, str):
-            for reading, tag in zip(readings, robots["tag"].tolist()):
-                place = places.EntityPlace(self.target.replace(_OWN_TAG, str(tag)))
-                reading[:3] = place.pose(world) or reading[:3]
-        else:
-            readings[:, :3] = self.target.pose(world) or readings[:, :3]
-        distance, bearing = seen_from(robots, readings[:, :1], readings[:, 1:2])
-        readings[:, 3] = distance[:, 0]
-        readings[:, 4] = np.where(distance > 0.0, bearing, 0.0)[:, 0]
+        readings = np.empty((len(robots), 5))
+        given = kernel_ffi.from_buffer("double[]", readings)
+        destinations = self._destinations(world, robots)
+        kernels.vs_destinations_read(destinations.cdata, SensedScene(world, robots).cdata, given)
         return readings
+
+    def kernel(self, world: World, robots: Robots) -> ReadFunction | None:
+        """See `vsense/sensors/base.py`."""
+        if isinstance(self.target, places.TaggedPlace):  # it moves by itself
+            return None
+        destinations = self._destinations(world, robots)
+        return ReadFunction(kernels, "vs_destinations_read", destinations.cdata, kept=destinations)
+
+    def _destinations(self, world: World, robots: Robots) -> _Destinations:
+        """Where robots (n,) are to go now."""
+        if isinstance(self.target, str):
+            names = [self.target.replace(_OWN_TAG, str(tag)) for tag in robots["tag"].tolist()]
+            return _Destinations([places.EntityPlace(name).pose(world) for name in names])
+        return _Destinations([self.target.pose(world)] * len(robots))
+
+
+class _Destinations:
+    """Destinations as C takes them: `cdata` is a `struct vs_destinations *`."""
+
+    def __init__(self, poses: Sequence[places.Pose | None]) -> None:
+        """None: the robot is there."""
+        nowhere = math.nan, math.nan, math.nan
+        rows = np.array([pose or nowhere for pose in poses], dtype=np.float64).reshape(-1, 3)
+        self._rows = kernel_ffi.from_buffer("double[]", rows)
+        self.cdata = kernel_ffi.new("struct vs_destinations *", (self._rows,))
 
 
 def from_xml(element: Element, scope: Scope) -> DestinationSensor:

@@ -17,7 +17,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from vsense.sensors.base import Readings, Robots, Scope
+from vsense.native import kernel_ffi, kernels
+from vsense.sensors.base import ReadFunction, Readings, Robots, Scope
+from vsense.sensors.geometry import SensedScene
 from vsense.sensors.quality import Scale
 from vsense.world.world import World
 from vsense.xml.element import Element
@@ -36,11 +38,15 @@ class FieldSensor:
 
     def read(self, world: World, robots: Robots) -> Readings:
         """Reads value and gradient; see `VirtualSensor.read`."""
-        points = np.stack((robots["x_m"], robots["y_m"]), axis=-1)
-        value, east, north = world.fields[self.field].read(points).T
-        cosine, sine = np.cos(robots["yaw_rad"]), np.sin(robots["yaw_rad"])
-        ahead, left = east * cosine + north * sine, north * cosine - east * sine
-        return np.stack((value, ahead, left), axis=-1)
+        readings = np.empty((len(robots), 3))
+        given = kernel_ffi.from_buffer("double[]", readings)
+        scene = SensedScene(world, robots)
+        kernels.vs_field_sense(world.fields[self.field].as_c(), scene.cdata, given)
+        return readings
+
+    def kernel(self, world: World, robots: Robots) -> ReadFunction:
+        """See `vsense/sensors/base.py`."""
+        return ReadFunction(kernels, "vs_field_sense", world.fields[self.field].as_c())
 
 
 def from_xml(element: Element, scope: Scope) -> FieldSensor:

@@ -13,6 +13,7 @@ from vsense.arena import POSE, wrap_angle
 from vsense.native import kernel_ffi, kernels
 from vsense.sensors.base import Robots
 from vsense.sensors.quality import Floats
+from vsense.world.rays import MovingBodies
 from vsense.world.world import World
 from vsense.xml.element import Element
 
@@ -98,16 +99,25 @@ class SensedScene:
     It holds until the next update of the world or change of an entity; the poses are not copied.
     """
 
-    def __init__(self, world: World, robots: Robots, rows: NDArray[np.intp]) -> None:
-        """Robots (n,) with their rows in `world.bodies()`."""
-        lights, bodies = world.light_table(), world.bodies()
-        self._kept = robots, np.ascontiguousarray(rows, dtype=np.int32), lights, bodies
+    def __init__(
+        self,
+        world: World,
+        robots: Robots,
+        rows: NDArray[np.intp] | None = None,
+        bodies: MovingBodies | None = None,
+    ) -> None:
+        """Robots (n,), and their rows in the world and its `bodies`, if they are asked for."""
+        lights = world.light_table()
+        self._kept = robots, lights, bodies
         self.cdata: Any = kernel_ffi.new("struct vs_scene *")
         self.cdata.first = kernel_ffi.cast("uint8_t *", robots.ctypes.data + _PLACE_AT)
         self.cdata.stride, self.cdata.robots = robots.strides[0], len(robots)
-        self.cdata.own = kernel_ffi.from_buffer("int32_t[]", self._kept[1])
         self.cdata.lights, self.cdata.lights_count = lights.cdata, len(lights)
-        self.cdata.obstacles = bodies.cdata
+        if rows is not None:
+            self._own = np.ascontiguousarray(rows, dtype=np.int32)
+            self.cdata.own = kernel_ffi.from_buffer("int32_t[]", self._own)
+        if bodies is not None:
+            self.cdata.obstacles = bodies.cdata
 
 
 def seen_from(robots: Robots, x_m: ArrayLike, y_m: ArrayLike) -> tuple[Floats, Floats]:

@@ -17,10 +17,13 @@ Source: coloured_blob_omnidirectional_camera of ARGoS (its distances are in cm, 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from vsense.sensors.base import Readings, Robots, Scope
+from vsense.native import check, kernel_ffi, kernels
+from vsense.sensors.base import ReadFunction, Readings, Robots, Scope
+from vsense.sensors.geometry import SensedScene, rows_of
 from vsense.sensors.neighbours import Reach, without_empty
 from vsense.sensors.quality import Floats, Scale
 from vsense.world.world import World
@@ -31,7 +34,7 @@ ELEMENTS = ("virtual_led_sensor",)
 _RANGE_M = 1.0
 _HEIGHT_M = 0.04
 """Of the LEDs' ring. Source: argos3-epuck, LED_RING_ELEVATION."""
-_MAX_BLOBS = 32
+_MAX_BLOBS: int = kernels.VS_LEDS_MOST
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,11 +49,27 @@ class LedSensor:
 
     def read(self, world: World, robots: Robots) -> Readings:
         """Reads the blobs; see `VirtualSensor.read`."""
-        pairs = self.reach.pairs(world, robots, np.any(world.leds, axis=1))
-        pairs = pairs.first(self.max_blobs, pairs.distance_m)
-        colors = world.leds[pairs.sender].astype(np.float64)
-        columns = np.column_stack((100.0 * pairs.distance_m, pairs.bearing_rad, colors))
-        return pairs.reading(len(robots), self.max_blobs, columns)
+        readings = np.empty((len(robots), 1 + 5 * self.max_blobs))
+        bodies = None if self.reach.height_m is None else world.bodies()
+        scene = SensedScene(world, robots, rows_of(world, robots), bodies)
+        given = kernel_ffi.from_buffer("double[]", readings)
+        check(kernels.vs_leds_read(self._as_c(world), scene.cdata, given), "lines of sight")
+        return readings
+
+    def kernel(self, world: World, robots: Robots) -> ReadFunction:
+        """See `vsense/sensors/base.py`."""
+        occlusions = self.reach.height_m is not None
+        return ReadFunction(kernels, "vs_leds_read", self._as_c(world), occlusions)
+
+    def _as_c(self, world: World) -> Any:
+        """Makes the `struct vs_leds *`; it holds until an entity changes."""
+        made: Any = kernel_ffi.new("struct vs_leds *")
+        made.colors = kernel_ffi.cast("const uint8_t *", world.leds.ctypes.data)
+        made.world = world.sightings.cdata
+        made.range_m, made.view_rad = self.reach.range_m, self.reach.field_of_view_rad
+        made.occlusions = self.reach.height_m is not None
+        made.height_m, made.most = self.reach.height_m or 0.0, self.max_blobs
+        return made
 
     def tidy(self, values: Floats) -> Floats:
         """Leaves no noise in the places without a robot."""

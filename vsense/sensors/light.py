@@ -95,15 +95,16 @@ class LightSensor:
         count = len(self.ring)
         readings = np.empty((len(robots), 2 * count if self.angles else count))
         readings[:, count:] = self.ring.angles_rad if self.angles else 0.0
-        scene = SensedScene(world, robots, rows_of(world, robots))
+        scene = SensedScene(world, robots, rows_of(world, robots), world.bodies())
         given = kernel_ffi.from_buffer("double[]", readings)
         check(kernels.vs_light_read(self.cdata, scene.cdata, given), "lines of sight")
         return readings
 
-    @property
-    def kernel(self) -> ReadFunction | None:
+    def kernel(self, world: World, robots: Robots) -> ReadFunction | None:
         """See `vsense/sensors/base.py`."""
-        return None if self.angles else ReadFunction(kernels, "vs_light_read", self.cdata)
+        if self.angles:
+            return None
+        return ReadFunction(kernels, "vs_light_read", self.cdata, self.occlusions)
 
     @cached_property
     def cdata(self) -> Any:

@@ -16,7 +16,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from vsense.sensors.base import Readings, Robots, Scope
+from vsense.native import kernel_ffi, kernels
+from vsense.sensors.base import ReadFunction, Readings, Robots, Scope
+from vsense.sensors.geometry import SensedScene
 from vsense.sensors.quality import Scale
 from vsense.world.world import World
 from vsense.xml.element import Element
@@ -34,7 +36,18 @@ class RgbGroundSensor:
 
     def read(self, world: World, robots: Robots) -> Readings:
         """Reads the floor's colour; see `VirtualSensor.read`."""
-        return world.floor.sample(np.stack((robots["x_m"], robots["y_m"]), axis=-1))
+        if not world.floor.is_painted:
+            return world.floor.sample(np.stack((robots["x_m"], robots["y_m"]), axis=-1))
+        readings = np.empty((len(robots), 4))
+        given = kernel_ffi.from_buffer("double[]", readings)
+        kernels.vs_floor_read(world.floor.cdata, SensedScene(world, robots).cdata, given)
+        return readings
+
+    def kernel(self, world: World, robots: Robots) -> ReadFunction | None:
+        """See `vsense/sensors/base.py`."""
+        floor = world.floor
+        # That of loop functions in C++ asks them for its colours.
+        return ReadFunction(kernels, "vs_floor_read", floor.cdata) if floor.is_painted else None
 
 
 def from_xml(element: Element, scope: Scope) -> RgbGroundSensor:

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from vsense.errors import UsageError, VsenseError
-from vsense.report import FORMATS, LACKING, can_draw, plot
+from vsense.report import FORMATS, LACKING, can_draw
 from vsense.run.programs import shared_objects
-from vsense.sim import comparison, dask_cluster, fingerprint
+from vsense.sim import dask_cluster, fingerprint
 from vsense.sim.engine import Engine
 from vsense.sim.job import Job, Setup, Sweep
 from vsense.sim.outcome import Interrupted, Task
@@ -67,6 +67,8 @@ def run(
         VsenseError: it cannot run, or a run has failed.
     """
     if campaign.style is not None and can_draw():
+        from vsense.report import plot  # with all that draws
+
         plot.require_sheet(campaign.style)
     with ExitStack() as stack:
         if campaign.on is not None and engine is None:
@@ -202,6 +204,9 @@ def _report(campaign: Campaign, results: CampaignResults, console: Console) -> N
     elif not can_draw():
         console.say(f"no picture: {LACKING}")
     else:
+        from vsense.report import plot
+        from vsense.sim import comparison
+
         names = {name: [measures[name] for _, measures in groups] for name in results.measures}
         title, labels = results.rows[0][EXPERIMENT], [settings for settings, _ in groups]
         with plot.styled(campaign.style):

@@ -8,6 +8,7 @@ sines and exponentials: NumPy computes them with the instructions that the proce
 from __future__ import annotations
 
 import hashlib
+import html
 import json
 import math
 import os
@@ -17,9 +18,7 @@ from collections.abc import Callable, Mapping
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
-from xml.sax.saxutils import unescape
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -109,7 +108,7 @@ def _named(path: Path) -> list[Path]:
     The file is not parsed: ARGoS's files need not be well-formed.
     """
     quoted = _QUOTED.findall(_text(path))
-    values = {unescape(double or single) for double, single in quoted}
+    values = {html.unescape(double or single) for double, single in quoted}
     named = (path.parent / value for value in sorted(values) if value and len(value) < MAX_NAME)
     found = dict.fromkeys([path, *(file for file in named if file.is_file())])
     waiting = [file for file in found if file.suffix == ".py"]
@@ -142,6 +141,8 @@ def of_machine() -> Machine:
     Raises:
         VsenseError: vsense's own C sources are missing.
     """
+    import cv2  # only a cluster asks
+
     python = ".".join(map(str, sys.version_info[:2]))
     versions = zip(VERSIONS, (__version__, python, np.__version__, cv2.__version__))
     return {**dict(versions), _OWN: _own_sources(), **_last_digits()}

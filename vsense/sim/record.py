@@ -6,7 +6,7 @@ import csv
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,17 +15,18 @@ from vsense.arena import POSE, ArenaState
 from vsense.config.specs import Experiment
 from vsense.errors import VsenseError, failing_as
 from vsense.lab import metrics
-from vsense.lab.reach import drawn
 from vsense.link.robots.status import RING_LEDS
 from vsense.link.robots.wire import Shown
 from vsense.native import kernel_ffi, kernels
 from vsense.physics.motion import pointer
-from vsense.pictures.run_figure import RunFigure
 from vsense.pictures.run_samples import RunSamples
 from vsense.recording.form import EVENTS, SHOWN, changes
 from vsense.terminal import Level
 from vsense.world.sightings import POSE_FIELDS, rows_pointer
 from vsense.world.world import World
+
+if TYPE_CHECKING:
+    from vsense.pictures.run_figure import RunFigure
 
 Floats = NDArray[np.float64]
 
@@ -142,9 +143,9 @@ class Record:
         self.timesteps, self.share = self.timesteps[:timesteps], self.share[:timesteps]
         self.poses, self.leds = self.poses[:timesteps], self.leds[:timesteps]
 
-    def note(self, timestep: int, poses: Floats, leds: NDArray[np.uint16], share: float) -> None:
+    def note(self, timestep: int, poses: Floats, leds: NDArray[np.uint16]) -> None:
         """Sets the row of a timestep, from 0; see the class."""
-        self.poses[timestep], self.leds[timestep], self.share[timestep] = poses, leds, share
+        self.poses[timestep], self.leds[timestep] = poses, leds
 
     def note_event(self, timestep: int, text: str) -> None:
         """Adds what a controller logged in a timestep; at once to the file, if there is one."""
@@ -221,5 +222,7 @@ class Record:
 
     def figure(self, samples: RunSamples, world: World) -> RunFigure:
         """The run as `run_figure` draws it; `world` is that at its end."""
+        from vsense.lab.reach import drawn  # with all that draws: few runs have a picture
+
         part = drawn(world, self._experiment.arena, self.poses)
         return self.truth.figure(self._experiment, self.timesteps, samples, part)

@@ -111,6 +111,7 @@ class Simulation:
         experiment = settle(experiment, seed)
         progress = bytearray(PROGRESS_BYTES) if progress is None else progress
         self._timestep = self._numbers = 0
+        self.chain: Chain | None = None  # loop functions may begin below, and ask for the timestep
         self.environment = Environment(experiment, seed, blind, self._host(progress))
         self.record = Record(experiment)
         self.samples: RunSamples | None = None
@@ -126,13 +127,16 @@ class Simulation:
         self._reports, self._events = dict[int, bytes](), list[_Event]()
         self._names = {robot.tag: robot.id for robot in experiment.robots}
         self._now_ns, self._driven = EPOCH_NS, self._robots.wheels_steps_s.copy()
-        self.chain: Chain | None = None
         self._version, self._standing = -1, _standing(experiment.boxes, experiment.cylinders)
         self._follow()
 
     def _host(self, progress: Any) -> LoopHost:
         """Where loop functions in C++ run: here, and what they move is moved."""
-        return LoopHost(lambda path: _Watched(path, progress, lambda: self._timestep), moves=True)
+        return LoopHost(lambda path: _Watched(path, progress, self._present), moves=True)
+
+    def _present(self) -> int:
+        """The timestep that is under way."""
+        return self._timestep if self.chain is None else int(self.chain.cdata.timestep)
 
     def run(self) -> dict[str, float]:
         """Runs all timesteps; returns the experiment's own results by name.
@@ -164,27 +168,37 @@ class Simulation:
 
     def go_on(self, run_timestep: int) -> int:
         """Runs at least one timestep; says how many."""
-        if run_timestep == 1 and self.samples is None and self._slip.is_quiet:
+        if run_timestep == 1 and self._slip.is_quiet:
             self.chain = self._chained()
         if self.chain is None:
             self.step(run_timestep)
             return 1
-        left = len(self.record.timesteps) - run_timestep
-        self.chain.wheels[:], self.chain.leds[:] = self._driven, self._leds
-        done = self.chain.run(self._timestep, self._capture_ns(), run_timestep, left)
-        self._timestep += done
-        self._driven, self._leds = self.chain.wheels.copy(), self.chain.leds.copy()
+        chain, left = self.chain, len(self.record.timesteps) - run_timestep
+        try:
+            chain.run(self._timestep, self._capture_ns(), run_timestep, left)
+        finally:
+            self._timestep += chain.done
         self._now_ns = self._capture_ns() - self._dt_ns + ACT_NS
         self._robots.check()
-        self._note(run_timestep + done - 1)
-        return done
+        self._note(run_timestep + chain.done - 1)
+        return chain.done
 
     def _chained(self) -> Chain | None:
-        """What runs the timesteps that are C from the first to the last, if all are."""
+        """What runs the timesteps in C as far as they are C, if they can be chained."""
+
+        def after(run_timestep: int) -> Physics:
+            self._now_ns = self._capture_ns(self._present())
+            self._after(run_timestep)
+            return self._physics
+
         tracker, environment = self._tracker, self.environment
         whole = (self._physics, self._rings, tracker, environment, self._robots, self.record)
-        times = ChainTimes(self._dt_ns, SENSE_NS, CONTROL_NS, ACT_NS)
-        return chained(ChainedParts(*whole), times)
+        parts = ChainedParts(*whole, after, self.samples is not None)
+        made = chained(parts, ChainTimes(self._dt_ns, SENSE_NS, CONTROL_NS, ACT_NS))
+        if made is not None:
+            made.wheels[:], made.leds[:] = self._driven, self._leds
+            self._driven, self._leds = made.wheels, made.leds
+        return made
 
     def _break_off(self) -> None:
         """Ends the record of a run that has failed, with the last words of all."""
@@ -199,20 +213,28 @@ class Simulation:
         """Runs one timestep, negative before the run, until wheels obey or to the next capture."""
         capture_ns = self._capture_ns()
         self._advance(capture_ns)
-        poses, world = self._physics.poses, self.environment.world
+        poses = self._physics.poses
         state = self._tracker.update(poses, self._timestep, capture_ns)
         readings = self.environment.step(state, run_timestep, self._reports)
-        self._note_said(run_timestep)
-        self._follow()
+        self._after(run_timestep)
         if run_timestep >= 0:
-            left = 1.0 if self._source is None else world.stock.share(self._source)
-            self.record.note(run_timestep, poses, self._leds, left)
-            if self.samples is not None:
-                self.samples.add(run_timestep, world)
+            self.record.note(run_timestep, poses, self._leds)
         self._plan(capture_ns + SENSE_NS, self._control(capture_ns, self._timestep, readings))
         self._timestep += 1
         if self._dt_ns > ACT_NS:  # else the next capture comes first
             self._advance(capture_ns + ACT_NS)
+
+    def _after(self, run_timestep: int) -> None:
+        """Takes over what has become of the virtual world in a timestep."""
+        self._note_said(run_timestep)
+        self._follow()
+        if run_timestep < 0:
+            return
+        world = self.environment.world
+        if self._source is not None:
+            self.record.share[run_timestep] = world.stock.share(self._source)
+        if self.samples is not None:
+            self.samples.add(run_timestep, world)
 
     def _note_said(self, run_timestep: int) -> None:
         """Keeps what loop functions log; before the run, with its first timestep."""
@@ -241,9 +263,9 @@ class Simulation:
         """What the controllers asked for in vain, or do not know."""
         return self._robots.complaints()
 
-    def _capture_ns(self) -> int:
-        """Capture time of the next timestep."""
-        return EPOCH_NS + self._timestep * self._dt_ns
+    def _capture_ns(self, timestep: int | None = None) -> int:
+        """Capture time of a timestep, by default the next one."""
+        return EPOCH_NS + (self._timestep if timestep is None else timestep) * self._dt_ns
 
     def _control(
         self, capture_ns: int, timestep: int, readings: SwarmReadings

@@ -35,7 +35,6 @@ from typing import Any
 from vsense.config.specs import Experiment
 from vsense.errors import VsenseError
 from vsense.lab.processes import read_line
-from vsense.pictures import run_figure
 from vsense.pictures.run_samples import RunSamples
 from vsense.robot.inprocess import declarations
 from vsense.run.programs import PROGRESS_BYTES, shared_objects
@@ -132,6 +131,8 @@ def _save(run: Simulation, experiment: Experiment, job: Job) -> None:
     """Writes `TRAJECTORY` and the picture of a run that has samples, and a timestep at least."""
     if job.directory is None or run.samples is None or not len(run.record.timesteps):
         return
+    from vsense.pictures import run_figure  # no run of a campaign has a picture
+
     directory = Path(job.directory)
     run.record.save(directory / TRAJECTORY)
     run.record.save_notes(directory)

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vsense.arena import wrap_angle
 from vsense.errors import VsenseError
+from vsense.native import kernel_ffi, kernels
 
 Vector = tuple[float, float, float]
 Color = tuple[int, int, int]
@@ -153,14 +154,28 @@ class Zone:
 
     def contains(self, points_m: ArrayLike) -> NDArray[np.bool_]:
         """Which points (..., 2) lie in the zone; its edge belongs to it."""
-        points = np.asarray(points_m, dtype=np.float64)
-        x, y = points[..., 0] - self.x_m, points[..., 1] - self.y_m
-        if self.shape == "circle":
-            return np.asarray(x * x + y * y <= self.radius_m**2)
-        cosine, sine = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
-        along, across = x * cosine + y * sine, y * cosine - x * sine
-        inside = (np.abs(along) <= self.size_m[0] / 2) & (np.abs(across) <= self.size_m[1] / 2)
-        return np.asarray(inside)
+        points = np.ascontiguousarray(points_m, dtype=np.float64)
+        inside = np.empty(points.shape[:-1], dtype=np.bool_)
+        given = kernel_ffi.cast("const double *", points.ctypes.data)
+        target = kernel_ffi.cast("uint8_t *", inside.ctypes.data)
+        kernels.vs_zone_contains(self.as_c(), given, inside.size, target)
+        return inside
+
+    def as_c(self) -> Any:
+        """The `struct vs_zone *`."""
+        is_circle = self.shape == "circle"
+        return kernel_ffi.new(
+            "struct vs_zone *",
+            {
+                "x_m": self.x_m,
+                "y_m": self.y_m,
+                "radius_m2": self.radius_m**2 if is_circle else -1.0,
+                "cosine": math.cos(self.yaw_rad),
+                "sine": math.sin(self.yaw_rad),
+                "half_m": (self.size_m[0] / 2, self.size_m[1] / 2),
+                "color": (*(self.color or (0, 0, 0)), 255),
+            },
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,6 +36,7 @@ class Field:
         evaporation_per_s: the amount falls by exp(-evaporation_per_s * t).
         diffusion_m2_s: the variance of a drop grows by twice this per second, along x and y.
         concentration: (rows, columns) amounts per m^2; row 0 has the lowest y.
+        spread: the `struct vs_spread *` of a timestep, as `prepare` has left it.
     """
 
     def __init__(
@@ -68,6 +69,8 @@ class Field:
         self.corner_m = np.array(arena.centre_m[:2]) - 0.5 * cell_m * np.array([columns, rows])
         self.concentration = np.full((rows, columns), self._initial)
         self._cdata: Any = None
+        self.spread: Any = kernel_ffi.new("struct vs_spread *")
+        self._before = np.empty(0)
 
     def check(self, timestep_s: float) -> None:
         """Raises WorldError where the field spreads over too many cells in one timestep."""
@@ -109,7 +112,7 @@ class Field:
         points = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
         readings = np.empty((len(points), 3))
         given, target = (kernel_ffi.from_buffer("double[]", some) for some in (points, readings))
-        kernels.vs_field_read(self._as_c(), given, len(points), target)
+        kernels.vs_field_read(self.as_c(), given, len(points), target)
         return readings
 
     def deposit(self, points_m: ArrayLike, amounts: ArrayLike) -> None:
@@ -123,7 +126,7 @@ class Field:
         points = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
         added = np.ascontiguousarray(self._amounts(amounts, len(points)))
         given, what = (kernel_ffi.from_buffer("double[]", some) for some in (points, added))
-        kernels.vs_field_deposit(self._as_c(), given, what, len(points), MAX_CONCENTRATION)
+        kernels.vs_field_deposit(self.as_c(), given, what, len(points), MAX_CONCENTRATION)
 
     def take(self, points_m: ArrayLike, amounts: ArrayLike) -> Floats:
         """Takes amounts away at points, as far as there is something; arguments as of `deposit`.
@@ -147,22 +150,29 @@ class Field:
 
     def step(self, dt_s: float) -> None:
         """Steps the field: the substance diffuses, then evaporates; raises as `check`."""
+        self.prepare(dt_s)
+        kernels.vs_spread_step(self.spread)
+
+    def prepare(self, dt_s: float) -> None:
+        """Sets `spread` to the field as it is now; raises as `check`."""
         self.check(dt_s)
-        substeps = self._substeps(dt_s)
-        for _ in range(substeps):
-            self._diffuse(self.diffusion_m2_s * dt_s / substeps / self.cell_m**2)
-        if self.evaporation_per_s > 0.0:
-            self.concentration *= math.exp(-self.evaporation_per_s * dt_s)
+        spread, substeps = self.spread, self._substeps(dt_s)
+        if len(self._before) != self.concentration.size:
+            self._before = np.empty(self.concentration.size)
+            spread.before = kernel_ffi.from_buffer("double[]", self._before)
+        spread.field, spread.substeps = self.as_c(), substeps
+        spread.share = self.diffusion_m2_s * dt_s / max(substeps, 1) / self.cell_m**2
+        spread.left = math.exp(-self.evaporation_per_s * dt_s)
+
+    @property
+    def rates(self) -> tuple[float, float]:
+        """How fast it evaporates and diffuses: what else `spread` depends on."""
+        return self.evaporation_per_s, self.diffusion_m2_s
 
     def _substeps(self, dt_s: float) -> int:
         return math.ceil(self.diffusion_m2_s * dt_s / (_STABLE * self.cell_m**2))
 
-    def _diffuse(self, share: float) -> None:
-        """Moves a share of every difference between neighbours from one to the other."""
-        before = kernel_ffi.from_buffer("double[]", np.empty_like(self.concentration))
-        kernels.vs_field_diffuse(self._as_c(), share, before)
-
-    def _as_c(self) -> Any:
+    def as_c(self) -> Any:
         """The `struct vs_field *`, which holds until `concentration` is another array."""
         cells = kernel_ffi.from_buffer("double[]", self.concentration)
         if self._cdata is None or self._cdata.cells != cells:

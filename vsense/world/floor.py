@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vsense.native import kernel_ffi, kernels
 from vsense.world.entities import Color, WorldError, Zone
 
 Floats = NDArray[np.float64]
@@ -61,23 +64,36 @@ class Floor:
         A point is as the pixel that it lies in, not interpolated, as in ARGoS; one outside of the
         picture as the nearest pixel inside. Source: ARGoS's image floor, iridia.md section 2.
         """
-        points = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
-        colors = np.full((len(points), 4), OPAQUE)
-        colors[:, :3] = self.color
-        if self.image is not None:
-            height, width, channels = self.image.shape
-            colors[:, :channels] = self.image[self._pixels(points, height, width)]
-        for zone in self.zones:
-            if zone.color is not None:
-                colors[zone.contains(points)] = (*zone.color, OPAQUE)
+        points = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
+        colors = np.empty((len(points), 4))
+        given, target = (kernel_ffi.from_buffer("double[]", some) for some in (points, colors))
+        kernels.vs_floor_sample(self.cdata, given, len(points), target)
         return colors
 
-    def _pixels(
-        self, points: Floats, height: int, width: int
-    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Each point's row, from the top, and column."""
-        cells = np.array([width, height])
-        size = np.asarray(self.size_m)
-        place = (points - self.centre_m + 0.5 * size) * (cells / size)
-        column, up = np.clip(np.floor(place), 0, cells - 1).astype(np.intp).T
-        return height - 1 - up, column
+    @property
+    def is_painted(self) -> bool:
+        """Whether `cdata` says all: nobody has to be asked for a colour."""
+        return True
+
+    @cached_property
+    def cdata(self) -> Any:
+        """The `struct vs_floor *`."""
+        made: Any = kernel_ffi.new("struct vs_floor *")
+        made.color = (*self.color, int(OPAQUE))
+        made.centre_m, made.size_m = self.centre_m, self.size_m
+        if self.image is not None:
+            made.rows, made.columns, made.channels = self.image.shape
+            made.image = kernel_ffi.from_buffer("uint8_t[]", self._pixels)
+        made.zones, made.zones_count = self._zones, len(self._zones)
+        return made
+
+    @cached_property
+    def _zones(self) -> Any:
+        """Those that are seen, as `struct vs_zone[]`."""
+        seen = [zone for zone in self.zones if zone.color is not None]
+        return kernel_ffi.new("struct vs_zone[]", [zone.as_c()[0] for zone in seen])
+
+    @cached_property
+    def _pixels(self) -> Image:
+        """The picture in one piece."""
+        return np.ascontiguousarray(self.image)

@@ -36,6 +36,7 @@ class Inventory:
         self.version = 0
         self._entities: dict[str, Entity] = {}
         self._by_kind: dict[type, tuple[Entity, ...]] = {}
+        self._versions = dict.fromkeys(KINDS, 0)
         for entity in entities:
             if entity.id in self._entities:
                 raise WorldError(f"two things in the world are called {entity.id!r}")
@@ -44,8 +45,13 @@ class Inventory:
 
     def reset(self) -> None:
         """Goes back to the start."""
+        gone = self._entities.values()
         self._entities = dict(self._first)
-        self._changed()
+        self._changed(*gone, *self._entities.values())
+
+    def changed_since(self, version: int) -> set[type]:
+        """The kinds of which some entity has changed after a version."""
+        return {kind for kind, changed in self._versions.items() if changed > version}
 
     @property
     def entities(self) -> Mapping[str, Entity]:
@@ -71,8 +77,7 @@ class Inventory:
     def remove(self, name: str) -> None:
         """See `World.remove`."""
         _check_virtual(self.get(name))
-        del self._entities[name]
-        self._changed()
+        self.tear_down(name)
 
     def rebuild(self, entity: Entity) -> None:
         """See `World.rebuild`."""
@@ -80,14 +85,15 @@ class Inventory:
 
     def tear_down(self, name: str) -> None:
         """See `World.tear_down`."""
-        del self._entities[self.get(name).id]
-        self._changed()
+        gone = self.get(name)
+        del self._entities[name]
+        self._changed(gone)
 
     def move(self, name: str, x_m: float, y_m: float, yaw_rad: float | None) -> None:
         """See `World.move`."""
         _check_virtual(self.get(name))
         self._entities[name] = moved(self._entities[name], x_m, y_m, yaw_rad)
-        self._changed()
+        self._changed(self._entities[name])
 
     def set_leds(self, name: str, colors: Sequence[Color]) -> None:
         """See `World.set_leds`."""
@@ -99,7 +105,7 @@ class Inventory:
             raise WorldError(f"{name!r} has {len(leds)} LEDs, and {len(colors)} colours came")
         lit = tuple(led._replace(color=color) for led, color in zip(leds, colors))
         self._entities[name] = replace(thing, leds=lit)
-        self._changed()
+        self._changed(thing)
 
     def get(self, name: str) -> Entity:
         """The entity of an id; WorldError where there is none."""
@@ -112,12 +118,16 @@ class Inventory:
             twins = (e for e in self.of(VirtualRobot) if e.tag == entity.tag and e.id != entity.id)
             for twin in twins:
                 raise WorldError(f"{entity.id!r} and {twin.id!r} have the same tag {entity.tag}")
+        before = self._entities.get(entity.id, entity)
         self._entities[entity.id] = entity
-        self._changed()
+        self._changed(before, entity)
 
-    def _changed(self) -> None:
+    def _changed(self, *entities: Entity) -> None:
         self.version += 1
-        self._by_kind.clear()
+        for kind in KINDS:
+            if any(isinstance(entity, kind) for entity in entities):
+                self._versions[kind] = self.version
+                self._by_kind.pop(kind, None)
 
 
 def _check_virtual(entity: Entity | None) -> None:

@@ -36,6 +36,9 @@ from vsense.world.world import Results, World
 HOOKS = {"populate": 1, "reset": 1, "pre_step": 1, "post_step": 1, "end": 1, "floor_color": 2}
 """What the file may hold, and how many arguments each is called with."""
 
+STEPS = frozenset(("pre_step", "post_step"))
+"""Those that are called in every timestep."""
+
 DEFAULT_LABEL = "LoopFunctions"
 
 _MODULE = "vsense_loop_functions"
@@ -59,11 +62,13 @@ class Hooks(Protocol):
     """What is called around every timestep of a run, whatever it is written in.
 
     Attributes:
+        steps: which of pre_step and post_step there are.
         finished: the hooks have said that the experiment is over.
         said: what they logged since the list was emptied.
         moved: x, y and yaw of robots, by row, that were put somewhere since it was emptied.
     """
 
+    steps: frozenset[str]
     finished: bool
     said: list[str]
     moved: dict[int, tuple[float, float, float]]
@@ -119,15 +124,18 @@ class LoopFunctions:
         self._params = dict(params or {})
         module = self._code.load(_MODULE)
         self._hooks: dict[str, Hook] = {}
+        self._lines: dict[str, int] = {}
         holder = self._holder(module, label)
         for name, arguments in HOOKS.items():
             hook = getattr(holder, name, None)
             if hook is not None:
                 self._check_hook(name, hook, arguments)
                 self._hooks[name] = hook
+                self._lines[name] = line_of(hook)
         if not self._hooks:
             known = ", ".join(HOOKS)
             raise LoopFunctionsError(self._file, 1, f"holds no loop function, expected: {known}")
+        self.steps = STEPS.intersection(self._hooks)
 
     def renewed(self) -> LoopFunctions:
         """Those of another run: the file is run again."""
@@ -217,7 +225,7 @@ class LoopFunctions:
         hook = self._hooks.get(name)
         if hook is None:
             return None
-        with self._code.watch(f"in {name}: ", line_of(hook)):
+        with self._code.watch(f"in {name}: ", self._lines[name]):
             return hook(*arguments)
 
     def _holder(self, module: ModuleType, label: str) -> object:

@@ -52,12 +52,13 @@ class LastSightings:
         self.cdata.real, self.cdata.robots_all = real, len(robots)
         self.cdata.thing_count = len(things)
 
-    def update(self, seen: NDArray[np.void]) -> None:
+    def update(self, seen: NDArray[np.void], capture_ns: int) -> None:
         """Overwrites the rows of the tags that a camera saw; the others stay, not seen.
 
-        `seen` is a POSE array sorted by tag. Virtual robots are not touched.
+        `seen` is a POSE array sorted by tag. Virtual robots are seen at `capture_ns`.
         """
-        kernels.vs_world_update(self.cdata, rows_pointer(np.ascontiguousarray(seen)), len(seen))
+        rows = np.ascontiguousarray(seen)
+        kernels.vs_world_update(self.cdata, rows_pointer(rows), len(rows), capture_ns)
 
 
 def rows_pointer(rows: NDArray[np.void]) -> Any:

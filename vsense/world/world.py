@@ -158,15 +158,13 @@ class World:
         """Takes over what the cameras saw in a timestep of the run; negative before the run."""
         self.capture_ns, self.run_timestep = state.capture_ns, run_timestep
         self._settle()
-        self.sightings.update(state.robots)
-        virtual = self._robots[self.real_robots :]
-        if len(virtual):
-            virtual["seen"], virtual["capture_ns"] = True, state.capture_ns
+        self.sightings.update(state.robots, state.capture_ns)
         self._is_standing = False
 
-    def advanced(self, capture_ns: int, run_timestep: int) -> None:
-        """Takes over that `sightings` have been updated, and `bodies` too, by C."""
-        self.capture_ns, self.run_timestep, self._is_standing = capture_ns, run_timestep, False
+    def advanced(self, capture_ns: int, run_timestep: int, is_standing: bool = False) -> None:
+        """Takes over that C has updated `sightings`, and `bodies` too where it `is_standing`."""
+        self.capture_ns, self.run_timestep = capture_ns, run_timestep
+        self._is_standing = is_standing
 
     def step(self) -> None:
         """Steps what changes by itself, the fields."""
@@ -304,10 +302,16 @@ class World:
         The rows are those of `robots`, which `skip` takes, then those of `objects`, then cylinders
         and boxes. A tagged thing that no camera has seen for BODY_MEMORY_NS blocks no line.
         """
-        self._settle()
+        crowd = self.crowd
         if not self._is_standing:
-            self._crowd.stand(self.capture_ns)
+            crowd.stand(self.capture_ns)
             self._is_standing = True
+        return crowd
+
+    @property
+    def crowd(self) -> MovingBodies:
+        """What gives `bodies`, where it stood last; another one when a body comes or goes."""
+        self._settle()
         return self._crowd
 
     def driven_by(self, controller: str) -> NDArray[np.bool_]:
@@ -317,10 +321,12 @@ class World:
 
     def pose(self, tag: int) -> np.void | None:
         """The last sighting of a robot or tagged thing, or None if there is none yet."""
-        for poses in (self._robots, self._objects):
-            for row in np.flatnonzero(poses["tag"] == tag):
-                return None if poses[row]["capture_ns"] == NEVER_NS else poses[row]
-        return None
+        self._settle()
+        poses, row = self._places.get(tag, (None, 0))
+        if poses is None or poses[row]["capture_ns"] == NEVER_NS:
+            return None
+        found: np.void = poses[row]
+        return found
 
     def age_ns(self, source: PollutantSource) -> int | None:
         """Age of the source's last sighting; None: it was never seen."""
@@ -343,8 +349,17 @@ class World:
         """Renews what follows from the entities, if they have changed since the last time."""
         if self._settled == self._inventory.version:
             return
+        changed = self._inventory.changed_since(self._settled)
         self._settled = self._inventory.version
-        self._painted_floor = self._light_table = None
+        if Zone in changed:
+            self._painted_floor = None
+        if Light in changed:
+            self._light_table = None
+        if not changed.isdisjoint((Box, Cylinder, VirtualRobot)):
+            self._settle_bodies()
+
+    def _settle_bodies(self) -> None:
+        """Renews what follows from bodies."""
         before = self._robots["tag"].tolist()
         rows = standing(self._inventory.of(VirtualRobot), self.capture_ns)
         self._robots = np.concatenate([self._robots[: self.real_robots], rows])
@@ -353,6 +368,11 @@ class World:
         self._crowd = MovingBodies(self.sightings, standing_rows, BODY_MEMORY_NS)
         self._is_standing = False
         after = self._robots["tag"].tolist()
+        self._places = {
+            tag: (poses, row)
+            for poses in (self._objects, self._robots)
+            for row, tag in enumerate(poses["tag"].tolist())
+        }
         if after != before:
             # Virtual robots that stay keep LEDs and message.
             self._leds = carried(self._leds, before, after)
