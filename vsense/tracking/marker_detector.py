@@ -28,7 +28,7 @@ Floats = NDArray[np.float64]
 Tags = NDArray[np.int32]
 
 _THOROUGH = 4
-"""Every so many timesteps each picture is searched thoroughly: newcomers wait 0.07 s at 60 Hz."""
+"""Of a camera, every so many pictures are searched thoroughly: newcomers wait 0.07 s at 60 Hz."""
 
 
 class Detected(NamedTuple):
@@ -57,7 +57,7 @@ class MarkerDetector:
         self._covariance = OutlineCovariance(family)
         self._roster: list[int] = []
         self._joined: tuple[int, ...] = ()
-        self._turn = 0
+        self._turns: dict[str, int] = {}
         self._unsettled: set[str] = set()
         self._cameras = CameraArray([])
         self._inside_px: Floats = np.zeros(0)
@@ -132,14 +132,14 @@ class MarkerDetector:
 
         Robots that the first look does not show are followed to where they must be. So pictures
         take turns, but for those in which a robot was lost or something has no name, and those
-        in which nobody is expected.
+        in which nobody is expected. Each camera counts its own pictures: one with a slower clock
+        would else miss its turn each time.
         """
-        self._turn += 1
         quick = np.bincount(expected.picture, minlength=len(self._cameras.cameras)) > 0
-        quick &= (np.arange(len(quick)) + self._turn) % _THOROUGH != 0
         for number, camera in enumerate(self._cameras.cameras):
-            if camera.id in self._unsettled or camera.id in known.anonymous:
-                quick[number] = False
+            turn = self._turns[camera.id] = self._turns.get(camera.id, len(self._turns)) + 1
+            is_settled = camera.id not in self._unsettled and camera.id not in known.anonymous
+            quick[number] &= turn % _THOROUGH != 0 and is_settled
         return np.asarray(quick)
 
     def _whole(self, expected: Rows) -> Rows:
