@@ -21,7 +21,7 @@ from vsense.tracking.joining import UnlistedTags
 from vsense.tracking.kernel import MARKER, Image
 from vsense.tracking.outlines import nearest_blur
 from vsense.tracking.prediction import EXPECTED, MarkerSearch, Prediction, at_height
-from vsense.tracking.rows import Rows, are_near, gather, is_in, join
+from vsense.tracking.rows import Rows, are_near, each_once, gather, is_in, join
 from vsense.tracking.workers import Kernels, Picture, Workers
 
 Floats = NDArray[np.float64]
@@ -117,7 +117,8 @@ class MarkerDetector:
             markers = self._believed(markers, expected)
         if known.is_key_frame or known.plan.warm:
             missing = self._whole(expected.where(~are_near(expected, markers)))
-            followed = self._kernels.follow(missing)
+            # Where one robot was exchanged for another, both are expected: the marker is one.
+            followed = each_once(self._kernels.follow(missing))
             lost = missing.picture[~are_near(missing, followed)]
             markers = join(markers, followed)
             self._unsettled = {self._cameras.cameras[n].id for n in np.unique(lost).tolist()}
