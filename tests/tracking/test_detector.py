@@ -9,7 +9,7 @@ import pytest
 from tests.tracking.synthetic import HEIGHT_M, Look, Robot, render
 from vsense.arena import UNNAMED, wrap_angle
 from vsense.cameras.camera import Camera
-from vsense.markers.families import load_family
+from vsense.markers.families import FamilyError, load_family
 from vsense.tracking.detector import make_detector
 
 ARROW = load_family("arrow4x4")
@@ -137,3 +137,12 @@ def test_detecting_twice_gives_the_same_bytes() -> None:
     first = DETECTOR.detect(picture, WIDE)
     again = make_detector(ARROW, ROSTER[::-1], HEIGHT_M).detect(picture.copy(), WIDE)
     assert first.tobytes() == again.tobytes()
+
+
+@pytest.mark.parametrize(("name", "last"), [("arrow4x4", 65535), ("apriltag_36h11", 586)])
+@pytest.mark.parametrize("beyond", [1, 1 << 31, 1 << 63])
+def test_a_tag_that_the_family_has_not_is_refused_however_large(
+    name: str, last: int, beyond: int
+) -> None:
+    with pytest.raises(FamilyError, match=f"tag {last + beyond}: the family {name} has 0 to"):
+        make_detector(load_family(name), [1, last + beyond], HEIGHT_M)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from vsense.arena import DETECTION, UNNAMED
 from vsense.cameras.camera import Camera
 from vsense.cameras.camera_array import CameraArray, Places
-from vsense.markers.families import MarkerFamily, SquareFamily
+from vsense.markers.families import FamilyError, MarkerFamily, SquareFamily
 from vsense.tracking.covariance import OutlineCovariance
 from vsense.tracking.joining import UnlistedTags
 from vsense.tracking.kernel import MARKER, Image
@@ -49,6 +49,11 @@ class MarkerDetector:
         workers: Workers,
     ) -> None:
         """See `detector_of`; `family` is that of `search`."""
+        unknown = [tag for tag in sorted(search.heights_m) if not 0 <= tag < family.tags]
+        if unknown:
+            raise FamilyError(
+                f"tag {unknown[0]}: the family {family.name} has 0 to {family.tags - 1}"
+            )
         self._kernels = Kernels(search, workers)
         self._height_m = search.height_m
         self._open_roster = search.open_roster
