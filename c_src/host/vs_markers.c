@@ -25,6 +25,16 @@ static int32_t cut(int32_t value, int32_t most)
     return value < 0 ? 0 : value > most ? most : value;
 }
 
+/* The whole picture's, whatever part of it is searched: places in it are numbers of 32 bits. */
+static int check_picture(const struct vs_picture *picture)
+{
+    if (picture->width_px < 0 || picture->width_px > VS_MARKERS_SIDE ||
+        picture->height_px < 0 || picture->height_px > VS_MARKERS_SIDE ||
+        picture->stride < (size_t)picture->width_px)
+        return VS_ERR_ARGUMENT;
+    return VS_OK;
+}
+
 /* Runs that there is room for in a picture: texture has as many per pixel in any. */
 static uint32_t run_room(int32_t width_px, int32_t height_px)
 {
@@ -232,7 +242,7 @@ int vs_markers_search(struct vs_markers *work, const struct vs_search *search,
     size_t known;
     int err = vs_outline_check(outline), full, is_room;
 
-    if (view->picture.width_px < 0 || view->picture.height_px < 0 || search->second_256 < 0 ||
+    if (check_picture(&view->picture) != VS_OK || search->second_256 < 0 ||
         search->second_256 > 255)
         return VS_ERR_ARGUMENT;
     part = cut_out(&view->picture, window, &corner[0], &corner[1]);
@@ -248,6 +258,7 @@ int vs_markers_search(struct vs_markers *work, const struct vs_search *search,
     if (search->second_256 > 0) {
         known = find_known(work, search, view, corner, markers, *count);
         vs_scan_again(&work->scan, &part, search, search->second_256, work->known, known);
+        full |= (int)work->scan.full;
         is_room &= add_scanned(work, search, outline, view, corner, markers, capacity, count);
     }
     return is_room ? full : full | VS_MARKERS_FULL_FOUND;
@@ -272,6 +283,8 @@ int vs_markers_follow(const struct vs_outline *first, const struct vs_outline *o
 
     if (err == VS_OK && first != NULL)
         err = vs_outline_check(first);
+    if (err == VS_OK)
+        err = check_picture(&view->picture);
     *count = 0;
     if (err != VS_OK)
         return err;

@@ -122,12 +122,12 @@ struct vs_markers;
 size_t vs_markers_size(int32_t width_px, int32_t height_px);
 
 /*
- * Looks for markers in a part of the picture, for which there is work; windows are cut to it. Appends those
- * found to markers[*count ..] and keeps all of them apart. Returns the VS_MARKERS_FULL_...
- * of what there was no room for: 0 if all is well.
- * Errors: VS_ERR_ARGUMENT for a picture larger than VS_MARKERS_SIDE, smaller than 0 or with too small a
- * stride, a level_256 or second_256 outside 1 .. 255, a print_256 outside 0 .. 256, or counts and passes of the
- * outline beyond those above.
+ * Looks for markers in a part of the picture, for which there is work; windows are cut to it.
+ * Appends those found to markers[*count ..] and keeps all of them apart. Returns the
+ * VS_MARKERS_FULL_... of what there was no room for: 0 if all is well.
+ * Errors: VS_ERR_ARGUMENT for a picture larger than VS_MARKERS_SIDE, smaller than 0 or with too
+ * small a stride, a level_256 outside 1 .. 255, a second_256 outside 0 .. 255, a print_256 outside
+ * 0 .. 256, or counts and passes of the outline beyond those above.
  */
 int vs_markers_search(struct vs_markers *work, const struct vs_search *search,
                       const struct vs_outline *outline, const struct vs_view *view,
@@ -137,7 +137,8 @@ int vs_markers_search(struct vs_markers *work, const struct vs_search *search,
 /*
  * Fits markers from poses that are known about: those that fit move to the front,
  * *count of them, with their place before in origin. The passes of first are tried before those of
- * outline, which may ask for less and take longer; NULL: none. Errors: VS_ERR_ARGUMENT.
+ * outline, which may ask for less and take longer; NULL: none.
+ * Errors: VS_ERR_ARGUMENT for pictures and outlines as above.
  */
 int vs_markers_follow(const struct vs_outline *first, const struct vs_outline *outline,
                       const struct vs_view *view, struct vs_marker *markers, uint32_t *origin,

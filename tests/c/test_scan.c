@@ -250,6 +250,29 @@ static void test_a_full_table_is_reported(void)
     CHECK(full == VS_MARKERS_FULL_RUNS || full == VS_MARKERS_FULL_PARTS);
 }
 
+/* Stripes that are dark for the second threshold only, and a dot in each block for its darkest. */
+static void test_a_table_that_the_second_scan_fills_is_reported(void)
+{
+    static uint8_t pixels[1200 * 1600];
+    struct vs_outline outline;
+    struct vs_search search;
+    struct vs_view view;
+    size_t count = 0;
+    int x, y;
+
+    for (y = 0; y < 1200; y++)
+        for (x = 0; x < 1600; x++)
+            pixels[y * 1600 + x] = x % 16 == 0 && y % 16 == 0 ? 0 : x % 4 < 2 ? 90 : 200;
+    make_outline(&outline);
+    make_search(&search);
+    make_view(&view, pixels, 1600, 1600, 1200);
+    CHECK(vs_markers_search(work, &search, &outline, &view, &everything, found, CAPACITY,
+                            &count) == VS_OK);
+    search.second_256 = 128;
+    CHECK(vs_markers_search(work, &search, &outline, &view, &everything, found, CAPACITY,
+                            &count) == VS_MARKERS_FULL_RUNS);
+}
+
 /* Stripes of three dark pixels and as many light ones, in columns; every run is a row's own. */
 static void stripe(uint8_t *pixels, int width, int height, int apart)
 {
@@ -385,6 +408,33 @@ static void test_a_negative_size_is_refused(void)
                             &count) == VS_ERR_ARGUMENT);
 }
 
+/* Windows and poses are no way around that: a place beyond 32767 px has no number. */
+static void test_a_part_of_a_picture_that_is_too_large_is_refused(void)
+{
+    static uint8_t pixels[WIDTH * HEIGHT];
+    static const int32_t size[3][2] = {{VS_MARKERS_SIDE + 1, 2}, {2, VS_MARKERS_SIDE + 1}, {3, 2}};
+    struct vs_window corner = {0, 0, 2, 2};
+    uint32_t origin[CAPACITY];
+    struct vs_outline outline;
+    struct vs_search search;
+    struct vs_view view;
+    size_t count, k;
+
+    make_outline(&outline);
+    make_search(&search);
+    for (k = 0; k < 3; k++) {
+        make_view(&view, pixels, k == 2 ? 2 : (size_t)size[k][0], size[k][0], size[k][1]);
+        count = 0;
+        CHECK(vs_markers_search(work, &search, &outline, &view, &corner, found, CAPACITY,
+                                &count) == VS_ERR_ARGUMENT);
+        memset(found, 0, sizeof found[0]);
+        count = 1;
+        CHECK(vs_markers_follow(NULL, &outline, &view, found, origin, &count) ==
+              VS_ERR_ARGUMENT);
+        CHECK(count == 0);
+    }
+}
+
 /* A camera that leans and whose lens distorts: what is seen of a plane is found there. */
 static void test_the_lens_and_back(void)
 {
@@ -428,11 +478,13 @@ int main(void)
     test_a_known_arrow_is_followed();
     test_any_bytes_in_any_shape_do_no_harm();
     test_a_full_table_is_reported();
+    test_a_table_that_the_second_scan_fills_is_reported();
     test_the_tables_follow_the_pictures_size();
     test_room_grows_with_the_picture_only();
     test_no_room_for_a_marker_is_reported();
     test_wrong_arguments_are_refused();
     test_a_negative_size_is_refused();
+    test_a_part_of_a_picture_that_is_too_large_is_refused();
     test_the_lens_and_back();
     test_what_is_behind_a_camera_is_not_seen();
     free(work);

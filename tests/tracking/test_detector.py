@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 import pytest
 
 from tests.tracking.synthetic import HEIGHT_M, Look, Robot, render
-from vsense.arena import UNNAMED, wrap_angle
+from vsense.arena import UNNAMED, Frame, wrap_angle
 from vsense.cameras.camera import Camera
-from vsense.markers.families import load_family
+from vsense.cameras.camera_array import CameraArray
+from vsense.markers.families import FamilyError, load_family
+from vsense.tracking.arena_tracker import ArenaTracker
 from vsense.tracking.detector import make_detector
 
 ARROW = load_family("arrow4x4")
@@ -137,3 +141,38 @@ def test_detecting_twice_gives_the_same_bytes() -> None:
     first = DETECTOR.detect(picture, WIDE)
     again = make_detector(ARROW, ROSTER[::-1], HEIGHT_M).detect(picture.copy(), WIDE)
     assert first.tobytes() == again.tobytes()
+
+
+@pytest.mark.parametrize(("name", "last"), [("arrow4x4", 65535), ("apriltag_36h11", 586)])
+@pytest.mark.parametrize("beyond", [1, 1 << 31, 1 << 63])
+def test_a_tag_that_the_family_has_not_is_refused_however_large(
+    name: str, last: int, beyond: int
+) -> None:
+    with pytest.raises(FamilyError, match=f"tag {last + beyond}: the family {name} has 0 to"):
+        make_detector(load_family(name), [1, last + beyond], HEIGHT_M)
+
+
+def test_a_camera_that_comes_and_goes_is_not_measured_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A camera with half the others' rate would else cost more than the pictures."""
+    cameras = [
+        Camera.looking_down(id, x, 0.0, 2.43, 1620.0, (400, 300))
+        for id, x in (("a", 0.0), ("b", 5.0))
+    ]
+    family, measured = load_family("arrow4x4"), [0]
+    for kind in (Camera, CameraArray):
+
+        def spy(self: object, points_px: np.ndarray, *more: object, of: Any = kind.to_plane) -> Any:
+            measured[0] += points_px.size // 2
+            return of(self, points_px, *more)
+
+        monkeypatch.setattr(kind, "to_plane", spy)
+    tracker = ArenaTracker.for_family(cameras, family, {31: 0.071}, open_roster=False)
+    picture = render(cameras[0], family, [Robot(31, 0.0, 0.0, 0.5)], Look(litter=0), 1, 0.071)
+    each = []
+    for step in range(8):
+        measured[0] = 0
+        frames = [Frame(camera.id, picture, step, step * 16_000_000, 0) for camera in cameras]
+        assert tracker.update(frames[: 1 + step % 2]).robots["seen"].any()
+        each.append(measured[0])
+    tracker.close()
+    assert all(0 < points <= 2 for points in each[4:])

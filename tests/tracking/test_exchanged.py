@@ -16,6 +16,7 @@ from vsense.cameras.camera import Camera
 from vsense.markers.codes import choose_tags
 from vsense.markers.families import MarkerFamily, SquareFamily, load_family
 from vsense.tracking.arena_tracker import ArenaTracker
+from vsense.tracking.prediction import SearchPlan
 
 CAMERA = Camera.looking_down("a", 0.0, 0.0, 2.43, 1620.0, (800, 600))
 SPOTS = [(x, y) for x in (-0.4, -0.13, 0.13, 0.4) for y in (-0.25, 0.0, 0.25)]
@@ -82,3 +83,23 @@ def test_no_name_is_carried_onto_another_robot(name: str, seed: int) -> None:
         state = tracker.update([Frame("a", picture, step, (1 + step) * 100_000_000, 0)])
         assert strays(state, robots) == []
     tracker.close()
+
+
+@pytest.mark.parametrize(("name", "tags"), [("arrow4x4", (31, 1843)), ("apriltag_36h11", (1, 2))])
+def test_a_robot_in_another_s_place_is_one_marker_though_both_are_expected_there(
+    name: str, tags: tuple[int, int]
+) -> None:
+    family, (gone, moved) = load_family(name), tags
+    warm, heights_m = SearchPlan(3, warm=True), dict.fromkeys(tags, HEIGHT_M)
+    tracker = ArenaTracker.for_family([CAMERA], family, heights_m, plan=warm)
+    seen = []
+    for step in range(24):
+        robots = [Robot(moved, -0.2, 0.0, 0.3)]
+        if step < BEFORE:
+            robots = [Robot(gone, -0.2, 0.0, 0.3), Robot(moved, 0.2, 0.0, 0.3)]
+        picture = render(CAMERA, family, robots, Look(litter=0), step)
+        state = tracker.update([Frame("a", picture, step, step * 33_000_000, 0)])
+        assert state.duplicates == () and strays(state, robots) == []
+        seen.append(moved in state.robots["tag"][state.robots["seen"]])
+    tracker.close()
+    assert all(seen[:BEFORE]) and not seen[BEFORE] and all(seen[14:])

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from tests.tracking.synthetic import Look, Robot, render
+from tests.tracking.test_squares_hard import HARD
 from vsense.arena import Frame
 from vsense.cameras.camera import Camera
 from vsense.markers.families import MarkerFamily, SquareFamily, load_family
 from vsense.tracking.arena_tracker import ArenaTracker
-from vsense.tracking.kernel import MARKER
+from vsense.tracking.kernel import MARKER, Kernel
 from vsense.tracking.layers import LayeredKernel
 from vsense.tracking.prediction import SearchPlan
 from vsense.tracking.rows import gather, join
@@ -84,6 +85,21 @@ def test_one_search_does_for_heights_that_are_not_far_apart() -> None:
     for height_m in HEIGHTS.values():
         scale = [(2.43 - layer) / (2.43 - height_m) for layer in layers]
         assert min(abs(value - 1.0) for value in scale) < 0.1
+
+
+def test_what_one_layer_reads_is_not_hidden_by_another_that_cannot() -> None:
+    camera = Camera.looking_down("top", 0.0, 0.0, 2.43, 700.0, (1000, 760), LENS)
+    family, turns = load_family("apriltag_36h11"), np.random.default_rng(1)
+    spots = [(x, y) for x in np.linspace(-0.34, 0.36, 6) for y in np.linspace(-0.245, 0.245, 4)]
+    crowd = [Robot(n, x, y, float(turns.uniform(-3, 3))) for n, (x, y) in enumerate(spots, 1)]
+    image = render(camera, family, crowd, HARD, 1, 0.5)
+    layered = LayeredKernel(family, 0.06, (0.06, 0.5))
+    below, above = (Kernel(family).search(image, camera, h) for h in layered._layers_of(camera))
+    assert (below["tag"] < 0.0).any() and 4.0 in below["tag"]
+    found = layered.search(image, camera)
+    assert set(above["tag"]) <= set(found["tag"]) and len(found) == len(above)
+    right, kept = (rows[rows["tag"] == 4.0] for rows in (above, found))
+    assert kept["x_px"] == right["x_px"] and kept["y_px"] == right["y_px"]
 
 
 def test_what_is_at_one_place_is_one_marker() -> None:

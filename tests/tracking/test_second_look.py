@@ -89,3 +89,26 @@ def test_a_newcomer_that_needs_the_second_look_waits_for_its_turn_only(
     seen = track([*before, *shots[:5]], robots)
     assert all(new not in names for names in seen[:3])
     assert all(new in names for names in seen[3 + 3 :]) and len(seen) > 6
+
+
+@pytest.mark.parametrize("late", range(4))
+def test_a_camera_that_is_four_times_slower_than_others_has_its_turns(
+    shots: list[Image], robots: list[Robot], late: int
+) -> None:
+    (new,) = {robot.tag for robot in robots}.difference(*(look(shot, False) for shot in shots))
+    others = [robot for robot in robots if robot.tag != new]
+    before = [render(CAMERA, FAMILY, others, HARD, 20 + seed) for seed in range(3)]
+    faster = Camera.looking_down("a", 10.0, 0.0, 2.43, 0.59 * FOCAL_PX, (100, 76), LENS)
+    heights_m = {robot.tag: HEIGHT_M for robot in robots}
+    arena = ArenaTracker.for_family([CAMERA, faster], FAMILY, heights_m, open_roster=False)
+    floor, seen = np.full((76, 100), 118, dtype=np.uint8), []
+    for timestep, shot in enumerate(np.repeat([*before, *shots[:3], *shots[:3]], 4, axis=0)):
+        frames = [Frame("a", floor, timestep, timestep * 16_000_000, 0)]
+        if is_both := timestep % 4 == late:
+            frames.append(Frame("c", shot, timestep, timestep * 16_000_000, 0))
+        rows = arena.update(frames).robots
+        if is_both:
+            seen.append(set(rows["tag"][rows["seen"]].tolist()))
+    arena.close()
+    assert all(new not in names for names in seen[:3])
+    assert all(new in names for names in seen[3 + 4 :]) and len(seen) > 7

@@ -75,6 +75,23 @@ def test_what_fails_in_a_thread_fails_for_whoever_asked(two: Workers) -> None:
     assert two.share(lambda worker, piece: piece, 3) == [0, 1, 2]
 
 
+def test_where_one_fails_the_others_have_ended_before_it_is_told(two: Workers) -> None:
+    """Or the next timestep's would meet them in the same kernels."""
+    begun, ended = threading.Event(), threading.Event()
+
+    def work(worker: int, piece: int) -> None:
+        if piece == 0:
+            begun.wait(20.0)
+            raise ValueError("the first")
+        begun.set()
+        threading.Event().wait(0.2)
+        ended.set()
+
+    with pytest.raises(ValueError, match="the first"):
+        two.share(work, 2)
+    assert ended.is_set()
+
+
 def test_a_single_one_is_the_caller_s_thread_unless_it_is_pinned() -> None:
     here = threading.get_ident()
     assert Workers().share(lambda worker, piece: threading.get_ident(), 2) == [here, here]

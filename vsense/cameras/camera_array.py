@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,8 @@ Places = NDArray[np.intp]
 Chosen = NDArray[np.bool_]
 
 _BORDER_POINTS = 33
+_KEPT = 1024
+"""Cameras and heights whose ground is not computed anew."""
 _GROUND_MORE = 0.05
 """Of the sides, for what lies between the border's points."""
 
@@ -81,22 +84,25 @@ class CameraArray:
         """
         if height_m not in self._grounds:
             self._grounds[height_m] = np.array(
-                [self._ground(camera, height_m) for camera in range(len(self.cameras))]
+                [_ground(camera, height_m) for camera in self.cameras]
             ).reshape(-1, 4)
         return self._grounds[height_m]
 
-    def _ground(self, camera: int, height_m: float) -> tuple[float, ...]:
-        steps = np.linspace(0.0, 1.0, _BORDER_POINTS)
-        zero, one = np.zeros_like(steps), np.ones_like(steps)
-        sides = [(steps, zero), (steps, one), (zero, steps), (one, steps)]
-        border = np.concatenate([np.stack(side, axis=1) for side in sides])
-        of = np.full(len(border), camera, dtype=np.intp)
-        places = self.to_plane(border * self.size_px[camera] - 0.5, np.full(len(of), height_m), of)
-        points = np.column_stack((places, np.full(len(of), height_m)))
-        away = (points - self.position_m[camera]) @ self._rotation[camera, 2]
-        if not (np.isfinite(places).all() and (away > 0.0).all()):
-            return -math.inf, math.inf, -math.inf, math.inf
-        low, high = places.min(axis=0), places.max(axis=0)
-        more = _GROUND_MORE * (high - low)
-        (left, near), (right, far) = (low - more).tolist(), (high + more).tolist()
-        return left, right, near, far
+
+@lru_cache(maxsize=_KEPT)
+def _ground(camera: Camera, height_m: float) -> tuple[float, ...]:
+    """Returns a row of `CameraArray.ground`; those that come and go need not be computed anew."""
+    steps = np.linspace(0.0, 1.0, _BORDER_POINTS)
+    zero, one = np.zeros_like(steps), np.ones_like(steps)
+    sides = [(steps, zero), (steps, one), (zero, steps), (one, steps)]
+    border = np.concatenate([np.stack(side, axis=1) for side in sides])
+    only, of = CameraArray([camera]), np.zeros(len(border), dtype=np.intp)
+    places = only.to_plane(border * only.size_px - 0.5, np.full(len(of), height_m), of)
+    points = np.column_stack((places, np.full(len(of), height_m)))
+    away = (points - only.position_m) @ np.array(camera.rotation).reshape(3, 3)[2]
+    if not (np.isfinite(places).all() and (away > 0.0).all()):
+        return -math.inf, math.inf, -math.inf, math.inf
+    low, high = places.min(axis=0), places.max(axis=0)
+    more = _GROUND_MORE * (high - low)
+    (left, near), (right, far) = (low - more).tolist(), (high + more).tolist()
+    return left, right, near, far

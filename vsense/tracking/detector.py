@@ -14,8 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from vsense.arena import UNNAMED
-from vsense.markers.dictionary import FamilyError, SquareFamily
-from vsense.markers.families import MarkerFamily
+from vsense.markers.families import MarkerFamily, SquareFamily
 from vsense.tracking.decoder import Decoder
 from vsense.tracking.marker_detector import Detected, MarkerDetector, Tags
 from vsense.tracking.naming import (
@@ -86,21 +85,6 @@ class SquareDetector(MarkerDetector):
 
     A black square without a word is a marker only where a robot is expected.
     """
-
-    def __init__(
-        self,
-        family: SquareFamily,
-        search: MarkerSearch,
-        prediction: Prediction | None,
-        workers: Workers,
-    ) -> None:
-        """See `detector_of`; `family` is that of `search`."""
-        unknown = [tag for tag in sorted(search.heights_m) if not 0 <= tag < family.tags]
-        if unknown:
-            raise FamilyError(
-                f"tag {unknown[0]}: the family {family.name} has 0 to {family.tags - 1}"
-            )
-        super().__init__(family, search, prediction, workers)
 
     def _believed(self, markers: Rows, expected: Rows) -> Rows:
         return markers.where((markers.values["tag"] != UNNAMED) | are_near(markers, expected))

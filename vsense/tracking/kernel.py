@@ -8,6 +8,7 @@ a view, owns the working memory, and reports what did not fit the kernel's table
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,6 +33,8 @@ MARKER = np.dtype(
 """One fitted marker: `struct vs_marker`, see `c_src/host/vs_markers.h`."""
 
 _CAPACITY = 1024
+_KEPT = 1024
+"""Cameras and heights whose scales are not computed anew."""
 _SCALE_DOUBT = 0.12
 _LEAST_AREA, _MOST_AREA = 0.4, 1.6
 
@@ -296,6 +299,7 @@ def _view(camera: Camera, height_m: float) -> Any:
     return view
 
 
+@lru_cache(maxsize=_KEPT)
 def least_and_most_scale(camera: Camera, height_m: float) -> tuple[float, float]:
     """Returns the least and the greatest scale [px/m] in a picture, by area."""
     columns = np.linspace(0.0, camera.width_px - 1.0, 5)

@@ -7,8 +7,7 @@ place is given on one plane of reference, on which its picture lies.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from functools import reduce
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 from vsense.cameras.camera import Camera
 from vsense.markers.families import MarkerFamily, SquareFamily
 from vsense.tracking.kernel import Image, Kernel, least_and_most_scale
-from vsense.tracking.rows import gather, join
+from vsense.tracking.rows import each_once, gather, stack_rows
 
 _OFF = 0.09
 """A marker may be so much nearer or farther than the plane that is searched, as a share."""
@@ -126,9 +125,14 @@ class LayeredKernel:
             away = away[len(layer) :]
 
 
-def _joined(layers: Iterable[NDArray[np.void]]) -> NDArray[np.void]:
-    """Returns one picture's MARKER rows of all layers; what two of them show counts once."""
-    first, *others = layers
-    if not others:
-        return first
-    return reduce(join, (gather([one]) for one in (first, *others))).values
+def _joined(layers: Sequence[NDArray[np.void]]) -> NDArray[np.void]:
+    """Returns one picture's MARKER rows of all layers; what two of them show counts once.
+
+    A layer that is not the marker's can show it, too, but hardly read it: of one place, what was
+    read is kept, and of that what is most like its word.
+    """
+    if len(layers) == 1:
+        return layers[0]
+    markers = stack_rows(layers)
+    order = np.lexsort((markers["error"], markers["tag"] < 0.0))
+    return each_once(gather([markers[order]])).values

@@ -15,20 +15,20 @@ from numpy.typing import NDArray
 from vsense.arena import DETECTION, UNNAMED
 from vsense.cameras.camera import Camera
 from vsense.cameras.camera_array import CameraArray, Places
-from vsense.markers.families import MarkerFamily, SquareFamily
+from vsense.markers.families import FamilyError, MarkerFamily, SquareFamily
 from vsense.tracking.covariance import OutlineCovariance
 from vsense.tracking.joining import UnlistedTags
 from vsense.tracking.kernel import MARKER, Image
 from vsense.tracking.outlines import nearest_blur
 from vsense.tracking.prediction import EXPECTED, MarkerSearch, Prediction, at_height
-from vsense.tracking.rows import Rows, are_near, gather, is_in, join
+from vsense.tracking.rows import Rows, are_near, each_once, gather, is_in, join
 from vsense.tracking.workers import Kernels, Picture, Workers
 
 Floats = NDArray[np.float64]
 Tags = NDArray[np.int32]
 
 _THOROUGH = 4
-"""Every so many timesteps each picture is searched thoroughly: newcomers wait 0.07 s at 60 Hz."""
+"""Of a camera, every so many pictures are searched thoroughly: newcomers wait 0.07 s at 60 Hz."""
 
 
 class Detected(NamedTuple):
@@ -49,6 +49,11 @@ class MarkerDetector:
         workers: Workers,
     ) -> None:
         """See `detector_of`; `family` is that of `search`."""
+        unknown = [tag for tag in sorted(search.heights_m) if not 0 <= tag < family.tags]
+        if unknown:
+            raise FamilyError(
+                f"tag {unknown[0]}: the family {family.name} has 0 to {family.tags - 1}"
+            )
         self._kernels = Kernels(search, workers)
         self._height_m = search.height_m
         self._open_roster = search.open_roster
@@ -57,7 +62,7 @@ class MarkerDetector:
         self._covariance = OutlineCovariance(family)
         self._roster: list[int] = []
         self._joined: tuple[int, ...] = ()
-        self._turn = 0
+        self._turns: dict[str, int] = {}
         self._unsettled: set[str] = set()
         self._cameras = CameraArray([])
         self._inside_px: Floats = np.zeros(0)
@@ -117,7 +122,8 @@ class MarkerDetector:
             markers = self._believed(markers, expected)
         if known.is_key_frame or known.plan.warm:
             missing = self._whole(expected.where(~are_near(expected, markers)))
-            followed = self._kernels.follow(missing)
+            # Where one robot was exchanged for another, both are expected: the marker is one.
+            followed = each_once(self._kernels.follow(missing))
             lost = missing.picture[~are_near(missing, followed)]
             markers = join(markers, followed)
             self._unsettled = {self._cameras.cameras[n].id for n in np.unique(lost).tolist()}
@@ -132,14 +138,14 @@ class MarkerDetector:
 
         Robots that the first look does not show are followed to where they must be. So pictures
         take turns, but for those in which a robot was lost or something has no name, and those
-        in which nobody is expected.
+        in which nobody is expected. Each camera counts its own pictures: one with a slower clock
+        would else miss its turn each time.
         """
-        self._turn += 1
         quick = np.bincount(expected.picture, minlength=len(self._cameras.cameras)) > 0
-        quick &= (np.arange(len(quick)) + self._turn) % _THOROUGH != 0
         for number, camera in enumerate(self._cameras.cameras):
-            if camera.id in self._unsettled or camera.id in known.anonymous:
-                quick[number] = False
+            turn = self._turns[camera.id] = self._turns.get(camera.id, len(self._turns)) + 1
+            is_settled = camera.id not in self._unsettled and camera.id not in known.anonymous
+            quick[number] &= turn % _THOROUGH != 0 and is_settled
         return np.asarray(quick)
 
     def _whole(self, expected: Rows) -> Rows:

@@ -62,6 +62,14 @@ def join(some: Rows, more: Rows) -> Rows:
     return Rows(stack_rows((some.values, more.values)), picture)
 
 
+def each_once(rows: Rows) -> Rows:
+    """Leaves out rows at the place of an earlier one in their picture."""
+    one, other = near_pairs(rows, rows)
+    again = np.zeros(len(rows.picture), dtype=bool)
+    again[one[other < one]] = True
+    return rows.where(~again)
+
+
 def is_in(values: NDArray[Any], others: NDArray[Any]) -> NDArray[np.bool_]:
     """Tells which of (n,) whole numbers are among (m,) others.
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from itertools import count
 from typing import NamedTuple, TypeVar
 
@@ -53,7 +53,10 @@ class Workers:
         self._pool = None if alone else ThreadPoolExecutor(number, "tracking", begin)
 
     def share(self, work: Callable[[int, int], Made], pieces: int) -> list[Made]:
-        """Returns `work(worker, piece)` of every piece, in their order."""
+        """Returns `work(worker, piece)` of every piece, in their order.
+
+        What fails in a thread is raised here, when all have ended.
+        """
         if self._pool is None:
             return [work(0, piece) for piece in range(pieces)]
         waiting = iter(range(pieces))  # each piece is taken by one thread
@@ -61,8 +64,9 @@ class Workers:
         def take(worker: int) -> list[tuple[int, Made]]:
             return [(piece, work(worker, piece)) for piece in waiting]
 
-        shares = self._pool.map(take, range(min(self.number, pieces)))
-        made = dict(one for share in shares for one in share)
+        shares = [self._pool.submit(take, n) for n in range(min(self.number, pieces))]
+        wait(shares)  # also where one fails: another's kernel is busy until it ends
+        made = dict(one for share in shares for one in share.result())
         return [made[piece] for piece in range(pieces)]
 
     def close(self) -> None:
