@@ -29,6 +29,8 @@ LEAST_UNIT_PX, GOOD_UNIT_PX = 1.0, 2.0
 """Of the outline's unit: none is named in a soft picture, at least nine of ten in a good one."""
 LEAST_CELL_PX = 0.7
 """Of smaller cells, too."""
+LEGIBLE_BLUR = 0.65
+"""Standard deviation of the blur, in cells, in which markers are read in nearly every picture."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +76,12 @@ def cell_width(family: MarkerFamily | SquareFamily, px_per_m: float) -> CellWidt
     return CellWidth(
         family.name, family.cell_mm, 1e-3 * family.cell_mm * px_per_m, least_px, good_px
     )
+
+
+def legible_blur_u(family: MarkerFamily | SquareFamily) -> float:
+    """Returns the blur in which a family's markers are read, in units of their outline."""
+    shape = shape_of(family)
+    return LEGIBLE_BLUR * shape.cell_mm / shape.unit_mm
 
 
 def cell_width_seen(
