@@ -49,6 +49,8 @@ DETECTION = np.dtype(
         ("covariance", "f8", (3, 3)),
         ("error", "f4"),
         ("margin", "f4"),
+        ("read", "?"),
+        ("legible", "?"),
     ]
 )
 """One marker in one picture.
@@ -56,7 +58,9 @@ DETECTION = np.dtype(
 `tag` is the number, or -1 for a marker that could not be named; `x_px`, `y_px` the picture of the
 disc's centre; `yaw_rad` the heading in the arena frame; `covariance` that of the errors of x, y [m]
 and yaw [rad] in the arena frame, as far as the picture alone shows; `error` the decoder's distance
-to the tag's code word; `margin` how much farther the next best code word is (a ratio).
+to the tag's code word; `margin` how much farther the next best code word is (a ratio); `read`
+whether the tag is what its cells say in this picture alone, and does not follow from where it is;
+`legible` whether its edges are sharp enough for that.
 """
 
 SIGHTING = np.dtype([("tag", "u4"), ("x_m", "f8"), ("y_m", "f8"), ("yaw_rad", "f8")])

@@ -11,6 +11,8 @@
 #define FLOOR_BLOCKS 256 /* fewer blocks may all be markers */
 #define BESIDE 16        /* blocks that are worked on at once: loops of a fixed length are vectors */
 #define NOISE_MOST 72    /* [grey] the most that noise can raise the contrast asked for */
+#define PALE_BLOCKS 1024 /* one in so many may have more contrast than a pale picture */
+#define PALE 2           /* times the contrast asked for: the most in a pale picture */
 
 static void fold_low(uint8_t *low, const uint8_t *row)
 {
@@ -131,7 +133,7 @@ static int quantile(const uint32_t histogram[256], uint32_t most)
 /*
  * What lies over the whole picture. Most of its blocks are plain floor, so their range is the
  * noise's; a small window around a marker says nothing about the floor. Scattered light is a
- * veil: nothing in the picture is darker.
+ * veil: nothing in the picture is darker. Where nothing has much contrast the picture is pale.
  */
 static void measure_whole(struct vs_scan *s)
 {
@@ -146,6 +148,7 @@ static void measure_whole(struct vs_scan *s)
     s->noise = count < FLOOR_BLOCKS ? 0 : quantile(range, count / 2) * NOISE_SHARE / 8;
     s->noise = s->noise > NOISE_MOST ? NOISE_MOST : s->noise;
     s->veil = quantile(dark, count / VEIL_BLOCKS);
+    s->contrast = quantile(range, count - 1 - count / PALE_BLOCKS);
 }
 
 void vs_levels_measure(struct vs_scan *s, const struct vs_picture *p)
@@ -250,17 +253,51 @@ static void fold_columns(const struct vs_scan *s, uint32_t line, uint8_t *dark, 
     light[n + 1] = light[n];
 }
 
-void vs_levels_set(struct vs_scan *s, const struct vs_search *search, int32_t level_256)
+int vs_levels_reach(const struct vs_scan *s, int32_t light)
 {
+    uint32_t count = s->line * s->lines, i;
+    uint8_t most[VS_SCAN_BLOCK] = {0};
+
+    for (i = 0; i + VS_SCAN_BLOCK <= count; i += VS_SCAN_BLOCK)
+        fold_high(most, s->light + i);
+    for (; i < count; i++)
+        most[0] = s->light[i] > most[0] ? s->light[i] : most[0];
+    for (i = 1; i < VS_SCAN_BLOCK; i++)
+        most[0] = most[i] > most[0] ? most[i] : most[0];
+    return most[0] >= light;
+}
+
+static struct rule make_rule(struct vs_scan *s, const struct vs_search *search, int32_t level_256)
+{
+    int32_t contrast = search->least_contrast;
     struct rule rule;
+
+    s->pale = search->pale_contrast > 0 && s->contrast < PALE * contrast;
+    contrast = s->pale ? search->pale_contrast : contrast;
+    rule.contrast = asked(contrast > s->noise ? contrast : s->noise);
+    rule.level_256 = asked(level_256);
+    rule.print_256 = asked(search->print_256);
+    rule.veil = asked(s->pale || search->has_veil ? s->veil : 0);
+    return rule;
+}
+
+/* Takes away the levels of what is not beside something as light. */
+static void keep_beside(const uint8_t *high, int32_t least_light, uint8_t *level)
+{
+    int i;
+
+    for (i = 0; i < BESIDE; i++)
+        level[i] = high[i] < least_light ? 0 : level[i];
+}
+
+void vs_levels_set(struct vs_scan *s, const struct vs_search *search, int32_t level_256,
+                   int32_t least_light)
+{
+    const struct rule rule = make_rule(s, search, level_256);
     uint8_t dark[VS_SCAN_LINE + 2 + BESIDE], light[VS_SCAN_LINE + 2 + BESIDE];
     uint8_t low[BESIDE], high[BESIDE];
     uint32_t line, i;
 
-    rule.contrast = asked(search->least_contrast > s->noise ? search->least_contrast : s->noise);
-    rule.level_256 = asked(level_256);
-    rule.print_256 = asked(search->print_256);
-    rule.veil = asked(search->has_veil ? s->veil : 0);
     memset(dark, 0, sizeof dark);
     memset(light, 0, sizeof light);
     for (line = 0; line < s->lines; line++) {
@@ -269,6 +306,8 @@ void vs_levels_set(struct vs_scan *s, const struct vs_search *search, int32_t le
             least_of(&dark[i], &dark[i + 1], &dark[i + 2], low);
             most_of(&light[i], &light[i + 1], &light[i + 2], high);
             levels_between(low, high, &rule, &s->level[line * s->line + i]);
+            if (least_light > 0)
+                keep_beside(high, least_light, &s->level[line * s->line + i]);
         }
     }
 }

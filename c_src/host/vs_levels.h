@@ -11,7 +11,14 @@
 /* Measures the blocks' darkest and lightest pixels; line and lines are set. */
 void vs_levels_measure(struct vs_scan *s, const struct vs_picture *picture);
 
-/* Sets each block's level from the extremes of the 3 x 3 blocks around it; see struct vs_search. */
-void vs_levels_set(struct vs_scan *s, const struct vs_search *search, int32_t level_256);
+/* Whether a pixel is as light as this. */
+int vs_levels_reach(const struct vs_scan *s, int32_t light);
+
+/*
+ * Sets each block's level from the extremes of the 3 x 3 blocks around it, where the lightest of
+ * them is light enough; see struct vs_search.
+ */
+void vs_levels_set(struct vs_scan *s, const struct vs_search *search, int32_t level_256,
+                   int32_t least_light);
 
 #endif

@@ -183,7 +183,7 @@ static int is_known(const struct vs_search *search, const struct vs_view *view,
 }
 
 /* Adds the markers among what the newest scan shows; 0 where there was no room for all. */
-static int add_scanned(struct vs_markers *work, const struct vs_search *search,
+static int add_fitted(struct vs_markers *work, const struct vs_search *search,
                        const struct vs_outline *outline, const struct vs_view *view,
                        const int32_t corner[2], struct vs_marker *markers, size_t capacity,
                        size_t *count)
@@ -207,6 +207,21 @@ static int add_scanned(struct vs_markers *work, const struct vs_search *search,
         is_room &= add_marker(search, &marker, markers, capacity, count);
     }
     return is_room;
+}
+
+/* The same; less contrast is asked for where the whole picture has little. */
+static int add_scanned(struct vs_markers *work, const struct vs_search *search,
+                       const struct vs_outline *outline, const struct vs_view *view,
+                       const int32_t corner[2], struct vs_marker *markers, size_t capacity,
+                       size_t *count)
+{
+    struct vs_outline pale;
+
+    if (!work->scan.pale)
+        return add_fitted(work, search, outline, view, corner, markers, capacity, count);
+    pale = *outline;
+    pale.least_contrast = search->pale_fit;
+    return add_fitted(work, search, &pale, view, corner, markers, capacity, count);
 }
 
 /* Where in the part are the discs of markers that could be read; returns their number. */
@@ -240,10 +255,13 @@ int vs_markers_search(struct vs_markers *work, const struct vs_search *search,
     int32_t corner[2];
     struct vs_picture part;
     size_t known;
-    int err = vs_outline_check(outline), full, is_room;
+    int err = vs_outline_check(outline), full, is_room, i;
 
-    if (check_picture(&view->picture) != VS_OK || search->second_256 < 0 ||
-        search->second_256 > 255)
+    for (i = 0; i < VS_MARKERS_AGAIN; i++) {
+        if (search->again[i].level_256 < 0 || search->again[i].level_256 > 255)
+            return VS_ERR_ARGUMENT;
+    }
+    if (check_picture(&view->picture) != VS_OK)
         return VS_ERR_ARGUMENT;
     part = cut_out(&view->picture, window, &corner[0], &corner[1]);
     if (err == VS_OK && (part.width_px < 1 || part.height_px < 1))
@@ -255,9 +273,11 @@ int vs_markers_search(struct vs_markers *work, const struct vs_search *search,
         return err;
     full = (int)work->scan.full;
     is_room = add_scanned(work, search, outline, view, corner, markers, capacity, count);
-    if (search->second_256 > 0) {
+    for (i = 0; i < VS_MARKERS_AGAIN; i++) {
+        if (!vs_scan_needs(&work->scan, &search->again[i]))
+            continue;
         known = find_known(work, search, view, corner, markers, *count);
-        vs_scan_again(&work->scan, &part, search, search->second_256, work->known, known);
+        vs_scan_again(&work->scan, &part, search, &search->again[i], work->known, known);
         full |= (int)work->scan.full;
         is_room &= add_scanned(work, search, outline, view, corner, markers, capacity, count);
     }

@@ -17,6 +17,7 @@
 
 #define VS_MARKERS_SIDE 8192 /* [px] greatest width and height of a picture */
 
+#define VS_MARKERS_AGAIN 2   /* scans of a picture after the first */
 #define VS_OUTLINE_SAMPLES 96 /* points along an outline */
 #define VS_OUTLINE_STEPS 15   /* grey values along one normal */
 #define VS_OUTLINE_CELLS 25   /* of a marker: 5 x 5 */
@@ -88,15 +89,20 @@ struct vs_shape_gate {
     double least_aspect; /* variance along over variance across (1.2) */
     double most_aspect;  /* the same (2.9) */
     double least_taper;  /* how much it must come to a point (0.12) */
-    double least_square; /* how much a square must have corners: 0.6 if perfect, a disc 0; 0 of an
-                            arrow */
+    double least_square; /* how much corners: a square has 0.6, a disc 0; 0 of an arrow */
+};
+
+struct vs_rescan {
+    int32_t level_256, least_light; /* as below, 0: none; [grey] where it looks, 0: everywhere */
 };
 
 /* How to search. */
 struct vs_search {
     int32_t least_contrast; /* [grey] light ground over dark things; noise raises it (36) */
     int32_t level_256;      /* threshold between the darkest, 0, and the lightest, 256 (100) */
-    int32_t second_256;     /* threshold of a second scan for what the first did not show; 0: none */
+    int32_t pale_contrast;  /* [grey] least_contrast where nothing has much, and a veil; 0: none */
+    double pale_fit;        /* [grey] least_contrast of the outline there */
+    struct vs_rescan again[VS_MARKERS_AGAIN]; /* scans for what those before did not show */
     int32_t print_256;      /* share of the light ground that ink is darker by, at least (102) */
     int32_t has_veil;       /* whether the picture's darkest counts as 0 in that (0) */
     double lead_m;          /* from the outline's centroid ahead to the disc's centre */
@@ -106,10 +112,8 @@ struct vs_search {
 
 /* A part of a picture; columns left .. right - 1, rows top .. bottom - 1. */
 struct vs_window {
-    int32_t left;
-    int32_t top;
-    int32_t right;
-    int32_t bottom;
+    int32_t left, top;
+    int32_t right, bottom;
 };
 
 /* Working memory, the caller's; one thread at a time. Its content is of no meaning before. */
@@ -125,9 +129,8 @@ size_t vs_markers_size(int32_t width_px, int32_t height_px);
  * Looks for markers in a part of the picture, for which there is work; windows are cut to it.
  * Appends those found to markers[*count ..] and keeps all of them apart. Returns the
  * VS_MARKERS_FULL_... of what there was no room for: 0 if all is well.
- * Errors: VS_ERR_ARGUMENT for a picture larger than VS_MARKERS_SIDE, smaller than 0 or with too
- * small a stride, a level_256 outside 1 .. 255, a second_256 outside 0 .. 255, a print_256 outside
- * 0 .. 256, or counts and passes of the outline beyond those above.
+ * Errors: VS_ERR_ARGUMENT for a picture larger than VS_MARKERS_SIDE or smaller than 0, too small
+ * a stride, levels or a print_256 that are none, or an outline beyond the counts above.
  */
 int vs_markers_search(struct vs_markers *work, const struct vs_search *search,
                       const struct vs_outline *outline, const struct vs_view *view,

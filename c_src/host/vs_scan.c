@@ -289,13 +289,18 @@ static void link_rows(struct vs_scan *s, const struct vs_picture *p,
     s->first[row] = s->run_count;
 }
 
+int vs_scan_needs(const struct vs_scan *s, const struct vs_rescan *again)
+{
+    return again->level_256 > 0 && vs_levels_reach(s, again->least_light);
+}
+
 void vs_scan_again(struct vs_scan *s, const struct vs_picture *picture,
-                   const struct vs_search *search, int32_t level_256,
+                   const struct vs_search *search, const struct vs_rescan *again,
                    const struct vs_spot *without, size_t count)
 {
     s->full = s->run_count = s->part_count = 0;
     s->rows = ((uint32_t)picture->height_px + VS_SCAN_STEP - 1) / VS_SCAN_STEP;
-    vs_levels_set(s, search, level_256);
+    vs_levels_set(s, search, again->level_256, again->least_light);
     link_rows(s, picture, without, count);
 }
 
@@ -303,6 +308,7 @@ int vs_scan_picture(struct vs_scan *s, const struct vs_picture *picture,
                     const struct vs_search *search)
 {
     int32_t width = picture->width_px, height = picture->height_px;
+    struct vs_rescan first = {0, 0};
 
     s->full = s->rows = s->run_count = s->part_count = 0;
     if (width < 1 || width > VS_SCAN_SIDE || height < 1 || height > VS_SCAN_SIDE ||
@@ -312,6 +318,7 @@ int vs_scan_picture(struct vs_scan *s, const struct vs_picture *picture,
     s->line = ((uint32_t)width + VS_SCAN_BLOCK - 1) / VS_SCAN_BLOCK;
     s->lines = ((uint32_t)height + VS_SCAN_BLOCK - 1) / VS_SCAN_BLOCK;
     vs_levels_measure(s, picture);
-    vs_scan_again(s, picture, search, search->level_256, NULL, 0);
+    first.level_256 = search->level_256;
+    vs_scan_again(s, picture, search, &first, NULL, 0);
     return VS_OK;
 }

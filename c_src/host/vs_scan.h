@@ -52,6 +52,8 @@ struct vs_scan {
     uint32_t lines;      /* rows of blocks */
     int32_t noise;       /* [grey] contrast that noise alone can make */
     int32_t veil;        /* [grey] nothing in the picture is darker; 0 .. 255 */
+    int32_t contrast;    /* [grey] hardly a block has more */
+    int pale;            /* whether that is little */
     uint32_t first[VS_SCAN_ROWS + 1]; /* run with which each scanned row begins */
     uint8_t dark[VS_SCAN_BLOCKS];     /* darkest pixel of each block */
     uint8_t light[VS_SCAN_BLOCKS];    /* lightest */
@@ -74,12 +76,12 @@ struct vs_spot {
     double x_px, y_px, radius_px;
 };
 
-/*
- * Scans the picture of the newest scan again, with another threshold, 1 .. 255, and without what
- * is in count discs; see full.
- */
+/* Whether another scan of the newest scan's picture has anything to look at. */
+int vs_scan_needs(const struct vs_scan *s, const struct vs_rescan *again);
+
+/* Scans that picture again, without what is in count discs; see full. */
 void vs_scan_again(struct vs_scan *s, const struct vs_picture *picture,
-                   const struct vs_search *search, int32_t level_256,
+                   const struct vs_search *search, const struct vs_rescan *again,
                    const struct vs_spot *without, size_t count);
 
 /* The part that speaks for a part of the newest scan. */

@@ -9,6 +9,11 @@
 #define SPOTS 3        /* grey values read in each cell, along and across */
 #define SPOT_APART 0.2 /* [cell] */
 
+/* What reads as badly and has such crooked sides is no marker, see squares.py. */
+#define CLEARER 3.2   /* least margin beyond 1, in errors */
+#define CROOKED 0.008 /* [side] */
+#define SHORT 4       /* cells a side */
+
 /* Reads the grey values of a fitted square's cells; 0 if it is not in front of the camera. */
 static int sample_cells(const struct vs_words *words, const struct vs_view *view,
                         const struct vs_marker *marker, float *cells)
@@ -64,6 +69,15 @@ static void shift_by(struct vs_marker *marker, double ahead_m, double left_m)
     marker->y_m += marker->scale * (marker->ahead_y * ahead_m + marker->ahead_x * left_m);
 }
 
+/* Whether a square is black on white with a word in it, but hardly. */
+static int is_doubtful(const struct vs_words *words, const struct vs_marker *marker)
+{
+    double side_m = (words->cells + 2) * words->cell_m * marker->scale;
+
+    return words->cells <= SHORT && marker->margin < 1.0 + CLEARER * marker->error &&
+           marker->residual_m > CROOKED * side_m;
+}
+
 void vs_square_name(const struct vs_words *words, const struct vs_view *view,
                    struct vs_marker *marker)
 {
@@ -81,7 +95,7 @@ void vs_square_name(const struct vs_words *words, const struct vs_view *view,
     marker->error = reading.error;
     marker->margin = reading.margin;
     marker->guess = reading.tag;
-    if (reading.sure)
+    if (reading.sure && !is_doubtful(words, marker))
         marker->tag = reading.tag;
     turn_quarters(marker, reading.turn);
     turn_by(marker, words->turn_x, words->turn_y);

@@ -268,7 +268,7 @@ static void test_a_table_that_the_second_scan_fills_is_reported(void)
     make_view(&view, pixels, 1600, 1600, 1200);
     CHECK(vs_markers_search(work, &search, &outline, &view, &everything, found, CAPACITY,
                             &count) == VS_OK);
-    search.second_256 = 128;
+    search.again[0].level_256 = 128;
     CHECK(vs_markers_search(work, &search, &outline, &view, &everything, found, CAPACITY,
                             &count) == VS_MARKERS_FULL_RUNS);
 }

@@ -376,7 +376,7 @@ static void test_threads_share_all_but_their_memory(void)
     make_outline(&shared_outline);
     make_view(&shared_view, pixels);
     make_search(&shared_search);
-    shared_search.second_256 = 128;
+    shared_search.again[0].level_256 = 128;
     draw(pixels, 1, 0.6, -0.8);
     for (k = 0; k < 2; k++)
         CHECK(pthread_create(&thread[k], NULL, search_often, NULL) == 0);

@@ -213,6 +213,22 @@ def test_tiny_pictures_have_no_markers(shape: tuple[int, int]) -> None:
     assert len(SquareFinder(photographs.codes_of("4X4_50")).find(image)) == 0
 
 
+@pytest.mark.parametrize("dictionary", ["DICT_4X4_50", "DICT_4X4_250"])
+def test_the_letter_p_is_no_marker(dictionary: str) -> None:
+    """Its hole is where tag 17 has its only white cells; it was read in three of four of them."""
+    rng = np.random.default_rng(0)
+    finder = SquareFinder(photographs.codes_of(dictionary))
+    for blur in (0.5, 1.0, 1.5, 2.0):
+        image = np.full((500, 700), 220, np.uint8)
+        for y in range(50, 500, 80):
+            for x in range(30, 660, 60):
+                font, width = int(rng.choice((0, 2, 3, 4))), int(rng.integers(2, 12))
+                size, shade = rng.uniform(0.6, 2.2), int(rng.integers(10, 60))
+                cv2.putText(image, "P", (x, y), font, size, shade, width, cv2.LINE_AA)
+        sign = cv2.GaussianBlur(image, (0, 0), blur) + rng.normal(0.0, 2.5, image.shape)
+        assert finder.find(np.clip(sign, 0, 255).astype(np.uint8))["tag"].tolist() == []
+
+
 def test_candidates_are_the_same_in_one_part_and_in_many(monkeypatch: pytest.MonkeyPatch) -> None:
     image, truth = draw("DICT_4X4_50", [4, 9], 5)
     rng = np.random.default_rng(5)

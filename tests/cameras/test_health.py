@@ -94,12 +94,13 @@ def test_a_saturated_camera_is_told_with_how_much() -> None:
 @pytest.mark.parametrize(
     ("gain", "ground", "named", "kind"),
     [
-        (1.0, 205.0, 29, None),
-        (1.5, 205.0, 30, None),
-        (2.5, 205.0, 12, "saturated"),
-        (1.5, 118.0, 30, None),
-        (2.0, 118.0, 27, None),
-        (3.25, 118.0, 0, "saturated"),
+        (1.0, 205.0, 32, None),
+        (1.5, 205.0, 32, None),
+        (3.0, 205.0, 19, "saturated"),
+        (1.5, 118.0, 32, None),
+        (2.0, 118.0, 31, None),
+        (3.0, 118.0, 19, "saturated"),
+        (3.25, 118.0, 11, "saturated"),
     ],
 )
 def test_saturated_is_where_markers_cannot_be_read(

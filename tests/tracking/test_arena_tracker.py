@@ -43,7 +43,7 @@ class Script:
         for tag, x_m, y_m, yaw_rad in self._scenes[image[0, 0]]:
             pixel = camera.project(np.array([x_m, y_m, 0.06]))
             if camera.contains(pixel):
-                rows.append((tag, *pixel, yaw_rad, SPREAD, 0.02, 9.0))
+                rows.append((tag, *pixel, yaw_rad, SPREAD, 0.02, 9.0, True, True))
         return np.array(rows, dtype=DETECTION)
 
 

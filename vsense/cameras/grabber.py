@@ -82,6 +82,7 @@ ENDS = {
     "running": ("frozen",),
     "steady": ("moved", "apart"),
     "clear": ("crowded",),
+    "timely": ("late",),
 }
 """The events that end lasting kinds of trouble; all other kinds are over at once."""
 

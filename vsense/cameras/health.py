@@ -1,4 +1,4 @@
-"""Camera health: dark, saturated, frozen, moved, crowded, or contradicting neighbours.
+"""Camera health: dark, saturated, frozen, moved, crowded, late, or contradicting neighbours.
 
 Light and standstill are checked in every picture, movement in a few cameras per timestep in turns,
 so that the cost does not grow with the cameras. Begin and end are reported once each.
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from vsense.arena import UNNAMED, Frame
 from vsense.cameras.camera import Camera
 from vsense.cameras.grabber import CameraEvent
+from vsense.cameras.lateness import CameraDelays
 from vsense.cameras.steadiness import FAR, Steadiness
 
 _STEP = 16
@@ -32,8 +33,8 @@ CONTRAST = 3.0
 """Standard deviation of grey below which a picture shows nothing."""
 FULL_SHARE = 0.8
 """Share of a picture at full scale from which it is saturated. Measured on rendered arenas whose
-exposure rises: on a white floor all markers are read up to 0.74 and a third lose their names at
-0.94, on a grey floor three in four at 0.85. Paper and reflections of lamps stay far below."""
+exposure rises: on a white floor all markers are read up to 0.9 and one in six loses its name at
+0.95, on a grey floor two in five do at 0.85. Paper and reflections of lamps stay far below."""
 PICTURES = 3
 """Pictures in a row after which something is reported."""
 MOVED_PX = 1.0
@@ -131,8 +132,10 @@ class CameraHealth:
 class Agreement:
     """Compares two cameras' places of the same markers, which differ where one has moved."""
 
-    def __init__(self, cameras: Mapping[str, Camera]) -> None:
+    def __init__(self, cameras: Mapping[str, Camera], delays: CameraDelays | None = None) -> None:
+        """`delays` knows what is no disagreement: robots have driven on meanwhile."""
         self._cameras = cameras
+        self._delays = delays or CameraDelays()
         self._gaps: dict[tuple[str, str], deque[_Gap]] = {}
         self._alarms: dict[tuple[str, str], _Alarm] = {}
 
@@ -143,7 +146,9 @@ class Agreement:
 
         `heights_m` are the heights of the tags' markers above the floor.
         """
-        places = {c: self._places(c, rows, heights_m) for c, rows in sorted(found.items())}
+        places = {
+            c: marker_places(self._cameras[c], rows, heights_m) for c, rows in sorted(found.items())
+        }
         events = []
         for first, second in combinations(places, 2):
             common = places[first].keys() & places[second].keys()
@@ -163,25 +168,29 @@ class Agreement:
             return []
         middles = [np.median(mine, axis=0) for mine in by_tag.values()]
         apart_m = float(np.hypot(*np.median(middles, axis=0)))
+        lag = self._delays.lag(*pair)
+        if lag.is_open and apart_m > APART_M:
+            return []
+        apart_m = lag.apart_m if lag.is_lag else apart_m
         if pair not in self._alarms:
             end_text = f"agrees with camera {pair[1]} again"
             self._alarms[pair] = _Alarm(pair[0], "apart", "steady", end_text)
         text = f"and camera {pair[1]} disagree by {1e3 * apart_m:.0f} mm: one of them has moved"
         return self._alarms[pair].update(apart_m > APART_M, text)
 
-    def _places(
-        self, camera: str, rows: NDArray[np.void], heights_m: Mapping[int, float]
-    ) -> dict[int, NDArray[np.float64]]:
-        """Where a camera saw each tag that it saw once, in the arena [m]."""
-        tags, counts = np.unique(rows["tag"], return_counts=True)
-        once = {int(tag) for tag in tags[counts == 1] if tag != UNNAMED and int(tag) in heights_m}
-        rows = rows[[int(tag) in once for tag in rows["tag"]]] if len(rows) else rows
-        if len(rows) == 0:
-            return {}
-        heights = np.array([heights_m[int(tag)] for tag in rows["tag"]])
-        pixels = np.stack((rows["x_px"], rows["y_px"]), axis=-1)
-        ground = self._cameras[camera].to_plane(pixels, heights)
-        return {int(tag): place for tag, place in zip(rows["tag"], ground)}
+
+def marker_places(
+    camera: Camera, rows: NDArray[np.void], heights_m: Mapping[int, float]
+) -> dict[int, NDArray[np.float64]]:
+    """Returns where a picture's DETECTION array shows each tag that it shows once, (2,) [m]."""
+    tags, counts = np.unique(rows["tag"], return_counts=True)
+    once = {int(tag) for tag in tags[counts == 1] if tag != UNNAMED and int(tag) in heights_m}
+    rows = rows[[int(tag) in once for tag in rows["tag"]]] if len(rows) else rows
+    if len(rows) == 0:
+        return {}
+    heights = np.array([heights_m[int(tag)] for tag in rows["tag"]])
+    pixels = np.stack((rows["x_px"], rows["y_px"]), axis=-1)
+    return {int(tag): place for tag, place in zip(rows["tag"], camera.to_plane(pixels, heights))}
 
 
 class Health:
@@ -189,8 +198,10 @@ class Health:
 
     def __init__(self, cameras: Sequence[Camera], heights_m: Mapping[int, float]) -> None:
         self._heights_m = heights_m
+        self._rig = {c.id: c for c in cameras}
         self._cameras = {c.id: CameraHealth(c) for c in cameras}
-        self._agreement = Agreement({c.id: c for c in cameras})
+        self._delays = CameraDelays()
+        self._agreement = Agreement(self._rig, self._delays)
         self._turn = 0
 
     def update(
@@ -218,5 +229,26 @@ class Health:
             self._turn += 1
             rows = found.get(frame.camera)
             events += self._cameras[frame.camera].check_place(frame.image, rows)
+        events += self._check_times(frames, found)
         seen = found if together is None else together
         return events + self._agreement.compare(seen, self._heights_m)
+
+    def _check_times(
+        self, frames: Sequence[Frame], found: Mapping[str, NDArray[np.void]]
+    ) -> list[CameraEvent]:
+        """Reports cameras whose pictures are older than their stamps."""
+        for frame in frames:
+            if frame.camera in found:
+                rig, rows = self._rig[frame.camera], found[frame.camera]
+                places = marker_places(rig, rows, self._heights_m)
+                self._delays.see(frame.camera, frame.capture_ns, places)
+        now_ns = max((frame.capture_ns for frame in frames), default=0)
+        return [_timed(*change) for change in self._delays.compare(now_ns)]
+
+
+def _timed(camera: str, late_s: float | None) -> CameraEvent:
+    """Tells that a camera has begun to be late, or no longer is."""
+    if late_s is None:
+        return CameraEvent(camera, "timely", "is no longer late")
+    text = f"is late by about {1e2 * late_s:.0f}0 ms: its pictures are older than their stamps say"
+    return CameraEvent(camera, "late", f"{text}, and what drives is not where it shows it")

@@ -21,6 +21,7 @@ from vsense.cameras.health import Health
 from vsense.cameras.paced_grabber import HeldPlayer
 from vsense.errors import VsenseError
 from vsense.tracking.arena_tracker import ArenaTracker
+from vsense.tracking.marker_watch import MarkerWatch
 
 PERIOD_NS = 80_000_000
 """Pictures of a live camera that follow each other faster than this are not all checked."""
@@ -70,6 +71,7 @@ class CameraTracking:
         self._tell = tell
         self._check_all = check_all
         self._health = Health(tracker.cameras, tracker.heights_m)
+        self._markers = MarkerWatch(tracker.cameras, tracker.heights_m)
         # By camera. The thread of `next` puts in, `check_cameras` takes out.
         self._unchecked: dict[str, _Tracked] = {}
         self._noting = threading.Lock()
@@ -129,12 +131,12 @@ class CameraTracking:
             due = [tracked for tracked in noted.values() if self._is_due(tracked.frame)]
             if due:
                 newest = max(due, key=lambda tracked: tracked.frame.capture_ns)
-                events += self._health.update(
-                    [tracked.frame for tracked in due],
-                    {c: t.found[c] for t in due if (c := t.frame.camera) in t.found},
-                    [tracked.frame.camera for tracked in due if tracked.overflowed],
-                    newest.found,
-                )
+                frames = [tracked.frame for tracked in due]
+                found = {c: t.found[c] for t in due if (c := t.frame.camera) in t.found}
+                crowded = [tracked.frame.camera for tracked in due if tracked.overflowed]
+                events += self._health.update(frames, found, crowded, newest.found)
+                for line in self._markers.update(frames, found):
+                    self._tell(line)
             self._tell_events(events)
 
     def figures(self) -> dict[str, int]:

@@ -86,11 +86,4 @@ def _gap_u(family: MarkerFamily | SquareFamily, shape: OutlineShape, points_mm: 
     if isinstance(family, SquareFamily):
         return 1.0
     rim = 0.5 * family.disc_diameter_mm - np.hypot(*(points_mm - shape.origin_mm).T).max()
-    half = 0.5 * family.grid * family.cell_mm
-    cells = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
-    corners = family.polygon_mm
-    edges = np.roll(corners, -1, axis=0) - corners
-    offsets = cells[:, np.newaxis] - corners
-    inwards = edges[:, 0] * offsets[..., 1] - edges[:, 1] * offsets[..., 0]
-    inner = (inwards / np.hypot(*edges.T)).min()
-    return float(min(rim, inner) / family.unit_mm)
+    return float(min(rim, shape.frame_mm) / family.unit_mm)

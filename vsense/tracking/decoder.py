@@ -73,13 +73,16 @@ class Decoder:
         )
         varied = np.maximum(self._words.std(axis=-2), _LEAST_VARIED)
         self._most_error = np.asarray(_MOST_UNEXPLAINED * varied, dtype=np.float32)
+        self._per_length = _per_length(self._words, family.grid)
         self._lost = normal_share(-EDGE_REACH_U / BLURS_U)
         self._unlisted = unlisted_tag_reader(family)
         self.struct = kernel_ffi.new("struct vs_codes *")
-        self.struct.cells, self.struct.tags = family.grid**2, len(self.tags)
+        self.struct.cells, self.struct.side = family.grid**2, family.grid
+        self.struct.tags = len(self.tags)
         self.struct.tag = kernel_ffi.cast("int32_t *", self.tags.ctypes.data)
         self.struct.word = kernel_ffi.cast("float *", self._words.ctypes.data)
         self.struct.most_error = kernel_ffi.cast("float *", self._most_error.ctypes.data)
+        self.struct.per_length = kernel_ffi.cast("float *", self._per_length.ctypes.data)
         self.struct.lost, self.struct.sharp = self._lost.tolist(), SHARPNESS.tolist()
 
     def brightness(self, cells: Floats, ahead: NDArray[np.intp], left: NDArray[np.intp]) -> Floats:
@@ -116,3 +119,12 @@ class Decoder:
         rows = kernel_ffi.cast("struct vs_marker *", markers.ctypes.data)
         kernels.vs_codes_name(self.struct, rows, len(markers))
         return DecodedTag(markers["tag"].astype(np.int32), markers["error"], markers["margin"])
+
+
+def _per_length(words: NDArray[np.float32], grid: int) -> NDArray[np.float32]:
+    """Returns 1 over the lengths of (..., cells, n) words without mean and slopes, (..., n)."""
+    along = np.arange(grid) - 0.5 * (grid - 1)
+    slopes = [np.ones(grid**2), np.tile(along, grid), np.repeat(along, grid)]
+    even = np.linalg.qr(np.stack(slopes, axis=1))[0].astype(np.float32)
+    left = (words**2).sum(axis=-2) - ((even.T @ words) ** 2).sum(axis=-2)
+    return np.asarray(1.0 / np.sqrt(np.maximum(left, 1e-6)), dtype=np.float32)

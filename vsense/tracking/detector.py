@@ -22,6 +22,7 @@ from vsense.tracking.naming import (
     find_unlisted_tags,
     gather_evidence,
     note_nameless,
+    were_nameless,
 )
 from vsense.tracking.prediction import MarkerSearch, Prediction
 from vsense.tracking.rows import Rows, are_near, is_in
@@ -83,11 +84,16 @@ class ArrowDetector(MarkerDetector):
 class SquareDetector(MarkerDetector):
     """Finds the square markers of one family and names those of a roster.
 
-    A black square without a word is a marker only where a robot is expected.
+    A black square without a word is a marker only where a robot is expected, and as long as it can
+    be followed from there.
     """
 
     def _believed(self, markers: Rows, expected: Rows) -> Rows:
-        return markers.where((markers.values["tag"] != UNNAMED) | are_near(markers, expected))
+        believed = (markers.values["tag"] != UNNAMED) | are_near(markers, expected)
+        if (known := self._prediction) is not None and not believed.all():
+            cameras = [camera.id for camera in self._cameras.cameras]
+            believed |= were_nameless(markers, cameras, known)
+        return markers.where(believed)
 
     def _name(self, known: Prediction, markers: Rows, expected: Rows) -> Tags:
         """A word that is read is believed: those of a family differ in many cells."""

@@ -39,6 +39,13 @@ _SCALE_DOUBT = 0.12
 _LEAST_AREA, _MOST_AREA = 0.4, 1.6
 
 
+Rescan = tuple[int, int]
+"""Where the threshold of another scan lies [1/256], and beside what light alone it looks [grey]."""
+
+GLARE = 240
+"""Of what shines; marker's white is darker in most pictures."""
+
+
 class KernelLimits(NamedTuple):
     """What a kind of markers must show.
 
@@ -49,9 +56,11 @@ class KernelLimits(NamedTuple):
         fine_px: Where a unit is longer than this, they take more steps.
         fit_contrast: White over black in the fit [grey].
         contrast: What white must have over dark for a closer look [grey].
+        pale: That contrast, and the fit's, in a picture that has little anywhere; 0: as in others.
         level: Where the threshold lies between the darkest and the lightest [1/256].
-        thin_level: The same in a second scan, for markers with small cells; 0: none.
-        thin_px: Smaller than this are small cells.
+        again: Of the scans that follow.
+        thin_again: The same for markers whose black is thin between the cells and the ground.
+        thin_px: Narrower than this is thin.
         print: Share of the light ground that ink is darker by [1/256].
         has_veil: Whether the picture's darkest counts as 0 in that.
         roundest, slimmest: Variance along over variance across.
@@ -64,8 +73,10 @@ class KernelLimits(NamedTuple):
     fine_px: float
     fit_contrast: float
     contrast: int
+    pale: tuple[int, float]
     level: int
-    thin_level: int
+    again: tuple[Rescan, ...]
+    thin_again: tuple[Rescan, ...]
     thin_px: float
     print: int
     has_veil: bool
@@ -86,9 +97,11 @@ _ARROW = KernelLimits(
     fine_px=math.inf,
     fit_contrast=25.0,
     contrast=36,
+    pale=(16, 8.0),
     level=100,
-    thin_level=0,
-    thin_px=0.0,
+    again=((144, GLARE),),
+    thin_again=((144, 0), (176, GLARE)),
+    thin_px=3.0,
     print=102,
     has_veil=False,
     roundest=1.2,
@@ -104,8 +117,10 @@ _SQUARE = KernelLimits(
     fine_px=5.0,
     fit_contrast=8.0,
     contrast=16,
+    pale=(0, 0.0),
     level=100,
-    thin_level=128,
+    again=(),
+    thin_again=((128, 0),),
     thin_px=4.5,
     print=102,
     has_veil=True,
@@ -232,7 +247,8 @@ class Kernel:
             outlines = (self._outline(p, low) for p in (self._limits.passes, self._limits.warm))
             search = self._search(low, high)
             quick = kernel_ffi.new("struct vs_search *", search[0])
-            quick.second_256 = 0
+            for scan in quick.again:
+                scan.level_256 = 0
             self._views[key] = _View(_view(camera, height_m), search, quick, *outlines)
         view = self._views[key]
         if image.strides[1] != 1 or image.strides[0] < image.shape[1]:
@@ -267,9 +283,12 @@ class Kernel:
         limits, shape = self._limits, self._shape
         lead_mm = (shape.origin_mm - shape.centroid_mm)[0]
         search = kernel_ffi.new("struct vs_search *")
-        is_thin = 1e-3 * shape.cell_mm * low < limits.thin_px
+        is_thin = 1e-3 * shape.frame_mm * low < limits.thin_px
         search.least_contrast, search.level_256 = limits.contrast, limits.level
-        search.second_256 = limits.thin_level if is_thin else 0
+        search.pale_contrast, search.pale_fit = limits.pale
+        again = limits.thin_again if is_thin else limits.again
+        for row, scan in zip(search.again, again):
+            row.level_256, row.least_light = scan
         search.print_256, search.has_veil = limits.print, limits.has_veil
         search.lead_m, search.least_apart_m = 1e-3 * float(lead_mm), self._apart_m
         gate = search.gate

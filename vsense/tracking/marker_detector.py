@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 from vsense.arena import DETECTION, UNNAMED
 from vsense.cameras.camera import Camera
 from vsense.cameras.camera_array import CameraArray, Places
+from vsense.markers.codes import BLURS_U
 from vsense.markers.families import FamilyError, MarkerFamily, SquareFamily
 from vsense.tracking.covariance import OutlineCovariance
 from vsense.tracking.joining import UnlistedTags
 from vsense.tracking.kernel import MARKER, Image
+from vsense.tracking.legibility import legible_blur_u
 from vsense.tracking.outlines import nearest_blur
 from vsense.tracking.prediction import EXPECTED, MarkerSearch, Prediction, at_height
 from vsense.tracking.rows import Rows, are_near, each_once, gather, is_in, join
@@ -60,6 +62,7 @@ class MarkerDetector:
         self._prediction = prediction
         self._family = family
         self._covariance = OutlineCovariance(family)
+        self._legible_u = legible_blur_u(family)
         self._roster: list[int] = []
         self._joined: tuple[int, ...] = ()
         self._turns: dict[str, int] = {}
@@ -180,6 +183,8 @@ class MarkerDetector:
         for name in ("x_px", "y_px", "error", "margin"):
             rows[name] = values[name]
         rows["yaw_rad"] = np.arctan2(values["ahead_y"], values["ahead_x"])
-        blur = (nearest_blur(values[name]) for name in ("sharp_ahead", "sharp_left"))
+        rows["read"] = (tags != UNNAMED) & (values["tag"] == tags)
+        blur = [nearest_blur(values[name]) for name in ("sharp_ahead", "sharp_left")]
+        rows["legible"] = BLURS_U[np.maximum(*blur)] < self._legible_u
         rows["covariance"] = self._covariance.covariance(values, *blur)
         return rows

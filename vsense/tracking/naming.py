@@ -16,7 +16,7 @@ from vsense.arena import UNNAMED
 from vsense.cameras.camera_array import Places
 from vsense.tracking.decoder import Decoder, Tags
 from vsense.tracking.prediction import Anonymous, Prediction
-from vsense.tracking.rows import Rows, gather, is_in, single_pairs
+from vsense.tracking.rows import Rows, are_near, gather, is_in, single_pairs
 
 Floats = NDArray[np.float64]
 
@@ -84,6 +84,19 @@ def gather_evidence(
             _add_up(now, before[camera])
             _name(named, now, markers, decoder)
     return named
+
+
+def were_nameless(
+    markers: Rows, cameras: Sequence[str], prediction: Prediction
+) -> NDArray[np.bool_]:
+    """Tells which of (n,) MARKER are where a marker without a name was just now."""
+    were = np.zeros(len(markers.picture), dtype=bool)
+    for number, camera in enumerate(cameras):
+        before = prediction.anonymous.get(camera)
+        if before and prediction.capture_ns - before.capture_ns < 1e9 * _EVIDENCE_S:
+            mine = np.flatnonzero(markers.picture == number)
+            were[mine] = are_near(gather([markers.values[mine]]), _at(before.places))
+    return were
 
 
 def note_nameless(

@@ -45,6 +45,7 @@ class OutlineShape(NamedTuple):
         rim_mm: (k, 2) what must lie in the picture.
         cells_mm: (cells, 2) the middles of the cells that are read with it.
         cell_mm: Their side.
+        frame_mm: Least width of the black around the cells.
     """
 
     name: str
@@ -56,6 +57,7 @@ class OutlineShape(NamedTuple):
     rim_mm: Floats
     cells_mm: Floats
     cell_mm: float
+    frame_mm: float
 
     @property
     def area_mm2(self) -> float:
@@ -86,7 +88,7 @@ def shape_of(family: MarkerFamily | SquareFamily) -> OutlineShape:
         cell = family.cell_mm
         spacing = (family.size_mm - 2.0 * _CORNER_U * cell) / (_SIDE_SAMPLES - 1)
         return OutlineShape(
-            family.name, corners, cell, spacing, 1, np.zeros(2), corners, none, cell
+            family.name, corners, cell, spacing, 1, np.zeros(2), corners, none, cell, cell
         )
     turn = 2.0 * np.pi / kernels.VS_OUTLINE_RIM * np.arange(kernels.VS_OUTLINE_RIM)
     rim = 0.5 * family.disc_diameter_mm * np.stack((np.cos(turn), np.sin(turn)), axis=1)
@@ -100,7 +102,19 @@ def shape_of(family: MarkerFamily | SquareFamily) -> OutlineShape:
         family.disc_centre_mm + rim,
         family.cells_mm,
         family.cell_mm,
+        _frame_mm(family),
     )
+
+
+def _frame_mm(family: MarkerFamily) -> float:
+    """Returns how near an arrow's cells come to its outline."""
+    half = 0.5 * family.grid * family.cell_mm
+    cells = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
+    corners = family.polygon_mm
+    edges = np.roll(corners, -1, axis=0) - corners
+    offsets = cells[:, np.newaxis] - corners
+    inwards = edges[:, 0] * offsets[..., 1] - edges[:, 1] * offsets[..., 0]
+    return float((inwards / np.hypot(*edges.T)).min())
 
 
 def make_outline(

@@ -150,6 +150,11 @@ _LEAST_COVERAGE = 0.5
 _LEAST_STEP = 0.15
 _LEAST_CELL_PX = 0.9
 _SLIMMEST = 0.15
+_SHORT, _CLEARER, _CROOKED = 4, 3.2, 0.008
+"""Words of so many cells a side are few, and other things may look like one: the letter P, whose
+hole is a word's only white cells. What is nearer to its word than to the next by less than so many
+times its error, and has sides as crooked as that, as a share of their length, is no marker. Markers
+that read as badly lie in a glare, and have straight sides."""
 _SAME = 0.05
 _BORDER_PX = 1.0
 _TOGETHER = 4096
@@ -206,7 +211,12 @@ class SquareFinder:
     def _read(self, image: NDArray[np.uint8], sides: Sides) -> NDArray[np.void]:
         """Reads fitted quadrilaterals, n > 0; returns those that are markers, as SQUARE."""
         read = self._reader.read(self._reader.cells(image, sides.corners_px), self._blur(sides))
-        return np.asarray(_rows(sides, read)[read["sure"] != 0])
+        found = _rows(sides, read)
+        side_px = lengths(found["corners_px"]).mean(axis=1)
+        doubtful = found["residual_px"] > _CROOKED * side_px
+        doubtful &= found["margin"] < 1.0 + _CLEARER * found["error"]
+        doubtful &= self._span - 2 <= _SHORT
+        return np.asarray(found[(read["sure"] != 0) & ~doubtful])
 
     def _plausible(self, image: NDArray[np.uint8], sides: Sides, noise: float) -> NDArray[np.bool_]:
         """Which fitted quadrilaterals are black on white, large enough and whole."""

@@ -150,10 +150,11 @@ static void make_codes(struct input *in)
     for (i = 0; i < sizeof most_error / sizeof most_error[0]; i++)
         most_error[i] = 0.3f;
     codes.cells = 1 + take_u8(in) % VS_OUTLINE_CELLS;
+    codes.side = 1 + take_u8(in) % codes.cells;
     codes.tags = take_u8(in) % (TAGS + 1);
     codes.tag = tag;
     codes.word = word;
-    codes.most_error = most_error;
+    codes.most_error = codes.per_length = most_error;
     for (i = 0; i < VS_CODES_BLURS; i++) {
         codes.lost[i] = number(in, 0.1);
         codes.sharp[i] = number(in, 1.0 - 0.05 * (double)i);
@@ -218,12 +219,13 @@ static void follow(struct input *in, const struct vs_view *view)
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     struct input in = {data, size};
-    struct vs_search search = {36,  100,  0, 102, 0,
+    struct vs_search search = {36,    100,  0,   0.0,
+                               {{0, 0}, {0, 0}}, 102, 0,
                                0.005, 0.03, {20.0, 150.0, 0.1, 4.0, 1.0, 9.0, 0.0, 0.0}};
     struct vs_window window;
     struct vs_view view;
     size_t count = 0;
-    int full;
+    int full, i;
 
     if (memory == NULL)
         memory = malloc(vs_markers_size(400, VS_MARKERS_SIDE));
@@ -244,7 +246,12 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         window.left = window.top = 0;
     search.print_256 = take_u16(&in) % 300;
     search.has_veil = take_u8(&in) & 1;
-    search.second_256 = take_u16(&in) % 300;
+    search.pale_contrast = take_u8(&in);
+    search.pale_fit = number(&in, 0.3);
+    for (i = 0; i < VS_MARKERS_AGAIN; i++) {
+        search.again[i].level_256 = take_u16(&in) % 300;
+        search.again[i].least_light = take_u16(&in) % 300;
+    }
     if (take_u8(&in) & 1) {
         make_words(&in);
         search.gate.least_square = number(&in, 0.1);

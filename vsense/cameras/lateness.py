@@ -1,0 +1,261 @@
+"""Cameras whose pictures are older than their stamps: motion explains what they contradict.
+
+A camera that is late by some time shows a robot where another one has shown it that much earlier.
+Two cameras' ways of the robots that both of them see are laid over each other, one shifted in time:
+where they fit far better than unshifted, one camera is late. A wrong calibration shifts places, not
+times, and robots that stand say nothing.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict, deque
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Place = Sequence[float] | Floats
+_Way = deque[tuple[int, float, float]]
+_Pair = tuple[str, str]
+
+WINDOW_S = 8.0
+"""Ways are remembered so long."""
+EVERY_S = 1.0
+"""They are compared so often."""
+LEAST_S = 0.06
+"""Less is usual where cameras are not triggered: half a period, and what a driver takes."""
+GONE_S = 0.04
+MOST_S = 0.6
+_STEP_S = 0.05
+_NEXT_S = 0.35
+"""Places further apart in time are not joined."""
+_LEAST_VIEWS = 24
+_LEAST_M = 0.002
+_EXPLAINED = 0.4
+"""Of the contradiction, what may be left where one camera's ways are shifted."""
+_SHARP_S = 0.1
+"""Shifted by so much more or less, ways have to fit far worse: otherwise they tell no time."""
+_AGREE_S = 0.03
+_TIMES = 3
+"""Comparisons in a row that have to say the same."""
+_PAIRS = 2
+"""Compared in one call, so that none takes long."""
+_MOST_VIEWS = 200
+_OPEN_S = 20.0
+"""So long ways may be waited for."""
+
+_SHIFTS_S = np.arange(-MOST_S, MOST_S + 0.5 * _STEP_S, _STEP_S)
+
+
+class Lag(NamedTuple):
+    """How much later one camera is than another.
+
+    Attributes:
+        lag_s: By so much, if `is_sure`.
+        apart_m: So far its places are off apart from that.
+        is_sure: Whether robots' ways tell.
+        is_open: Whether they may tell soon: robots drive, and were not seen for long.
+    """
+
+    lag_s: float
+    apart_m: float
+    is_sure: bool
+    is_open: bool = False
+
+    @property
+    def is_lag(self) -> bool:
+        """Whether one of the two is late."""
+        return self.is_sure and abs(self.lag_s) > GONE_S
+
+
+_UNKNOWN = Lag(0.0, 0.0, False)
+_OPEN = Lag(0.0, 0.0, False, True)
+
+
+class CameraDelays:
+    """Remembers where each camera has seen each robot, and compares the cameras' ways."""
+
+    def __init__(self) -> None:
+        self._ways: dict[str, dict[int, _Way]] = defaultdict(dict)
+        self._begun_ns = 0
+        self._left: list[_Pair] = []
+        self._sure: dict[_Pair, float] = {}
+        self._lags: dict[_Pair, Lag] = {}
+        self._met_ns: dict[_Pair, int] = {}
+        self._recent: dict[str, deque[float]] = {}
+        self.late_s: dict[str, float] = {}
+        """The cameras that are late, by how much."""
+
+    def see(self, camera: str, capture_ns: int, places: Mapping[int, Place]) -> None:
+        """Takes the places [m] of the tags that a picture shows once."""
+        ways = self._ways[camera]
+        for tag, (x_m, y_m) in places.items():
+            way = ways.setdefault(tag, deque())
+            if way and capture_ns <= way[-1][0]:
+                way.clear()  # a recording begins again, or a clock was set back
+            way.append((capture_ns, float(x_m), float(y_m)))
+        for tag, way in list(ways.items()):
+            while way and abs(capture_ns - way[0][0]) > 1e9 * WINDOW_S:
+                way.popleft()
+            if not way:
+                del ways[tag]
+
+    def compare(self, now_ns: int) -> list[tuple[str, float | None]]:
+        """Compares all cameras, now and then.
+
+        Returns the cameras that have begun to be late, with by how much [s], and with None those
+        that are no longer.
+        """
+        if not self._left:
+            if abs(now_ns - self._begun_ns) < 1e9 * EVERY_S:
+                return []
+            self._begun_ns, self._sure = now_ns, {}
+            self._left = [pair for pair in combinations(sorted(self._ways), 2) if self._meet(pair)]
+        for pair in self._left[:_PAIRS]:
+            lag = self._weigh(pair, now_ns)
+            if lag.is_sure:
+                self._sure[pair] = lag.lag_s
+            if lag.is_sure or not self._lags.get(pair, _UNKNOWN).is_lag:
+                self._lags[pair] = lag
+        self._left = self._left[_PAIRS:]
+        return [] if self._left else self._judge()
+
+    def _meet(self, pair: _Pair) -> bool:
+        """Whether two cameras have seen the same robots lately."""
+        return not self._ways[pair[0]].keys().isdisjoint(self._ways[pair[1]])
+
+    def _judge(self) -> list[tuple[str, float | None]]:
+        """Returns the cameras for which something has changed; see `compare`."""
+        told: list[tuple[str, float | None]] = []
+        for camera, late_s in _delays(self._sure).items():
+            recent = self._recent.setdefault(camera, deque(maxlen=_TIMES))
+            recent.append(late_s)
+            if len(recent) < _TIMES or max(recent) - min(recent) > _AGREE_S:
+                continue
+            if camera not in self.late_s and min(recent) > LEAST_S:
+                self.late_s[camera] = late_s
+                told.append((camera, late_s))
+            elif camera in self.late_s and max(recent) < GONE_S:
+                del self.late_s[camera]
+                told.append((camera, None))
+        return told
+
+    def lag(self, first: str, second: str) -> Lag:
+        """Returns by how much the first of two cameras is later, as they were compared last.
+
+        The first is that whose id is the lesser.
+        """
+        both = first in self._ways and second in self._ways
+        return self._lags.get((first, second), _OPEN if both else _UNKNOWN)
+
+    def _weigh(self, pair: _Pair, now_ns: int) -> Lag:
+        first, second = (self._ways[camera] for camera in pair)
+        lag = _lag(first, second)
+        met_ns = self._met_ns.setdefault(pair, now_ns)
+        return _UNKNOWN if lag.is_open and now_ns - met_ns > 1e9 * _OPEN_S else lag
+
+
+def _delays(lags: Mapping[_Pair, float]) -> dict[str, float]:
+    """Returns how late cameras are; of those that are compared, the earliest is not late."""
+    delays: dict[str, float] = {}
+    for group in _groups(lags):
+        place = {camera: row for row, camera in enumerate(group)}
+        mine = {pair: lag for pair, lag in lags.items() if pair[0] in place}
+        design = np.zeros((len(mine) + 1, len(group)))
+        design[-1] = 1.0
+        for row, (first, second) in enumerate(mine):
+            design[row, place[first]], design[row, place[second]] = 1.0, -1.0
+        solved = np.linalg.lstsq(design, np.array([*mine.values(), 0.0]), rcond=None)[0]
+        delays.update(zip(group, (solved - solved.min()).tolist(), strict=True))
+    return delays
+
+
+def _groups(pairs: Iterable[_Pair]) -> list[list[str]]:
+    """Returns the cameras that are compared with each other, directly or through others."""
+    groups: list[set[str]] = []
+    for pair in pairs:
+        touched = [group for group in groups if group & set(pair)]
+        groups = [group for group in groups if group not in touched]
+        groups.append(set(pair).union(*touched))
+    return [sorted(group) for group in groups]
+
+
+def _lag(first: Mapping[int, _Way], second: Mapping[int, _Way]) -> Lag:
+    tags = sorted(first.keys() & second.keys())
+    ways = [(np.array(first[tag]), np.array(second[tag])) for tag in tags]
+    here = _off(ways, np.array([-_SHARP_S, 0.0, _SHARP_S]))
+    if not np.isfinite(here.off_m).all():
+        return _OPEN
+    if here.off_m.max() < _LEAST_M:
+        return _UNKNOWN  # they stand
+    if _is_sharp(here.off_m, 1, 1):  # as nearly always
+        return Lag(0.0, float(here.apart_m[1]), True)
+    found = _off(ways, _SHIFTS_S)
+    best, reach = int(found.off_m.argmin()), round(_SHARP_S / _STEP_S)
+    if not _is_sharp(found.off_m, best, reach):
+        return _OPEN
+    vertex = _vertex(found.off_m[best - 1 : best + 2] ** 2)
+    return Lag(float(_SHIFTS_S[best]) + _STEP_S * vertex, float(found.apart_m[best]), True)
+
+
+def _is_sharp(off_m: Floats, best: int, reach: int) -> bool:
+    """Whether ways fit at one shift, and far worse beside it."""
+    if not reach <= best < len(off_m) - reach:
+        return False
+    beside_m = min(off_m[best - reach], off_m[best + reach])
+    known = np.isfinite(off_m[best - reach : best + reach + 1]).all()
+    return bool(known and max(off_m[best] / _EXPLAINED, _LEAST_M) < beside_m)
+
+
+class _Off(NamedTuple):
+    """For each of (k,) shifts, what the calibration leaves of the gaps [m], and their mean [m]."""
+
+    off_m: Floats
+    apart_m: Floats
+
+
+def _off(ways: Sequence[tuple[Floats, Floats]], shifts_s: Floats) -> _Off:
+    """Compares two cameras' ways of some robots, (n, 3) and (m, 3) each: times [ns], x, y."""
+    off = _Off(np.full(len(shifts_s), np.inf), np.zeros(len(shifts_s)))
+    if not ways:
+        return off
+    every = sum(len(way[0]) for way in ways) // _MOST_VIEWS + 1
+    ways = [(first[::every], second) for first, second in ways]
+    gap = np.concatenate([_gaps(*way, shifts_s) for way in ways], axis=1)
+    place = np.concatenate([first[:, 1:] for first, _ in ways])
+    for row, one in enumerate(gap):
+        known = np.isfinite(one[:, 0])
+        if known.sum() >= _LEAST_VIEWS:
+            # A wrong calibration maps places; robots that all drive in one circle tell no time.
+            form = np.column_stack((np.ones(known.sum()), place[known] - place[known].mean(axis=0)))
+            shares, *_ = np.linalg.lstsq(form, one[known], rcond=None)
+            left = one[known] - form @ shares
+            off.off_m[row] = np.sqrt((left**2).sum(axis=1).mean())
+            off.apart_m[row] = np.hypot(*shares[0])
+    return off
+
+
+def _gaps(first: Floats, second: Floats, shifts_s: Floats) -> Floats:
+    """Returns where the first camera sees a robot minus where the second has seen it before.
+
+    The ways are those of `_off`. Returns (shifts, n, 2), NaN where the second did not see it then.
+    """
+    time_s, known_s = 1e-9 * (first[:, 0] - first[0, 0]), 1e-9 * (second[:, 0] - first[0, 0])
+    wanted_s = time_s - shifts_s[:, np.newaxis]
+    if len(known_s) < 2:
+        return np.full((*wanted_s.shape, 2), np.nan)
+    after = np.searchsorted(known_s, wanted_s)
+    is_between = (after > 0) & (after < len(known_s))
+    after = np.clip(after, 1, len(known_s) - 1)
+    is_between &= known_s[after] - known_s[after - 1] < _NEXT_S
+    seen = np.stack([np.interp(wanted_s, known_s, second[:, axis]) for axis in (1, 2)], axis=-1)
+    return np.where(is_between[..., np.newaxis], first[:, 1:] - seen, np.nan)
+
+
+def _vertex(values: Floats) -> float:
+    """Returns where the parabola through three values has its least, from the middle one."""
+    bend = values[0] - 2.0 * values[1] + values[2]
+    return float(0.5 * (values[0] - values[2]) / bend) if bend > 0.0 else 0.0
