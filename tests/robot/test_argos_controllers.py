@@ -436,9 +436,7 @@ def test_sources_are_named_or_found_without_cmake(repository: Path) -> None:
     assert found(repository) == ["readings.cpp", "catching.cpp"], "a folder of the library's name"
     with pytest.raises(ConfigError, match=r"mine\.argos:4: .*nothing\.cpp: no C or C\+\+ file"):
         found(repository, CodeOptions.of(["readings=nothing.cpp"], []))
-    with pytest.raises(
-        UsageError, match=r"--sources raedings=.*: nothing .* there are: .*readings"
-    ):
+    with pytest.raises(UsageError, match=r"--sources raedings=.*: nothing .* is 'readings' meant"):
         found(repository, CodeOptions.of(["raedings=readings.cpp"], []))
     with pytest.raises(UsageError, match=r"--sources readings: expected NAME=FILE"):
         CodeOptions.of(["readings"], [])

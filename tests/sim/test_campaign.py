@@ -53,6 +53,17 @@ def test_rows_do_not_depend_on_the_number_of_processes(pollutant, tmp_path: Path
     assert image is not None and image.shape[1] > 600
 
 
+def test_what_a_run_warns_of_is_said_once_for_each_setting(
+    pollutant, tmp_path: Path, capsys
+) -> None:
+    arguments = ("--runs", "2", "--set", "pollutant.warp=4,8", "-o", tmp_path / "r.csv")
+    assert sim("pollutant", "--duration", "2", *arguments) == 0
+    said = capsys.readouterr().err.splitlines()
+    unread = "controller 'pollutant' does not know the parameter 'warp': ignored"
+    for value in ("4", "8"):
+        assert said.count(f"vsense: pollutant.warp {value}: {unread}") == 1
+
+
 def test_the_suffix_of_the_output_says_what_the_picture_is(
     pollutant, tmp_path: Path, monkeypatch, capsys
 ) -> None:

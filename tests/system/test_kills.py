@@ -28,7 +28,7 @@ LIMIT_NS = 450 * MS
 CANARY_NS = 10 * MS
 """The loop that keeps the bases' clock was late by more than this: the round says nothing."""
 FAULTS = {"worker": 38, "guard": 38, "host": 12, "tracker": 12}
-VOID_MOST = 5
+VOID_MOST = 25
 SETTLE_MS = 250
 """A fault comes at a random moment of this time after everything drives again."""
 

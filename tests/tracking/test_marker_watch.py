@@ -83,8 +83,16 @@ def nothing(time_s: float, picture: np.ndarray, robots: list[Robot]) -> None:
     """Leaves the picture as it is."""
 
 
-@pytest.mark.parametrize("shade", [35, 190])
-@pytest.mark.parametrize("name", FAMILIES)
+@pytest.mark.parametrize(
+    ("name", "shade"),
+    [
+        *zip(FAMILIES, (35, 190, 190, 35), strict=True),
+        *(
+            pytest.param(name, shade, marks=pytest.mark.campaign)
+            for name, shade in zip(FAMILIES, (190, 35, 35, 190), strict=True)
+        ),
+    ],
+)
 def test_a_covered_marker_is_told_once_and_when_it_can_be_read_again(name: str, shade: int) -> None:
     family = load_family(name)
     tag = tags_of(family)[1]
@@ -110,8 +118,18 @@ def test_what_is_covered_for_a_moment_is_not_told(name: str) -> None:
     assert watch(family, cover) == []
 
 
-@pytest.mark.parametrize("name", FAMILIES)
-@pytest.mark.parametrize("hard", ["blurred", "noisy", "glaring"])
+@pytest.mark.parametrize(
+    ("name", "hard"),
+    [
+        *zip(FAMILIES, ("blurred", "noisy", "glaring", "blurred"), strict=True),
+        *(
+            pytest.param(name, hard, marks=pytest.mark.campaign)
+            for place, name in enumerate(FAMILIES)
+            for hard in ("blurred", "noisy", "glaring")
+            if hard != ("blurred", "noisy", "glaring", "blurred")[place]
+        ),
+    ],
+)
 def test_pictures_in_which_nothing_is_covered_accuse_nobody(name: str, hard: str) -> None:
     """Blurred so that hardly a marker can be read; a glare passes over one robot."""
     family = load_family(name)

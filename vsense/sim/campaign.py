@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
@@ -96,7 +96,8 @@ def _complete(
         console.say(f"{path}: {len(tasks) - len(todo)} of {len(tasks)} runs are there already")
     simulate = partial(simulate_all, processes=campaign.jobs) if engine is None else engine.simulate
     try:
-        _simulate(todo, simulate, results, console, interrupted)
+        told = set(tasks[0].experiment.warnings)
+        _simulate(todo, simulate, results, console, interrupted, told)
     except Interrupted:
         done = len(tasks) - len(todo) + len(results.rows) - len(there)
         console.end_progress()
@@ -134,11 +135,14 @@ def prepare(sweep: Sweep, setup: Setup) -> list[Task]:
         changed = replace(setup, settings=settings)
         experiment = changed.load()
         libraries = {name: str(path) for name, path in shared_objects(experiment).items()}
-        words = [f"{key} {value}" for key, value in settings.items()]
         for seed in sweep.seeds or ():
-            label = ", ".join([*words, f"seed {seed}"])
+            label = ", ".join([*_words(settings), f"seed {seed}"])
             tasks.append(Task(Job(changed, seed, libraries), experiment, label))
     return tasks
+
+
+def _words(settings: Mapping[str, str]) -> list[str]:
+    return [f"{key} {value}" for key, value in settings.items()]
 
 
 def _simulate(
@@ -147,8 +151,13 @@ def _simulate(
     results: CampaignResults,
     console: Console,
     interrupted: threading.Event,
+    told: set[str],
 ) -> None:
-    """Does the runs and appends their rows in the runs' order."""
+    """Does the runs and appends their rows in the runs' order.
+
+    What is not right in a combination's file, or with its controllers, is said once, unless it is
+    among the warnings that were `told` before.
+    """
     finished: dict[int, dict[str, Any]] = {}
     number = {id(task): place for place, task in enumerate(todo)}
     written = 0
@@ -156,8 +165,20 @@ def _simulate(
     for task, result in simulate(todo, interrupted=interrupted, show=show):
         finished[number[id(task)]] = result
         while written in finished:
-            _append(results, todo[written], finished.pop(written))
+            _append(results, todo[written], done := finished.pop(written))
+            _warn(console, todo[written], done["complaints"], told)
             written += 1
+
+
+def _warn(console: Console, task: Task, complaints: Sequence[str], told: set[str]) -> None:
+    """Says what a run of a combination warns of, and what was not `told` yet."""
+    settings = ", ".join(_words(task.job.setup.settings))
+    for warning in (*task.experiment.warnings, *complaints):
+        words = f"{settings}: {warning}" if settings else warning
+        if not told & {words, warning}:
+            told.add(words)
+            console.end_progress()
+            console.say(f"vsense: {words}")
 
 
 def _append(results: CampaignResults, task: Task, result: dict[str, Any]) -> None:
