@@ -91,5 +91,5 @@ def test_wheel_from_sdist_runs_the_lab_without_its_sources(python: Path, tmp_pat
     lab = run(python.with_name("vsense"), *command, cwd=elsewhere, env=environment)
     summary = json.loads(lab.stdout)
     assert summary["robots"] == 2
-    assert summary["timesteps"] == 30
+    assert summary["timesteps"] + summary["left_out_timesteps"] == 30 and summary["timesteps"] > 15
     assert not (tmp_path / "cache").exists(), "the wheel carries the host's daemon ready made"
