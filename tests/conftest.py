@@ -49,6 +49,11 @@ LONG = (
 """Files of a few long tests: they begin first, so that no worker is left alone with one."""
 
 
+TRIES_AGAIN = 2
+"""Of a failed test that keeps real time: the machine may have been held up. `scripts/test` names
+each at its end, for one that fails again and again in different runs is no accident."""
+
+
 OPT_IN = "campaign"
 """Tests with this marker take minutes: they run where `-m campaign` asks for them."""
 
@@ -65,10 +70,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker("alone")
         if item.nodeid.startswith(PACED):
             item.add_marker("paced")
+        if item.get_closest_marker("alone") or item.get_closest_marker("paced"):
+            item.add_marker(pytest.mark.flaky(reruns=TRIES_AGAIN, reruns_delay=2))
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Leaves what was skipped, and why, in the file that `scripts/test` shows at its end."""
+    """Leaves what was skipped or tried again in the file that `scripts/test` shows at its end."""
     is_worker = hasattr(terminalreporter.config, "workerinput")  # its skips reach the first process
     if is_worker or "VSENSE_SKIPPED" not in os.environ:
         return
@@ -76,7 +83,9 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
         for report in terminalreporter.stats.get("skipped", []):
             _, _, reason = report.longrepr
             place = report.nodeid.partition("::")[0]
-            file.write(f"{place}: {reason.removeprefix('Skipped: ')}\n")
+            file.write(f"skipped {place}: {reason.removeprefix('Skipped: ')}\n")
+        for report in terminalreporter.stats.get("rerun", []):
+            file.write(f"tried again {report.nodeid}\n")
 
 
 def require_tool(name: str, package: str) -> str:

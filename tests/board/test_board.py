@@ -84,7 +84,10 @@ def said(rig: BoardRig, pattern: str, times: int = 1) -> Callable[[], bool]:
 
 
 def stop_times(rig: BoardRig) -> tuple[list[float], int]:
-    """Lets the host fall silent again and again: times to speed 0 [ms], and void rounds."""
+    """Lets the host fall silent again and again: times to speed 0 [ms], and void rounds.
+
+    Void is a round that seems late to a loop that was itself held up.
+    """
     took_ms: list[float] = []
     void = 0
     while len(took_ms) < ROUNDS and void < MOST_VOID:
@@ -93,8 +96,9 @@ def stop_times(rig: BoardRig) -> tuple[list[float], int]:
         rig.held_up_ns = 0
         silent_ns, rig.host.silent = rig.host.fresh_ns, True
         rig.wait_for(lambda: not rig.moving, "rest")
-        if rig.held_up_ns < CANARY_NS:
-            took_ms.append((rig.applied[-1].time_ns - silent_ns) / MS)
+        took_ns = rig.applied[-1].time_ns - silent_ns
+        if took_ns <= STOP_NS or rig.held_up_ns < CANARY_NS:
+            took_ms.append(took_ns / MS)
         else:
             void += 1
         rig.host.silent = False

@@ -19,6 +19,7 @@ from tests.gige.watch import Watch
 NAME = CAMERAS[VICTIM].id
 OTHERS = [camera.id for camera in CAMERAS if camera.id != NAME]
 TIMESTEPS = 15
+RATE = ("slow", "prompt")
 REST = 10
 """Pictures until a camera is known well enough to be found wanting."""
 
@@ -48,8 +49,9 @@ def test_a_fault_is_told_survived_and_over(rig: GigeCameras, at_work: Watch, fau
         after = fault.after
         at_work.until(lambda: at_work.told(NAME, after, during), after)
     at_work.all_deliver(3)
-    others = [str(event) for event in at_work.events[before:] if event.camera != NAME]
-    assert others == [], "the others are well"
+    others = [event for event in at_work.events[before:] if event.camera != NAME]
+    # A busy machine has fewer pictures of every camera; how many came, is asked above.
+    assert [str(event) for event in others if event.kind not in RATE] == [], "the others are well"
 
 
 def test_all_expose_together_when_told_so(rig: GigeCameras, at_work: Watch, tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from vsense.link.robots.wire import StopCause, Wanted
 from vsense.native import lib
 
 CANARY_NS = 8 * MS
-"""A loop that was itself held up for longer says nothing about the daemon's times."""
+"""A loop that was itself held up for longer notes a stop too late, never too early."""
 
 SILENCE_NS = 450 * MS
 """From the last fresh frame to speed 0 on the motors."""
@@ -31,14 +31,15 @@ GUARD_NS = 450 * MS
 """From the guard's death to speed 0: 150 until it is missed, 200 to find the base."""
 
 ATTEMPTS = 8
-QUIET_ATTEMPTS = 2
+COUNTED_ATTEMPTS = 2
 """So many that the canary does not void are enough."""
 
 
 def still_within(rig: Rig, limit_ns: int, fail: Callable[[], int], mend: Callable[[], None]) -> int:
     """Has something fail in mid-motion and compares when the motors got speed 0 with a limit.
 
-    Every attempt has to keep it but those that the canary voids, and one must be left.
+    Every attempt has to keep it but those that the canary voids, and one must be left. What
+    was kept on a busy machine was kept: only an attempt that seems late can be void.
 
     Args:
         rig: a running one.
@@ -58,10 +59,11 @@ def still_within(rig: Rig, limit_ns: int, fail: Callable[[], int], mend: Callabl
         rig.held_up_ns = 0
         began_ns = fail()
         rig.wait_for(lambda: not rig.moving, "rest")
-        if rig.held_up_ns < CANARY_NS:
-            took_ms.append((rig.applied[-1].time_ns - (began_ns or rig.host.fresh_ns)) // MS)
+        took_ns = rig.applied[-1].time_ns - (began_ns or rig.host.fresh_ns)
+        if took_ns <= limit_ns or rig.held_up_ns < CANARY_NS:
+            took_ms.append(took_ns // MS)
         mend()
-        if len(took_ms) == QUIET_ATTEMPTS:
+        if len(took_ms) == COUNTED_ATTEMPTS:
             break
     print("speed 0 after", took_ms, "ms")
     assert took_ms, f"the machine was never quiet in {ATTEMPTS} attempts"

@@ -195,14 +195,15 @@ def test_whatever_is_killed_or_stopped_the_wheels_stop(stage: Stage) -> None:
         took_ns, canary_ns = one_round(stage, together, random_.uniform(0, SETTLE_MS))
         for fault, times_ns in took_ns.items():
             print(fault, fault.tag, [t // MS for t in times_ns], canary_ns / MS)
-        if canary_ns > CANARY_NS:
+        late = max(max(times_ns) for times_ns in took_ns.values()) > LIMIT_NS
+        if late and canary_ns > CANARY_NS:  # the loop notes a stop too late, never too early
             void += 1
             waiting.insert(0, together)
             assert void <= VOID_MOST, f"the machine is too busy to measure: {void} rounds are void"
             continue
         for fault, times_ns in took_ns.items():
             took_ms.setdefault(str(fault), []).extend(t / MS for t in times_ns)
-            assert max(times_ns) <= LIMIT_NS, f"{fault}: {max(times_ns) / MS:.0f} ms"
+        assert not late, f"{took_ns} ns, {LIMIT_NS} are allowed"
     every = [ms for times in took_ms.values() for ms in times]
     for name, times in sorted({**took_ms, "all": every}.items()):
         print(
