@@ -74,18 +74,22 @@ struct lanes {
     float down[LANES];
 };
 
-/* The border of a texture is 0, and so is what lies beyond it. Where `coarse`, places are rounded
- * to 1/32 of a texel. */
-INLINE void meet(int wide, const struct vs_sprite *s, int32_t pose, int coarse, const float *x_m,
-                 const float *y_m, struct lanes *l)
+/* Returns whether any ray meets what is not 0. The border of a texture is 0, and so is what lies
+ * beyond it. Where `coarse`, places are rounded to 1/32 of a texel. */
+INLINE int32_t meet(int wide, const struct vs_sprite *s, int32_t pose, int coarse,
+                    const float *x_m, const float *y_m, struct lanes *l)
 {
     const float *column = s->column[pose], *row = s->row[pose], last = (float)(s->side - 1);
+    float middle = 0.5f * last, reach = s->reach * s->reach;
+    int32_t any = 0;
 
     for (int32_t i = 0; i < LANES; i++) {
         float u = fused(wide, x_m[i], column[0], fused(wide, y_m[i], column[1], column[2]));
         float v = fused(wide, x_m[i], row[0], fused(wide, y_m[i], row[1], row[2]));
+        float across = u - middle, along = v - middle;
         int32_t left, above;
 
+        any |= across * across + along * along < reach;
         u = u > 0.0f ? u : 0.0f;
         v = v > 0.0f ? v : 0.0f;
         u = u < last ? u : last;
@@ -100,71 +104,93 @@ INLINE void meet(int wide, const struct vs_sprite *s, int32_t pose, int coarse, 
         l->right[i] = u - (float)left;
         l->down[i] = v - (float)above;
     }
+    return any;
 }
 
-/* What lies between four texels, the upper two first: as OpenCV has it for one channel. */
-INLINE float between(int wide, float a, float b, float e, float f, float right, float down)
+/* Adds to value [LANES] what the pixels see between four texels of one channel, as OpenCV has
+ * it. The texels are fetched first: what is left has no foreign addresses, and becomes vectors. */
+INLINE void sample(int wide, const struct vs_sprite *s, const struct lanes *l, float *value)
 {
-    float above = fused(wide, right, b - a, a), below = fused(wide, right, f - e, e);
-
-    return fused(wide, down, below - above, above);
-}
-
-/* The same, as OpenCV has it for two channels. */
-INLINE float weighted(float a, float b, float e, float f, float right, float down)
-{
-    float sum = a * ((1.0f - right) * (1.0f - down)) + b * (right * (1.0f - down));
-
-    return sum + e * ((1.0f - right) * down) + f * (right * down);
-}
-
-/* Adds to value [channels * LANES] what the pixels see. */
-INLINE void sample(int wide, const struct vs_sprite *s, const struct lanes *l, int32_t channels,
-                   float *value)
-{
-    ptrdiff_t pitch = (ptrdiff_t)s->side * channels;
+    float above[LANES][2], below[LANES][2];
 
     for (int32_t i = 0; i < LANES; i++) {
-        const float *at = s->texture + (ptrdiff_t)l->at[i] * channels;
+        const float *at = s->texture + l->at[i];
 
-        for (int32_t c = 0; c < channels; c++) {
-            float a = at[c], b = at[c + channels], e = at[c + pitch], f = at[c + pitch + channels];
+        memcpy(above[i], at, sizeof *above);
+        memcpy(below[i], at + s->side, sizeof *below);
+    }
+    for (int32_t i = 0; i < LANES; i++) {
+        float up = fused(wide, l->right[i], above[i][1] - above[i][0], above[i][0]);
+        float low = fused(wide, l->right[i], below[i][1] - below[i][0], below[i][0]);
 
-            value[channels * i + c] += channels == 2
-                                     ? weighted(a, b, e, f, l->right[i], l->down[i])
-                                     : between(wide, a, b, e, f, l->right[i], l->down[i]);
-        }
+        value[i] += fused(wide, l->down[i], low - up, up);
     }
 }
 
-/* Lays a sprite over LANES pixels of a row. */
+/* Two texels beside each other, of two channels. */
+typedef float texels __attribute__((vector_size(16)));
+
+/* As `sample`, for two channels: value [LANES][2]. OpenCV weighs there, from the upper left on. */
+INLINE void sample_print(const struct vs_sprite *s, const struct lanes *l, float *value)
+{
+    const texels sign = { -1.0f, -1.0f, 1.0f, 1.0f }, one = { 1.0f, 1.0f, 0.0f, 0.0f };
+
+    for (int32_t i = 0; i < LANES; i++) {
+        const float *at = s->texture + (ptrdiff_t)l->at[i] * 2;
+        texels beside = one + sign * l->right[i], above, below;
+
+        memcpy(&above, at, sizeof above);
+        memcpy(&below, at + (ptrdiff_t)s->side * 2, sizeof below);
+        above *= beside * (1.0f - l->down[i]);
+        below *= beside * l->down[i];
+        value[2 * i] += above[0] + above[2] + below[0] + below[2];
+        value[2 * i + 1] += above[1] + above[3] + below[1] + below[3];
+    }
+}
+
+/* Lays a sprite over the first n of LANES pixels of a row. */
 INLINE void lay(int wide, const struct vs_sprite *s, int32_t effect, const float *x_m,
-                const float *y_m, const float *white_dn, const float *top_m, float *canvas_dn)
+                const float *y_m, const float *white_dn, const float *top_m, float *canvas_dn,
+                size_t n)
 {
     float value[2 * LANES] = { 0.0f }, share = (float)(1.0 / s->poses);
-    int32_t channels = effect == VS_PRINT ? 2 : 1;
+    float strength = s->strength, below_m = s->below_m;
+    int32_t channels = effect == VS_PRINT ? 2 : 1, met = 0;
     struct lanes lanes;
+    float result[LANES];   /* no pointer leads here: the loop becomes vectors */
 
     for (int32_t k = 0; k < s->poses; k++) {
-        meet(wide, s, k, channels == 2, x_m, y_m, &lanes);
-        sample(wide, s, &lanes, channels, value);
+        if (!meet(wide, s, k, channels == 2, x_m, y_m, &lanes))
+            continue;
+        met = 1;
+        if (channels == 2)
+            sample_print(s, &lanes, value);
+        else
+            sample(wide, s, &lanes, value);
     }
+    if (!met)
+        return;
     for (int32_t i = 0; i < channels * LANES && s->poses > 1; i++)
         value[i] *= share;
     for (int32_t i = 0; i < LANES; i++) {
-        float light = canvas_dn[i], more;
+        float light = canvas_dn[i], white = white_dn[i], top = top_m[i], more;
 
         if (effect == VS_PRINT)
-            more = value[2 * i] * white_dn[i] - value[2 * i + 1] * light;
+            more = value[2 * i] * white - value[2 * i + 1] * light;
         else if (effect == VS_COVER)
-            more = value[i] * (s->strength * white_dn[i] - light);
+            more = value[i] * (strength * white - light);
         else
-            more = value[i] * s->strength;
-        canvas_dn[i] = top_m[i] > s->below_m ? light : light + more;
+            more = value[i] * strength;
+        more += light;
+        result[i] = top > below_m ? light : more;
     }
+    if (n < LANES)
+        memcpy(canvas_dn, result, n * sizeof *result);
+    else
+        memcpy(canvas_dn, result, sizeof result);
 }
 
-/* As `lay`, for the n pixels that are left of a row. */
+/* As `lay`, for the last n pixels of the picture. */
 INLINE void lay_few(int wide, const struct vs_backdrop *b, const struct vs_sprite *s,
                     int32_t effect, size_t at, size_t n, float *canvas_dn)
 {
@@ -174,7 +200,7 @@ INLINE void lay_few(int wide, const struct vs_backdrop *b, const struct vs_sprit
     for (int32_t k = 0; k < 4; k++)
         memcpy(copy[k], from[k] + at, n * sizeof **copy);
     memcpy(copy[4], canvas_dn + at, n * sizeof **copy);
-    lay(wide, s, effect, copy[0], copy[1], copy[2], copy[3], copy[4]);
+    lay(wide, s, effect, copy[0], copy[1], copy[2], copy[3], copy[4], n);
     memcpy(canvas_dn + at, copy[4], n * sizeof **copy);
 }
 
@@ -185,12 +211,18 @@ INLINE void draw(int wide, const struct vs_backdrop *b, const struct vs_sprite *
     for (int32_t y = top; y < bottom; y++) {
         size_t at = (size_t)y * b->width_px + (size_t)s->patch.left;
         size_t left = (size_t)(s->patch.right - s->patch.left);
+        size_t end = (size_t)b->height_px * b->width_px;
 
-        for (; left >= LANES; left -= LANES, at += LANES)
-            lay(wide, s, effect, b->x_m + at, b->y_m + at, b->white_dn + at, b->top_m + at,
-                canvas + at);
-        if (left)
-            lay_few(wide, b, s, effect, at, left, canvas);
+        for (; left > 0; at += LANES) {
+            size_t n = left < LANES ? left : LANES;
+
+            if (at + LANES <= end)
+                lay(wide, s, effect, b->x_m + at, b->y_m + at, b->white_dn + at, b->top_m + at,
+                    canvas + at, n);
+            else
+                lay_few(wide, b, s, effect, at, n, canvas);
+            left -= n;
+        }
     }
 }
 

@@ -42,6 +42,7 @@ struct vs_patch {
 struct vs_sprite {
     const float *texture;  /* [side * side * channels], row by row; the border is 0 */
     int32_t side;
+    float reach;           /* texels farther from the middle are 0, and so are those between */
     int32_t effect;        /* enum vs_effect */
     float strength;
     float below_m;         /* where something stands higher, nothing is drawn */

@@ -14,7 +14,7 @@ from vsense.lab.backdrop import Backdrop, Block
 from vsense.lab.bodies import EMISSION_DN, TEXTURE_PX_PER_M, Body, BodySprites, Effect, Sprite
 from vsense.lab.optics import RayMap, Sensor, to_levels
 from vsense.lab.scene import Scene
-from vsense.lab.sprites import SpritePainter, gather
+from vsense.lab.sprites import SpritePainter, gather, look_of
 
 Image32 = NDArray[np.float32]
 CAMERA = corner_camera()
@@ -61,7 +61,7 @@ def test_a_body_is_what_opencv_draws(leds: int, way_m: float, aside: tuple[float
     x, y = middle + aside
     poses = np.array([(x + k * way_m, y, 0.7) for k in (-1, 0, 1)])
     sprites = BodySprites(Body(TAG, HEIGHT_M), FAMILY, CAMERA).sprites(leds)
-    look, painter = gather([sprites]), SpritePainter(RAYS, backdrop)
+    look, painter = gather([look_of(sprites)]), SpritePainter(RAYS, backdrop)
     patches = painter.draw(look, poses[:, np.newaxis])
     expected = draw(backdrop, list(sprites), poses if way_m else poses[1:2])
     assert len(patches) == (0 if aside == (1.6, 0.4) else 1)

@@ -4,15 +4,15 @@ A picture is made in two steps. `prepare` needs no poses and is done before the 
 draws the bodies into the windows they cover. Both take the sensor's noise from the same place of
 the bank, so that the windows do not show.
 
-`Studio` holds all cameras. It is built on two threads and makes its pictures on one: with small
-OpenCV calls a second thread costs a third more processor time, for Python's lock, and gains
-nothing.
+`Studio` holds all cameras. It is built on two threads, and draws the bodies on two: what takes
+longest there is one call into C for each camera.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -23,7 +23,7 @@ from vsense.lab.bodies import BodySprites
 from vsense.lab.camera_spec import LabCameraSpec
 from vsense.lab.optics import Floats, Image8, RayMap, Sensor, Window, to_levels
 from vsense.lab.scene import Scene
-from vsense.lab.sprites import Look, SpritePainter, gather
+from vsense.lab.sprites import Look, SpritePainter, gather, look_of
 from vsense.markers.families import load_family
 
 Leds = NDArray[np.uint16]
@@ -67,12 +67,18 @@ class CameraRenderer:
         """The bodies' sprites with these LED bits; they are kept for the next picture."""
         lit = leds.tobytes()
         if self._lit is None or self._lit[0] != lit:
-            sprites = [body.sprites(int(bits)) for body, bits in zip(self._bodies, leds)]
-            self._lit = lit, gather(sprites)
+            each = zip(self._bodies, leds.tolist())
+            self._lit = lit, gather([_look_of(body, bits) for body, bits in each])
         return self._lit[1]
 
 
-_BUILDERS = 2
+@lru_cache(maxsize=4096)
+def _look_of(body: BodySprites, leds: int) -> Look:
+    """One body's look; robots blink with the same LEDs again and again."""
+    return look_of(body.sprites(leds))
+
+
+_THREADS = 2
 
 
 class Studio:
@@ -86,7 +92,7 @@ class Studio:
         """
         cv2.setNumThreads(1)
         family = load_family(spec.family)
-        with ThreadPoolExecutor(_BUILDERS) as builders:
+        with ThreadPoolExecutor(_THREADS) as builders:
             rays = list(builders.map(RayMap, spec.cameras))
             scene = builders.submit(Scene, rays, spec.seed, spec.litter)
             # Cameras of one kind share their sprites: only a body's first camera has work to do.
@@ -102,6 +108,7 @@ class Studio:
                 return CameraRenderer(number, rays[number], backdrop, sensor, by_camera[number])
 
             self._renderers = list(builders.map(renderer, range(len(rays))))
+        self._painters = ThreadPoolExecutor(_THREADS)
 
     def prepare(self, timestep: int, images: Image8) -> None:
         """Draws the empty arena into images (cameras, h, w) uint8."""
@@ -110,5 +117,8 @@ class Studio:
 
     def expose(self, timestep: int, poses: Floats, leds: Leds, images: Image8) -> None:
         """Draws the bodies into prepared images; see `CameraRenderer.expose`."""
-        for renderer, image in zip(self._renderers, images):
+
+        def draw(renderer: CameraRenderer, image: Image8) -> None:
             renderer.expose(timestep, poses, leds, image)
+
+        list(self._painters.map(draw, self._renderers, images))

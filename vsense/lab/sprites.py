@@ -37,6 +37,7 @@ SPRITE = np.dtype(
     [
         ("texture", "u8"),
         ("side", "i4"),
+        ("reach", "f4"),
         ("effect", "i4"),
         ("strength", "f4"),
         ("below_m", "f4"),
@@ -51,48 +52,63 @@ SPRITE = np.dtype(
 assert SPRITE.itemsize == kernel_ffi.sizeof("struct vs_sprite")
 
 
+SHEET = np.dtype(
+    [
+        ("sprite", SPRITE), ("radius_m", "f8"), ("height_m", "f8"), ("middle_px", "f8"),
+        ("moving", "?"),
+    ],
+    align=True,
+)  # fmt: skip
+"""A sprite without patch and poses, half its texture's side and its height above the floor, its
+texture's middle, and whether motion during the exposure is drawn."""
+
+
 @dataclass(frozen=True, slots=True)
 class Look:
-    """All bodies' sprites with some LEDs lit, each body's from the floor upwards.
+    """Bodies' sprites with some LEDs lit, each body's from the floor upwards.
 
     Attributes:
-        sprites: (m,) SPRITE without patches and poses.
+        sheets: (m,) SHEET.
         owner: (m,) the body that each belongs to.
-        radius_m, height_m: (m,) half the texture's side, and its height above the floor.
-        moving: (m,) whether motion during the exposure is drawn.
-        middle_px: (m,) the texture's middle.
         kept: What must live as long.
     """
 
-    sprites: NDArray[np.void]
+    sheets: NDArray[np.void]
     owner: NDArray[np.intp]
-    radius_m: Floats
-    height_m: Floats
-    moving: NDArray[np.bool_]
-    middle_px: Floats
-    kept: Sequence[Sequence[Sprite]]
+    kept: object
 
 
-def gather(bodies: Sequence[Sequence[Sprite]]) -> Look:
-    """Gathers the bodies' sprites."""
-    each = [sprite for body in bodies for sprite in body]
-    rows = np.zeros(len(each), dtype=SPRITE)
-    for row, sprite in zip(rows, each):
+def look_of(sprites: Sequence[Sprite]) -> Look:
+    """The look of one body."""
+    sheets = np.zeros(len(sprites), dtype=SHEET)
+    for sheet, sprite in zip(sheets, sprites):
         assert sprite.texture.flags.c_contiguous and sprite.texture.dtype == np.float32
+        row = sheet["sprite"]
         row["texture"] = sprite.texture.ctypes.data
         row["side"] = sprite.texture.shape[0]
+        row["reach"] = _reach(sprite)
         row["effect"] = _EFFECTS[sprite.effect]
         row["strength"] = EMISSION_DN if sprite.effect is Effect.GLOW else sprite.reflectance
         row["below_m"] = sprite.height_m + _SAME_HEIGHT_M
-    return Look(
-        sprites=rows,
-        owner=np.repeat(np.arange(len(bodies)), [len(body) for body in bodies]),
-        radius_m=np.array([sprite.radius_m for sprite in each], dtype=float),
-        height_m=np.array([sprite.height_m for sprite in each], dtype=float),
-        moving=np.array([sprite.moving for sprite in each], dtype=bool),
-        middle_px=np.array([s.texture.shape[0] / 2.0 - 0.5 for s in each], dtype=float),
-        kept=bodies,
-    )
+        sheet["radius_m"], sheet["height_m"] = sprite.radius_m, sprite.height_m
+        sheet["middle_px"] = sprite.texture.shape[0] / 2.0 - 0.5
+        sheet["moving"] = sprite.moving
+    return Look(sheets, np.zeros(len(sheets), dtype=np.intp), sprites)
+
+
+def _reach(sprite: Sprite) -> float:
+    """How far from its texture's middle a place can be that is not 0 [texel]."""
+    texture = sprite.texture if sprite.texture.ndim == 2 else sprite.texture.any(axis=2)
+    places = np.argwhere(texture) - (texture.shape[0] - 1) / 2.0
+    between = math.sqrt(2.0)  # a place lies so far from its farthest texel, at most
+    return float(np.sqrt((places**2).sum(axis=1).max(initial=0.0))) + between
+
+
+def gather(bodies: Sequence[Look]) -> Look:
+    """The look of several bodies."""
+    sheets = [body.sheets for body in bodies]
+    owner = np.repeat(np.arange(len(bodies)), [len(body) for body in sheets])
+    return Look(np.concatenate([np.zeros(0, dtype=SHEET), *sheets]), owner, tuple(bodies))
 
 
 class SpritePainter:
@@ -121,12 +137,13 @@ class SpritePainter:
         Returns:
             (k,) PATCH, one for each body that can be seen.
         """
-        patches, seen = self._patches(look, poses[poses.shape[0] // 2][look.owner])
-        sprites, owner = look.sprites[seen], look.owner[seen]
+        patches, seen = self._patches(look.sheets, poses[poses.shape[0] // 2][look.owner])
+        sheets, owner = look.sheets[seen], look.owner[seen]
+        sprites = np.ascontiguousarray(sheets["sprite"])
         sprites["patch"] = patches[seen]
-        self._pose(sprites, look, seen, poses)
+        self._pose(sprites, sheets, owner, poses)
         bodies = _around(sprites["patch"], owner)
-        sprites = sprites[np.argsort(look.height_m[seen], kind="stable")]
+        sprites = sprites[np.argsort(sheets["height_m"], kind="stable")]
         canvas = _floats(self._canvas)
         kernels.vs_sprites_clear(self._backdrop, _patches(bodies), len(bodies), canvas)
         rows = kernel_ffi.cast("struct vs_sprite *", sprites.ctypes.data)
@@ -143,14 +160,16 @@ class SpritePainter:
             image.strides[0],
         )  # fmt: skip
 
-    def _patches(self, look: Look, poses: Floats) -> tuple[NDArray[np.void], NDArray[np.bool_]]:
+    def _patches(
+        self, sheets: NDArray[np.void], poses: Floats
+    ) -> tuple[NDArray[np.void], NDArray[np.bool_]]:
         """The patch that each sprite covers at its pose, and whether it is in sight."""
         camera = self._rays.camera
         corners = np.empty((len(poses), 4, 3))
         corners[..., :2] = (
-            poses[:, np.newaxis, :2] + look.radius_m[:, np.newaxis, np.newaxis] * _CORNERS
+            poses[:, np.newaxis, :2] + sheets["radius_m"][:, np.newaxis, np.newaxis] * _CORNERS
         )
-        corners[..., 2] = look.height_m[:, np.newaxis]
+        corners[..., 2] = sheets["height_m"][:, np.newaxis]
         pixels = camera.project(corners)
         size = (camera.width_px, camera.height_px)
         low = np.clip(np.floor(pixels.min(axis=1)) - _MARGIN_PX, 0, size)
@@ -161,16 +180,19 @@ class SpritePainter:
         return patches, (low < high).all(axis=1)
 
     def _pose(
-        self, sprites: NDArray[np.void], look: Look, seen: NDArray[np.bool_], poses: Floats
+        self,
+        sprites: NDArray[np.void],
+        sheets: NDArray[np.void],
+        owner: NDArray[np.intp],
+        poses: Floats,
     ) -> None:
         """Sets where the sprites' textures are for the rays of the floor, at every pose."""
         still = np.ptp(poses, axis=0).max(axis=1) < _STILL_M
-        owner = look.owner[seen]
-        moves = look.moving[seen] & ~still[owner]
+        moves = sheets["moving"] & ~still[owner]
         sprites["poses"] = np.where(moves, poses.shape[0], 1)
         centre_x, centre_y, centre_z = self._rays.camera.position_m
-        reach = 1.0 - look.height_m[seen] / centre_z
-        middle = look.middle_px[seen]
+        reach = 1.0 - sheets["height_m"] / centre_z
+        middle = sheets["middle_px"]
         # Not NumPy's, whose last bit depends on the processor.
         yaw = poses[..., 2].ravel().tolist()
         turns = (np.array(list(map(f, yaw))).reshape(poses.shape[:2]) for f in (math.cos, math.sin))

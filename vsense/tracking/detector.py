@@ -57,7 +57,7 @@ class ArrowDetector(MarkerDetector):
     def _grow(self, tags: Iterable[int]) -> None:
         """Prepares the code words of the whole roster anew."""
         super()._grow(tags)
-        self._decoder = Decoder(self._arrows, self._roster)
+        self._decoder = Decoder(self._arrows, self._roster.tolist())
         self._kernels.read_codes(self._decoder.struct)
 
     def _believed(self, markers: Rows, expected: Rows) -> Rows:
@@ -98,7 +98,7 @@ class SquareDetector(MarkerDetector):
     def _name(self, known: Prediction, markers: Rows, expected: Rows) -> Tags:
         """A word that is read is believed: those of a family differ in many cells."""
         tags = carry_names(markers.values["tag"].astype(np.int32), markers, expected)
-        nameless = ~is_in(tags, self._on_roster)
+        nameless = ~is_in(tags, self._roster)
         cameras = [camera.id for camera in self._cameras.cameras]
         note_nameless(nameless, markers, np.zeros((len(tags), 0)), cameras, known)
         if self._open_roster:

@@ -30,7 +30,8 @@ Floats = NDArray[np.float64]
 Tags = NDArray[np.int32]
 
 _THOROUGH = 4
-"""Of a camera, every so many pictures are searched thoroughly: newcomers wait 0.07 s at 60 Hz."""
+"""Of a camera, every so many key frames get a second look (see `_is_quick`): small newcomers wait
+that long, 0.07 s where every picture of 60 a second is one."""
 
 
 class Detected(NamedTuple):
@@ -63,7 +64,7 @@ class MarkerDetector:
         self._family = family
         self._covariance = OutlineCovariance(family)
         self._legible_u = legible_blur_u(family)
-        self._roster: list[int] = []
+        self._roster = np.zeros(0, dtype=np.int32)
         self._joined: tuple[int, ...] = ()
         self._turns: dict[str, int] = {}
         self._unsettled: set[str] = set()
@@ -85,18 +86,17 @@ class MarkerDetector:
             self._look_through(tuple(picture.camera for picture in pictures))
             self._admit(known)
             expected = known.in_view(self._cameras, self._height_m)
-            expected = expected.where(is_in(expected.values["tag"], self._on_roster))
+            expected = expected.where(is_in(expected.values["tag"], self._roster))
             markers = self._search(known, expected)
             tags = self._name(known, markers, expected)
-        tags = np.where(is_in(tags, self._on_roster), tags, np.int32(UNNAMED))
+        tags = np.where(is_in(tags, self._roster), tags, np.int32(UNNAMED))
         rows = self._report(markers, tags)
         full = self._kernels.full.tolist()
         return [Detected(rows[markers.picture == n], full[n]) for n in range(len(pictures))]
 
     def _grow(self, tags: Iterable[int]) -> None:
         """Adds tags to the roster."""
-        self._roster += tags
-        self._on_roster = np.array(self._roster, dtype=np.int32)
+        self._roster = np.append(self._roster, np.array(list(tags), dtype=np.int32))
 
     def _believed(self, markers: Rows, expected: Rows) -> Rows:
         """Keeps of (n,) MARKER that a search has found what is one."""
@@ -170,7 +170,7 @@ class MarkerDetector:
     def _tell_unlisted(self, known: Prediction, number: int, tags: Tags, places: Floats) -> None:
         """Tells of tags in a picture that are not on the roster, and (n, 2) where they are."""
         known.unlisted[self._cameras.cameras[number].id] = UnlistedTags(
-            self._family, list(self._roster), self._height_m, tags, places
+            self._family, self._roster.tolist(), self._height_m, tags, places
         )
 
     def _report(self, markers: Rows, tags: Tags) -> NDArray[np.void]:

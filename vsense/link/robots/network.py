@@ -144,6 +144,10 @@ DATAGRAMS = 256
 DATAGRAM_ROOM = 2048
 """More bytes than any packet has, so that a datagram that is too long is seen to be so."""
 
+TOGETHER_NS = 5_000_000
+"""What is due so soon leaves at once: a swarm's heartbeats then need few looks at all robots, where
+each of 100 would need one of its own."""
+
 IDLE_NS = 250_000_000
 """Longest wait in the selector: deadlines of connections are kept to this accuracy."""
 
@@ -281,7 +285,7 @@ class ServerThread:
         self._shared.notify_all(events)
 
     def _keep_time(self) -> None:
-        """Sends what is due, notices silence, and finds the next deadline."""
+        """Sends what is due now or soon, notices silence, and finds the next deadline."""
         now_ns = self._shared.clock()
         due_ns = now_ns + IDLE_NS
         for robot in self._shared.roster.robots.values():
@@ -289,7 +293,7 @@ class ServerThread:
                 if not robot.open:
                     continue
                 events = robot.tick(now_ns)
-                if robot.due_ns <= now_ns:
+                if robot.due_ns <= now_ns + TOGETHER_NS:
                     self.send(robot, self._shared.clock())
                 due_ns = min(due_ns, robot.due_ns)
             self._shared.notify_all(events)

@@ -109,8 +109,10 @@ class VirtualSensorServer:
             ValueError: readings do not fit the table.
         """
         network = self._running()
-        for tag, robot in self._roster.robots.items():
-            with self._lock:
+        # The lock is kept throughout: the server's thread would else be woken between any two
+        # robots, and the two hand Python's own lock to and fro.
+        with self._lock:
+            for tag, robot in self._roster.robots.items():
                 robot.hold(timestep, capture_ns, values.get(tag))
                 if robot.open:
                     network.send(robot, self._clock())
