@@ -119,7 +119,6 @@ class Session(ExperimentSession):
 
     def _open(self) -> None:
         experiment, seed = self.experiment, self.setup.seed
-        daemons = {c.id: build.daemon(c.program) for c in experiment.controllers}
         port = self._start_server()
         truth = make_ring(len(experiment.robots) + len(experiment.objects))
         self._stack.callback(truth.close)
@@ -128,6 +127,7 @@ class Session(ExperimentSession):
         # The cameras build their scene while everything else starts.
         grabber = LabGrabber(spec_for(experiment, truth.name, seed, self.truth_log))
         self._stack.callback(grabber.close)
+        daemons = {c.id: build.daemon(c.program) for c in experiment.controllers}
         self.cameras = grabber.cameras
         self.tracking = self._track(grabber)
         self._stack.callback(self.tracking.close)
