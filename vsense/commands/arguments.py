@@ -7,6 +7,7 @@ import argparse
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import fields
+from ipaddress import IPv4Address
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -118,6 +119,28 @@ def address(text: str) -> tuple[str, int]:
     return host.strip("[]") or "127.0.0.1", port(number)
 
 
+def ipv4(text: str) -> str:
+    """A numeric IPv4 address, as `vsensed --host` takes it."""
+    try:
+        return str(IPv4Address("127.0.0.1" if text == "localhost" else text))
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"'{text}': expected a numeric IPv4 address, such as 10.0.0.1"
+        ) from None
+
+
+def tracker(text: str) -> tuple[str, int]:
+    """A tracker: ADDRESS:PORT, or lines[:PORT] for one that connects; ("", 0): its usual port."""
+    host, colon, number = text.rpartition(":")
+    if text == "lines":
+        return "", 0
+    if not colon or not host or not number.isdigit():
+        raise argparse.ArgumentTypeError(
+            f"'{text}': expected ADDRESS:PORT, or lines or lines:PORT for a tracker that connects"
+        )
+    return "" if host == "lines" else host.strip("[]"), port(number)
+
+
 _SCHEDULER = re.compile(
     r"(?:tcp|tls)://(?:[^\s/:@\[\]]+|\[[0-9A-Fa-f:.]+(?:%[^\s\[\]]+)?\]):([0-9]{1,5})"
 )
@@ -222,6 +245,24 @@ def add_action(actions: Any, name: str, text: str) -> argparse.ArgumentParser:
         name, help=text, description=f"{text[:1].upper()}{text[1:]}."
     )
     return parser
+
+
+def add_bases(parser: argparse.ArgumentParser, bases: Sequence[str]) -> None:
+    """Declares what emulated robots are based on, the first of `bases` by default."""
+    parser.add_argument(
+        "--base",
+        choices=bases,
+        default=bases[0],
+        help="what the emulated robots are based on, as in vsensed --base; mixed: one after the"
+        f" other (default: {bases[0]})",
+    )
+    flag(
+        parser,
+        "--firmware-watchdog",
+        "the emulated firmware stops the wheels 400 ms after the last command, as one built"
+        " with firmware_bridge/fw_watchdog.h does. By default it has no watchdog, as real firmware:"
+        " both processes of a vsensed killed at once leave its wheels turning",
+    )
 
 
 def fill(kind: type[Record], options: argparse.Namespace, **others: Any) -> Record:

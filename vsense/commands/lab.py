@@ -36,20 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     experiments.add_experiment(parser)
     experiments.add_settings(parser)
-    parser.add_argument(
-        "--base",
-        choices=BASES,
-        default=BASES[0],
-        help="what the emulated robots are based on, as in vsensed --base; mixed: one after the"
-        " other (default: argos)",
-    )
-    parser.add_argument(
-        "--firmware-watchdog",
-        action="store_true",
-        help="the emulated firmware stops the wheels 400 ms after the last command, as one built"
-        " with firmware_bridge/fw_watchdog.h does. By default it has no watchdog, as real firmware:"
-        " both processes of a vsensed killed at once leave its wheels turning",
-    )
+    arguments.add_bases(parser, BASES)
     parser.add_argument(
         "--port",
         type=arguments.port,

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from vsense.commands import arguments, experiments, orders, robot_keys
+from vsense.commands import arguments, experiments, orders, robot_emulate, robot_keys
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment
 from vsense.errors import ConfigError, UsageError
@@ -30,7 +30,8 @@ DESCRIPTION = (
     " key of its own, so that nobody else moves it, and has it start with the board. 'keys' makes"
     " the swarm's key that theirs are made of, and says who has which. 'status' tells who is"
     " connected to the `vsense run` or `vsense lab` on this machine: software and controller, link,"
-    " pose, battery, base errors, and what is wrong."
+    " pose, battery, base errors, and what is wrong. 'emulate' stands in for robots and tracker: a"
+    " `vsense run` rehearsed at a desk."
 )
 
 
@@ -41,6 +42,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_build(add("build", "build vsensed with a controller for a board"))
     _add_deploy(add("deploy", "copy vsensed to all robots of a list"))
     robot_keys.add_arguments(add("keys", "make the swarm's key, and see which robots have which"))
+    robot_emulate.add_arguments(
+        add("emulate", "emulate robots with their bases, and a tracker, for a vsense run")
+    )
     status = add("status", "show the robots of the running experiment")
     orders.add_process(status)
     status.add_argument("--json", action="store_true", help="print the table as JSON")
@@ -166,7 +170,7 @@ def _add_ways(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Runs an action; 0, or 1 where a robot was not served."""
     actions = {"build": build, "deploy": deploy, "keys": robot_keys.run, "status": orders.robots}
-    return actions[options.action](options)
+    return {**actions, "emulate": robot_emulate.run}[options.action](options)
 
 
 def build(options: argparse.Namespace) -> int:

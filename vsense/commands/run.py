@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import argparse
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from vsense.commands import arguments, experiments
+from vsense.config.framework import LINES_PORT
+from vsense.config.specs import Experiment, JsonLinesTracker, TrackerAddress
 from vsense.errors import VsenseError, failing_as
 from vsense.live.run import OneRun
 from vsense.live.session import RunSession, RunSetup
@@ -58,11 +60,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _add_ends(parser: argparse.ArgumentParser) -> None:
     """Declares where the arena state comes from, and where the robots connect to."""
-    parser.add_argument(
+    eyes = parser.add_mutually_exclusive_group()
+    eyes.add_argument(
         "--tracking",
         nargs=2,
         metavar=("RESOURCES", "SESSION"),
         help="track with these two files of `vsense track`: cameras, or recordings in their place",
+    )
+    eyes.add_argument(
+        "--tracker",
+        type=arguments.tracker,
+        metavar="WHERE",
+        help="use this tracker, whatever the file names: ADDRESS:PORT speaks the original protocol;"
+        f" lines (port {LINES_PORT}) or lines:PORT is one that connects to this machine and writes"
+        " lines, such as that of `vsense robot emulate`",
     )
     parser.add_argument(
         "--host",
@@ -97,6 +108,7 @@ def run(options: argparse.Namespace) -> int:
     opened = experiments.open_experiment(options)
     if opened is None:
         return 0
+    opened = _with_tracker(opened, options.tracker)
     require_source(opened, options.tracking)
     trust = experiments.trust_of(options)
     experiment, seed, directory = experiments.prepare(options, opened, real=False)
@@ -115,6 +127,20 @@ def run(options: argparse.Namespace) -> int:
         )
         series = Series(directory, options.runs, room.holds, interrupted)
         return RunCommand(options, setup, directory, log, series).run()
+
+
+def _with_tracker(experiment: Experiment, where: tuple[str, int] | None) -> Experiment:
+    """The experiment with the tracker of `--tracker`, None: its own."""
+    if where is None:
+        return experiment
+    (host, port), named = where, experiment.tracker
+    if not host:
+        lines = JsonLinesTracker("127.0.0.1", LINES_PORT, 0)
+        lines = named if isinstance(named, JsonLinesTracker) else lines
+        return replace(experiment, tracker=replace(lines, port=port or lines.port))
+    original = TrackerAddress(host, port, (0.0, 0.0), 0.0, 0)
+    original = named if isinstance(named, TrackerAddress) else original
+    return replace(experiment, tracker=replace(original, host=host, port=port))
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,8 +24,8 @@ READY_TIMEOUT_S = 20.0
 
 _LEAD_NS = 50_000_000
 _MEMORY = {"MALLOC_MMAP_THRESHOLD_": str(1 << 24), "MALLOC_TRIM_THRESHOLD_": str(1 << 27)}
-"""The C library keeps what large arrays have left. By its own rules it gives each back at once, and a
-third of the scene's time goes into pages that are cleared anew; the process grows no larger."""
+"""The C library keeps what large arrays have left. By its own rules it gives each back at once, and
+a third of the scene's time goes into pages that are cleared anew; the process grows no larger."""
 
 
 class LabGrabber:

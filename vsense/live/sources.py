@@ -120,8 +120,8 @@ def require_source(experiment: Experiment, tracking: tuple[str, str] | None) -> 
     if tracking is None and experiment.tracker is None:
         raise UsageError(
             f"{experiment.file} names no tracker: give --tracking RESOURCES.xml SESSION.xml for"
-            ' cameras of your own, or ats_host="..." or <vs:tracker format="lines" /> in its'
-            " <framework>"
+            ' cameras of your own, --tracker WHERE for another one, or ats_host="..." or'
+            ' <vs:tracker format="lines" /> in its <framework>'
         )
 
 

@@ -1,0 +1,116 @@
+"""`vsense robot emulate`: the robots and the tracker of a `vsense run`, without robots."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+from contextlib import closing
+from pathlib import Path
+
+from vsense.commands import arguments, experiments
+from vsense.config.experiment import first_robots, load
+from vsense.config.framework import LINES_PORT
+from vsense.config.placement import settle
+from vsense.config.specs import Experiment, JsonLinesTracker, Stage
+from vsense.errors import UsageError
+from vsense.lab.links import BASES
+from vsense.lab.rehearsal import LineWriter, Rehearsal
+from vsense.run import directory as run_directory
+from vsense.terminal import Console, interruption
+
+DEFAULT = "foraging"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declares the action's arguments."""
+    parser.add_argument(
+        "robots",
+        type=arguments.positive,
+        nargs="?",
+        metavar="N",
+        help="take only the first N robots of the experiment (default: all)",
+    )
+    parser.add_argument(
+        "--experiment",
+        default=DEFAULT,
+        metavar="NAME",
+        help="whose robots, controllers and walls: a shipped experiment's name, or the path of a"
+        f" .argos file (default: {DEFAULT})",
+    )
+    arguments.add_code(parser)
+    arguments.option(
+        *(parser, "--host", arguments.ipv4, "ADDRESS"),
+        "numeric IPv4 address of the machine with `vsense run` (default: the file's vss_host)",
+    )
+    arguments.option(
+        parser, "--port", arguments.port, "P", "its port for robots (default: the file's vss_port)"
+    )
+    arguments.option(
+        parser,
+        "--tracker-port",
+        arguments.port,
+        "P",
+        "its port for lines of a tracker (default: that of the file's <vs:tracker>, else"
+        f" {LINES_PORT})",
+    )
+    arguments.add_bases(parser, BASES)
+    experiments.add_key(parser)
+    experiments.add_insecure(
+        *(parser, "give the robots no keys: for a run that is --insecure, too"), page=False
+    )
+    parser.add_argument(
+        "--seed",
+        type=arguments.natural,
+        metavar="N",
+        help="seed of places, clocks and noise (default: the file's; 0 draws a fresh one)",
+    )
+    arguments.option(
+        parser, "-o --output", Path, "DIR", "folder for the robots' logs (default: runs/...)"
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Emulates robots until Ctrl-C or SIGTERM; returns 130 or 143."""
+    loaded = load(options.experiment, stage=Stage.LAB, code=arguments.code_of(options))
+    if (options.robots or 0) > len(loaded.robots):
+        raise UsageError(f"{options.robots} robots: {loaded.file} has {len(loaded.robots)}")
+    experiment = first_robots(loaded, options.robots)
+    trust = experiments.trust_of(options)
+    seed = experiments.choose_seed(options, experiment)
+    experiment = settle(experiment, seed)
+    host = experiment.host if options.host is None else options.host
+    address = host, experiment.port if options.port is None else options.port
+    port = _lines_port(options, experiment)
+    directory = run_directory.make(options.output, f"{experiment.name}-emulated", seed)
+    console = Console()
+    tracker = LineWriter(host, port, console.say)
+    with interruption() as interrupted:
+        console.say(
+            f"{experiment.name}: {len(experiment.robots)} emulated robots, seed {seed}; logs in"
+            f" {directory}"
+        )
+        setting = (options.base, options.firmware_watchdog, address, trust.keys)
+        with closing(Rehearsal(experiment, directory, seed, *setting, tracker, console.say)) as one:
+            console.say(f"they connect to {host}, port {address[1]}; their tracker to port {port}")
+            console.say(f"in another terminal: {_command(options, address[1], port)}")
+            one.run(interrupted, console.progress)
+        console.end_progress()
+    return interrupted.code
+
+
+def _lines_port(options: argparse.Namespace, experiment: Experiment) -> int:
+    """Where the run waits for lines of a tracker."""
+    if options.tracker_port is not None:
+        return int(options.tracker_port)
+    named = experiment.tracker
+    return (named.port or LINES_PORT) if isinstance(named, JsonLinesTracker) else LINES_PORT
+
+
+def _command(options: argparse.Namespace, port: int, lines_port: int) -> str:
+    """The `vsense run` that takes these robots."""
+    words = ["vsense", "run", options.experiment]
+    words += ["--tracker", "lines" if lines_port == LINES_PORT else f"lines:{lines_port}"]
+    words += [] if options.port is None else ["--port", str(port)]
+    words += [] if options.robots is None else ["--robots", str(options.robots)]
+    words += [] if options.key is None else ["--key", str(options.key)]
+    return shlex.join(words + (["--insecure"] if options.insecure else []))
