@@ -38,6 +38,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f" .argos file (default: {DEFAULT})",
     )
     arguments.add_code(parser)
+    _add_ends(parser)
+    arguments.add_bases(parser, BASES)
+    experiments.add_key(parser)
+    experiments.add_insecure(
+        *(parser, "give the robots no keys: for a run that is --insecure, too"), page=False
+    )
+    parser.add_argument(
+        "--seed",
+        type=arguments.natural,
+        metavar="N",
+        help="seed of places, clocks and noise (default: the file's; 0 draws a fresh one)",
+    )
+    arguments.option(
+        parser, "-o --output", Path, "DIR", "folder for the robots' logs (default: runs/...)"
+    )
+
+
+def _add_ends(parser: argparse.ArgumentParser) -> None:
+    """Declares where the run is."""
     arguments.option(
         *(parser, "--host", arguments.ipv4, "ADDRESS"),
         "numeric IPv4 address of the machine with `vsense run` (default: the file's vss_host)",
@@ -52,20 +71,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "P",
         "its port for lines of a tracker (default: that of the file's <vs:tracker>, else"
         f" {LINES_PORT})",
-    )
-    arguments.add_bases(parser, BASES)
-    experiments.add_key(parser)
-    experiments.add_insecure(
-        *(parser, "give the robots no keys: for a run that is --insecure, too"), page=False
-    )
-    parser.add_argument(
-        "--seed",
-        type=arguments.natural,
-        metavar="N",
-        help="seed of places, clocks and noise (default: the file's; 0 draws a fresh one)",
-    )
-    arguments.option(
-        parser, "-o --output", Path, "DIR", "folder for the robots' logs (default: runs/...)"
     )
 
 

@@ -116,15 +116,8 @@ class Rehearsal:
     ) -> None:
         """Starts all robots of a settled experiment.
 
-        Args:
-            directory: of logs and start scripts.
-            seed: of clocks and of the proximity sensors' noise.
-            base: of all robots, of `vsense.lab.links.BASES`; `watchdog` as in `Microcontrollers`.
-            address: where the robots connect to.
-            keys: the swarm's, which theirs are made of; None: they have none.
-
-        Raises:
-            VsenseError: something of it cannot be made.
+        `directory`, `seed`, `base` and `watchdog` are those of `FloorProcess`, `address` and `keys`
+        those of `Swarm`. Raises VsenseError where something of it cannot be made.
         """
         self.robots = len(experiment.robots)
         self._timestep_ns = experiment.timestep_ns
