@@ -184,9 +184,9 @@ static int is_known(const struct vs_search *search, const struct vs_view *view,
 
 /* Adds the markers among what the newest scan shows; 0 where there was no room for all. */
 static int add_fitted(struct vs_markers *work, const struct vs_search *search,
-                       const struct vs_outline *outline, const struct vs_view *view,
-                       const int32_t corner[2], struct vs_marker *markers, size_t capacity,
-                       size_t *count)
+                      const struct vs_outline *outline, const struct vs_view *view,
+                      const int32_t corner[2], struct vs_marker *markers, size_t capacity,
+                      size_t *count)
 {
     size_t shapes, i, before = *count;
     int is_room;

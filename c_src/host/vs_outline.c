@@ -15,7 +15,8 @@ int vs_outline_check(const struct vs_outline *outline)
 
     if (outline->samples < 8 || outline->samples > VS_OUTLINE_SAMPLES ||
         outline->cells < 0 || outline->cells > VS_OUTLINE_CELLS ||
-        outline->rims < 0 || outline->rims > VS_OUTLINE_RIM || outline->passes < 1 || outline->passes > VS_OUTLINE_PASSES || !(outline->unit_m > 0.0))
+        outline->rims < 0 || outline->rims > VS_OUTLINE_RIM ||
+        outline->passes < 1 || outline->passes > VS_OUTLINE_PASSES || !(outline->unit_m > 0.0))
         return VS_ERR_ARGUMENT;
     for (i = 0; i < outline->passes; i++) {
         const struct vs_outline_pass *pass = &outline->stage[i];
