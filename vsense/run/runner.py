@@ -197,7 +197,9 @@ class Runner:
         try:
             while not self._interrupted.is_set() and not self.control.next_asked:
                 self._step()
-                self._console.progress("the run has ended: start begins the next one")
+                is_free = self.control.state != State.EMERGENCY
+                next_one = "start begins the next one" if is_free else "reset, then start"
+                self._console.progress(f"the run has ended: {next_one}")
         except (NoMorePictures, TrackerEnded) as end:
             self._console.say(f"there can be no other run: {end}")
             return False

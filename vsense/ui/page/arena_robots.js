@@ -126,6 +126,17 @@ export function ringLeds(pen, x, y, yaw, radius, leds, colour) {
   pen.fill();
 }
 
+// Where a name goes: of the four corners around a robot the first that is in the picture and on no
+// other name, else the first in the picture. `placed` are [left, top, right, bottom] of the others.
+function corner({ canvas }, width, size, robot, radius, placed) {
+  const [far, near] = [1.25 * radius, 0.95 * radius];
+  const corners = [[far, -near], [-far - width, -near], [far, near + size], [-far - width, near + size]];
+  const boxes = corners.map(([x, y]) => [robot.x_px + x, robot.y_px + y - size, robot.x_px + x + width, robot.y_px + y]);
+  const inside = boxes.filter(([left, top, right, bottom]) => left >= 0 && top >= 0 && right <= canvas.width && bottom <= canvas.height);
+  const free = inside.find((box) => !placed.some((other) => box[0] < other[2] && other[0] < box[2] && box[1] < other[3] && other[1] < box[3]));
+  return free ?? inside[0] ?? boxes[0];
+}
+
 /** Numbers beside the robots; where many are, only those that matter. */
 export function drawNames({ pen, place, store, colours, chosen }, robots) {
   const radius = (store.experiment?.body_radius_m ?? 0.035) * place.zoom;
@@ -134,12 +145,16 @@ export function drawNames({ pen, place, store, colours, chosen }, robots) {
   pen.font = `600 ${size}px system-ui, sans-serif`;
   pen.strokeStyle = colours.floor;
   pen.lineWidth = 3 * place.ratio;
-  for (const { tag, x_px, y_px } of robots) {
+  const placed = [];
+  for (const robot of robots) {
+    const { tag } = robot;
     const row = store.rows.get(tag);
     const matters = tag === chosen || (row !== undefined && store.robots.trouble[row]);
     if (robots.length > MANY && !matters) continue;
     const text = store.objects.has(tag) ? store.name(tag) : String(tag);
-    const [x, y] = [x_px + 1.25 * radius, y_px - 0.95 * radius];
+    const box = corner(pen, pen.measureText(text).width, size, robot, radius, placed);
+    placed.push(box);
+    const [x, , , y] = box;
     pen.strokeText(text, x, y);
     pen.fillStyle = matters && tag !== chosen ? colours.red : colours.ink;
     pen.fillText(text, x, y);

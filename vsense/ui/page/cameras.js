@@ -21,7 +21,7 @@ class Cell {
     this.pen = this.canvas.getContext("2d", { alpha: false });
     this.rate = make("span");
     this.text = make("strong", { hidden: true });
-    const tracker = camera.tracker ? `${camera.tracker}` : "";
+    const tracker = camera.tracker && camera.tracker !== camera.id ? `${camera.tracker}` : "";
     this.element = make(
       "div", { className: "cell" }, this.canvas,
       make("p", {}, make("b", {}, camera.id), make("span", {}, tracker), this.rate), this.text,

@@ -24,7 +24,7 @@ export class Events {
 }
 
 function row({ text, level, by, timeNs, run_s }, store) {
-  const at = new Date(store.wall(timeNs)).toLocaleTimeString();
+  const at = new Date(store.wall(timeNs)).toLocaleTimeString([], { hourCycle: "h23" });
   const when = run_s === null ? at : clock(run_s);
   const words = make("span", {}, text);
   if (by) words.append(make("em", {}, ` — ${by}`));

@@ -22,7 +22,7 @@ const COLUMNS = [
   ["heard", "link", (r) => milliseconds(r.heard_ms), (r) => r.heard_ms ?? Infinity, (r) => r.heard_ms > STALE_MS],
   ["pose", "pose", (r) => milliseconds(r.pose_age_ms), (r) => r.pose_age_ms ?? Infinity, (r) => r.pose_age_ms > STALE_MS],
   ["battery", "battery", (r) => volts(r.battery_mv), (r) => r.battery_mv ?? Infinity, (r) => r.battery_low],
-  ["errors", "errors", (r) => String(r.base_errors ?? 0), (r) => -(r.base_errors ?? 0), (r) => r.base_errors > 0],
+  ["errors", "errors", (r) => String(r.base_errors ?? 0), (r) => -(r.base_errors ?? 0), (r) => r.base_errors > 0 && r.trouble],
 ];
 
 // A long name is cut off where two of them may still look the same.

@@ -5,9 +5,14 @@ import { bytes, capital, clock, rate } from "./format.js";
 
 const DISK_LOW = 2e9;
 
+// After a reset there may be more runs than were asked for.
+function ofRuns({ run, runs }) {
+  return runs && run <= runs ? `${run} of ${runs}` : `${run}`;
+}
+
 /** [name, what it shows: [figure, small print, "bad" | "warn" | ""]] */
 const TILES = [
-  ["run", ({ run }) => [run.runs ? `${run.run} of ${run.runs}` : `${run.run}`, run.by ? `last: ${run.by}` : ""]],
+  ["run", ({ run }) => [ofRuns(run), run.by ? `last: ${run.by}` : ""]],
   ["timestep", ({ now, experiment }) => [now.timestep < 0 ? "–" : String(now.timestep), `${Math.round(1000 * (experiment?.timestep_s ?? 0.1))} ms each`]],
   ["time", ({ run, now }) => [clock(now.time_s), run.length_s ? `of ${clock(run.length_s, 0)}` : "without end"]],
   ["rate", ({ run, experiment }) => {
@@ -79,7 +84,7 @@ export class Tiles {
 
   #what(experiment, run) {
     const parts = [];
-    if (run) parts.push(run.runs ? `run ${run.run} of ${run.runs}` : `run ${run.run}`);
+    if (run) parts.push(`run ${ofRuns(run)}`);
     parts.push(`${experiment.robots.length} robots`);
     if (experiment.seed !== null) parts.push(`seed ${experiment.seed}`);
     if (experiment.blind) parts.push("blind");
