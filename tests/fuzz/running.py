@@ -19,7 +19,9 @@ from tests.fuzz.c_targets import Outcome
 from tests.fuzz.rooms import ROOMS, Room, Scene
 
 LONGEST_S = 2.0
-"""A case that takes longer hangs."""
+"""A case that takes longer of the processor hangs ..."""
+WAITING_S = 20.0
+"""... and one that takes longer in all: the machine may do something else meanwhile."""
 MOST_KB = 256 << 10
 """By which one case may raise the peak of the memory."""
 _FINDINGS_MAX = 20
@@ -28,6 +30,9 @@ _FINDINGS_MAX = 20
 
 class Hangs(BaseException):
     """Not an Exception: nobody may catch it by chance."""
+
+
+_ALARMS = signal.SIGALRM, signal.SIGPROF
 
 
 def _alarm(number: int, frame: FrameType | None) -> None:
@@ -46,16 +51,19 @@ def random_of(name: str, seed: int, case: int) -> Random:
 def try_case(room: Room, scene: Scene, random: Random) -> str:
     """Runs one case; gives what was found, "" for nothing."""
     before_kb = _peak_kb()
-    signal.setitimer(signal.ITIMER_REAL, LONGEST_S)
+    signal.setitimer(signal.ITIMER_PROF, LONGEST_S)
+    signal.setitimer(signal.ITIMER_REAL, WAITING_S)
     try:
         room.case(random, scene)
     except room.refusals:
         pass
     except Hangs:
-        return f"hangs for {LONGEST_S:g} s\n{traceback.format_exc(limit=-3)}"
+        where = traceback.format_exc(limit=-3)
+        return f"hangs for {LONGEST_S:g} s of the processor, or {WAITING_S:g} s\n{where}"
     except Exception:
         return traceback.format_exc(limit=-4)
     finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
         signal.setitimer(signal.ITIMER_REAL, 0.0)
     grown_kb = _peak_kb() - before_kb
     return f"takes {grown_kb >> 10} MB\n" if grown_kb > MOST_KB else ""
@@ -73,7 +81,7 @@ def run_room(
 ) -> Outcome:
     """Runs cases from `first` on, so many or for so long; `loud` shows whole tracebacks."""
     room = ROOMS[name]
-    before = signal.signal(signal.SIGALRM, _alarm)
+    before = [signal.signal(number, _alarm) for number in _ALARMS]
     began_s = time.monotonic()
     kinds: dict[str, str] = {}
     done = 0
@@ -92,7 +100,8 @@ def run_room(
                 kinds[_kind(found)] = f"{again}: {found.strip().splitlines()[-1][:200]}"
                 if loud:
                     print(found, file=sys.stderr)
-    signal.signal(signal.SIGALRM, before)
+    for number, handler in zip(_ALARMS, before):
+        signal.signal(number, handler)
     return Outcome(name, done, time.monotonic() - began_s, None, tuple(kinds.values()))
 
 

@@ -22,6 +22,8 @@ WIRE = dict.fromkeys(("test_wire", "test_session"), wire.SESSION)
 KERNELS = {**kernels.SUITES, "test_latest": [kernels.HOST / "vs_latest.c"]}
 SUITES: dict[str, list[Path]] = {**robot.SUITES, **WIRE, **KERNELS}
 EMULATORS = {"epuck": ("qemu-arm", "-cpu", "arm926"), "aarch64": ("qemu-aarch64",)}
+LONG = ("robot_stop", "robot_number", "test_scan")
+"""They take minutes on an emulated processor."""
 FOLDERS = ("c_src", "c_src/host", "robot", "firmware_bridge", "tests/c")
 RUNS = {name: str(max(int(count) // 30, 10)) for name, count in robot.RUNS.items()}
 """An emulated processor lives more slowly: fewer random worlds."""
@@ -32,7 +34,10 @@ def test_no_suite_is_forgotten() -> None:
     assert {p.stem for p in programs} == set(SUITES)
 
 
-@pytest.mark.parametrize("name", SUITES)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[pytest.mark.campaign] if name in LONG else []) for name in SUITES],
+)
 def test_c_suite_on_arm(name: str, tmp_path: Path) -> None:
     board = "aarch64" if name in KERNELS else "epuck"
     emulator, *arguments = EMULATORS[board]

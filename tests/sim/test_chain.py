@@ -153,7 +153,9 @@ def test_what_cannot_be_chained_is_not(
     assert timesteps == 0
 
 
-@pytest.mark.parametrize("blind", [False, True], ids=["seeing", "blind"])
+@pytest.mark.parametrize(
+    "blind", [False, pytest.param(True, marks=pytest.mark.campaign)], ids=["seeing", "blind"]
+)
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
 def test_shipped_experiments_are_the_same(
     path: Path, blind: bool, monkeypatch: pytest.MonkeyPatch

@@ -48,7 +48,13 @@ def normalised(robot: Robot, pose: tuple[float, float, float], covariance: np.nd
     return float(error @ np.linalg.solve(covariance, error))
 
 
-@pytest.mark.parametrize("name", ["arrow4x4", "arrow4x4-thesis", "aruco_4x4_50"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "arrow4x4",
+        *(pytest.param(n, marks=pytest.mark.campaign) for n in ("arrow4x4-thesis", "aruco_4x4_50")),
+    ],
+)
 @pytest.mark.parametrize("look", LOOKS)
 def test_a_detection_errs_as_it_says(name: str, look: str) -> None:
     rng = np.random.default_rng(len(name) + len(look))

@@ -34,7 +34,12 @@ NAMED = {
     },
 }
 """Of 40 markers of each of `FAMILIES`."""
-CASES = [(scale, title) for scale, sets in NAMED.items() for title in sets]
+QUICK = {("small", "blur 1.2 px"), ("small", "glare"), ("usual", "low contrast")}
+CASES = [
+    pytest.param(scale, title, marks=[] if (scale, title) in QUICK else [pytest.mark.campaign])
+    for scale, sets in NAMED.items()
+    for title in sets
+]
 
 
 @pytest.mark.parametrize("name", FAMILIES)
