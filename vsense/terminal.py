@@ -6,8 +6,10 @@ from __future__ import annotations
 import io
 import os
 import re
+import shlex
 import shutil
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -259,6 +261,26 @@ def aligned(rows: Sequence[Sequence[str]], left: int | None = None) -> list[str]
         ]
         lines.append("  ".join(cells).rstrip())
     return lines
+
+
+def paged(text: str) -> None:
+    """Prints on standard output; on a terminal, with `$PAGER` or less where it is longer than that.
+
+    Raises:
+        BrokenPipeError: who reads it has ended.
+    """
+    words = shlex.split(os.environ.get("PAGER") or "less")
+    fits = text.count("\n") < shutil.get_terminal_size().lines
+    if not sys.stdout.isatty() or fits or not words or shutil.which(words[0]) is None:
+        print(text, end="", flush=True)
+        return
+    # Ctrl-C is the pager's, which goes on: who would restore the terminal if it were left alone?
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        options = {"LESS": "FRX", **os.environ}
+        subprocess.run(words, input=text, encoding="utf-8", env=options, check=False)
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def drop_output() -> None:
