@@ -6,7 +6,6 @@ from __future__ import annotations
 import io
 import os
 import re
-import shlex
 import shutil
 import signal
 import subprocess
@@ -266,13 +265,19 @@ def aligned(rows: Sequence[Sequence[str]], left: int | None = None) -> list[str]
 def paged(text: str) -> None:
     """Prints on standard output; on a terminal, with `$PAGER` or less where it is longer than that.
 
-    Raises:
-        BrokenPipeError: who reads it has ended.
+    Who reads only its begin ends nothing. VsenseError if it cannot be written.
     """
-    words = shlex.split(os.environ.get("PAGER") or "less")
+    stream = sys.stdout or io.StringIO()
+    words = (os.environ.get("PAGER") or "less").split()
     fits = text.count("\n") < shutil.get_terminal_size().lines
-    if not sys.stdout.isatty() or fits or not words or shutil.which(words[0]) is None:
-        print(text, end="", flush=True)
+    if not stream.isatty() or fits or not words or shutil.which(words[0]) is None:
+        try:
+            print(text, end="", flush=True, file=stream)
+        except BrokenPipeError:
+            drop_output()
+        except OSError as error:
+            drop_output()
+            raise VsenseError(f"standard output: {error.strerror}") from None
         return
     # Ctrl-C is the pager's, which goes on: who would restore the terminal if it were left alone?
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -94,7 +94,10 @@ def test_a_long_page_goes_to_the_pager_of_a_terminal(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     page = tmp_path / "the page"
-    monkeypatch.setenv("PAGER", f"sh -c {shlex.quote(f'cat > {shlex.quote(str(page))}')}")
+    pager = tmp_path / "pager"
+    pager.write_text(f"#!/bin/sh\ncat >'{page}'\n")
+    pager.chmod(0o755)
+    monkeypatch.setenv("PAGER", f"{pager} --option")
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
     terminal.paged("short\n")
     assert capsys.readouterr().out == "short\n" and not page.exists()
@@ -105,10 +108,22 @@ def test_a_long_page_goes_to_the_pager_of_a_terminal(
     assert capsys.readouterr().out == "line\n" * 500
 
 
-def test_who_reads_only_the_begin_is_no_error() -> None:
+def docs(stdout: int | None) -> tuple[int, str]:
+    """Exit code and standard error of the command with another standard output; None: closed."""
+    closed = "" if stdout is not None else ">&-"
+    command = f"exec {shlex.quote(sys.executable)} -m vsense docs changelog {closed}"
+    done = subprocess.run(
+        ["sh", "-c", command], stdout=stdout, stderr=subprocess.PIPE, text=True, check=False
+    )
+    return done.returncode, done.stderr
+
+
+def test_where_nobody_reads_there_is_no_traceback() -> None:
     reads, writes = os.pipe()
     os.close(reads)
-    command = [sys.executable, "-m", "vsense", "docs", "changelog"]
-    done = subprocess.run(command, stdout=writes, stderr=subprocess.PIPE, text=True, check=False)
+    assert docs(writes) == (0, ""), "who reads only the begin has what it wanted"
     os.close(writes)
-    assert (done.returncode, done.stderr) == (0, "")
+    assert docs(None) == (0, "")
+    with open("/dev/full", "w") as full:
+        told = docs(full.fileno())
+    assert told == (1, "vsense: standard output: No space left on device\n")

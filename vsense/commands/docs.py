@@ -8,7 +8,7 @@ from itertools import groupby
 from vsense.commands import arguments
 from vsense.errors import UsageError
 from vsense.shipped import documents
-from vsense.terminal import aligned, drop_output, paged
+from vsense.terminal import aligned, paged
 
 DESCRIPTION = (
     "Prints what comes with vsense to read: pages, headers for controllers, the shipped controllers"
@@ -37,10 +37,7 @@ def run(options: argparse.Namespace) -> int:
     else:
         document = documents.find(options.name)
         text = f"{document.path}\n" if options.path else documents.printed(document)
-    try:
-        paged(text)
-    except BrokenPipeError:
-        drop_output()
+    paged(text)
     return 0
 
 

@@ -107,8 +107,7 @@ def _commands(root: Element, texts: Mapping[str, str]) -> list[str]:
             "for real robots (extra robot)",
         ),
     ]
-    width = max(len(command) for command, _ in lines)
-    shown = [f"{command:{width}}  # {meaning}" for command, meaning in lines]
+    shown = [f"{command:{len(lines[0][0])}}  # {meaning}" for command, meaning in lines]
     return ["", "## Run it", "", "In this folder:", "", "```sh", *shown, "```"]
 
 
