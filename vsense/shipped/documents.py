@@ -14,6 +14,7 @@ import textwrap
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 from importlib import resources
 from pathlib import Path
 
@@ -85,7 +86,8 @@ class ShippedFile:
         return textwrap.shorten(words.rstrip(".:"), _TITLE_MAX, placeholder=" ...")
 
 
-def listed() -> list[ShippedFile]:
+@cache
+def listed() -> tuple[ShippedFile, ...]:
     """All pages, then all files that people write by, group by group."""
     pages = [
         ShippedFile(_page_name(place), place, path, "pages")
@@ -103,12 +105,12 @@ def listed() -> list[ShippedFile]:
             and (folder not in ("vsense/sensors/", "vsense/actuators/") or _is_kind(path))
         ]
     names = Counter(document.name for document in found)
-    return [
+    return tuple(
         replace(document, name="/".join(document.place.split("/")[-2:]))
         if names[document.name] > 1
         else document
         for document in found
-    ]
+    )
 
 
 def find(name: str) -> ShippedFile:
@@ -194,8 +196,13 @@ def _is_kind(path: Path) -> bool:
     return re.search(r"^(?:ARGOS_)?ELEMENTS = ", path.read_text(encoding="utf-8"), re.M) is not None
 
 
-def _files() -> Iterator[tuple[str, Path]]:
+@cache
+def _files() -> tuple[tuple[str, Path], ...]:
     """Place and path of every file that can be read, in a fixed order."""
+    return tuple(_found())
+
+
+def _found() -> Iterator[tuple[str, Path]]:
     root = source_tree().root
     package = Path(str(resources.files(PACKAGE)))
     for path in sorted(root.glob("*.md")):
