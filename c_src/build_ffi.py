@@ -18,10 +18,11 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parent.parent
 
-FLAGS = ["-O2", "-ffp-contract=off"]
+FLAGS = ["-O2", "-g0", "-ffp-contract=off"]
 """Comes after Python's own flags: with its usual -O3 gcc unrolls the picture kernel's short loops
-before it sees that they are vectors, and the kernel takes twice as long. Multiplications and
-additions are fused where the source says so and nowhere else, so that all machines agree."""
+before it sees that they are vectors, and the kernel takes twice as long; what debuggers want would
+be two thirds of the file. Multiplications and additions are fused where the source says so and
+nowhere else, so that all machines agree."""
 
 BUILT_FROM = """
 /* What this library was built from: one file name a line, and their common hash. */
@@ -79,6 +80,7 @@ class Library(NamedTuple):
             sources=self.files("*.c"),
             include_dirs=list(self.folders),
             extra_compile_args=FLAGS,
+            extra_link_args=["-s"],
             depends=[name for name in files if name.endswith(".h")],
         )
         return builder

@@ -15,6 +15,7 @@ import pytest
 from hypothesis import settings
 
 from vsense.arena import POSE, ArenaState
+from vsense.errors import pip_line
 from vsense.robot import boards
 
 # A busy machine is no defect: no property has to hold within a wall-clock time.
@@ -107,7 +108,7 @@ def require_library(name: str, package: str) -> None:
 def require_zig() -> None:
     """Skips the test (under CI: fails it) where the pinned cross compiler is not installed."""
     if importlib.util.find_spec("ziglang") is None:
-        lack("needs ziglang: pip install 'vsense[robot]'")
+        lack(f"needs ziglang: {pip_line('ziglang')}")
 
 
 def lack(text: str) -> NoReturn:

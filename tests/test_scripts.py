@@ -61,6 +61,34 @@ def demo(tree: Path, *arguments: str, **variables: str) -> subprocess.CompletedP
     )
 
 
+def called(tree: Path, script: str, *arguments: str, **variables: str) -> tuple[int, str]:
+    """Exit code of a script, and what it says on standard error."""
+    python = program(tree.parent / "bin/python-stand-in", "exit 0")
+    done = subprocess.run(
+        [require_tool("bash", "bash"), tree / "scripts" / script, *arguments],
+        env={**os.environ, "PYTHON": str(python), "VSENSE_URL": "", **variables},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    return done.returncode, done.stderr.splitlines()[-1]
+
+
+def test_a_release_says_what_it_lacks_before_it_builds(tree: Path, tmp_path: Path) -> None:
+    assert called(tree, "release") == (
+        1,
+        "vsense: VSENSE_URL is not set: where are the sources published?",
+    )
+    code, said = called(tree, "release", "biuld")
+    assert code == 1 and said.endswith(
+        "scripts/release build [FOLDER], scripts/release check [FOLDER]"
+    )
+    full = tmp_path / "full"
+    (full / "theirs").mkdir(parents=True)
+    assert called(tree, "release", "build", str(full)) == (1, f"vsense: {full} is not empty")
+    assert [path.name for path in full.iterdir()] == ["theirs"]
+
+
 def test_callers_folder_is_kept(tree: Path) -> None:
     done = demo(tree, "mine.argos", "--output", "out", CDPATH=f"{tree}")
     assert done.returncode == 0, done.stderr

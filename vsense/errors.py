@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import difflib
 import importlib.util
+import re
+import shutil
+import sys
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from pathlib import Path
 
 EXTRAS = {
     "aiohttp": "web",
@@ -78,8 +82,29 @@ def failing_as(kind: type[VsenseError], what: str) -> Iterator[None]:
 
 
 def pip_line(package: str) -> str:
-    """The command that installs an optional package."""
-    return f"pip install 'vsense[{EXTRAS[package]}]'"
+    """The command that installs an optional package, and what else its extra has.
+
+    It names the packages and not the extra: so it is the same for a checkout, a wheel and an index.
+    """
+    from importlib import metadata  # takes as long to load as all else that a command begins with
+
+    extra = f"extra == '{EXTRAS[package]}'"
+    wanted = [package]
+    with suppress(metadata.PackageNotFoundError):
+        pairs = (line.partition(";") for line in metadata.requires("vsense") or ())
+        wanted = [name.strip() for name, _, on in pairs if on.strip().replace('"', "'") == extra]
+    return f"{_pip()} install {' '.join(map(_quoted, wanted))}"
+
+
+def _pip() -> str:
+    """The pip of this Python: its name, where that is the one that a shell would find."""
+    beside = Path(sys.executable).with_name("pip")
+    return "pip" if shutil.which("pip") == str(beside) else f"{sys.executable} -m pip"
+
+
+def _quoted(requirement: str) -> str:
+    """A requirement as a word of a shell."""
+    return f"'{requirement}'" if re.search(r"[<>\[]", requirement) else requirement
 
 
 def require(who: str, *packages: str) -> None:

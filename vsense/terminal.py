@@ -8,6 +8,7 @@ import os
 import re
 import shutil
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -259,6 +260,32 @@ def aligned(rows: Sequence[Sequence[str]], left: int | None = None) -> list[str]
         ]
         lines.append("  ".join(cells).rstrip())
     return lines
+
+
+def paged(text: str) -> None:
+    """Prints on standard output; on a terminal, with `$PAGER` or less where it is longer than that.
+
+    Who reads only its begin ends nothing. VsenseError if it cannot be written.
+    """
+    stream = sys.stdout or io.StringIO()
+    words = (os.environ.get("PAGER") or "less").split()
+    fits = text.count("\n") < shutil.get_terminal_size().lines
+    if not stream.isatty() or fits or not words or shutil.which(words[0]) is None:
+        try:
+            print(text, end="", flush=True, file=stream)
+        except BrokenPipeError:
+            drop_output()
+        except OSError as error:
+            drop_output()
+            raise VsenseError(f"standard output: {error.strerror}") from None
+        return
+    # Ctrl-C is the pager's, which goes on: who would restore the terminal if it were left alone?
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        options = {"LESS": "FRX", **os.environ}
+        subprocess.run(words, input=text, encoding="utf-8", env=options, check=False)
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def drop_output() -> None:

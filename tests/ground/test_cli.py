@@ -5,10 +5,13 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import os
+import re
+import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
 from importlib import metadata
+from pathlib import Path
 
 import pytest
 
@@ -121,7 +124,7 @@ def test_every_command_loads_without_the_extras() -> None:
 
 def test_the_table_of_extras_is_that_of_the_package() -> None:
     lines = [line.partition("; extra == ") for line in metadata.requires("vsense") or ()]
-    ours = {extra.strip("'\"") for _, _, extra in lines} - {"", "test", "bench"}
+    ours = {extra.strip("'\"") for _, _, extra in lines} - {"", "test", "bench", "release", "all"}
     assert ours >= {"record", "robot", "web"}
     for line, _, extra in lines:
         if extra.strip("'\"") in ours:
@@ -135,11 +138,24 @@ def test_a_missing_package_is_named_with_its_extra(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(UsageError) as caught:
         recording.require()
-    assert str(caught.value) == (
-        "recordings need the Python package mcap: pip install 'vsense[record]'"
-    )
-    with pytest.raises(UsageError, match=r"the page needs .* aiohttp: pip install 'vsense\[web\]'"):
+    needed = r"recordings need the Python package mcap: .*pip install 'mcap>=1.6' 'zstandard>=0.22'"
+    assert re.fullmatch(needed, str(caught.value))
+    with pytest.raises(UsageError, match=r"the page needs .* aiohttp: .*pip install 'aiohttp>=3"):
         page_access(WebAddress("127.0.0.1", 0))
+
+
+def test_the_pip_is_that_of_this_python(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shutil, "which", lambda name: "/usr/bin/pip")
+    line = errors.pip_line("aiohttp")
+    assert line.startswith(f"{sys.executable} -m pip install 'aiohttp")
+    monkeypatch.setattr(shutil, "which", lambda name: str(Path(sys.executable).with_name(name)))
+    assert errors.pip_line("ziglang").startswith("pip install ziglang==")
+
+    def nowhere(name: str) -> list[str]:
+        raise metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(metadata, "requires", nowhere)
+    assert errors.pip_line("ziglang") == "pip install ziglang"
 
 
 def test_an_emergency_stop_needs_no_library() -> None:

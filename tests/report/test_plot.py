@@ -14,7 +14,7 @@ import pytest
 from tests.report.runs import messages, write
 from vsense import cli
 from vsense.errors import UsageError, VsenseError
-from vsense.report import LACKING, plot
+from vsense.report import lacking, plot
 from vsense.report.report import PAGE, make_report
 
 ANOTHER_PROCESS = """
@@ -142,10 +142,10 @@ def test_without_matplotlib_there_is_all_but_charts(
     assert cli.main(command) == 0
     out, err = capsys.readouterr()
     assert out == f"{folder / PAGE}: 0 charts beside it\n"
-    assert err.count(LACKING) == 1
+    assert err.count(lacking()) == 1
     assert [path.name for path in folder.iterdir()] == [PAGE]
     text = (folder / PAGE).read_text()
-    assert "pip install &#x27;vsense[report]&#x27;" in text and "<img" not in text
+    assert "pip install &#x27;matplotlib&gt;=3.8&#x27;" in text and "<img" not in text
     assert re.search("<b>Table 1. Runs of hand.</b>.*<td>driver</td>", text, re.DOTALL)
 
 

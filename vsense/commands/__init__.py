@@ -15,6 +15,8 @@ from vsense import __version__
 from vsense.errors import UsageError, instead
 
 COMMANDS = {
+    "new": ("new", "make an experiment of your own to begin with, with its files explained"),
+    "docs": ("docs", "print the pages, headers, schemas and examples that come with vsense"),
     "sim": ("sim", "simulate an experiment with its real controller, faster than real time"),
     "lab": ("lab", "run an experiment on this machine: rendered cameras, emulated robots"),
     "run": ("run", "run an experiment with real robots and cameras, or with another tracker"),

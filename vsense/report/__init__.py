@@ -9,8 +9,10 @@ from vsense.errors import pip_line
 FORMATS = ("png", "svg", "pdf")
 """Files that charts can be kept in."""
 
-LACKING = f"charts need the Python package matplotlib: {pip_line('matplotlib')}"
-"""The message where Matplotlib is not installed."""
+
+def lacking() -> str:
+    """The message where Matplotlib is not installed."""
+    return f"charts need the Python package matplotlib: {pip_line('matplotlib')}"
 
 
 def can_draw() -> bool:

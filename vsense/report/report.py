@@ -9,7 +9,7 @@ from typing import Any
 
 from vsense.errors import failing_as
 from vsense.recording.form import RecordingError
-from vsense.report import LACKING, can_draw, charts, compare, findings, maps, plot
+from vsense.report import can_draw, charts, compare, findings, lacking, maps, plot
 from vsense.report.findings import Findings, read_findings
 from vsense.report.markup import Shown
 from vsense.report.page import Chapter, ComparedRuns, page
@@ -125,7 +125,7 @@ def _write(read: Sequence[Findings], kept: _Charts) -> Report:
         prefix = f"{place:02d}-{one.path.stem}-" if len(read) > 1 else ""
         made = (make(one) for make in _MAKERS)
         chapters.append(Chapter(one, kept.keep(prefix, (each for each in made if each))))
-    lacking = "" if kept.form else LACKING
+    why_none = "" if kept.form else lacking()
     path = kept.folder / PAGE
-    path.write_text(page(chapters, comparisons, lacking), encoding="utf-8", errors="replace")
-    return Report([path, *kept.files], read, lacking)
+    path.write_text(page(chapters, comparisons, why_none), encoding="utf-8", errors="replace")
+    return Report([path, *kept.files], read, why_none)

@@ -187,7 +187,7 @@ def _explain(board: Target, compiler: Toolchain, said: str) -> str:
         version = compiler.version().splitlines()[:1]
         return (
             f"{' '.join(version)} cannot link for ARMv5: versions after ziglang 0.15.2 use"
-            f" instructions that these boards do not have; pip install ziglang==0.15.2\n{said}"
+            f" instructions that these boards do not have; {pip_line('ziglang')}\n{said}"
         )
     return said
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from vsense.errors import UsageError, VsenseError
-from vsense.report import FORMATS, LACKING, can_draw
+from vsense.report import FORMATS, can_draw, lacking
 from vsense.run.programs import shared_objects
 from vsense.sim import dask_cluster, fingerprint
 from vsense.sim.engine import Engine
@@ -223,7 +223,7 @@ def _report(campaign: Campaign, results: CampaignResults, console: Console) -> N
     if not results.measures:
         console.say("the experiment measures nothing: no picture")
     elif not can_draw():
-        console.say(f"no picture: {LACKING}")
+        console.say(f"no picture: {lacking()}")
     else:
         from vsense.report import plot
         from vsense.sim import comparison

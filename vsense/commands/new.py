@@ -1,0 +1,49 @@
+"""`vsense new`: an experiment of one's own to begin with."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from vsense.commands import arguments
+from vsense.shipped import templates
+from vsense.terminal import print_data
+
+DESCRIPTION = (
+    "Makes a folder with an experiment of your own: the .argos file, the robots' controller in C,"
+    " loop functions in Python that measure, and a README that explains them line by line. It runs"
+    " as it is made; then change it. The names of the files go to standard output."
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declares the command's arguments."""
+    parser.add_argument(
+        "folder",
+        type=Path,
+        metavar="NAME",
+        help="the experiment's name, and that of its folder; a path before it says where",
+    )
+    parser.add_argument(
+        "--from",
+        dest="source",
+        default=templates.START,
+        metavar="EXPERIMENT",
+        help="the shipped experiment that is copied (default: the smallest that has everything)."
+        f" There are: {', '.join(templates.templates())}",
+    )
+    arguments.flag(
+        parser,
+        "--sensor",
+        "add a virtual sensor of your own, in Python, which the controller reads",
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Makes the files; says how to run them."""
+    made = templates.make(options.folder, options.source, options.sensor)
+    print_data("\n".join(map(str, made)))
+    readme = options.folder / "README.md"
+    print(f"vsense: now: vsense sim {made[0]}    {readme} explains it all", file=sys.stderr)
+    return 0
