@@ -15,6 +15,8 @@ HOME = "README.md"
 
 SECTIONS: dict[str, tuple[str, ...]] = {
     "Begin": (
+        "vsense/experiments/FIRST_HOUR.md",
+        "vsense/live/FIRST_DAY.md",
         "vsense/experiments/README.md",
         "vsense/config/ARGOS.md",
     ),
@@ -25,14 +27,17 @@ SECTIONS: dict[str, tuple[str, ...]] = {
         "reference/world.md",
         "robot/README.md",
         "vsense/sim/README.md",
+        "reference/commands.md",
     ),
     "In the lab": (
         "vsense/camera_setup/README.md",
         "vsense/tracking/README.md",
+        "reference/tracking_files.md",
         "vsense/live/README.md",
         "vsense/ui/README.md",
     ),
     "Results": (
+        "vsense/run/OUTPUT.md",
         "vsense/recording/README.md",
         "vsense/report/README.md",
     ),
@@ -47,7 +52,10 @@ SECTIONS: dict[str, tuple[str, ...]] = {
         "firmware_bridge/FRAMES.md",
     ),
     "Change vsense": (
+        "scripts/site/README.md",
         "vsense/DESIGN.md",
+        "vsense/EXTENDING.md",
+        "vsense/bench/README.md",
         "tests/README.md",
         "tests/fuzz/README.md",
         "CHANGELOG.md",
@@ -56,6 +64,17 @@ SECTIONS: dict[str, tuple[str, ...]] = {
 """The pages of each section of the site's navigation."""
 
 GENERATED = "reference/"
+
+STANDS_IN = {
+    "experiment-files": "reference/experiment.md",
+    "tracking-files": "reference/tracking_files.md",
+    "sensors-and-actuators": "reference/devices.md",
+    "loop-functions-and-the-world": "reference/world.md",
+    "commands": "reference/commands.md",
+}
+"""Sections of `STAND_IN` that tell of a generated page where there is no site, by their anchors."""
+
+STAND_IN = "scripts/site/README.md"
 
 
 def pages() -> list[str]:

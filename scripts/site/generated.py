@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from scripts.site import docstrings, reference
+from scripts.site import commands, docstrings, reference, tracking_files
 
 WRITERS: dict[str, Callable[[], str]] = {
+    "reference/commands.md": commands.page,
+    "reference/tracking_files.md": tracking_files.page,
     "reference/experiment.md": reference.page,
     "reference/devices.md": docstrings.devices,
     "reference/world.md": docstrings.world_page,

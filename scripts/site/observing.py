@@ -12,7 +12,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from functools import wraps
+from functools import cache, wraps
 from pathlib import Path
 from typing import Any
 
@@ -79,6 +79,7 @@ Asked = dict[tuple[str, str], AskedElement]
 """By the names of an element's parent and of itself; the outermost element has the parent ""."""
 
 
+@cache
 def observed() -> Asked:
     """What the reader asks for, over all files that are read here."""
     found: Asked = {}
@@ -196,6 +197,8 @@ def _roots(found: list[Element]) -> Iterator[None]:
 
 def _collect(element: Element, parent: str, calls: _Calls, found: Asked) -> None:
     name = CONTROLLER if parent == "controllers" else element.name
+    # What is distributed is what may stand in the arena.
+    parent = "arena" if parent == "entity" else parent
     known = found.setdefault((parent, name), AskedElement())
     if name not in FREE:
         known.children |= element._asked_children

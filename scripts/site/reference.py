@@ -75,7 +75,7 @@ def page() -> str:
     for chapter, parents in CHAPTERS.items():
         parts.append(f"## {chapter}\n")
         for place in _of_chapter(asked, chapter, parents):
-            parts.append(_section(place, asked[place], sentences))
+            parts.append(_section(place, asked, sentences))
     parts += [DEVICE_INTRO, _quality(asked, sentences), *_devices(asked, sentences), _not_served()]
     return "\n".join(parts)
 
@@ -94,10 +94,11 @@ def _of_chapter(asked: Asked, chapter: str, parents: tuple[str, ...]) -> list[tu
     return found
 
 
-def _section(place: tuple[str, str], element: AskedElement, sentences: Sentences) -> str:
-    parent, name = place
+def _section(place: tuple[str, str], asked: Asked, sentences: Sentences) -> str:
+    (parent, name), element = place, asked[place]
     lines = [f"### `<{name}>`\n", str(sentences.element(parent, name))]
-    lines.append(f"\nIn {_within(parent)}." if parent else "")
+    alike = sorted(p for p, n in asked if n == name and p and _is_same(asked, (p, n), element))
+    lines.append(f"\nIn {', '.join(map(_within, alike))}." if parent else "")
     if children := _children(element, name):
         lines.append(f"\nHolds {children}.")
     if element.attributes:
@@ -107,8 +108,15 @@ def _section(place: tuple[str, str], element: AskedElement, sentences: Sentences
     return "\n".join(line for line in lines if line) + "\n"
 
 
+def _is_same(asked: Asked, place: tuple[str, str], element: AskedElement) -> bool:
+    """Whether an element has the attributes of another one of its name."""
+    return asked[place].attributes.keys() == element.attributes.keys()
+
+
 def _within(parent: str) -> str:
-    return "a controller's element" if parent == CONTROLLER else f"`<{parent}>`"
+    if parent == CONTROLLER:
+        return "a controller's element"
+    return "`<arena>` or `<entity>`" if parent == "arena" else f"`<{parent}>`"
 
 
 def _children(element: AskedElement, name: str) -> str:

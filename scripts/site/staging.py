@@ -11,7 +11,7 @@ import re
 import shutil
 from pathlib import Path, PurePosixPath
 
-from scripts.site.contents import HOME, ROOT, SECTIONS, pages
+from scripts.site.contents import HOME, ROOT, SECTIONS, STAND_IN, STANDS_IN, pages
 from scripts.site.links import FENCE, LINK
 
 PICTURES = (".png", ".jpg", ".svg")
@@ -62,6 +62,9 @@ class Stage:
             if not path:
                 return f"{picture}[{words}]({anchor or ''})"
             target = PurePosixPath(os.path.normpath(here / path))
+            generated = STANDS_IN.get((anchor or "").lstrip("#"))
+            if str(target) == STAND_IN and generated:
+                target, anchor = PurePosixPath(generated), None
             place = self._target(target)
             back = os.path.relpath(place, self._place(PurePosixPath(page)).parent)
             return f"{picture}[{words}]({back}{anchor or ''})"

@@ -6,7 +6,17 @@ from pathlib import Path
 
 import pytest
 
-from scripts.site.contents import GENERATED, NO_PAGES, ROOT, SECTIONS, pages, sources
+from scripts.site.contents import (
+    GENERATED,
+    NO_PAGES,
+    ROOT,
+    SECTIONS,
+    STAND_IN,
+    STANDS_IN,
+    pages,
+    sources,
+)
+from scripts.site.generated import WRITERS
 from scripts.site.links import anchors, broken, targets
 
 FOLDERS = ("c_src", "firmware_bridge", "robot", "scripts", "tests", "vsense")
@@ -48,6 +58,11 @@ def test_anchors_are_those_of_github() -> None:
     # As GitHub's own pages of this text have them.
     text = "# `vsense` & co.\n## The tracker's client: `vsense serve`\n## Same\n## Same\n"
     assert anchors(text) == {"vsense--co", "the-trackers-client-vsense-serve", "same", "same-1"}
+
+
+def test_every_generated_page_has_a_section_that_stands_in_for_it() -> None:
+    assert set(STANDS_IN) <= anchors((ROOT / STAND_IN).read_text())
+    assert set(STANDS_IN.values()) == set(WRITERS)
 
 
 def test_no_section_is_empty_and_generated_pages_have_their_folder() -> None:
