@@ -39,11 +39,11 @@ def markdown(text: str) -> str:
 
 def _joined(text: str) -> str:
     """Blocks of code that follow each other are one."""
-    return re.sub(r"\n```\n\n```(?:xml|text|python)\n", "\n\n", text)
+    return re.sub(r"\n```\n\n```(?:xml|text)\n", "\n\n", text)
 
 
 def _code(text: str) -> str:
-    language = "xml" if text.startswith("<") else "python" if text.startswith("def ") else "text"
+    language = "xml" if text.startswith("<") else "text"
     return f"```{language}\n{text}\n```"
 
 
