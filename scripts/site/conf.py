@@ -13,6 +13,8 @@ myst_linkify_fuzzy_links = False
 # Whole lines that are shown, in JSON with "..." or in C with a hole, need not be complete programs.
 suppress_warnings = ["misc.highlighting_failure"]
 highlight_language = "text"
+# "--runs" is two dashes.
+smartquotes = False
 nitpicky = True
 
 html_theme = "furo"

@@ -6,6 +6,7 @@ import importlib.util
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
@@ -13,7 +14,8 @@ from urllib.parse import unquote, urlsplit
 import pytest
 
 from scripts.site.contents import ROOT, pages
-from tests.conftest import lack
+from tests.conftest import lack, require_tool
+from tests.ui.browser import Browser
 
 pytestmark = pytest.mark.campaign
 
@@ -42,7 +44,7 @@ class Page(HTMLParser):
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     if importlib.util.find_spec("sphinx") is None or importlib.util.find_spec("furo") is None:
-        lack("needs Sphinx: pip install '.[docs]'")
+        lack("needs Sphinx and Furo: scripts/docs installs them")
     folder = tmp_path_factory.mktemp("docs")
     command = [sys.executable, "-m", "scripts.site.build", str(folder)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=600)
@@ -94,3 +96,29 @@ def test_pictures_are_there(built: dict[Path, Page]) -> None:
     assert len(loads) > 100
     missing = {(p.name, url) for p, url in loads if not (p.parent / unquote(url)).exists()}
     assert missing == set()
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    opened = Browser(require_tool("chromium", "chromium"))
+    yield opened
+    opened.close()
+
+
+def test_no_page_is_wider_than_a_phone(site: Path, browser: Browser) -> None:
+    page = browser.open("about:blank", 390, 844)
+    wide = {}
+    for path in (path for path in site.rglob("*.html") if "source" not in path.parts):
+        page.go(path.as_uri())
+        page.until(f"document.readyState === 'complete' && location.href === {path.as_uri()!r}")
+        width = page.value("document.documentElement.scrollWidth")
+        if width > 390:
+            wide[path.name] = width
+    assert wide == {}
+
+
+def test_the_search_finds_a_word_in_pages_that_are_files(site: Path, browser: Browser) -> None:
+    page = browser.open((site / "search.html").as_uri() + "?q=drop_out")
+    found = "[...document.querySelectorAll('#search-results a')].map(a => a.innerText)"
+    page.until(f"{found}.length > 0 && {found}")
+    assert any("Experiment files" in title for title in page.value(found))
