@@ -50,15 +50,16 @@ class AskedAttribute:
 
     Attributes:
         kind: type, unit and bounds in words; "" where nobody asks for more than its presence.
-        default: as it would stand in the file; None: unknown or none.
-        required: somebody asks for it who takes no default.
-        optional: somebody asks whether it is there.
+        defaults: as they would stand in the file; several where it depends.
+        asked: of how many elements it was asked.
+        required: a file is refused in which it is left out; `tried`: that was asked.
     """
 
     kind: str = ""
-    default: str | None = None
+    defaults: set[str] = field(default_factory=set)
+    asked: int = 0
     required: bool = False
-    optional: bool = False
+    tried: bool = False
 
 
 @dataclass
@@ -66,10 +67,12 @@ class AskedElement:
     """What is known of an element.
 
     Attributes:
+        read: how many there were in the files.
         children: names that it may hold.
         examples: its start tags, as files have them.
     """
 
+    read: int = 0
     attributes: dict[str, AskedAttribute] = field(default_factory=dict)
     children: set[str] = field(default_factory=set)
     examples: list[str] = field(default_factory=list)
@@ -91,7 +94,40 @@ def observed() -> Asked:
                 read_one()
             for root in roots:
                 _collect(root, "", calls, found)
+                _ask_for_required(root, read_one, found)
     return found
+
+
+def _ask_for_required(root: Element, read_one: Callable[[], object], found: Asked) -> None:
+    """Leaves out, one after the other, attributes of a file of which nothing is known yet."""
+    for element in root.walk():
+        places = [p for p in found if p[1] in (element.name, CONTROLLER)]
+        for key in element._attributes:
+            known = [found[place].attributes.get(key) for place in places]
+            untried = [a for a in known if a and a.kind and not a.defaults and not a.tried]
+            refused = bool(untried) and _refused_without(element.name, key, read_one)
+            for attribute in untried:
+                attribute.tried, attribute.required = True, refused
+
+
+def _refused_without(name: str, key: str, read_one: Callable[[], object]) -> bool:
+    """Whether a file is refused because all its elements of a name are without an attribute."""
+    make = Element.__init__
+
+    def without(
+        element: Element, document: Any, own: str, line: int, given: dict[str, str]
+    ) -> None:
+        kept = {k: v for k, v in given.items() if own != name or k != key}
+        make(element, document, own, line, kept)
+
+    Element.__init__ = without  # type: ignore[method-assign]
+    try:
+        read_one()
+    except ConfigError as error:
+        return f"<{name}> {key}: is missing" in str(error)
+    finally:
+        Element.__init__ = make  # type: ignore[method-assign]
+    return False
 
 
 def _samples() -> Iterator[Callable[[], object]]:
@@ -108,10 +144,12 @@ def _samples() -> Iterator[Callable[[], object]]:
     devices = (tests / "every_device.argos").read_text()
     drawn = full.replace(_UNIFORM, _GAUSSIAN)
     places = full.replace('vs:black="nest"', _BLACK_RECTANGLE)
+    named = full.replace("white_min_x=", 'vs:white="food" white_min_x=')
     ghost = full.replace('vs:virtual="true">', 'vs:virtual="true"><battery /><dynamics2d />')
     passed_over = ghost.replace("</framework>", _PASSED_OVER)
-    others = (drawn, places, passed_over, *_each_device())
-    for text in (full, with_the_rest(full), at_the_original(full), cpp, devices, *others):
+    others = (drawn, places, named, passed_over, *_each_device())
+    original = at_the_original(full).replace("ats_port=", 'vs:latency="0.04" ats_port=')
+    for text in (full, with_the_rest(full), original, cpp, devices, *others):
         for stage in (Stage.SIM, Stage.RUN):
             yield lambda text=text, stage=stage: read(  # type: ignore[misc]
                 text.encode(), "x.argos", folder / "x.argos", None, None, stage, True
@@ -200,17 +238,18 @@ def _collect(element: Element, parent: str, calls: _Calls, found: Asked) -> None
     # What is distributed is what may stand in the arena.
     parent = "arena" if parent == "entity" else parent
     known = found.setdefault((parent, name), AskedElement())
+    known.read += 1
     if name not in FREE:
         known.children |= element._asked_children
     for key in element._asked_attributes:
         if name not in FREE or (key in _OWN_OF_LOOP and name == "loop_functions"):
-            known.attributes.setdefault(key, AskedAttribute())
+            attribute = known.attributes.setdefault(key, AskedAttribute())
+            attribute.asked += 1
     for method, key, arguments in calls.get(id(element), ()):
         if key in known.attributes:
             _note(known.attributes[key], method, arguments)
-    written = {key: element._attributes[key] for key in element._attributes}
-    tag = " ".join([f"<{element.name}", *(f'{key}="{text}"' for key, text in written.items())])
-    known.examples.append(f"{tag} />")
+    written = [f'{key}="{" ".join(text.split())}"' for key, text in element._attributes.items()]
+    known.examples.append(" ".join([f"<{element.name}", *written, "/>"]))
     if name not in FREE and not element._left_out:
         for child in element._children:
             _collect(child, name, calls, found)
@@ -218,14 +257,11 @@ def _collect(element: Element, parent: str, calls: _Calls, found: Asked) -> None
 
 def _note(attribute: AskedAttribute, method: str, arguments: dict[str, Any]) -> None:
     if method == "has":
-        attribute.optional = True
         return
     attribute.kind = attribute.kind or _kind(method, arguments)
     default = arguments.get("default", arguments.get("default_deg"))
-    if default is None:
-        attribute.required = True
-    elif default != "":
-        attribute.default = _plain(default)
+    if default not in (None, ""):
+        attribute.defaults.add(_plain(default))
 
 
 def _kind(method: str, arguments: dict[str, Any]) -> str:
@@ -259,5 +295,5 @@ def _plain(value: object) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, float) and math.isfinite(value):
-        return f"{value:.6g}"
+        return f"{value:.10g}"
     return str(value)

@@ -47,118 +47,14 @@ An editor completes and explains `vs:` names with the schema
 DEVICE_INTRO = """## Devices
 
 Each element in `<sensors>` or `<actuators>` is one device of the robots that a controller drives.
-What their numbers mean: [sensors and actuators](devices.md).
+What their numbers mean: [sensors and actuators](devices.md). What a device takes because files of
+ARGoS have it, and does not use, is not shown with it.
 
 ### Quality settings
 
 Every virtual device takes them: what a perfect one's numbers become on their way. How they act on
 each other, and in which unit they count: [quality](devices.md#quality-settings).
 """
-
-
-def page() -> str:
-    """The whole page.
-
-    Raises:
-        ValueError: no sentence says what an element or attribute is, or one explains what nobody
-            reads.
-    """
-    asked, sentences = observed(), Sentences()
-    lacking = missing(asked, sentences)
-    if lacking:
-        raise ValueError(
-            "no sentence in argos-names.txt or argos-vsense.xsd: " + "; ".join(lacking)
-        )
-    if unused := sentences.unused():
-        raise ValueError(f"sentences for what nobody reads: {sorted(unused)}")
-    parts = [INTRO]
-    for chapter, parents in CHAPTERS.items():
-        parts.append(f"## {chapter}\n")
-        for place in _of_chapter(asked, chapter, parents):
-            parts.append(_section(place, asked, sentences))
-    parts += [DEVICE_INTRO, _quality(asked, sentences), *_devices(asked, sentences), _not_served()]
-    return "\n".join(parts)
-
-
-def _of_chapter(asked: Asked, chapter: str, parents: tuple[str, ...]) -> list[tuple[str, str]]:
-    heads = HEADS.get(chapter, ())
-    root = "argos-configuration"
-    found = [(root, name) for name in heads]
-    opened = {name for names in HEADS.values() for name in names}
-    seen = {name for _, name in found}
-    for parent in parents:
-        for place in sorted(p for p in asked if p[0] == parent):
-            if place[1] not in opened and place[1] not in seen:
-                found.append(place)
-                seen.add(place[1])
-    return found
-
-
-def _section(place: tuple[str, str], asked: Asked, sentences: Sentences) -> str:
-    (parent, name), element = place, asked[place]
-    lines = [f"### `<{name}>`\n", str(sentences.element(parent, name))]
-    alike = sorted(p for p, n in asked if n == name and p and _is_same(asked, (p, n), element))
-    lines.append(f"\nIn {', '.join(map(_within, alike))}." if parent else "")
-    if children := _children(element, name):
-        lines.append(f"\nHolds {children}.")
-    if element.attributes:
-        lines += ["\n" + _table(place, element.attributes, sentences)]
-    if example := _example(element):
-        lines.append(f"\n```xml\n{example}\n```")
-    return "\n".join(line for line in lines if line) + "\n"
-
-
-def _is_same(asked: Asked, place: tuple[str, str], element: AskedElement) -> bool:
-    """Whether an element has the attributes of another one of its name."""
-    return asked[place].attributes.keys() == element.attributes.keys()
-
-
-def _within(parent: str) -> str:
-    if parent == CONTROLLER:
-        return "a controller's element"
-    return "`<arena>` or `<entity>`" if parent == "arena" else f"`<{parent}>`"
-
-
-def _children(element: AskedElement, name: str) -> str:
-    """What an element may hold, without what is passed over."""
-    if name in DEVICES:
-        return "[devices](#devices)"
-    if name == "controllers":
-        return "an element of any name for each controller"
-    known = sorted(element.children - argos.ENTITIES.keys() - {*argos.PHYSICS_ENGINES})
-    known = [child for child in known if child not in argos.OTHER_MEDIA]
-    return ", ".join(f"`<{child}>`" for child in known)
-
-
-def _table(
-    place: tuple[str, str], attributes: dict[str, AskedAttribute], sentences: Sentences
-) -> str:
-    rows = ["| attribute | what it is | type | default |", "| --- | --- | --- | --- |"]
-    for key in sorted(attributes, key=lambda key: (key.startswith("vs:"), key != "id", key)):
-        asked = attributes[key]
-        said = sentences.attribute(*place, key)
-        rows.append(f"| `{key}` | {said} | {asked.kind or 'any'} | {_default(asked)} |")
-    return "\n".join(rows)
-
-
-def _default(attribute: AskedAttribute) -> str:
-    if attribute.default is not None:
-        return f"`{attribute.default}`"
-    return "required" if attribute.required and not attribute.optional else "none"
-
-
-def _example(element: AskedElement) -> str:
-    """The start tag with most attributes, in lines that fit the page."""
-    tags = [tag for tag in element.examples if "=" in tag]
-    if not tags:
-        return ""
-    words = re.findall(r'<\S+|[\w:.-]+="[^"]*"|/>', max(sorted(set(tags)), key=len))
-    lines = [words[0]]
-    for word in words[1:]:
-        if len(lines[-1]) + len(word) > 80:
-            lines.append("   ")
-        lines[-1] += f" {word}"
-    return "\n".join(lines)
 
 
 QUALITY_KEYS = (
@@ -174,46 +70,160 @@ COMMON_KEYS = (
 """Attributes that many devices take and that say nothing of their own."""
 
 
-def _quality(asked: Asked, sentences: Sentences) -> str:
-    """The table of the settings that all devices have."""
-    place = ("sensors", "virtual_ground_sensor")
-    keys = asked[place].attributes
-    quality = {key: keys[key] for key in QUALITY_KEYS}
-    rows = _table(place, quality, sentences)
-    others = {key: AskedAttribute(optional=True) for key in COMMON_KEYS}
-    for element in asked.values():
-        others.update({k: a for k, a in element.attributes.items() if k in others and a.kind})
-    common = _table(("sensors", "epuck_ground"), others, sentences)
-    head = "\n### Attributes of all devices\n\nARGoS's, IRIDIA's, and who serves the device.\n"
-    return f"{rows}\n{head}\n{common}\n"
+def page() -> str:
+    """The whole page.
+
+    Raises:
+        ValueError: no sentence says what an element or attribute is, or one explains what nobody
+            reads.
+    """
+    asked, sentences = observed(), Sentences()
+    if lacking := missing(asked, sentences):
+        raise ValueError(f"no sentence in argos-names.txt or argos-vsense.xsd: {lacking}")
+    if unused := sentences.unused():
+        raise ValueError(f"sentences for what nobody reads: {sorted(unused)}")
+    return Reference(asked, sentences).text()
 
 
-def _devices(asked: Asked, sentences: Sentences) -> list[str]:
-    """A section for each device, with the attributes that are its own."""
-    parts = []
-    for kind in DEVICES:
-        parts.append(f"### {kind.capitalize()}\n")
-        for place in sorted(p for p in asked if p[0] == kind):
-            parts.append(_device(place, asked[place], sentences))
-    return parts
+class Reference:
+    """The page, while it is written."""
+
+    def __init__(self, asked: Asked, sentences: Sentences) -> None:
+        self._asked = asked
+        self._sentences = sentences
+        kinds: dict[str, set[str]] = {}
+        for element in asked.values():
+            for key, attribute in element.attributes.items():
+                kinds.setdefault(key, set()).update({attribute.kind} - {""})
+        self._kinds = {key: found.pop() for key, found in kinds.items() if len(found) == 1}
+
+    def text(self) -> str:
+        """All chapters."""
+        parts = [INTRO]
+        for chapter, parents in CHAPTERS.items():
+            parts.append(f"## {chapter}\n")
+            parts += [self._section(place) for place in self._of_chapter(chapter, parents)]
+        return "\n".join([*parts, DEVICE_INTRO, self._quality(), *self._devices(), _not_served()])
+
+    def _of_chapter(self, chapter: str, parents: tuple[str, ...]) -> list[tuple[str, str]]:
+        found = [("argos-configuration", name) for name in HEADS.get(chapter, ())]
+        seen = {name for names in HEADS.values() for name in names}
+        for parent in parents:
+            for place in sorted(p for p in self._asked if p[0] == parent):
+                if place[1] not in seen:
+                    found.append(place)
+                    seen.add(place[1])
+        return found
+
+    def _section(self, place: tuple[str, str]) -> str:
+        (parent, name), element = place, self._asked[place]
+        lines = [f"### `<{name}>`\n", str(self._sentences.element(parent, name))]
+        if parent:
+            lines.append(f"\nIn {', '.join(self._parents(place))}.")
+        if children := _children(element, name):
+            lines.append(f"\nHolds {children}.")
+        if element.attributes:
+            lines.append(f"\n{self._table(place, element.attributes, element.read)}")
+        if example := _example(element):
+            lines.append(f"\n```xml\n{example}\n```")
+        return "\n".join(lines) + "\n"
+
+    def _parents(self, place: tuple[str, str]) -> list[str]:
+        """The elements that may hold one; in others its name may mean something else."""
+        known, found = self._asked[place].attributes.keys(), {place[0]}
+        for (_, parent), element in self._asked.items():
+            other = self._asked.get((parent, place[1]), self._asked[place])
+            if place[1] in element.children and other.attributes.keys() == known:
+                found.add(parent)
+        return [_within(parent) for parent in sorted(found)]
+
+    def _table(
+        self, place: tuple[str, str], attributes: dict[str, AskedAttribute], read: int
+    ) -> str:
+        """A row for each attribute; `read` is how many elements there were in the files."""
+        rows = ["| attribute | what it is | type | default |", "| --- | --- | --- | --- |"]
+        for key in sorted(attributes, key=lambda key: (key.startswith("vs:"), key != "id", key)):
+            attribute = attributes[key]
+            kind = attribute.kind or self._kinds.get(key) or "any"
+            said = self._sentences.attribute(*place, key)
+            rows.append(f"| `{key}` | {said} | {kind} | {_default(attribute, read)} |")
+        return "\n".join(rows)
+
+    def _quality(self) -> str:
+        """The tables of what all devices have."""
+        place = ("sensors", "virtual_ground_sensor")
+        keys = self._asked[place].attributes
+        rows = self._table(place, {key: keys[key] for key in QUALITY_KEYS}, 0)
+        common = {key: AskedAttribute() for key in COMMON_KEYS}
+        for (parent, _), element in self._asked.items():
+            if parent in DEVICES:
+                common.update(
+                    {k: a for k, a in element.attributes.items() if k in common and a.kind}
+                )
+        head = "\n### Attributes of all devices\n\nARGoS's, IRIDIA's, and who serves the device.\n"
+        return f"{rows}\n{head}\n{self._table(('sensors', 'epuck_ground'), common, 0)}\n"
+
+    def _devices(self) -> list[str]:
+        """A section for each device, with the attributes that are its own."""
+        parts = []
+        for kind in DEVICES:
+            parts.append(f"### {kind.capitalize()}\n")
+            parts += [self._device(place) for place in sorted(self._asked) if place[0] == kind]
+        return parts
+
+    def _device(self, place: tuple[str, str]) -> str:
+        (kind, name), element = place, self._asked[place]
+        module = module_of(kind, name)
+        said = str(self._sentences.element(kind, name))
+        if module is not None:
+            link = module.__name__.rsplit(".", 1)[1].replace("_", "-")
+            said = f"[{said.rstrip('.')}](devices.md#{kind[:-1]}-{link})."
+        shared = (*QUALITY_KEYS, *COMMON_KEYS)
+        # Whose value nobody reads is passed over by this device.
+        own = {k: a for k, a in element.attributes.items() if k not in shared and a.kind}
+        lines = [f"#### `<{name}>`{' (actuator)' if kind == 'actuators' else ''}\n", said]
+        if own:
+            lines.append(f"\n{self._table(place, own, element.read)}")
+            lines.append(f"\n```xml\n{_example(element)}\n```")
+        return "\n".join(lines) + "\n"
 
 
-def _device(place: tuple[str, str], element: AskedElement, sentences: Sentences) -> str:
-    kind, name = place
-    module = module_of(kind, name)
-    said = str(sentences.element(kind, name))
-    if module is not None:
-        link = module.__name__.rsplit(".", 1)[1].replace("_", "-")
-        said = f"[{said.rstrip('.')}](devices.md#{kind[:-1]}-{link})."
-    own = {k: a for k, a in element.attributes.items() if k not in (*QUALITY_KEYS, *COMMON_KEYS)}
-    if module is not None and name not in getattr(module, "ELEMENTS", ()):
-        # Attributes of robots' own devices are asked of all, virtual or not.
-        own = {k: a for k, a in own.items() if a.kind}
-    lines = [f"#### `<{name}>`{' (actuator)' if kind == 'actuators' else ''}\n", said]
-    lines += [f"\n{_table(place, own, sentences)}"] if own else []
-    if (example := _example(element)) and own:
-        lines.append(f"\n```xml\n{example}\n```")
-    return "\n".join(lines) + "\n"
+def _within(parent: str) -> str:
+    return "a controller's element" if parent == CONTROLLER else f"`<{parent}>`"
+
+
+def _children(element: AskedElement, name: str) -> str:
+    """What an element may hold, without what is passed over."""
+    if name in DEVICES:
+        return "[devices](#devices)"
+    if name == "controllers":
+        return "an element of any name for each controller"
+    known = sorted(element.children - argos.ENTITIES.keys() - {*argos.PHYSICS_ENGINES})
+    known = [child for child in known if child not in argos.OTHER_MEDIA]
+    return ", ".join(f"`<{child}>`" for child in known)
+
+
+def _default(attribute: AskedAttribute, read: int) -> str:
+    """What holds where an attribute is absent; `read` is how many elements there were."""
+    if attribute.defaults:
+        return f"`{min(attribute.defaults)}`" if len(attribute.defaults) == 1 else "depends"
+    if not attribute.required:
+        return "none"
+    return "required" if attribute.asked == read else "required where it applies"
+
+
+def _example(element: AskedElement) -> str:
+    """The start tag with most attributes, in lines that fit the page."""
+    tags = [tag for tag in element.examples if "=" in tag]
+    if not tags:
+        return ""
+    words = re.findall(r'<\S+|[\w:.-]+="[^"]*"|/>', max(sorted(set(tags)), key=len))
+    lines = [words[0]]
+    for word in words[1:]:
+        if len(lines[-1]) + len(word) > 80 and word != "/>":
+            lines.append("   ")
+        lines[-1] += f" {word}"
+    return "\n".join(lines)
 
 
 def _not_served() -> str:
