@@ -17,13 +17,14 @@ import pytest
 
 from scripts.site.blocks import blocks
 from scripts.site.contents import ROOT, sources
+from tests.site.test_output import free_ports
 
 ELSEWHERE = {
     r"sudo |pip install|dask |deactivate": "changes the machine",
     r"\. \.venv/bin/activate": "the test's own environment is active",
     r"scripts/(demo|test|docs|bench)\b": "has tests of its own, and takes minutes",
-    r"vsense run (?!--help)": "needs robots: tests/live, tests/system",
-    r"vsense robot (deploy|status|emulate|keys --hosts|keys --new-key --hosts)": "needs robots",
+    r"vsense run (?!--help|.*--tracker lines)": "needs robots: tests/live, tests/system",
+    r"vsense robot (deploy|status|keys --hosts|keys --new-key --hosts)": "needs robots",
     r"vsense robot build": "cross-compiles: tests/robot/test_building.py",
     r"vsense robot keys --forget": "needs two keys: tests/robot",
     r"vsensed |iw |ping ": "runs on a robot",
@@ -38,19 +39,26 @@ ELSEWHERE = {
 """Commands that are not run here, by a pattern of their beginning, and why."""
 
 
+END = ('[ -z "$emulated" ] || kill -INT "$emulated"', "wait")
+
+
 def runs_here(command: str) -> bool:
     return not any(re.match(pattern, command) for pattern in ELSEWHERE)
 
 
-def shorter(command: str) -> str:
-    """The same command in seconds."""
+def shorter(command: str, port: int = 4050, lines: int = 4041) -> str:
+    """The same command in seconds; `port` is for robots, `lines` for their emulated tracker."""
     command = re.sub(r"--runs \d+", "--runs 1", command)
     command = re.sub(r"--seeds 1-\d+", "--seeds 1-1", command)
     command = re.sub(r"--(?:duration|frames) \d+", "", command.partition(" # ")[0])
-    if re.match(r"vsense (sim|lab) ", command) and "--dry" not in command:
+    if re.match(r"vsense (sim|lab|run .*--tracker lines) ", command) and "--dry" not in command:
         command += " --duration 2"
     if command.startswith("vsense lab "):
         command += " --port 0"
+    if "--tracker lines" in command:
+        command = command.replace("--tracker lines", f"--tracker lines:{lines} --port {port}")
+    if command.startswith("vsense robot emulate "):  # the reader has another terminal for it
+        command += f" --port {port} --tracker-port {lines} >/dev/null 2>&1 & emulated=$!"
     if command.startswith("vsense record "):
         command += " --frames 5"
     return command
@@ -104,10 +112,11 @@ def give(folder: Path, page: str, recording: Path) -> None:
 @pytest.mark.parametrize("page", RUNNABLE)
 def test_commands_of_a_page_run(page: str, tmp_path: Path, recording: Path) -> None:
     give(tmp_path, page, recording)
-    lines = [shorter(command) for command in commands(page) if runs_here(command)]
+    ports = free_ports(2)
+    lines = [shorter(command, *ports) for command in commands(page) if runs_here(command)]
     script = tmp_path / "page.sh"
     trap = "trap 'echo \"failed: $BASH_COMMAND\" >&2' ERR"
-    script.write_text("\n".join(["set -eEu", trap, *lines]) + "\n")
+    script.write_text("\n".join(["set -eEu", trap, 'emulated=""', *lines, *END]) + "\n")
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     environment = {**os.environ, "PATH": path, "HOME": str(tmp_path), "XDG_CONFIG_HOME": ""}
     done = subprocess.run(

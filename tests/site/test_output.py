@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+import signal
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -45,6 +47,15 @@ def vsense(folder: Path, words: str) -> None:
     subprocess.run(command, cwd=folder, check=True, capture_output=True, timeout=120)
 
 
+def free_ports(count: int) -> list[int]:
+    """Ports of this machine that nobody has."""
+    servers = [socket.create_server(("127.0.0.1", 0)) for _ in range(count)]
+    ports = [int(server.getsockname()[1]) for server in servers]
+    for server in servers:
+        server.close()
+    return ports
+
+
 def test_files_and_figures_of_a_simulation(tmp_path: Path) -> None:
     assert main(["sim", "foraging", "--duration", "1", "-o", str(tmp_path / "first")]) == 0
     assert lacking(tmp_path / "first", "foraging") == set()
@@ -74,6 +85,29 @@ def test_what_is_not_described_is_found(tmp_path: Path) -> None:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text("{}")
     assert lacking(tmp_path, "x") == {"new.bin", "robots/TAG.dump"}
+
+
+@pytest.mark.campaign
+def test_files_and_figures_of_a_run(tmp_path: Path) -> None:
+    """Of a rehearsed one, and of who stands in for its robots."""
+    port, lines = free_ports(2)
+    robots = f"robot emulate 2 --insecure --port {port} --tracker-port {lines} -o robots"
+    words = f"run foraging --tracker lines:{lines} --port {port} --robots 2 --insecure --record"
+    with subprocess.Popen(
+        [sys.executable, "-m", "vsense", *robots.split()],
+        cwd=tmp_path,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    ) as emulated:
+        try:
+            vsense(tmp_path, f"{words} --duration 2 -o one")
+            vsense(tmp_path, f"{words} --duration 1 --runs 2 -o series")
+        finally:
+            emulated.send_signal(signal.SIGINT)
+    for folder in ("robots", "one", "series"):
+        assert lacking(tmp_path / folder, "foraging") == set()
+    assert undescribed(tmp_path / "one" / "summary.json") == set()
+    assert (tmp_path / "series" / "run-2" / "timesteps.csv").exists()
 
 
 @pytest.mark.campaign
