@@ -87,5 +87,5 @@ def sources() -> list[str]:
     return [page for page in pages() if not page.startswith(GENERATED)]
 
 
-NO_PAGES = ("tests/data/",)
-"""Folders whose Markdown files say where data comes from, and are no pages."""
+NO_PAGES = ("tests/data/", ".github/")
+"""Folders whose Markdown files are no pages: where data comes from, and how the project is run."""

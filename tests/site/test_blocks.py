@@ -20,7 +20,7 @@ from scripts.site.contents import ROOT, sources
 from tests.site.test_output import free_ports
 
 ELSEWHERE = {
-    r"sudo |pip install|dask |deactivate": "changes the machine",
+    r"sudo |pip install|python3 -m venv|dask |deactivate": "changes the machine",
     r"\. \.venv/bin/activate": "the test's own environment is active",
     r"scripts/(demo|test|docs|bench)\b": "has tests of its own, and takes minutes",
     r"vsense run (?!--help|.*--tracker lines)": "needs robots: tests/live, tests/system",

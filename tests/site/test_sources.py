@@ -19,7 +19,7 @@ from scripts.site.contents import (
 from scripts.site.generated import WRITERS
 from scripts.site.links import anchors, broken, targets
 
-FOLDERS = ("c_src", "firmware_bridge", "robot", "scripts", "tests", "vsense")
+FOLDERS = (".github", "c_src", "firmware_bridge", "robot", "scripts", "tests", "vsense")
 
 
 def markdown() -> list[str]:
