@@ -101,11 +101,12 @@ def give(folder: Path, page: str, recording: Path) -> None:
     (folder / "more_photos").mkdir()
     for copy in (folder / "photo.jpg", folder / "more_photos" / "other.jpg"):
         shutil.copy(photo, copy)
-    (folder / "mine").mkdir()
+    own = folder / ("given" if "vsense new" in (ROOT / page).read_text() else "mine")
+    own.mkdir()
     sensor = blocks((ROOT / "vsense" / "sensors" / "README.md").read_text())
     for block in (block for block in sensor if block.file):
         (folder / block.file).write_text(block.text)
-        (folder / "mine" / block.file).write_text(block.text)
+        (own / block.file).write_text(block.text)
 
 
 @pytest.mark.campaign
