@@ -86,6 +86,7 @@ Asked = dict[tuple[str, str], AskedElement]
 def observed() -> Asked:
     """What the reader asks for, over all files that are read here."""
     found: Asked = {}
+    files: list[tuple[Element, Callable[[], object]]] = []
     with _watched() as calls:
         for read_one in _samples():
             calls.clear()
@@ -94,7 +95,9 @@ def observed() -> Asked:
                 read_one()
             for root in roots:
                 _collect(root, "", calls, found)
-                _ask_for_required(root, read_one, found)
+                files.append((root, read_one))
+    for root, read_one in files:
+        _ask_for_required(root, read_one, found)
     return found
 
 
