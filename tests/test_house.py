@@ -319,19 +319,3 @@ def test_top_level_is_the_design_card() -> None:
     made = {"build", "dist", "runs", "PKG-INFO", "setup.cfg"}  # the last two in an sdist
     found = {p.name for p in ROOT.iterdir() if not p.name.startswith(".")}
     assert {n for n in found if not n.endswith(".egg-info")} - allowed - made == set()
-
-
-def test_pages_link_to_what_there_is() -> None:
-    folders = ("c_src", "firmware_bridge", "robot", "tests", "vsense")
-    pages = [
-        *ROOT.glob("*.md"),
-        *ROOT.glob(".github/*.md"),
-        *(p for f in folders for p in (ROOT / f).rglob("*.md")),
-    ]
-    link = re.compile(r"\]\(([^)#\s:]+)(?:#[^)]*)?\)")
-    links = {(page, target) for page in pages for target in link.findall(page.read_text())}
-    assert len(links) > 50
-    broken = {
-        f"{page.name}: {target}" for page, target in links if not (page.parent / target).exists()
-    }
-    assert broken == set()

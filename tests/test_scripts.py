@@ -45,6 +45,13 @@ def tree(tmp_path: Path) -> Path:
 
 def demo(tree: Path, *arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
     """Calls `scripts/demo` from another folder."""
+    return call(tree, "demo", *arguments, **variables)
+
+
+def call(
+    tree: Path, name: str, *arguments: str, **variables: str
+) -> subprocess.CompletedProcess[str]:
+    """Calls a script from another folder."""
     require_tool("bash", "bash")
     elsewhere = tree.parent / "elsewhere"
     elsewhere.mkdir(exist_ok=True)
@@ -52,7 +59,7 @@ def demo(tree: Path, *arguments: str, **variables: str) -> subprocess.CompletedP
     program(tree.parent / "bin/ccache", "exit 0")
     path = f"{tree.parent}/bin:{os.environ['PATH']}"
     return subprocess.run(
-        [os.path.relpath(tree / "scripts/demo", elsewhere), *arguments],
+        [os.path.relpath(tree / "scripts" / name, elsewhere), *arguments],
         cwd=elsewhere,
         env={**os.environ, "PYTHON": str(python), "PATH": path, **variables},
         capture_output=True,
@@ -123,3 +130,17 @@ def test_missing_compiler_is_one_line_with_its_cure(tree: Path) -> None:
     assert done.returncode == 1
     assert len(done.stderr.splitlines()) == 1
     assert "no C compiler; install it with: sudo apt install build-essential" in done.stderr
+
+
+def test_docs_builds_where_the_tree_is_and_says_where_pages_lie(tree: Path) -> None:
+    done = call(tree, "docs")
+    assert (done.returncode, done.stdout) == (0, f"{tree}/build/docs/html/index.html\n"), (
+        done.stderr
+    )
+    calls = (tree / ".venv/bin/calls").read_text().splitlines()
+    assert calls[-1] == f"{tree} -m scripts.site.build build/docs"
+
+
+def test_docs_refuses_what_it_does_not_know(tree: Path) -> None:
+    done = call(tree, "docs", "--srve")
+    assert done.returncode == 1 and "--serve [PORT]" in done.stderr

@@ -1,0 +1,104 @@
+"""Pages name commands, options, scripts and files that there are."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from functools import cache
+
+import pytest
+
+from scripts.site.blocks import blocks, calls, shown
+from scripts.site.commands import options, parsers
+from scripts.site.contents import ROOT, sources
+from vsense.commands import COMMANDS
+
+OF_ALL = {"-h", "--help", "--version"}
+NO_ACTION = re.compile(r"[A-Z.<…]|^$")
+"""What stands for a word of the reader's own."""
+
+
+@cache
+def known(name: str) -> dict[str, argparse.ArgumentParser]:
+    """The parsers of a command by what is typed to reach them."""
+    return {parser.prog: parser for parser in parsers(name)}
+
+
+@cache
+def daemon_options() -> set[str]:
+    text = (ROOT / "robot" / "options.c").read_text()
+    return {f"--{name}" for name in re.findall(r'"(?:--)?([a-z][a-z-]+)"', text)}
+
+
+def wrong(call: list[str]) -> str:
+    """What is not known of a program's call, "" where all is."""
+    if call[0] == "vsense":
+        return wrong_of_vsense(call[1:])
+    if call[0] == "vsensed":
+        lacking = {word for word in call if word.startswith("--")} - daemon_options()
+        return ", ".join(sorted(lacking))
+    if call[0].startswith("scripts/") and "*" not in call[0]:
+        return "" if (ROOT / call[0]).exists() else call[0]
+    return ""
+
+
+def wrong_of_vsense(words: list[str]) -> str:
+    if not words or NO_ACTION.match(words[0]):
+        return ""
+    if words[0].startswith("-"):
+        return "" if words[0] in OF_ALL else words[0]
+    if words[0] == "help":
+        return ""
+    if words[0] not in COMMANDS:
+        return words[0]
+    every = known(words[0])
+    called, rest = f"vsense {words[0]}", words[1:]
+    if rest and f"{called} {rest[0]}" in every:
+        called, rest = f"{called} {rest[0]}", rest[1:]
+    accepted = options(every[called]) | options(every[f"vsense {words[0]}"]) | OF_ALL
+    for word in rest:
+        name = word.partition("=")[0]
+        is_option = re.match(r"--?[a-zA-Z]", word) is not None
+        if is_option and name not in accepted and word[:2] not in accepted - {"--"}:
+            return f"{called} {name}"
+    return ""
+
+
+@pytest.mark.parametrize("page", [page for page in sources() if page != "CHANGELOG.md"])
+def test_commands_and_options_are_known(page: str) -> None:
+    text = (ROOT / page).read_text()
+    found = [(line, wrong(call)) for line, words in shown(text) for call in calls(words)]
+    assert [f"{page}:{line}: {words}" for line, words in found if words] == []
+
+
+def test_what_is_not_known_is_found() -> None:
+    assert wrong(["vsense", "simm"]) == "simm"
+    assert wrong(["vsense", "sim", "x.argos", "--rnus", "3"]) == "vsense sim --rnus"
+    assert wrong(["vsense", "robot", "build", "--targt=epuck"]) == "vsense robot build --targt"
+    assert wrong(["vsensed", "--host", "a", "--tga", "3"]) == "--tga"
+    assert wrong(["scripts/dem"]) == "scripts/dem"
+    assert wrong(["vsense", "sim", "x", "-j2", "--set", "a.b=-1"]) == ""
+
+
+def test_calls_of_a_line() -> None:
+    line = "cd lab && vsense track a b > c.jsonl | nc HOST 4041  # so"
+    assert list(calls(line)) == [
+        ["cd", "lab"],
+        ["vsense", "track", "a", "b"],
+        ["nc", "HOST", "4041"],
+    ]
+
+
+def test_blocks_of_a_page() -> None:
+    text = "`a.py`:\n\n```python\nx = 1\n```\n\n```sh\nvsense sim a \\\n  --json  # b\n\n# c\n```\n"
+    text += "```\n$ vsense lab b\nsays this\n```\n"
+    first, second, third = blocks(text)
+    assert (first.file, first.language, first.line, first.commands()) == ("a.py", "python", 4, [])
+    assert [" ".join(c.split()) for c in second.commands()] == ["vsense sim a --json # b"]
+    assert third.commands() == ["vsense lab b"]
+
+
+def test_pages_show_commands() -> None:
+    texts = [(ROOT / page).read_text() for page in sources()]
+    found = [call for text in texts for _, words in shown(text) for call in calls(words)]
+    assert len([call for call in found if call[0] == "vsense"]) > 150

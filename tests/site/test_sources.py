@@ -1,0 +1,71 @@
+"""The pages' sources: every link and anchor leads somewhere, and every page is on the site."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from scripts.site.contents import (
+    GENERATED,
+    NO_PAGES,
+    ROOT,
+    SECTIONS,
+    STAND_IN,
+    STANDS_IN,
+    pages,
+    sources,
+)
+from scripts.site.generated import WRITERS
+from scripts.site.links import anchors, broken, targets
+
+FOLDERS = (".github", "c_src", "firmware_bridge", "robot", "scripts", "tests", "vsense")
+
+
+def markdown() -> list[str]:
+    """All Markdown files of the repository, by their paths."""
+    files = [*ROOT.glob("*.md"), *(p for f in FOLDERS for p in (ROOT / f).rglob("*.md"))]
+    return sorted(str(path.relative_to(ROOT)) for path in files)
+
+
+def test_every_page_is_on_the_site_once() -> None:
+    listed = pages()
+    assert len(listed) == len(set(listed))
+    assert set(sources()) == {page for page in markdown() if not page.startswith(NO_PAGES)}
+
+
+@pytest.mark.parametrize("page", markdown())
+def test_links_lead_to_a_file_and_a_heading(page: str) -> None:
+    assert broken(ROOT, page, (ROOT / page).read_text()) == []
+
+
+def test_pages_have_links() -> None:
+    found = [link for page in markdown() for link in targets((ROOT / page).read_text())]
+    assert len(found) > 100
+    assert len([anchor for _, anchor in found if anchor]) > 20
+
+
+def test_a_link_that_leads_nowhere_is_found(tmp_path: Path) -> None:
+    text = "# One `two`: three\n[a](b.md) [c](#one-two-three) [d](#four)\n```\n[e](f.md)\n```\n"
+    (tmp_path / "x.md").write_text(text)
+    assert broken(tmp_path, "x.md", text) == [
+        "x.md: b.md: there is no such file",
+        "x.md: #four: no heading makes this anchor",
+    ]
+
+
+def test_anchors_are_those_of_github() -> None:
+    # As GitHub's own pages of this text have them.
+    text = "# `vsense` & co.\n## The tracker's client: `vsense serve`\n## Same\n## Same\n"
+    assert anchors(text) == {"vsense--co", "the-trackers-client-vsense-serve", "same", "same-1"}
+
+
+def test_every_generated_page_has_a_section_that_stands_in_for_it() -> None:
+    assert set(STANDS_IN) <= anchors((ROOT / STAND_IN).read_text())
+    assert set(STANDS_IN.values()) == set(WRITERS)
+
+
+def test_no_section_is_empty_and_generated_pages_have_their_folder() -> None:
+    assert all(SECTIONS.values())
+    generated = [page for page in pages() if not (ROOT / page).exists()]
+    assert all(page.startswith(GENERATED) for page in generated)
