@@ -17,6 +17,7 @@ from vsense.config.experiment import first_robots, load
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment, Stage
 from vsense.errors import UsageError
+from vsense.run import asked
 from vsense.run import directory as run_directory
 from vsense.terminal import Console, print_data
 
@@ -39,6 +40,12 @@ def add_experiment(parser: argparse.ArgumentParser) -> None:
     )
     arguments.flag(
         parser, "--strict", "refuse a file in which anything is not supported, instead of warning"
+    )
+    arguments.flag(
+        parser,
+        "--lenient",
+        "go on where a controller asks for a sensor or actuator that nobody offers, or is told a"
+        " parameter that it does not read or that is no number: it is only said",
     )
     arguments.add_code(parser)
     _add_run(parser)
@@ -214,7 +221,8 @@ def open_experiment(
 
     Raises:
         UsageError: there is no such experiment, or a setting fits nothing in it.
-        ConfigError: the file is wrong, or is not fully supported with `--strict`.
+        ConfigError: the file is wrong, or is not fully supported with `--strict`; or a controller
+            asks for what nobody offers, or is told what it does not read, without `--lenient`.
         VsenseError: standard output cannot be written.
     """
     if settings is None:
@@ -225,7 +233,11 @@ def open_experiment(
         print_data(describe(experiment))
     if options.strict:
         experiment.refuse_warnings()
-    return None if options.dry else experiment
+    if options.dry:
+        return None
+    if not options.lenient:
+        asked.check(experiment)
+    return experiment
 
 
 def say_warnings(console: Console, experiment: Experiment) -> None:
