@@ -174,6 +174,8 @@ def _simulate(
             _append(results, todo[written], done := finished.pop(written))
             _warn(console, todo[written], done["complaints"], told)
             written += 1
+    if todo:
+        show(())
 
 
 def _warn(console: Console, task: Task, complaints: Sequence[str], told: set[str]) -> None:
