@@ -36,8 +36,11 @@ class BuildWithSources(build_py):
                     copy.parent.mkdir(parents=True, exist_ok=True)
                     shutil.copy2(source, copy)
         sys.path.insert(0, str(ROOT))
+        from vsense.doctor import versions
         from vsense.robot import build
 
+        if commit := versions.commit():
+            (target / versions.COMMIT).write_text(commit)
         tree = build.SourceTree(target)
         build.compile_daemon(tree, tree.program("pollutant"), tree.prebuilt)
 

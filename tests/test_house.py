@@ -40,7 +40,10 @@ LOOSE = {
 
 SHORT = {
     **{f"vsense.{name}": "a seam" for name in ("__main__", "cli", "clock")},
-    **{f"vsense.commands.{name}": "one file per command" for name in ("export", "serve", "track")},
+    **{
+        f"vsense.commands.{name}": "one file per command"
+        for name in ("doctor", "export", "serve", "track")
+    },
     "vsense.run.orders": "needs nothing, for the emergency stop",
 }
 """Modules below `PYTHON_MIN` lines, and why. Every `__init__` may be short, and so may the examples

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 
 EXTRAS = {
     "aiohttp": "web",
+    "argcomplete": "completion",
     "cryptography": "https",
     "distributed": "cluster",
     "matplotlib": "report",

@@ -135,7 +135,7 @@ def test_an_edited_file_makes_another_campaign(write_experiment, tmp_path: Path,
     path = tmp_path / "r.csv"
     experiment = write_experiment("edited")
     notes = experiment.with_name("notes.txt")
-    arguments = (experiment, "--duration", "1", "--runs", "1", "-o", path)
+    arguments = (experiment, "--lenient", "--duration", "1", "--runs", "1", "-o", path)
     plain = experiment.read_text()
     experiment.write_text(plain.replace("<params ", '<params notes="notes.txt" '))
     notes.write_text("one")
