@@ -93,11 +93,11 @@ def ask(question: Mapping[str, Any], process: int | None = None) -> dict[str, An
 
 def _find(process: int | None) -> Path:
     found = {int(path.stem): path for path in folder().glob("*.sock") if path.stem.isdigit()}
-    if process is not None:
-        if process not in found:
-            raise UsageError(f"process {process} runs no experiment; {_running(found)}")
+    if process in found:
         return found[process]
     alive = {number: path for number, path in found.items() if _is_alive(path)}
+    if process is not None:
+        raise UsageError(f"process {process} runs no experiment; {_running(alive)}")
     if not alive:
         raise UsageError(
             "no experiment runs on this machine: start one with vsense run or vsense lab"
