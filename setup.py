@@ -26,6 +26,7 @@ ROOT = Path(__file__).resolve().parent
 sys.path.insert(0, str(ROOT))
 
 from vsense import __version__  # noqa: E402
+from vsense.doctor import versions  # noqa: E402
 from vsense.robot import boards, build  # noqa: E402
 from vsense.shipped import documents  # noqa: E402
 
@@ -54,6 +55,8 @@ class BuildWithSources(build_py):
                 copy = target / source.relative_to(ROOT)
                 copy.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(source, copy)
+        if commit := versions.commit():
+            (target / versions.COMMIT).write_text(commit)
         compile_daemon(build.SourceTree(target))
 
 

@@ -101,6 +101,7 @@ def test_callers_folder_is_kept(tree: Path) -> None:
     assert done.returncode == 0, done.stderr
     place = tree.parent / "elsewhere"
     assert done.stdout == f"{place}\n<lab><mine.argos><--web><0><--output><out>"
+    assert f'\n    source "{tree}/.venv/bin/activate"\n' in done.stderr
     assert (tree / ".venv/bin/calls").read_text().split("--editable ")[1] == f"{tree}[web,record]\n"
     assert (tree / ".venv/built").read_text().strip()
     assert list(place.iterdir()) == []

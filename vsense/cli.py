@@ -6,12 +6,16 @@ Exit codes: 0 ok, 1 failed, 2 wrong usage or input, 130 interrupted
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
 
 from vsense.errors import VsenseError
 from vsense.terminal import printable_lines
+
+COMPLETING = "_ARGCOMPLETE"
+"""This variable is set while a shell asks what may come next."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -21,6 +25,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         from vsense import commands
         from vsense.link import descriptors
 
+        if COMPLETING in os.environ:
+            from vsense.commands import completion
+
+            completion.answer()
         descriptors.raise_limit()
         words = list(sys.argv[1:] if arguments is None else arguments)
         if words[:1] == ["help"]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import importlib.util
 import re
 import shutil
@@ -13,6 +12,7 @@ from pathlib import Path
 
 EXTRAS = {
     "aiohttp": "web",
+    "argcomplete": "completion",
     "cryptography": "https",
     "distributed": "cluster",
     "matplotlib": "report",
@@ -59,15 +59,29 @@ class ConfigError(VsenseError):
 
 
 _LISTED = 20
-_ALIKE = 0.6
+_ALIKE, _VERY_ALIKE = 0.6, 0.75
+
+
+def _meant(name: str, known: Iterable[str], most: int, alike: float) -> str:
+    """Asks whether one of at most so many names that are alike is meant; "": none is."""
+    import difflib  # for errors only: no command waits for it
+
+    near = difflib.get_close_matches(name, sorted(set(known)), most, alike)
+    return f"is {' or '.join(map(repr, near))} meant?" if near else ""
+
+
+def likely(missing: str, present: Iterable[str]) -> str:
+    """Points to a present name that looks like a misspelling of the missing one."""
+    asked = _meant(missing, present, 1, _VERY_ALIKE)
+    return f" ({asked})" if asked else ""
 
 
 def instead(name: str, known: Iterable[str], say: str = "there are") -> str:
     """Says what may be meant by a name that is not known: the nearest few, or some of all."""
     names = sorted(set(known))
-    near = difflib.get_close_matches(name, names, 3, _ALIKE)
-    if near:
-        return f"is {' or '.join(map(repr, near))} meant?"
+    asked = _meant(name, names, 3, _ALIKE)
+    if asked:
+        return asked
     more = f" and {len(names) - _LISTED} others" if len(names) > _LISTED else ""
     return f"{say}: {', '.join(names[:_LISTED]) or 'none'}{more}"
 

@@ -117,6 +117,31 @@ class Console:
         self._stream.flush()
 
 
+LONG_S = 2.0
+"""What takes longer is told while it goes on."""
+
+
+@contextmanager
+def patience(console: Console, text: str) -> Iterator[None]:
+    """Says what is waited for, and for how long, where that is longer than `LONG_S`."""
+    over, begun_s = threading.Event(), time.monotonic()
+
+    def tell() -> None:
+        wait_s = LONG_S
+        while not over.wait(wait_s):
+            console.progress(f"{text}: {time.monotonic() - begun_s:.0f} s")
+            wait_s = 1.0
+
+    thread = threading.Thread(target=tell, name="vsense-patience", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+        console.end_progress()
+
+
 LAST_S = 1.7
 """After SIGTERM a command takes no longer than this, but for the moment of leaving."""
 

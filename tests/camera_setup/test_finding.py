@@ -176,7 +176,7 @@ def test_nothing_found_says_what_to_check(
 ) -> None:
     set_there(there, [])
     there.setattr(v4l2, "devices", lambda: [])
-    assert run_list() == 0
+    assert run_list() == 1
     out, err = capsys.readouterr()
     assert out == "" and err == "\n".join(listing.NOTHING) + "\n"
     assert len(listing.NOTHING) == 4 and all(len(line) <= 100 for line in listing.NOTHING)

@@ -48,7 +48,7 @@ AS_EPUCKS = {
 EXACT = (
     "19: <epuck_obstacleavoidance_controller> library: 'build/controllers/epuck_obstacleavoidance/"
     "libepuck_obstaclea...' is C++ for ARGoS: its port 'epuck_obstacleavoidance' is run instead",
-    "62: <entity> vs:tags is missing: 'fb0' to 'fb49' wear 71, ",
+    "62: <entity> vs:tags is missing: 'fb0' to 'fb49' wear 55508, ",
     "76: <box> is virtual, and no virtual sensor is there to feel it; vs:physical='true' says",
     "89: <cylinder> is virtual, and no virtual sensor is there to feel it; ",
     "110: <visualization> is not supported: vsense draws its own pictures",

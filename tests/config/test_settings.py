@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
@@ -50,6 +51,28 @@ def test_a_controller_is_told_its_parameters(read_full: Read, full: str, key: st
 def test_a_controller_may_be_named_by_its_library(read_full: Read, full: str) -> None:
     text = full.replace('library="mine.c"', 'library="pollutant"')
     assert read_full(text, {"pollutant.alpha": "7"}).controllers[0].params["alpha"] == "7"
+
+
+def test_a_library_may_be_named_with_folder_and_suffix(read_full: Read, full: str) -> None:
+    text = full.replace('"mine"', '"it"').replace('library="mine.c"', 'library="./mine.c"')
+    for library in ("mine", "./mine.c"):
+        assert read_full(text, {f"{library}.alpha": "7"}).controllers[0].params["alpha"] == "7"
+    with pytest.raises(UsageError, match=r"there is no 'mne' in x\.argos; is .*'mine'"):
+        read_full(text, {"mne.alpha": "7"})
+
+
+def test_of_a_program_for_argos_only_what_its_sources_name_is_added(
+    read_full: Read, full: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "mine.cpp"
+    path.write_text(
+        'GetNodeAttribute(t_node, "alpha", a);\nGetNodeAttribute(t_node, "velocity", v);\n'
+        'REGISTER_CONTROLLER(CMine, "my_controller")\n'
+    )
+    text = full.replace('library="mine.c"', f'library="{path}"')
+    assert read_full(text, {"mine.velocity": "7"}).controllers[0].params["velocity"] == "7"
+    with pytest.raises(ConfigError, match=r"velocty \(set .*no source of.*; is 'velocity' meant"):
+        read_full(text, {"mine.velocty": "7"})
 
 
 def test_parameters_that_the_file_does_not_name_are_added(read_full: Read, full: str) -> None:

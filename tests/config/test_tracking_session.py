@@ -261,7 +261,7 @@ def test_what_does_not_fit_together_is_refused_with_words(
 
 @pytest.mark.parametrize(
     "camera, words",
-    [("absent", "line: 24 absent.json cannot be read: No such file"),
+    [("absent", "line: 24 absent.json is not there: calibrate the cameras first"),
      ("broken", "line: 23 broken.json: camera file: width_px is missing")],
 )  # fmt: skip
 def test_a_camera_file_is_looked_at_when_it_is_used(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import os
+import platform
 import re
 import shutil
 import subprocess
@@ -13,9 +14,11 @@ from collections.abc import Sequence
 from importlib import metadata
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
-from vsense import cli, commands, errors, recording
+from vsense import __version__, cli, commands, errors, recording
 from vsense.commands import arguments
 from vsense.errors import UsageError
 from vsense.ui.access import WebAddress
@@ -53,6 +56,45 @@ def test_every_command_explains_itself(capsys: pytest.CaptureFixture[str]) -> No
     assert ended.value.code == 0
     shown = capsys.readouterr().out
     assert all(f"\n    {name} " in shown for name in commands.COMMANDS)
+
+
+def test_every_command_is_in_one_group() -> None:
+    grouped = [name for names in commands.GROUPS.values() for name in names]
+    assert sorted(grouped) == sorted(commands.COMMANDS)
+
+
+def test_a_former_name_is_a_command_but_in_no_help(capsys: pytest.CaptureFixture[str]) -> None:
+    for former, name in commands.FORMER.items():
+        assert name in commands.COMMANDS and former not in commands.COMMANDS
+        assert commands.parser([former]).parse_args([former, "x", "y"]).command == former
+
+
+def test_the_version_is_that_of_all_that_counts(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["--version"])
+    assert ended.value.code == 0
+    words = capsys.readouterr().out
+    assert f"vsense {__version__}" in words and f"OpenCV {cv2.__version__}" in words
+    assert f"Python {platform.python_version()}, NumPy {np.__version__}" in words
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["lab", "x", "--duratoin", "3"], "lab: unrecognized arguments: --duratoin 3 (is '--dura"),
+        (["lab", "x", "--duration", "0"], "lab: argument --duration: 0: expected 1 to 86400 sec"),
+        (["robot", "keys", "--zzz"], "robot keys: unrecognized arguments: --zzz; see vsense robot"),
+        (["sim"], "sim: the following arguments are required: experiment; see vsense sim --help"),
+    ],
+)
+def test_wrong_usage_is_one_line_of_the_command(
+    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main(words)
+    assert ended.value.code == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"vsense {said}")
 
 
 def test_no_command_is_a_page_of_help_and_wrong(capsys: pytest.CaptureFixture[str]) -> None:

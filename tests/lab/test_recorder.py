@@ -129,7 +129,7 @@ def test_the_pictures_are_kept_where_the_experiment_asks_for_it(
     assert main([*arguments, "--offline"]) == 0
     out = capsys.readouterr().out
     assert track(capsys, tmp_path / "kept", "--offline")[1] == out
-    assert main([*arguments, "--offline"]) == 1
+    assert main([*arguments, "--offline"]) == 2
     assert "holds a recording already" in capsys.readouterr().err
 
 

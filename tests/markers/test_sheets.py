@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 import struct
 import subprocess
 from pathlib import Path
@@ -17,12 +19,13 @@ from tests.markers.texture import draw_texture
 from vsense import cli
 from vsense.arena import UNNAMED, wrap_angle
 from vsense.cameras.camera import Camera
+from vsense.config.experiment import load, read
 from vsense.errors import UsageError
 from vsense.markers import codes, sheet
 from vsense.markers import paper as pdf
 from vsense.markers import paper as raster
 from vsense.markers.families import MarkerFamily, load_family
-from vsense.markers.paper import Fill, Page
+from vsense.markers.paper import Fill, Page, Text
 from vsense.markers.sheet import in_words, shapes
 from vsense.tracking.detector import make_detector
 
@@ -100,11 +103,29 @@ def test_every_tag_is_on_the_sheet_and_nothing_leaves_the_paper() -> None:
         for size in (10.0, 33.3, 70.0, sheet.largest_mm(paper)):
             pages = sheet.pages(ARROW, list(range(65500, 65520)), size, paper)
             texts = [item.text for page in pages for item in page.items if hasattr(item, "text")]
-            assert all(any(t.startswith(f"{tag} ") for t in texts) for tag in range(65500, 65520))
+            words = [text.split()[0] for text in texts]
+            # On the disc, and below it.
+            assert all(words.count(str(tag)) == 2 for tag in range(65500, 65520))
             for page in pages:
                 fills = [i for i in page.items if isinstance(i, Fill)]
                 corners = np.concatenate([p for i in fills for p in i.polygons])
                 assert corners.min() > 5.0 and np.all(corners.max(axis=0) < (width - 5, height - 5))
+
+
+@pytest.mark.parametrize("size", [10.0, 33.3, 70.0, 120.0])
+def test_no_caption_is_wider_than_its_disc_or_reaches_the_next_one(size: float) -> None:
+    tags = [32499, 52367, 57535, 7, 65535, 373]  # of the longest numbers in words
+    (page, *_) = sheet.pages(ARROW, tags, size, "a4", {52367: "robot_with_a_long_name_52367_11"})
+    middles = [p for p in page.items if isinstance(p, Fill)][::2]  # each marker's black part
+    captions = [t for t in page.items if isinstance(t, Text) and t.grey == 0.0][1:]
+    captions = [t for t in captions if "bar" not in t.text and "print" not in t.text]
+    assert captions and middles
+    assert max(text.width_mm for text in captions) <= size + 1e-6
+    lines = sorted({(round(t.x_mm, 3), round(t.y_mm, 3)): t for t in captions}.items())
+    assert len(lines) == len(captions)
+    for (x, y), text in lines:
+        above = [t for (other, high), t in lines if other == x and 0.0 < high - y < size]
+        assert all(t.y_mm - y >= text.size_mm for t in above)
 
 
 def test_pdf_is_sound_and_reproducible() -> None:
@@ -217,3 +238,27 @@ def test_sizes_need_a_unit(size: str, capsys) -> None:
     with pytest.raises(SystemExit):
         cli.main(["markers", "--ids", "1", f"--size={size}", "-o", "x.pdf"])
     assert "such as 70mm" in capsys.readouterr().err
+
+
+def test_an_experiment_has_the_sheets_that_its_robots_need(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    worn = load("pollutant")
+    output = tmp_path / "worn.png"
+    assert cli.main(["markers", "--for", "pollutant", "-o", str(output), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    tags = [robot.tag for robot in worn.robots] + [thing.tag for thing in worn.objects]
+    assert told["tags"] == tags and Path(told["files"][0]).is_file()
+
+
+def test_robots_without_tags_wear_those_of_auto() -> None:
+    """And another robot leaves the others theirs."""
+    path = load("phototaxis").path
+    text = re.sub(r'\bvs:tags="[^"]*"', "", path.read_text())
+    before: list[int] = []
+    for count in (9, 10, 15):
+        fewer = re.sub(r'quantity="[0-9]+"', f'quantity="{count}"', text, count=1)
+        found = [robot.tag for robot in read(fewer.encode(), "x.argos", path).robots]
+        assert sorted(found) == codes.parse_tags(f"auto:{count}", ARROW)
+        assert found[: len(before)] == before
+        before = found

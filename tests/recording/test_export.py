@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from tests.recording.conftest import BEGIN_NS, record
-from vsense import cli
+from vsense import cli, recording
+from vsense.errors import UsageError
 from vsense.message_bus import Message
 from vsense.recording.export import TRAJECTORIES, export_csv
 from vsense.recording.form import EVENTS, ROBOTS, RecordingError
@@ -89,8 +90,8 @@ def test_robots_of_other_controllers_have_columns_of_their_own(tmp_path: Path) -
     at = BEGIN_NS + STEP_NS
     told = [Message("/experiment", BEGIN_NS, {"controllers": controllers})]
     file = record(tmp_path / "mixed.mcap", [*told, Message("/readings", at, readings)])
-    with open_recording(file) as recording:
-        export_csv(recording, tmp_path / "tables")
+    with open_recording(file) as opened:
+        export_csv(opened, tmp_path / "tables")
     head, *found = rows(tmp_path / "tables" / "readings.csv")
     assert head[3:] == ["scent_0", "scent_age_s", "light_0", "light_1", "light_age_s"]
     assert [row[2:] for row in found] == [
@@ -112,8 +113,8 @@ def file(tmp_path: Path) -> Path:
 
 def test_tables_hold_what_was_recorded(file: Path, tmp_path: Path) -> None:
     folder = tmp_path / "made" / "tables"
-    with open_recording(file) as recording:
-        assert export_csv(recording, folder) == {
+    with open_recording(file) as opened:
+        assert export_csv(opened, folder) == {
             "trajectories": 4, "readings": 2, "robots": 6, "shown": 5, "measures": 2, "events": 2,
         }  # fmt: skip
     head, first, second, *_ = rows(folder / "trajectories.csv")
@@ -152,18 +153,18 @@ def test_tables_hold_what_was_recorded(file: Path, tmp_path: Path) -> None:
 def test_half_a_character_ends_no_export(tmp_path: Path) -> None:
     said = {"text": "half \ud800", "level": "info", "by": None}
     path = record(tmp_path / "odd.mcap", [Message("/event", BEGIN_NS, said)])
-    with open_recording(path) as recording:
-        assert export_csv(recording, tmp_path / "tables")["events"] == 1
+    with open_recording(path) as opened:
+        assert export_csv(opened, tmp_path / "tables")["events"] == 1
     assert "half ?" in (tmp_path / "tables" / "events.csv").read_text()
 
 
 def test_nothing_is_written_over(file: Path, tmp_path: Path) -> None:
     (tmp_path / "robots.csv").write_text("mine")
-    with open_recording(file) as recording:
+    with open_recording(file) as opened:
         with pytest.raises(RecordingError, match=r"robots\.csv: is there already"):
-            export_csv(recording, tmp_path)
+            export_csv(opened, tmp_path)
         with pytest.raises(RecordingError, match="cannot be written"):
-            export_csv(recording, file / "folder")
+            export_csv(opened, file / "folder")
     assert (tmp_path / "robots.csv").read_text() == "mine"
     assert not (tmp_path / "events.csv").exists()
 
@@ -171,8 +172,22 @@ def test_nothing_is_written_over(file: Path, tmp_path: Path) -> None:
 def test_the_command(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["export", str(file), "--csv"]) == 0
     assert f"{tmp_path / 'run' / 'trajectories'}.csv: 4 rows" in capsys.readouterr().out
-    assert cli.main(["export", str(file)]) == 1
+    assert cli.main(["export", str(file)]) == 2
     file.write_bytes(file.read_bytes()[:-1])
     assert cli.main(["export", str(file), "-o", str(tmp_path / "again")]) == 0
     assert "was cut off: its last second may be missing" in capsys.readouterr().err
-    assert cli.main(["export", str(tmp_path / "nothing")]) == 1
+    assert cli.main(["export", str(tmp_path / "nothing")]) == 2
+
+
+def test_the_folder_of_a_run_means_its_recording(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"holds no recording \(\.mcap\)"):
+        recording.files_of(tmp_path)
+    one = tmp_path / "x.mcap"
+    one.touch()
+    assert recording.file_of(tmp_path) == one and recording.file_of(one) == one
+    (tmp_path / "run-2").mkdir()
+    other = tmp_path / "run-2" / "x.mcap"
+    other.touch()
+    assert set(recording.files_of(tmp_path)) == {one, other}
+    with pytest.raises(UsageError, match="holds 2 recordings, such as "):
+        recording.file_of(tmp_path)

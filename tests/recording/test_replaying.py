@@ -80,8 +80,8 @@ def test_it_tracks_again(
 def test_wrong_use(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = str(record(tmp_path / "run.mcap", []))
     assert cli.main(["replay", file, "--set", "a.b=1"]) == 2
-    assert cli.main(["replay", file, "--retrack"]) == 1
-    assert cli.main(["replay", str(tmp_path)]) == 1
+    assert cli.main(["replay", file, "--retrack"]) == 2
+    assert cli.main(["replay", str(tmp_path / "nothing")]) == 2
     capsys.readouterr()
 
 

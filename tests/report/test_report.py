@@ -120,10 +120,10 @@ def test_nothing_is_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[s
     folder = tmp_path / "report"
     assert cli.main(["report", str(path), "-o", str(folder)]) == 0
     before = (folder / PAGE).read_bytes()
-    assert cli.main(["report", str(path), "-o", str(folder)]) == 1
+    assert cli.main(["report", str(path), "-o", str(folder)]) == 2
     assert f"{folder}: is there already" in capsys.readouterr().err
     assert (folder / PAGE).read_bytes() == before
-    assert cli.main(["report", str(path), "-o", str(path)]) == 1
+    assert cli.main(["report", str(path), "-o", str(path)]) == 2
 
 
 @pytest.mark.parametrize("content", [None, b"", b"no recording at all", b"\x89MCAP0\r\n"])

@@ -54,7 +54,8 @@ def test_it_says_what_takes_the_time(stages_ms: tuple[int, int, int], cause: str
     steps = [step(n, *stages_ms) for n in range(0, 200, 2)]
     assert said(steps, stage.robots())[0] == (
         100,
-        "timesteps are late: of 101 in the last 10 s 51 were late and 50 left out;"
+        "this computer makes 5.0 of 10 timesteps per second; results are not usable:"
+        " of 101 in the last 10 s 51 were late and 50 left out;"
         f" robots stood still for old readings 50 % of the time; {cause}",
     )
 
@@ -65,6 +66,20 @@ def test_it_is_said_when_it_begins_now_and_then_and_when_it_ends() -> None:
     lines = said(steps)
     assert [number for number, _ in lines] == [199, 799, 1099]
     assert lines[-1][1] == "timesteps are on time again"
+
+
+def test_at_the_end_the_whole_run_is_judged_once() -> None:
+    overload = Overload(DT_NS)
+    for n in range(0, 400, 4):
+        overload.add(step(n, 250, 50, 50), {})
+    assert overload.verdict() == (
+        "this computer made 2.5 of 10 timesteps per second; results are not usable: of 397 100"
+        " were late and 297 left out"
+    )
+    assert overload.verdict() is None
+    for n in range(100):
+        overload.add(step(n, *((200, 0, 0) if n % 5 == 0 else (10, 0, 0))), {})
+    assert overload.verdict() == "timesteps were late: of 100 20 were late and 0 left out"
 
 
 def test_a_silence_and_another_run_are_no_overload() -> None:

@@ -149,3 +149,9 @@ def test_a_file_that_is_not_there_is_refused(scope: Scope) -> None:
         mount("<vs:sensor/>", scope)
     with pytest.raises(ConfigError, match=r"file: there is no file"):
         mount('<vs:sensor file="."/>', scope)
+
+
+def test_values_of_a_wrong_shape_have_their_line(scope: Scope) -> None:
+    write(scope, GOOD.replace('robots["y_m"][:, None]', 'robots["y_m"]'))
+    with pytest.raises(SensorError, match=r"mine\.py:13: sensor 'height': gave shape \(1,\)"):
+        sent(mounted(scope))

@@ -57,7 +57,7 @@ def test_what_a_run_warns_of_is_said_once_for_each_setting(
     pollutant, tmp_path: Path, capsys
 ) -> None:
     arguments = ("--runs", "2", "--set", "pollutant.warp=4,8", "-o", tmp_path / "r.csv")
-    assert sim("pollutant", "--duration", "2", *arguments) == 0
+    assert sim("pollutant", "--lenient", "--duration", "2", *arguments) == 0
     said = capsys.readouterr().err.splitlines()
     unread = "controller 'pollutant' does not know the parameter 'warp': ignored"
     for value in ("4", "8"):
@@ -135,7 +135,7 @@ def test_an_edited_file_makes_another_campaign(write_experiment, tmp_path: Path,
     path = tmp_path / "r.csv"
     experiment = write_experiment("edited")
     notes = experiment.with_name("notes.txt")
-    arguments = (experiment, "--duration", "1", "--runs", "1", "-o", path)
+    arguments = (experiment, "--lenient", "--duration", "1", "--runs", "1", "-o", path)
     plain = experiment.read_text()
     experiment.write_text(plain.replace("<params ", '<params notes="notes.txt" '))
     notes.write_text("one")

@@ -59,7 +59,7 @@ def shorter(command: str, port: int = 4050, lines: int = 4041) -> str:
         command = command.replace("--tracker lines", f"--tracker lines:{lines} --port {port}")
     if command.startswith("vsense robot emulate "):  # the reader has another terminal for it
         command += f" --port {port} --tracker-port {lines} >/dev/null 2>&1 & emulated=$!"
-    if command.startswith("vsense record "):
+    if command.startswith("vsense render "):
         command += " --frames 5"
     return command
 

@@ -18,7 +18,7 @@ from vsense.run.orders import Order, OrderError, OrderKind
 from vsense.ui.control_socket import TIMEOUT_S, ControlSocket, ControlSocketError, folder
 
 STATUS = {
-    "name": "wander", "run": {
+    "name": "wander", "command": "lab", "port": 4050, "directory": "/runs/x", "run": {
         "run": 2, "state": "paused", "time_s": 12.3, "length_s": 60.0, "timestep": 123, "late": 1,
         "rate_hz": 10.0, "latency_ms": {"p50": 15.6, "p99": 20.1}, "silent_s": 0.0,
     },
@@ -112,10 +112,13 @@ def test_what_a_killed_process_left_is_cleared_away(place: Path, bell: ControlSo
 
 
 def test_of_several_one_must_be_named(place: Path, bell: ControlSocket) -> None:
+    """Each with its experiment, port and folder, as far as it answers."""
     with socket.socket(socket.AF_UNIX) as other:
         other.bind(str(place / "7.sock"))
         other.listen()
-        with pytest.raises(UsageError, match=rf"processes 7, {os.getpid()}: say which with"):
+        own = rf"{os.getpid()} +wander +vsense lab +robots' port 4050 +run 2 paused, 12 s +/runs/x"
+        silent = r"7 +does not answer"
+        with pytest.raises(UsageError, match=rf"(?s){silent}\n +{own}\nsay which with --process"):
             terminal.ask({"ask": "status"})
         assert terminal.ask({"ask": "status"}, os.getpid())["name"] == "wander"
 

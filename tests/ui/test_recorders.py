@@ -20,8 +20,9 @@ class Runs:
     """Recorders of runs that each tell one message with their number."""
 
     def __init__(self, folder: Path, wanted: bool) -> None:
-        self.bus, self.troubles = MessageBus(), list[str]()
-        self.recorders = Recorders(self.bus, wanted, False, self.troubles.append)
+        self.bus, self.troubles, self.said = MessageBus(), list[str](), list[str]()
+        tell = self.troubles.append, self.said.append
+        self.recorders = Recorders(self.bus, wanted, False, *tell)
         self._folder = folder
 
     def path(self, number: int) -> Path:
@@ -52,6 +53,9 @@ def test_each_run_has_a_file_of_its_own(tmp_path: Path) -> None:
         runs.tell(number)
         runs.recorders.end_run()
     assert [runs.told(1), runs.told(2)] == [[1], [2]]
+    begins, ends, made = runs.said[:3]
+    assert begins == f"recording to {runs.path(1)}" and ends.endswith(str(runs.path(1)))
+    assert made.startswith(f"recording: {runs.path(1)}, ") and made.endswith(" MB")
 
 
 def test_what_is_pressed_between_runs_is_for_the_next_one(tmp_path: Path) -> None:

@@ -246,3 +246,13 @@ def test_a_floor_is_asked_for_only_where_there_is_one(tmp_path: Path) -> None:
     fine = LoopFunctions(written(tmp_path, "def floor_color(x, y):\n    return 0, 0, 0\n"))
     with pytest.raises(LoopFunctionsError, match="expected at most 10000000"):
         fine.floor(ARENA, 1e5)
+
+
+def test_a_function_that_looks_like_a_hook_is_refused(tmp_path: Path) -> None:
+    text = "def reset(world):\n    pass\n\n\ndef poststep(world):\n    pass\n"
+    with pytest.raises(
+        LoopFunctionsError, match=r"mine.py:5: poststep is no loop .*'post_step' meant"
+    ):
+        LoopFunctions(written(tmp_path, text))
+    LoopFunctions(written(tmp_path, text.replace("poststep", "_poststep")))
+    LoopFunctions(written(tmp_path, text.replace("poststep", "helper")))

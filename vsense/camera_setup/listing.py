@@ -79,7 +79,7 @@ NOTHING = (
 
 
 def run(as_json: bool) -> int:
-    """Prints the table or JSON; without cameras, what to check on standard error. Returns 0."""
+    """Prints the table or JSON; without cameras, what to check on standard error, and 1."""
     if sys.stderr.isatty():
         print("asking who is there ...", end="", file=sys.stderr, flush=True)
     found, missing = find()
@@ -93,4 +93,4 @@ def run(as_json: bool) -> int:
         print(f"vsense: {missing}", file=sys.stderr)
     if not found:
         print("\n".join(NOTHING), file=sys.stderr)
-    return 0
+    return int(not found)

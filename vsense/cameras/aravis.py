@@ -120,7 +120,8 @@ def _load() -> SimpleNamespace | str:
         for function in re.findall(r"\b\w+(?=\()", _DECLARATIONS):
             getattr(lib, function)
     except OSError as error:
-        return str(error)
+        # What ctypes tried besides helps nobody.
+        return str(error).partition(".  Additionally")[0]
     except AttributeError as error:
         return f"0.8.23 or newer, this one is too old: {error}"
     return SimpleNamespace(ffi=ffi, lib=lib)

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import sys
 from collections.abc import Sequence
+from typing import Any, NoReturn
 
-from vsense import __version__
-from vsense.errors import UsageError, instead
+from vsense.errors import UsageError, instead, likely
 
 COMMANDS = {
     "new": ("new", "make an experiment of your own to begin with, with its files explained"),
@@ -23,7 +24,7 @@ COMMANDS = {
     "status": ("orders", "show how a running experiment and its robots are"),
     "start": ("orders", "start the run that waits, let a paused one go on, or begin the next"),
     "pause": ("orders", "have robots and virtual world stand still until `vsense start`"),
-    "stop": ("orders", "end the run"),
+    "stop": ("orders", "end the run; --emergency: stop all robots now"),
     "reset": ("orders", "end the run and go back to the beginning, waiting for `vsense start`"),
     "replay": ("replay", "play a recording in the page, or run the tracker on its pictures again"),
     "report": ("report", "make charts and a page from recordings; several are compared"),
@@ -33,11 +34,45 @@ COMMANDS = {
     "calibrate": ("calibrate", "from pictures of a printed board to camera files"),
     "track": ("track", "track robots in cameras or recordings: arena states on standard output"),
     "serve": ("serve", "serve arena states to clients of the original tracking system"),
-    "record": ("record", "record the lab's cameras with what `vsense track` needs to read them"),
+    "render": ("render", "draw pictures of the lab's cameras for `vsense track`, with the truth"),
     "robot": ("robot", "build vsensed for robots, copy it to them, see how they are"),
+    "doctor": ("doctor", "say what this machine lacks for what, and how to mend it"),
+    "completion": ("completion", "let a shell complete commands, options and experiments"),
     "bench": ("bench", "measure detectors, names, cameras, the virtual world, the robots' daemon"),
 }
-"""Each command's module and its line in the help, in the order of the help."""
+"""Each command's module and its line in the help."""
+
+GROUPS = {
+    "an experiment": ("new", "sim", "lab", "run"),
+    "while it runs, from another terminal": ("status", "start", "pause", "stop", "reset"),
+    "what a run leaves": ("replay", "report", "export"),
+    "cameras and markers": ("cameras", "markers", "calibrate", "track", "serve", "render"),
+    "robots": ("robot",),
+    "this machine, and help": ("doctor", "docs", "completion", "bench"),
+}
+"""All commands by what one wants to do, in the order of the help."""
+
+FORMER = {"record": "render"}
+"""Former names of commands, which scripts may still say."""
+
+
+class Parser(argparse.ArgumentParser):
+    """Says in one line what is wrong, with the command that it is wrong for and where help is."""
+
+    def parse_known_args(  # type: ignore[override]
+        self, args: Sequence[str] | None = None, namespace: Any = None
+    ) -> tuple[argparse.Namespace, list[str]]:
+        """Parses all of it: what a subcommand does not know, nobody knows."""
+        options, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            option = next((word.partition("=")[0] for word in unknown if word[:2] == "--"), "")
+            known = [name for name in self._option_string_actions if name[:2] == "--"]
+            self.error(f"unrecognized arguments: {' '.join(unknown)}{likely(option, known)}")
+        return options, unknown
+
+    def error(self, message: str) -> NoReturn:
+        """Ends the program with exit code 2."""
+        self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
 
 
 class HelpFormatter(argparse.HelpFormatter):
@@ -50,6 +85,17 @@ class HelpFormatter(argparse.HelpFormatter):
             self._action_max_length += self._indent_increment
 
 
+class ShowVersion(argparse.Action):
+    """`--version`: what is looked up is looked up where somebody asks."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
+        """Prints what is installed, and ends the program."""
+        from vsense.doctor.versions import versions
+
+        sys.stdout.write(f"{', '.join(' '.join(pair) for pair in versions().items())}\n")
+        parser.exit()
+
+
 def parser(words: Sequence[str]) -> argparse.ArgumentParser:
     """Makes the parser of a command line.
 
@@ -57,21 +103,42 @@ def parser(words: Sequence[str]) -> argparse.ArgumentParser:
         words: what stands after `vsense`; the arguments of the command that they name are declared,
             and the options that they give have that command's `run`.
     """
-    whole = argparse.ArgumentParser(
+    whole = Parser(
         prog="vsense",
+        usage="vsense [-h] [--version] COMMAND ...",
         description="Virtual sensing for real robot swarms.",
-        formatter_class=HelpFormatter,
+        epilog=_grouped(),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    whole.add_argument("--version", action="version", version=f"vsense {__version__}")
-    commands = whole.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    whole.add_argument(
+        "--version",
+        nargs=0,
+        action=ShowVersion,
+        help="show the versions of vsense and its libraries",
+    )
+    commands = whole.add_subparsers(
+        prog="vsense", metavar="COMMAND", required=True, help=argparse.SUPPRESS
+    )
     called = next((word for word in words if not word.startswith("-")), "")
-    if called and called not in COMMANDS:
+    if called and called not in COMMANDS and called not in FORMER:
         raise UsageError(f"there is no command {called!r}; {instead(called, COMMANDS)}")
-    for name, (module_name, text) in COMMANDS.items():
-        command = commands.add_parser(name, help=text, formatter_class=HelpFormatter)
+    for name in (*COMMANDS, *FORMER):
+        command = commands.add_parser(name, formatter_class=HelpFormatter)
         if name == called:
+            module_name, _ = COMMANDS[FORMER.get(name, name)]
             module = importlib.import_module(f"vsense.commands.{module_name}")
             command.description = module.DESCRIPTION
             module.add_arguments(command)
             command.set_defaults(run=module.run, command=name)
     return whole
+
+
+def _grouped() -> str:
+    """The commands for the help, by what one wants to do."""
+    width = max(map(len, COMMANDS))
+    blocks = [
+        "\n".join([f"  {group}:", *(f"    {n:{width}}  {COMMANDS[n][1]}" for n in names)])
+        for group, names in GROUPS.items()
+    ]
+    more = "`vsense COMMAND --help` is a command's own page."
+    return "\n\n".join(["commands:", *blocks, more])

@@ -5,11 +5,12 @@ from __future__ import annotations
 
 import argparse
 import re
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import fields
 from ipaddress import IPv4Address
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 from vsense.errors import UsageError
 from vsense.report import FORMATS
@@ -100,6 +101,36 @@ def option(
 ) -> None:
     """Declares an option, of which `kind` reads the value; a space separates its `names`."""
     group.add_argument(*names.split(), type=kind, metavar=metavar, help=text, default=default)
+
+
+def add_experiment_name(parser: argparse.ArgumentParser) -> None:
+    """Declares the experiment; a shell completes shipped ones and files."""
+    name = parser.add_argument(
+        "experiment", help="a shipped experiment's name, or the path of a .argos file"
+    )
+
+    def complete(prefix: str, **_: Any) -> list[str]:
+        from argcomplete.completers import FilesCompleter
+
+        from vsense.config.experiment import SUFFIX, shipped
+
+        files = FilesCompleter(allowednames=[SUFFIX])(prefix)
+        return [*(known for known in shipped() if known.startswith(prefix)), *files]
+
+    # Where argcomplete looks for it.
+    setattr(name, "completer", complete)  # noqa: B010
+    parser.add_argument("--list", nargs=0, action=ListShipped, help="list the shipped experiments")
+
+
+class ListShipped(argparse.Action):
+    """`--list`: the names of the shipped experiments, one a line."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
+        """Prints them, and ends the program."""
+        from vsense.config.experiment import shipped
+
+        sys.stdout.write("".join(f"{name}\n" for name in shipped()))
+        parser.exit()
 
 
 def add_charts(parser: argparse.ArgumentParser) -> None:

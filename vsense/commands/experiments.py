@@ -6,17 +6,20 @@ What only the last two need, robots' links and the control room, is imported whe
 from __future__ import annotations
 
 import argparse
+import json
 import secrets
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vsense.commands import arguments
-from vsense.config.description import describe
+from vsense.config.description import as_json, describe
 from vsense.config.experiment import first_robots, load
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment, Stage
 from vsense.errors import UsageError
+from vsense.run import asked
 from vsense.run import directory as run_directory
 from vsense.terminal import Console, print_data
 
@@ -28,9 +31,7 @@ if TYPE_CHECKING:
 
 def add_experiment(parser: argparse.ArgumentParser) -> None:
     """Declares what all commands that run an experiment have in common."""
-    parser.add_argument(
-        "experiment", help="a shipped experiment's name, or the path of a .argos file"
-    )
+    arguments.add_experiment_name(parser)
     parser.add_argument(
         "--dry",
         action="store_true",
@@ -39,6 +40,12 @@ def add_experiment(parser: argparse.ArgumentParser) -> None:
     )
     arguments.flag(
         parser, "--strict", "refuse a file in which anything is not supported, instead of warning"
+    )
+    arguments.flag(
+        parser,
+        "--lenient",
+        "go on where a controller asks for a sensor or actuator that nobody offers, or is told a"
+        " parameter that it does not read or that is no number: it is only said",
     )
     arguments.add_code(parser)
     _add_run(parser)
@@ -58,7 +65,7 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
         parser, "--robots", arguments.positive, "N", "take only the first N robots of the file"
     )
     arguments.flag(parser, "--blind", "hold the virtual sensors at 0: the control experiment")
-    arguments.flag(parser, "--json", "print the summary as one JSON object on standard output")
+    arguments.flag(parser, "--json", "print the summary, or what --dry says, as one JSON object")
 
 
 def add_settings(parser: argparse.ArgumentParser) -> None:
@@ -191,7 +198,8 @@ def add_room(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--record-images",
         action="store_true",
-        help="recordings hold the cameras' pictures, too, unchanged: for vsense replay --retrack",
+        help="recordings hold the cameras' pictures, too, unchanged: for vsense replay --retrack;"
+        " about 1.3 GB a minute of four cameras with 2 megapixels and 10 Hz",
     )
 
 
@@ -200,6 +208,41 @@ def room_of(options: argparse.Namespace) -> RoomOptions:
     from vsense.ui.room import RoomOptions
 
     return arguments.fill(RoomOptions, options, web=arguments.web_of(options))
+
+
+def check_doors(options: argparse.Namespace, host: str, port: int) -> None:
+    """Refuses what page, recordings and ports lack, before anything is made or started.
+
+    Args:
+        host, port: where the robots connect to.
+
+    Raises:
+        UsageError: a library is missing, or two are to have one port.
+        VsenseError: the page's files cannot be used, or another program has a port.
+    """
+    from vsense import recording
+    from vsense.link.robots import network
+    from vsense.ui.room import page_access
+
+    check_legacy_port(options, port)
+    if options.record or options.record_images:
+        recording.require()
+    web = arguments.web_of(options)
+    with ExitStack() as stack:
+        robots = network.bind(host, port)
+        stack.callback(robots.tcp.close)
+        stack.callback(robots.udp.close)
+        if options.legacy_port:
+            stack.callback(network.listen(host, options.legacy_port)[0].close)
+        if web is None:
+            return
+        page_access(web)
+        if web.port and web.port in (port, options.legacy_port):
+            raise UsageError(
+                f"--web: {web.port} is a port for robots, too: give the page another, such as"
+                f" --web {web.port + 1}"
+            )
+        stack.callback(network.listen(web.host, web.port)[0].close)
 
 
 def open_experiment(
@@ -214,7 +257,8 @@ def open_experiment(
 
     Raises:
         UsageError: there is no such experiment, or a setting fits nothing in it.
-        ConfigError: the file is wrong, or is not fully supported with `--strict`.
+        ConfigError: the file is wrong, or is not fully supported with `--strict`; or a controller
+            asks for what nobody offers, or is told what it does not read, without `--lenient`.
         VsenseError: standard output cannot be written.
     """
     if settings is None:
@@ -222,10 +266,15 @@ def open_experiment(
     virtual, code = getattr(options, "virtual_devices", False), arguments.code_of(options)
     experiment = load(options.experiment, options.duration, settings, stage, virtual, code)
     if options.dry:
-        print_data(describe(experiment))
+        told = json.dumps(as_json(experiment), indent=2) if options.json else describe(experiment)
+        print_data(told)
     if options.strict:
         experiment.refuse_warnings()
-    return None if options.dry else experiment
+    if options.dry:
+        return None
+    if not options.lenient:
+        asked.check(experiment)
+    return experiment
 
 
 def say_warnings(console: Console, experiment: Experiment) -> None:

@@ -70,11 +70,11 @@ def run(options: argparse.Namespace) -> int:
     opened = experiments.open_experiment(options, stage=Stage.LAB)
     if opened is None:
         return 0
+    port = opened.port if options.port is None else options.port
+    experiments.check_doors(options, opened.host, port)
     experiment, seed, directory = experiments.prepare(options, opened)
     console = Console()
     _warn(console, experiment)
-    port = experiment.port if options.port is None else options.port
-    experiments.check_legacy_port(options, port)
     with interruption() as interrupted, ControlRoom(experiments.room_of(options), console) as room:
         address = (experiment.host, port)
         trust = keys.INSECURE if options.insecure else LinkTrust(keys.make())

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from pathlib import Path
+from typing import Any
 
 from vsense.camera_setup import photographs
 from vsense.camera_setup.photographs import FindOptions
@@ -12,7 +14,7 @@ from vsense.commands import arguments
 from vsense.errors import UsageError, failing_as
 from vsense.markers import codes, paper, sheet
 from vsense.markers.families import load_family
-from vsense.terminal import drop_output
+from vsense.terminal import drop_output, print_data
 from vsense.tracking.squares import LEAST_SIDE_PX
 
 DESCRIPTION = (
@@ -21,20 +23,18 @@ DESCRIPTION = (
     " pictures instead."
 )
 
+_FAMILY = "arrow4x4"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     parser.add_argument(
         "--family",
-        default="arrow4x4",
         metavar="NAME",
-        help="marker family: a shipped one's name, or a definition file (default: arrow4x4)",
+        help="marker family: a shipped one's name, or a definition file (default: arrow4x4, or the"
+        " experiment's)",
     )
-    parser.add_argument(
-        "--ids",
-        metavar="IDS",
-        help="1-20, or 3,7,20-22, or auto:20 for 20 numbers that stay apart under blur",
-    )
+    _add_which(parser.add_mutually_exclusive_group())
     parser.add_argument(
         "--size",
         type=arguments.length_mm,
@@ -52,8 +52,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="file.pdf, or file.png; several pages become file-1.png, file-2.png, ...",
     )
+    arguments.flag(parser, "--json", "print the sheets' files and the tags as one JSON object")
     actions = parser.add_subparsers(title="actions", metavar="ACTION", dest="action")
     _add_find(arguments.add_action(actions, "find", "find ArUco and AprilTag markers in pictures"))
+
+
+def _add_which(which: Any) -> None:
+    """Declares which markers are drawn."""
+    which.add_argument(
+        "--ids",
+        metavar="IDS",
+        help="1-20, or 3,7,20-22, or auto:20 for 20 numbers that stay apart under blur; robots of"
+        " an experiment without tags wear the same ones",
+    )
+    which.add_argument(
+        "--for",
+        dest="wearer",
+        metavar="EXPERIMENT",
+        help="the markers of an experiment's robots and tagged objects, with their names",
+    )
 
 
 def _add_find(parser: argparse.ArgumentParser) -> None:
@@ -106,14 +123,19 @@ def run(options: argparse.Namespace) -> int:
 
 def _print(options: argparse.Namespace) -> int:
     output: Path | None = options.output
-    if options.ids is None or output is None:
-        raise UsageError("expected --ids and -o for sheets, or the action find; see --help")
+    if output is None or (options.ids is None and options.wearer is None):
+        raise UsageError(
+            "expected -o and --ids or --for for sheets, or the action find; see --help"
+        )
     if output.suffix.lower() not in (".pdf", ".png"):
         raise UsageError(f"{output}: expected a name that ends in .pdf or .png")
-    family = load_family(options.family)
-    chosen = codes.parse_tags(options.ids, family)
+    wanted, names = _FAMILY, dict[int, str]()
+    if options.wearer is not None:
+        wanted, names = _worn(options.wearer)
+    family = load_family(options.family or wanted)
+    chosen = list(names) if names else codes.parse_tags(options.ids, family)
     size_mm = options.size or family.disc_diameter_mm
-    pages = sheet.pages(family, chosen, size_mm, options.paper)
+    pages = sheet.pages(family, chosen, size_mm, options.paper, names)
     files = (
         {output: paper.document(pages)}
         if output.suffix.lower() == ".pdf"
@@ -125,8 +147,26 @@ def _print(options: argparse.Namespace) -> int:
     for name, data in files.items():
         with failing_as(UsageError, f"{name}: cannot be written"):
             name.write_bytes(data)
-        print(name)
+    if options.json:
+        print_data(json.dumps({"files": [str(name) for name in files], "tags": chosen}))
+    else:
+        print_data("\n".join(str(name) for name in files))
     print(f"vsense: tags {' '.join(map(str, chosen))}", file=sys.stderr)
+    _say_scale(family, size_mm)
+    return 0
+
+
+def _worn(experiment: str) -> tuple[str, dict[int, str]]:
+    """The marker family of an experiment, and by tag who wears it."""
+    from vsense.config.experiment import load  # nobody else here needs it
+
+    worn = load(experiment)
+    names = {robot.tag: robot.id for robot in worn.robots}
+    return worn.marker.family, names | {thing.tag: thing.id for thing in worn.objects}
+
+
+def _say_scale(family: sheet.AnyFamily, size_mm: float) -> None:
+    """Says with which definition discs of another size are tracked."""
     if abs(size_mm - family.disc_diameter_mm) > 1e-6:
         scale = size_mm / family.disc_diameter_mm
         print(
@@ -135,7 +175,6 @@ def _print(options: argparse.Namespace) -> int:
             f" {scale:.6g} times as large",
             file=sys.stderr,
         )
-    return 0
 
 
 def _names(output: Path, count: int) -> list[Path]:

@@ -28,8 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = COMMANDS[name][1]
     parser.description = f"{text[:1].upper()}{text[1:]}. {DESCRIPTION}"
     add_process(parser)
-    if name == "status":
-        parser.add_argument("--json", action="store_true", help="print it as one JSON object")
+    arguments.flag(parser, "--json", "print the answer as one JSON object")
     if name == "stop":
         parser.add_argument(
             "--emergency",
@@ -46,6 +45,8 @@ def add_process(parser: argparse.ArgumentParser) -> None:
 
 
 PATIENCE_S = 5.0
+BRIEF_S = 0.5
+"""For who is asked what it is, while somebody wants to stop it."""
 
 
 class TerminalError(VsenseError):
@@ -60,7 +61,8 @@ def run(options: argparse.Namespace) -> int:
         return 0
     kind = "emergency" if getattr(options, "emergency", False) else options.command
     order = {"order": kind, "by": f"terminal ({getpass.getuser()})"}
-    print(ask(order, options.process)["text"])
+    answer = ask(order, options.process)
+    print(json.dumps(answer) if options.json else answer["text"])
     return 0
 
 
@@ -91,22 +93,38 @@ def ask(question: Mapping[str, Any], process: int | None = None) -> dict[str, An
 
 def _find(process: int | None) -> Path:
     found = {int(path.stem): path for path in folder().glob("*.sock") if path.stem.isdigit()}
-    if process is not None:
-        if process not in found:
-            raise UsageError(f"process {process} runs no experiment; {_running(found)}")
+    if process in found:
         return found[process]
     alive = {number: path for number, path in found.items() if _is_alive(path)}
+    if process is not None:
+        raise UsageError(f"process {process} runs no experiment; {_running(alive)}")
     if not alive:
         raise UsageError(
             "no experiment runs on this machine: start one with vsense run or vsense lab"
         )
     if len(alive) > 1:
-        raise UsageError(f"{_running(alive)}: say which with --process")
+        raise UsageError(f"{_running(alive)}\nsay which with --process PID")
     return next(iter(alive.values()))
 
 
 def _running(found: Mapping[int, Path]) -> str:
-    return f"experiments run in the processes {', '.join(map(str, sorted(found))) or 'none'}"
+    """What runs, one line each, so that everybody knows which is his."""
+    if not found:
+        return "no experiment runs"
+    rows = [_told(number, path) for number, path in sorted(found.items())]
+    return "\n".join([f"{len(rows)} experiments run:", *(f"  {row}" for row in aligned(rows))])
+
+
+def _told(number: int, path: Path) -> tuple[str, ...]:
+    """A running experiment in words, as far as it answers."""
+    try:
+        answer = _exchange(path, b'{"ask": "status"}\n', BRIEF_S)
+        now, port = answer["run"], f"robots' port {answer['port']}"
+        age = f"run {now['run']} {now['state']}, {now['time_s']:.0f} s"
+        where = str(answer["directory"])
+        return str(number), str(answer["name"]), f"vsense {answer['command']}", port, age, where
+    except (OSError, ValueError, KeyError, TypeError):
+        return str(number), "does not answer", "", "", "", ""
 
 
 def _is_alive(path: Path) -> bool:
@@ -124,9 +142,9 @@ def _is_alive(path: Path) -> bool:
     return False
 
 
-def _exchange(path: Path, question: bytes) -> dict[str, Any]:
+def _exchange(path: Path, question: bytes, patience_s: float = PATIENCE_S) -> dict[str, Any]:
     with socket.socket(socket.AF_UNIX) as line:
-        line.settimeout(PATIENCE_S)
+        line.settimeout(patience_s)
         line.connect(str(path))
         line.sendall(question)
         data = b""

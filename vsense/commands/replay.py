@@ -31,7 +31,7 @@ DESCRIPTION = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
-    parser.add_argument("file", type=Path, help="the recording (.mcap)")
+    parser.add_argument("file", type=Path, help="the recording (.mcap), or its run's folder")
     arguments.add_web(parser, ("127.0.0.1", 8080))
     arguments.option(parser, "--speed", float, "X", "times the real speed (default: 1)", 1.0)
     again = parser.add_argument_group("tracking again")
@@ -59,6 +59,7 @@ def run(options: argparse.Namespace) -> int:
     interrupted, as playing ends.
     """
     recording.require()
+    options.file = recording.file_of(options.file)
     if options.retrack:
         return _retrack(options)
     if options.set or options.session or options.json:
@@ -119,7 +120,7 @@ def _retrack(options: argparse.Namespace) -> int:
         _say_state(console, opened)
         tracking = Retracking(opened, change)
         for number, _ in enumerate(tracking.states(), 1):
-            console.progress(f"{number} timesteps tracked again")
+            console.progress(f"tracked again: timestep {number}")
             if interrupted.is_set():
                 return interrupted.code
         console.end_progress()

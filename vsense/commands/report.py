@@ -21,7 +21,11 @@ DESCRIPTION = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     parser.add_argument(
-        "files", type=Path, nargs="+", metavar="FILE", help="the recordings (.mcap)"
+        *("files",),
+        type=Path,
+        nargs="+",
+        metavar="FILE",
+        help="the recordings (.mcap), or folders of runs that hold some",
     )
     parser.add_argument(
         "-o",
@@ -40,7 +44,7 @@ def run(options: argparse.Namespace) -> int:
     recording.require()
     from vsense.report.report import make_report
 
-    files: list[Path] = options.files
+    files = [file for path in options.files for file in recording.files_of(path)]
     alone = files[0].with_name(f"{files[0].stem}-report")
     folder = options.output or (alone if len(files) == 1 else Path("report"))
     console = Console()

@@ -21,7 +21,7 @@ from vsense.robot.build import cache_directory, source_tree
 from vsense.robot.deploying import Outcome, Part, Plan
 from vsense.robot.hosts import RobotHost
 from vsense.robot.programs import Program, folders, stem_of
-from vsense.terminal import aligned
+from vsense.terminal import Console, aligned, patience
 
 DESCRIPTION = (
     "What a lab does with its robots' boards. 'build' makes the daemon vsensed with a controller"
@@ -176,7 +176,7 @@ def run(options: argparse.Namespace) -> int:
 def build(options: argparse.Namespace) -> int:
     """Builds `vsensed` for a board and says what it is."""
     if options.experiment is None:
-        built = [boards.build(_program(options), options.target, options.output)]
+        built = [_compiled(_program(options), options.target, options.output)]
     else:
         experiment = load(options.experiment, code=arguments.code_of(options))
         driving = {robot.controller for robot in experiment.robots}
@@ -191,6 +191,12 @@ def build(options: argparse.Namespace) -> int:
             f" controller {each.controller.name} {each.hash}"
         )
     return 0
+
+
+def _compiled(program: Program, target: str, output: Path) -> Built:
+    """Builds a daemon; says so where that takes long, as the first one for a target does."""
+    with patience(Console(), f"compiling {program.name} for {target} (minutes the first time)"):
+        return boards.build(program, target, output)
 
 
 def _program(options: argparse.Namespace) -> Program:
@@ -216,7 +222,7 @@ def _programs(
     built = {}
     for spec in specs:
         path = output.with_name(f"{output.name}-{spec.id}") if several else output
-        built[spec.id] = boards.build(spec.program, target, path)
+        built[spec.id] = _compiled(spec.program, target, path)
     return built
 
 
@@ -263,7 +269,7 @@ def _plan(options: argparse.Namespace, robots: Sequence[RobotHost], folder: Path
     if options.controller is None:
         binary, part = boards.load(options.binary or Path("vsensed")), Part.ALL
     else:
-        built = boards.build(_program(options), options.target, folder / "vsensed")
+        built = _compiled(_program(options), options.target, folder / "vsensed")
         binary, part = boards.load(built.path), Part.DAEMON
     return replace(plan, binaries={r.destination: binary for r in robots}, part=part)
 

@@ -111,6 +111,9 @@ def run(options: argparse.Namespace) -> int:
     opened = _with_tracker(opened, options.tracker)
     require_source(opened, options.tracking)
     trust = experiments.trust_of(options)
+    host = opened.host if options.host is None else options.host
+    port = opened.port if options.port is None else options.port
+    experiments.check_doors(options, host, port)
     experiment, seed, directory = experiments.prepare(options, opened, real=False)
     with failing_as(run_directory.DirectoryError, f"cannot write to {directory}"):
         (directory / experiment.path.name).write_bytes(experiment.path.read_bytes())
@@ -120,8 +123,6 @@ def run(options: argparse.Namespace) -> int:
         ControlRoom(experiments.room_of(options), log) as room,
     ):
         experiments.say_warnings(log, experiment)
-        host = experiment.host if options.host is None else options.host
-        port = experiment.port if options.port is None else options.port
         setup = RunSetup(
             *(experiment, seed, options.blind, (host, port), trust, log, interrupted, room)
         )
@@ -156,7 +157,6 @@ class RunCommand:
     def run(self) -> int:
         """Carries out all runs; see `run`."""
         options, setup = self.options, self.setup
-        experiments.check_legacy_port(options, setup.address[1])
         session = RunSession(setup, options.tracking, options.legacy_port)
         summaries: list[dict[str, Any]] = []
         failure: VsenseError | None = None

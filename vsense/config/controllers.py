@@ -43,6 +43,7 @@ def read_controller(
     settings: dict[str, str] = {}
     told = ""
     if program.is_argos:
+        programs.check_added(params, program)
         settings = programs.settings(params)
         told = programs.told(element, params, devices.sensors, devices.actuators)
     elif params is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from vsense.config.specs import ControllerSpec, Experiment
 from vsense.native import lib
@@ -38,8 +39,17 @@ def bytes_up(controller: ControllerSpec) -> int:
     return TELEMETRY_BYTES + sum(_size(m.actuator.layout) for m in controller.actuators)
 
 
-def describe(experiment: Experiment) -> str:
-    """Describes an experiment in lines "name   what it holds"."""
+def as_json(experiment: Experiment) -> dict[str, Any]:
+    """The same as `describe` for programs: `holds` has pairs of a name and what it holds."""
+    return {
+        "experiment": experiment.name,
+        "file": experiment.file,
+        "holds": _rows(experiment),
+        "not_supported": experiment.warnings,
+    }
+
+
+def _rows(experiment: Experiment) -> list[tuple[str, str]]:
     rows = [
         *_run_rows(experiment),
         *_body_rows(experiment),
@@ -47,6 +57,12 @@ def describe(experiment: Experiment) -> str:
     ]
     for controller in experiment.controllers:
         rows += _controller_rows(controller, experiment)
+    return rows
+
+
+def describe(experiment: Experiment) -> str:
+    """Describes an experiment in lines "name   what it holds"."""
+    rows = _rows(experiment)
     width = max(len(name) for name, _ in rows)
     lines = [f"{experiment.name} ({experiment.file})"]
     lines += [f"  {name:{width}}  {text}" for name, text in rows]

@@ -7,6 +7,7 @@ as robot/argos/controller.cpp reads them.
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from vsense.actuators.messages import MessagesActuator
 from vsense.config import argos
 from vsense.errors import UsageError, instead
 from vsense.robot import finding
-from vsense.robot.argos_code import PAGE
+from vsense.robot.argos_code import PAGE, own_files
 from vsense.robot.build import BuildError, cache_directory, source_tree
 from vsense.robot.compiling import CXX_SUFFIXES
 from vsense.robot.programs import (
@@ -23,6 +24,7 @@ from vsense.robot.programs import (
     LOOP_FUNCTIONS,
     CodeOptions,
     Program,
+    content,
     folders,
     labels,
     registers,
@@ -224,6 +226,22 @@ def tree(element: Element) -> list[str]:
 def _one_line(text: str) -> str:
     plain = text.replace("\\", "\\\\").replace("\n", "\\n").replace("\t", "\\t")
     return "".join(c if c.isprintable() else " " for c in plain)
+
+
+_TEXT = re.compile(rb'"([A-Za-z_][\w.:-]*)"')
+
+
+def check_added(params: Element | None, program: Program) -> None:
+    """Raises ConfigError where a setting from outside adds what no source of a C++ program names.
+
+    What stands in the file is the user's: ARGoS passes over attributes that nobody reads.
+    """
+    if params is None:
+        return
+    texts = {text.decode() for path in own_files(program) for text in _TEXT.findall(content(path))}
+    for element in params.walk():
+        for key in element.added - texts:
+            raise element.error(f"no source of its program reads it; {instead(key, texts)}", key)
 
 
 def settings(params: Element | None) -> dict[str, str]:

@@ -167,6 +167,9 @@ def load_camera(resources: Resources, spec: CameraSpec) -> Camera:
     subject = f"<camera> calibration: {spec.calibration}"
     try:
         camera = Camera.from_json(files.read_text(spec.calibration))
+    except FileNotFoundError:
+        hint = "is not there: calibrate the cameras first, see vsense calibrate --help"
+        raise resources.error(spec.line, f"{subject} {hint}") from None
     except OSError as error:
         raise resources.error(spec.line, f"{subject} cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:

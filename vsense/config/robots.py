@@ -13,8 +13,8 @@ from vsense.config import argos
 from vsense.config.distribute import OBJECT, Crowd, DistributedSpec
 from vsense.config.specs import FieldSpec, FloorSpec, ObjectSpec, Pose, RobotSpec, Stage
 from vsense.config.things import Media, read_place
-from vsense.markers.codes import AUTO_BLUR, choose_tags
-from vsense.markers.families import MarkerFamily, load_family
+from vsense.markers.codes import ranked_tags
+from vsense.markers.families import load_family
 from vsense.native import lib
 from vsense.sensors.base import RobotSettings
 from vsense.world.entities import VIRTUAL_TAG_MIN, Arena, Entity, VirtualRobot
@@ -100,8 +100,6 @@ _ID = re.compile(r"(.+)_([0-9]{1,9})_([0-9]{1,9})")
 _NO_TAG = -1
 """Stands in for the tag of a body until it is given one."""
 _MAX_RAB_BYTES = 10_000
-_LEAST_CHOSEN = 64
-"""So many tags are chosen at least: another robot in the file leaves the first ones theirs."""
 _MOST_CHOSEN = 128
 """Choosing takes about 10 ms a tag; the robots of larger swarms wear whatever is free."""
 
@@ -208,21 +206,22 @@ def give_tags(bodies: ArenaContents, family: str) -> None:
 
 
 def _free_tags(family: str, count: int, worn: frozenset[int]) -> list[int]:
-    """Chooses free tags; the first ones are those that cameras distinguish best."""
-    chosen = _well_apart(family, min(max(_LEAST_CHOSEN, count + len(worn)), _MOST_CHOSEN))
+    """Chooses free tags, those of `vsense markers --ids auto:N` first.
+
+    Another robot at the end of a file leaves the others theirs.
+    """
+    chosen = _well_apart(family, min(count + len(worn), _MOST_CHOSEN))
     taken = worn | set(chosen)
     rest = (tag for tag in range(load_family(family).tags) if tag not in taken)
-    free = [tag for tag in chosen if tag not in worn]
-    return [*free, *islice(rest, max(count - len(free), 0))]
+    free = [tag for tag in chosen if tag not in worn][:count]
+    return [*free, *islice(rest, count - len(free))]
 
 
 @cache
 def _well_apart(family: str, count: int) -> tuple[int, ...]:
-    """Gives tags that cameras do not take for each other; a dictionary's own are all like that."""
+    """See `ranked_tags`; all that there are of a family that has not so many."""
     markers = load_family(family)
-    if isinstance(markers, MarkerFamily):
-        return tuple(choose_tags(markers, count, AUTO_BLUR * markers.cell_mm))
-    return tuple(range(min(count, markers.tags)))
+    return tuple(ranked_tags(markers, min(count, markers.tags)))
 
 
 def _add_virtual(element: Element, bodies: ArenaContents) -> None:

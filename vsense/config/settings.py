@@ -1,17 +1,20 @@
 """Settings from outside an experiment file: what a campaign or `--set` changes in it.
 
-A setting is `ELEMENT.attribute`: ELEMENT is an element's name or id, a controller's library,
-`sensor` (every virtual sensor) or `actuator` (every virtual actuator). Between the two may stand
-names of elements inside it: `distribute.entity.quantity`. What is set on a controller is set in
-its <params>; `noise` of a virtual device is short for `noise_level`. The prefix `vs:` of our own
-names may be left out.
+A setting is `ELEMENT.attribute`: ELEMENT is an element's name or id, a controller's library, with
+or without folder and suffix, `sensor` (every virtual sensor) or `actuator` (every virtual
+actuator). Between the two may stand names of elements inside it: `distribute.entity.quantity`. What
+is set on a controller is set in its <params>; `noise` of a virtual device is short for
+`noise_level`. The prefix `vs:` of our own names may be left out.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from pathlib import PurePath
 
 from vsense.errors import UsageError, instead
+from vsense.robot.cmake import SOURCE_SUFFIXES
+from vsense.robot.programs import stem_of
 from vsense.xml.element import Element
 
 DEVICES = {"sensor": "sensors", "actuator": "actuators"}
@@ -44,7 +47,8 @@ def check_used(root: Element, applied: Mapping[str, list[Element]]) -> None:
 def _apply(
     root: Element, key: str, value: str, virtual: Mapping[str, Collection[str]]
 ) -> list[Element]:
-    first, *path, attribute = key.split(".") if "." in key else ("", "")
+    first = _library(root, key) or key.partition(".")[0]
+    *path, attribute = key.removeprefix(first).removeprefix(".").split(".")
     if not first or not attribute:
         raise UsageError(f"setting {key!r}: expected ELEMENT.attribute, such as 'sensor.noise'")
     found = _matching(root, first, virtual)
@@ -62,8 +66,8 @@ def _apply(
 
 def _matching(root: Element, name: str, virtual: Mapping[str, Collection[str]]) -> list[Element]:
     """Finds the elements that a setting's first word means."""
-    controllers = [element for section in root.below("controllers") for element in section.below()]
-    named = [e for e in controllers if name in (e.peek("id"), e.peek("library"))]
+    controllers = _controllers(root)
+    named = [e for e in controllers if name in (e.peek("id"), *_libraries(e))]
     if named:
         return [_to_set(controller, "params") for controller in named]
     if name in DEVICES:
@@ -71,6 +75,25 @@ def _matching(root: Element, name: str, virtual: Mapping[str, Collection[str]]) 
         devices = [d for c in controllers for s in c.below(section) for d in s.below()]
         return [device for device in devices if device.name in virtual[section]]
     return [e for e in root.walk() if name in (e.name, e.name.removeprefix("vs:"), e.peek("id"))]
+
+
+def _controllers(root: Element) -> list[Element]:
+    return [element for section in root.below("controllers") for element in section.below()]
+
+
+def _libraries(controller: Element) -> tuple[str, ...]:
+    """A controller's library as the file names it, and without folder and suffix."""
+    library = controller.peek("library")
+    if library is None:
+        return ()
+    path = PurePath(library)
+    return library, path.stem if path.suffix in SOURCE_SUFFIXES else stem_of(library)
+
+
+def _library(root: Element, key: str) -> str | None:
+    """The longest name of a library that a setting begins with: it may hold points of its own."""
+    names = {name for controller in _controllers(root) for name in _libraries(controller)}
+    return max((name for name in names if key.startswith(f"{name}.")), key=len, default=None)
 
 
 def _inside(element: Element, path: list[str]) -> list[Element]:
@@ -96,5 +119,8 @@ def _to_set(element: Element, name: str) -> Element:
 def _names(root: Element, virtual: Mapping[str, Collection[str]]) -> set[str]:
     """What a setting's first word may be."""
     names = {e.name for e in root.walk()} | {e.peek("id") or e.name for e in root.walk()}
+    names |= {
+        _libraries(controller)[-1] for controller in _controllers(root) if _libraries(controller)
+    }
     words = {word for word, section in DEVICES.items() if names & set(virtual[section])}
     return names - {root.name} | words

@@ -14,7 +14,7 @@ from vsense.arena import wrap_angle
 from vsense.config import argos
 from vsense.errors import instead
 from vsense.world.entities import Arena, Box, Color, Cylinder, Entity, Led, Light, Vector, Zone
-from vsense.xml.element import Element, listed, shown
+from vsense.xml.element import Element, shown
 
 NAMED: dict[str, Color] = {
     "black": (0, 0, 0),
@@ -48,10 +48,9 @@ def read_color(element: Element, key: str, default: str | None = None) -> Color:
         return NAMED[text]
     parts = [part.strip() for part in text.split(",")]
     if len(parts) != 3 or not all(p.isascii() and p.isdigit() and int(p) <= 255 for p in parts):
-        known = listed(NAMED)
         raise element.error(
             f"{shown(text)} is no colour, expected three whole numbers from 0 to 255 with commas"
-            f" between them, or one of: {known}",
+            f" between them, or one of: {', '.join(sorted(NAMED))}",
             key,
         )
     red, green, blue = (int(part) for part in parts)

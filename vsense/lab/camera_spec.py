@@ -31,6 +31,12 @@ _TALLEST_M = 0.15
 _MARGIN_M = 0.05
 
 
+class TooLargeArena(LabError):
+    """The lab's cameras do not see an experiment's whole arena."""
+
+    exit_code = 2
+
+
 def rig(arena: Arena) -> list[Camera]:
     """Four cameras, "cam_0_0" to "cam_1_1": column and row, from low x and y.
 
@@ -38,7 +44,7 @@ def rig(arena: Arena) -> list[Camera]:
     so that every marker is whole in one picture.
 
     Raises:
-        LabError: the arena is too large for four cameras.
+        TooLargeArena: it is too large for four cameras.
     """
     size_x, size_y = arena.size_m[:2]
     test = camera_at("test", 0.0, 0.0)
@@ -47,7 +53,7 @@ def rig(arena: Arena) -> list[Camera]:
     reach = test.to_plane(edges, _TALLEST_M)
     reach_x, reach_y = reach[0, 0] - _MARGIN_M, reach[1, 1] - _MARGIN_M
     if size_x > 4.0 * reach_x or size_y > 4.0 * reach_y:
-        raise LabError(
+        raise TooLargeArena(
             f"arena of {size_x:g} x {size_y:g} m: the lab's four cameras see at most "
             f"{4.0 * reach_x:.2f} x {4.0 * reach_y:.2f} m"
         )
@@ -66,7 +72,7 @@ def _cameras(experiment: Experiment) -> list[Camera]:
     """The cameras above the arena, or above what walls leave of one that is too large."""
     try:
         return rig(experiment.arena)
-    except LabError:
+    except TooLargeArena:
         return rig(reachable(experiment))
 
 
@@ -157,7 +163,7 @@ def spec_for(experiment: Experiment, truth: str, seed: int, log: Path) -> LabCam
     """The spec of an experiment's cameras; the truth ring holds the robots, then the objects.
 
     Raises:
-        LabError: the arena is too large for the cameras.
+        TooLargeArena: it is too large for the cameras.
     """
     height_m = experiment.marker.height_m
     return LabCameraSpec(

@@ -139,6 +139,15 @@ def draw(session: Session, recording: RunNotes, run: metrics.MeasuredRun, path: 
     run_figure.save(figure, path, session.setup.blind, subtitle, view)
 
 
+def _agreement(sensing: dict[str, Any]) -> str:
+    """How often what robots felt of a cone was true; "" where nobody is to feel one."""
+    shares = sensing["agreement_in"], sensing["agreement_out"]
+    if shares == (None, None):
+        return ""
+    inside, outside = (percent(share, 2) for share in shares)
+    return f"; agree with the truth {inside} inside the cone, {outside} outside"
+
+
 def table(summary: dict[str, Any]) -> str:
     """The summary as text."""
     tracking, sensing = summary["tracking"], summary["sensing"]
@@ -162,9 +171,7 @@ def table(summary: dict[str, Any]) -> str:
         (
             "sensing",
             f"{sensing['readings']} of {sensing['expected']} readings held,"
-            f" {percent(sensing['fresh_share'], 2)} fresh; agree with the truth"
-            f" {percent(sensing['agreement_in'], 2)} inside the cone,"
-            f" {percent(sensing['agreement_out'], 2)} outside",
+            f" {percent(sensing['fresh_share'], 2)} fresh{_agreement(sensing)}",
         ),
         *metrics.swarm_rows(swarm, summary["robots"]),
         *(("measure", f"{spoken(name)}: {value:g}") for name, value in summary["measures"].items()),

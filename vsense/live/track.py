@@ -106,7 +106,7 @@ class Talk:
             return f"timestep {state.timestep}: {facts}"
         share = self._done / max(self._timesteps, 1)
         bar = ("#" * round(share * BAR_WIDTH)).ljust(BAR_WIDTH, "-")
-        left_s = (self._timesteps - self._done) / rate if rate else 0.0
+        left_s = (self._timesteps - self._done) / rate
         return f"[{bar}] {self._done}/{self._timesteps}: {facts}, {left_s:.0f} s left"
 
     def _rate(self, now_ns: int) -> float:
@@ -114,6 +114,8 @@ class Talk:
         earlier = self._done > len(self._recent)
         since_ns = self._recent[0] if earlier else self._begun_ns
         counted = len(self._recent) - earlier
+        if not counted:  # slower than that: since the beginning
+            counted, since_ns = self._done, self._begun_ns
         return counted / max((now_ns - since_ns) / 1e9, 1e-6)
 
 

@@ -78,6 +78,19 @@ def usable(white: NDArray[np.intp], cells: int) -> NDArray[np.bool_]:
     return np.asarray((4 * white >= cells) & (4 * white <= 3 * cells))
 
 
+def ranked_tags(family: MarkerFamily | SquareFamily, count: int) -> list[int]:
+    """Chooses tags that cameras do not take for each other, those that differ most first.
+
+    The first ones of a longer list are those of a shorter one.
+
+    Raises:
+        FamilyError: The family does not have that many usable tags.
+    """
+    if isinstance(family, MarkerFamily):
+        return _ranked_arrows(family, count, AUTO_BLUR * family.cell_mm, 0)
+    return _ranked_squares(family, count)
+
+
 def choose_tags(family: MarkerFamily, count: int, sigma_mm: float, seed: int = 0) -> list[int]:
     """Chooses tags that stay far apart under blur, by a farthest-first greedy search.
 
@@ -90,6 +103,11 @@ def choose_tags(family: MarkerFamily, count: int, sigma_mm: float, seed: int = 0
     Raises:
         FamilyError: The family does not have that many usable tags.
     """
+    return sorted(_ranked_arrows(family, count, sigma_mm, seed))
+
+
+def _ranked_arrows(family: MarkerFamily, count: int, sigma_mm: float, seed: int) -> list[int]:
+    """The same in the order of their choice."""
     cells = family.grid**2
     tags = np.arange(family.tags)
     bits = ((tags[:, np.newaxis] >> np.arange(cells)) & 1).astype(np.float32)
@@ -106,7 +124,7 @@ def choose_tags(family: MarkerFamily, count: int, sigma_mm: float, seed: int = 0
             nearest = np.minimum(nearest, ((words - word) ** 2).sum(axis=1))
         nearest[place] = -1.0
         place = int(nearest.argmax())
-    return sorted(chosen)
+    return chosen
 
 
 def parse_tags(text: str, family: MarkerFamily | SquareFamily) -> list[int]:
@@ -143,14 +161,12 @@ def _auto(text: str, family: MarkerFamily | SquareFamily) -> list[int]:
     if not number.isdecimal() or not 1 <= int(number) <= MOST:
         raise UsageError(f"--ids {text}: expected auto:N with N from 1 to {MOST}")
     try:
-        if isinstance(family, MarkerFamily):
-            return choose_tags(family, int(number), AUTO_BLUR * family.cell_mm)
-        return choose_square_tags(family, int(number))
+        return sorted(ranked_tags(family, int(number)))
     except FamilyError as error:
         raise UsageError(f"--ids {text}: {error}") from None
 
 
-def choose_square_tags(family: SquareFamily, count: int) -> list[int]:
+def _ranked_squares(family: SquareFamily, count: int) -> list[int]:
     """Chooses tags that stay far apart under blur in all four positions; raises FamilyError."""
     if count > family.tags:
         raise FamilyError(f"{count} tags: the family {family.name} has {family.tags}")
@@ -169,4 +185,4 @@ def choose_square_tags(family: SquareFamily, count: int) -> list[int]:
             nearest = np.minimum(nearest, ((words - turned) ** 2).sum(axis=(1, 2)))
         nearest[chosen] = -1.0
         chosen.append(int(nearest.argmax()))
-    return sorted(chosen)
+    return chosen

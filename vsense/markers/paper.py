@@ -45,6 +45,13 @@ class Text:
     y_mm: float
     size_mm: float
     text: str
+    grey: float = 0.0
+
+    @property
+    def width_mm(self) -> float:
+        """Its width as `draw` draws it, which is wider than in a PDF."""
+        (width_px, _), _ = cv2.getTextSize(_ascii(self.text), _HERSHEY, 1.0, 1)
+        return float(width_px) * self.size_mm * _CAP_HEIGHT / _HERSHEY_CAP_PX
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +89,7 @@ _SHIFT = 8
 _CAP_HEIGHT = 0.72
 """Of Helvetica, as a share of the font's size."""
 _HERSHEY_CAP_PX = 21.0
+_HERSHEY = cv2.FONT_HERSHEY_SIMPLEX
 
 
 def draw(page: Page, dpi: float) -> Image:
@@ -144,9 +152,13 @@ def _write(image: Image, item: Text, place_px: Floats, px_per_mm: float) -> None
     scale = item.size_mm * px_per_mm * _CAP_HEIGHT / _HERSHEY_CAP_PX
     x, y = (round(float(value)) for value in place_px)
     weight = max(1, round(2.0 * scale))
-    font = cv2.FONT_HERSHEY_SIMPLEX
-    text = item.text.encode("ascii", "replace").decode()
-    cv2.putText(image, text, (x, y), font, scale, (0.0,), weight, cv2.LINE_AA)
+    grey = (255.0 * item.grey,)
+    cv2.putText(image, _ascii(item.text), (x, y), _HERSHEY, scale, grey, weight, cv2.LINE_AA)
+
+
+def _ascii(text: str) -> str:
+    """What OpenCV's font can write of a text."""
+    return text.encode("ascii", "replace").decode()
 
 
 def png(image: Image, dpi: float) -> bytes:
@@ -233,4 +245,4 @@ def _path(points: Floats) -> str:
 def _text(item: Text) -> str:
     text = item.text.replace("\\", r"\\").replace("(", r"\(").replace(")", r"\)")
     place = f"{item.x_mm:.4f} {item.y_mm:.4f} Td"
-    return f"0 g BT /F {item.size_mm:g} Tf {place} ({text}) Tj ET"
+    return f"{item.grey:g} g BT /F {item.size_mm:g} Tf {place} ({text}) Tj ET"

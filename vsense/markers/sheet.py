@@ -6,7 +6,8 @@ Numbers are also written in words: a 6 looks like a 9 from the other side, "six"
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,6 +89,10 @@ _FOOT_MM = 12.0
 _LABEL_MM = 6.0
 _GAP_MM = 5.0
 _BAR_MM = 100.0
+_CAPTION_MM = 3.2
+_NUMBER_SHARE, _NUMBER_PLACE, _NUMBER_GREY = 0.035, 0.93, 0.45
+"""Of the number on the disc: size as a share of the diameter, place of its base line as a share of
+the radius, and grey."""
 
 
 def largest_mm(paper: str) -> float:
@@ -97,8 +102,16 @@ def largest_mm(paper: str) -> float:
     return math.floor(min(width - 2.0 * _MARGIN_MM - _GAP_MM, high))
 
 
-def pages(family: AnyFamily, tags: Sequence[int], size_mm: float, paper: str) -> list[Page]:
+def pages(
+    family: AnyFamily,
+    tags: Sequence[int],
+    size_mm: float,
+    paper: str,
+    names: Mapping[int, str] | None = None,
+) -> list[Page]:
     """Lays out the markers of some tags, with discs of `size_mm`, on a paper of `PAPERS_MM`.
+
+    `names` are of those who will wear them, by tag.
 
     Raises:
         UsageError: A marker of that size does not fit on the paper, or cannot be cut.
@@ -124,7 +137,9 @@ def pages(family: AnyFamily, tags: Sequence[int], size_mm: float, paper: str) ->
         for place, tag in enumerate(tags[number * per_page : (number + 1) * per_page]):
             row, column = divmod(place, columns)
             x = left + (column + 0.5) * wide
-            _marker(page, family, tag, size_mm, x, top - row * high - wide / 2.0)
+            y = top - row * high - wide / 2.0
+            _marker(page, family, tag, size_mm, x, y)
+            page.items.extend(_caption(tag, (names or {}).get(tag, ""), size_mm, x, y))
         made.append(page)
     return made
 
@@ -146,9 +161,39 @@ def _marker(
     for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1)):
         ends = [value for r in (radius + 0.5, radius + 2.2) for value in (dx * r, dy * r)]
         page.items.append(line(x_mm + ends[0], y_mm + ends[1], x_mm + ends[2], y_mm + ends[3], 0.2))
-    label_mm = min(3.2, size_mm / 16.0)
-    place = y_mm - radius - _GAP_MM / 2.0 - label_mm
-    page.items.append(Text(x_mm - radius, place, label_mm, f"{tag}   {in_words(tag)}"))
+    page.items.append(_own_number(tag, size_mm, x_mm, y_mm))
+
+
+def _own_number(tag: int, size_mm: float, x_mm: float, y_mm: float) -> Text:
+    """A tag's number on the disc itself, in grey, at the rear: cut out, it still tells.
+
+    It stands where every family is white, more than a cell away from what is black.
+    """
+    radius, high = size_mm / 2.0, size_mm * _NUMBER_SHARE
+    number = Text(0.0, 0.0, high, str(tag), _NUMBER_GREY)
+    return replace(number, x_mm=x_mm - number.width_mm / 2.0, y_mm=y_mm - radius * _NUMBER_PLACE)
+
+
+def _caption(tag: int, name: str, size_mm: float, x_mm: float, y_mm: float) -> list[Text]:
+    """What stands below a marker, no wider than it is: its number and name, and it in words."""
+    head = f"{tag}   {name}".rstrip()
+    one = Text(0.0, 0.0, min(_CAPTION_MM, size_mm / 16.0), f"{head}   {in_words(tag)}")
+    lines = (
+        [one]
+        if one.width_mm <= size_mm
+        else [replace(one, size_mm=0.8 * one.size_mm, text=text) for text in (head, in_words(tag))]
+    )
+    fitted = [replace(text, size_mm=_fitting(text, size_mm)) for text in lines]
+    below = y_mm - size_mm / 2.0 - _GAP_MM / 2.0
+    return [
+        replace(text, x_mm=x_mm - size_mm / 2.0, y_mm=below - (1.0 + 1.25 * row) * lines[0].size_mm)
+        for row, text in enumerate(fitted)
+    ]
+
+
+def _fitting(text: Text, width_mm: float) -> float:
+    """The size at which a text is no wider than a length."""
+    return text.size_mm * min(1.0, width_mm / text.width_mm)
 
 
 def _frame(page: Page, title: str) -> None:

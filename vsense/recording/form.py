@@ -47,6 +47,8 @@ between the server and one page."""
 class RecordingError(VsenseError):
     """A recording that cannot be written or read; the message names the file."""
 
+    exit_code = 2
+
 
 @dataclass(frozen=True, slots=True)
 class Head:

@@ -32,6 +32,8 @@ _PLAIN = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,60}")
 class PictureRecordingError(VsenseError):
     """A recording that cannot be written."""
 
+    exit_code = 2
+
 
 def folder_names(cameras: Iterable[Camera]) -> dict[str, str]:
     """Gives each camera's folder: its id where that is a plain name."""

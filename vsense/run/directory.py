@@ -23,19 +23,25 @@ class DirectoryError(VsenseError):
     """A file or directory of a run cannot be written."""
 
 
+class UnusableDirectory(DirectoryError):
+    """A directory that the user has named cannot hold a run."""
+
+    exit_code = 2
+
+
 def make(wanted: Path | None, name: str, seed: int) -> Path:
     """Makes `wanted`, or a directory in `runs/` named after time, experiment and seed.
 
-    DirectoryError if it cannot be made, or is not empty.
+    UnusableDirectory if it cannot be made, or is not empty.
     """
     stem = f"{time.strftime('%Y-%m-%d-%H%M%S')}-{name}-seed{seed}"
     directory = wanted or Path("runs") / stem
-    with failing_as(DirectoryError, f"cannot write to {directory}"):
+    with failing_as(UnusableDirectory, f"cannot write to {directory}"):
         if wanted is None:
             return _make_new(directory).resolve()
         directory.mkdir(parents=True, exist_ok=True)
         if any(directory.iterdir()):
-            raise DirectoryError(f"{directory} is not empty: choose a new folder for this run")
+            raise UnusableDirectory(f"{directory} is not empty: choose a new folder for this run")
     return directory.resolve()
 
 

@@ -47,6 +47,17 @@ class Equipment:
     table: Table
 
 
+def table_of(sensors: SensorBank, actuators: ActuatorBank) -> Table:
+    """The table that robots with these sensors and actuators are told.
+
+    Raises:
+        WireError: they do not fit a datagram.
+    """
+    entries = [Entry(e.id, e.name, e.layout, Direction.SENSOR) for e in sensors.table]
+    entries += [Entry(e.id, e.name, e.layout, Direction.ACTUATOR) for e in actuators.table]
+    return Table(entries)
+
+
 class Environment:
     """World, virtual sensors and virtual actuators of one run. It reads no clock.
 
@@ -99,9 +110,9 @@ class Environment:
         sensors = SensorBank(controller.sensors, tags, self.blind, self.seed, stream)
         count = len(sensors.table)
         actuators = ActuatorBank(controller.actuators, tags, self.seed, count + 1, stream)
-        entries = [Entry(e.id, e.name, e.layout, Direction.SENSOR) for e in sensors.table]
-        entries += [Entry(e.id, e.name, e.layout, Direction.ACTUATOR) for e in actuators.table]
-        return Equipment(controller.id, tuple(tags), sensors, actuators, Table(entries))
+        return Equipment(
+            controller.id, tuple(tags), sensors, actuators, table_of(sensors, actuators)
+        )
 
     @property
     def tables(self) -> dict[str, Table]:

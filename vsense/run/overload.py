@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 from vsense.link.robots.status import RobotStatus
 from vsense.link.robots.wire import StopCause
@@ -17,11 +18,31 @@ REPEAT = 6
 """As long as it lasts, it is said again in every so manieth window."""
 
 
+@dataclass(slots=True)
+class Tally:
+    """The timesteps of a run: the first and the last one, how many were made, and how many late."""
+
+    first: int = 0
+    last: int = -1
+    made: int = 0
+    late: int = 0
+
+    def add(self, run_timestep: int, late: bool) -> None:
+        """Counts a timestep."""
+        if not self.made:
+            self.first = run_timestep
+        self.last = run_timestep
+        self.made += 1
+        self.late += late
+
+
 class Overload:
     """Judges the timesteps of a run, window by window; for one thread."""
 
-    def __init__(self, timestep_ns: int) -> None:
-        self._dt_ns = timestep_ns
+    def __init__(self, timestep_ns: int, who: str = "this computer") -> None:
+        """`who` makes the timesteps, as messages say it."""
+        self._dt_ns, self._who = timestep_ns, who
+        self._whole = Tally()
         self._window = max(10, round(WINDOW_S * 1e9 / timestep_ns))
         self._bad = 0
         self._next = 0
@@ -43,8 +64,10 @@ class Overload:
         times_ns = step.capture_ns, step.ready_ns, step.arena_ns, step.sent_ns
         for stage in range(3):
             self._stages_ns[stage] += times_ns[stage + 1] - times_ns[stage]
+        late = step.sent_ns - step.capture_ns > self._dt_ns
         self._lived += 1
-        self._late += step.sent_ns - step.capture_ns > self._dt_ns
+        self._late += late
+        self._whole.add(step.run_timestep, late)
         for status in robots.values():
             if status.connected and status.telemetry is not None:
                 self._robots += 1
@@ -68,10 +91,29 @@ class Overload:
         seconds = wanted * self._dt_ns / 1e9
         held = 100.0 * self._held / self._robots if self._robots else 0.0
         return (
-            f"timesteps are late: of {wanted} in the last {seconds:.0f} s {self._late} were late"
-            f" and {left_out} left out; robots stood still for old readings {held:.0f} % of the"
-            f" time; {self._cause()} of {self._dt_ns / 1e6:.0f} ms"
+            f"{self._slow('makes', self._lived, wanted)}: of {wanted} in the last {seconds:.0f} s"
+            f" {self._late} were late and {left_out} left out; robots stood still for old readings"
+            f" {held:.0f} % of the time; {self._cause()} of {self._dt_ns / 1e6:.0f} ms"
         )
+
+    def _slow(self, makes: str, made: int, wanted: int) -> str:
+        """How many timesteps there are of those that there should be."""
+        if wanted - made <= MOST_LATE * wanted:
+            return "timesteps are late"
+        hz = 1e9 / self._dt_ns
+        return (
+            f"{self._who} {makes} {hz * made / wanted:.1f} of {hz:g} timesteps per second; results"
+            " are not usable"
+        )
+
+    def verdict(self) -> str | None:
+        """What there is to say of the whole run; None: it was on time."""
+        whole, self._whole = self._whole, Tally()
+        wanted = whole.last - whole.first + 1
+        if whole.late + wanted - whole.made <= MOST_LATE * wanted:
+            return None
+        words = self._slow("made", whole.made, wanted).replace("are late", "were late")
+        return f"{words}: of {wanted} {whole.late} were late and {wanted - whole.made} left out"
 
     def _cause(self) -> str:
         """The slowest part of a timestep, and how long it takes."""

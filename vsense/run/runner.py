@@ -14,7 +14,7 @@ from typing import Any
 from vsense.arena import ArenaState
 from vsense.cameras.grabber import NoMorePictures
 from vsense.clock import host_ns
-from vsense.config.specs import Experiment
+from vsense.config.specs import Experiment, Stage
 from vsense.errors import failing_as
 from vsense.link.robots.server import VirtualSensorServer
 from vsense.link.robots.status import RobotStatus
@@ -90,7 +90,9 @@ class Runner:
     ) -> None:
         self.counters, self.reconnects = LinkCounters(), 0
         self._alarms, self._obedience = RobotAlarms(), Obedience()
-        self._overload = Overload(experiment.timestep_ns)
+        real = experiment.stage is Stage.RUN
+        makers = "cameras and this computer" if real else "this computer"
+        self._overload = Overload(experiment.timestep_ns, makers)
         self.silences: list[Silence] = []
         self.robots: Mapping[int, RobotStatus] = {}
         self._robots = {robot.tag: robot.id for robot in experiment.robots}
@@ -221,6 +223,9 @@ class Runner:
         if self._silent:
             self._note_silence()
         self.control.end("interrupted")
+        verdict = self._overload.verdict()
+        if verdict is not None:
+            self._console.say(verdict, "warning")
         self._see_them_stand()
         self._settle()
         self.reconnects = self.counters.sessions - self._sessions

@@ -254,16 +254,18 @@ class _Slot:
 
     def _read(self, world: World, robots: NDArray[np.void]) -> NDArray[np.float64]:
         """Reads the perfect sensor and checks that every number can travel."""
-        name, layout = self._sensor.name, self._sensor.layout
+        layout = self._sensor.layout
+        # One of a user's own tells where it is written.
+        name = f"{getattr(self._sensor, 'place', '')}sensor {self._sensor.name!r}"
         values = np.asarray(self._sensor.read(world, robots), dtype=np.float64)
         expected = (len(robots), self._count)
         if values.shape != expected:
-            raise SensorError(f"sensor {name!r}: gave shape {values.shape}, expected {expected}")
+            raise SensorError(f"{name}: gave shape {values.shape}, expected {expected}")
         low, high = _range(self._values.dtype)
         fits = (values >= low) & (values <= high)
         if not fits.all():
             wrong = values[~fits].flat[0]
-            raise SensorError(f"sensor {name!r}: {wrong} does not fit its layout {layout!r}")
+            raise SensorError(f"{name}: {wrong} does not fit its layout {layout!r}")
         return values
 
     def _kept(self) -> _Held:

@@ -15,7 +15,7 @@ from typing import Any
 
 from vsense.errors import ConfigError
 from vsense.sensors.base import Scope, SensorError, VirtualSensor
-from vsense.world.users_code import UsersCode
+from vsense.world.users_code import UsersCode, line_of
 from vsense.xml.element import Element
 
 ELEMENTS = ("vs:sensor",)
@@ -24,11 +24,15 @@ _MEMBERS = ("name", "layout", "read")
 
 
 class UsersSensor:
-    """A user's sensor; what goes wrong in its functions becomes an error that names the file."""
+    """A user's sensor; what goes wrong in its functions becomes an error that names the file.
+
+    `place` is where its function `read` stands, for what is said of its values.
+    """
 
     def __init__(self, sensor: Any, code: UsersCode) -> None:
         self._sensor = sensor
         self._code = code
+        self.place = f"{code.file}:{line_of(sensor.read)}: "
 
     def __getattr__(self, key: str) -> Any:
         # Private names are never the user's; asking for them while this object is copied must end.

@@ -16,6 +16,7 @@ import numpy as np
 
 from vsense.errors import UsageError, VsenseError
 from vsense.report import FORMATS, can_draw, lacking
+from vsense.run import asked
 from vsense.run.programs import shared_objects
 from vsense.sim import dask_cluster, fingerprint
 from vsense.sim.engine import Engine
@@ -39,6 +40,7 @@ class Campaign:
         jobs: runs at the same time on this machine.
         on: address of a Dask cluster that does the runs instead; None: this machine does.
         json: print the figures on standard output.
+        lenient: see `prepare`.
     """
 
     sweep: Sweep
@@ -49,6 +51,7 @@ class Campaign:
     jobs: int = 1
     json: bool = False
     on: str | None = None
+    lenient: bool = False
 
 
 def run(
@@ -84,7 +87,7 @@ def _complete(
 ) -> CampaignResults:
     """Does the runs that are missing; raises as `run`."""
     sweep, path = campaign.sweep, campaign.output
-    tasks = prepare(sweep, campaign.setup)
+    tasks = prepare(sweep, campaign.setup, campaign.lenient)
     results = CampaignResults(path, fingerprint.of_campaign(tasks[0]), tuple(sweep.values))
     there = results.keys()
     todo = [
@@ -124,16 +127,19 @@ def outputs(output: Path | None, form: str | None) -> tuple[Path, Path]:
     return output.with_suffix(".csv"), output
 
 
-def prepare(sweep: Sweep, setup: Setup) -> list[Task]:
+def prepare(sweep: Sweep, setup: Setup, lenient: bool = False) -> list[Task]:
     """Makes all runs; a setting that cannot be had is found before the first one.
 
     Raises:
-        VsenseError: an experiment cannot be loaded, or a controller not be built.
+        VsenseError: an experiment cannot be loaded, or a controller not be built; or, unless
+            `lenient`, it asks for what nobody offers or is told what it does not read.
     """
     tasks = []
     for settings in sweep.combinations():
         changed = replace(setup, settings=settings)
         experiment = changed.load()
+        if not lenient:
+            asked.check(experiment)
         libraries = {name: str(path) for name, path in shared_objects(experiment).items()}
         for seed in sweep.seeds or ():
             label = ", ".join([*_words(settings), f"seed {seed}"])
@@ -168,6 +174,8 @@ def _simulate(
             _append(results, todo[written], done := finished.pop(written))
             _warn(console, todo[written], done["complaints"], told)
             written += 1
+    if todo:
+        show(())
 
 
 def _warn(console: Console, task: Task, complaints: Sequence[str], told: set[str]) -> None:

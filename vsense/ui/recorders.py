@@ -30,16 +30,22 @@ class Recorders:
         wanted: every run is recorded from its beginning; else only by an order.
         pictures: cameras' pictures are recorded, too.
         trouble: takes a line about what cannot be recorded; any thread.
+        say: likewise about what is recorded, and where.
     """
 
     def __init__(
-        self, bus: MessageBus, wanted: bool, pictures: bool, trouble: Callable[[str], None]
+        self,
+        bus: MessageBus,
+        wanted: bool,
+        pictures: bool,
+        trouble: Callable[[str], None],
+        say: Callable[[str], None] = lambda text: None,
     ) -> None:
         self._tracker: Mapping[str, Any] | None = None
         self._bus = bus
         self._wanted = wanted
         self._pictures = pictures
-        self._trouble = trouble
+        self._trouble, self._say = trouble, say
         self._path: Path | None = None
         self._recorder: Recorder | None = None
         self._lock = threading.RLock()
@@ -49,15 +55,25 @@ class Recorders:
         self.end_run()
         with self._lock:
             self._path = path
-            if self._wanted:
-                self._open()
+            if self._wanted and self._open():
+                self._say(f"recording to {path}")
 
     def end_run(self) -> None:
-        """Completes the run's recording."""
+        """Completes the run's recording, and says where it is."""
         with self._lock:
             recorder, self._recorder, self._path = self._recorder, None, None
-        if recorder is not None:
-            recorder.close()
+        if recorder is None:
+            return
+        # While what waits is written; it may be seconds.
+        self._say(f"completing the recording {recorder.path}")
+        recorder.close()
+        made = recorder.state()
+        self._say(f"recording: {recorder.path}, {made['bytes'] / 1e6:.1f} MB")
+        if made["lost_messages"]:
+            self._trouble(
+                f"the recording lacks {made['lost_messages']} messages and pictures: the disk was"
+                " too slow or full; vsense report shows when"
+            )
 
     def switch(self, on: bool) -> str:
         """Switches the recording on or off; gives a line for people, and does not wait for disks.
@@ -133,10 +149,10 @@ class Recorders:
             if self._wanted and self._recorder is None:
                 self._open()
 
-    def _open(self) -> None:
-        """Begins the run's recording; says what prevents it."""
+    def _open(self) -> bool:
+        """Begins the run's recording, or says what prevents it."""
         if self._path is None:
-            return
+            return False
         try:
             recording.require()
             from vsense.recording.recorder import Recorder
@@ -144,7 +160,8 @@ class Recorders:
             recorder = Recorder(self._bus, self._path, self._pictures)
         except VsenseError as error:
             self._trouble(f"run not recorded: {error}")
-            return
+            return False
         if self._tracker is not None:
             recorder.describe_tracker(self._tracker)
         self._recorder = recorder
+        return True

@@ -143,7 +143,8 @@ class ControlRoom:
         self._directory = Path()
         self._stack = ExitStack()
         self.recorders = Recorders(
-            self.bus, options.record or options.record_images, options.record_images, self._trouble
+            *(self.bus, options.record or options.record_images, options.record_images),
+            *(self._trouble, console.say),
         )
         self._failed = False
         console.also = self._tell_event
@@ -217,6 +218,7 @@ class ControlRoom:
             "command": self._facts.command,
             "process": os.getpid(),
             "directory": str(self._directory),
+            "port": self._server.port,
             "run": publisher.run_data(),
             "robots": publisher.robots_data(self._server.robots()),
         }

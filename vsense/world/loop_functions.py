@@ -27,7 +27,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from vsense.errors import VsenseError
+from vsense.errors import VsenseError, likely
 from vsense.world.entities import Arena, WorldError
 from vsense.world.floor import Floor
 from vsense.world.users_code import UsersCode, line_of
@@ -132,10 +132,21 @@ class LoopFunctions:
                 self._check_hook(name, hook, arguments)
                 self._hooks[name] = hook
                 self._lines[name] = line_of(hook)
+        self._refuse_misspelt(holder)
         if not self._hooks:
             known = ", ".join(HOOKS)
             raise LoopFunctionsError(self._file, 1, f"holds no loop function, expected: {known}")
         self.steps = STEPS.intersection(self._hooks)
+
+    def _refuse_misspelt(self, holder: object) -> None:
+        """Raises LoopFunctionsError for a function that looks like a hook and is none."""
+        missing = HOOKS.keys() - self._hooks.keys()
+        for name, some in inspect.getmembers(holder, inspect.isroutine):
+            own = getattr(some, "__module__", "") == _MODULE and not name.startswith("_")
+            hint = likely(name, missing) if own and name not in HOOKS else ""
+            if hint:
+                words = f"{name} is no loop function{hint}; begin its name with _ if it is your own"
+                raise LoopFunctionsError(self._file, line_of(some), words)
 
     def renewed(self) -> LoopFunctions:
         """Those of another run: the file is run again."""

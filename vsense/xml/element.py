@@ -7,13 +7,12 @@ default.
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
-from vsense.errors import ConfigError, instead
+from vsense.errors import ConfigError, instead, likely
 
 MAX_SHOWN = 60
 """Characters of a value that an error repeats."""
@@ -47,17 +46,6 @@ class Document:
 def shown(text: str) -> str:
     """A value in quotes, a long one cut."""
     return repr(text if len(text) <= MAX_SHOWN else text[:MAX_SHOWN] + "...")
-
-
-def listed(names: Iterable[str]) -> str:
-    """Names in alphabetical order, "none" where there is none."""
-    return ", ".join(sorted(names)) or "none"
-
-
-def likely(missing: str, present: Iterable[str]) -> str:
-    """Points to a present name that looks like a misspelling of the missing one."""
-    close = difflib.get_close_matches(missing, sorted(present), 1, 0.75)
-    return f" (is {close[0]!r} meant?)" if close else ""
 
 
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
@@ -125,6 +113,12 @@ class Element:
     def set(self, key: str, value: str) -> None:
         """Overrides an attribute, or adds it; the prefix of our own namespace may be left out."""
         self._settings[key.removeprefix(_OURS)] = value
+
+    @property
+    def added(self) -> frozenset[str]:
+        """Attributes that are set from outside and do not stand in the file."""
+        there = {key.removeprefix(_OURS) for key in self._attributes}
+        return frozenset(self._settings.keys() - there)
 
     def peek(self, key: str) -> str | None:
         """An attribute as it stands, None where it is absent, without counting it as read."""

@@ -39,7 +39,7 @@ JOIN_S = 5.0
 class VirtualSensorServer:
     """Sessions with all robots of an experiment. Its methods may be called by any thread.
 
-    Nothing is opened before `start`.
+    Nothing is opened before `start`, from which on `port` is the port's number.
 
     Args:
         host: name or address of the interface to listen on.
@@ -69,6 +69,7 @@ class VirtualSensorServer:
         calendar: Callable[[], float] = time.time,
     ) -> None:
         self._host, self._port = host, port
+        self.port = port
         self._roster = Roster(expected, timestep_ns, seed, trust)
         self._roster.orders = Orders(int(calendar()))
         self._lock = threading.Lock()
@@ -90,6 +91,7 @@ class VirtualSensorServer:
         self._network = ServerThread(self._shared, bound)
         self._thread = threading.Thread(target=self._serve, name="vsense-link", daemon=True)
         self._thread.start()
+        self.port = bound.port
         return bound.port
 
     def publish(self, timestep: int, capture_ns: int, values: Mapping[int, Values]) -> int:

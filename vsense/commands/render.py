@@ -1,4 +1,4 @@
-"""`vsense record`: the lab's pictures as a recording."""
+"""`vsense render`: the lab's pictures as files for `vsense track`."""
 
 from __future__ import annotations
 
@@ -12,21 +12,19 @@ from vsense.lab.recorder import record
 from vsense.terminal import Console
 
 DESCRIPTION = (
-    "Draws what the lab's cameras see of an experiment's robots wandering about, and writes it as a"
-    " recording: pictures with timestamps, camera files, the two configuration files of"
-    " `vsense track`, and truth.csv, where every robot truly was. No robot's program runs; use"
-    " `vsense lab` for that."
+    "Draws what the lab's cameras see of an experiment's robots wandering about, and writes what"
+    " real cameras would leave: pictures with timestamps, camera files, the two configuration files"
+    " of `vsense track`, and truth.csv, where every robot truly was. No robot's program runs, and"
+    " nothing is recorded: `vsense lab --record` does that."
 )
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
-    parser.add_argument(
-        "experiment", help="a shipped experiment's name, or the path of a .argos file"
-    )
-    parser.add_argument("directory", type=Path, help="folder for the recording, made if need be")
+    arguments.add_experiment_name(parser)
+    parser.add_argument("directory", type=Path, help="folder for all of it, made if need be")
     arguments.option(
-        parser, "--frames", arguments.positive, "N", "timesteps to record (default: 100)", 100
+        parser, "--frames", arguments.positive, "N", "timesteps to draw (default: 100)", 100
     )
     arguments.option(
         parser, "--seed", arguments.natural, "N", "seed of poses, ways and noise (default: 1)", 1
@@ -40,8 +38,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Records; see `vsense.lab.recorder.record`."""
+    """Draws; see `vsense.lab.recorder.record`."""
     console = Console()
+    if options.command == "record":
+        console.say("vsense: 'record' is called 'render' now: it records nothing")
     console.progress("building the scene")
     record(
         load(options.experiment, stage=Stage.LAB),
@@ -49,11 +49,11 @@ def run(options: argparse.Namespace) -> int:
         options.frames,
         options.seed,
         options.format,
-        lambda done: console.progress(f"{done} of {options.frames} timesteps recorded"),
+        lambda done: console.progress(f"{done} of {options.frames} timesteps drawn"),
     )
     console.end_progress()
     console.say(
-        f"vsense: recorded into {options.directory}; now:"
+        f"vsense: drawn into {options.directory}; now:"
         f" vsense track {options.directory}/resources.xml {options.directory}/experiment.xml"
         " --offline"
     )

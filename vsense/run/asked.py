@@ -1,0 +1,170 @@
+"""What controllers ask for and nobody offers, and what they are told and do not read.
+
+Each program is loaded into a process of its own, begins a run as one robot, and makes one control
+step: what it has asked for until then is known before anything starts. `robot/robot.c` and
+`robot/inprocess.c` have the words of its complaints.
+
+What cannot be found out here, without a compiler or of a program that fails at once, is no error
+here. Nor is a parameter whose name stands in the sources, which may be read in some cases only; nor
+a name that is right on a robot with a certain board. No robot's daemon stops for any of it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import select
+import signal
+from collections.abc import Sequence
+from contextlib import suppress
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from vsense.actuators.bank import ActuatorBank
+from vsense.config.argos import OWN
+from vsense.config.specs import ControllerSpec, Experiment, Stage
+from vsense.errors import ConfigError, VsenseError, instead
+from vsense.link.robots.table import Direction, Table
+from vsense.link.robots.wire import Wanted
+from vsense.robot import build
+from vsense.robot.argos_code import own_files
+from vsense.robot.compiling import BuildError
+from vsense.robot.inprocess import ACT_NS, Robots
+from vsense.robot.programs import content
+from vsense.run.environment import table_of
+from vsense.sensors.bank import SensorBank
+from vsense.sensors.readings import SensorReadings
+from vsense.world.sightings import NEVER_NS
+
+PATIENCE_S = 10.0
+"""A program that takes longer for its first step is left to the run, which says so."""
+
+_TAG = 1
+_BOARDS = {device.name for section in OWN.values() for device in section.values() if device.board}
+"""Names that a robot's board may offer."""
+
+_WORDS = {
+    "sensor": re.compile(r"controller '.*': nobody offers the sensor '(.*)'"),
+    "virtual actuator": re.compile(r"controller '.*': nobody offers the virtual actuator '(.*)'"),
+    "number": re.compile(r"controller '.*': expected a number as parameter '(.*)'"),
+    "parameter": re.compile(r"controller '.*' does not know the parameter '(.*)': ignored"),
+}
+_READS = re.compile(rb'\bvs_robot_param(?:_text)?\s*\(\s*\w+\s*,\s*"([^"\n]+)"')
+
+
+def check(experiment: Experiment) -> None:
+    """Refuses what is asked for in vain, and parameters that nobody reads or that are no numbers.
+
+    Raises:
+        ConfigError: it names the controller's line, the name, and what may be meant.
+    """
+    for spec in experiment.controllers:
+        for complaint in _complaints(experiment, spec):
+            message = _refusal(experiment, spec, complaint)
+            if message is not None:
+                raise ConfigError(experiment.file, spec.line, f"<{spec.label}>: {message}")
+
+
+def _refusal(experiment: Experiment, spec: ControllerSpec, complaint: str) -> str | None:
+    """What is wrong in an experiment where a controller complains so; None: nothing."""
+    for kind, words in _WORDS.items():
+        found = words.fullmatch(complaint)
+        if found is None:
+            continue
+        name = found[1]
+        if kind == "number":
+            return f"its parameter {name!r} is {spec.params[name]!r}, expected a number"
+        if kind == "parameter":
+            known = None if _stands_in(spec, name) else _parameters(spec)
+            wrong = f"its program reads no parameter {name!r}"
+        else:
+            real = experiment.stage is Stage.RUN and name in _BOARDS
+            known = None if real else _offered(spec, kind)
+            wrong = f"its program asks for the {kind} {name!r}, which nobody offers"
+        return None if known is None else f"{wrong}; {instead(name, known)}"
+    return None
+
+
+def _stands_in(spec: ControllerSpec, name: str) -> bool:
+    """Whether a name stands in quotes in the program's own sources."""
+    quoted = f'"{name}"'.encode()
+    return any(quoted in content(path) for path in own_files(spec.program))
+
+
+def _parameters(spec: ControllerSpec) -> list[str]:
+    """The parameters that a program reads, as far as its sources show it; with those of walk.h."""
+    walk = build.source_tree().root / "robot" / "walk.c"
+    found = [n for path in [*own_files(spec.program), walk] for n in _READS.findall(content(path))]
+    return [name.decode(errors="replace") for name in found]
+
+
+def _offered(spec: ControllerSpec, kind: str) -> list[str]:
+    """The sensors, or the virtual actuators, that a program can have."""
+    if kind != "sensor":
+        return [mounted.actuator.name for mounted in spec.actuators]
+    own = [device.name for device in OWN["sensors"].values()]
+    return [*own, *(mounted.sensor.name.removeprefix("+") for mounted in spec.sensors)]
+
+
+def _complaints(experiment: Experiment, spec: ControllerSpec) -> Sequence[str]:
+    """What a controller complains of in its first step; nothing where it cannot be tried."""
+    sensors = SensorBank(spec.sensors, [_TAG])
+    actuators = ActuatorBank(spec.actuators, [_TAG], first_id=len(sensors.table) + 1)
+    params = spec.params_for(next(iter(experiment.driven_by(spec)), ""))
+    with suppress(BuildError):
+        library = build.shared(spec.program)
+        table = table_of(sensors, actuators)
+        return _tried(str(library), table.encode(), params, experiment.timestep_ns)
+    return ()
+
+
+@lru_cache(maxsize=256)
+def _tried(library: str, table: bytes, params: str, timestep_ns: int) -> tuple[str, ...]:
+    """What a program complains of, as `_step` in a fork of this process has it."""
+    source, target = os.pipe()
+    pid = os.fork()
+    if pid == 0:
+        try:
+            # Neither what it prints nor what it does to this process is for anybody.
+            silent = os.open(os.devnull, os.O_RDWR)
+            for descriptor in range(3):
+                os.dup2(silent, descriptor)
+            said = _step(Path(library), Table.decode(table), params, timestep_ns)
+            os.write(target, json.dumps(said).encode())
+        finally:
+            os._exit(0)
+    os.close(target)
+    try:
+        return tuple(json.loads(_answer(source) or b"[]"))
+    finally:
+        os.kill(pid, signal.SIGKILL)
+        os.waitpid(pid, 0)
+        os.close(source)
+
+
+def _answer(source: int) -> bytes:
+    """What comes out of a pipe until its end; nothing where that takes too long."""
+    data = b""
+    while select.select([source], [], [], PATIENCE_S)[0]:
+        part = os.read(source, 65536)
+        if not part:
+            return data
+        data += part
+    return b""
+
+
+def _step(library: Path, table: Table, params: str, timestep_ns: int) -> list[str]:
+    """Lets one robot begin a run; returns what its controller complains of."""
+    try:
+        robots = Robots(library, [_TAG], table, timestep_ns, 1, params)
+        sizes = [size for *_, size in table.of_direction(Direction.SENSOR)]
+        block = np.zeros((1, sum(sizes)), dtype=np.uint8)
+        readings = SensorReadings([_TAG], sizes, block, np.full((1, len(sizes)), NEVER_NS))
+        times_ns = timestep_ns, timestep_ns + ACT_NS
+        robots.step(Wanted.RUN, 0, 0, times_ns, readings, np.zeros((1, 8), dtype=np.int16))
+    except VsenseError:
+        return []
+    return robots.complaints()
