@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from vsense import cli
+from vsense import errors
 from vsense.doctor import checks, versions
 from vsense.doctor.checks import BROKEN, LACKS, OK, Finding, findings
 
@@ -32,7 +33,7 @@ def test_an_extra_that_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     assert found("extra record") == Finding(
         *("extra record", LACKS, "no recordings (--record, replay, report, export)"),
-        "pip install 'vsense[record]'",
+        errors.pip_line("mcap"),
     )
 
 
