@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from vsense import cli
-from vsense import errors
+from vsense import cli, errors
 from vsense.doctor import checks, versions
 from vsense.doctor.checks import BROKEN, LACKS, OK, Finding, findings
 
