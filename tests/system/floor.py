@@ -398,6 +398,27 @@ class Floor:
         return [*self._parts, *self._daemons.values()]
 
 
+CLEAN = """
+import numpy as np
+
+class Clean:
+    name, layout = "pollutant", "u1"
+
+    def read(self, world, robots):
+        return np.zeros((len(robots), 1))
+
+def from_xml(element, scope):
+    return Clean()
+"""
+"""Air without pollutant, for the controller that asks for it."""
+
+
+def clean_air(folder: Path) -> str:
+    """Writes the sensor beside an experiment; returns its element."""
+    (folder / "clean.py").write_text(CLEAN)
+    return '<vs:sensor file="clean.py" />'
+
+
 def experiment(folder: Path, framework: str, tags: list[int], length_s: float) -> Path:
     """Writes an experiment with robots that wander about.
 
@@ -419,7 +440,7 @@ def experiment(folder: Path, framework: str, tags: list[int], length_s: float) -
 </framework>
 <controllers><pollutant_controller id="wanderer" library="pollutant">
 <actuators><epuck_wheels implementation="default" /></actuators>
-<sensors><epuck_proximity implementation="default" /></sensors>
+<sensors><epuck_proximity implementation="default" />{clean_air(folder)}</sensors>
 <params speed_cm_s="8" walk_s="100" />
 </pollutant_controller></controllers>
 <arena size="3,2,1" center="0,0,0.5">

@@ -338,7 +338,7 @@ def test_port_in_use_is_one_line(tmp_path: Path) -> None:
 def test_unwritable_directory_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     code, said = fails(tmp_path, "pollutant", "--output", str(tmp_path / "file" / "run"))
-    assert code == 1
+    assert code == 2
     assert "Not a directory" in said and len(said.strip().splitlines()) == 1
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.link.legacy_rig import Client, Relay
-from tests.system.floor import MS, Floor, OriginalTracker
+from tests.system.floor import MS, Floor, OriginalTracker, clean_air
 
 pytestmark = pytest.mark.system
 
@@ -37,6 +37,7 @@ def experiment(folder: Path, framework: str, length_s: float) -> Path:
   <epuck_proximity implementation="default" />
   <gps_virtual_sensor implementation="default" />
   <virtual_led_sensor implementation="default" vs:max_blobs="2" />
+  {clean_air(folder)}
 </sensors>
 <params speed_cm_s="8" walk_s="100" />
 </pollutant_controller></controllers>
@@ -78,7 +79,7 @@ def test_a_mixed_swarm_runs_together(floor: Floor, tmp_path: Path) -> None:
     floor.wait_for(lambda: program.ended, "the end")
     assert program.process.returncode == 0, program.said
     learnt = robot.finish()
-    assert learnt.table == {3: 36} and learnt.started and learnt.ended
+    assert learnt.table == {3: 36, 7: 12} and learnt.started and learnt.ended
     assert learnt.values[3] == pytest.approx((-0.5, 0.25, 3.14159), abs=1e-4)
     figures = json.loads(program.printed)
     assert figures["ended"] == "time" and figures["missing_at_start"] == []
