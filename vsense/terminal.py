@@ -147,6 +147,10 @@ LAST_S = 1.7
 
 LEAST_S = 0.1
 
+LOOK_S = 0.5
+"""A signal that comes in the moment before a wait begins does not end it: Python's handler runs
+when the wait is over. So no wait lasts longer than this."""
+
 
 class Interruption(threading.Event):
     """Set by the first of SIGINT, SIGTERM and SIGHUP that comes.
@@ -177,9 +181,13 @@ class Interruption(threading.Event):
 
     def wait(self, timeout: float | None = None) -> bool:
         """Waits for a signal, for `timeout` s at the longest; gives whether one has come."""
-        if not self._came:
+        end_s = None if timeout is None else time.monotonic() + timeout
+        while not self._came:
+            left_s = LOOK_S if end_s is None else min(LOOK_S, end_s - time.monotonic())
+            if left_s <= 0.0:
+                break
             with suppress(Empty):
-                self._wakes.get(timeout=timeout)
+                self._wakes.get(timeout=left_s)
                 self._wakes.put(None)  # for whoever else waits
         return self._came
 
