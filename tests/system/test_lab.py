@@ -255,7 +255,7 @@ def test_earlier_run_is_never_written_over(directory: Path) -> None:
     assert lab.end() == 0
     before = lab.summary()
     again = start(directory, "--duration", "2")
-    assert again.end() == 1
+    assert again.end() == 2
     assert "is not empty: choose a new folder" in again.said[-1]
     assert lab.summary() == before
 
