@@ -169,8 +169,14 @@ def _add_ways(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Runs an action; 0, or 1 where a robot was not served."""
-    actions = {"build": build, "deploy": deploy, "keys": robot_keys.run, "status": orders.robots}
-    return {**actions, "emulate": robot_emulate.run}[options.action](options)
+    actions = {
+        "build": build,
+        "deploy": deploy,
+        "keys": robot_keys.run,
+        "emulate": robot_emulate.run,
+        "status": orders.robots,
+    }
+    return actions[options.action](options)
 
 
 def build(options: argparse.Namespace) -> int:

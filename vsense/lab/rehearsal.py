@@ -33,19 +33,19 @@ ANSWER_MAX = 4096
 
 
 class LineWriter:
-    """The tracker's end of `vsense/link/TRACKERS.md`; connects again and again.
-
-    Attributes:
-        connected: Whether the run's host took the last line.
-    """
+    """The tracker's end of `vsense/link/TRACKERS.md`; connects again and again."""
 
     def __init__(self, host: str, port: int, tell: Tell) -> None:
-        self.connected = False
         self._address = host, port
         self._tell = tell
         self._socket: socket.socket | None = None
         self._rest = b""
         self._try_ns = 0
+
+    @property
+    def connected(self) -> bool:
+        """Whether the run's host takes lines."""
+        return self._socket is not None
 
     def write(self, line: bytes) -> None:
         """Sends a line if somebody takes it; one that cannot leave at once ends the connection."""
@@ -66,7 +66,7 @@ class LineWriter:
         """Ends the connection; can be called again."""
         if self._socket is not None:
             self._socket.close()
-        self._socket, self.connected, self._rest = None, False, b""
+        self._socket, self._rest = None, b""
 
     def _connect(self) -> None:
         if host_ns() < self._try_ns:
@@ -75,7 +75,6 @@ class LineWriter:
         with suppress(OSError):  # nobody listens yet: the progress line says so
             self._socket = socket.create_connection(self._address, CONNECT_S)
             self._socket.setblocking(False)
-            self.connected = True
             self._tell(f"the tracker is connected to {self._address[0]}, port {self._address[1]}")
 
     def _hear(self, connection: socket.socket) -> None:
