@@ -21,7 +21,7 @@ from tests.site.test_output import free_ports
 
 ELSEWHERE = {
     r"sudo |pip install|python3 -m venv|dask |deactivate": "changes the machine",
-    r"\. \.venv/bin/activate": "the test's own environment is active",
+    r"(source|\.) \.venv/bin/activate": "the test's own environment is active",
     r"scripts/(demo|test|docs|bench)\b": "has tests of its own, and takes minutes",
     r"vsense run (?!--help|.*--tracker lines)": "needs robots: tests/live, tests/system",
     r"vsense robot (deploy|status|keys --hosts|keys --new-key --hosts)": "needs robots",
