@@ -1,7 +1,7 @@
 """The README of an experiment that somebody begins with: its files, explained line by line.
 
-What it says of ARGoS's elements stands here; of vsense's own elements it says what the schema says,
-of devices the head of the file that makes them, of calls the comment in the controllers' header.
+Of elements it says what `config/sentences.py` has, of devices else the head of the file that makes
+them, of calls the comment in the controllers' header.
 """
 
 from __future__ import annotations
@@ -9,47 +9,15 @@ from __future__ import annotations
 import ast
 import inspect
 import re
-import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping
 from functools import cache
-from importlib import resources
 from pathlib import Path
 
 from vsense.config.devices import ACTUATORS, SENSORS, factories
+from vsense.config.sentences import known, places
 from vsense.robot.build import source_tree
 from vsense.xml.element import Element
 from vsense.xml.parsing import parse
-
-_XS = "{http://www.w3.org/2001/XMLSchema}"
-
-_MEANING = {
-    "argos-configuration": "The whole experiment; `xmlns:vs` makes vsense's own names known.",
-    "framework": "How the experiment is run.",
-    "experiment": "`length` [s] of a run, `ticks_per_second`, the seed of all that is drawn, and"
-    " where real robots find this machine (`vss_host`, `vss_port`).",
-    "controllers": "What drives the robots: one element for each kind of robot.",
-    "actuators": "What the controller may set.",
-    "sensors": "What the controller may read. Names with `epuck_` are the robot's own devices,"
-    " the others are virtual.",
-    "params": "Numbers and texts for the controller: `vs_robot_param(robot, NAME, default)`.",
-    "loop_functions": "Python that is called in every timestep, with all attributes in"
-    " `world.params`.",
-    "arena": "The ground: its extent along x, y and z, and its middle.",
-    "box": "A box, by its extents; `body` says where its middle stands. Ids that begin with"
-    " `wall` are real ones, all others are virtual.",
-    "light": "A virtual light that light sensors see.",
-    "distribute": "Puts robots where the seed says.",
-    "position": "Between which corners they stand.",
-    "orientation": "Between which headings [deg] they look.",
-    "entity": "How many, and with `vs:tags` the numbers on their markers.",
-    "e-puck": "A robot; its `controller` names what drives it.",
-    "media": "What carries light, messages and so on; here for ARGoS, which wants it.",
-    "physics_engines": "For ARGoS, which wants it.",
-    "epuck_wheels": "The wheels: `vs_robot_set_wheels`, or a walk of `walk.h`.",
-    "epuck_base_leds": "The red LEDs: `vs_robot_set_leds`.",
-    "epuck_proximity": "The ring of eight infrared sensors: `proximity`.",
-}
-"""Of elements that ARGoS has, too."""
 
 _PARAGRAPH = "\n\n"
 
@@ -162,33 +130,22 @@ def _meaning(element: Element, parent: str) -> str:
         )
     if parent == "loop_functions":
         return "Settings for the loop functions, too."
-    if element.name in _MEANING:
-        return _MEANING[element.name]
+    if element.name == "vs:sensor":
+        return f"A sensor of your own: `{element.peek('file')}`."
+    said = (known().get((place, "")) for place in places(parent, element.name))
+    if sentence := next(filter(None, said), ""):
+        return _sentence(sentence)
     if parent in (SENSORS, ACTUATORS) and element.name in factories(parent):
-        if element.name == "vs:sensor":
-            return f"A sensor of your own: `{element.peek('file')}`."
         file = Path(inspect.getfile(factories(parent)[element.name]))
         head = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
         return f"{_sentence(head.split(_PARAGRAPH)[0])} `vsense docs {parent}/{file.name}`"
-    return _schema().get(element.name, "")
+    return ""
 
 
 def _sentence(text: str) -> str:
     """Text on one line, as a cell of a table."""
     line = " ".join(text.split()).replace("|", "\\|")
     return line[:1].upper() + line[1:]
-
-
-@cache
-def _schema() -> dict[str, str]:
-    """What the schema says of vsense's own elements."""
-    file = resources.files("vsense") / "config" / "schema" / "argos-vsense.xsd"
-    root = ET.fromstring(file.read_text(encoding="utf-8"))
-    said = f"{_XS}annotation/{_XS}documentation"
-    return {
-        f"vs:{element.get('name')}": _sentence(element.findtext(said) or "")
-        for element in root.findall(f"{_XS}element")
-    }
 
 
 @cache
