@@ -110,7 +110,7 @@ def _extras() -> Iterator[Finding]:
         if not missing:
             yield Finding(f"extra {extra}", OK, purpose)
         else:
-            yield Finding(f"extra {extra}", LACKS, f"no {purpose}", pip_line(missing[0]))
+            yield Finding(f"extra {extra}", LACKS, f"needed for {purpose}", pip_line(missing[0]))
 
 
 def _cameras() -> Iterator[Finding]:
