@@ -16,6 +16,7 @@
 
 static uint64_t recent_ns;
 static clockid_t clock_id = CLOCK_MONOTONIC_RAW;
+static uint32_t pace_permille = 1000;
 
 #ifdef SYS_clock_gettime32
 long syscall(long number, ...); /* no part of POSIX, so no header shows it */
@@ -50,7 +51,14 @@ uint64_t vs_posix_now_ns(void)
         read_clock(&now);
     }
     recent_ns = (uint64_t)now.tv_sec * 1000000000u + (uint64_t)now.tv_nsec;
+    if (pace_permille != 1000)
+        recent_ns = recent_ns / 1000 * pace_permille + recent_ns % 1000 * pace_permille / 1000;
     return recent_ns;
+}
+
+void vs_posix_slow(uint32_t permille)
+{
+    pace_permille = permille;
 }
 
 int vs_posix_clock_is_slewed(void)
@@ -73,6 +81,8 @@ int vs_posix_timeout_ms(uint64_t now_ns, uint64_t deadline_ns)
     if (deadline_ns <= now_ns)
         return 0;
     ms = (deadline_ns - now_ns + 999999u) / 1000000u;
+    if (pace_permille != 1000 && ms < 1000000u)
+        ms = (ms * 1000 + pace_permille - 1) / pace_permille;
     return ms < 1000000u ? (int)ms : 1000000;
 }
 

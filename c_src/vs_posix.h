@@ -18,6 +18,10 @@ extern "C" {
  */
 uint64_t vs_posix_now_ns(void);
 
+/* From now on this process's clock, and what waits on it, goes at permille / 1000 (1 to 1000) of
+ * the board's: for a lab that is slower than real time. Before its first reading. */
+void vs_posix_slow(uint32_t permille);
+
 /* 1: it is CLOCK_MONOTONIC, whose rate NTP changes. */
 int vs_posix_clock_is_slewed(void);
 

@@ -24,7 +24,8 @@ static void outlast(int socket, long worker)
 {
     struct pollfd word = {socket, POLLIN, 0};
 
-    if (poll(&word, 1, (int)(VS_GUARD_HUNG_NS / 1000000u)) == 0 && vs_restart_end(worker, socket))
+    if (poll(&word, 1, vs_posix_timeout_ms(0, VS_GUARD_HUNG_NS)) == 0 &&
+        vs_restart_end(worker, socket))
         vs_report("told to end, but the worker hung: ended it");
 }
 

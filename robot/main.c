@@ -17,6 +17,7 @@
 #include "uid.h"
 #include "worker.h"
 #include "../c_src/vs_format.h"
+#include "../c_src/vs_posix.h"
 
 static void print_help(void)
 {
@@ -122,6 +123,7 @@ int main(int argc, char *argv[])
     default:
         break;
     }
+    vs_posix_slow(options.clock_permille);
     if (options.check)
         return vs_check_run(&options);
     vs_report_as(options.tag);

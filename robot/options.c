@@ -12,71 +12,6 @@
 #define DRIFT_MAX_PPM 100000.0
 #define BATTERY_STOP_MAX_MV 5000
 
-const char vs_options_help[] =
-    "usage: vsensed --host ADDRESS --port PORT --tag TAG --base BASE [options]\n"
-    "       vsensed --config FILE [options]\n"
-    "       vsensed --check --config FILE\n"
-    "\n"
-    "Runs one robot: its controller gets the virtual sensors of the host, its base the\n"
-    "controller's commands. Wheels stop when the host falls silent for 400 ms, on SIGTERM,\n"
-    "and when any process of the daemon dies or hangs. Nothing here stops them when guard and\n"
-    "worker are killed at once or Linux hangs: only a watchdog in the robot's firmware does\n"
-    "(firmware_bridge/README.md).\n"
-    "\n"
-    "  --host ADDRESS   the host's numeric IPv4 address\n"
-    "  --port PORT      the host's port, TCP and UDP\n"
-    "  --tag TAG        number of the marker on the robot's back, 0..65535\n"
-    "  --base BASE      what turns the wheels: KIND:DEVICE[,OPTION]..., or the name of a board\n"
-    "                   in place of KIND:DEVICE, see below\n"
-    "  --uid HEX        32 hexadecimal digits that no other robot has\n"
-    "                   (default: the board's machine-id, serial number or MAC address, the\n"
-    "                   first that it has, mixed with the tag)\n"
-    "  --key FILE       the robot's uid and key, which vsense robot deploy brings: it obeys no\n"
-    "                   host that does not know the key\n"
-    "  --insecure       in place of --key: it obeys whoever sends it commands\n"
-    "  --name NAME      for people, at most 31 bytes (default: robot_TAG)\n"
-    "  --config FILE    a file of settings, one in a line: the name of an option without\n"
-    "                   its dashes, = and its value, such as: port = 4050. What the\n"
-    "                   command line says wins\n"
-    "  --watchdog FILE  feed the board's watchdog, /dev/watchdog: a board that hangs restarts\n"
-    "                   some 10 s later. It does not stop wheels in time\n"
-    "  --battery-stop-mv N  stand still when the battery is below N millivolts for 3 s, until\n"
-    "                   it has 200 more (default: 0, never)\n"
-    "  --check          look whether clock, network, host and base are well, say what is\n"
-    "                   wrong and how to mend it, and end: 0 all is well, 1 it is not\n"
-    "  --identify       print the uid that the host will see, and where it is from, and end\n"
-    "  --version        print the version and the controller, and end\n"
-    "  --help           print this and end\n"
-    "\n"
-    "What was measured of this robot: its controller sees the simulation's e-puck. One for all\n"
-    "sensors, or one for each with commas between them:\n"
-    "  --proximity-scale NOTHING:WALL  raw: nothing near, a white wall 1 cm ahead\n"
-    "  --light-scale DARK:BRIGHT    raw\n"
-    "  --ground-scale BLACK:WHITE   raw: left, centre, right\n"
-    "  --wheel-diameter MM    (default: 41)\n"
-    "  --wheel-ratio F        right wheel over left wheel (default: 1)\n"
-    "  --axle-length MM       (default: 53)\n"
-    "\n"
-    "Test aids:\n"
-    "  --trace FILE           one line per control step\n"
-    "  --clock-offset-ns N    session's clock = the board's * (1 + F / 1e6) + N\n"
-    "  --clock-drift-ppm F\n"
-    "\n"
-    "Options of every base, for boards on an I2C bus (/dev/i2c-3):\n"
-    "  ground=BUS             ground sensors, address 0x60\n"
-    "  rab=BUS                range and bearing, address 0x20\n"
-    "  battery=BUS            a Pi-puck's battery converter, address 0x48: /dev/i2c-11\n"
-    "  rgb=BUS                IRIDIA's RGB LEDs, address 0x61\n"
-    "  imu=BUS                gyroscope, address 0x68 to 0x6A\n"
-    "  rab_bytes=4|2          length of its messages (default: 4; GCtronic's: 2)\n"
-    "  rab_power=0..255       of transmission, 0 is the most (default: 115)\n"
-    "  rab_k=CM               its range constant (default: 0.0867438559)\n"
-    "And of gctronic and york:\n"
-    "  reset=GPIO             resets the robot's microcontroller when it does not answer; its\n"
-    "                         number, 24 on a Pi-puck, or a folder such as\n"
-    "                         /sys/class/gpio/gpio536\n"
-    "Bases:\n";
-
 struct reading {
     const char *option;
     const char *value;
@@ -165,6 +100,16 @@ static int take_drift(const struct reading *r, struct vs_options *o)
     return 0;
 }
 
+static int take_permille(const struct reading *r, struct vs_options *o)
+{
+    int64_t permille = 0;
+
+    if (vs_number_whole(r->value, 1, 1000, &permille) != 0)
+        return refuse(r, "1 to 1000");
+    o->clock_permille = (uint32_t)permille;
+    return 0;
+}
+
 static int take_host(const struct reading *r, struct vs_options *o)
 {
     o->host = r->value;
@@ -233,6 +178,7 @@ static const struct {
     {"trace", take_trace},
     {"clock-offset-ns", take_offset},
     {"clock-drift-ppm", take_drift},
+    {"clock-permille", take_permille},
     {"proximity-scale", take_calibration},
     {"light-scale", take_calibration},
     {"ground-scale", take_calibration},
@@ -323,6 +269,11 @@ static int check(struct vs_options *o, char *why, size_t why_size)
         vs_format(why, why_size, "--uid: the file of --key says the robot's uid");
         return -1;
     }
+    if (o->clock_permille != 1000 && strncmp(o->host, "127.", 4) != 0) {
+        vs_format(why, why_size, "--clock-permille: a robot with a slow clock stops late: expected "
+                  "--host 127.0.0.1, got '%.100s'", o->host);
+        return -1;
+    }
     if (o->name[0] == '\0')
         vs_format(o->name, sizeof o->name, "robot_%u", (unsigned int)o->tag);
     return 0;
@@ -331,6 +282,7 @@ static int check(struct vs_options *o, char *why, size_t why_size)
 void vs_options_init(struct vs_options *options)
 {
     memset(options, 0, sizeof *options);
+    options->clock_permille = 1000;
 }
 
 /* 1 if no value comes after it. */

@@ -84,6 +84,24 @@ static void test_gathering(struct vs_io *io)
     CHECK(settings_made == 3 && gathered == 1);
 }
 
+/* At half of the clock's rate half of the time has passed, and waits last twice as long. */
+static void test_a_slow_clock(void)
+{
+    uint64_t fast_ns = vs_posix_now_ns();
+    uint64_t slow_ns;
+
+    vs_posix_slow(500);
+    slow_ns = vs_posix_now_ns();
+    CHECK(slow_ns >= fast_ns / 2 && slow_ns < fast_ns);
+    CHECK(vs_posix_timeout_ms(0, 3000000) == 6 && vs_posix_timeout_ms(0, UINT64_MAX) == -1);
+    CHECK(vs_posix_timeout_ms(5, 5) == 0 && vs_posix_timeout_ms(0, 1) == 2);
+    vs_posix_slow(1);
+    CHECK(vs_posix_timeout_ms(0, 1000000) == 1000);
+    CHECK(vs_posix_timeout_ms(0, 2000000000000u) == 1000000);
+    vs_posix_slow(1000);
+    CHECK(vs_posix_timeout_ms(0, 3000000) == 3);
+}
+
 int main(void)
 {
     uint8_t buf[12] = {0};
@@ -103,5 +121,6 @@ int main(void)
     CHECK(io.write(io.context, buf, sizeof buf, 0) == VS_OK);
     CHECK(settings_made == 0);
     test_gathering(&io);
+    test_a_slow_clock();
     return 0;
 }

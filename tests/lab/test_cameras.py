@@ -156,7 +156,7 @@ def test_the_first_call_starts_the_cameras_just_after_the_newest_truth(spec: Lab
     start_ns = host_ns()
     writer.write(start_ns, np.zeros((2, 3)), np.zeros(2, dtype=int))
     with running(replace(spec, truth=ring.name)) as grabber:
-        with pytest.raises(GrabberError, match="no pictures from the lab's cameras in 0 s"):
+        with pytest.raises(GrabberError, match="no pictures from the lab's 2 cameras in 0 s"):
             grabber.next(0.0)
         writer.write(start_ns + 100 * SECOND_NS, np.zeros((2, 3)), np.zeros(2, dtype=int))
         frames = grabber.next(PATIENCE_S)
@@ -244,6 +244,34 @@ def test_rig_sees_the_whole_arena_and_overlaps(size: tuple[float, float]) -> Non
     assert np.any(seen, axis=0)[~beyond.any(axis=1)].all()
 
 
+@pytest.mark.parametrize(
+    ("size", "grid", "found"),
+    [
+        ((6.0, 2.0), None, (3, 2)),
+        ((8.0, 8.0), None, (4, 5)),
+        ((8.0, 8.0), (4, 4), (4, 4)),
+        ((3.0, 2.4), (1, 1), (1, 1)),
+    ],
+)
+def test_a_large_arena_gets_more_cameras_or_higher_ones(
+    size: tuple[float, float], grid: tuple[int, int] | None, found: tuple[int, int]
+) -> None:
+    arena = Arena((*size, 1.0), (1.0, 2.0, 0.5))
+    cameras = rig(arena, grid)
+    assert len(cameras) == found[0] * found[1]
+    assert cameras[-1].id == f"cam_{found[0] - 1}_{found[1] - 1}"
+    rng = np.random.default_rng(1)
+    places = np.array(arena.centre_m[:2]) + rng.uniform(-0.5, 0.5, (5000, 2)) * size
+    markers = np.column_stack((places, np.full(len(places), 0.06)))
+    seen = [camera.contains(camera.project(markers), 10.0) for camera in cameras]
+    assert np.any(seen, axis=0).all()
+    x_m, y_m, _ = cameras[0].position_m
+    decimetre = cameras[0].project(np.array([[x_m, y_m, 0.0], [x_m + 0.1, y_m, 0.0]]))
+    assert np.linalg.norm(np.diff(decimetre, axis=0)) == pytest.approx(100.0 / 1.5, rel=0.01)
+
+
 def test_rig_refuses_an_arena_that_is_too_large() -> None:
-    with pytest.raises(LabError, match=r"arena of 6 x 2 m: the lab's four cameras see at most 4\."):
-        rig(Arena((6.0, 2.0, 1.0), (0.0, 0.0, 0.5)))
+    with pytest.raises(LabError, match=r"arena of 100 x 20 m: 45 x 13 cameras are too many: .* 64"):
+        rig(Arena((100.0, 20.0, 1.0), (0.0, 0.0, 0.5)))
+    with pytest.raises(LabError, match=r"8 x 8 m: 1 x 1 cameras would have to hang 10\.7 m high"):
+        rig(Arena((8.0, 8.0, 1.0), (0.0, 0.0, 0.5)), (1, 1))

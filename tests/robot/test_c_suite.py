@@ -49,7 +49,7 @@ SUITES = {
     "robot_reset": [C_SRC / "vs_format.c"],
     "robot_settings": [ROBOT / "settings.c"],
     "robot_uid": [
-        *(ROBOT / f"{part}.c" for part in ("options", "presets", "settings")),
+        *(ROBOT / f"{part}.c" for part in ("options", "options_help", "presets", "settings")),
         *CALIBRATION,
         *(p for p in BASES if FIRMWARE not in p.parents),
         C_SRC / "vs_bytes.c",

@@ -46,6 +46,11 @@ def test_version_and_help(program: Path) -> None:
         (["--name", "n" * 32], "--name: expected 1 to 31 bytes of plain UTF-8"),
         (["--clock-drift-ppm", "nan"], "got 'nan'"),
         (["--clock-offset-ns", "1s"], "got '1s'"),
+        (["--clock-permille", "0"], "--clock-permille: expected 1 to 1000, got '0'"),
+        (
+            ["--host", "10.0.0.1", "--clock-permille", "500"],
+            "a robot with a slow clock stops late: expected --host 127.0.0.1, got '10.0.0.1'",
+        ),
         (["--speed", "1"], "unknown option '--speed'"),
         (["--trace"], "--trace: expected a value after it"),
         (["--host", "localhost"], "expected a numeric IPv4 address, got 'localhost'"),

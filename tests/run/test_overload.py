@@ -82,6 +82,14 @@ def test_at_the_end_the_whole_run_is_judged_once() -> None:
     assert overload.verdict() == "timesteps were late: of 100 20 were late and 0 left out"
 
 
+def test_a_run_that_can_be_slower_is_told_a_pace_that_would_do() -> None:
+    overload = Overload(DT_NS, can_slow=True)
+    told = [overload.add(step(n, 180, 5, 5), {}) for n in range(0, 200, 2)]
+    (line,) = [text for text in told if text is not None]
+    assert line.endswith("of 100 ms; it would keep up with --pace 0.35"), "half of them, and spare"
+    assert str(overload.verdict()).endswith("; it would keep up with --pace 0.35")
+
+
 def test_a_silence_and_another_run_are_no_overload() -> None:
     steps = [step(n, 10, 0, 0) for n in (*range(50), *range(150, 200), *range(300, 350))]
     assert said([*steps, *(step(n, 10, 0, 0) for n in range(99))]) == []

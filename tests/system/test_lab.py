@@ -11,6 +11,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
@@ -153,6 +154,20 @@ def test_short_run_measures_everything_and_leaves_nothing_behind(directory: Path
     assert (directory / "pollutant.png").stat().st_size > 100_000
     assert last_speeds(directory) == {0: (0, 0), 1: (0, 0), 2: (0, 0)}
     assert lab.relatives() == {}
+
+
+def test_a_slow_lab_of_six_cameras(directory: Path) -> None:
+    """All clocks go at half speed: the run has all its timesteps, in twice the time."""
+    lab = start(directory, "--cameras", "3x2", "--pace", "0.5", "--duration", "2", "--json")
+    lab.wait_for(r"6 cameras, 2\.43 m high, pictures of 1620 x 1220 pixels")
+    begun_s = time.monotonic()
+    assert lab.end() == 0, "".join(lab.said)
+    assert time.monotonic() - begun_s > 0.95 * 2.0 / 0.5
+    summary = lab.summary()
+    assert (summary["cameras"], summary["pace"], summary["timesteps"]) == (6, 0.5, 20)
+    assert summary["sensing"]["readings"] == summary["sensing"]["expected"] == 60
+    assert summary["tracking"]["detected_mean"] > 3.9
+    assert any("pace      0.5" in line for line in lab.said)
 
 
 def test_a_mixed_swarm_on_mixed_bases(directory: Path) -> None:

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from vsense import clock
 from vsense.commands import arguments, experiments
 from vsense.config.specs import Experiment, Stage
 from vsense.errors import CutShort, VsenseError
 from vsense.lab import metrics, report
+from vsense.lab.camera_spec import CameraGrid
 from vsense.lab.links import BASES
 from vsense.lab.session import Session
 from vsense.link.robots import keys
@@ -53,7 +57,38 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="folder for picture and logs (default: runs/...)",
     )
+    arguments.option(
+        parser,
+        "--cameras",
+        _grid,
+        "CxR",
+        "so many columns and rows of cameras, up to 8x8; they hang so high, and have so many"
+        " pixels, that they see the whole arena (default: as many as it takes, 2x2 at least)",
+    )
+    arguments.option(
+        parser,
+        "--pace",
+        _pace,
+        "P",
+        "all clocks of the lab go at this share of real time, 0.01 to 1, where this machine"
+        " cannot keep up with more (default: 1)",
+        1.0,
+    )
     experiments.add_room(parser)
+
+
+def _grid(text: str) -> CameraGrid:
+    found = re.fullmatch(r"([1-9][0-9]?)x([1-9][0-9]?)", text)
+    if found is None:
+        raise argparse.ArgumentTypeError(f"'{text}': expected columns and rows, such as 4x4")
+    return int(found[1]), int(found[2])
+
+
+def _pace(text: str) -> float:
+    with suppress(ValueError):
+        if 0.01 <= float(text) <= 1.0:
+            return round(float(text), 3)
+    raise argparse.ArgumentTypeError(f"'{text}': expected 0.01 to 1, such as 0.5")
 
 
 COMPLAINTS_TIMESTEP = 10
@@ -63,15 +98,14 @@ COMPLAINTS_TIMESTEP = 10
 def run(options: argparse.Namespace) -> int:
     """Runs an experiment in the lab and reports about it, also after a failure.
 
-    Returns:
-        0, or 130 after Ctrl-C, 143 after SIGTERM: what was measured until then is reported all
-        the same.
+    Gives 0, or 130 after Ctrl-C, 143 after SIGTERM: what was measured by then is reported, too.
     """
     opened = experiments.open_experiment(options, stage=Stage.LAB)
     if opened is None:
         return 0
     port = opened.port if options.port is None else options.port
     experiments.check_doors(options, opened.host, port)
+    clock.slow(round(options.pace * 1000))
     experiment, seed, directory = experiments.prepare(options, opened)
     console = Console()
     _warn(console, experiment)
@@ -83,7 +117,8 @@ def run(options: argparse.Namespace) -> int:
             *(experiment, seed, options.blind, address, trust, console, interrupted, room)
         )
         session = Session(
-            *(setup, directory, options.base, options.firmware_watchdog, options.legacy_port)
+            *(setup, directory, options.base, options.firmware_watchdog, options.legacy_port),
+            options.cameras,
         )
         series = Series(directory, options.runs, room.holds, interrupted)
         failure = _run_all(session, series, room, console)
@@ -137,6 +172,14 @@ def _announce(console: Console, session: Session, directory: Path) -> None:
         f"{experiment.name}: {len(experiment.robots)} robots, seed {session.environment.seed},"
         f" {experiment.length_s:g} s; logs in {directory}"
     )
+    camera = session.cameras[0]
+    if len(session.cameras) != 4:
+        console.say(
+            f"{len(session.cameras)} cameras, {camera.position_m[2]:.2f} m high, pictures of"
+            f" {camera.width_px} x {camera.height_px} pixels"
+        )
+    if clock.pace() != 1.0:
+        console.say(f"pace {clock.pace():g}: all times are of the lab's clock, which is so slow")
 
 
 def _progress(console: Console, session: Session) -> Callable[[Step], None]:
@@ -198,6 +241,7 @@ def _report(session: Session, number: int, on_stdout: bool, console: Console) ->
         "blind": session.setup.blind,
         "robots": len(session.experiment.robots),
         "cameras": len(session.cameras),
+        "pace": clock.pace(),
         **metrics.figures(measured),
         "vision": session.tracking.figures(),
         "measures": recording.measures,

@@ -1,14 +1,17 @@
-"""The lab's cameras, two by two above the arena, looking down; the messages of their process."""
+"""The lab's cameras, in a grid above the arena, looking down; the messages of their process."""
 
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from vsense import clock
 from vsense.cameras.camera import Camera
 from vsense.config.specs import Experiment
 from vsense.errors import VsenseError
@@ -17,6 +20,9 @@ from vsense.lab.bodies import OBJECT, ROBOT, Body
 from vsense.lab.reach import reachable
 from vsense.lab.shared import LabError
 from vsense.world.entities import Arena
+
+CameraGrid = tuple[int, int]
+"""Columns along x, and rows along y."""
 
 HEIGHT_M = 2.43
 """Above the floor. Source: thesis, 2.1."""
@@ -27,8 +33,14 @@ SIZE_PX = (1620, 1220)
 DISTORTION = (-0.12, 0.02, 0.0, 0.0, 0.0)
 """A barrel of 47 px in the corners."""
 
+MOST_CAMERAS = 64
+HIGHEST_M = 6.0
+"""Of a camera that has to see much: its pictures grow with its height, so that a millimetre has as
+many pixels as anywhere."""
+
 _TALLEST_M = 0.15
 _MARGIN_M = 0.05
+_FEW: CameraGrid = (2, 2)
 
 
 class TooLargeArena(LabError):
@@ -37,48 +49,70 @@ class TooLargeArena(LabError):
     exit_code = 2
 
 
-def rig(arena: Arena) -> list[Camera]:
-    """Four cameras, "cam_0_0" to "cam_1_1": column and row, from low x and y.
+def rig(arena: Arena, grid: CameraGrid | None = None) -> list[Camera]:
+    """Cameras that see a whole arena: "cam_0_0" and so on, column and row from low x and y.
 
-    Each hangs above the middle of its quarter of the arena and sees at least 5 cm beyond it,
+    Each hangs above the middle of its part of the arena and sees at least 5 cm beyond it,
     so that every marker is whole in one picture.
 
+    Args:
+        grid: columns and rows; they hang higher than `HEIGHT_M`, with larger pictures, where they
+            would not see everything. None: as many as are needed, two by two at least.
+
     Raises:
-        TooLargeArena: it is too large for four cameras.
+        TooLargeArena: it takes more than `MOST_CAMERAS`, or a height of more than `HIGHEST_M`.
     """
-    size_x, size_y = arena.size_m[:2]
-    test = camera_at("test", 0.0, 0.0)
-    corner = np.array((test.width_px - 1.0, 0.0))
-    edges = np.array(((corner[0], test.cy_px), (test.cx_px, corner[1])))
-    reach = test.to_plane(edges, _TALLEST_M)
-    reach_x, reach_y = reach[0, 0] - _MARGIN_M, reach[1, 1] - _MARGIN_M
-    if size_x > 4.0 * reach_x or size_y > 4.0 * reach_y:
+    size = np.array(arena.size_m[:2])
+    columns, rows = grid = grid or _needed(arena)
+    height_m = float(np.max((size / grid / 2.0 + _MARGIN_M) / _slope())) + _TALLEST_M
+    height_m = max(HEIGHT_M, math.ceil(height_m * 1000.0) / 1000.0)
+    who = f"arena of {size[0]:g} x {size[1]:g} m: {columns} x {rows} cameras"
+    if columns * rows > MOST_CAMERAS:
+        raise TooLargeArena(f"{who} are too many: the lab has at most {MOST_CAMERAS}")
+    if height_m > HIGHEST_M:
         raise TooLargeArena(
-            f"arena of {size_x:g} x {size_y:g} m: the lab's four cameras see at most "
-            f"{4.0 * reach_x:.2f} x {4.0 * reach_y:.2f} m"
+            f"{who} would have to hang {height_m:.1f} m high, and the lab's ceiling is at"
+            f" {HIGHEST_M:g} m: take more"
         )
     return [
         camera_at(
             f"cam_{column}_{row}",
-            arena.centre_m[0] + (column - 0.5) * size_x / 2.0,
-            arena.centre_m[1] + (row - 0.5) * size_y / 2.0,
+            arena.centre_m[0] + (column - (columns - 1) / 2.0) * arena.size_m[0] / columns,
+            arena.centre_m[1] + (row - (rows - 1) / 2.0) * arena.size_m[1] / rows,
+            height_m,
         )
-        for row in range(2)
-        for column in range(2)
+        for row in range(rows)
+        for column in range(columns)
     ]
 
 
-def _cameras(experiment: Experiment) -> list[Camera]:
-    """The cameras above the arena, or above what walls leave of one that is too large."""
-    try:
-        return rig(experiment.arena)
-    except TooLargeArena:
-        return rig(reachable(experiment))
+def _needed(arena: Arena) -> CameraGrid:
+    """How many cameras see an arena from `HEIGHT_M`, in columns and rows."""
+    each = 2.0 * ((HEIGHT_M - _TALLEST_M) * _slope() - _MARGIN_M)
+    columns, rows = np.ceil(np.array(arena.size_m[:2]) / each).astype(int).tolist()
+    return max(columns, _FEW[0]), max(rows, _FEW[1])
 
 
-def camera_at(id: str, x_m: float, y_m: float) -> Camera:
-    """One of the lab's cameras, which looks straight down."""
-    return Camera.looking_down(id, x_m, y_m, HEIGHT_M, FOCAL_PX, SIZE_PX, DISTORTION)
+def _slope() -> NDArray[np.float64]:
+    """How far the lab's cameras see to their right and up, (2,) for each metre of height."""
+    test = camera_at("test", 0.0, 0.0)
+    edges = np.array(((test.width_px - 1.0, test.cy_px), (test.cx_px, 0.0)))
+    return np.diag(test.to_plane(edges, _TALLEST_M)) / (HEIGHT_M - _TALLEST_M)
+
+
+def _cameras(experiment: Experiment, grid: CameraGrid | None) -> list[Camera]:
+    """The cameras above the arena, or above what walls leave of one that is too large for four."""
+    arena = experiment.arena
+    return rig(arena if _needed(arena) == _FEW else reachable(experiment), grid)
+
+
+def camera_at(id: str, x_m: float, y_m: float, height_m: float = HEIGHT_M) -> Camera:
+    """One of the lab's cameras, which looks straight down; a high one has more pixels."""
+    scale = height_m / HEIGHT_M
+    width, height = (4 * math.ceil(pixels * scale / 4) for pixels in SIZE_PX)
+    return Camera.looking_down(
+        id, x_m, y_m, height_m, FOCAL_PX * scale, (width, height), DISTORTION
+    )
 
 
 LITTER = 25
@@ -98,6 +132,7 @@ class LabCameraSpec:
         log: path of the truth log.
         seed: of floor, litter, light and noise.
         frames: timesteps after which the cameras stop; None: never.
+        permille: the clock's pace, as in `vsense.clock.slow`.
     """
 
     cameras: tuple[Camera, ...]
@@ -110,6 +145,7 @@ class LabCameraSpec:
     seed: int
     frames: int | None = None
     litter: int = LITTER
+    permille: int = 1000
 
     def __post_init__(self) -> None:
         if len({(camera.width_px, camera.height_px) for camera in self.cameras}) != 1:
@@ -159,15 +195,19 @@ class Exposure:
     ready_ns: int
 
 
-def spec_for(experiment: Experiment, truth: str, seed: int, log: Path) -> LabCameraSpec:
+def spec_for(
+    experiment: Experiment, truth: str, seed: int, log: Path, grid: CameraGrid | None = None
+) -> LabCameraSpec:
     """The spec of an experiment's cameras; the truth ring holds the robots, then the objects.
+
+    `grid` is that of `rig`.
 
     Raises:
         TooLargeArena: it is too large for the cameras.
     """
     height_m = experiment.marker.height_m
     return LabCameraSpec(
-        cameras=tuple(_cameras(experiment)),
+        cameras=tuple(_cameras(experiment, grid)),
         boxes=tuple(Block.of(thing) for thing in experiment.solids),
         bodies=(
             *(Body(robot.tag, height_m, ROBOT) for robot in experiment.robots),
@@ -178,4 +218,5 @@ def spec_for(experiment: Experiment, truth: str, seed: int, log: Path) -> LabCam
         truth=truth,
         log=log,
         seed=seed,
+        permille=round(clock.pace() * 1000),
     )

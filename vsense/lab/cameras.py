@@ -25,6 +25,7 @@ from typing import Any
 
 import numpy as np
 
+from vsense import clock
 from vsense.clock import host_ns
 from vsense.errors import VsenseError
 from vsense.lab.camera_spec import Exposure, LabCameraSpec
@@ -105,7 +106,7 @@ class CameraProcess:
 def wait(stdin: int, until_ns: int) -> bool:
     """Waits until a time on the monotonic clock; False as soon as `stdin` has ended."""
     while True:
-        left_s = max(0, until_ns - host_ns()) / 1e9
+        left_s = clock.real_s(max(0, until_ns - host_ns()) / 1e9)
         if not select.select([stdin], [], [], left_s)[0]:
             return True
         if not os.read(stdin, 4096):
@@ -123,6 +124,7 @@ def _work() -> None:
         return
     order = json.loads(first)
     spec = LabCameraSpec.from_json(json.dumps(order["spec"]))
+    clock.slow(spec.permille)
     with (
         closing(FrameBank.open(order["bank"], spec.shape)) as bank,
         closing(CameraProcess(spec, bank)) as cameras,

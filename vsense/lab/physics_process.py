@@ -8,17 +8,18 @@
      "boxes":   [{"x_m": 1.2, "y_m": 0, "yaw_rad": 0, "size_x_m": 0.01, "size_y_m": 2}, ...],
      "cylinders": [{"x_m": 0.5, "y_m": 0.5, "radius_m": 0.1}, ...],
      "truth": "name of the truth ring", "log": "path of the actuation log",
-     "directory": "run directory", "seed": 1, "watchdog": false,
+     "directory": "run directory", "seed": 1, "watchdog": false, "permille": 1000,
      "wheels": [null, {"relative": [0.05, 0.05], ...}, ...]}
 
-`wheels` are `WheelNoise` by index, null: none; there may be no such list.
+`wheels` are `WheelNoise` by index, null: none; there may be no such list. `permille` is the clock's
+pace, as in `vsense.clock.slow`.
 
 It answers with one line of JSON, `{"bases": ["argos:/dev/pts/3", ...], "epoch_ns": ...}`: where the
 daemon of every robot finds its base, in the order of the indices, and the time of the first tick.
-Then it runs in real time, 10 ms per tick, until standard input ends or on SIGTERM; its parent
-handles Ctrl-C. Bodies in the truth ring are the robots by index, then the objects. At the end it
-writes `physics.json` into the run directory: lateness of ticks, counters of the serial lines, CPU
-time.
+Then it runs in the time of that clock, 10 ms per tick, until standard input ends or on SIGTERM; its
+parent handles Ctrl-C. Bodies in the truth ring are the robots by index, then the objects. At the
+end it writes `physics.json` into the run directory: lateness of ticks, counters of the serial
+lines, CPU time.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense import clock
 from vsense.clock import host_ns
 from vsense.config.specs import Experiment, ObjectSpec, RobotSpec, WheelNoise
 from vsense.errors import UsageError, VsenseError
@@ -73,6 +75,7 @@ class PhysicsSpec:
     seed: int
     watchdog: bool = False
     wheels: tuple[WheelNoise | None, ...] = ()
+    permille: int = 1000
 
     @classmethod
     def parse(cls, line: bytes) -> PhysicsSpec:
@@ -106,6 +109,7 @@ class PhysicsSpec:
             int(_number(spec, "seed", "spec: ")),
             spec.get("watchdog") is True,
             _wheels(spec, len(robots)),
+            int(_number(spec, "permille", "spec: ")) if "permille" in spec else 1000,
         )
 
 
@@ -234,9 +238,9 @@ class PhysicsProcess:
 
 
 def run(process: PhysicsProcess, stdin: int, ended: list[int]) -> None:
-    """Runs in real time until the descriptor `stdin` ends or `ended` is not empty."""
+    """Runs at the clock's pace until the descriptor `stdin` ends or `ended` is not empty."""
     while not ended:
-        wait_s = max(0, process.wake_ns() - host_ns()) / 1e9
+        wait_s = clock.real_s(max(0, process.wake_ns() - host_ns()) / 1e9)
         ready = select.select([stdin, *process.controllers.readable()], [], [], wait_s)[0]
         if stdin in ready:
             ready.remove(stdin)
@@ -252,6 +256,7 @@ def main() -> int:
     ended: list[int] = []
     try:
         spec = PhysicsSpec.parse(read_line(stdin))
+        clock.slow(spec.permille)
         signal.signal(signal.SIGTERM, lambda number, frame: ended.append(number))
         epoch_ns = host_ns()
         process = PhysicsProcess(spec, epoch_ns)
@@ -307,6 +312,7 @@ class FloorProcess:
         spec = _spec(experiment, truth, seed, self.log)
         spec["bases"] = bases_of(base, len(experiment.robots))
         spec["watchdog"] = watchdog
+        spec["permille"] = round(clock.pace() * 1000)
         try:
             self._stdin.write(json.dumps(spec).encode() + b"\n")
             self._stdin.flush()

@@ -63,6 +63,10 @@ class CameraRenderer:
         noise = self._sensor.noise(self._number, timestep)
         self._painter.read(self._painter.draw(self._look(leds), poses), self._sensor, noise, image)
 
+    def get_ready(self, leds: Leds) -> None:
+        """Makes what the first picture of bodies with these LED bits needs."""
+        self._look(leds)
+
     def _look(self, leds: Leds) -> Look:
         """The bodies' sprites with these LED bits; they are kept for the next picture."""
         lit = leds.tobytes()
@@ -108,6 +112,9 @@ class Studio:
                 return CameraRenderer(number, rays[number], backdrop, sensor, by_camera[number])
 
             self._renderers = list(builders.map(renderer, range(len(rays))))
+            # Bodies are drawn here for the first time: in the first picture it would take too long.
+            dark = np.zeros(len(spec.bodies), dtype=np.uint16)
+            list(builders.map(lambda each: each.get_ready(dark), self._renderers))
         self._painters = ThreadPoolExecutor(_THREADS)
 
     def prepare(self, timestep: int, images: Image8) -> None:

@@ -152,10 +152,11 @@ def table(summary: dict[str, Any]) -> str:
     """The summary as text."""
     tracking, sensing = summary["tracking"], summary["sensing"]
     swarm, latency, vision = summary["swarm"], summary["latency_ms"], summary["vision"]
-    unlogged = summary["unlogged_timesteps"]
+    unlogged, pace = summary["unlogged_timesteps"], summary["pace"]
     short = f"; the logs end {unlogged} timesteps before the run" if unlogged else ""
     rows = [
         ("run", f"{summary['timesteps']} timesteps, {late_text(summary)}{short}"),
+        *([("pace", f"{pace:g}: all times below are of the lab's clock")] if pace < 1.0 else ()),
         (
             "tracking",
             f"{tracking['detected_mean']} markers named per timestep,"

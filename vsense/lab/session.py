@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vsense.arena import Frame
 from vsense.errors import VsenseError
-from vsense.lab.camera_spec import spec_for
+from vsense.lab.camera_spec import CameraGrid, spec_for
 from vsense.lab.grabber import LabGrabber
 from vsense.lab.metrics import TrackingTally
 from vsense.lab.physics_process import FloorProcess
@@ -99,11 +99,13 @@ class Session(ExperimentSession):
         base: str,
         watchdog: bool = False,
         legacy_port: int | None = None,
+        grid: CameraGrid | None = None,
     ) -> None:
         """Prepares runs of robots on a `base` of `vsense.lab.links.BASES`; `directory` exists.
 
         Their firmware has a `watchdog`, as in `Microcontrollers`, or none. On `legacy_port` the
-        original's client gets the readings of a robot of the lab.
+        original's client gets the readings of a robot of the lab. `grid` is the cameras', as in
+        `vsense.lab.camera_spec.rig`.
 
         Raises:
             VsenseError: something in the experiment cannot be made.
@@ -114,6 +116,7 @@ class Session(ExperimentSession):
         self.recordings: list[RunNotes] = []
         self._base = base
         self._watchdog = watchdog
+        self._grid = grid
         self._ready = False
         self.dt_ns = setup.experiment.timestep_ns
 
@@ -125,7 +128,7 @@ class Session(ExperimentSession):
         self._truth = TruthReader(truth.name)
         self._stack.callback(self._truth.close)
         # The cameras build their scene while everything else starts.
-        grabber = LabGrabber(spec_for(experiment, truth.name, seed, self.truth_log))
+        grabber = LabGrabber(spec_for(experiment, truth.name, seed, self.truth_log, self._grid))
         self._stack.callback(grabber.close)
         daemons = {c.id: build.daemon(c.program) for c in experiment.controllers}
         self.cameras = grabber.cameras

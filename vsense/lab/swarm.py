@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.clock import pace
 from vsense.lab.processes import describe_exit, end
 from vsense.lab.shared import LabError
 from vsense.link.robots.keys import SwarmKeys, robot_file, write_private
@@ -161,6 +162,7 @@ class Swarm:
             *("--base", robot.base, "--trace", str(robot.trace.resolve())),
             *("--clock-offset-ns", str(robot.clock_offset_ns)),
             *("--clock-drift-ppm", str(robot.clock_drift_ppm)),
+            *("--clock-permille", str(round(pace() * 1000))),
         ]
 
 

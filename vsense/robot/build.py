@@ -49,8 +49,19 @@ SYSTEM_PARTS = (
     *("base", "base_argos", "base_asercom", "base_boards", "base_config", "base_gctronic"),
     *("base_reset", "base_serial", "base_york", "board_link", "board_process", "calls", "check"),
     *("guard", "guard_link", "guard_process", "guard_rights", "key", "main", "memory", "net"),
-    "options",
-    *("presets", "random", "report", "restart", "settings", "signals", "talk", "trace", "uid"),
+    *(
+        "options",
+        "options_help",
+        "presets",
+        "random",
+        "report",
+        "restart",
+        "settings",
+        "signals",
+        "talk",
+        "trace",
+        "uid",
+    ),
     *("watchdog", "worker"),
 )
 """What of `robot/` only a daemon needs: processes, files, network, and the base."""

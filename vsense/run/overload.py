@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from vsense import clock
 from vsense.link.robots.status import RobotStatus
 from vsense.link.robots.wire import StopCause
 from vsense.run.runtime import Step
@@ -14,6 +16,8 @@ SILENCE_NS = 500_000_000
 WINDOW_S = 10.0
 MOST_LATE = 0.1
 """Of a window's timesteps so many may be late or left out before anything is said."""
+SPARE = 0.7
+"""Of what a computer made at its limit, so much it makes on time."""
 REPEAT = 6
 """As long as it lasts, it is said again in every so manieth window."""
 
@@ -39,9 +43,11 @@ class Tally:
 class Overload:
     """Judges the timesteps of a run, window by window; for one thread."""
 
-    def __init__(self, timestep_ns: int, who: str = "this computer") -> None:
-        """`who` makes the timesteps, as messages say it."""
-        self._dt_ns, self._who = timestep_ns, who
+    def __init__(
+        self, timestep_ns: int, who: str = "this computer", can_slow: bool = False
+    ) -> None:
+        """`who` makes the timesteps, as messages say it; a run that `can_slow` takes `--pace`."""
+        self._dt_ns, self._who, self._can_slow = timestep_ns, who, can_slow
         self._whole = Tally()
         self._window = max(10, round(WINDOW_S * 1e9 / timestep_ns))
         self._bad = 0
@@ -94,7 +100,15 @@ class Overload:
             f"{self._slow('makes', self._lived, wanted)}: of {wanted} in the last {seconds:.0f} s"
             f" {self._late} were late and {left_out} left out; robots stood still for old readings"
             f" {held:.0f} % of the time; {self._cause()} of {self._dt_ns / 1e6:.0f} ms"
+            f"{self._advice(self._lived / wanted)}"
         )
+
+    def _advice(self, made: float) -> str:
+        """A pace at which timesteps would be on time, from the share of them that were made."""
+        if not self._can_slow:
+            return ""
+        pace = math.floor(clock.pace() * made * SPARE * 100.0) / 100.0
+        return f"; it would keep up with --pace {max(pace, 0.01):g}"
 
     def _slow(self, makes: str, made: int, wanted: int) -> str:
         """How many timesteps there are of those that there should be."""
@@ -113,7 +127,10 @@ class Overload:
         if whole.late + wanted - whole.made <= MOST_LATE * wanted:
             return None
         words = self._slow("made", whole.made, wanted).replace("are late", "were late")
-        return f"{words}: of {wanted} {whole.late} were late and {wanted - whole.made} left out"
+        return (
+            f"{words}: of {wanted} {whole.late} were late and {wanted - whole.made} left out"
+            f"{self._advice(whole.made / wanted)}"
+        )
 
     def _cause(self) -> str:
         """The slowest part of a timestep, and how long it takes."""

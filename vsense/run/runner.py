@@ -13,7 +13,7 @@ from typing import Any
 
 from vsense.arena import ArenaState
 from vsense.cameras.grabber import NoMorePictures
-from vsense.clock import host_ns
+from vsense.clock import host_ns, real_s
 from vsense.config.specs import Experiment, Stage
 from vsense.errors import failing_as
 from vsense.link.robots.server import VirtualSensorServer
@@ -92,7 +92,7 @@ class Runner:
         self._alarms, self._obedience = RobotAlarms(), Obedience()
         real = experiment.stage is Stage.RUN
         makers = "cameras and this computer" if real else "this computer"
-        self._overload = Overload(experiment.timestep_ns, makers)
+        self._overload = Overload(experiment.timestep_ns, makers, experiment.stage is Stage.LAB)
         self.silences: list[Silence] = []
         self.robots: Mapping[int, RobotStatus] = {}
         self._robots = {robot.tag: robot.id for robot in experiment.robots}
@@ -218,7 +218,7 @@ class Runner:
         """Stops all robots, and waits until their telemetry says what they received."""
         if not self._interrupted.is_set():
             # The robots have the last readings and a whole timestep to act on them.
-            threading.Event().wait(self._dt_ns / 1e9)
+            threading.Event().wait(real_s(self._dt_ns / 1e9))
         self._runtime.stop()
         if self._silent:
             self._note_silence()

@@ -15,6 +15,7 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import Any
 
+from vsense.clock import real_s
 from vsense.link.robots.links import FINISH_NS, READ, Connections, ServerState
 from vsense.link.robots.session import Address, HostSession, PendingSession
 from vsense.link.robots.status import LinkError, LinkEvent
@@ -217,7 +218,7 @@ class ServerThread:
     def turn(self) -> None:
         """Waits for a socket or the next deadline, and does all that is due."""
         wait_ns = min(max(self._due_ns - self._shared.clock(), 0), IDLE_NS)
-        for key, mask in self._selector.select(wait_ns / 1e9):
+        for key, mask in self._selector.select(real_s(wait_ns / 1e9)):
             key.data(mask)
         self._links.settle()
         if self._shared.clock() >= self._due_ns:
