@@ -29,8 +29,10 @@ class LoopFunctions:
 
     def post_step(self, world: World) -> None:
         """Hands out items, and takes them in."""
-        self._carrying |= _inside(world, "food")
-        arrived = self._carrying & _inside(world, "nest")
+        # Whom people put into the world while it runs carries nothing.
+        count = len(self._carrying)
+        self._carrying |= _inside(world, "food")[:count]
+        arrived = self._carrying & _inside(world, "nest")[:count]
         self._carrying &= ~arrived
         self._home += int(arrived.sum())
         world.results["items_home"] = self._home
