@@ -1,6 +1,7 @@
 // Puts the page together: messages into the store, the store onto the screen.
 
 import { Arena } from "./arena.js";
+import { Edit } from "./arena_edit.js";
 import { showBanner, troubles } from "./banner.js";
 import { Cameras } from "./cameras.js";
 import { Connection } from "./connection.js";
@@ -47,12 +48,13 @@ const connection = new Connection(take, greet);
 const controls = new Controls(store, connection);
 const choice = new Choice();
 const arena = new Arena(store, choice);
+const edit = new Edit(store, connection, arena, (text, ok) => controls.toast(text, ok));
 const cameras = new Cameras(store);
 const robots = new Robots(store, choice);
 const replay = new Replay(store, controls);
 const panels = [
   new Tiles(store, connection), controls, cameras, robots, new Robot(store, choice), new Events(store),
-  new Measures(store), replay,
+  new Measures(store), replay, edit,
 ];
 let telling = 0;
 let pictures = "";
@@ -117,6 +119,7 @@ bindKeys({
   reset: live(() => controls.order("reset")),
   record: live(() => controls.toggleRecord()),
   refresh: () => controls.setRefresh(!controls.refresh),
+  edit: () => edit.toggle(),
   view: (view) => controls.setView(view),
   step: (by) => choice.step(by),
   none: () => choice.choose(null),
@@ -125,5 +128,5 @@ bindKeys({
 });
 
 // For tests, and for whoever wants to look behind the page: changes nothing.
-window.vsense = { store, connection, controls, choice, arena, cameras };
+window.vsense = { edit, store, connection, controls, choice, arena, cameras };
 requestAnimationFrame(frame);

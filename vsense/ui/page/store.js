@@ -5,7 +5,7 @@ const STEPS_KEPT = 24;
 const MEASURES_KEPT = 600;
 const EVENTS_KEPT = 200;
 const OLD_MS = 2000;
-const PLAIN = new Set(["you", "run", "arena", "world", "signals", "fields", "robots", "cameras", "readings"]);
+const PLAIN = new Set(["you", "run", "arena", "world", "signals", "fields", "robots", "cameras", "readings", "settings"]);
 
 /** Holds everything; `changed` grows per topic, so that panels see what is new to them. */
 export class Store {
@@ -14,6 +14,9 @@ export class Store {
     this.you = { viewer: "", control: true, viewers: 0 };
     this.events = [];
     this.answers = [];
+    /** Answers to changes of the world, and whether the newest was a no. */
+    this.settled = 0;
+    this.refused = false;
     this.changed = {};
     this.runHeard = Infinity;
     this.ahead = Infinity;
@@ -32,6 +35,7 @@ export class Store {
     this.robots = null;
     this.cameras = null;
     this.readings = null;
+    this.settings = null;
     /** Where the run is, by whatever told it last. */
     this.now = { timestep: -1, time_s: 0 };
     this.pictures = new Map();
@@ -53,7 +57,7 @@ export class Store {
     const [, name, rest] = topic.split("/");
     if (blob) this.pictures.set(rest, { about: data, blob, number: (this.pictures.get(rest)?.number ?? 0) + 1 });
     else if (name === "event") this.#event(timeNs, data);
-    else if (name === "answer") this.answers.push(data);
+    else if (name === "answer") this.#answer(data);
     else if (name === "experiment") this.#experiment(data);
     else if (PLAIN.has(name)) this[name] = data;
     if (name === "run") this.#run(data);
@@ -61,6 +65,14 @@ export class Store {
     if (name === "robots") this.rows = new Map(data.tag.map((tag, row) => [tag, row]));
     if (name === "signals") this.#signals(data);
     this.changed[name] = (this.changed[name] ?? 0) + 1;
+  }
+
+  #answer(data) {
+    if (data.change) {
+      this.settled += 1;
+      this.refused = !data.ok;
+    }
+    this.answers.push(data);
   }
 
   #run(data) {
