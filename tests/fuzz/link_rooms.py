@@ -174,6 +174,7 @@ _SENTENCES: tuple[dict[str, Any], ...] = (
     {"order": "speed", "value": 2.5},
     {"look": 23},
     {"look": None},
+    {"look": [23, 24]},
     {"refresh": True},
     {"pictures": ["left", "right"]},
     {"got": 12},
@@ -200,8 +201,10 @@ def sentences(random: Random, scene: None) -> None:
     if name == "change":
         numbers = (value.x_m, value.y_m, value.yaw_rad or 0.0)
         assert all(math.isfinite(number) for number in numbers) and len(value.name) <= 200
-    if name in ("look", "got"):
-        assert value is None or 0 <= value < 2**53
+    if name == "look":
+        assert len(value) <= 16 and all(0 <= tag < 2**53 for tag in value)
+    if name == "got":
+        assert 0 <= value < 2**53
 
 
 def prepare_socket(folder: Path) -> ControlSocket:

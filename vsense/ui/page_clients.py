@@ -87,7 +87,7 @@ class WebClient:
         self._woken = False
         self._topics = LIVE
         self._extra: frozenset[str] = frozenset()
-        self._look: int | None = None
+        self._look: tuple[int, ...] = ()
         self._pictures: tuple[str, ...] = ()
         self._sent = 0
         self._got: int | None = None
@@ -153,9 +153,9 @@ class WebClient:
         self._got = min(max(frames, self._got or 0), self._sent)
         self._ready.set()
 
-    def look(self, tag: int | None) -> None:
-        """The page shows this robot's readings; None: no robot's."""
-        self._look = tag
+    def look(self, tags: tuple[int, ...]) -> None:
+        """The page shows these robots' readings."""
+        self._look = tags
         self._choose()
 
     def pictures(self, cameras: tuple[str, ...]) -> None:
@@ -178,8 +178,7 @@ class WebClient:
     def _choose(self) -> None:
         """Sets what is wanted beside the fixed topics."""
         topics = {f"{PICTURE}{camera}" for camera in self._pictures}
-        if self._look is not None:
-            topics.add(f"/readings/{self._look}")
+        topics |= {f"/readings/{tag}" for tag in self._look}
         self._extra = frozenset(topics) if self._topics is LIVE else frozenset()
         with self._lock:
             for topic in [topic for topic in self._news if not self.wants(topic)]:

@@ -11,6 +11,7 @@ from vsense.run.orders import OrderKind
 
 PICTURES_MAX = 256
 NAME_MAX = 200
+LOOKS_MAX = 16
 FAR = 2**53
 """Greater whole numbers are not exact in JavaScript."""
 
@@ -18,7 +19,7 @@ FAR = 2**53
 def read(text: str) -> tuple[str, Any]:
     """Reads one sentence of a page; the text of a ValueError is for the page.
 
-    Gives "order" with (Kind, value), "change" with a `Change`, "look" with a tag or None, "refresh"
+    Gives "order" with (Kind, value), "change" with a `Change`, "look" with tags, "refresh"
     with a bool, "pictures" with a tuple of camera ids, or "got" with a number of frames.
     """
     try:
@@ -64,10 +65,18 @@ def _pictures(said: dict[str, Any]) -> tuple[str, ...]:
     return tuple(cameras)
 
 
+def _tags(said: dict[str, Any]) -> tuple[int, ...]:
+    wanted = said["look"]
+    tags = wanted if isinstance(wanted, list) else [] if wanted is None else [wanted]
+    if len(tags) > LOOKS_MAX:
+        raise ValueError(f"a page looks at {LOOKS_MAX} robots at most")
+    return tuple(_whole(tag, "tag") for tag in tags)
+
+
 _READERS: dict[str, Callable[[dict[str, Any]], Any]] = {
     "order": _order,
     "change": lambda said: Change.read(said["change"]),
-    "look": lambda said: None if said["look"] is None else _whole(said["look"], "tag"),
+    "look": _tags,
     "refresh": _refresh,
     "pictures": _pictures,
     "got": lambda said: _whole(said["got"], "number of frames"),

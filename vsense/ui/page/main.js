@@ -26,9 +26,14 @@ class Choice {
 
   choose(tag) {
     this.tag = tag;
-    store.readings = null;
-    connection.say({ look: tag });
+    store.readings.delete(tag);
+    connection.say(this.looks);
     soon();
+  }
+
+  /** Whose readings the page wants: the chosen robot's, and those that are charted. */
+  get looks() {
+    return { look: [...new Set([this.tag, ...measures.tags])].filter((tag) => tag !== null) };
   }
 
   /** Chooses the next robot of the table, or the one before. */
@@ -51,17 +56,19 @@ const arena = new Arena(store, choice);
 const edit = new Edit(store, connection, arena, (text, ok) => controls.toast(text, ok));
 const cameras = new Cameras(store);
 const robots = new Robots(store, choice);
+const measures = new Measures(store, (text, ok) => controls.toast(text, ok));
+measures.changed = () => connection.say(choice.looks);
 const replay = new Replay(store, controls);
 const panels = [
   new Tiles(store, connection), controls, cameras, robots, new Robot(store, choice), new Events(store),
-  new Measures(store), replay, edit,
+  measures, replay, edit,
 ];
 let telling = 0;
 let pictures = "";
 
 function greet() {
   pictures = "";
-  return [{ refresh: controls.lively }, { look: choice.tag }];
+  return [{ refresh: controls.lively }, choice.looks];
 }
 
 function take(topic, timeNs, data, blob) {
@@ -128,5 +135,5 @@ bindKeys({
 });
 
 // For tests, and for whoever wants to look behind the page: changes nothing.
-window.vsense = { edit, store, connection, controls, choice, arena, cameras };
+window.vsense = { edit, measures, store, connection, controls, choice, arena, cameras };
 requestAnimationFrame(frame);

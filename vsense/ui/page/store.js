@@ -1,11 +1,12 @@
 // What the page knows: the newest message of every topic, and a little of what was before.
 
+import { Series } from "./series.js";
+
 const TRAIL = 80;
 const STEPS_KEPT = 24;
-const MEASURES_KEPT = 600;
 const EVENTS_KEPT = 200;
 const OLD_MS = 2000;
-const PLAIN = new Set(["you", "run", "arena", "world", "signals", "fields", "robots", "cameras", "readings", "settings"]);
+const PLAIN = new Set(["you", "run", "arena", "world", "signals", "fields", "robots", "cameras", "settings"]);
 
 /** Holds everything; `changed` grows per topic, so that panels see what is new to them. */
 export class Store {
@@ -34,7 +35,8 @@ export class Store {
     this.fields = null;
     this.robots = null;
     this.cameras = null;
-    this.readings = null;
+    this.readings = new Map();
+    this.hadCone = this.hadLight = false;
     this.settings = null;
     /** Where the run is, by whatever told it last. */
     this.now = { timestep: -1, time_s: 0 };
@@ -59,6 +61,7 @@ export class Store {
     else if (name === "event") this.#event(timeNs, data);
     else if (name === "answer") this.#answer(data);
     else if (name === "experiment") this.#experiment(data);
+    else if (name === "readings") for (const tag of data.tag ?? []) this.readings.set(tag, data);
     else if (PLAIN.has(name)) this[name] = data;
     if (name === "run") this.#run(data);
     if (name === "arena") this.#arena(data);
@@ -123,11 +126,8 @@ export class Store {
     this.now.time_s = data.time_s;
     for (const [name, value] of Object.entries(data.measures ?? {})) {
       let line = this.measures.get(name);
-      if (!line) this.measures.set(name, (line = []));
-      if (line.length && data.time_s < line.at(-1)[0]) line.length = 0;
-      if (line.length && data.time_s === line.at(-1)[0]) line.pop();
-      line.push([data.time_s, value]);
-      if (line.length > MEASURES_KEPT) line.shift();
+      if (!line) this.measures.set(name, (line = new Series()));
+      line.add(data.time_s, [value], this.experiment?.mode === "replay");
     }
   }
 
@@ -156,7 +156,7 @@ export class Store {
 
   /** The chosen robot's reading of each sensor: [{sensor, values, age_ns}]; [] before the first. */
   sensed(tag) {
-    const data = this.readings;
+    const data = this.readings.get(tag);
     const row = data?.tag.indexOf(tag) ?? -1;
     if (row < 0 || !this.experiment) return [];
     return this.sensors(tag).map((sensor, index) => {
