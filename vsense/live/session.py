@@ -123,7 +123,8 @@ class ExperimentSession(ABC):
             *(setup.experiment, runtime, server, setup.console, setup.interrupted),
             *(self._observe, control),
         )
-        setup.room.doubts = self.doubts()
+        setup.room.doubts, runner = self.doubts(), self.runner
+        setup.room.alarms = lambda: runner.alarms
         setup.room.open(scene, self.environment, server, runtime, control)
         return runtime
 

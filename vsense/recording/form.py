@@ -290,6 +290,7 @@ class RunMessage(_Message):
     recording: Data | None = None
     disk_free_bytes: int | None = None
     doubts: list[str] = field(default_factory=list)
+    alarms: list[Data] = field(default_factory=list)
 
 
 def _columns(*names: str) -> dict[str, Any]:

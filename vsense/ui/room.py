@@ -6,7 +6,7 @@ import os
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,6 +22,7 @@ from vsense.run.changes import Ask
 from vsense.run.control import Control
 from vsense.run.environment import Environment
 from vsense.run.orders import Give
+from vsense.run.overload import Alarm
 from vsense.run.runtime import Runtime, Step
 from vsense.terminal import Console, Level
 from vsense.ui import keyboard
@@ -138,7 +139,7 @@ class ControlRoom:
     """Shows and steers the runs of one process; a context that leaves no thread and no socket.
 
     `bus` takes all messages; for `holds` see `RoomOptions.hold`. `doubts` says how other machines
-    could move robots without showing who they are.
+    could move robots without showing who they are, `alarms` what is wrong with the run now.
     """
 
     def __init__(self, options: RoomOptions, console: Console) -> None:
@@ -150,6 +151,7 @@ class ControlRoom:
         self.bus = MessageBus()
         self.holds, self.locked = options.hold, options.locked
         self.doubts: Sequence[str] = ()
+        self.alarms: Callable[[], Sequence[Alarm]] = tuple
         self._options = options
         self._console = console
         self._directory = Path()
@@ -249,6 +251,7 @@ class ControlRoom:
             "recording": self.recorders.state(),
             "disk_free_bytes": free,
             "doubts": list(self.doubts),
+            "alarms": [asdict(alarm) for alarm in self.alarms()],
         }
 
     def fail(self, error: VsenseError) -> None:
