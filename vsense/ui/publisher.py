@@ -174,6 +174,13 @@ class Publisher:
         self._run_timestep, self._late = -1, 0
         self._told.clear()
 
+    @property
+    def time_s(self) -> float | None:
+        """Since the run's beginning, None: before it."""
+        if self._run_timestep < 0:
+            return None
+        return round(self._run_timestep * self.environment.experiment.timestep_s, 3)
+
     def run_data(self) -> Data:
         """Gives /run."""
         control, experiment = self._control, self.environment.experiment

@@ -256,7 +256,7 @@ class ControlRoom:
 
     def fail(self, error: VsenseError) -> None:
         """Publishes why a run ends before its time: page and recording have it, too."""
-        self.bus.event(str(error), "trouble", host_ns())
+        self._tell_event(str(error), "trouble")
 
     def _warn(self, text: str) -> None:
         self._console.say(text, "warning")
@@ -265,4 +265,6 @@ class ControlRoom:
         self._console.say(text, "trouble")
 
     def _tell_event(self, text: str, level: Level) -> None:
-        self.bus.event(text, level, host_ns())
+        publisher = getattr(self, "_publisher", None)
+        time_s = None if publisher is None else publisher.time_s
+        self.bus.event(text, level, host_ns(), time_s)

@@ -77,6 +77,7 @@ class Site:
         self._runner: web.AppRunner
         self._app = web.Application(middlewares=[self._guard], client_max_size=4096)
         self._app.router.add_get("/", self._page)
+        self._app.router.add_get("/screen", self._page)
         self._app.router.add_get("/ws", self._socket)
         self._app.router.add_get("/{name}", self._file)
         self._app.on_response_prepare.append(_protect)
@@ -133,7 +134,8 @@ class Site:
             return _refusal(
                 "this token is not the right one" if given else "this page needs a token", True
             )
-        answer = web.Response(body=(PAGE / "index.html").read_bytes(), content_type="text/html")
+        file = PAGE / ("screen.html" if request.path == "/screen" else "index.html")
+        answer = web.Response(body=file.read_bytes(), content_type="text/html")
         answer.charset = "utf-8"
         token = request.query.get("token")
         if token is not None and self._access.tokens is not None:

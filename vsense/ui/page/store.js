@@ -94,9 +94,9 @@ export class Store {
   #event(timeNs, data) {
     // Whoever comes anew is told the last events again.
     if (this.events.some((event) => event.timeNs === timeNs && event.text === data.text)) return;
-    // What happened before the page came has no place on its run's clock, but on the wall's.
-    const old = !this.run || (Date.now() - this.wall(timeNs)) > OLD_MS;
-    this.events.push({ timeNs, run_s: old ? null : this.now.time_s, ...data });
+    // Older recordings and other programs do not say when in the run it was.
+    const heard = this.run && Date.now() - this.wall(timeNs) < OLD_MS && this.now.timestep >= 0 ? this.now.time_s : null;
+    this.events.push({ timeNs, run_s: data.time_s === undefined ? heard : data.time_s, ...data });
     if (this.events.length > EVENTS_KEPT) this.events.shift();
   }
 

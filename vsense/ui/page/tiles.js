@@ -83,6 +83,7 @@ export class Tiles {
     dataset.link = this.connection.open ? "open" : "lost";
     const shown = replay ? (run?.replay?.playing ? "replay" : "replay, paused") : WORDS[state] ?? state;
     write(byId("state"), this.connection.open ? capital(shown) : "No connection");
+    byId("no_pictures").hidden = !(replay && run?.replay?.pictures === false);
     write(byId("name"), experiment ? experiment.name : "no run yet");
     document.title = experiment ? `${experiment.name}: ${state} – vsense` : "vsense";
     write(byId("what"), experiment ? this.#what(experiment, run) : "");
