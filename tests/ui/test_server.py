@@ -310,15 +310,19 @@ def test_changes_are_asked_for_by_those_who_may_control_only() -> None:
     assert change == Change.read(NOISE) and by.startswith("viewer 2 (127.0.0.1")
 
 
-def test_where_no_world_runs_nothing_can_be_changed(served: Serve) -> None:
-    _, _, url = served(paced=False)
+def test_where_no_world_runs_nothing_can_be_changed() -> None:
+    server = WebServer(MessageBus(), lambda order: "", "127.0.0.1", 0)
+    url = server.start().control
 
     async def say(client: aiohttp.ClientSession) -> Any:
         socket = await ws(client, url)
         await socket.send_json({"change": NOISE})
         return await hear(socket, "/answer")
 
-    assert talk(say)["text"] == "nothing can be changed here: no world is running"
+    try:
+        assert talk(say)["text"] == "nothing can be changed here: no world is running"
+    finally:
+        server.close()
 
 
 # -- news -----------------------------------------------------------------------------------

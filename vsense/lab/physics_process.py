@@ -17,10 +17,10 @@ pace, as in `vsense.clock.slow`.
 It answers with one line of JSON, `{"bases": ["argos:/dev/pts/3", ...], "epoch_ns": ...}`: where the
 daemon of every robot finds its base, in the order of the indices, and the time of the first tick.
 Then it runs in the time of that clock, 10 ms per tick, until standard input ends or on SIGTERM; its
-parent handles Ctrl-C. A line `{"put": 0, "x_m": 0.1, "y_m": 0.2, "yaw_rad": 0.0}` puts an object, by
-its place in `objects`, somewhere else. Bodies in the truth ring are the robots by index, then the
-objects. At the end it writes `physics.json` into the run directory: lateness of ticks, counters of
-the serial lines, CPU time.
+parent handles Ctrl-C. A line `{"put": 0, "x_m": 0.1, "y_m": 0.2, "yaw_rad": 0.0}` puts an object,
+by its place in `objects`, somewhere else. Bodies in the truth ring are the robots by index, then
+the objects. At the end it writes `physics.json` into the run directory: lateness of ticks, counters
+of the serial lines, CPU time.
 """
 
 from __future__ import annotations

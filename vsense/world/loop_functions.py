@@ -11,7 +11,8 @@ where there is none), which is made for every run, without arguments:
     def end(world):        after the last timestep; may give measures of the run, a dict
     def floor_color(x_m, y_m):  with <floor source="loop_functions">: red, green, blue, 0..255
 
-`world` is the `World`: `world.params["door_s"]` are the other attributes of the element, as texts;
+`world` is the `World`: `world.params["door_s"]` are the other attributes of the element, as texts,
+which people may change on the page while it runs, as they may move things and add virtual robots;
 `world.random` is what to draw from, so that a seed repeats a run; `world.driven_by("prey")` tells
 which of `world.robots` that controller drives. What goes wrong in the file becomes one error that
 names its line.
