@@ -152,6 +152,21 @@ def test_virtual_robots_come_and_go() -> None:
     assert len({robot["tag"] for robot in world.robots}) == count
 
 
+def test_loop_functions_that_count_robots_keep_them() -> None:
+    run = ChangedRun("predator_prey")
+    with pytest.raises(OrderError, match="may count the robots"):
+        carry_out(Change.read({"kind": "add", "x_m": 0, "y_m": 0}), run.environment)
+
+
+def test_a_light_that_circles_goes_on_from_where_it_was_dragged_to() -> None:
+    run = ChangedRun("phototaxis")
+    drag = {"kind": "move", "name": "lamp", "x_m": -0.3, "y_m": 0.4}
+    run.live(12, {5: lambda: run.ask(**drag)})
+    x_m, y_m, _ = run.environment.world.lights()[0].position_m
+    # 15 degrees of its orbit in 5 s at the most: it has not jumped back to the other side.
+    assert abs(x_m + 0.3) < 0.05 and abs(y_m - 0.4) < 0.05
+
+
 def test_what_is_real_moves_where_somebody_can_move_it() -> None:
     run, put = ChangedRun("pollutant"), []
     (thing,) = run.environment.experiment.objects

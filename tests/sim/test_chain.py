@@ -335,5 +335,5 @@ def test_what_people_change_is_the_same_in_c(
 
     changed = run(wanted, True)
     assert changed == run(wanted, False)
-    for left_out in (7, 20, 31, 40):
+    for left_out in (20, 31):
         assert changed != run({t: c for t, c in wanted.items() if t != left_out}, True)

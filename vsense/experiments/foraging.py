@@ -20,6 +20,8 @@ from vsense.world.world import World
 class LoopFunctions:
     """One run."""
 
+    robots_may_change = True  # people may add virtual robots, and take them away
+
     def __init__(self) -> None:
         self._home = 0
 

@@ -199,6 +199,7 @@ def _is_physical(thing: Entity | None) -> bool:
 def _add(change: Change, environment: Environment) -> str:
     """Puts a virtual robot that stands where it was put, or that loop functions move."""
     world = environment.world
+    _check_robots(environment)
     robots = [thing for thing in world.entities.values() if isinstance(thing, VirtualRobot)]
     if len(robots) >= MOST_ROBOTS:
         raise OrderError(f"there are {len(robots)} virtual robots already")
@@ -215,10 +216,20 @@ def _add(change: Change, environment: Environment) -> str:
     return f"{name} stands at {change.x_m:.2f}, {change.y_m:.2f} m: a virtual robot"
 
 
+def _check_robots(environment: Environment) -> None:
+    if not environment.robots_may_change:
+        raise OrderError(
+            "the experiment's loop functions may count the robots: none can come or go while it"
+            " runs, unless they say robots_may_change = True"
+        )
+
+
 def _remove(change: Change, environment: Environment) -> str:
     thing = environment.world.entities.get(change.name)
     if thing is not None and not isinstance(thing, VirtualRobot):
         raise OrderError(f"{change.name!r} is no virtual robot: only these can be removed")
+    if thing is not None:
+        _check_robots(environment)
     environment.world.remove(change.name)
     return f"{change.name} is taken away"
 
