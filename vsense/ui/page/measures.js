@@ -105,12 +105,19 @@ export class Measures {
     const at = pointed === undefined ? this.store.now.time_s : span[0] + pointed * (span[1] - span[0]);
     const values = line?.at(at) ?? null;
     const unit = what.unit ? ` ${what.unit}` : "";
-    write(chart.number, values ? `${values.map((one) => reading(one)).slice(0, 3).join(", ")}${values.length > 3 ? " …" : ""}${unit}` : "–");
+    write(chart.number, values ? `${figures(values)}${unit}` : "–");
     write(chart.label, pointed === undefined ? what.label : `${what.label} at ${clock(at)}`);
     chart.label.title = what.label;
     fit(canvas);
     sketch(canvas, line, span, this.store.now.time_s, chart.index);
   }
+}
+
+// Of many numbers the largest says most.
+function figures(values) {
+  if (values.length < 3) return values.map(reading).join(", ");
+  const known = values.filter((value) => typeof value === "number");
+  return known.length ? `up to ${reading(Math.max(...known))}` : "–";
 }
 
 function spanOf(line, now) {

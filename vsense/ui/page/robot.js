@@ -14,7 +14,7 @@ const BARS_FROM = 3;
 /** Facts that are numbers: what to chart of a row of /robots and of a pose. */
 const CHARTS = {
   place: { unit: "m", now: (row, pose) => [pose.x, pose.y] },
-  heading: { unit: "m/s", now: (row, pose) => [pose.speed] },
+  heading: { label: "speed", unit: "m/s", now: (row, pose) => [pose.speed] },
   wheels: { unit: "steps/s", now: (row) => [row.left_steps_s, row.right_steps_s] },
   link: { unit: "ms", now: (row) => [row.heard_ms] },
   battery: { unit: "V", now: (row) => [typeof row.battery_mv === "number" ? row.battery_mv / 1000 : null] },
@@ -89,7 +89,7 @@ export class Robot {
     const told = CHARTS[name] ?? (typeof robot?.shown?.[name] === "number" && { now: (row) => [row.shown?.[name]] });
     if (!told || !robot) return null;
     const now = (store) => told.now(store.robot(tag) ?? {}, this.#pose(tag) ?? {});
-    return { key: `${tag}/fact/${name}`, label: `${name} of ${this.store.name(tag)}`, unit: told.unit, now };
+    return { key: `${tag}/fact/${name}`, label: `${told.label ?? name} of ${this.store.name(tag)}`, unit: told.unit, now };
   }
 
   #draw(robot, tag) {

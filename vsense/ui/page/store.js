@@ -95,7 +95,8 @@ export class Store {
     // Whoever comes anew is told the last events again.
     if (this.events.some((event) => event.timeNs === timeNs && event.text === data.text)) return;
     // Older recordings and other programs do not say when in the run it was.
-    const heard = this.run && Date.now() - this.wall(timeNs) < OLD_MS && this.now.timestep >= 0 ? this.now.time_s : null;
+    const fresh = this.experiment?.mode === "replay" || Date.now() - this.wall(timeNs) < OLD_MS;
+    const heard = this.run && fresh && this.now.timestep >= 0 ? this.now.time_s : null;
     this.events.push({ timeNs, run_s: data.time_s === undefined ? heard : data.time_s, ...data });
     if (this.events.length > EVENTS_KEPT) this.events.shift();
   }
