@@ -78,10 +78,13 @@ class MessageBus:
         if self.wants(topic):
             self.publish(Message(topic, time_ns, make()))
 
-    def event(self, text: str, level: str, time_ns: int) -> None:
-        """Publishes a line for people, /event; `level` is "info", "warning" or "trouble"."""
-        text = printable_lines(text)
-        self.publish(Message("/event", time_ns, {"text": text, "level": level, "by": None}))
+    def event(self, text: str, level: str, time_ns: int, run_time_s: float | None = None) -> None:
+        """Publishes a line for people, /event; `level` is "info", "warning" or "trouble".
+
+        `run_time_s` is since the run's beginning, None: before it.
+        """
+        data = {"text": printable_lines(text), "level": level, "by": None, "time_s": run_time_s}
+        self.publish(Message("/event", time_ns, data))
 
     def publish(self, message: Message) -> None:
         """Gives a message to all listeners that want it."""

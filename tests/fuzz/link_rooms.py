@@ -4,6 +4,7 @@ terminals, requests, and robots that know their keys and say what they like."""
 from __future__ import annotations
 
 import json
+import math
 import re
 import struct
 from dataclasses import replace
@@ -45,7 +46,7 @@ from vsense.native import WireError, ffi, lib
 from vsense.run.orders import Order
 from vsense.ui.access import AccessControl, Forbidden, Tokens
 from vsense.ui.control_socket import ControlSocket
-from vsense.ui.page_clients import read as read_sentence
+from vsense.ui.sentences import read as read_sentence
 
 S = 1_000_000_000
 TAGS = (1, 2, 3)
@@ -173,9 +174,20 @@ _SENTENCES: tuple[dict[str, Any], ...] = (
     {"order": "speed", "value": 2.5},
     {"look": 23},
     {"look": None},
+    {"look": [23, 24]},
     {"refresh": True},
     {"pictures": ["left", "right"]},
     {"got": 12},
+    {"change": {"kind": "move", "name": "lamp", "x_m": 0.5, "y_m": -0.25, "final": False}},
+    {
+        "change": {
+            "kind": "set",
+            "name": "light",
+            "controller": "moth",
+            "setting": "bias",
+            "value": 1,
+        }
+    },
 )
 
 
@@ -183,11 +195,16 @@ def sentences(random: Random, scene: None) -> None:
     """What a page says: it is understood, or a ValueError says why not."""
     said = mutate.as_json(random, random.choice(_SENTENCES))
     name, value = read_sentence(said)
-    assert name in ("order", "look", "refresh", "pictures", "got")
+    assert name in ("order", "change", "look", "refresh", "pictures", "got")
     if name == "order":
         assert isinstance(value[1], float) and abs(value[1]) < 2**53
-    if name in ("look", "got"):
-        assert value is None or 0 <= value < 2**53
+    if name == "change":
+        numbers = (value.x_m, value.y_m, value.yaw_rad or 0.0)
+        assert all(math.isfinite(number) for number in numbers) and len(value.name) <= 200
+    if name == "look":
+        assert len(value) <= 16 and all(0 <= tag < 2**53 for tag in value)
+    if name == "got":
+        assert 0 <= value < 2**53
 
 
 def prepare_socket(folder: Path) -> ControlSocket:

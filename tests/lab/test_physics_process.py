@@ -272,3 +272,16 @@ def test_firmware_has_a_watchdog_where_it_is_wanted(spec: dict[str, Any], watchd
     found = [link.program.state.body.watchdog_us for link in process.controllers.links]
     process.close()
     assert found == [400_000 * watchdog] * 2
+
+
+def test_an_object_is_put_where_a_line_says(process: PhysicsProcess, ring: SharedBlock) -> None:
+    process.put(b'{"put": 0, "x_m": 0.25, "y_m": -0.5, "yaw_rad": 1.5}')
+    process.step([], EPOCH_NS + TICK_NS)
+    reader = TruthReader(ring.name)
+    poses, _ = reader.at(EPOCH_NS + TICK_NS)
+    reader.close()
+    assert poses[2].tolist() == [0.25, -0.5, 1.5] and poses[0].tolist() == [0.0, 0.0, 0.0]
+    for line in (b"", b"{", b'{"put": 1, "x_m": 0, "y_m": 0, "yaw_rad": 0}', b'{"put": -1}',
+                 b'{"put": 0, "x_m": NaN, "y_m": 0, "yaw_rad": 0}', b"[1]"):  # fmt: skip
+        with pytest.raises(UsageError, match="put"):
+            process.put(line)

@@ -104,7 +104,7 @@ def test_a_seek_tells_what_was_current_there(replay: Replay) -> None:
     assert told["/experiment"] == {"mode": "replay", "name": "x"}
     assert told["/run"]["state"] == "running" and told["/run"]["can"][0] == "play"
     assert told["/run"]["replay"] == {
-        "position_s": 4.0, "duration_s": 10.0, "speed": 1.0, "playing": False,
+        "position_s": 4.0, "duration_s": 10.0, "speed": 1.0, "playing": False, "pictures": True,
     }  # fmt: skip
     assert "/event" not in told and "/gap" not in told
     replay.order(OrderKind.PLAY, 1)

@@ -113,3 +113,37 @@ def test_who_stands_and_is_then_carried_is_not_accused() -> None:
     )
     assert watched(still + carried) == []
     assert watched(carried, ran=False) == [], "people place robots before the run"
+
+
+def test_a_robot_that_moves_without_a_link_is_told_and_who_stands_is_not() -> None:
+    def lost(poses: list[float]) -> tuple[Obedience, list[tuple[int, str]]]:
+        watch, lines = Obedience(), []
+        watch.update({7: robot(RUNS, 0, Wanted.RUN)}, None, 0)
+        gone = replace(robot(RUNS, 0, Wanted.RUN), connected=False)
+        for number, x_m in enumerate(poses):
+            ms = 100 * number
+            found = watch.update({7: gone}, seen(ms, x_m), ms * MS)
+            lines += [(ms, line) for line in found]
+        return watch, lines
+
+    # A robot stops by itself 0.4 s after the last that it heard.
+    coasting = [0.02 * min(n, 5) for n in range(30)]
+    assert lost(coasting)[1] == []
+    watch, ((ms, text),) = lost([0.02 * n for n in range(30)])
+    assert 800 <= ms <= 1300
+    assert text.startswith("ROBOT seven moves without a link: nothing heard for ")
+    (alarm,) = watch.alarms
+    assert (alarm.kind, alarm.text) == ("no_link", "seven moves without a link")
+    assert "the cameras see it move; lift it off the floor" in alarm.cause
+    watch.update({7: robot(RUNS, 3000, Wanted.RUN)}, None, 3000 * MS)
+    assert watch.alarms == ()
+
+
+def test_a_robot_that_does_not_obey_is_an_alarm_until_it_does() -> None:
+    watch = Obedience()
+    watch.update({7: robot(RUNS, 400)}, None, 400 * MS)
+    (alarm,) = watch.alarms
+    assert (alarm.kind, alarm.text) == ("disobeys", "seven does not obey")
+    assert alarm.cause.startswith("told to stop 0.4 s ago, it reports that it runs; ")
+    watch.update({7: robot(STANDS, 500)}, None, 500 * MS)
+    assert watch.alarms == ()

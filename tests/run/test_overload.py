@@ -107,3 +107,15 @@ def test_the_runner_tells_people() -> None:
     assert len(list(stage.runner.timesteps())) == 120
     told = stage.terminal.getvalue()
     assert told.count("timesteps are late: of 100 in the last 10 s 100 were late") == 1
+
+
+def test_it_is_an_alarm_as_long_as_it_lasts() -> None:
+    overload = Overload(DT_NS, "this computer")
+    for some in (step(n, 10, 5, 120) for n in range(0, 220, 2)):
+        overload.add(some, {})
+    assert overload.alarm is not None and overload.alarm.kind == "overload"
+    assert overload.alarm.text == "this computer makes 5.0 of 10 timesteps per second"
+    assert overload.alarm.cause == "results are not usable; world and sensors take 120 ms of 100 ms"
+    for some in (step(n, 10, 5, 5) for n in range(220, 440)):
+        overload.add(some, {})
+    assert overload.alarm is None

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -13,9 +15,10 @@ from vsense.config.specs import Experiment, Stage
 from vsense.errors import VsenseError
 from vsense.pictures.run_samples import RunSamples
 from vsense.robot import build
+from vsense.run.changing import Change, carry_out
 from vsense.run.programs import shared_objects
 from vsense.sim.chain import Chain
-from vsense.sim.simulation import Simulation
+from vsense.sim.simulation import WARM_UP, Simulation
 
 SHIPPED = sorted(Path(build.__file__).parents[1].glob("experiments/*.argos"))
 
@@ -300,3 +303,37 @@ def test_notes_have_their_times(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     events = in_c[3]
     assert isinstance(events, list)
     assert [time_s for time_s, _ in events] == [5.9] * 4 + [11.9] * 4 + [17.9] * 4
+
+
+def test_what_people_change_is_the_same_in_c(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A lamp, a wall that is in the way, a noise and a latency, between calls of a run in C."""
+    experiment = world(tmp_path, 15, (LIGHT, LIGHT + GROUND))
+    (light, _), (wall, *_) = experiment.controllers[0].sensors, experiment.boxes
+    own = {"controller": experiment.controllers[0].id, "name": light.sensor.name}
+    wanted: dict[int, dict[str, Any]] = {
+        7: {"kind": "move", "name": "light_0", "x_m": 0.2, "y_m": 0.3},
+        20: {"kind": "set", "setting": "noise_level", "value": 0.05, **own},
+        31: {"kind": "move", "name": wall.id, "x_m": 0.1, "y_m": 0.0},
+        40: {"kind": "set", "setting": "latency", "value": 2, **own},
+        55: {"kind": "set", "setting": "latency", "value": 0, **own},
+        60: {"kind": "add", "x_m": 0.0, "y_m": 0.2},
+    }
+    chained = Simulation._chained
+
+    def run(changes: Mapping[int, Mapping[str, Any]], in_c: bool) -> tuple[object, ...]:
+        monkeypatch.setattr(Simulation, "_chained", chained if in_c else lambda run: None)
+        made = Simulation(experiment, shared_objects(experiment), 3)
+        at = -WARM_UP
+        while at < experiment.timesteps:
+            if at in changes:
+                carry_out(Change.read(changes[at]), made.environment, made.ground)
+            at += made.go_on(at, 1 if at < 0 else min(t - at for t in (*wanted, 99999) if t > at))
+        assert (made.chain is not None) is in_c
+        return told(made)
+
+    changed = run(wanted, True)
+    assert changed == run(wanted, False)
+    for left_out in (20, 31):
+        assert changed != run({t: c for t, c in wanted.items() if t != left_out}, True)

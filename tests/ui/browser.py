@@ -171,6 +171,14 @@ class Page:
         for kind in ("mousePressed", "mouseReleased"):
             self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
 
+    def drag(self, begin: tuple[float, float], end: tuple[float, float]) -> None:
+        """Drags with the mouse from one place of the window to another."""
+        places = [begin, *(_between(begin, end, share / 4) for share in range(1, 5)), end]
+        kinds = ["mousePressed", *["mouseMoved"] * 4, "mouseReleased"]
+        for kind, (x, y) in zip(kinds, places, strict=True):
+            self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1,
+                      clickCount=1)  # fmt: skip
+
     def screenshot(self, path: Path) -> None:
         """Takes a picture of the window."""
         taken = self.call("Page.captureScreenshot", format="png")
@@ -179,3 +187,9 @@ class Page:
     def close(self) -> None:
         """Closes the page."""
         self._browser.call("Target.closeTarget", targetId=self._target)
+
+
+def _between(
+    begin: tuple[float, float], end: tuple[float, float], share: float
+) -> tuple[float, float]:
+    return begin[0] + share * (end[0] - begin[0]), begin[1] + share * (end[1] - begin[1])

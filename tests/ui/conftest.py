@@ -33,7 +33,7 @@ def served() -> Iterator[Serve]:
         puppet: Puppet | None = None, tokens: Tokens | None = None, paced: bool = True
     ) -> tuple[Puppet, WebServer, str]:
         puppet = puppet or Puppet()
-        server = WebServer(puppet.bus, puppet.give, "127.0.0.1", 0, tokens)
+        server = WebServer(puppet.bus, puppet.give, "127.0.0.1", 0, tokens, ask=puppet.ask)
         url = server.start().control
         ends.extend((puppet.end, server.close))
         if paced:

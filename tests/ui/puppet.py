@@ -15,6 +15,8 @@ import numpy as np
 from tests.ui import puppet_world as play
 from vsense.clock import host_ns
 from vsense.message_bus import Message, MessageBus
+from vsense.run.changes import Answer
+from vsense.run.changing import Change, ChangeKind
 from vsense.run.orders import Order, OrderError, OrderKind
 from vsense.ui.server import WebServer
 
@@ -65,6 +67,11 @@ class Puppet:
         self.stopped = self.silent = False
         self.doubts: list[str] = []
         self.recording_trouble: str | None = None
+        self.alarms: list[dict[str, str]] = []
+        self.locked = False
+        self.changes: list[Change] = []
+        self.noise = 0.0
+        self.world = play.world()
         self._known = 0
         self._lock = threading.Lock()
         self._ending = threading.Event()
@@ -106,6 +113,30 @@ class Puppet:
             raise OrderError("a replay cannot be started or stopped: play it")
         return f"at {self.position_s:.1f} s, {'playing' if self.playing else 'paused'}"
 
+    def ask(self, change: Change, by: str, answer: Answer) -> None:
+        """Takes a change of the world; the gate does not move."""
+        with self._lock:
+            self.changes.append(change)
+            if change.name == "gate":
+                answer("'gate' stands in the real arena", False)
+                return
+            if change.kind is ChangeKind.SET:
+                self.noise = float(change.value)
+            for entity in self.world["entities"]:
+                if entity["id"] == change.name and change.kind is ChangeKind.MOVE:
+                    entity |= {"x_m": change.x_m, "y_m": change.y_m}
+        self.publish("/world", self.world)
+        self.publish("/settings", self.settings())
+        answer("done", True)
+
+    def settings(self) -> dict[str, Any]:
+        """The `/settings` message."""
+        return {
+            "locked": self.locked, "objects": True, "solids": False,
+            "sensors": [{"controller": "pollutant", "name": "light", "noise_level": self.noise}],
+            "fields": [], "params": {}, "things": {"zone": ["radius_m", "value"]},
+        }  # fmt: skip
+
     # -- messages -------------------------------------------------------------------------
 
     def publish(self, topic: str, data: dict[str, Any], blob: bytes = b"") -> None:
@@ -128,7 +159,8 @@ class Puppet:
         if self._known != self.bus.joined:
             self._known = self.bus.joined
             self.publish("/experiment", play.experiment(self.swarm, self.cameras, self.mode))
-            self.publish("/world", play.world())
+            self.publish("/world", self.world)
+            self.publish("/settings", self.settings())
             self.publish("/run", self.run_message())
         if not self.stopped:
             self.publish("/arena", self.arena())
@@ -164,7 +196,7 @@ class Puppet:
                           "bytes": self.timestep * 41_000 if self.recording else 0,
                           "lost_messages": 0, "trouble": self.recording_trouble},
             "disk_free_bytes": 212_000_000_000,
-            "doubts": self.doubts,
+            "doubts": self.doubts, "alarms": self.alarms,
         }  # fmt: skip
         if self.mode == "track":
             made["can"] = ["stop", "record"]

@@ -6,6 +6,7 @@ import json
 import os
 import socket
 import stat
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -161,3 +162,44 @@ def test_the_socket_goes_with_the_process(place: Path, desk: Desk) -> None:
     assert bell.path.exists()
     bell.close()
     assert not bell.path.exists()
+
+
+def test_all_of_several_are_stopped_and_named(
+    place: Path, bell: ControlSocket, desk: Desk, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The experiment of this process, one that refuses, and the socket of a killed one."""
+    other = place / "1.sock"
+    with socket.socket(socket.AF_UNIX) as listening, socket.socket(socket.AF_UNIX) as dead:
+        dead.bind(str(place / "2.sock"))
+        listening.bind(str(other))
+        listening.listen()
+        answer = b'{"error": "the robots cannot be told"}\n'
+
+        def refuse() -> None:
+            for _ in range(2):
+                line, _ = listening.accept()
+                with line:
+                    line.recv(4096)
+                    line.sendall(answer)
+
+        thread = threading.Thread(target=refuse, daemon=True)
+        thread.start()
+        assert cli.main(["stop", "--emergency", "--all"]) == 1
+        thread.join()
+    said = capsys.readouterr().out.splitlines()
+    assert [order.kind for order in desk.orders] == [OrderKind.EMERGENCY]
+    assert said[0].split()[0] == "1" and said[0].endswith("NOT STOPPED: the robots cannot be told")
+    assert " ".join(said[1].split()) == (
+        f"{os.getpid()} wander vsense lab robots' port 4050 done: emergency"
+    )
+    other.unlink()
+    assert len(said) == 2 and cli.main(["stop", "--all", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {str(os.getpid()): {"text": "done: stop"}}
+    assert cli.main(["stop", "--all", "--process", "1"]) == 2
+
+
+def test_where_nothing_runs_nothing_is_stopped(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["stop", "--emergency", "--all"]) == 2
+    assert "no experiment runs on this machine" in capsys.readouterr().err

@@ -99,6 +99,29 @@ def drive(page: Page) -> None:
     page.until("vsense.store.robots.left_steps_s.filter(speed => speed !== 0).length > 7")
 
 
+def change(page: Page) -> None:
+    """Moves what pollutes, which the cameras see, and makes a sensor noisy."""
+    for said in (
+        {"kind": "move", "name": "polluter_52447_0", "x_m": 0.4, "y_m": 0.3},
+        {"kind": "set", "controller": "wanderer", "name": "pollutant", "setting": "noise_level",
+         "value": 0.4},
+    ):  # fmt: skip
+        page.value(f"vsense.connection.say({json.dumps({'change': said})})")
+    page.until("vsense.store.settled === 2 && vsense.store.settings.sensors[0].noise_level === 0.4")
+    column = "vsense.store.arena.robots"
+    row = f"{column}.tag.indexOf(52447)"
+    page.until(f"Math.hypot({column}.x_m[{row}] - 0.4, {column}.y_m[{row}] - 0.3) < 0.01")
+
+
+def sensed_again(path: Path) -> dict[str, int]:
+    """What `vsense replay --resense` says."""
+    words = [sys.executable, "-m", "vsense", "replay", str(path), "--resense", "--json"]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    found: dict[str, int] = json.loads(done.stdout)
+    return found
+
+
 def test_a_lab_is_steered_from_its_page(lab: Lab, opened: Open) -> None:
     page = opened(lab.url())
     state(page, "ready")
@@ -114,6 +137,7 @@ def test_a_lab_is_steered_from_its_page(lab: Lab, opened: Open) -> None:
     page.until("window.vsense?.store.arena && vsense.store.run")
     state(page, "running")
     page.until(f"vsense.arena.drawn.robots.length === {ROBOTS} + 1")
+    change(page)
     drive(page)
     emergency_ns = host_ns()
     page.key("Escape")
@@ -140,4 +164,6 @@ def test_a_lab_is_steered_from_its_page(lab: Lab, opened: Open) -> None:
     assert [run["run"] for run in runs] == [1, 2, 3] and all(run["timesteps"] > 10 for run in runs)
     for number in (1, 2, 3):
         assert (lab.folder / f"run-{number}" / "pollutant.mcap").stat().st_size > 10_000
+    orders = [sensed_again(lab.folder / f"run-{n}" / "pollutant.mcap")["orders"] for n in (1, 2, 3)]
+    assert orders == [2, 0, 0], "all readings are the same again, in every bit"
     assert lab.said.count("viewer 1 (127.0.0.1): run 1 is paused") == 1

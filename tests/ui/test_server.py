@@ -19,9 +19,12 @@ from tests.ui.conftest import Serve
 from tests.ui.puppet import Puppet
 from vsense.errors import UsageError, VsenseError
 from vsense.message_bus import Message, MessageBus
+from vsense.run.changes import Answer
+from vsense.run.changing import Change
 from vsense.run.orders import Order, OrderError, OrderKind
 from vsense.ui import server as site
 from vsense.ui.access import Tokens
+from vsense.ui.page_clients import LOOKING
 from vsense.ui.server import WebServer
 
 TOKENS = Tokens("to-look-only", "to-control-it")
@@ -265,6 +268,59 @@ def test_an_order_error_is_the_answer() -> None:
 
     try:
         assert talk(press) == {"text": "not now", "ok": False}
+    finally:
+        server.close()
+
+
+NOISE = {"kind": "set", "controller": "ant", "name": "light", "setting": "noise_level", "value": 1}
+
+
+def test_changes_are_asked_for_by_those_who_may_control_only() -> None:
+    asked: list[tuple[Change, str]] = []
+
+    def ask(change: Change, by: str, answer: Answer) -> None:
+        if change.value == 2:
+            raise OrderError("this run is locked")
+        asked.append((change, by))
+        threading.Thread(target=lambda: answer("done", True)).start()
+
+    server = WebServer(MessageBus(), lambda order: "", "127.0.0.1", 0, TOKENS, ask=ask)
+    found = server.start()
+
+    async def say(client: aiohttp.ClientSession, url: str, said: object) -> Any:
+        base, _, token = url.partition("/?")
+        socket = await client.ws_connect(f"{base}/ws?{token}", headers={"Origin": base})
+        await socket.send_json({"change": said})
+        return await hear(socket, "/answer")
+
+    def told(url: str, said: object) -> Any:
+        return talk(lambda client: say(client, url, said))
+
+    try:
+        assert told(found.look, NOISE) == {"text": LOOKING, "ok": False, "change": True}
+        assert asked == []
+        assert told(found.control, NOISE) == {"text": "done", "ok": True, "change": True}
+        assert told(found.control, {**NOISE, "value": 2})["text"] == "this run is locked"
+        assert not told(found.control, {**NOISE, "value": float("nan")})["ok"]
+        assert not told(found.control, "move")["ok"]
+        assert not told(found.control, [[[[]]]])["ok"]
+    finally:
+        server.close()
+    ((change, by),) = asked
+    assert change == Change.read(NOISE) and by.startswith("viewer 2 (127.0.0.1")
+
+
+def test_where_no_world_runs_nothing_can_be_changed() -> None:
+    server = WebServer(MessageBus(), lambda order: "", "127.0.0.1", 0)
+    url = server.start().control
+
+    async def say(client: aiohttp.ClientSession) -> Any:
+        socket = await ws(client, url)
+        await socket.send_json({"change": NOISE})
+        return await hear(socket, "/answer")
+
+    try:
+        assert talk(say)["text"] == "nothing can be changed here: no world is running"
     finally:
         server.close()
 

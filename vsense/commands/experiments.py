@@ -11,7 +11,7 @@ import secrets
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from vsense.commands import arguments
 from vsense.config.description import as_json, describe
@@ -194,6 +194,11 @@ def add_room(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="a series of N runs; the seed of each is the one before plus 1 (default: 1)",
     )
+    arguments.flag(
+        group,
+        "--locked",
+        "nobody can change the world on the page while it runs: drag a light, set a noise, ...",
+    )
     arguments.flag(group, "--record", "record every run to an MCAP file from its beginning")
     group.add_argument(
         "--record-images",
@@ -299,6 +304,19 @@ def prepare(
     experiment, seed = first_robots(experiment, options.robots), choose_seed(options, experiment)
     experiment = settle(experiment, seed, real)
     return experiment, seed, run_directory.make(options.output, experiment.name, seed)
+
+
+def made_of(options: argparse.Namespace, experiment: Experiment, seed: int) -> dict[str, Any]:
+    """How `open_experiment` and `prepare` have made an experiment, for recordings."""
+    return {
+        "path": str(experiment.path.absolute()),
+        "stage": experiment.stage.value,
+        "length_s": options.duration,
+        "settings": dict(options.set),
+        "virtual_devices": bool(getattr(options, "virtual_devices", False)),
+        "robots": options.robots,
+        "seed": seed,
+    }
 
 
 def choose_seed(options: argparse.Namespace, experiment: Experiment) -> int:

@@ -113,8 +113,9 @@ def run(options: argparse.Namespace) -> int:
         address = (experiment.host, port)
         trust = keys.INSECURE if options.insecure else LinkTrust(keys.make())
         experiments.say_trust(trust, console.say)
+        made = experiments.made_of(options, experiment, seed)
         setup = RunSetup(
-            *(experiment, seed, options.blind, address, trust, console, interrupted, room)
+            *(experiment, seed, options.blind, address, trust, console, interrupted, room, made)
         )
         session = Session(
             *(setup, directory, options.base, options.firmware_watchdog, options.legacy_port),

@@ -7,6 +7,7 @@ import getpass
 import json
 import socket
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             action="store_true",
             help="stop all robots now, whatever the run is doing; only a reset ends it",
         )
+        arguments.flag(parser, "--all", "stop every experiment that this user runs on this machine")
 
 
 def add_process(parser: argparse.ArgumentParser) -> None:
@@ -49,6 +51,9 @@ BRIEF_S = 0.5
 """For who is asked what it is, while somebody wants to stop it."""
 
 
+_NOTHING_RUNS = "no experiment runs on this machine: start one with vsense run or vsense lab"
+
+
 class TerminalError(VsenseError):
     """The running experiment does not answer, or refuses."""
 
@@ -61,9 +66,45 @@ def run(options: argparse.Namespace) -> int:
         return 0
     kind = "emergency" if getattr(options, "emergency", False) else options.command
     order = {"order": kind, "by": f"terminal ({getpass.getuser()})"}
+    if getattr(options, "all", False):
+        return _order_all(order, options)
     answer = ask(order, options.process)
     print(json.dumps(answer) if options.json else answer["text"])
     return 0
+
+
+def _order_all(order: Mapping[str, Any], options: argparse.Namespace) -> int:
+    """Gives an order to all experiments at once; 1 where one does not answer, or refuses."""
+    if options.process is not None:
+        raise UsageError("--all and --process: one or the other")
+    found = sorted(_sockets().items())
+    line = json.dumps(order).encode() + b"\n"
+    # One that hangs must not hold up the stop of the others: nothing is asked before.
+    with ThreadPoolExecutor(max(len(found), 1)) as pool:
+        given = zip(found, pool.map(lambda one: _obeyed(one[1], line), found))
+        answers = {number: answer for (number, _), answer in given if answer is not None}
+        names = dict(pool.map(lambda one: (one[0], _told(*one)), found))
+    if not answers:
+        raise UsageError(_NOTHING_RUNS)
+    if options.json:
+        print(json.dumps({str(number): answer for number, answer in answers.items()}))
+    else:
+        rows = [
+            (*names[number][:4], answer.get("text") or f"NOT STOPPED: {answer['error']}")
+            for number, answer in answers.items()
+        ]
+        print("\n".join(aligned(rows)))
+    return int(any("error" in answer for answer in answers.values()))
+
+
+def _obeyed(path: Path, line: bytes) -> dict[str, Any] | None:
+    """The answer to an order; {"error": reason} where there is none, None: nobody is there."""
+    try:
+        return _exchange(path, line)
+    except (ConnectionRefusedError, FileNotFoundError):
+        return None
+    except (OSError, ValueError) as error:
+        return {"error": f"does not answer: {error}"}
 
 
 def robots(options: argparse.Namespace) -> int:
@@ -81,7 +122,7 @@ def ask(question: Mapping[str, Any], process: int | None = None) -> dict[str, An
         UsageError: none runs, or several do and `process` names none.
         TerminalError: it does not answer, or refuses.
     """
-    path = _find(process)
+    path = _find(process, question.get("order") in ("stop", "emergency"))
     try:
         answer = _exchange(path, json.dumps(question).encode() + b"\n")
     except (OSError, ValueError) as error:
@@ -91,19 +132,27 @@ def ask(question: Mapping[str, Any], process: int | None = None) -> dict[str, An
     return answer
 
 
-def _find(process: int | None) -> Path:
-    found = {int(path.stem): path for path in folder().glob("*.sock") if path.stem.isdigit()}
+def _sockets() -> dict[int, Path]:
+    return {int(path.stem): path for path in folder().glob("*.sock") if path.stem.isdigit()}
+
+
+def _alive() -> dict[int, Path]:
+    """The sockets of all experiments that run, by process."""
+    return {number: path for number, path in sorted(_sockets().items()) if _is_alive(path)}
+
+
+def _find(process: int | None, all_too: bool = False) -> Path:
+    found = _sockets()
     if process in found:
         return found[process]
-    alive = {number: path for number, path in found.items() if _is_alive(path)}
+    alive = _alive()
     if process is not None:
         raise UsageError(f"process {process} runs no experiment; {_running(alive)}")
     if not alive:
-        raise UsageError(
-            "no experiment runs on this machine: start one with vsense run or vsense lab"
-        )
+        raise UsageError(_NOTHING_RUNS)
     if len(alive) > 1:
-        raise UsageError(f"{_running(alive)}\nsay which with --process PID")
+        every = ", or stop all of them with --all" if all_too else ""
+        raise UsageError(f"{_running(alive)}\nsay which with --process PID{every}")
     return next(iter(alive.values()))
 
 

@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 DESCRIPTION = (
     "Plays a recording in the page, with pause, speed and a time line. With --retrack it runs the"
     " tracker again on the recorded pictures instead, and prints what differs: nothing with the"
-    " recorded settings, in every bit."
+    " recorded settings, in every bit. With --resense it makes the virtual world again, from the"
+    " recorded arena states, the robots' deeds and what people changed, and compares the readings."
 )
 
 
@@ -51,22 +52,44 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar=("RESOURCES", "EXPERIMENT"),
         help="the settings of a tracking session's two files instead of the recorded ones",
     )
-    again.add_argument("--json", action="store_true", help="print the comparison as JSON")
+    world = parser.add_argument_group("sensing again")
+    arguments.flag(
+        world,
+        "--resense",
+        "make the virtual world again, with what people changed in it, and compare the readings",
+    )
+    arguments.option(
+        world, "--experiment", Path, "FILE", "the experiment's file, where it is no longer there"
+    )
+    arguments.flag(parser, "--json", "print the comparison as JSON")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Plays a recording, or tracks again; 0, or 130 (143 by SIGTERM) where it was
-    interrupted, as playing ends.
+    """Plays a recording, tracks or senses again; 0, 1 where readings differ, or 130 (143 by
+    SIGTERM) where it was interrupted, as playing ends.
     """
     recording.require()
     options.file = recording.file_of(options.file)
+    _check(options)
     if options.retrack:
         return _retrack(options)
-    if options.set or options.session or options.json:
-        raise UsageError("--set, --session and --json belong to --retrack")
+    if options.resense:
+        return _resense(options)
     web = arguments.web_of(options)
     assert web is not None, "--web has a default"
     return play(options.file, options.speed, web)
+
+
+def _check(options: argparse.Namespace) -> None:
+    """Refuses what does not go together."""
+    if options.retrack and options.resense:
+        raise UsageError("--retrack and --resense are two comparisons: one after the other")
+    if (options.set or options.session) and not options.retrack:
+        raise UsageError("--set and --session belong to --retrack")
+    if options.experiment and not options.resense:
+        raise UsageError("--experiment belongs to --resense")
+    if options.json and not (options.retrack or options.resense):
+        raise UsageError("--json belongs to --retrack and --resense")
 
 
 def play(file: Path, speed: float, web: WebAddress) -> int:
@@ -131,6 +154,28 @@ def _retrack(options: argparse.Namespace) -> int:
         else:
             print("\n".join(tracking.comparison.lines()))
     return 0
+
+
+def _resense(options: argparse.Namespace) -> int:
+    """Makes the world of a recording again and prints what differs; see `run`."""
+    from vsense.recording.reader import open_recording
+    from vsense.recording.resense import Resensing
+
+    console = Console()
+    with ExitStack() as stack:
+        interrupted = stack.enter_context(interruption())
+        with interrupted.at_once():
+            opened = stack.enter_context(open_recording(options.file))
+        _say_state(console, opened)
+        sensing = Resensing(opened, options.experiment)
+        for run_timestep in sensing.timesteps():
+            console.progress(f"sensed again: timestep {run_timestep}")
+            if interrupted.is_set():
+                return interrupted.code
+        console.end_progress()
+        found = sensing.comparison
+        print(json.dumps(asdict(found)) if options.json else "\n".join(found.lines()))
+    return 1 if found.different else 0
 
 
 def _say_state(console: Console, opened: Recording) -> None:

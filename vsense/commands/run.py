@@ -123,8 +123,9 @@ def run(options: argparse.Namespace) -> int:
         ControlRoom(experiments.room_of(options), log) as room,
     ):
         experiments.say_warnings(log, experiment)
+        made = experiments.made_of(options, experiment, seed)
         setup = RunSetup(
-            *(experiment, seed, options.blind, (host, port), trust, log, interrupted, room)
+            *(experiment, seed, options.blind, (host, port), trust, log, interrupted, room, made)
         )
         series = Series(directory, options.runs, room.holds, interrupted)
         return RunCommand(options, setup, directory, log, series).run()

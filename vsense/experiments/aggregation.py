@@ -21,6 +21,8 @@ COLORS = {"robots_on_green": (0, 255, 0), "robots_on_red": (255, 0, 0)}
 class LoopFunctions:
     """One run. Each spot stays in its half of the arena: so they never cover each other."""
 
+    robots_may_change = True  # people may add virtual robots, and take them away
+
     def __init__(self) -> None:
         self._goals_m: dict[str, NDArray[np.float64]] = {}
         self._counts: dict[str, list[int]] = {name: [] for name in COLORS}

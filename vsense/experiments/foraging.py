@@ -20,6 +20,8 @@ from vsense.world.world import World
 class LoopFunctions:
     """One run."""
 
+    robots_may_change = True  # people may add virtual robots, and take them away
+
     def __init__(self) -> None:
         self._home = 0
 
@@ -29,8 +31,10 @@ class LoopFunctions:
 
     def post_step(self, world: World) -> None:
         """Hands out items, and takes them in."""
-        self._carrying |= _inside(world, "food")
-        arrived = self._carrying & _inside(world, "nest")
+        # Whom people put into the world while it runs carries nothing.
+        count = len(self._carrying)
+        self._carrying |= _inside(world, "food")[:count]
+        arrived = self._carrying & _inside(world, "nest")[:count]
         self._carrying &= ~arrived
         self._home += int(arrived.sum())
         world.results["items_home"] = self._home

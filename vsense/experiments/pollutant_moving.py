@@ -19,6 +19,8 @@ ARRIVED_M = 0.10
 class LoopFunctions:
     """One run. The polluter is the robot whose marker is that of the pollutant's source."""
 
+    robots_may_change = True  # people may add virtual robots, and take them away
+
     def __init__(self) -> None:
         self._counts: list[int] = []
 

@@ -17,9 +17,10 @@ pace, as in `vsense.clock.slow`.
 It answers with one line of JSON, `{"bases": ["argos:/dev/pts/3", ...], "epoch_ns": ...}`: where the
 daemon of every robot finds its base, in the order of the indices, and the time of the first tick.
 Then it runs in the time of that clock, 10 ms per tick, until standard input ends or on SIGTERM; its
-parent handles Ctrl-C. Bodies in the truth ring are the robots by index, then the objects. At the
-end it writes `physics.json` into the run directory: lateness of ticks, counters of the serial
-lines, CPU time.
+parent handles Ctrl-C. A line `{"put": 0, "x_m": 0.1, "y_m": 0.2, "yaw_rad": 0.0}` puts an object,
+by its place in `objects`, somewhere else. Bodies in the truth ring are the robots by index, then
+the objects. At the end it writes `physics.json` into the run directory: lateness of ticks, counters
+of the serial lines, CPU time.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ from numpy.typing import NDArray
 from vsense import clock
 from vsense.clock import host_ns
 from vsense.config.specs import Experiment, ObjectSpec, RobotSpec, WheelNoise
-from vsense.errors import UsageError, VsenseError
+from vsense.errors import UsageError, VsenseError, failing_as
 from vsense.lab.links import bases_of
 from vsense.lab.microcontrollers import ActuationLog, Microcontrollers
 from vsense.lab.processes import Lateness, describe_exit, end, read_line, start_module
@@ -178,6 +179,7 @@ class PhysicsProcess:
         self._log = ActuationLog(spec.log)
         self._truth = TruthWriter(spec.truth, len(self._physics.poses))
         self._lateness, self._ticks = Lateness(), 0
+        self._objects = len(spec.objects)
         self._tick_ns = now_ns
         self._publish()
 
@@ -201,6 +203,18 @@ class PhysicsProcess:
         if ready:
             self.controllers.receive(ready, now_ns)
         self._actuate(now_ns)
+
+    def put(self, line: bytes) -> None:
+        """Puts an object where a line of standard input says; UsageError if it makes no sense."""
+        try:
+            said = json.loads(line)
+            row = int(said["put"])
+        except (ValueError, KeyError, TypeError):
+            raise UsageError(f"put: {line[:80]!r} makes no sense") from None
+        if not 0 <= row < self._objects:
+            raise UsageError(f"put: there is no object {row}")
+        pose = [_number(said, name, "put: ") for name in _POSE]
+        self._physics.poses[len(self._physics.poses) - self._objects + row] = pose
 
     def report(self) -> dict[str, Any]:
         """Contents of `physics.json`: ticks, their lateness in ms, counters of the serial lines."""
@@ -239,13 +253,17 @@ class PhysicsProcess:
 
 def run(process: PhysicsProcess, stdin: int, ended: list[int]) -> None:
     """Runs at the clock's pace until the descriptor `stdin` ends or `ended` is not empty."""
+    said = b""
     while not ended:
         wait_s = clock.real_s(max(0, process.wake_ns() - host_ns()) / 1e9)
         ready = select.select([stdin, *process.controllers.readable()], [], [], wait_s)[0]
         if stdin in ready:
             ready.remove(stdin)
-            if not os.read(stdin, 4096):
+            if not (more := os.read(stdin, 4096)):
                 return
+            *lines, said = (said + more).split(b"\n")
+            for line in lines:
+                process.put(line)
         process.step(ready, host_ns())
 
 
@@ -325,6 +343,17 @@ class FloorProcess:
             self._process.wait()
             raise LabError("the lab's physics did not start; the reason stands above")
         self.bases: list[str] = json.loads(answer)["bases"]
+
+    def put(self, row: int, x_m: float, y_m: float, yaw_rad: float) -> None:
+        """Puts the tagged object of a row of the experiment's somewhere else.
+
+        Raises:
+            LabError: the process has ended.
+        """
+        line = {"put": row, "x_m": x_m, "y_m": y_m, "yaw_rad": yaw_rad}
+        with failing_as(LabError, "the lab's physics does not listen"):
+            self._stdin.write(json.dumps(line).encode() + b"\n")
+            self._stdin.flush()
 
     def check(self) -> None:
         """Raises LabError where the process has ended by itself."""

@@ -25,6 +25,7 @@ from vsense.live.session import ExperimentSession, RunSetup
 from vsense.markers.families import load_family
 from vsense.pictures.run_samples import RunSamples
 from vsense.robot import build
+from vsense.run.changing import Ground
 from vsense.run.runtime import Step
 from vsense.tracking.arena_tracker import ArenaTracker
 from vsense.tracking.camera_tracking import CameraTracking
@@ -145,7 +146,7 @@ class Session(ExperimentSession):
             self.swarm.start(daemons[robot.controller], robot.tag, robot.id, base)
         self.setup.room.recorders.watch_family(experiment.marker, self.tracking)
         scene = self._scene("lab", self.cameras, {}, self.tracking.troubles)
-        runtime = self._open_room(self.tracking, scene)
+        runtime = self._open_room(self.tracking, scene, ground=Ground(self.floor.put))
         grabber.start()
         runtime.open()
         self._stack.callback(runtime.close)

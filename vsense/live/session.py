@@ -5,7 +5,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 from vsense.cameras.camera import Camera
 from vsense.cameras.grabber import Troubles
@@ -17,6 +18,8 @@ from vsense.link.robots.server import LinkEvent, VirtualSensorServer
 from vsense.link.robots.status import EventKind, RobotStatus
 from vsense.link.robots.wire import GoodbyeCause
 from vsense.live.sources import SteadySource, open_source
+from vsense.run.changes import Changes
+from vsense.run.changing import HANDS, Ground
 from vsense.run.control import Control
 from vsense.run.environment import Environment
 from vsense.run.robots import make_server
@@ -40,6 +43,7 @@ class RunSetup:
         trust: which robots are believed.
         interrupted: set to end everything.
         room: where the runs are seen and steered.
+        made: how the experiment was read, for recordings; see `vsense.recording.resense`.
     """
 
     experiment: Experiment
@@ -50,6 +54,7 @@ class RunSetup:
     console: Console
     interrupted: Interruption
     room: ControlRoom
+    made: Mapping[str, Any] = field(default_factory=dict)
 
 
 class ExperimentSession(ABC):
@@ -100,20 +105,26 @@ class ExperimentSession(ABC):
         return port
 
     def _open_room(
-        self, source: ArenaSource, scene: ExperimentFacts, suspends: bool = False
+        self,
+        source: ArenaSource,
+        scene: ExperimentFacts,
+        suspends: bool = False,
+        ground: Ground = HANDS,
     ) -> Runtime:
         """Makes the runner and opens the control room; for `suspends` see `Control`.
 
         Gives the runtime, which has yet to be opened.
         """
         setup, server = self.setup, self.server
-        runtime = Runtime(source, self.environment, server)
+        changes = Changes(setup.console.say, setup.room.locked, ground)
+        runtime = Runtime(source, self.environment, server, changes=changes)
         control = Control(server.command, setup.console.say, setup.room.holds, suspends)
         self.runner = Runner(
             *(setup.experiment, runtime, server, setup.console, setup.interrupted),
             *(self._observe, control),
         )
-        setup.room.doubts = self.doubts()
+        setup.room.doubts, runner = self.doubts(), self.runner
+        setup.room.alarms = lambda: runner.alarms
         setup.room.open(scene, self.environment, server, runtime, control)
         return runtime
 
@@ -121,7 +132,8 @@ class ExperimentSession(ABC):
         self, command: str, cameras: Sequence[Camera], trackers: dict[str, str], troubles: Troubles
     ) -> ExperimentFacts:
         text = read_bytes(self.experiment.path).decode(errors="replace")
-        return ExperimentFacts(command, text, self.setup.blind, cameras, trackers, troubles)
+        made = dict(self.setup.made)
+        return ExperimentFacts(command, text, self.setup.blind, cameras, trackers, troubles, made)
 
     def _observe(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
         """Is called after every timestep; see `vsense.run.runner.Observer`."""

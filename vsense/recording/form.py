@@ -39,6 +39,7 @@ BLOB = "blob"
 PICTURE = "/picture/"
 GAP = "/gap"
 TRACKER = "/tracker"
+DEEDS, ORDERS, SETTINGS = "/deeds", "/orders", "/settings"
 NOT_RECORDED = (PICTURE, "/readings/", "/you", "/answer")
 """Live pictures are scaled and lossy, one robot's readings are in `/readings` already, the rest is
 between the server and one page."""
@@ -248,6 +249,7 @@ class ExperimentMessage(_Message):
     blind: bool | None = None
     version: str = ""
     file_text: str = ""
+    made: Data | None = None
     timestep_s: float | None = None
     length_s: float | None = None
     arena: Data | None = None
@@ -288,6 +290,7 @@ class RunMessage(_Message):
     recording: Data | None = None
     disk_free_bytes: int | None = None
     doubts: list[str] = field(default_factory=list)
+    alarms: list[Data] = field(default_factory=list)
 
 
 def _columns(*names: str) -> dict[str, Any]:
@@ -344,6 +347,20 @@ _TOPICS: dict[str, tuple[str, Fields]] = {
         "The virtual sensors' readings, as sent to the robots; a row for each tag.",
         {"timestep": _INTEGER, "capture_ns": _INTEGER, "tag": _COLUMN, "values": _COLUMN,
          "captured_ns": _COLUMN},
+    ),
+    DEEDS: (
+        "What the robots' virtual actuators gave the world in a timestep; a row for each tag.",
+        {"timestep": _INTEGER, "run_timestep": _INTEGER, "count": _INTEGER, "orders": _INTEGER,
+         "tag": _COLUMN, "report": _COLUMN, "sender": _COLUMN},
+    ),
+    ORDERS: (
+        "Something that people changed in the world, and before which timestep.",
+        {"timestep": _INTEGER, "run_timestep": _INTEGER, "by": _TEXT, "change": _OBJECT,
+         "text": _TEXT},
+    ),
+    SETTINGS: (
+        "What can be changed in the world, and how it is.",
+        {"locked": _YES, "sensors": _COLUMN, "fields": _COLUMN, "params": _OBJECT},
     ),
     "/robots": ("What is known of every robot, in columns.", dict.fromkeys(ROBOTS, _COLUMN)),
     "/cameras": ("How the cameras are.", {"cameras": _COLUMN}),

@@ -43,6 +43,7 @@ class Player:
         self._recording = recording
         self._bus = bus
         self._clock = clock
+        self._has_pictures = any(topic.startswith(form.PICTURE) for topic in recording.topics)
         self._duration_ns = round(1e9 * recording.duration_s)
         self._orders = threading.Condition()
         self._playing = False
@@ -248,6 +249,7 @@ class Player:
                 "duration_s": self._duration_ns / 1e9,
                 "speed": self._speed,
                 "playing": self._playing,
+                "pictures": self._has_pictures,
             }
         last = self._current.get("/run")
         time_ns = self._recording.begin_ns + round(1e9 * replay["position_s"])

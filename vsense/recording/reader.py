@@ -67,6 +67,11 @@ class Recording:
         self._file.close()
 
     @property
+    def topics(self) -> frozenset[str]:
+        """Topics of which there are messages; of what was cut off, those before the cut."""
+        return frozenset(channel.topic for channel in self._channels.values())
+
+    @property
     def duration_s(self) -> float:
         """From its beginning to its last message."""
         end_ns = max((place.end_ns for place in self._places), default=0) - self.utc_shift_ns

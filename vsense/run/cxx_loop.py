@@ -106,7 +106,7 @@ class CxxLoopFunctions:
         CxxLoopError: a function has failed; so with all hooks.
     """
 
-    steps = STEPS
+    steps, robots_may_change = STEPS, False
 
     def __init__(
         self, experiment: Experiment, spec: LoopSpec, seed: int, caller: LoopCaller, moves: bool

@@ -228,6 +228,11 @@ class Environment:
         return frozenset() if self._loop is None else self._loop.steps
 
     @property
+    def robots_may_change(self) -> bool:
+        """Whether virtual robots may come and go: the user's functions say so, or are none."""
+        return self._loop is None or self._loop.robots_may_change
+
+    @property
     def drives(self) -> bool:
         """Whether virtual robots run controllers here."""
         return self._swarm is not None

@@ -1,4 +1,5 @@
-"""Whether robots do what they are told: one that goes on after STOP is said loudly, for any cause.
+"""Whether robots do what they are told: one that goes on after STOP is said loudly, for any cause,
+and so is one that moves without a link.
 
 A robot tells what it does in its telemetry, and the cameras see it. What it is told to do is in its
 status, and since when.
@@ -15,9 +16,13 @@ from numpy.typing import NDArray
 from vsense.arena import ArenaState
 from vsense.link.robots.status import RobotStatus
 from vsense.link.robots.wire import Wanted
+from vsense.run.overload import Alarm
 
 PATIENCE_NS = 300_000_000
 """A robot may take so long to do what it is told: the network, a control step, a telemetry."""
+
+DEAD_LINK_NS = 500_000_000
+"""A robot stops its wheels by itself 400 ms after the last that it has heard."""
 
 LOOK_NS = 300_000_000
 """Two looks of the cameras at a robot are at least so far apart."""
@@ -25,6 +30,7 @@ LOOK_NS = 300_000_000
 MOVED_M, MOVED_RAD = 0.005, 0.1
 """What moves less between two looks stands still: cameras tremble, and shake."""
 
+_DISOBEYS = "does not obey"
 _STANDING = (Wanted.IDLE, Wanted.PAUSE, Wanted.STOP)
 
 
@@ -52,17 +58,37 @@ def disobeys(robot: RobotStatus, now_ns: int) -> str:
 
 def _words(robot: RobotStatus, what: str, now_ns: int) -> str:
     since_s = (now_ns - robot.ordered_ns) / 1e9
-    return f"does not obey: told to {robot.wanted.name.lower()} {since_s:.1f} s ago, {what}"
+    return f"{_DISOBEYS}: told to {robot.wanted.name.lower()} {since_s:.1f} s ago, {what}"
+
+
+def _alarm(robot: RobotStatus, wrong: str) -> Alarm:
+    what, _, cause = wrong.partition(": ")
+    hint = "lift it off the floor, or switch it off"
+    kind = "disobeys" if what == _DISOBEYS else "no_link"
+    return Alarm(kind, f"{robot.name} {what}", f"{cause}; {hint}")
+
+
+def _must_stand_ns(robot: RobotStatus) -> int | None:
+    """Since when a robot must stand still; None: it may move."""
+    if robot.wanted in _STANDING:
+        return robot.ordered_ns
+    if robot.connected or robot.heard_ns is None:
+        return None
+    return robot.heard_ns + DEAD_LINK_NS
 
 
 class Obedience:
-    """Watches robots that were told to stand still after they ran.
+    """Watches robots that must stand still after they ran: told to, or without a link.
 
     What people carry must not look like disobedience: a robot that the cameras have once seen
     standing still is left to its telemetry.
+
+    Attributes:
+        alarms: what is wrong now.
     """
 
     def __init__(self) -> None:
+        self.alarms: tuple[Alarm, ...] = ()
         self._told: dict[int, str] = {}
         self._ran: set[int] = set()
         self._poses: dict[int, tuple[int, NDArray[Any]]] = {}
@@ -78,27 +104,34 @@ class Obedience:
         self._note_orders(robots)
         if state is not None:
             self._look(robots, state)
-        lines = []
+        lines, alarms = [], []
         for tag, robot in robots.items():
             wrong = disobeys(robot, now_ns) or self._seen(tag, robot, now_ns)
+            if wrong:
+                alarms.append(_alarm(robot, wrong))
             if wrong and tag not in self._told:
                 lines.append(f"ROBOT {robot.name} {wrong}")
                 self._told[tag] = wrong
-            elif not wrong and self._told.pop(tag, ""):
-                lines.append(f"robot {robot.name} obeys again")
+            elif not wrong and (before := self._told.pop(tag, "")):
+                again = "obeys again" if before.startswith(_DISOBEYS) else "moves no more"
+                lines.append(f"robot {robot.name} {again}")
+        self.alarms = tuple(alarms)
         return lines
 
     def _note_orders(self, robots: Mapping[int, RobotStatus]) -> None:
         for tag, robot in robots.items():
-            if robot.wanted not in _STANDING:
+            if _must_stand_ns(robot) is None:
                 self._ran.add(tag)
                 self._moving.discard(tag)
                 self._poses.pop(tag, None)
 
     def _seen(self, tag: int, robot: RobotStatus, now_ns: int) -> str:
-        if tag not in self._moving or robot.wanted not in _STANDING:
+        if tag not in self._moving or _must_stand_ns(robot) is None:
             return ""
-        return _words(robot, "the cameras see it move", now_ns)
+        if robot.wanted in _STANDING:
+            return _words(robot, "the cameras see it move", now_ns)
+        silent_s = (now_ns - (robot.heard_ns or 0)) / 1e9
+        return f"moves without a link: nothing heard for {silent_s:.1f} s, the cameras see it move"
 
     def _look(self, robots: Mapping[int, RobotStatus], state: ArenaState) -> None:
         rows = state.robots[state.robots["seen"]]
@@ -106,9 +139,10 @@ class Obedience:
             *(rows[name].tolist() for name in ("tag", "capture_ns", "x_m", "y_m", "yaw_rad"))
         ):
             robot = robots.get(tag)
-            if robot is None or tag not in self._ran or robot.wanted not in _STANDING:
+            since_ns = None if robot is None else _must_stand_ns(robot)
+            if since_ns is None or tag not in self._ran:
                 continue
-            if time_ns - robot.ordered_ns >= PATIENCE_NS:
+            if time_ns - since_ns >= PATIENCE_NS:
                 self._compare(tag, time_ns, np.array(pose))
 
     def _compare(self, tag: int, time_ns: int, pose: NDArray[Any]) -> None:

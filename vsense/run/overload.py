@@ -22,6 +22,20 @@ REPEAT = 6
 """As long as it lasts, it is said again in every so manieth window."""
 
 
+@dataclass(frozen=True, slots=True)
+class Alarm:
+    """What is wrong with a run now, in words that a banner shows.
+
+    Attributes:
+        kind: "overload", "disobeys" or "no_link".
+        text, cause: what is so, and why or what to do.
+    """
+
+    kind: str
+    text: str
+    cause: str
+
+
 @dataclass(slots=True)
 class Tally:
     """The timesteps of a run: the first and the last one, how many were made, and how many late."""
@@ -41,7 +55,10 @@ class Tally:
 
 
 class Overload:
-    """Judges the timesteps of a run, window by window; for one thread."""
+    """Judges the timesteps of a run, window by window; for one thread.
+
+    `alarm` is what is wrong in the newest window, None: nothing.
+    """
 
     def __init__(
         self, timestep_ns: int, who: str = "this computer", can_slow: bool = False
@@ -51,6 +68,7 @@ class Overload:
         self._whole = Tally()
         self._window = max(10, round(WINDOW_S * 1e9 / timestep_ns))
         self._bad = 0
+        self.alarm: Alarm | None = None
         self._next = 0
         self._begin(0)
 
@@ -64,7 +82,7 @@ class Overload:
         """Counts a timestep of the run, and gives a line where there is something to say."""
         silent = (step.run_timestep - self._next) * self._dt_ns >= SILENCE_NS
         if step.run_timestep < self._next or silent:  # another run; or it was said already
-            self._bad = 0
+            self._bad, self.alarm = 0, None
             self._begin(step.run_timestep)
         self._next = step.run_timestep + 1
         times_ns = step.capture_ns, step.ready_ns, step.arena_ns, step.sent_ns
@@ -89,18 +107,21 @@ class Overload:
         wanted = self._next - self._first
         left_out = wanted - self._lived
         if self._late + left_out <= MOST_LATE * wanted:
-            was_bad, self._bad = self._bad, 0
+            was_bad, self._bad, self.alarm = self._bad, 0, None
             return "timesteps are on time again" if was_bad else None
         self._bad += 1
+        slow = self._slow("makes", self._lived, wanted)
+        late = f"{self._cause()} of {self._dt_ns / 1e6:.0f} ms{self._advice(self._lived / wanted)}"
+        headline, _, more = slow.partition("; ")
+        self.alarm = Alarm("overload", headline, f"{more}; {late}" if more else late)
         if self._bad % REPEAT != 1:
             return None
         seconds = wanted * self._dt_ns / 1e9
         held = 100.0 * self._held / self._robots if self._robots else 0.0
         return (
-            f"{self._slow('makes', self._lived, wanted)}: of {wanted} in the last {seconds:.0f} s"
+            f"{slow}: of {wanted} in the last {seconds:.0f} s"
             f" {self._late} were late and {left_out} left out; robots stood still for old readings"
-            f" {held:.0f} % of the time; {self._cause()} of {self._dt_ns / 1e6:.0f} ms"
-            f"{self._advice(self._lived / wanted)}"
+            f" {held:.0f} % of the time; {late}"
         )
 
     def _advice(self, made: float) -> str:
@@ -122,7 +143,7 @@ class Overload:
 
     def verdict(self) -> str | None:
         """What there is to say of the whole run; None: it was on time."""
-        whole, self._whole = self._whole, Tally()
+        whole, self._whole, self.alarm = self._whole, Tally(), None
         wanted = whole.last - whole.first + 1
         if whole.late + wanted - whole.made <= MOST_LATE * wanted:
             return None

@@ -23,7 +23,7 @@ from vsense.run import directory as run_directory
 from vsense.run.control import DURING, Control, State
 from vsense.run.environment import Environment
 from vsense.run.obedience import Obedience, moves
-from vsense.run.overload import SILENCE_NS, Overload
+from vsense.run.overload import SILENCE_NS, Alarm, Overload
 from vsense.run.robots import LinkCounters, Readiness, RobotAlarms
 from vsense.run.runtime import Runtime, Step
 from vsense.run.watch import NoArenaState
@@ -112,6 +112,12 @@ class Runner:
     def ended(self) -> str:
         """Why the run ended: "time", "interrupted", or in words."""
         return self.control.why
+
+    @property
+    def alarms(self) -> list[Alarm]:
+        """What is wrong now; any thread."""
+        overload = self._overload.alarm
+        return [*self._obedience.alarms, *([] if overload is None else [overload])]
 
     def wait(self, limit_s: float | None = None) -> Readiness:
         """Runs timesteps until every robot is connected and every marker is seen.

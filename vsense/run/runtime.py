@@ -15,6 +15,7 @@ from vsense.arena import ArenaState, Frame
 from vsense.clock import host_ns
 from vsense.link.robots.server import VirtualSensorServer
 from vsense.link.robots.wire import Values, Wanted
+from vsense.run.changes import Changes
 from vsense.run.environment import Environment
 from vsense.run.watch import WATCH_TIMEOUT_S, ArenaSource, Watch
 
@@ -63,6 +64,23 @@ START_LEAD = 3
 
 
 @dataclass(frozen=True, slots=True)
+class GivenDeeds:
+    """What the robots gave the world in one of its timesteps.
+
+    Attributes:
+        count: of the world's timesteps before this one.
+        orders: so many changes were carried out in the world before it.
+        reports: by tag, the actuators' block of each robot's newest report, as on the wire.
+        senders: by tag, who reports.
+    """
+
+    count: int
+    reports: Mapping[int, bytes]
+    senders: Mapping[int, bytes]
+    orders: int = 0
+
+
+@dataclass(frozen=True, slots=True)
 class Step:
     """One timestep of the host; times are the host's monotonic clock in ns.
 
@@ -74,6 +92,7 @@ class Step:
         arena_ns: the arena state was done.
         sent_ns: the last robot's datagram had left.
         frames: valid as long as this refers to them, see `vsense.cameras.grabber.Grabber.next`.
+        given: what the robots gave the world; None: it was held.
     """
 
     timestep: int
@@ -84,6 +103,7 @@ class Step:
     sent_ns: int
     state: ArenaState
     frames: Sequence[Frame]
+    given: GivenDeeds | None = None
 
     def without_frames(self) -> Step:
         """The same, without holding on to the pictures."""
@@ -94,7 +114,8 @@ class Runtime:
     """Calls grabber, world, sensors and server in order.
 
     The world updates, senses and sends in the same timestep in which the arena state arrived.
-    `readings` is what every robot was sent last, by tag: (value, capture time) per sensor.
+    `readings` is what every robot was sent last, by tag: (value, capture time) per sensor;
+    `changes` are those that people ask for, None: there are none.
     """
 
     def __init__(
@@ -103,7 +124,9 @@ class Runtime:
         environment: Environment,
         server: VirtualSensorServer,
         clock: Callable[[], int] = host_ns,
+        changes: Changes | None = None,
     ) -> None:
+        self.changes = changes
         self._source = source
         self._watch = Watch(source, clock)
         self._environment = environment
@@ -113,6 +136,7 @@ class Runtime:
         self._first_timestep: float = math.inf
         self._lived = -1
         self._held = False
+        self._count = 0
 
     def open(self) -> None:
         """Begins to watch the arena."""
@@ -154,6 +178,9 @@ class Runtime:
         """
         self._environment = environment
         self._first_timestep, self._lived, self._held = math.inf, -1, False
+        self._count = 0
+        if self.changes is not None:
+            self.changes.carried = 0
         return self._server.new_run()
 
     def step(self, timeout_s: float = 2 * WATCH_TIMEOUT_S) -> Step:
@@ -167,8 +194,9 @@ class Runtime:
         state = newest.state
         self._last_timestep = state.timestep
         run_timestep = self._run_timestep(state.timestep)
-        if not self._held:
-            self._sense(state, run_timestep)
+        if self.changes is not None:
+            self.changes.carry_out(self._environment, state.timestep, run_timestep)
+        given = None if self._held else self._sense(state, run_timestep)
         sent_ns = self._server.publish(state.timestep, state.capture_ns, self.readings)
         return Step(
             timestep=state.timestep,
@@ -179,6 +207,7 @@ class Runtime:
             sent_ns=sent_ns,
             state=state,
             frames=newest.frames,
+            given=given,
         )
 
     def logged(self) -> Sequence[tuple[int, str]]:
@@ -194,12 +223,15 @@ class Runtime:
         """See `Environment.finished`."""
         return self._environment.finished
 
-    def _sense(self, state: ArenaState, run_timestep: int) -> None:
-        """Runs a timestep in the virtual world."""
+    def _sense(self, state: ArenaState, run_timestep: int) -> GivenDeeds:
+        """Runs a timestep in the virtual world; gives what the robots did in it."""
         reports = self._server.reports()
         payloads = {tag: report.payload for tag, report in reports.items()}
         senders = {tag: report.uid for tag, report in reports.items()}
         self.readings = self._environment.step(state, run_timestep, payloads, senders)
+        self._count += 1
+        orders = 0 if self.changes is None else self.changes.carried
+        return GivenDeeds(self._count - 1, payloads, senders, orders)
 
     def _run_timestep(self, timestep: int) -> int:
         """The run's timestep; -1 before the run, and while it is held."""

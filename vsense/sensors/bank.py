@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.errors import instead
 from vsense.native import check, kernel_ffi, kernels
 from vsense.sensors.base import (
     NUMBERS,
@@ -24,7 +25,7 @@ from vsense.sensors.base import (
     layout_dtype,
     scale_of,
 )
-from vsense.sensors.quality import Delay, Distortion, generator
+from vsense.sensors.quality import Delay, Distortion, Quality, QualityError, generator
 from vsense.sensors.readings import SensorReadings
 from vsense.sensors.updating import ALWAYS
 from vsense.world.sightings import NEVER_NS, in_order
@@ -45,7 +46,12 @@ class TableEntry(NamedTuple):
 
 
 class SensorBank:
-    """The virtual sensors of all robots of a run; `table` has one entry per sensor."""
+    """The virtual sensors of all robots of a run.
+
+    Attributes:
+        table: one entry per sensor.
+        version: grows when a sensor's quality changes.
+    """
 
     def __init__(
         self,
@@ -67,7 +73,7 @@ class SensorBank:
         Raises:
             SensorError: a sensor's layout is wrong.
         """
-        self._tags = list(tags)
+        self._tags, self.version = list(tags), 0
         self._slots = [
             _Slot(mounted, len(self._tags), blind, generator(seed, stream + mounted.sensor.name))
             for mounted in sensors
@@ -98,6 +104,23 @@ class SensorBank:
         robots = in_order(world.robots, self._tags)
         for number in numbers:
             self._slots[number].step(world, robots, timestep)
+
+    @property
+    def qualities(self) -> dict[str, Quality]:
+        """How good each sensor is now, by its name."""
+        return {slot.name: slot.quality for slot in self._slots}
+
+    def set_quality(self, name: str, setting: str, value: float) -> None:
+        """Changes a setting of a sensor from the next timestep on; see `Quality.changed`.
+
+        Raises:
+            QualityError: there is no such sensor or setting, or it cannot have this value.
+        """
+        slots = {slot.name: slot for slot in self._slots}
+        if name not in slots:
+            raise QualityError(f"there is no sensor {name!r:.60}; {instead(name, slots)}")
+        slots[name].set_quality(setting, value)
+        self.version += 1
 
     @property
     def newest(self) -> SensorReadings:
@@ -141,7 +164,8 @@ class _Slot:
         self, mounted: MountedSensor, robots: int, blind: bool, random: np.random.Generator
     ) -> None:
         self._sensor, quality = mounted.sensor, mounted.quality
-        self._quality, self._updating, self._blind = quality, mounted.updating, blind
+        self.name, self.quality = self._sensor.name, quality
+        self._updating, self._blind = mounted.updating, blind
         self._count, dtype = layout_dtype(self._sensor.layout)
         self._scale = scale_of(self._sensor)
         self._dtype = dtype
@@ -154,6 +178,19 @@ class _Slot:
         # Without latency nothing waits, and nothing has to be kept.
         self._delay = Delay(quality.latency, self._kept()) if quality.latency else None
 
+    def set_quality(self, setting: str, value: float) -> None:
+        """See `SensorBank.set_quality`. What waits because of a latency is dropped with it."""
+        quality = self.quality = self.quality.changed(setting, value, self._scale)
+        self._distortion = Distortion(quality, self._scale, *self._values.shape)
+        if setting != "latency":
+            self._plain = self._as_c() if self._is_plain else None
+            return
+        sent, captures_ns = self._sent
+        sent[:], captures_ns[:] = self._values, self._captures_ns
+        self._values, self._captures_ns = self._kept()
+        self._delay = Delay(quality.latency, self._kept()) if quality.latency else None
+        self._wire()
+
     def entry(self, number: int) -> TableEntry:
         size = self._count * self._values.itemsize
         return TableEntry(number, self._sensor.name, self._sensor.layout, size)
@@ -162,16 +199,20 @@ class _Slot:
         """Sets where the robots' values (n, bytes) and their capture times (n,) are to be."""
         captures_ns[:] = self._captures_ns
         self._sent = block.view(self._dtype), captures_ns
+        self._wire()
+
+    def _wire(self) -> None:
+        """Chooses what renews what is sent."""
         if self._delay is None:  # then all of them are sent as they are
             self._values, self._captures_ns = self._sent
         self._plain = self._as_c() if self._is_plain else None
 
     def step(self, world: World, robots: NDArray[np.void], timestep: int) -> None:
         """Renews what is due and sends what is."""
-        due = robots["seen"] & (timestep - self._timesteps >= self._quality.update_every)
+        due = robots["seen"] & (timestep - self._timesteps >= self.quality.update_every)
         self._timesteps[due] = timestep
-        if self._quality.drop_out > 0.0:
-            due &= self._random.random(len(due)) >= self._quality.drop_out
+        if self.quality.drop_out > 0.0:
+            due &= self._random.random(len(due)) >= self.quality.drop_out
         if self._plain is not None and due.all():
             self._send(world, robots)
         elif due.any():
@@ -187,13 +228,13 @@ class _Slot:
         read = given(world, robots)
         if not isinstance(read, ReadFunction):  # a user's sensor may call something else so
             return None
-        noise = partial(self._distortion.noise, self._random) if self._quality.distorts else None
+        noise = partial(self._distortion.noise, self._random) if self.quality.distorts else None
         return SensorKernel(self._sensor.name, read, self._plain, noise, self._distortion.use)
 
     @property
     def _is_plain(self) -> bool:
         """Whether every reading is sent as it is, or with noise that is limited to its bounds."""
-        quality, noisy = self._quality, self._quality.distorts
+        quality, noisy = self.quality, self.quality.distorts
         always = self._updating == ALWAYS and not self._blind
         at_once = not quality.latency and not quality.drop_out and quality.update_every == 1
         tidy = getattr(self._sensor, "tidy", None)
@@ -202,7 +243,7 @@ class _Slot:
     def _send(self, world: World, robots: NDArray[np.void]) -> None:
         """Reads the sensor for all robots and sends that, if it is plain."""
         self._fresh[:] = self._read(world, robots)
-        if self._quality.distorts:
+        if self.quality.distorts:
             noise = self._distortion.noise(self._random)[0]
             self._plain.offsets = kernel_ffi.from_buffer("double[]", noise)
             self._distortion.use(1)
@@ -243,7 +284,7 @@ class _Slot:
     ) -> NDArray[Any]:
         """Reads the sensor with all its faults: (m, k) as on the wire."""
         values = self._read(world, robots)
-        if self._quality.distorts:
+        if self.quality.distorts:
             values = self._distortion.apply(values, due, world.time_s, self._random)
             values = np.clip(values, *_range(self._values.dtype))
             tidy = getattr(self._sensor, "tidy", None)

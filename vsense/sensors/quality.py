@@ -25,14 +25,15 @@ from __future__ import annotations
 import math
 import zlib
 from collections import deque
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
-from typing import Generic, TypeVar
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import wrap_angle
+from vsense.errors import VsenseError, instead
 from vsense.xml.element import Element
 
 Floats = NDArray[np.float64]
@@ -47,6 +48,23 @@ _MAX_UPDATE_EVERY = 100_000
 
 _NOISE_BLOCK = 64
 """Noise of so many calls is drawn at once, where it can be: that takes a tenth of the time."""
+
+
+SETTINGS: Mapping[str, tuple[float, float]] = {
+    "noise_level": (0.0, _MAX_AMOUNT),
+    "noise_std_dev": (0.0, _MAX_AMOUNT),
+    "bias": (-_MAX_AMOUNT, _MAX_AMOUNT),
+    "drift_per_s": (-_MAX_AMOUNT, _MAX_AMOUNT),
+    "bits": (0, _MAX_BITS),
+    "latency": (0, _MAX_LATENCY),
+    "drop_out": (0.0, 1.0),
+    "update_every": (1, _MAX_UPDATE_EVERY),
+}
+"""What can be changed while a run goes on, and its bounds; whole numbers where they are."""
+
+
+class QualityError(VsenseError):
+    """A setting that there is not, or that cannot be so."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +119,24 @@ class Quality:
         """Whether numbers come out different from what goes in."""
         added = (self.noise_level, self.noise_std_dev, self.bias, self.drift_per_s, self.bits)
         return any(added) or self.low is not None or self.high is not None
+
+    def changed(self, name: str, value: float, scale: Scale) -> Quality:
+        """The same with another value of one of the `SETTINGS`; `scale` is the device's.
+
+        Raises:
+            QualityError: there is no such setting, or it cannot have this value.
+        """
+        if name not in SETTINGS:
+            raise QualityError(f"no setting {name!r:.60}; {instead(name, SETTINGS)}")
+        low, high = SETTINGS[name]
+        whole = isinstance(low, int)
+        if not low <= value <= high or (whole and value != int(value)):
+            kind = "a whole number" if whole else "a number"
+            raise QualityError(f"{name} is {value:g}, expected {kind} from {low:g} to {high:g}")
+        if name == "bits" and value and not scale.bounded and None in (self.low, self.high):
+            raise QualityError("bits: the device has no bounds to divide: set vs:low and vs:high")
+        changed: Any = {name: int(value) if whole else float(value)}
+        return replace(self, **changed)
 
     @classmethod
     def from_xml(cls, element: Element, scale: Scale, noises: Collection[str] = NOISES) -> Quality:

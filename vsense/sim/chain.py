@@ -107,6 +107,10 @@ class Chain:
         sim = self.cdata
         sim.timestep, sim.capture_ns, sim.at = timestep, capture_ns, kernels.VS_SIM_BEGUN
         self.done = 0
+        for bank in self._banks:
+            bank.begin()
+        # Since the last call people may have changed the world.
+        self._follow_world(0)
         count = min(most, self._point_to(run_timestep))
         try:
             self._go_on(run_timestep, count)
@@ -177,7 +181,8 @@ class Chain:
         `used` is for how many timesteps of the newest call the sensors have been read.
         """
         sim, world = self.cdata, self._world
-        now = world.version, [(f.as_c(), *f.rates) for f in world.fields.values()]
+        qualities = [some.sensors.version for some in self._parts.environment.equipment]
+        now = world.version, qualities, [(f.as_c(), *f.rates) for f in world.fields.values()]
         if now == self._followed:
             return
         self._followed, self._crowd = now, world.crowd

@@ -26,6 +26,7 @@ from vsense.physics.wheel_noise import NoisyWheels
 from vsense.pictures.run_samples import RunSamples
 from vsense.robot.inprocess import ACT_NS, CONTROL_NS
 from vsense.robot.loop_library import FUNCTIONS, Colors, LoopLibrary
+from vsense.run.changing import Ground
 from vsense.run.cxx_loop import LoopHost
 from vsense.run.environment import Environment
 from vsense.run.programs import LOADING, LOADING_LOOP, PROGRESS_BYTES, Programs, loading
@@ -166,14 +167,26 @@ class Simulation:
         self._note_said(len(self.record.timesteps) - 1)
         return results
 
-    def go_on(self, run_timestep: int) -> int:
-        """Runs at least one timestep; says how many."""
+    @property
+    def ground(self) -> Ground:
+        """What of the arena follows changes of the world, which come between two `go_on`."""
+
+        def put(row: int, x_m: float, y_m: float, yaw_rad: float) -> None:
+            self._physics.poses[len(self.record.tags) + row] = x_m, y_m, yaw_rad
+
+        return Ground(put, rebuilds=True)
+
+    def go_on(self, run_timestep: int, most: int | None = None) -> int:
+        """Runs at least one timestep, `most` at the most; says how many."""
+        self._follow()
         if run_timestep == 1 and self._slip.is_quiet:
             self.chain = self._chained()
         if self.chain is None:
             self.step(run_timestep)
             return 1
         chain, left = self.chain, len(self.record.timesteps) - run_timestep
+        chain.cdata.physics = self._physics.cdata
+        left = left if most is None else min(left, most)
         try:
             chain.run(self._timestep, self._capture_ns(), run_timestep, left)
         finally:

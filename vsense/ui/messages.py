@@ -6,9 +6,10 @@ Arrays become columns; what is no number is null.
 from __future__ import annotations
 
 import base64
+import dataclasses
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from dataclasses import fields as fields_of
 
@@ -20,7 +21,6 @@ from vsense.cameras.camera import Camera
 from vsense.cameras.grabber import Troubles
 from vsense.config.specs import ControllerSpec
 from vsense.link.robots.table import Direction, Entry
-from vsense.link.robots.wire import Values
 from vsense.pictures.snapshot import as_they_hang
 from vsense.recording.form import Data, ExperimentMessage
 from vsense.run.environment import Environment, Equipment
@@ -108,32 +108,6 @@ def _field(grid: Field) -> Data:
     }
 
 
-def readings(
-    sensors: Mapping[int, Sequence[Entry]],
-    sent: Mapping[int, Values],
-    timestep: int,
-    capture_ns: int,
-) -> Data:
-    """Gives /readings: what the robots were sent, as numbers.
-
-    `sensors` are those of each robot by its tag; `sent` has payload and capture time per sensor,
-    by tag; `capture_ns` is the arena state's.
-    """
-    return {
-        "timestep": timestep,
-        "capture_ns": capture_ns,
-        "tag": list(sent),
-        "values": [
-            [
-                np.frombuffer(data, layout_dtype(sensor.layout)[1]).tolist()
-                for (data, _), sensor in zip(values, sensors[tag])
-            ]
-            for tag, values in sent.items()
-        ],
-        "captured_ns": [[when for _, when in values] for values in sent.values()],
-    }
-
-
 def numbers(entries: Sequence[Entry], payload: bytes) -> list[list[float]]:
     """A robot's actuators as numbers, one list for each."""
     found, begin = [], 0
@@ -161,6 +135,7 @@ class ExperimentFacts:
         cameras: our own, in no order.
         trackers: name of each camera's tracker, by camera; without one the camera's own.
         troubles: of the cameras.
+        made: see `vsense.live.session.RunSetup`.
     """
 
     command: str
@@ -169,6 +144,7 @@ class ExperimentFacts:
     cameras: Sequence[Camera]
     trackers: dict[str, str]
     troubles: Troubles
+    made: Data = dataclasses.field(default_factory=dict)
 
 
 def experiment(facts: ExperimentFacts, environment: Environment) -> Data:
@@ -182,6 +158,7 @@ def experiment(facts: ExperimentFacts, environment: Environment) -> Data:
         blind=facts.blind,
         version=vsense.__version__,
         file_text=facts.file_text,
+        made=facts.made,
         timestep_s=spec.timestep_s,
         length_s=spec.length_s or None,
         arena={"size_m": list(arena.size_m), "centre_m": list(arena.centre_m)},

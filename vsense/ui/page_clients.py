@@ -13,8 +13,6 @@ import json
 import threading
 import time
 from collections import OrderedDict, deque
-from collections.abc import Callable
-from typing import Any
 
 from aiohttp import WSMsgType, web
 
@@ -22,16 +20,15 @@ from vsense.clock import host_ns
 from vsense.errors import VsenseError
 from vsense.link.strangers import RateLimit
 from vsense.message_bus import Listener, Message, MessageBus
-from vsense.recording.form import PICTURE, without_nan
+from vsense.recording.form import PICTURE, SETTINGS, without_nan
+from vsense.run.changes import Ask
+from vsense.run.changing import Change
 from vsense.run.orders import Give, Order, OrderKind
 from vsense.ui.access import Rights
+from vsense.ui.sentences import read
 
 KEPT = 64
 """Frames that are kept for other viewers of the same message."""
-PICTURES_MAX = 256
-NAME_MAX = 200
-FAR = 2**53
-"""Greater whole numbers are not exact in JavaScript."""
 
 
 class Frames:
@@ -65,70 +62,13 @@ def _frame(message: Message) -> str | bytes:
     return len(encoded).to_bytes(4, "big") + encoded + message.blob
 
 
-def read(text: str) -> tuple[str, Any]:
-    """Reads one sentence of a page; the text of a ValueError is for the page.
-
-    Gives "order" with (Kind, value), "look" with a tag or None, "refresh" with a bool, "pictures"
-    with a tuple of camera ids, or "got" with a number of frames.
-    """
-    try:
-        said = json.loads(text)
-    except (ValueError, RecursionError):
-        raise ValueError("that was not JSON") from None
-    if isinstance(said, dict):
-        for name, reader in _READERS.items():
-            if name in said:
-                return name, reader(said)
-    raise ValueError(f"not understood: {text:.60}")
-
-
-def _order(said: dict[str, Any]) -> tuple[OrderKind, float]:
-    value = said.get("value", 0)
-    plain = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not plain or not abs(value) < FAR:
-        raise ValueError(f"an order's value is not {value!r:.40}")
-    try:
-        return OrderKind(said["order"]), float(value)
-    except ValueError:
-        raise ValueError(f"there is no order {said['order']!r:.40}") from None
-
-
-def _whole(value: Any, what: str) -> int:
-    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < FAR:
-        raise ValueError(f"not a {what}: {value!r:.40}")
-    return value
-
-
-def _refresh(said: dict[str, Any]) -> bool:
-    if not isinstance(said["refresh"], bool):
-        raise ValueError("refresh is true or false")
-    return bool(said["refresh"])
-
-
-def _pictures(said: dict[str, Any]) -> tuple[str, ...]:
-    cameras = said["pictures"]
-    if not isinstance(cameras, list) or len(cameras) > PICTURES_MAX:
-        raise ValueError("pictures is a list of camera ids")
-    if not all(isinstance(camera, str) and len(camera) <= NAME_MAX for camera in cameras):
-        raise ValueError("pictures is a list of camera ids")
-    return tuple(cameras)
-
-
-_READERS: dict[str, Callable[[dict[str, Any]], Any]] = {
-    "order": _order,
-    "look": lambda said: None if said["look"] is None else _whole(said["look"], "tag"),
-    "refresh": _refresh,
-    "pictures": _pictures,
-    "got": lambda said: _whole(said["got"], "number of frames"),
-}
-
 EVENTS_MAX = 200
 """Events that wait for one page; the oldest go first."""
 UNDERWAY_MAX = 48
 """Frames on their way to a page that reports what it got. The rest waits here, where newer ones
 replace it, and not in the buffers of two operating systems."""
 
-IDLE = frozenset({"/experiment", "/run", "/event", "/robots"})
+IDLE = frozenset({"/experiment", "/run", "/event", "/robots", SETTINGS})
 """What a hidden page, or one without refresh, still shows."""
 LIVE = IDLE | {"/arena", "/world", "/signals", "/fields", "/cameras"}
 
@@ -147,7 +87,7 @@ class WebClient:
         self._woken = False
         self._topics = LIVE
         self._extra: frozenset[str] = frozenset()
-        self._look: int | None = None
+        self._look: tuple[int, ...] = ()
         self._pictures: tuple[str, ...] = ()
         self._sent = 0
         self._got: int | None = None
@@ -182,6 +122,12 @@ class WebClient:
             self._letters.append(message)
         self._ready.set()
 
+    def hear(self, message: Message) -> None:
+        """Puts an answer in the line of events, from any thread."""
+        # The loop is closed when the server ends while the run goes on.
+        with contextlib.suppress(RuntimeError):
+            self._loop.call_soon_threadsafe(self.post, message)
+
     async def next(self) -> Message:
         """Waits for the next message to send: events and answers first, then the oldest."""
         while True:
@@ -207,9 +153,9 @@ class WebClient:
         self._got = min(max(frames, self._got or 0), self._sent)
         self._ready.set()
 
-    def look(self, tag: int | None) -> None:
-        """The page shows this robot's readings; None: no robot's."""
-        self._look = tag
+    def look(self, tags: tuple[int, ...]) -> None:
+        """The page shows these robots' readings."""
+        self._look = tags
         self._choose()
 
     def pictures(self, cameras: tuple[str, ...]) -> None:
@@ -232,8 +178,7 @@ class WebClient:
     def _choose(self) -> None:
         """Sets what is wanted beside the fixed topics."""
         topics = {f"{PICTURE}{camera}" for camera in self._pictures}
-        if self._look is not None:
-            topics.add(f"/readings/{self._look}")
+        topics |= {f"/readings/{tag}" for tag in self._look}
         self._extra = frozenset(topics) if self._topics is LIVE else frozenset()
         with self._lock:
             for topic in [topic for topic in self._news if not self.wants(topic)]:
@@ -256,9 +201,10 @@ LOOKING = "you are looking only: open the page with the control token to press b
 class WebClients:
     """All viewers, and the orders that they give. The web server's thread only."""
 
-    def __init__(self, bus: MessageBus, give: Give) -> None:
+    def __init__(self, bus: MessageBus, give: Give, ask: Ask | None = None) -> None:
+        """For `give` and `ask` see `WebServer`."""
         self._bus = bus
-        self._give = give
+        self._give, self._ask = give, ask
         self._frames = Frames()
         self._viewers: dict[WebClient, Rights] = {}
         self._sockets: set[web.WebSocketResponse] = set()
@@ -353,6 +299,8 @@ class WebClients:
             return
         if name == "order":
             self._carry_out(viewer, *value)
+        elif name == "change":
+            self._change(viewer, value)
         else:
             getattr(viewer, name)(value)
 
@@ -367,6 +315,25 @@ class WebClients:
             self._answer(viewer, str(error), False)
             return
         self._answer(viewer, text, True)
+
+    def _change(self, viewer: WebClient, change: Change) -> None:
+        """Has the world changed before its next timestep, or says why not.
+
+        The answer comes after that of later orders, which counts their answers: it says so.
+        """
+
+        def answer(text: str, ok: bool) -> None:
+            viewer.hear(Message("/answer", host_ns(), {"text": text, "ok": ok, "change": True}))
+
+        if self._viewers[viewer] is not Rights.CONTROL:
+            answer(LOOKING, False)
+        elif self._ask is None:
+            answer("nothing can be changed here: no world is running", False)
+        else:
+            try:
+                self._ask(change, viewer.name, answer)
+            except VsenseError as error:
+                answer(str(error), False)
 
     def _answer(self, viewer: WebClient, text: str, ok: bool) -> None:
         viewer.post(Message("/answer", host_ns(), {"text": text, "ok": ok}))

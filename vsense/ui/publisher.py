@@ -19,7 +19,9 @@ from vsense.clock import host_ns
 from vsense.link.robots.status import RobotStatus
 from vsense.link.robots.table import Direction
 from vsense.message_bus import Message, MessageBus
-from vsense.recording.form import PICTURE, Data, RunMessage
+from vsense.recording import senses
+from vsense.recording.form import DEEDS, ORDERS, PICTURE, SETTINGS, Data, RunMessage
+from vsense.run.changes import CarriedOut, Changes
 from vsense.run.control import Control
 from vsense.run.environment import Environment
 from vsense.run.runtime import Runtime, Step
@@ -66,6 +68,7 @@ class Publisher:
         control: has the state of the run.
         others: gives the rest of /run: runs, text, recording, disk_free_bytes, doubts.
         clock: host's monotonic clock [ns].
+        changes: of the world, by people; None: there can be none.
     """
 
     def __init__(
@@ -77,7 +80,11 @@ class Publisher:
         control: Control,
         others: Callable[[], Data],
         clock: Callable[[], int] = host_ns,
+        changes: Changes | None = None,
     ) -> None:
+        self._changes = changes
+        if changes is not None:
+            changes.note = self._note
         self.environment = environment
         self._bus, self._common = bus, facts
         self._runtime = runtime
@@ -105,6 +112,10 @@ class Publisher:
             self._due_ns = self._fields_due_ns = 0
         facts = lambda: messages.experiment(self._common, self.environment)  # noqa: E731
         self._tell_once("/experiment", self._control.run, facts, now_ns)
+        changes = self._changes
+        if changes is not None:
+            settings = lambda: changes.settings(self.environment)  # noqa: E731
+            self._tell_once(SETTINGS, (self._control.run, changes.version), settings, now_ns)
         if step is not None:
             self._tell_step(step, now_ns)
         if now_ns >= self._due_ns:
@@ -130,6 +141,14 @@ class Publisher:
             self._fields_due_ns = now_ns + FIELDS_NS
             self._bus.notify("/fields", now_ns, lambda: messages.fields(world.fields.values()))
         self._tell_readings(step)
+        given = step.given
+        if given is not None:
+            numbers = step.timestep, step.run_timestep
+            self._bus.notify(DEEDS, step.sent_ns, lambda: senses.deeds(given, *numbers))
+
+    def _note(self, done: CarriedOut) -> None:
+        """Publishes a change of the world."""
+        self._bus.notify(ORDERS, self._clock(), done.data)
 
     def _tell_readings(self, step: Step) -> None:
         sent = self._runtime.readings
@@ -137,7 +156,7 @@ class Publisher:
         def tell(topic: str, tags: Sequence[int]) -> None:
             def data() -> Data:
                 chosen = {tag: sent[tag] for tag in tags}
-                return messages.readings(self._sensors, chosen, step.timestep, step.capture_ns)
+                return senses.readings(self._sensors, chosen, step.timestep, step.capture_ns)
 
             self._bus.notify(topic, step.sent_ns, data)
 
@@ -154,6 +173,13 @@ class Publisher:
         self.environment = environment
         self._run_timestep, self._late = -1, 0
         self._told.clear()
+
+    @property
+    def time_s(self) -> float | None:
+        """Since the run's beginning, None: before it."""
+        if self._run_timestep < 0:
+            return None
+        return round(self._run_timestep * self.environment.experiment.timestep_s, 3)
 
     def run_data(self) -> Data:
         """Gives /run."""

@@ -6,7 +6,7 @@ import os
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,9 +18,11 @@ from vsense.link.robots.server import VirtualSensorServer
 from vsense.link.robots.status import RobotStatus
 from vsense.message_bus import MessageBus
 from vsense.recording.form import Data
+from vsense.run.changes import Ask
 from vsense.run.control import Control
 from vsense.run.environment import Environment
 from vsense.run.orders import Give
+from vsense.run.overload import Alarm
 from vsense.run.runtime import Runtime, Step
 from vsense.terminal import Console, Level
 from vsense.ui import keyboard
@@ -45,6 +47,7 @@ class RoomOptions:
         runs: how many there are in a series.
         record: every run is recorded from its beginning.
         record_images: recordings hold the cameras' pictures, too.
+        locked: nobody may change the world while it runs.
         web: where the page is served, None: nowhere.
     """
 
@@ -52,6 +55,7 @@ class RoomOptions:
     runs: int = 1
     record: bool = False
     record_images: bool = False
+    locked: bool = False
     web: WebAddress | None = None
 
 
@@ -94,27 +98,36 @@ def page_access(web: WebAddress) -> PageAccess:
 
 
 def make_server(
-    access: PageAccess, bus: MessageBus, give: Give, tell: Callable[[str], None]
+    access: PageAccess,
+    bus: MessageBus,
+    give: Give,
+    tell: Callable[[str], None],
+    ask: Ask | None = None,
 ) -> WebServer:
     """Makes the page's server, which does not serve yet.
 
-    `give` carries out its buttons' orders; `tell` takes a line about strangers, from any thread.
+    `give` carries out its buttons' orders; `tell` takes a line about strangers, from any thread;
+    `ask` takes changes of the world, None: there can be none.
     """
     from vsense.ui.server import WebServer
 
     context = None if access.tls is None else access.tls.context
     web = access.web
-    return WebServer(bus, give, web.host, web.port, access.tokens, tell, context)
+    return WebServer(bus, give, web.host, web.port, access.tokens, tell, context, ask)
 
 
 def open_web(
-    access: PageAccess, bus: MessageBus, give: Give, tell: Callable[[str], None]
+    access: PageAccess,
+    bus: MessageBus,
+    give: Give,
+    tell: Callable[[str], None],
+    ask: Ask | None = None,
 ) -> tuple[WebServer, list[str]]:
     """Serves the page; gives the server, which the caller closes, and lines for people.
 
     As `make_server`; VsenseError if the port is taken.
     """
-    server = make_server(access, bus, give, tell)
+    server = make_server(access, bus, give, tell, ask)
     found = server.start()
     lines = [f"control room: {found.control}"]
     if found.look != found.control:
@@ -126,7 +139,7 @@ class ControlRoom:
     """Shows and steers the runs of one process; a context that leaves no thread and no socket.
 
     `bus` takes all messages; for `holds` see `RoomOptions.hold`. `doubts` says how other machines
-    could move robots without showing who they are.
+    could move robots without showing who they are, `alarms` what is wrong with the run now.
     """
 
     def __init__(self, options: RoomOptions, console: Console) -> None:
@@ -136,8 +149,9 @@ class ControlRoom:
         """
         self._access = None if options.web is None else page_access(options.web)
         self.bus = MessageBus()
-        self.holds = options.hold
+        self.holds, self.locked = options.hold, options.locked
         self.doubts: Sequence[str] = ()
+        self.alarms: Callable[[], Sequence[Alarm]] = tuple
         self._options = options
         self._console = console
         self._directory = Path()
@@ -166,17 +180,20 @@ class ControlRoom:
     ) -> None:
         """Opens page, control socket and keyboard; VsenseError if the page cannot be served."""
         self._facts, self._server = facts, server
-        self._publisher = Publisher(self.bus, facts, environment, runtime, control, self._others)
+        others, changes = self._others, runtime.changes
+        self._publisher = Publisher(
+            *(self.bus, facts, environment, runtime, control, others), changes=changes
+        )
         control.record = self.recorders.switch
         self._preview = PreviewEncoder(self.bus)
         self._stack.callback(self._preview.close)
-        self._open_doors(control)
+        self._open_doors(control, None if changes is None else changes.ask)
 
-    def _open_doors(self, control: Control) -> None:
+    def _open_doors(self, control: Control, ask: Ask | None) -> None:
         if shortage := descriptors.shortage():
             self._warn(shortage)
         if self._access is not None:
-            server, lines = open_web(self._access, self.bus, control.give, self._warn)
+            server, lines = open_web(self._access, self.bus, control.give, self._warn, ask)
             self._stack.callback(server.close)
             for line in lines:
                 # With its tokens: neither the pages nor the log may have them.
@@ -234,11 +251,12 @@ class ControlRoom:
             "recording": self.recorders.state(),
             "disk_free_bytes": free,
             "doubts": list(self.doubts),
+            "alarms": [asdict(alarm) for alarm in self.alarms()],
         }
 
     def fail(self, error: VsenseError) -> None:
         """Publishes why a run ends before its time: page and recording have it, too."""
-        self.bus.event(str(error), "trouble", host_ns())
+        self._tell_event(str(error), "trouble")
 
     def _warn(self, text: str) -> None:
         self._console.say(text, "warning")
@@ -247,4 +265,6 @@ class ControlRoom:
         self._console.say(text, "trouble")
 
     def _tell_event(self, text: str, level: Level) -> None:
-        self.bus.event(text, level, host_ns())
+        publisher = getattr(self, "_publisher", None)
+        time_s = None if publisher is None else publisher.time_s
+        self.bus.event(text, level, host_ns(), time_s)

@@ -22,6 +22,7 @@ from vsense.errors import UsageError, VsenseError
 from vsense.link.robots.network import listen
 from vsense.link.robots.status import LinkError
 from vsense.message_bus import MessageBus
+from vsense.run.changes import Ask
 from vsense.run.orders import Give
 from vsense.ui.access import (
     AccessControl,
@@ -66,15 +67,17 @@ class Site:
         port: int,
         tokens: Tokens | None,
         tls: ssl.SSLContext | None,
+        ask: Ask | None,
     ) -> None:
         self._access = AccessControl(host, port, tokens, tls is not None)
         self._tls = tls
-        self.clients = WebClients(bus, give)
+        self.clients = WebClients(bus, give, ask)
         self._seats = Seats(VIEWERS_MAX)
         self._listener: WebListener
         self._runner: web.AppRunner
         self._app = web.Application(middlewares=[self._guard], client_max_size=4096)
         self._app.router.add_get("/", self._page)
+        self._app.router.add_get("/screen", self._page)
         self._app.router.add_get("/ws", self._socket)
         self._app.router.add_get("/{name}", self._file)
         self._app.on_response_prepare.append(_protect)
@@ -131,7 +134,8 @@ class Site:
             return _refusal(
                 "this token is not the right one" if given else "this page needs a token", True
             )
-        answer = web.Response(body=(PAGE / "index.html").read_bytes(), content_type="text/html")
+        file = PAGE / ("screen.html" if request.path == "/screen" else "index.html")
+        answer = web.Response(body=file.read_bytes(), content_type="text/html")
         answer.charset = "utf-8"
         token = request.query.get("token")
         if token is not None and self._access.tokens is not None:
@@ -204,6 +208,7 @@ class WebServer:
         tell: takes a line about strangers, from the server's thread; must not wait. By default it
             is an event on the bus.
         tls: how to speak HTTPS; None: plain HTTP.
+        ask: takes changes of the world; None: there can be none.
 
     Raises:
         UsageError: the port is none.
@@ -218,6 +223,7 @@ class WebServer:
         tokens: Tokens | None = None,
         tell: Callable[[str], None] | None = None,
         tls: ssl.SSLContext | None = None,
+        ask: Ask | None = None,
     ) -> None:
         if not 0 <= port <= 65535:
             raise UsageError(f"web port {port}: expected a number from 0 to 65535")
@@ -225,7 +231,7 @@ class WebServer:
         self._give = give
         self._host = host
         self._tell = tell or (lambda text: bus.event(text, "warning", host_ns()))
-        self._tls = tls
+        self._tls, self._ask = tls, ask
         self.port = port
         self.tokens = make_tokens() if tokens is None and not is_loopback(host) else tokens
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -277,7 +283,9 @@ class WebServer:
         self._loop = asyncio.get_running_loop()
         self._ending = asyncio.Event()
         try:
-            site = Site(*(self._bus, self._give, self._host, self.port, self.tokens, self._tls))
+            site = Site(
+                *(self._bus, self._give, self._host, self.port, self.tokens, self._tls, self._ask)
+            )
             await site.open(listening, self._tell)
         except BaseException as failure:
             # `start` waits for a server: it must not wait for ever.

@@ -169,6 +169,20 @@ class Field:
         """How fast it evaporates and diffuses: what else `spread` depends on."""
         return self.evaporation_per_s, self.diffusion_m2_s
 
+    def set_rate(self, name: str, value: float, timestep_s: float) -> None:
+        """Sets one of the `rates` by the name of its attribute.
+
+        Raises:
+            WorldError: it is out of range, or too fast for a timestep; the rate is as before.
+        """
+        before = getattr(self, name)
+        try:
+            setattr(self, name, self._number(name, value, 0.0))
+            self.check(timestep_s)
+        except WorldError:
+            setattr(self, name, before)
+            raise
+
     def _substeps(self, dt_s: float) -> int:
         return math.ceil(self.diffusion_m2_s * dt_s / (_STABLE * self.cell_m**2))
 

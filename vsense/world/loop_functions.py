@@ -11,7 +11,10 @@ where there is none), which is made for every run, without arguments:
     def end(world):        after the last timestep; may give measures of the run, a dict
     def floor_color(x_m, y_m):  with <floor source="loop_functions">: red, green, blue, 0..255
 
-`world` is the `World`: `world.params["door_s"]` are the other attributes of the element, as texts;
+`world` is the `World`: `world.params["door_s"]` are the other attributes of the element, as texts,
+which people may change on the page while it runs, as they may move things. They may add and remove
+virtual robots only where file or class says `robots_may_change = True`: the rows of `world.robots`
+come and go then, those of before stay first;
 `world.random` is what to draw from, so that a seed repeats a run; `world.driven_by("prey")` tells
 which of `world.robots` that controller drives. What goes wrong in the file becomes one error that
 names its line.
@@ -66,8 +69,10 @@ class Hooks(Protocol):
         finished: the hooks have said that the experiment is over.
         said: what they logged since the list was emptied.
         moved: x, y and yaw of robots, by row, that were put somewhere since it was emptied.
+        robots_may_change: virtual robots may come and go while a run goes on.
     """
 
+    robots_may_change: bool
     steps: frozenset[str]
     finished: bool
     said: list[str]
@@ -126,6 +131,7 @@ class LoopFunctions:
         self._hooks: dict[str, Hook] = {}
         self._lines: dict[str, int] = {}
         holder = self._holder(module, label)
+        self.robots_may_change = getattr(holder, "robots_may_change", False) is True
         for name, arguments in HOOKS.items():
             hook = getattr(holder, name, None)
             if hook is not None:

@@ -45,6 +45,9 @@ export class Arena {
     /** What was drawn last, for tests and the curious. */
     this.drawn = { count: 0, timestep: -1, robots: [] };
     this.layers = {};
+    /** Draws over everything else; whether a click is somebody else's. */
+    this.overlay = () => {};
+    this.busy = () => false;
     for (const chip of document.querySelectorAll("[data-layer]")) this.#layer(chip);
     this.canvas.addEventListener("click", (event) => this.#click(event));
   }
@@ -88,7 +91,7 @@ export class Arena {
   #paint(worldNumber) {
     const { pen, canvas, store } = this;
     const arena = store.experiment?.arena ?? { size_m: [3, 2.4, 1], centre_m: [0, 0, 0] };
-    const place = new Place(canvas, arena.size_m, arena.centre_m);
+    const place = (this.place = new Place(canvas, arena.size_m, arena.centre_m));
     this.#groundwork(place, worldNumber);
     pen.drawImage(this.ground, 0, 0);
     const scene = { pen, place, store, colours: theme.colours, layers: this.layers, chosen: this.choice.tag };
@@ -100,6 +103,7 @@ export class Arena {
     if (this.layers.rays) drawRays(scene);
     const robots = drawRobots(scene);
     if (this.layers.names) drawNames(scene, robots);
+    this.overlay(scene);
     this.drawn = {
       count: this.drawn.count + 1,
       timestep: store.arena?.timestep ?? -1,
@@ -130,6 +134,7 @@ export class Arena {
   }
 
   #click(event) {
+    if (this.busy()) return;
     const ratio = this.canvas.width / this.canvas.clientWidth;
     const [x, y] = [event.offsetX * ratio, event.offsetY * ratio];
     let best = null;

@@ -1,6 +1,6 @@
 // Trouble in words, large enough for the other end of the room.
 
-import { byId, write } from "./dom.js";
+import { byId, make, write } from "./dom.js";
 import { bytes, capital, count } from "./format.js";
 import { stateWords } from "./cameras.js";
 
@@ -9,6 +9,7 @@ const SILENT_RUN_MS = 4000;
 const UNANSWERED_MS = 700;
 const DISK_LOW = 2e9;
 const LISTED = 3;
+const OWN = 3;
 
 /** What is wrong, the worst first: [{level, text, more}]. */
 export function troubles(store, connection) {
@@ -21,6 +22,7 @@ export function troubles(store, connection) {
   if (run?.state === "emergency") {
     found.push({ level: "trouble", text: "EMERGENCY STOP", more: [run.by && `pressed by ${run.by}`, run.text].filter(Boolean).join(" · ") });
   }
+  for (const alarm of run?.alarms ?? []) found.push({ level: "trouble", text: capital(alarm.text), more: alarm.cause, own: true });
   if (experiment && performance.now() - store.runHeard > SILENT_RUN_MS) {
     found.push({ level: "trouble", text: "No news from the run", more: "vsense is there, but tells nothing of the experiment" });
   }
@@ -66,14 +68,24 @@ function ofDisk(run) {
   return found;
 }
 
-/** The banner itself. */
+/** The banners: one for what has its own, and one for all the rest. */
 export function showBanner(found) {
+  const own = found.filter((one) => one.own);
+  const [first, ...others] = found.filter((one) => !one.own);
+  const box = byId("alarms");
+  while (box.childElementCount > Math.min(own.length, OWN)) box.lastChild.remove();
+  own.slice(0, OWN).forEach((alarm, at) => {
+    const banner = box.children[at] ?? box.appendChild(make("section", { className: "banner" }, make("strong"), make("span")));
+    const more = at === OWN - 1 && own.length > OWN ? ` · and ${own.length - OWN} more` : "";
+    fill(banner, alarm.level, alarm.text, alarm.more + more);
+  });
   const banner = byId("banner");
-  banner.hidden = !found.length;
-  if (!found.length) return;
-  const [first, ...others] = found;
-  banner.dataset.level = first.level;
-  write(banner.querySelector("strong"), first.text);
-  const more = [first.more, ...others.map((one) => one.text)].filter(Boolean);
-  write(banner.querySelector("span"), more.join(" · "));
+  banner.hidden = !first;
+  if (first) fill(banner, first.level, first.text, [first.more, ...others.map((one) => one.text)].filter(Boolean).join(" · "));
+}
+
+function fill(banner, level, text, more) {
+  banner.dataset.level = level;
+  write(banner.querySelector("strong"), text);
+  write(banner.querySelector("span"), more);
 }

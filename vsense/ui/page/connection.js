@@ -81,7 +81,8 @@ export class Connection {
     this.#tell();
     if (typeof frame === "string") {
       const [topic, timeNs, data] = JSON.parse(frame);
-      if (topic === "/answer") this.#answer(data.ok);
+      // Changes of the world are answered when a timestep comes: they have no turn.
+      if (topic === "/answer" && !data.change) this.#answer(data.ok);
       this.take(topic, timeNs, data, null);
       return;
     }

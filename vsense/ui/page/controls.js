@@ -99,6 +99,8 @@ export class Controls {
     press(byId("record"), recording);
     write(byId("record").querySelector("span"), recording ? "Recording" : "Record");
     for (const answer of this.store.answers.splice(0)) {
+      // Of a change that was carried out the events tell.
+      if (answer.change && answer.ok) continue;
       for (const button of this.buttons) this.#waits(button, 0);
       this.toast(answer.text, answer.ok);
     }

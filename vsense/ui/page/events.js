@@ -24,8 +24,10 @@ export class Events {
 }
 
 function row({ text, level, by, timeNs, run_s }, store) {
-  const at = new Date(store.wall(timeNs)).toLocaleTimeString([], { hourCycle: "h23" });
-  const when = run_s === null ? at : clock(run_s);
+  // Times are those of the run, here and in a replay; the day's stands in the title, where it is known.
+  const live = store.experiment?.mode !== "replay";
+  const at = live ? new Date(store.wall(timeNs)).toLocaleTimeString([], { hourCycle: "h23" }) : "";
+  const when = run_s === null ? "before" : clock(run_s);
   const words = make("span", {}, text);
   if (by) words.append(make("em", {}, ` — ${by}`));
   return make("li", { className: level ?? "info", title: at }, make("time", {}, when), words);

@@ -13,6 +13,7 @@ export function bindKeys(actions) {
     ["R", "⇧ R", "reset: the next run begins", actions.reset],
     ["C", "⇧ C", "recording on, off", actions.record],
     ["f", "F", "refresh on, off", actions.refresh],
+    ["e", "E", "change the world: drag things, set numbers", actions.edit],
     ["1", "1", "arena and cameras", () => actions.view("both")],
     ["2", "2", "arena only", () => actions.view("arena")],
     ["3", "3", "cameras only", () => actions.view("cameras")],

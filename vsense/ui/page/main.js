@@ -1,6 +1,7 @@
 // Puts the page together: messages into the store, the store onto the screen.
 
 import { Arena } from "./arena.js";
+import { Edit } from "./arena_edit.js";
 import { showBanner, troubles } from "./banner.js";
 import { Cameras } from "./cameras.js";
 import { Connection } from "./connection.js";
@@ -25,9 +26,14 @@ class Choice {
 
   choose(tag) {
     this.tag = tag;
-    store.readings = null;
-    connection.say({ look: tag });
+    store.readings.delete(tag);
+    connection.say(this.looks);
     soon();
+  }
+
+  /** Whose readings the page wants: the chosen robot's, and those that are charted. */
+  get looks() {
+    return { look: [...new Set([this.tag, ...measures.tags])].filter((tag) => tag !== null) };
   }
 
   /** Chooses the next robot of the table, or the one before. */
@@ -47,19 +53,22 @@ const connection = new Connection(take, greet);
 const controls = new Controls(store, connection);
 const choice = new Choice();
 const arena = new Arena(store, choice);
+const edit = new Edit(store, connection, arena, (text, ok) => controls.toast(text, ok));
 const cameras = new Cameras(store);
 const robots = new Robots(store, choice);
+const measures = new Measures(store, (text, ok) => controls.toast(text, ok));
+measures.changed = () => connection.say(choice.looks);
 const replay = new Replay(store, controls);
 const panels = [
   new Tiles(store, connection), controls, cameras, robots, new Robot(store, choice), new Events(store),
-  new Measures(store), replay,
+  measures, replay, edit,
 ];
 let telling = 0;
 let pictures = "";
 
 function greet() {
   pictures = "";
-  return [{ refresh: controls.lively }, { look: choice.tag }];
+  return [{ refresh: controls.lively }, choice.looks];
 }
 
 function take(topic, timeNs, data, blob) {
@@ -117,6 +126,7 @@ bindKeys({
   reset: live(() => controls.order("reset")),
   record: live(() => controls.toggleRecord()),
   refresh: () => controls.setRefresh(!controls.refresh),
+  edit: () => edit.toggle(),
   view: (view) => controls.setView(view),
   step: (by) => choice.step(by),
   none: () => choice.choose(null),
@@ -125,5 +135,5 @@ bindKeys({
 });
 
 // For tests, and for whoever wants to look behind the page: changes nothing.
-window.vsense = { store, connection, controls, choice, arena, cameras };
+window.vsense = { edit, measures, store, connection, controls, choice, arena, cameras };
 requestAnimationFrame(frame);

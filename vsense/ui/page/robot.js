@@ -2,13 +2,23 @@
 
 import { rayColour, rays, ringLeds, BODY_LED } from "./arena_robots.js";
 import { glow } from "./arena_things.js";
-import { byId, fit, make, write } from "./dom.js";
+import { byId, fit, make, mark, write } from "./dom.js";
 import { degrees, milliseconds, reading, volts } from "./format.js";
 import { words } from "./robots.js";
+import { chartable } from "./series.js";
 import * as theme from "./theme.js";
 
 const UP = Math.PI / 2;
 const BARS_FROM = 3;
+
+/** Facts that are numbers: what to chart of a row of /robots and of a pose. */
+const CHARTS = {
+  place: { unit: "m", now: (row, pose) => [pose.x, pose.y] },
+  heading: { label: "speed", unit: "m/s", now: (row, pose) => [pose.speed] },
+  wheels: { unit: "steps/s", now: (row) => [row.left_steps_s, row.right_steps_s] },
+  link: { unit: "ms", now: (row) => [row.heard_ms] },
+  battery: { unit: "V", now: (row) => [typeof row.battery_mv === "number" ? row.battery_mv / 1000 : null] },
+};
 
 /** The panel. */
 export class Robot {
@@ -68,8 +78,18 @@ export class Robot {
       write(this.facts.children[2 * index], name);
       write(value, text);
       value.title = text;
-      value.className = name === "trouble" ? "bad" : "";
+      mark(value, "bad", name === "trouble");
+      chartable(value, this.#chart(name, robot));
     });
+  }
+
+  /** What of a fact can be shown over time. */
+  #chart(name, robot) {
+    const tag = this.choice.tag;
+    const told = CHARTS[name] ?? (typeof robot?.shown?.[name] === "number" && { now: (row) => [row.shown?.[name]] });
+    if (!told || !robot) return null;
+    const now = (store) => told.now(store.robot(tag) ?? {}, this.#pose(tag) ?? {});
+    return { key: `${tag}/fact/${name}`, label: `${told.label ?? name} of ${this.store.name(tag)}`, unit: told.unit, now };
   }
 
   #draw(robot, tag) {
@@ -101,8 +121,15 @@ export class Robot {
       while (row.cells.length < 3) row.insertCell();
       this.#name(row.cells[0], sensor, sensed);
       this.#values(row.cells[1], sensor, values, age_ns);
+      chartable(row.cells[1], this.#reading(sensor));
       write(row.cells[2], age_ns === null ? "never" : milliseconds(age_ns / 1e6));
     });
+  }
+
+  #reading(sensor) {
+    const tag = this.choice.tag;
+    const now = (store) => numbers(store.sensed(tag).find((each) => each.sensor.name === sensor.name));
+    return { key: `${tag}/reading/${sensor.name}`, label: `${sensor.name} of ${this.store.name(tag)}`, unit: sensor.unit ?? "", tag, now };
   }
 
   #name(cell, sensor, sensed) {
@@ -115,7 +142,7 @@ export class Robot {
 
   // Few numbers are written, many are bars: nobody reads twenty-four decimals.
   #values(cell, sensor, values, age_ns) {
-    const shown = sensor.angles_rad?.length ? values.slice(0, sensor.angles_rad.length) : values;
+    const shown = measured(sensor, values);
     if (age_ns === null || shown.length < BARS_FROM) {
       const text = age_ns === null ? "–" : shown.map(reading).join(", ");
       write(cell, sensor.unit && age_ns !== null ? `${text} ${sensor.unit}` : text);
@@ -133,3 +160,8 @@ export class Robot {
     });
   }
 }
+
+/** A reading without the angles that some sensors tell along with it. */
+const measured = (sensor, values) => (sensor.angles_rad?.length ? values.slice(0, sensor.angles_rad.length) : values);
+
+const numbers = (sensed) => (sensed && sensed.age_ns !== null ? measured(sensed.sensor, sensed.values) : null);

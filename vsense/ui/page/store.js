@@ -1,11 +1,12 @@
 // What the page knows: the newest message of every topic, and a little of what was before.
 
+import { Series } from "./series.js";
+
 const TRAIL = 80;
 const STEPS_KEPT = 24;
-const MEASURES_KEPT = 600;
 const EVENTS_KEPT = 200;
 const OLD_MS = 2000;
-const PLAIN = new Set(["you", "run", "arena", "world", "signals", "fields", "robots", "cameras", "readings"]);
+const PLAIN = new Set(["you", "run", "arena", "world", "signals", "fields", "robots", "cameras", "settings"]);
 
 /** Holds everything; `changed` grows per topic, so that panels see what is new to them. */
 export class Store {
@@ -14,6 +15,9 @@ export class Store {
     this.you = { viewer: "", control: true, viewers: 0 };
     this.events = [];
     this.answers = [];
+    /** Answers to changes of the world, and whether the newest was a no. */
+    this.settled = 0;
+    this.refused = false;
     this.changed = {};
     this.runHeard = Infinity;
     this.ahead = Infinity;
@@ -31,7 +35,9 @@ export class Store {
     this.fields = null;
     this.robots = null;
     this.cameras = null;
-    this.readings = null;
+    this.readings = new Map();
+    this.hadCone = this.hadLight = false;
+    this.settings = null;
     /** Where the run is, by whatever told it last. */
     this.now = { timestep: -1, time_s: 0 };
     this.pictures = new Map();
@@ -53,14 +59,23 @@ export class Store {
     const [, name, rest] = topic.split("/");
     if (blob) this.pictures.set(rest, { about: data, blob, number: (this.pictures.get(rest)?.number ?? 0) + 1 });
     else if (name === "event") this.#event(timeNs, data);
-    else if (name === "answer") this.answers.push(data);
+    else if (name === "answer") this.#answer(data);
     else if (name === "experiment") this.#experiment(data);
+    else if (name === "readings") for (const tag of data.tag ?? []) this.readings.set(tag, data);
     else if (PLAIN.has(name)) this[name] = data;
     if (name === "run") this.#run(data);
     if (name === "arena") this.#arena(data);
     if (name === "robots") this.rows = new Map(data.tag.map((tag, row) => [tag, row]));
     if (name === "signals") this.#signals(data);
     this.changed[name] = (this.changed[name] ?? 0) + 1;
+  }
+
+  #answer(data) {
+    if (data.change) {
+      this.settled += 1;
+      this.refused = !data.ok;
+    }
+    this.answers.push(data);
   }
 
   #run(data) {
@@ -79,9 +94,10 @@ export class Store {
   #event(timeNs, data) {
     // Whoever comes anew is told the last events again.
     if (this.events.some((event) => event.timeNs === timeNs && event.text === data.text)) return;
-    // What happened before the page came has no place on its run's clock, but on the wall's.
-    const old = !this.run || (Date.now() - this.wall(timeNs)) > OLD_MS;
-    this.events.push({ timeNs, run_s: old ? null : this.now.time_s, ...data });
+    // Older recordings and other programs do not say when in the run it was.
+    const fresh = this.experiment?.mode === "replay" || Date.now() - this.wall(timeNs) < OLD_MS;
+    const heard = this.run && fresh && this.now.timestep >= 0 ? this.now.time_s : null;
+    this.events.push({ timeNs, run_s: data.time_s === undefined ? heard : data.time_s, ...data });
     if (this.events.length > EVENTS_KEPT) this.events.shift();
   }
 
@@ -111,11 +127,8 @@ export class Store {
     this.now.time_s = data.time_s;
     for (const [name, value] of Object.entries(data.measures ?? {})) {
       let line = this.measures.get(name);
-      if (!line) this.measures.set(name, (line = []));
-      if (line.length && data.time_s < line.at(-1)[0]) line.length = 0;
-      if (line.length && data.time_s === line.at(-1)[0]) line.pop();
-      line.push([data.time_s, value]);
-      if (line.length > MEASURES_KEPT) line.shift();
+      if (!line) this.measures.set(name, (line = new Series()));
+      line.add(data.time_s, [value], this.experiment?.mode === "replay");
     }
   }
 
@@ -144,7 +157,7 @@ export class Store {
 
   /** The chosen robot's reading of each sensor: [{sensor, values, age_ns}]; [] before the first. */
   sensed(tag) {
-    const data = this.readings;
+    const data = this.readings.get(tag);
     const row = data?.tag.indexOf(tag) ?? -1;
     if (row < 0 || !this.experiment) return [];
     return this.sensors(tag).map((sensor, index) => {

@@ -33,6 +33,8 @@ function choose(theme) {
   resolve();
 }
 
+export const refresh = resolve;
+
 export function toggle() {
   const theme = isDark() ? "light" : "dark";
   remember("theme", theme);

@@ -2,6 +2,7 @@
 
 import { byId, make, mark, write } from "./dom.js";
 import { bytes, capital, clock, rate } from "./format.js";
+import { chartable } from "./series.js";
 
 const DISK_LOW = 2e9;
 
@@ -32,6 +33,14 @@ const TILES = [
   }],
   ["disk left", ({ run }) => [bytes(run.disk_free_bytes), "", run.disk_free_bytes !== null && run.disk_free_bytes < DISK_LOW ? "warn" : ""]],
 ];
+/** Tiles whose number can be shown over time. */
+const CHARTS = {
+  rate: ["Hz", (run) => run.rate_hz],
+  "latency p50": ["ms", (run) => run.latency_ms?.p50],
+  "latency p99": ["ms", (run) => run.latency_ms?.p99],
+  recording: ["MB", (run) => (run.recording?.on ? run.recording.bytes / 1e6 : null)],
+  "disk left": ["GB", (run) => (typeof run.disk_free_bytes === "number" ? run.disk_free_bytes / 1e9 : null)],
+};
 const WORDS = { none: "waiting for news", ended: "ended", emergency: "EMERGENCY STOP" };
 
 /** Header and tiles. */
@@ -41,7 +50,10 @@ export class Tiles {
     this.connection = connection;
     this.tiles = TILES.map(([name]) => {
       const parts = [make("span", {}, name), make("b", {}, "–"), make("small")];
-      return { parts, element: make("div", { className: "tile" }, ...parts) };
+      const element = make("div", { className: "tile" }, ...parts);
+      const [unit, now] = CHARTS[name] ?? [];
+      if (now) chartable(element, { key: `run/${name}`, label: name, unit, now: (from) => (from.run ? [now(from.run)] : null) });
+      return { parts, element };
     });
     byId("tiles").append(...this.tiles.map((tile) => tile.element));
   }
@@ -71,6 +83,7 @@ export class Tiles {
     dataset.link = this.connection.open ? "open" : "lost";
     const shown = replay ? (run?.replay?.playing ? "replay" : "replay, paused") : WORDS[state] ?? state;
     write(byId("state"), this.connection.open ? capital(shown) : "No connection");
+    byId("no_pictures").hidden = !(replay && run?.replay?.pictures === false);
     write(byId("name"), experiment ? experiment.name : "no run yet");
     document.title = experiment ? `${experiment.name}: ${state} – vsense` : "vsense";
     write(byId("what"), experiment ? this.#what(experiment, run) : "");

@@ -1,0 +1,130 @@
+"""Changes that people ask for while a run goes on: from their threads into that of the timesteps.
+
+What was carried out is noted with the timestep in which it took effect: the same arena states, the
+same deeds of the robots and the same changes give the same readings again
+(`vsense.recording.resense`).
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from vsense.clock import host_ns
+from vsense.errors import VsenseError
+from vsense.run.changing import HANDS, Change, ChangeKind, Ground, carry_out, settings_of
+from vsense.run.environment import Environment
+from vsense.run.orders import OrderError
+
+MOST_WAITING = 64
+"""Changes that wait for the next timestep; more are refused."""
+MOST_AT_ONCE = 8
+"""So many are carried out before one timestep: people's hands must not make it late."""
+UNTOLD_NS = 1_000_000_000
+"""Of a thing that is dragged the end is told; where it never comes, this much later."""
+
+Answer = Callable[[str, bool], None]
+"""Is told what became of a change, and whether it was carried out; in any thread."""
+Ask = Callable[[Change, str, Answer], None]
+"""Asks for a change; who; see `Changes.ask`."""
+
+
+class CarriedOut(NamedTuple):
+    """A change, who wanted it, and the arena state's and the run's timestep that it came before."""
+
+    timestep: int
+    run_timestep: int
+    by: str
+    change: Change
+    text: str
+
+    def data(self) -> dict[str, Any]:
+        """The data of `/orders`."""
+        return {**self._asdict(), "change": self.change.data()}
+
+
+class _Wish(NamedTuple):
+    change: Change
+    by: str
+    answer: Answer
+
+
+class Changes:
+    """Takes changes from any thread, and carries them out between two timesteps.
+
+    Args:
+        tell: takes a line for people, in the thread of the timesteps.
+        locked: nothing may be changed.
+        ground: what of the real arena follows.
+        clock: host's monotonic clock [ns].
+
+    Attributes:
+        version: grows with everything that was carried out.
+        carried: so many were carried out in the present world.
+        note: takes what was carried out, in the thread of the timesteps.
+    """
+
+    def __init__(
+        self,
+        tell: Callable[[str], None],
+        locked: bool = False,
+        ground: Ground = HANDS,
+        clock: Callable[[], int] = host_ns,
+    ) -> None:
+        self.version = self.carried = 0
+        self.note: Callable[[CarriedOut], None] = lambda done: None
+        self._tell, self._locked, self._ground, self._clock = tell, locked, ground, clock
+        self._wishes: deque[_Wish] = deque()
+        self._untold: dict[str, tuple[int, str]] = {}
+        self._lock = threading.Lock()
+
+    def ask(self, change: Change, by: str, answer: Answer) -> None:
+        """Takes a change by somebody, which `answer` hears of.
+
+        Raises:
+            OrderError: nothing can be changed, or too much waits.
+        """
+        if self._locked:
+            raise OrderError(
+                "this run is locked (--locked): nothing of its world can be changed while it runs"
+            )
+        with self._lock:
+            if len(self._wishes) >= MOST_WAITING:
+                raise OrderError("too many changes wait for the next timestep: try again")
+            self._wishes.append(_Wish(change, by, answer))
+
+    def carry_out(self, environment: Environment, timestep: int, run_timestep: int) -> None:
+        """Changes the world before a timestep; to be called in the thread of the timesteps."""
+        for _ in range(MOST_AT_ONCE):
+            with self._lock:
+                if not self._wishes:
+                    break
+                wish = self._wishes.popleft()
+            try:
+                text = carry_out(wish.change, environment, self._ground)
+            except VsenseError as error:
+                wish.answer(str(error), False)
+                continue
+            self.version += 1
+            self.carried += 1
+            self.note(CarriedOut(timestep, run_timestep, wish.by, wish.change, text))
+            wish.answer(text, True)
+            self._tell_everybody(wish, text)
+        for name, (since_ns, line) in list(self._untold.items()):
+            if self._clock() - since_ns > UNTOLD_NS:
+                del self._untold[name]
+                self._tell(line)
+
+    def settings(self, environment: Environment) -> dict[str, Any]:
+        """See `settings_of`."""
+        return settings_of(environment, self._ground, self._locked)
+
+    def _tell_everybody(self, wish: _Wish, text: str) -> None:
+        line = f"{wish.by}: {text}"
+        if wish.change.kind is ChangeKind.MOVE and not wish.change.final:
+            self._untold[wish.change.name] = self._clock(), line
+            return
+        self._untold.pop(wish.change.name, None)
+        self._tell(line)
