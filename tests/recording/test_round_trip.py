@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import threading
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,7 +18,7 @@ from mcap.reader import make_reader
 import vsense
 from tests.recording.conftest import BEGIN_NS, picture, record
 from vsense.message_bus import Message, MessageBus
-from vsense.recording import writer
+from vsense.recording import size_line, writer
 from vsense.recording.form import ExperimentMessage, RecordingError, RunMessage, schema
 from vsense.recording.reader import open_recording
 from vsense.recording.recorder import Recorder
@@ -264,3 +265,35 @@ def test_every_topic_has_a_schema_that_is_one() -> None:
     assert known["rate_hz"] == {"type": "number"} and known["latency_ms"] == {"type": "object"}
     fields = json.loads(schema("/picture/left", blob=True)[1])["properties"]
     assert fields["data"] == {"type": "string", "contentEncoding": "base64"}
+
+
+def test_what_a_minute_costs_is_told_once_it_is_known(tmp_path: Path) -> None:
+    """On the host's clock: here 20 s pass at once."""
+    bus, now_ns, said = MessageBus(), [BEGIN_NS], list[tuple[str, str]]()
+    heard = threading.Event()
+
+    def tell(text: str, level: str) -> None:
+        said.append((text, level))
+        heard.set()
+
+    path = tmp_path / "run.mcap"
+    recorder = Recorder(bus, path, tell=tell, clock=lambda: now_ns[0])
+    bus.publish(Message("/event", BEGIN_NS, {"text": "x" * 300}))
+    now_ns[0] += 20_000_000_000
+    assert heard.wait(30.0)
+    recorder.close()
+    ((text, level),) = said
+    assert re.fullmatch(r"recording: about \d+\.\d MB a minute; \d+\.\d [MG]B free", text), text
+    assert level == "info" and recorder.seconds == 20.0
+
+
+@pytest.mark.parametrize(
+    ("size", "seconds", "line"),
+    [
+        (1_040_000, 120.0, "recording: run.mcap, 1.0 MB, 0.5 MB a minute"),
+        (2_600_000_000, 120.0, "recording: run.mcap, 2.6 GB, 1.3 GB a minute"),
+        (9_000, 1.0, "recording: run.mcap, 0.0 MB"),
+    ],
+)
+def test_a_recordings_size_and_cost(size: int, seconds: float, line: str) -> None:
+    assert size_line("run.mcap", size, seconds) == line

@@ -72,7 +72,7 @@ def test_the_page_holds_every_section(tmp_path: Path) -> None:
     text = (folder / PAGE).read_text()
     read = Reader(text)
     assert read.headings == [
-        "hand, sighted, seed 1", "Measures", "Robots", "Loss and gaps", "Events",
+        "hand, lab, sighted, seed 1", "Measures", "Robots", "Loss and gaps", "Events",
     ]  # fmt: skip
     numbers = re.findall(r"<b>Figure (\d+)\.", text)
     assert numbers == [str(place + 1) for place in range(len(PICTURES))]
@@ -89,7 +89,12 @@ def test_several_runs_are_compared(tmp_path: Path) -> None:
     made = make_report(paths, tmp_path / "report")
     text = (tmp_path / "report" / PAGE).read_text()
     read = Reader(text)
-    assert read.headings[:4] == ["4 runs compared", "hand: runs compared", "End values", "Runs"]
+    assert read.headings[:4] == [
+        "4 runs compared",
+        "hand: runs (lab) compared",
+        "End values",
+        "Runs",
+    ]
     assert "Runs: 2 sighted, 1 blind." in text
     anchors = {source for source in read.sources if source.startswith("#")}
     assert anchors == {f"#run-{n}" for n in range(4)} | {"#compared-0", "#compared-1"}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import errno
 import re
 from pathlib import Path
@@ -21,14 +22,14 @@ def step(number: int) -> Step:
 
 def test_words_and_timesteps_are_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with RunLog(tmp_path) as log:
-        log.begin_run(tmp_path)
+        log.begin_run(tmp_path, 0.1)
         log.say("all robots start")
         for number in range(FLUSH_TIMESTEPS):
-            log.timestep(step(number), 3, 2, 1)
+            log.timestep(step(number), (3, 2, 1), {})
         rows = (tmp_path / "timesteps.csv").read_text()
         assert rows.startswith(HEADER + "0,100,1,2,3,4,3,2,1\n"), "in reach before the end"
         assert len(rows.splitlines()) == 1 + FLUSH_TIMESTEPS
-        log.timestep(step(99), 0, 0, 0)
+        log.timestep(step(99), (0, 0, 0), {})
     assert (tmp_path / "timesteps.csv").read_text().endswith("\n99,199,1,2,3,4,0,0,0\n")
     log = (tmp_path / "log.txt").read_text()
     assert re.fullmatch(r"\d\d:\d\d:\d\d\.\d{3} all robots start\n", log)
@@ -43,12 +44,12 @@ def test_a_full_disk_is_told_once_and_costs_no_run(
             raise OSError(errno.ENOSPC, "No space left on device")
 
     with RunLog(tmp_path) as log:
-        log.begin_run(tmp_path)
+        log.begin_run(tmp_path, 0.1)
         log._log.close()
         monkeypatch.setattr(log, "_log", Full())
         for number in range(3):
             log.say("something")
-            log.timestep(step(number), 3, 3, 0)
+            log.timestep(step(number), (3, 3, 0), {})
     said = capsys.readouterr().err
     assert said.count("something") == 3
     assert said.count("the run is no longer written down: No space left on device") == 1
@@ -62,14 +63,46 @@ def test_a_directory_that_is_gone_is_one_clear_line(tmp_path: Path) -> None:
 def test_every_run_has_its_own_table_and_all_share_the_log(tmp_path: Path) -> None:
     folders = [tmp_path / "run-1", tmp_path / "run-2"]
     with RunLog(tmp_path) as log:
-        log.timestep(step(0), 1, 1, 0)
+        log.timestep(step(0), (1, 1, 0), {})
         for number, folder in enumerate(folders):
             folder.mkdir()
-            log.begin_run(folder)
-            log.timestep(step(number), 3, 2, 1)
+            log.begin_run(folder, 0.1)
+            log.timestep(step(number), (3, 2, 1), {})
             log.say(f"run {number}")
         with pytest.raises(DirectoryError, match=r"timesteps\.csv: No such file or directory"):
-            log.begin_run(tmp_path / "gone")
+            log.begin_run(tmp_path / "gone", 0.1)
     rows = [(folder / "timesteps.csv").read_text() for folder in folders]
     assert rows == [HEADER + f"{n},{100 + n},1,2,3,4,3,2,1\n" for n in (0, 1)]
     assert (tmp_path / "log.txt").read_text().count("run ") == 2
+
+
+def test_measures_have_a_row_for_every_timestep(tmp_path: Path) -> None:
+    """Also those that the experiment begins to measure later: nobody has to know them before."""
+    with RunLog(tmp_path) as log:
+        log.begin_run(tmp_path, 0.25)
+        log.timestep(step(0), (3, 3, 0), {})
+        assert not (tmp_path / "measures.csv").exists(), "there are none yet"
+        log.timestep(step(1), (3, 3, 0), {"home": 1.0})
+        log.timestep(step(2), (3, 3, 0), {"home": 2.5, "lost, all": 1e-7})
+        log.timestep(step(3), (3, 3, 0), {"lost, all": 0.1 + 0.2})
+    rows = list(csv.DictReader((tmp_path / "measures.csv").open()))
+    assert [list(row.values()) for row in rows] == [
+        ["1", "0.25", "1", ""],
+        ["2", "0.5", "2.5", "1e-07"],
+        ["3", "0.75", "", "0.3"],
+    ]
+    assert list(rows[0]) == ["run_timestep", "time_s", "home", "lost, all"]
+
+
+def test_tables_that_cannot_be_written_are_told_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full() -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with RunLog(tmp_path) as log:
+        log.begin_run(tmp_path, 0.1)
+        monkeypatch.setattr(log._tables, "_flush", full)
+        for number in range(2 * FLUSH_TIMESTEPS):
+            log.timestep(step(number), (3, 3, 0), {})
+    assert capsys.readouterr().err.count("no longer written: No space left on device") == 1

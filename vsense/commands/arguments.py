@@ -4,6 +4,7 @@ that several commands share."""
 from __future__ import annotations
 
 import argparse
+import math
 import re
 import sys
 from collections.abc import Callable, Sequence
@@ -30,6 +31,14 @@ def seconds(text: str) -> float:
     value = _number(text, float, "a number of seconds")
     if not 1.0 <= value <= 86_400.0:
         raise argparse.ArgumentTypeError(f"{text}: expected 1 to 86400 seconds")
+    return value
+
+
+def sim_speed(text: str) -> float:
+    """How fast a simulation goes: times real time, infinite for "max"."""
+    value = math.inf if text == "max" else _number(text, float, "a number, or max")
+    if not value >= 0.1:
+        raise argparse.ArgumentTypeError(f"{text}: expected 0.1 or more, or max")
     return value
 
 
@@ -214,6 +223,10 @@ def add_tracking_files(parser: argparse.ArgumentParser) -> None:
     )
 
 
+WEB = "127.0.0.1", 8080
+"""Where a page is that is wanted, nobody says where."""
+
+
 def add_web(
     parser: argparse.ArgumentParser,
     default: tuple[str, int] | None = None,
@@ -227,18 +240,16 @@ def add_web(
     group.add_argument(
         "--web",
         type=address,
+        nargs="?",
+        const=WEB,
         default=default,
         metavar="[ADDRESS:]PORT",
-        help="serve the control room's page there: 8080 is this machine only; 0.0.0.0:8080 is every"
-        " interface, with HTTPS, one token for looking and another for control, which are printed"
-        + (f" (default: {default[1]})" if default else ""),
+        help="serve the control room's page there: 8080, where nothing is said, is this machine"
+        " only; 0.0.0.0:8080 is every interface, with HTTPS, one token for looking and another for"
+        " control, which are printed" + (f" (default: {default[1]})" if default else ""),
     )
-    group.add_argument(
-        "--web-tokens",
-        type=Path,
-        metavar="FILE",
-        help="a file with the lines look=... and control=..., instead of tokens drawn anew",
-    )
+    text = "a file with the lines look=... and control=..., instead of tokens drawn anew"
+    option(group, "--web-tokens", Path, "FILE", text)
     group.add_argument(
         "--web-cert",
         type=Path,
@@ -246,12 +257,7 @@ def add_web(
         help="serve the page with HTTPS and this certificate (PEM); without it, a page that other"
         " machines may open has one that is made here and kept, whose fingerprint is printed",
     )
-    group.add_argument(
-        "--web-key",
-        type=Path,
-        metavar="FILE",
-        help="its private key (default: in the same file)",
-    )
+    option(group, "--web-key", Path, "FILE", "its private key (default: in the same file)")
     if insecure:
         flag(group, "--insecure", INSECURE_PAGE)
 

@@ -14,7 +14,8 @@ DESCRIPTION = (
     "Makes report.html, one page that holds everything it shows, and its charts as PNG, SVG or PDF:"
     " trajectories, occupancy, the experiment's measures, robots seen and connected, latency, loss"
     " and gaps. Several recordings are compared as well, each experiment's sighted runs with its"
-    " blind ones. Nothing is written over."
+    " blind ones, and simulated runs with those of the lab and of real robots; the runs of a"
+    " campaign (vsense sim --runs) by its table. Nothing is written over."
 )
 
 
@@ -25,7 +26,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         nargs="+",
         metavar="FILE",
-        help="the recordings (.mcap), or folders of runs that hold some",
+        help="the recordings (.mcap), or folders of runs that hold some; a campaign's table (.csv),"
+        " or the folder that it is in",
     )
     parser.add_argument(
         "-o",
@@ -44,7 +46,7 @@ def run(options: argparse.Namespace) -> int:
     recording.require()
     from vsense.report.report import make_report
 
-    files = [file for path in options.files for file in recording.files_of(path)]
+    files = [file for path in options.files for file in _files_of(path)]
     alone = files[0].with_name(f"{files[0].stem}-report")
     folder = options.output or (alone if len(files) == 1 else Path("report"))
     console = Console()
@@ -70,3 +72,12 @@ def run(options: argparse.Namespace) -> int:
     else:
         print(f"{made.files[0]}: {len(made.files) - 1} charts beside it")
     return 0
+
+
+def _files_of(path: Path) -> list[Path]:
+    """The recordings, or the campaigns' tables, that a path means; raises as `files_of`."""
+    from vsense.report.campaigns import tables_in
+
+    if path.is_dir() and (tables := tables_in(path)):
+        return tables
+    return recording.files_of(path)

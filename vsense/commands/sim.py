@@ -4,24 +4,18 @@ from __future__ import annotations
 
 import argparse
 import os
-import threading
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
+from vsense import recording
 from vsense.commands import arguments, experiments
-from vsense.config.specs import Experiment, Stage
-from vsense.errors import UsageError, VsenseError
-from vsense.lab.metrics import swarm_rows
-from vsense.run import directory as run_directory
-from vsense.run.programs import shared_objects
+from vsense.commands.sim_run import SingleRun
+from vsense.config.specs import Stage
+from vsense.errors import UsageError
 from vsense.sim import campaign
 from vsense.sim.campaign import Campaign
 from vsense.sim.dask_cluster import require_dask
-from vsense.sim.job import Job, Setup, Sweep
-from vsense.sim.outcome import Interrupted, Task
-from vsense.sim.record import LOGGED, TRAJECTORY
-from vsense.sim.watch import WorkerProcess, simulate_all
+from vsense.sim.job import Setup, Sweep
+from vsense.sim.outcome import Interrupted
 from vsense.terminal import Console, interruption
 
 DESCRIPTION = (
@@ -29,7 +23,8 @@ DESCRIPTION = (
     " process for every robot, with the lab's wheels and proximity sensors, the same virtual world,"
     " and neither cameras nor network. A seed gives the same run every time. With --runs, --seeds"
     " or several values of a setting it is a campaign: one row of a CSV file for every run, and a"
-    " picture that compares the settings. --on has a cluster do its runs."
+    " picture that compares the settings. --on has a cluster do its runs. --web shows a run in the"
+    " page: play, pause, one step, any speed; the results are the same."
 )
 
 
@@ -44,8 +39,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="folder of a run (default: runs/...), or a campaign's CSV file (default: results.csv)"
         " or its picture (.png, .svg, .pdf); the other one lies beside it",
     )
+    _add_page(parser)
     _add_campaign(parser)
     arguments.add_charts(parser)
+
+
+def _add_page(parser: argparse.ArgumentParser) -> None:
+    """Declares how a run is watched and kept."""
+    arguments.add_web(parser)
+    group = parser.add_argument_group("watching and recording")
+    arguments.option(
+        group,
+        "--speed",
+        arguments.sim_speed,
+        "X",
+        "with --web, begin at X times real time, 0.1 or more; max: as fast as it goes (default: 1)",
+    )
+    arguments.flag(group, "--hold", "with --web, begin paused")
+    arguments.flag(
+        group,
+        "--record",
+        "record every run to an MCAP file, for vsense replay, report and export: about 0.5 MB a"
+        " minute for 15 robots; of a campaign, a file for each run in a folder beside its CSV file",
+    )
 
 
 def _add_campaign(parser: argparse.ArgumentParser) -> None:
@@ -90,8 +106,7 @@ def _add_campaign(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Runs an experiment or a campaign; 0, or 130 after Ctrl-C, 143 after SIGTERM."""
     sweep = Sweep.of(options.set, options.runs, options.seeds)
-    if options.on is not None:
-        _check_on(options, sweep)
+    _check(options, sweep)
     settings = sweep.first
     experiment = experiments.open_experiment(options, settings, Stage.SIM)
     if experiment is None:
@@ -106,11 +121,8 @@ def run(options: argparse.Namespace) -> int:
     with interruption() as interrupted:
         try:
             if sweep.seeds is None:
-                if options.format or options.style:
-                    raise UsageError("--format, --style: a campaign's chart only, see --runs")
-                return _one(options, setup, experiment, console, interrupted)
-            if options.seed is not None:
-                raise UsageError("--seed: a campaign has --seeds")
+                one = SingleRun(options, setup, experiment, console, interrupted)
+                return one.run() if options.web is None else one.run_watched()
             output, drawing = campaign.outputs(options.output, options.format)
             files = {"output": output, "drawing": drawing}
             jobs = options.jobs or len(os.sched_getaffinity(0))
@@ -122,88 +134,30 @@ def run(options: argparse.Namespace) -> int:
             return interrupted.code
 
 
+def _check(options: argparse.Namespace, sweep: Sweep) -> None:
+    """Refuses what does not go together, or is not installed, before anything is made."""
+    if options.record:
+        recording.require()
+    if options.on is not None:
+        _check_on(options, sweep)
+    if sweep.seeds is None:
+        if options.format or options.style:
+            raise UsageError("--format, --style: a campaign's chart only, see --runs")
+        if options.web is None and (options.hold or options.speed is not None):
+            raise UsageError("--hold, --speed: only with --web, which shows the run")
+        return
+    if options.seed is not None:
+        raise UsageError("--seed: a campaign has --seeds")
+    if options.web is not None or options.hold or options.speed is not None:
+        raise UsageError("--web, --hold, --speed: one run only, no campaign (--runs, --seeds)")
+
+
 def _check_on(options: argparse.Namespace, sweep: Sweep) -> None:
     """Refuses what does not go with --on."""
     if sweep.seeds is None:
         raise UsageError("--on: a campaign only, see --runs")
+    if options.record:
+        raise UsageError("--record: with --on the recordings would lie on the workers' machines")
     if options.jobs is not None:
         raise UsageError("-j: with --on the cluster has as many at a time as its workers take")
     require_dask()
-
-
-def _one(
-    options: argparse.Namespace,
-    setup: Setup,
-    experiment: Experiment,
-    console: Console,
-    interrupted: threading.Event,
-) -> int:
-    """One run: figures, trajectories, and a table for people."""
-    seed = experiments.choose_seed(options, experiment)
-    libraries = {name: str(path) for name, path in shared_objects(experiment).items()}
-    directory = run_directory.make(options.output, experiment.name, seed)
-    console.say(
-        f"{experiment.name}: {len(experiment.robots)} robots, seed {seed},"
-        f" {experiment.length_s:g} s; results in {directory}"
-    )
-    job = Job(setup, seed, libraries, str(directory))
-
-    def show(workers: Sequence[WorkerProcess[Task]]) -> None:
-        done = max(worker.timesteps for worker in workers)
-        time_s = done * experiment.timestep_s
-        console.progress(f"{time_s:6.1f}/{experiment.length_s:g} s  timestep {done}")
-
-    try:
-        for _, result in simulate_all([Task(job, experiment)], 1, interrupted, show):
-            console.end_progress()
-            summary = summarise(job, result)
-            _tell(console, result, directory)
-            run_directory.write_summary(directory, summary, options.json)
-            console.say(table(summary))
-    except VsenseError:
-        console.end_progress()
-        console.say(f"the run has failed; what there is of it: {directory}")
-        raise
-    console.say(f"trajectories: {directory / TRAJECTORY}")
-    console.say(f"picture: {directory / experiment.name}.png")
-    return 0
-
-
-def _tell(console: Console, result: dict[str, Any], directory: Path) -> None:
-    """Says what controllers complained of, and the first of what they logged."""
-    for complaint in result["complaints"]:
-        console.say(f"vsense: {complaint}")
-    for time_s, text in result["events"]:
-        console.say(f"{time_s:8.1f} s  {text}")
-    more = result["events_in_all"] - len(result["events"])
-    if more:
-        console.say(f"{more} more events: {directory / LOGGED}")
-
-
-def summarise(job: Job, result: dict[str, Any]) -> dict[str, Any]:
-    """Gives a run's figures under the names that scripts rely on."""
-    duration_s = result["timesteps"] * result["timestep_s"]
-    return {
-        "experiment": result["name"],
-        "seed": job.seed,
-        "blind": job.setup.blind,
-        "settings": dict(job.setup.settings),
-        "robots": result["robots"],
-        "timesteps": result["timesteps"],
-        "duration_s": round(duration_s, 3),
-        "speedup": round(duration_s / result["wall_s"], 1),
-        "swarm": result["swarm"],
-        "measures": result["measures"],
-    }
-
-
-def table(summary: dict[str, Any]) -> str:
-    """The summary as a person reads it."""
-    text = (
-        f"{summary['duration_s']:g} s of {summary['robots']} robots,"
-        f" {summary['speedup']:g} times as fast as real time"
-    )
-    rows = [("run", text)]
-    rows += swarm_rows(summary["swarm"], summary["robots"])
-    rows += [("measure", f"{name} = {value:g}") for name, value in summary["measures"].items()]
-    return "\n".join(f"{name:<10}{text}" for name, text in rows)

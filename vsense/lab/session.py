@@ -26,6 +26,8 @@ from vsense.markers.families import load_family
 from vsense.pictures.run_samples import RunSamples
 from vsense.robot import build
 from vsense.run.changing import Ground
+from vsense.run.directory import RunTables, step_row
+from vsense.run.figures import Figures
 from vsense.run.runtime import Step
 from vsense.tracking.arena_tracker import ArenaTracker
 from vsense.tracking.camera_tracking import CameraTracking
@@ -236,16 +238,23 @@ class Session(ExperimentSession):
 
     def _run_timesteps(self, notes: RunNotes, observe: Callable[[Step], None]) -> None:
         pictures, samples = notes.pictures, notes.samples
+        counted, world = Figures(self.experiment), self.environment.world
+        trouble = lambda text: self.setup.console.say(f"vsense: {text}", "trouble")  # noqa: E731
+        tables = RunTables(notes.directory, self.experiment.timestep_s, trouble)
         step: Step | None = None
         try:
             for step in self.runner.timesteps():
                 notes.steps.add(step)
+                moment = counted.observe(step, self.runner.robots)
+                counts = moment.connected, moment.seen, moment.stale
+                tables.add(*step_row(step), counts, world.results)
                 self._judge(step, notes.tracking)
                 samples.add(step.run_timestep, self.environment.world)
                 if step.run_timestep in samples.kept:
                     pictures[step.run_timestep] = copy_frames(step.frames)
                 observe(step)
         finally:
+            tables.close()
             samples.end(self.environment.world)
             if step is not None:
                 pictures[step.run_timestep] = copy_frames(step.frames)

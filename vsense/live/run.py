@@ -51,7 +51,8 @@ class OneRun:
             robots = session.runner.robots
             moment = self._figures.observe(step, robots)
             self._portrait.add(step.run_timestep, session.environment.world, robots)
-            self._log.timestep(step, moment.connected, moment.seen, moment.stale)
+            counts = moment.connected, moment.seen, moment.stale
+            self._log.timestep(step, counts, session.environment.world.results)
             lost = [status.name for status in robots.values() if not status.connected]
             self._log.progress(self._line(step, moment, lost))
             # Lent pictures go back during a pause.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from vsense.cameras.camera import Camera
@@ -205,6 +205,8 @@ class RunSession(ExperimentSession):
             {view.camera.id: view.tracker.id for view in views},
             Troubles() if own is None else own.tracking.troubles,
         )
+        if own is not None and not own.session.is_live:
+            scene = replace(scene, recorded=True)
         # STOP may only suspend a run (thesis, 2.3.1).
         suspends = own is not None and not own.session.record.change_root_directory_on_start
         runtime = self._open_room(self.source, scene, suspends)

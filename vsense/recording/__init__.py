@@ -13,6 +13,8 @@ def require() -> None:
 
 
 SUFFIX = ".mcap"
+LEAST_S = 5.0
+"""A shorter recording does not tell what a minute costs."""
 
 
 def files_of(path: Path) -> list[Path]:
@@ -26,7 +28,7 @@ def files_of(path: Path) -> list[Path]:
     found = sorted([*path.glob(f"*{SUFFIX}"), *path.glob(f"*/*{SUFFIX}")])
     if not found:
         raise errors.UsageError(
-            f"{path}: holds no recording ({SUFFIX}): lab and run make them with --record"
+            f"{path}: holds no recording ({SUFFIX}): sim, lab and run make them with --record"
         )
     return found
 
@@ -39,3 +41,16 @@ def file_of(path: Path) -> Path:
             f"{path}: holds {len(found)} recordings, such as {found[0]}: say which"
         )
     return found[0]
+
+
+def size_line(path: Path | str, size: int, duration_s: float) -> str:
+    """Says where a recording is, how large [byte], and unless it is short what a minute costs."""
+    words = f"recording: {path}, {megabytes(size)}"
+    if duration_s < LEAST_S:
+        return words
+    return f"{words}, {megabytes(60.0 * size / duration_s)} a minute"
+
+
+def megabytes(size: float) -> str:
+    """A file's size as people read it."""
+    return f"{size / 1e9:.1f} GB" if size >= 1e9 else f"{size / 1e6:.1f} MB"

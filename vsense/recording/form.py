@@ -244,6 +244,7 @@ class ExperimentMessage(_Message):
 
     mode: str = "live"
     command: str = ""
+    recorded: bool = False
     name: str = ""
     seed: int | None = None
     blind: bool | None = None

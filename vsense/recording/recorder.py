@@ -8,9 +8,11 @@ leave a mark in the recording.
 
 from __future__ import annotations
 
+import shutil
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,15 +22,18 @@ import cv2
 from vsense.arena import Frame
 from vsense.clock import host_ns
 from vsense.message_bus import Listener, Message, MessageBus
-from vsense.recording import form
+from vsense.recording import form, megabytes
 from vsense.recording.waiting import Bounds, Item, Waiting, WaitingPicture, gap_message
 from vsense.recording.writer import RecordingWriter
+from vsense.terminal import Level
 from vsense.tracking import memory
 from vsense.tracking.arena_tracker import ArenaTracker
 
 FLUSH_S = 0.5
 """Time from disk to disk; with what the writing itself takes, less than a second."""
 RETRY_S = 1.0
+FORETELL_S = 10.0
+"""After so long it is known what a minute costs."""
 _CLOSE_S = 30.0
 _FIRST_SIZE = 2_048
 """Assumed size of a topic's first message."""
@@ -48,6 +53,8 @@ class Recorder:
         bus: what it carries is recorded; trouble with the disk is published there.
         path: of a new file.
         pictures: whether pictures that are given to `pictures` are kept.
+        tell: takes a line for people and its level, from any thread, and publishes it; None: the
+            bus takes it.
         bounds: how much may wait.
         clock: the host's monotonic clock [ns].
 
@@ -60,11 +67,12 @@ class Recorder:
         bus: MessageBus,
         path: Path,
         pictures: bool = False,
+        tell: Callable[[str, Level], None] | None = None,
         bounds: Bounds | None = None,
         clock: Callable[[], int] = host_ns,
     ) -> None:
         self.path = path
-        self._bus = bus
+        self._bus, self._teller = bus, tell
         self._keeps_pictures = pictures
         self._clock = clock
         self._waiting = Waiting(bounds or Bounds())
@@ -73,7 +81,9 @@ class Recorder:
         self._tracker: Mapping[str, Any] | None = None
         self._updates, self._has_memory = 0, False
         self._trouble: str | None = None
+        self._on_since_ns, self._recorded_ns = clock(), 0
         self._off_since_ns: int | None = None
+        self._foretold = self._said_lost = False
         self._unfit: set[str] = set()
         self._closing = threading.Event()
         self._lock = threading.Lock()
@@ -120,6 +130,7 @@ class Recorder:
             if self._listener is not None:
                 self._bus.leave(self._listener)
                 self._listener, self._off_since_ns = None, self._clock()
+                self._recorded_ns += self._off_since_ns - self._on_since_ns
 
     def resume(self) -> None:
         """Goes on recording; the recording says what is missing."""
@@ -129,6 +140,12 @@ class Recorder:
             self._end_pause()
             # Publishers repeat for a new listener what changes rarely.
             self._listener = self._bus.join(self.receive, form.is_recorded)
+
+    @property
+    def seconds(self) -> float:
+        """For how long it has recorded, pauses left out."""
+        since_ns = self._clock() - self._on_since_ns if self._off_since_ns is None else 0
+        return (self._recorded_ns + since_ns) / 1e9
 
     def state(self) -> dict[str, Any]:
         """The "recording" of the message `/run`."""
@@ -159,7 +176,7 @@ class Recorder:
         if since_ns is not None:
             why = "recording was switched off"
             self._waiting.mark(gap_message(now_ns, since_ns, now_ns, (0, 0), why))
-            self._has_memory, self._off_since_ns = False, None
+            self._has_memory, self._off_since_ns, self._on_since_ns = False, None, now_ns
 
     def _run(self) -> None:
         """The thread. An internal fault ends the recording, and is published."""
@@ -181,7 +198,23 @@ class Recorder:
                 # However long the disk is full.
                 while not self._flush() and not self._closing.wait(RETRY_S):
                     pass
+                self._say_how()
         self._finish()
+
+    def _say_how(self) -> None:
+        """Says once what a minute costs, and once that something is lost."""
+        seconds, size = self.seconds, self._writer.bytes
+        if not self._foretold and seconds >= FORETELL_S:
+            self._foretold = True
+            with suppress(OSError):
+                free = shutil.disk_usage(self.path.parent).free
+                cost = megabytes(60.0 * size / seconds)
+                self._tell(f"recording: about {cost} a minute; {megabytes(free)} free", "info")
+        if self._waiting.lost and not self._said_lost:
+            self._said_lost = True
+            self._tell(
+                "the recording cannot keep up: pictures and messages are left out", "warning"
+            )
 
     def _add(self, item: Item) -> None:
         """Encodes one item into the present chunk."""
@@ -203,6 +236,7 @@ class Recorder:
             self._writer.flush()
         except OSError as error:
             if self._trouble is None:
+                self._said_lost = True
                 self._trouble = self._waiting.why = str(error.strerror)
                 self._tell(
                     f"recording is suspended: {self.path} cannot be written: {error.strerror};"
@@ -235,8 +269,11 @@ class Recorder:
                 self._bus.leave(self._listener)
                 self._listener = self._bus.join(self.receive, form.is_recorded)
 
-    def _tell(self, text: str, level: str = "trouble") -> None:
-        self._bus.event(text, level, self._clock())
+    def _tell(self, text: str, level: Level = "trouble") -> None:
+        if self._teller is None:
+            self._bus.event(text, level, self._clock())
+        else:
+            self._teller(text, level)
 
 
 def _encoded(picture: WaitingPicture, topic: str) -> Message:

@@ -88,7 +88,7 @@ def robots(findings: Findings) -> Drawing | None:
 
     strips = findings.found.strips
     tags, table = strips.table()
-    if not table.size or not findings.found.flow.lived:
+    if not table.size or not findings.found.flow.lived or findings.found.facts.simulated:
         return None
     height = min(max(0.14 * len(tags), 0.5), 5.5)
     figure = plot.new_figure(plot.width_of(wide=True), height + 2.4)
@@ -225,19 +225,27 @@ def _grouped(times: Floats, values: Floats, piece_s: float) -> tuple[Floats, ...
 
 
 def compared(members: Sequence[Group]) -> Iterator[Drawing]:
-    """Draws the groups of one experiment: two charts for each measure."""
+    """Draws the groups of one experiment: two charts for each measure, one where no run was
+    recorded."""
     for place, name in enumerate(measure_names(members)[:MOST_MEASURES], start=1):
         file = f"{place:02d}-" + re.sub(r"[^A-Za-z0-9_]+", "-", name)[:40].strip("-")
-        yield _over_time(members, name, file)
+        if any(name in run.found.measures for group in members for run in group.runs):
+            yield _over_time(members, name, file)
         yield _ends(members, name, f"{file}-end")
+
+
+def _styles(members: Sequence[Group]) -> Iterator[tuple[Group, str, str]]:
+    """Each group with its colour and its dashes: blind ones are dashed."""
+    for place, group in enumerate(members):
+        usual = f"C{place % 6}", "--" if group.blind else "-"
+        yield group, *_CONDITIONS.get(group.condition, usual)
 
 
 def _over_time(members: Sequence[Group], name: str, file: str) -> Drawing:
     figure = plot.new_figure()
     axes = figure.subplots()
     count, end_s, limits = 0, 1e-3, [0.0]
-    for group in members:
-        colour, dashes = _CONDITIONS.get(group.condition, ("C2", "-."))
+    for group, colour, dashes in _styles(members):
         for run in (run for run in group.runs if name in run.found.measures):
             times, values = run.found.measures[name]
             plot.steps(axes, times, values, colour, linewidth=0.5, alpha=0.4)
@@ -250,7 +258,7 @@ def _over_time(members: Sequence[Group], name: str, file: str) -> Drawing:
         if len(group.runs) > 1:
             axes.fill_between(mean.time_s, low, high, step="post", color=colour, alpha=0.2, lw=0)
             limits += [float(low.min()), float(high.max())]
-        words = f"{group.condition} (n = {len(group.runs)})"
+        words = plot.label(f"{group.condition} (n = {len(group.runs)})")
         plot.steps(
             axes, mean.time_s, mean.mean, colour, linewidth=1.6, linestyle=dashes, label=words
         )
@@ -258,30 +266,39 @@ def _over_time(members: Sequence[Group], name: str, file: str) -> Drawing:
     axes.set_xlim(0.0, end_s)
     axes.set_xlabel(RUN_TIME)
     axes.set_ylabel(textwrap.fill(plot.measure_label(name), 26))
-    axes.legend(**_ABOVE)
+    axes.legend(**{**_ABOVE, "ncols": 4 if len(members) < 3 else 1})
     caption = (
         f"{count} runs of {members[0].experiment}. Thin: single runs; thick: their mean;"
         " band: mean ± one standard deviation of the runs. Both end with the shortest run of a"
-        " condition."
+        f" condition.{few(members)}"
     )
     return Drawing(file, f"{spoken(name)} over time".capitalize(), caption, figure)
+
+
+def few(members: Sequence[Group]) -> str:
+    """What is to be said of groups that have one run only; "" where there are none."""
+    single = [group.condition for group in members if group.count == 1]
+    if not single:
+        return ""
+    return f" Of one run there is no spread, and none is drawn: {', '.join(single)}."
 
 
 def _ends(members: Sequence[Group], name: str, file: str) -> Drawing:
     figure = plot.new_figure()
     axes = figure.subplots()
     ink, labels, limits = plot.setting("text.color"), list[str](), [0.0]
-    for group in members:
-        values = [run.measures[name]["end"] for run in group.runs if name in run.measures]
+    for group, colour, _ in _styles(members):
+        values = group.ends(name)
         if not values:
             continue
-        colour, _ = _CONDITIONS.get(group.condition, ("C2", ""))
         place, found = len(labels), statistics(values)
         spread = found.spread or 0.0
         offsets = 0.16 * (np.arange(len(values)) / max(len(values) - 1, 1) - 0.5)
         axes.plot(place - 0.12 + offsets, values, "o", color=colour, ms=4, alpha=0.8, clip_on=False)
-        axes.errorbar(place + 0.12, found.mean, spread, fmt="_", color=ink, ms=9, capsize=3)
-        labels.append(f"{group.condition}\n(n = {len(values)})")
+        if found.spread is not None:
+            axes.errorbar(place + 0.12, found.mean, spread, fmt="_", color=ink, ms=9, capsize=3)
+        words = textwrap.fill(plot.label(group.condition), max(36 // len(members), 12))
+        labels.append(f"{words}\n(n = {len(values)})")
         limits += [*values, found.mean - spread, found.mean + spread]
     plot.from_zero(axes, limits)
     axes.set_xlim(-0.6, len(labels) - 0.4)
@@ -290,6 +307,6 @@ def _ends(members: Sequence[Group], name: str, file: str) -> Drawing:
     axes.set_ylabel(textwrap.fill(f"{plot.measure_label(name)}, at the end", 26))
     caption = (
         f"A dot for each run of {members[0].experiment}: the last value. Lines: mean ± one standard"
-        " deviation of the runs."
+        f" deviation of the runs.{few(members)}"
     )
     return Drawing(file, f"{spoken(name)} at the end".capitalize(), caption, figure)

@@ -10,19 +10,40 @@ import numpy as np
 
 from vsense.pictures.canvas import Floats
 from vsense.pictures.run_figure import spoken
+from vsense.report.campaigns import CampaignRuns
+from vsense.report.facts import KINDS, RECORDED, SIMULATION
 from vsense.report.findings import Findings
 
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """Runs of one experiment, one at least, under one condition.
+    """Runs of one experiment, one at least, of one kind and under one condition.
 
-    `condition` is "sighted", "blind" or "condition unknown".
+    Attributes:
+        condition: in words; "sighted", "blind" or "condition unknown", and where runs of several
+            kinds are compared, of which kind they are.
+        runs: those that are recorded.
+        tables: those of which a campaign has kept the last values.
+        kind: of `vsense.report.facts.KINDS`, "" unknown.
+        blind: the virtual sensors were held at 0; None: unknown.
     """
 
     experiment: str
     condition: str
     runs: Sequence[Findings]
+    tables: Sequence[CampaignRuns] = ()
+    kind: str = ""
+    blind: bool | None = None
+
+    @property
+    def count(self) -> int:
+        """How many runs there are: the unit of everything that is compared."""
+        return len(self.runs) + sum(len(table.seeds) for table in self.tables)
+
+    def ends(self, name: str) -> list[float]:
+        """The last value of a measure in each run that has it."""
+        values = [run.measures[name]["end"] for run in self.runs if name in run.measures]
+        return [*values, *(value for table in self.tables for value in table.ends.get(name, ()))]
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,15 +71,40 @@ class Statistics:
     median: float
 
 
-def groups(runs: Sequence[Findings]) -> list[Group]:
-    """Sorts runs by experiment and condition, the sighted before the blind."""
-    sorted_: dict[tuple[str, str], list[Findings]] = {}
+_BLIND = {False: "sighted", True: "blind", None: "condition unknown"}
+_ORDER = (*KINDS.values(), RECORDED)
+
+
+def groups(runs: Sequence[Findings], tables: Sequence[CampaignRuns] = ()) -> list[Group]:
+    """Sorts runs by experiment, kind and condition: simulation first, sighted before blind."""
+    sorted_: dict[tuple[str, str, bool | None], list[Findings]] = {}
+    kinds: dict[str, set[str]] = {table.experiment: {SIMULATION} for table in tables}
     for run in runs:
         facts = run.found.facts
-        blind = {None: "condition unknown", False: "sighted", True: "blind"}[facts.blind]
-        sorted_.setdefault((facts.name or "unnamed experiment", blind), []).append(run)
-    order = sorted(sorted_, key=lambda key: (key[0], key[1] != "sighted", key[1]))
-    return [Group(*key, sorted_[key]) for key in order]
+        name = facts.name or "unnamed experiment"
+        kinds.setdefault(name, set()).add(facts.kind)
+        sorted_.setdefault((name, facts.kind, facts.blind), []).append(run)
+    found = [
+        Group(name, _words(kind, blind, len(kinds[name]) > 1), some, (), kind, blind)
+        for (name, kind, blind), some in sorted_.items()
+    ]
+    for table in tables:
+        words = f"{SIMULATION} ({table.label})"
+        found.append(Group(table.experiment, words, (), (table,), SIMULATION, None))
+    return sorted(found, key=_place)
+
+
+def _words(kind: str, blind: bool | None, several: bool) -> str:
+    """A group's condition."""
+    if not several:
+        return _BLIND[blind]
+    kind = kind or "unknown kind"
+    return kind if blind is False else f"{kind}, {_BLIND[blind]}"
+
+
+def _place(group: Group) -> tuple[str, int, int]:
+    kind = _ORDER.index(group.kind) if group.kind in _ORDER else len(_ORDER)
+    return group.experiment, kind, tuple(_BLIND).index(group.blind)
 
 
 def by_experiment(found: Sequence[Group]) -> dict[str, list[Group]]:
@@ -71,8 +117,9 @@ def by_experiment(found: Sequence[Group]) -> dict[str, list[Group]]:
 
 def measure_names(found: Sequence[Group]) -> list[str]:
     """All measures of some groups, in their order of appearance."""
-    runs = (run for group in found for run in group.runs)
-    return list(dict.fromkeys(name for run in runs for name in run.found.measures))
+    names = [name for group in found for run in group.runs for name in run.found.measures]
+    names += [name for group in found for table in group.tables for name in table.ends]
+    return list(dict.fromkeys(names))
 
 
 def curve(group: Group, name: str) -> Curve | None:
@@ -128,6 +175,9 @@ def table(found: Sequence[Group]) -> dict[str, dict[str, Statistics]]:
         for run in group.runs:
             for name, value in quantities(run).items():
                 rows.setdefault(name, {}).setdefault(group.condition, []).append(value)
+        for measure, values in ((m, v) for some in group.tables for m, v in some.ends.items()):
+            name = f"{spoken(measure)}, at the end"
+            rows.setdefault(name, {}).setdefault(group.condition, []).extend(values)
     return {
         name: {condition: statistics(values) for condition, values in columns.items()}
         for name, columns in rows.items()
@@ -150,11 +200,14 @@ def as_json(found: Sequence[Group]) -> list[Mapping[str, Any]]:
                 for name, columns in statistics_.items()
                 if group.condition in columns
             }
-            files = [str(run.path) for run in group.runs]
+            paths = [*(run.path for run in group.runs), *(some.path for some in group.tables)]
+            files = [str(path) for path in paths]
             rows.append(
                 {
                     "experiment": experiment,
                     "condition": group.condition,
+                    "kind": group.kind,
+                    "runs": group.count,
                     "files": files,
                     "quantities": values,
                 }

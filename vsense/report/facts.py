@@ -23,6 +23,12 @@ MOST_ASPECT = 4.0
 """An arena that is longer than so many of its widths is not drawn as it is."""
 
 
+SIMULATION, RECORDED = "simulation", "recorded pictures"
+KINDS = {"sim": SIMULATION, "lab": "lab", "run": "real robots"}
+"""Kinds of runs, by the command that made them, in the order in which they are shown. `RECORDED`: a
+run whose cameras are recordings."""
+
+
 @dataclass(frozen=True, slots=True)
 class Facts:
     """What was run; "" and None are unknown, and so are `robots` if they are empty.
@@ -35,6 +41,7 @@ class Facts:
     seed: int | None
     blind: bool | None
     command: str
+    recorded: bool
     timestep_s: float
     length_s: float | None
     arena: Arena | None
@@ -43,6 +50,16 @@ class Facts:
     controllers: Mapping[int, str]
     body_radius_m: float
     file_text: str
+
+    @property
+    def kind(self) -> str:
+        """What kind of run it was, in words; "" unknown."""
+        return RECORDED if self.recorded else KINDS.get(self.command, "")
+
+    @property
+    def simulated(self) -> bool:
+        """Whether nothing in it was measured of cameras and links."""
+        return self.command == "sim"
 
     def is_robot(self, tag: int) -> bool:
         """Whether a tag is that of a robot that takes part."""
@@ -61,6 +78,7 @@ def read_facts(data: Mapping[str, Any]) -> Facts:
         seed=told.seed,
         blind=told.blind,
         command=told.command,
+        recorded=told.recorded,
         timestep_s=timestep_s,
         length_s=length_s if length_s is not None and length_s > 0.0 else None,
         arena=None if told.arena is None else _arena(told.arena),

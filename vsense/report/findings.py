@@ -85,6 +85,8 @@ class Findings:
         """The run's name, for headings."""
         facts = self.found.facts
         words = [facts.name or self.path.stem]
+        if facts.kind:
+            words.append(facts.kind)
         if facts.blind is not None:
             words.append("blind" if facts.blind else "sighted")
         if facts.seed is not None:
@@ -132,7 +134,7 @@ class Findings:
             "arena states (/arena)": found.flow.lived,
             "measures (/signals)": found.measures,
             "the robots' links (/robots)": found.links.of,
-            "readings (/readings)": found.latency_ns,
+            "readings (/readings)": found.latency_ns or found.facts.simulated,
             "the world (/world)": found.world,
         }
         return [words for words, value in has.items() if not value]
@@ -233,6 +235,7 @@ def as_json(findings: Findings) -> dict[str, Any]:
     return {
         "file": str(findings.path),
         "experiment": facts.name,
+        "kind": facts.kind,
         "seed": facts.seed,
         "blind": facts.blind,
         "version": findings.version,

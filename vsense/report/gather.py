@@ -169,7 +169,7 @@ class Gatherer:
                 values.append(known)
 
     def _readings(self, message: Message) -> None:
-        if self._going:
+        if self._going and not self.facts.simulated:
             capture_ns = clock_ns(message.data["capture_ns"])
             self.latency_ns.append(capture_ns)
             self.latency_ms.append((message.time_ns - capture_ns) / 1e6)

@@ -8,6 +8,7 @@ from html import escape
 
 from vsense import __version__
 from vsense.report import tables
+from vsense.report.charts import few
 from vsense.report.compare import Group
 from vsense.report.findings import Findings
 from vsense.report.markup import CSS, Counter, Shown, note, share_of, tiles
@@ -32,13 +33,14 @@ class ComparedRuns:
 def page(
     chapters: Sequence[Chapter], comparisons: Sequence[ComparedRuns], lacking: str = ""
 ) -> str:
-    """Makes the page of one recording at least; comparisons are of each experiment's runs.
+    """Makes the page of recordings and comparisons, which are of each experiment's runs.
 
     `lacking` says why there are no charts, "" where there are.
     """
     counter = Counter()
-    many = len(chapters) > 1
-    name = chapters[0].findings.label if not many else f"{len(chapters)} runs compared"
+    many = bool(comparisons)
+    count = sum(group.count for each in comparisons for group in each.groups)
+    name = f"{count} runs compared" if many else chapters[0].findings.label
     parts = [
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(name)}'
         ' – vsense report</title>\n<meta name="viewport"'
@@ -65,10 +67,7 @@ def page(
 
 
 def _contents(chapters: Sequence[Chapter], comparisons: Sequence[ComparedRuns]) -> str:
-    links = [
-        (f"compared-{place}", f"{each.groups[0].experiment}: runs compared")
-        for place, each in enumerate(comparisons)
-    ]
+    links = [(f"compared-{place}", _title(each.groups)) for place, each in enumerate(comparisons)]
     links += [
         (f"run-{place}", f"{each.findings.label} ({each.findings.path})")
         for place, each in enumerate(chapters)
@@ -77,14 +76,24 @@ def _contents(chapters: Sequence[Chapter], comparisons: Sequence[ComparedRuns]) 
     return f"<nav><ul>{rows}</ul></nav>\n"
 
 
+def _title(groups: Sequence[Group]) -> str:
+    """What is compared: runs, or kinds of them."""
+    kinds = list(dict.fromkeys(group.kind or "runs of unknown kind" for group in groups))
+    what = f"{', '.join(kinds[:-1])} and {kinds[-1]}"
+    if len(kinds) == 1:
+        what = f"runs ({groups[0].kind})" if groups[0].kind else "runs"
+    return f"{groups[0].experiment}: {what} compared"
+
+
 def _compared(comparison: ComparedRuns, place: int, counter: Counter) -> str:
     groups = comparison.groups
-    conditions = ", ".join(f"{len(g.runs)} {g.condition}" for g in groups)
-    title = f"{groups[0].experiment}: runs compared"
+    conditions = ", ".join(f"{g.count} {g.condition}" for g in groups)
+    title = _title(groups)
     first = " class=first" if place == 0 else ""
     return (
         f'<h2 id="compared-{place}"{first}>{escape(title)}</h2>\n'
-        f"<p>Runs: {escape(conditions)}.</p>\n{counter.figures(comparison.pictures)}"
+        f"<p>Runs: {escape(conditions)}. A run is one value, whatever its robots and timesteps."
+        f"{escape(few(groups))}</p>\n{counter.figures(comparison.pictures)}"
         f"<h3>End values</h3>\n{tables.statistics(groups, counter)}"
         f"<h3>Runs</h3>\n{tables.runs(groups, counter)}"
     )
@@ -137,7 +146,7 @@ def _tiles(findings: Findings) -> Iterator[tuple[str, str]]:
     yield "robots", str(len(findings.robots))
     if found.flow.lived:
         yield "seen", f"{share_of(sum(seen) / len(seen) if seen else None)} %"
-    if linked:
+    if linked and not found.facts.simulated:
         yield "connected", f"{share_of(sum(linked) / len(linked))} %"
     if latency:
         yield "latency, median", f"{latency['p50_ms']:.3g} ms"

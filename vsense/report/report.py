@@ -9,7 +9,8 @@ from typing import Any
 
 from vsense.errors import failing_as
 from vsense.recording.form import RecordingError
-from vsense.report import can_draw, charts, compare, findings, lacking, maps, plot
+from vsense.report import campaigns, can_draw, charts, compare, findings, lacking, maps, plot
+from vsense.report.campaigns import CampaignRuns
 from vsense.report.findings import Findings, read_findings
 from vsense.report.markup import Shown
 from vsense.report.page import Chapter, ComparedRuns, page
@@ -37,10 +38,12 @@ class Report:
     files: Sequence[Path]
     findings: Sequence[Findings]
     lacking: str
+    campaigns: Sequence[CampaignRuns] = ()
 
     def as_json(self) -> dict[str, Any]:
         """The figures, for scripts."""
-        groups = compare.groups(self.findings) if len(self.findings) > 1 else []
+        several = len(self.findings) > 1 or self.campaigns
+        groups = compare.groups(self.findings, self.campaigns) if several else []
         return {
             "files": [str(path) for path in self.files],
             "recordings": [findings.as_json(one) for one in self.findings],
@@ -58,7 +61,7 @@ def make_report(
     """Makes a report of recordings; without Matplotlib, one without charts.
 
     Args:
-        paths: the recordings, one at least; several are compared.
+        paths: the recordings, and tables of campaigns, one at least; several are compared.
         folder: where to; made if need be, must be empty.
         progress: takes now and then which share of a recording was read, 0..1.
         form: of the charts' files, one of `FORMATS`; the page holds PNG.
@@ -73,16 +76,19 @@ def make_report(
     require_empty(folder)
     if sheet is not None and can_draw():
         plot.require_sheet(sheet)
+    tables = [path for path in paths if path.suffix == campaigns.SUFFIX]
+    simulated = [some for path in tables for some in campaigns.read_campaign(path)]
     read = [
         read_findings(path, lambda share, path=path: progress(path, share))  # type: ignore[misc]
         for path in paths
+        if path not in tables
     ]
     with failing_as(RecordingError, f"{folder}: cannot be written"):
         folder.mkdir(parents=True, exist_ok=True)
         if not can_draw():
-            return _write(read, _Charts(folder, ""))
+            return _write(read, simulated, _Charts(folder, ""))
         with plot.styled(sheet):
-            return _write(read, _Charts(folder, form))
+            return _write(read, simulated, _Charts(folder, form))
 
 
 def require_empty(folder: Path) -> None:
@@ -113,19 +119,19 @@ class _Charts:
         return Shown(drawing.title, drawing.caption, png, width_px, drawing.wide)
 
 
-def _write(read: Sequence[Findings], kept: _Charts) -> Report:
+def _write(read: Sequence[Findings], simulated: Sequence[CampaignRuns], kept: _Charts) -> Report:
     comparisons = []
-    if len(read) > 1:
-        experiments = compare.by_experiment(compare.groups(read)).values()
+    if len(read) > 1 or simulated:
+        experiments = compare.by_experiment(compare.groups(read, simulated)).values()
         for place, members in enumerate(experiments, start=1):
             prefix = "compared-" if len(experiments) == 1 else f"compared-{place}-"
             comparisons.append(ComparedRuns(members, kept.keep(prefix, charts.compared(members))))
     chapters = []
     for place, one in enumerate(read, start=1):
-        prefix = f"{place:02d}-{one.path.stem}-" if len(read) > 1 else ""
+        prefix = f"{place:02d}-{one.path.stem}-" if comparisons else ""
         made = (make(one) for make in _MAKERS)
         chapters.append(Chapter(one, kept.keep(prefix, (each for each in made if each))))
     why_none = "" if kept.form else lacking()
     path = kept.folder / PAGE
     path.write_text(page(chapters, comparisons, why_none), encoding="utf-8", errors="replace")
-    return Report([path, *kept.files], read, why_none)
+    return Report([path, *kept.files], read, why_none, simulated)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from vsense.pictures.run_figure import spoken
+from vsense.report.campaigns import CampaignRuns
 from vsense.report.compare import Group, quantities, table
 from vsense.report.findings import Findings, RobotRow
 from vsense.report.markup import DASH, Counter, figure_of, share_of
@@ -148,9 +149,17 @@ def runs(groups: Sequence[Group], counter: Counter) -> str:
                     "whole" if run.complete and not run.damaged else "cut off or damaged",
                 ]
             )
+        rows += [_campaign_row(table, group.condition) for table in group.tables]
     heads = (
         "recording", "condition", "seed", "length [s]", "robots", "seen [%]",
         "median latency [ms]", "timesteps missed", "file",
     )  # fmt: skip
     caption = "Seen: mean share of the timesteps in which a robot was seen."
     return counter.table("The recordings", caption, heads, rows, texts=(0, 1, 8))
+
+
+def _campaign_row(table: CampaignRuns, condition: str) -> list[str]:
+    """The row of a campaign, whose runs are not recorded."""
+    seeds = table.seeds
+    words = seeds[0] if len(seeds) == 1 else f"{len(seeds)}: {seeds[0]} … {seeds[-1]}"
+    return [str(table.path), condition, words, *[DASH] * 5, "a campaign's table"]

@@ -211,7 +211,8 @@ class Control:
 
     def _move(self, kind: OrderKind) -> Move | None:
         if kind not in ORDERS:
-            raise OrderError(f"{kind.value}: only a replay can do that")
+            who = "simulation" if kind == OrderKind.STEP else "replay"
+            raise OrderError(f"{kind.value}: only a {who} can do that")
         move = TABLE[self.state, self._asked][ORDERS.index(kind)]
         if move is STOP and self._suspends:
             return SUSPEND

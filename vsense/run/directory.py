@@ -3,10 +3,13 @@ timestep, and figures."""
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TextIO
 
@@ -78,12 +81,106 @@ def write_summary(
 
 
 LOG = "log.txt"
-TIMESTEPS = "timesteps.csv"
+TIMESTEPS, MEASURES = "timesteps.csv", "measures.csv"
 
 HEADER = "run_timestep,timestep,capture_ns,ready_ns,arena_ns,sent_ns,connected,seen,stale\n"
 """Times on the host's monotonic clock; robots that are connected, seen, and hold stale readings."""
 
 FLUSH_TIMESTEPS = 10
+
+
+class RunTables:
+    """`timesteps.csv` and `measures.csv` of one run, in its directory: a row for each timestep.
+
+    There is no `measures.csv` before the experiment has measured something. What the disk does not
+    take ends the writing, never the run; `tell` takes a line about that.
+
+    DirectoryError where a file cannot be made.
+    """
+
+    def __init__(
+        self, directory: Path, timestep_s: float, tell: Callable[[str], None] = lambda text: None
+    ) -> None:
+        self._measures_path, self._timestep_s, self._tell = directory / MEASURES, timestep_s, tell
+        self._measures: TextIO | None = None
+        self._names: list[str] = []
+        self._rows, self._good = 0, True
+        with failing_as(DirectoryError, str(directory / TIMESTEPS)):
+            self._timesteps = (directory / TIMESTEPS).open("w", encoding="utf-8")
+            self._timesteps.write(HEADER)
+
+    def add(
+        self,
+        timesteps: tuple[int, int],
+        times_ns: Sequence[int | None],
+        counts: Sequence[int | None],
+        measures: Mapping[str, float],
+    ) -> None:
+        """Adds a timestep of the run.
+
+        Args:
+            timesteps: of the run, and since the start.
+            times_ns: capture, pictures ready, arena state, readings sent; None: there was none.
+            counts: robots that are connected, seen, and hold stale readings; None: nobody counts.
+            measures: the experiment's, by name.
+        """
+        if not self._good:
+            return
+        cells = ["" if cell is None else str(cell) for cell in (*timesteps, *times_ns, *counts)]
+        try:
+            self._timesteps.write(f"{','.join(cells)}\n")
+            if measures or self._names:
+                self._add_measures(timesteps[0], measures)
+            self._rows += 1
+            if self._rows % FLUSH_TIMESTEPS == 0:
+                self._flush()
+        except OSError as error:
+            self._good = False
+            self._tell(f"the run's tables are no longer written: {error.strerror}")
+
+    def close(self) -> None:
+        """There are no more timesteps."""
+        for file in (self._timesteps, self._measures):
+            with suppress(OSError):
+                if file is not None:
+                    file.close()
+
+    def _add_measures(self, run_timestep: int, measures: Mapping[str, float]) -> None:
+        new = [name for name in measures if name not in self._names]
+        if new or self._measures is None:
+            self._widen(new)
+        assert self._measures is not None
+        values = (measures.get(name) for name in self._names)
+        cells = ["" if value is None else f"{value:.12g}" for value in values]
+        time_s = round(run_timestep * self._timestep_s, 9)
+        self._measures.write(f"{run_timestep},{time_s:.12g},{','.join(cells)}\n")
+
+    def _widen(self, new: Sequence[str]) -> None:
+        """Adds columns, which are empty in the rows before."""
+        body = ""
+        if self._measures is not None:
+            self._measures.close()
+            text = self._measures_path.read_text(encoding="utf-8")
+            body = text[len(self._head()) :].replace("\n", f"{',' * len(new)}\n")
+        self._names += new
+        self._measures = self._measures_path.open("w", encoding="utf-8", newline="")
+        self._measures.write(self._head() + body)
+
+    def _head(self) -> str:
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerow(["run_timestep", "time_s", *self._names])
+        return text.getvalue()
+
+    def _flush(self) -> None:
+        self._timesteps.flush()
+        if self._measures is not None:
+            self._measures.flush()
+
+
+def step_row(step: Step) -> tuple[tuple[int, int], tuple[int, int, int, int]]:
+    """A timestep's numbers and its times, as `RunTables.add` takes them."""
+    times_ns = step.capture_ns, step.ready_ns, step.arena_ns, step.sent_ns
+    return (step.run_timestep, step.timestep), times_ns
 
 
 class RunLog(Console):
@@ -95,60 +192,50 @@ class RunLog(Console):
     def __init__(self, directory: Path) -> None:
         super().__init__()
         self._writing = threading.Lock()
-        self._rows = 0
-        self._table: TextIO | None = None
+        self._tables: RunTables | None = None
         try:
             self._log = (directory / LOG).open("w")
         except OSError as error:
             raise DirectoryError(f"{error.filename}: {error.strerror}") from None
         self._good = True
 
-    def begin_run(self, directory: Path) -> None:
-        """Starts the table of a run's timesteps in its directory, and completes the one before."""
-        with self._writing:
-            try:
-                table, self._table = self._table, None
-                if table is not None:
-                    table.close()
-                self._table = (directory / TIMESTEPS).open("w")
-                self._table.write(HEADER)
-            except OSError as error:
-                place = error.filename or directory / TIMESTEPS
-                raise DirectoryError(f"{place}: {error.strerror}") from None
+    def begin_run(self, directory: Path, timestep_s: float) -> None:
+        """Starts the tables of a run in its directory, and completes those of the one before."""
+        tables, self._tables = self._tables, None
+        if tables is not None:
+            tables.close()
+        trouble = lambda text: self.say(f"vsense: {text}", "trouble")  # noqa: E731
+        self._tables = RunTables(directory, timestep_s, trouble)
 
     def __enter__(self) -> RunLog:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        self._write("", "", close=True)
+        if self._tables is not None:
+            self._tables.close()
+        self._write("", close=True)
 
     def say(self, text: str, level: Level = "info") -> None:
         """Prints a message of its own, and notes it with the time of day."""
         super().say(text, level)
         now_s = time.time()
         clock = time.strftime("%H:%M:%S", time.localtime(now_s)) + f".{int(now_s * 1000) % 1000:03}"
-        self._write(f"{clock} {text}\n", "")
+        self._write(f"{clock} {text}\n")
 
-    def timestep(self, step: Step, connected: int, seen: int, stale: int) -> None:
-        """Writes a row of the table, see `HEADER`."""
-        times = f"{step.capture_ns},{step.ready_ns},{step.arena_ns},{step.sent_ns}"
-        counts = f"{connected},{seen},{stale}"
-        self._write("", f"{step.run_timestep},{step.timestep},{times},{counts}\n")
+    def timestep(self, step: Step, counts: Sequence[int], measures: Mapping[str, float]) -> None:
+        """Writes a row of the tables, see `RunTables.add`."""
+        if self._tables is not None:
+            self._tables.add(*step_row(step), counts, measures)
 
-    def _write(self, line: str, row: str, close: bool = False) -> None:
+    def _write(self, line: str, close: bool = False) -> None:
         with self._writing:
             if not self._good:
                 return
             try:
                 self._log.write(line)
-                if self._table is not None:
-                    self._table.write(row)
-                self._rows += bool(row)
-                for file in (self._log, self._table):
-                    if file is not None and (line or self._rows % FLUSH_TIMESTEPS == 0):
-                        file.flush()
-                    if file is not None and close:
-                        file.close()
+                self._log.flush()
+                if close:
+                    self._log.close()
                 return
             except OSError as error:
                 self._good = False

@@ -18,7 +18,7 @@ class OrderError(VsenseError):
 
 
 class OrderKind(str, Enum):
-    """What can be ordered. Of the last four a replay knows PLAY, SPEED and SEEK, a run RECORD."""
+    """What can be ordered. A replay knows PLAY, SPEED and SEEK, a simulation STEP and SPEED."""
 
     START = "start"
     PAUSE = "pause"
@@ -29,6 +29,7 @@ class OrderKind(str, Enum):
     PLAY = "play"
     SPEED = "speed"
     SEEK = "seek"
+    STEP = "step"
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +38,8 @@ class Order:
 
     Attributes:
         by: who, for people: "viewer 2 (10.0.0.7)", "terminal", "keyboard".
-        value: RECORD, PLAY: 1 on, 0 off; SPEED: times real time; SEEK: [s] since the beginning.
+        value: RECORD, PLAY: 1 on, 0 off; SPEED: times real time, of a simulation 0:
+            as fast as it goes; SEEK: [s] since the beginning.
     """
 
     kind: OrderKind

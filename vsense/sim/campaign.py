@@ -22,6 +22,7 @@ from vsense.sim import dask_cluster, fingerprint
 from vsense.sim.engine import Engine
 from vsense.sim.job import Job, Setup, Sweep
 from vsense.sim.outcome import Interrupted, Task
+from vsense.sim.recordings import CampaignRecordings, recording_of, recordings_of
 from vsense.sim.results import DURATION, EXPERIMENT, ROBOTS, SEED, CampaignResults
 from vsense.sim.watch import Show, WorkerProcess, simulate_all
 from vsense.terminal import Console, Interruption, print_data
@@ -41,6 +42,7 @@ class Campaign:
         on: address of a Dask cluster that does the runs instead; None: this machine does.
         json: print the figures on standard output.
         lenient: see `prepare`.
+        record: every run has a recording, in the folder that `recordings_of` names.
     """
 
     sweep: Sweep
@@ -52,6 +54,7 @@ class Campaign:
     json: bool = False
     on: str | None = None
     lenient: bool = False
+    record: bool = False
 
 
 def run(
@@ -87,7 +90,8 @@ def _complete(
 ) -> CampaignResults:
     """Does the runs that are missing; raises as `run`."""
     sweep, path = campaign.sweep, campaign.output
-    tasks = prepare(sweep, campaign.setup, campaign.lenient)
+    folder = recordings_of(path) if campaign.record else None
+    tasks = prepare(sweep, campaign.setup, campaign.lenient, folder)
     results = CampaignResults(path, fingerprint.of_campaign(tasks[0]), tuple(sweep.values))
     there = results.keys()
     todo = [
@@ -100,13 +104,16 @@ def _complete(
     simulate = partial(simulate_all, processes=campaign.jobs) if engine is None else engine.simulate
     try:
         told = set(tasks[0].experiment.warnings)
-        _simulate(todo, simulate, results, console, interrupted, told)
+        kept = None if folder is None else CampaignRecordings(folder, todo, len(tasks), console)
+        _simulate(todo, simulate, results, console, interrupted, told, kept)
     except Interrupted:
         done = len(tasks) - len(todo) + len(results.rows) - len(there)
         console.end_progress()
         console.say(f"{path}: {done} of {len(tasks)} runs; the same command goes on from there")
         raise
     console.end_progress()
+    if kept is not None:
+        kept.say()
     return results
 
 
@@ -127,15 +134,19 @@ def outputs(output: Path | None, form: str | None) -> tuple[Path, Path]:
     return output.with_suffix(".csv"), output
 
 
-def prepare(sweep: Sweep, setup: Setup, lenient: bool = False) -> list[Task]:
+def prepare(
+    sweep: Sweep, setup: Setup, lenient: bool = False, recordings: Path | None = None
+) -> list[Task]:
     """Makes all runs; a setting that cannot be had is found before the first one.
+
+    `recordings` is the folder of their recordings, None: there are none.
 
     Raises:
         VsenseError: an experiment cannot be loaded, or a controller not be built; or, unless
             `lenient`, it asks for what nobody offers or is told what it does not read.
     """
     tasks = []
-    for settings in sweep.combinations():
+    for number, settings in enumerate(sweep.combinations(), 1):
         changed = replace(setup, settings=settings)
         experiment = changed.load()
         if not lenient:
@@ -143,7 +154,9 @@ def prepare(sweep: Sweep, setup: Setup, lenient: bool = False) -> list[Task]:
         libraries = {name: str(path) for name, path in shared_objects(experiment).items()}
         for seed in sweep.seeds or ():
             label = ", ".join([*_words(settings), f"seed {seed}"])
-            tasks.append(Task(Job(changed, seed, libraries), experiment, label))
+            kept = recordings and str(recording_of(recordings, number, settings, seed))
+            job = Job(changed, seed, libraries, recording=kept or None)
+            tasks.append(Task(job, experiment, label))
     return tasks
 
 
@@ -158,6 +171,7 @@ def _simulate(
     console: Console,
     interrupted: threading.Event,
     told: set[str],
+    kept: CampaignRecordings | None = None,
 ) -> None:
     """Does the runs and appends their rows in the runs' order.
 
@@ -173,6 +187,8 @@ def _simulate(
         while written in finished:
             _append(results, todo[written], done := finished.pop(written))
             _warn(console, todo[written], done["complaints"], told)
+            if kept is not None:
+                kept.add(done["recording"])
             written += 1
     if todo:
         show(())

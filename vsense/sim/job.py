@@ -76,6 +76,7 @@ class Job:
     Attributes:
         libraries: the shared object of each controller, by its id.
         directory: where trajectories and picture go; None: they are not kept.
+        recording: file of the recording; None: there is none.
         origin: where it comes from, and there are no `libraries` yet; None: from this machine.
     """
 
@@ -83,6 +84,7 @@ class Job:
     seed: int
     libraries: Mapping[str, str]
     directory: str | None = None
+    recording: str | None = None
     origin: Origin | None = None
 
     def to_line(self) -> bytes:

@@ -70,6 +70,10 @@ class SimulatedTracker:
         errors = pointer("double", self.errors()[0])
         kernels.vs_tracker_see(self.cdata, pointer("double", poses), errors, capture_ns)
         self.use(1)
+        return self.newest(timestep, capture_ns)
+
+    def newest(self, timestep: int, capture_ns: int) -> ArenaState:
+        """Gives what was seen last, at that time."""
         robots = self._states.copy()
         return ArenaState(timestep, capture_ns, robots, len(robots))
 
@@ -122,6 +126,7 @@ class Record:
         leds: (n, robots) uint16, bits 0-7 ring, 8 body, 9 front.
         share: (n,) how much was left of the first pollutant source, 1 where there is none.
         events: what controllers logged, in words, and when [s].
+        showing: the values that each robot shows now, by tag and name.
     """
 
     def __init__(self, experiment: Experiment) -> None:
@@ -136,7 +141,7 @@ class Record:
         self.events: list[tuple[float, str]] = []
         self._event_log: EventLog | None = None
         self._shown: list[tuple[float, int, str, float | str | None]] = []
-        self._showing: dict[int, dict[str, float | str]] = {}
+        self.showing: dict[int, dict[str, float | str]] = {}
 
     def end(self, timesteps: int) -> None:
         """Ends the run after so many timesteps, before its length is over."""
@@ -164,8 +169,8 @@ class Record:
 
     def note_shown(self, timestep: int, tag: int, values: Shown) -> None:
         """Takes all values that a robot shows from a timestep on; those that change are kept."""
-        before, now = self._showing.get(tag, {}), dict(values)
-        self._showing[tag] = now
+        before, now = self.showing.get(tag, {}), dict(values)
+        self.showing[tag] = now
         time_s = self._time_s(timestep)
         self._shown += [(time_s, tag, name, value) for name, value in changes(before, now)]
 

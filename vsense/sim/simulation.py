@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.arena import ArenaState
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment
 from vsense.errors import VsenseError
@@ -45,6 +46,9 @@ SENSE_NS = 20_000_000
 """From the capture to the last reading of the proximity sensors before a control step: their frame
 is composed after 24 ms, and they measure every 10 ms."""
 
+
+MOST = 1 << 30
+"""As many timesteps as there are."""
 
 LOOP_FUNCTION = 0x10000
 """What `Programs` notes as the number of its controller is this and more while loop functions in
@@ -88,7 +92,16 @@ class Simulation:
         record: the run's timesteps.
         samples: collects what the picture of the run needs; None: there is no picture.
         chain: what runs whole timesteps in C, from the run's second one on; None: nothing does.
+        observe: is called with every timestep of the run when everything has been sensed; it looks
+            at the run, and changes nothing. None: nobody looks.
+        gate: is called with the timestep to come, between two timesteps, and before the first one;
+            says how many may follow until it is asked again, 0 ends the run. It may wait. Whoever
+            changes the virtual world does it there; see `ground`.
     """
+
+    chain: Chain | None
+    samples: RunSamples | None
+    observe: Callable[[int], None] | None
 
     def __init__(
         self,
@@ -111,23 +124,23 @@ class Simulation:
         """
         experiment = settle(experiment, seed)
         progress = bytearray(PROGRESS_BYTES) if progress is None else progress
-        self._timestep = self._numbers = 0
-        self.chain: Chain | None = None  # loop functions may begin below, and ask for the timestep
+        # Loop functions may begin below, and ask for the timestep.
+        self._timestep, self._numbers, self.chain = 0, 0, None
         self.environment = Environment(experiment, seed, blind, self._host(progress))
         self.record = Record(experiment)
-        self.samples: RunSamples | None = None
+        self.samples = self.observe = None
+        self.gate: Callable[[int], int] = lambda run_timestep: MOST
         self._dt_ns, self._source = experiment.timestep_ns, experiment.source
         self._physics = floor_of(experiment, EPOCH_NS)
         self._rings = ProximityRing(self._physics.near, seed)
         self._tracker = SimulatedTracker((*self.record.tags, *self.record.object_tags), seed)
-        controllers = {robot.tag: robot.controller for robot in experiment.robots}
+        controllers = {r.tag: r.controller for r in experiment.robots}
         self._slip = NoisyWheels(experiment.wheel_noises, seed)
         tables = self.environment.tables
         self._robots = Programs(experiment, controllers, libraries, tables, seed, progress)
-        self._leds = np.zeros_like(self._robots.leds)
+        self._driven, self._leds = self._robots.wheels_steps_s.copy(), self._robots.leds.copy()
         self._reports, self._events = dict[int, bytes](), list[_Event]()
-        self._names = {robot.tag: robot.id for robot in experiment.robots}
-        self._now_ns, self._driven = EPOCH_NS, self._robots.wheels_steps_s.copy()
+        self._names, self._now_ns = {r.tag: r.id for r in experiment.robots}, EPOCH_NS
         self._version, self._standing = -1, _standing(experiment.boxes, experiment.cylinders)
         self._follow()
 
@@ -155,8 +168,10 @@ class Simulation:
     def _run(self) -> dict[str, float]:
         run_timestep = -WARM_UP
         while run_timestep < len(self.record.timesteps):
-            run_timestep += self.go_on(run_timestep)
-            if self.environment.finished:
+            most = MOST if run_timestep < 0 else self.gate(run_timestep)
+            if most > 0:
+                run_timestep += self.go_on(run_timestep, most)
+            if self.environment.finished or most == 0:
                 self.record.end(run_timestep)
                 break
         self._advance(self._capture_ns())
@@ -176,17 +191,16 @@ class Simulation:
 
         return Ground(put, rebuilds=True)
 
-    def go_on(self, run_timestep: int, most: int | None = None) -> int:
-        """Runs at least one timestep, `most` at the most; says how many."""
+    def go_on(self, run_timestep: int, most: int = MOST) -> int:
+        """Runs at least one timestep and `most` at most; says how many."""
         self._follow()
         if run_timestep == 1 and self._slip.is_quiet:
             self.chain = self._chained()
         if self.chain is None:
             self.step(run_timestep)
             return 1
-        chain, left = self.chain, len(self.record.timesteps) - run_timestep
+        chain, left = self.chain, min(len(self.record.timesteps) - run_timestep, most)
         chain.cdata.physics = self._physics.cdata
-        left = left if most is None else min(left, most)
         try:
             chain.run(self._timestep, self._capture_ns(), run_timestep, left)
         finally:
@@ -206,7 +220,8 @@ class Simulation:
 
         tracker, environment = self._tracker, self.environment
         whole = (self._physics, self._rings, tracker, environment, self._robots, self.record)
-        parts = ChainedParts(*whole, after, self.samples is not None)
+        is_watched = self.samples is not None or self.observe is not None
+        parts = ChainedParts(*whole, after, is_watched)
         made = chained(parts, ChainTimes(self._dt_ns, SENSE_NS, CONTROL_NS, ACT_NS))
         if made is not None:
             made.wheels[:], made.leds[:] = self._driven, self._leds
@@ -248,6 +263,8 @@ class Simulation:
             self.record.share[run_timestep] = world.stock.share(self._source)
         if self.samples is not None:
             self.samples.add(run_timestep, world)
+        if self.observe is not None:
+            self.observe(run_timestep)
 
     def _note_said(self, run_timestep: int) -> None:
         """Keeps what loop functions log; before the run, with its first timestep."""
@@ -271,6 +288,39 @@ class Simulation:
         self._physics = Physics(poses[:robots], poses[robots:], boxes, now_ns, cylinders)
         self._physics.drive_all(self._driven, now_ns)
         self._rings.near = self._physics.near
+
+    def seen(self, run_timestep: int) -> ArenaState:
+        """The arena state of the newest timestep, which is this one of the run."""
+        return self._tracker.newest(*self.moment(run_timestep))
+
+    def moment(self, run_timestep: int) -> tuple[int, int]:
+        """A timestep of the run counted from the beginning, and its capture time [ns]."""
+        timestep = run_timestep + WARM_UP
+        return timestep, self._capture_ns(timestep)
+
+    @property
+    def now_ns(self) -> int:
+        """The simulation's clock."""
+        return self._now_ns
+
+    @property
+    def readings(self) -> SwarmReadings:
+        """What all robots sense, in arrays that change with the timesteps."""
+        return SwarmReadings({e.controller: e.sensors.newest for e in self.environment.equipment})
+
+    @property
+    def wheels_steps_s(self) -> NDArray[np.int16]:
+        """(n, 2) what the robots' wheels were told last, left and right."""
+        return np.asarray(self._driven)
+
+    @property
+    def leds(self) -> NDArray[np.uint16]:
+        """(n,) the robots' LEDs, see `Record`."""
+        return np.asarray(self._leds)
+
+    def reports(self) -> Mapping[int, bytes]:
+        """What every robot's virtual actuators say, by tag."""
+        return self._robots.reports()
 
     def complaints(self) -> list[str]:
         """What the controllers asked for in vain, or do not know."""

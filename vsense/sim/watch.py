@@ -32,12 +32,14 @@ Named = TypeVar("Named")
 class WorkerProcess(Generic[Named]):
     """A worker process, its present task, and the pipe of its answers.
 
+    `page` is the descriptor of a socket to whoever watches its runs, None: nobody does.
+
     Attributes:
         task: what was given with the present job; None: there is none.
         answers: can be read when an answer has come, or the process has ended.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, page: int | None = None) -> None:
         self.task: Named | None = None
         self._looks = 0
         self._last: tuple[int, int, int] | None = None
@@ -46,8 +48,8 @@ class WorkerProcess(Generic[Named]):
         try:
             self._process, self._jobs, self.answers = start_module(
                 "vsense.sim.worker",
-                str(descriptor),
-                pass_fds=[descriptor],
+                *map(str, shared := [descriptor] if page is None else [descriptor, page]),
+                pass_fds=shared,
                 # A run keeps one processor busy; threads of libraries only get in each other's way.
                 env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
             )

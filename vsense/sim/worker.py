@@ -4,9 +4,10 @@ A controller is a user's C code, and a campaign is many runs. A fork costs milli
 the runs from each other, and gives every run the same fresh memory. What a run needs is imported
 before.
 
-`python -m vsense.sim.worker DESCRIPTOR` shares the memory of `Programs`' progress through the
-descriptor. It reads jobs from standard input, one line each (`vsense.sim.job`), and answers on
-standard output with one line of JSON each:
+`python -m vsense.sim.worker DESCRIPTOR [PAGE]` shares the memory of `Programs`' progress through
+the first descriptor; through the other one, a socket, a page watches the runs. It reads jobs from
+standard input, one line each (`vsense.sim.job`), and answers on standard output with one line of
+JSON each:
 
     {"result": {...}}                 see `simulate`
     {"error": "...", "exit_code": 1}  what a user can mend
@@ -29,32 +30,31 @@ import time
 import traceback
 from contextlib import suppress
 from dataclasses import replace
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from vsense.config.specs import Experiment
 from vsense.errors import VsenseError
 from vsense.lab.processes import read_line
-from vsense.pictures.run_samples import RunSamples
 from vsense.robot.inprocess import declarations
 from vsense.run.programs import PROGRESS_BYTES, shared_objects
 from vsense.sim import fingerprint
 from vsense.sim.job import Job
-from vsense.sim.record import LOGGED, TRAJECTORY
+from vsense.sim.kept import KeptRun, prepare
 from vsense.sim.simulation import Simulation
 
 EVENTS_TOLD = 20
 """Of what controllers log so many lines come with the result; events.csv has them all."""
 
 
-def simulate(job: Job, progress: Any) -> dict[str, Any]:
-    """Does one run; `progress`: see `Programs`.
+def simulate(job: Job, progress: Any, page: Connection | None = None) -> dict[str, Any]:
+    """Does one run; `progress`: see `Programs`; `page`: whoever watches and paces it.
 
     Returns:
         The experiment's `name`, number of `robots` and `timesteps`, `timestep_s`, `wall_s` that
         the timesteps took and `cpu_s` of this process for them, `swarm` as of `metrics.swarm`,
         `measures` of the experiment's own, and `complaints` of controllers, and of what they logged
-        the first `events` (seconds and words) and how many there are.
+        the first `events` (seconds and words) and how many there are; `recording`, see `KeptRun`.
 
     Raises:
         VsenseError: the run cannot be had.
@@ -62,18 +62,17 @@ def simulate(job: Job, progress: Any) -> dict[str, Any]:
     experiment = job.setup.load()
     libraries = {name: Path(path) for name, path in job.libraries.items()}
     run = Simulation(experiment, libraries, job.seed, job.setup.blind, progress)
-    if job.directory is not None:
-        run.samples = RunSamples(experiment)
-        run.record.keep_events(Path(job.directory) / LOGGED)
+    kept = KeptRun(run, job, page)
     begun_s, cpu_begun_s = time.perf_counter(), time.process_time()
     try:
         measures = run.run()
     except VsenseError:
         with suppress(VsenseError):  # the first one counts
-            _save(run, experiment, job)
+            kept.save()
+        kept.end()
         raise
     wall_s, cpu_s = time.perf_counter() - begun_s, time.process_time() - cpu_begun_s
-    _save(run, experiment, job)
+    kept.save()
     return {
         "name": experiment.name,
         "robots": len(experiment.robots),
@@ -86,6 +85,7 @@ def simulate(job: Job, progress: Any) -> dict[str, Any]:
         "complaints": run.complaints(),
         "events": run.record.events[:EVENTS_TOLD],
         "events_in_all": len(run.record.events),
+        "recording": kept.end(),
     }
 
 
@@ -127,26 +127,16 @@ def _check_file(path: Path, expected: str, host: str) -> None:
         raise NotHere(f"{path}: is another one there; {same}")
 
 
-def _save(run: Simulation, experiment: Experiment, job: Job) -> None:
-    """Writes `TRAJECTORY` and the picture of a run that has samples, and a timestep at least."""
-    if job.directory is None or run.samples is None or not len(run.record.timesteps):
-        return
-    from vsense.pictures import run_figure  # no run of a campaign has a picture
-
-    directory = Path(job.directory)
-    run.record.save(directory / TRAJECTORY)
-    run.record.save_notes(directory)
-    figure = run.record.figure(run.samples, run.environment.world)
-    subtitle = f"{len(run.record.tags)} simulated robots, seed {job.seed}"
-    run_figure.save(figure, directory / f"{experiment.name}.png", job.setup.blind, subtitle)
-
-
 class Worker:
-    """Does jobs; `progress` is shared memory, `answers` the descriptor to answer on."""
+    """Does jobs.
 
-    def __init__(self, progress: Any, answers: int) -> None:
+    `progress` is shared memory, `answers` the descriptor to answer on; `page` see `simulate`.
+    """
+
+    def __init__(self, progress: Any, answers: int, page: Connection | None = None) -> None:
         self._progress = progress
         self._answers = answers
+        self._page = page
 
     def work(self) -> None:
         """Does jobs until standard input ends."""
@@ -158,6 +148,7 @@ class Worker:
 
     def _do(self, line: bytes) -> dict[str, Any] | None:
         """Does a job in a fork; None where the parent has ended it."""
+        prepare(line, self._page is not None)
         source, target = os.pipe()
         # The fork dies with this process, even in an endless loop: see `_die_with_parent`.
         alive, life = os.pipe()
@@ -189,7 +180,7 @@ class Worker:
             os.close(self._answers)
             try:
                 job = settled(Job.from_line(line))
-                answer: dict[str, Any] = {"result": simulate(job, self._progress)}
+                answer: dict[str, Any] = {"result": simulate(job, self._progress, self._page)}
             except NotHere as error:
                 answer = {"refused": str(error)}
             except VsenseError as error:
@@ -238,7 +229,8 @@ def main() -> int:
     except VsenseError as error:
         print(f"vsense sim: {error}", file=sys.stderr)
         return error.exit_code
-    Worker(progress, answers).work()
+    page = Connection(int(sys.argv[2])) if len(sys.argv) > 2 else None
+    Worker(progress, answers, page).work()
     return 0
 
 

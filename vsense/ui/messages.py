@@ -129,13 +129,15 @@ class ExperimentFacts:
     """What is the same in all runs of one process.
 
     Attributes:
-        command: "lab" or "run".
+        command: "sim", "lab" or "run".
         file_text: the experiment's file.
         blind: the virtual sensors are held at 0.
         cameras: our own, in no order.
         trackers: name of each camera's tracker, by camera; without one the camera's own.
         troubles: of the cameras.
         made: see `vsense.live.session.RunSetup`.
+        mode: of the page, see `MESSAGES.md`.
+        recorded: the cameras are recordings.
     """
 
     command: str
@@ -145,6 +147,8 @@ class ExperimentFacts:
     trackers: dict[str, str]
     troubles: Troubles
     made: Data = dataclasses.field(default_factory=dict)
+    mode: str = "live"
+    recorded: bool = False
 
 
 def experiment(facts: ExperimentFacts, environment: Environment) -> Data:
@@ -152,7 +156,9 @@ def experiment(facts: ExperimentFacts, environment: Environment) -> Data:
     spec = environment.experiment
     arena = spec.arena
     return ExperimentMessage(
+        mode=facts.mode,
         command=facts.command,
+        recorded=facts.recorded,
         name=spec.name,
         seed=environment.seed,
         blind=facts.blind,

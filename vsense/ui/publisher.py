@@ -10,6 +10,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import Protocol
 
 import cv2
 import numpy as np
@@ -18,13 +19,15 @@ from vsense.arena import ArenaState, Frame, arena_data
 from vsense.clock import host_ns
 from vsense.link.robots.status import RobotStatus
 from vsense.link.robots.table import Direction
+from vsense.link.robots.wire import Values
 from vsense.message_bus import Message, MessageBus
 from vsense.recording import senses
 from vsense.recording.form import DEEDS, ORDERS, PICTURE, SETTINGS, Data, RunMessage
 from vsense.run.changes import CarriedOut, Changes
-from vsense.run.control import Control
+from vsense.run.control import State
 from vsense.run.environment import Environment
-from vsense.run.runtime import Runtime, Step
+from vsense.run.orders import OrderKind
+from vsense.run.runtime import Step
 from vsense.ui import messages
 from vsense.ui.messages import ExperimentFacts
 from vsense.ui.tables import CameraTable, RobotTable
@@ -57,6 +60,39 @@ class Rates:
         return {"rate_hz": round(float(rate_hz), 2), "latency_ms": latency}
 
 
+class SentReadings(Protocol):
+    """Who has the newest readings of all robots: a `Runtime`."""
+
+    @property
+    def readings(self) -> Mapping[int, Values]:
+        """By tag: (payload, capture time) per sensor."""
+        ...
+
+
+class RunState(Protocol):
+    """The state of the present run: a `Control`."""
+
+    @property
+    def state(self) -> State:
+        """What it does."""
+        ...
+
+    @property
+    def run(self) -> int:
+        """Its number, from 1."""
+        ...
+
+    @property
+    def by(self) -> str | None:
+        """Who gave the last order that was obeyed."""
+        ...
+
+    @property
+    def can(self) -> Sequence[OrderKind]:
+        """The orders that make sense now."""
+        ...
+
+
 class Publisher:
     """Makes the messages of one process's runs.
 
@@ -76,8 +112,8 @@ class Publisher:
         bus: MessageBus,
         facts: ExperimentFacts,
         environment: Environment,
-        runtime: Runtime,
-        control: Control,
+        runtime: SentReadings,
+        control: RunState,
         others: Callable[[], Data],
         clock: Callable[[], int] = host_ns,
         changes: Changes | None = None,

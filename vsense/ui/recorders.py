@@ -12,6 +12,7 @@ from vsense.arena import Frame
 from vsense.errors import VsenseError
 from vsense.message_bus import MessageBus
 from vsense.recording.form import Data
+from vsense.terminal import Level
 
 if TYPE_CHECKING:
     from vsense.config.specs import MarkerSpec
@@ -66,9 +67,10 @@ class Recorders:
             return
         # While what waits is written; it may be seconds.
         self._say(f"completing the recording {recorder.path}")
+        seconds = recorder.seconds
         recorder.close()
         made = recorder.state()
-        self._say(f"recording: {recorder.path}, {made['bytes'] / 1e6:.1f} MB")
+        self._say(recording.size_line(recorder.path, made["bytes"], seconds))
         if made["lost_messages"]:
             self._trouble(
                 f"the recording lacks {made['lost_messages']} messages and pictures: the disk was"
@@ -94,7 +96,7 @@ class Recorders:
             recorder.resume()
             return f"recording goes on in {recorder.path}"
         recorder.pause()
-        return "recording is off"
+        return f"recording is off: {recorder.path}"
 
     def watch_session(self, session: TrackingSession, tracking: CameraTracking) -> None:
         """Records the pictures of a tracking session, if options or its file want them.
@@ -144,6 +146,10 @@ class Recorders:
         recorder = self._recorder
         return dict(OFF) if recorder is None else recorder.state()
 
+    def _tell(self, text: str, level: Level) -> None:
+        """Takes what a recorder says; any thread."""
+        (self._trouble if level == "trouble" else self._say)(text)
+
     def _open_late(self) -> None:
         with self._lock:
             if self._wanted and self._recorder is None:
@@ -157,7 +163,7 @@ class Recorders:
             recording.require()
             from vsense.recording.recorder import Recorder
 
-            recorder = Recorder(self._bus, self._path, self._pictures)
+            recorder = Recorder(self._bus, self._path, self._pictures, self._tell)
         except VsenseError as error:
             self._trouble(f"run not recorded: {error}")
             return False

@@ -35,8 +35,15 @@ export class Controls {
   /** Stops everything, now; nothing that the page shows is asked before. */
   emergency() {
     if (document.body.dataset.mode === "replay") return;
+    if (document.body.dataset.mode === "sim") return this.#pauseSimulation();
     if (!this.store.you.control) this.order("emergency", 1);
     else if (!this.connection.stopAll()) this.toast("EMERGENCY STOP is not delivered: there is no connection", false);
+  }
+
+  // No robot moves there: what can be stopped is the picture.
+  #pauseSimulation() {
+    if (this.store.run?.can?.includes("pause")) this.order("pause");
+    else this.toast("a simulation: no robot moves", false);
   }
 
   /** What the space bar does in this state. */
@@ -69,6 +76,7 @@ export class Controls {
   #suit(experiment) {
     if (this.suited || !experiment) return;
     this.suited = true;
+    if (experiment.command === "sim") this.setView("arena", false);
     if (experiment.mode === "track" && !experiment.robots.length) this.setView("cameras", false);
   }
 
@@ -94,7 +102,7 @@ export class Controls {
       if (button.disabled === able) button.disabled = !able;
       if (button.waits && performance.now() - button.waits > WAIT_MS) this.#waits(button, 0);
     }
-    write(byId("start").querySelector("span"), state === "paused" ? "Resume" : "Start");
+    write(byId("start").querySelector("span"), state === "paused" && run?.timestep >= 0 ? "Resume" : "Start");
     const recording = Boolean(run?.recording?.on);
     press(byId("record"), recording);
     write(byId("record").querySelector("span"), recording ? "Recording" : "Record");

@@ -40,6 +40,8 @@ export function reading(value) {
 }
 
 export const volts = (mv) => (mv === null || mv === undefined ? NONE : `${(mv / 1000).toFixed(2)} V`);
+/** 0.25 -> "0.25", 97.31 -> "97" */
+export const times = (value) => (value < 10 ? String(Math.round(100 * value) / 100) : value.toFixed(0));
 export const degrees = (rad) => `${Math.round((rad * 180) / Math.PI)}°`;
 export const rate = (hz) => (hz === null || hz === undefined ? NONE : `${hz.toFixed(hz < 99.5 ? 1 : 0)} Hz`);
 export const count = (n, one, many = `${one}s`) => `${n} ${n === 1 ? one : many}`;

@@ -7,8 +7,9 @@ const PLACES = "input, select, textarea, [contenteditable]";
 /** Binds the keys: [keys, words, what they do, replay or live only]. */
 export function bindKeys(actions) {
   const table = [
-    ["Escape", "Esc", "emergency stop", actions.emergency],
+    ["Escape", "Esc", "emergency stop; in a simulation pause", actions.emergency],
     [" ", "Space", "start, pause, resume; in a replay play, pause", actions.space],
+    ["n", "N", "in a simulation: one timestep", actions.one],
     ["S", "⇧ S", "stop the run", actions.stop],
     ["R", "⇧ R", "reset: the next run begins", actions.reset],
     ["C", "⇧ C", "recording on, off", actions.record],

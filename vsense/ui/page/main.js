@@ -13,6 +13,7 @@ import { Measures } from "./measures.js";
 import { Replay } from "./replay.js";
 import { Robot } from "./robot.js";
 import { Robots } from "./robots.js";
+import { Simulation } from "./simulation.js";
 import { Store } from "./store.js";
 import * as theme from "./theme.js";
 import { Tiles } from "./tiles.js";
@@ -61,7 +62,7 @@ measures.changed = () => connection.say(choice.looks);
 const replay = new Replay(store, controls);
 const panels = [
   new Tiles(store, connection), controls, cameras, robots, new Robot(store, choice), new Events(store),
-  measures, replay, edit,
+  measures, replay, edit, new Simulation(store, controls),
 ];
 let telling = 0;
 let pictures = "";
@@ -118,10 +119,12 @@ byId("help").addEventListener("click", toggleHelp);
 byId("theme").addEventListener("click", theme.toggle);
 
 const isReplay = () => document.body.dataset.mode === "replay";
+const isSim = () => document.body.dataset.mode === "sim";
 const live = (act) => () => isReplay() || act();
 bindKeys({
   emergency: () => controls.emergency(),
   space: () => (isReplay() ? replay.playOrPause() : controls.startOrPause()),
+  one: () => isSim() && controls.order("step", 1),
   stop: live(() => controls.order("stop")),
   reset: live(() => controls.order("reset")),
   record: live(() => controls.toggleRecord()),

@@ -61,7 +61,7 @@ export class Robot {
       ["place", pose ? `${pose.x.toFixed(3)}, ${pose.y.toFixed(3)} m` : "not seen"],
       ["heading", pose ? `${degrees(pose.yaw)} · ${(100 * (pose.speed ?? 0)).toFixed(0)} cm/s` : "–"],
       ["wheels", wheels],
-      ["link", robot ? `${milliseconds(robot.heard_ms)}${robot.udp ? "" : " · no UDP"}` : "–"],
+      ["link", robot ? `${milliseconds(robot.heard_ms)}${robot.udp === false ? " · no UDP" : ""}` : "–"],
       ["battery", robot ? volts(robot.battery_mv) : "–"],
       ["controller", this.store.controller(this.choice.tag)?.id || "–"],
       ["program", robot ? `${robot.controller ?? "–"} ${robot.hash ?? ""}` : "–"],

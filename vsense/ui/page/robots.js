@@ -152,6 +152,8 @@ export class Robots {
     const inView = seen.filter(Boolean).length;
     const bad = trouble.filter(Boolean).length;
     const parts = [`${there} of ${tag.length} connected`, `${inView} seen`];
+    // Simulated robots have no links, and nobody overlooks them.
+    if (this.store.experiment?.command === "sim") parts.splice(0, 2, count(tag.length, "simulated robot"));
     if (bad) parts.push(`${count(bad, "robot")} in trouble`);
     write(this.note, parts.join(" · "));
   }

@@ -1,7 +1,7 @@
 // The run in figures, and the page's head.
 
 import { byId, make, mark, write } from "./dom.js";
-import { bytes, capital, clock, rate } from "./format.js";
+import { bytes, capital, clock, rate, times } from "./format.js";
 import { chartable } from "./series.js";
 
 const DISK_LOW = 2e9;
@@ -11,21 +11,26 @@ function ofRuns({ run, runs }) {
   return runs && run <= runs ? `${run} of ${runs}` : `${run}`;
 }
 
-/** [name, what it shows: [figure, small print, "bad" | "warn" | ""]] */
+// A simulation has no latencies.
+const measured = (experiment) => experiment?.command !== "sim";
+
+/** [name, what it shows: [figure, small print, "bad" | "warn" | ""], of which experiments] */
 const TILES = [
   ["run", ({ run }) => [ofRuns(run), run.by ? `last: ${run.by}` : ""]],
   ["timestep", ({ now, experiment }) => [now.timestep < 0 ? "–" : String(now.timestep), `${Math.round(1000 * (experiment?.timestep_s ?? 0.1))} ms each`]],
   ["time", ({ run, now }) => [clock(now.time_s), run.length_s ? `of ${clock(run.length_s, 0)}` : "without end"]],
   ["rate", ({ run, experiment }) => {
+    if (run.sim) return [run.state === "running" ? `${times(run.sim.reached)} ×` : "–", "of real time"];
+    if (!measured(experiment)) return [rate(run.rate_hz), ""];
     const wanted = 1 / (experiment?.timestep_s ?? 0.1);
     const slow = run.state === "running" && run.rate_hz !== null && run.rate_hz < 0.9 * wanted;
     return [rate(run.rate_hz), `${run.late ?? 0} late`, slow ? "warn" : ""];
   }],
-  ["latency p50", ({ run }) => (run.latency_ms ? [`${run.latency_ms.p50.toFixed(0)} ms`, "median"] : ["–", "not measured"])],
+  ["latency p50", ({ run }) => (run.latency_ms ? [`${run.latency_ms.p50.toFixed(0)} ms`, "median"] : ["–", "not measured"]), measured],
   ["latency p99", ({ run }) => {
     if (!run.latency_ms) return ["–", ""];
     return [`${run.latency_ms.p99.toFixed(0)} ms`, "worst 1 %", run.latency_ms.p99 > 100 ? "warn" : ""];
-  }],
+  }, measured],
   ["recording", ({ run }) => {
     const { on, file, bytes: size, lost_messages: gone, trouble } = run.recording ?? {};
     const small = trouble ?? [file, gone ? `${gone} lost` : ""].filter(Boolean).join(" · ");
@@ -62,8 +67,9 @@ export class Tiles {
   tell() {
     this.#head();
     if (!this.store.run) return;
-    TILES.forEach(([, show], index) => {
+    TILES.forEach(([, show, has], index) => {
       const { parts, element } = this.tiles[index];
+      element.hidden = has ? !has(this.store.experiment) : false;
       const [figure, small, level = ""] = show(this.store);
       write(parts[1], figure);
       write(parts[2], small);
@@ -80,6 +86,7 @@ export class Tiles {
     const { dataset } = document.body;
     dataset.state = state;
     dataset.mode = experiment?.mode ?? "none";
+    dataset.command = experiment?.command ?? "none";
     dataset.link = this.connection.open ? "open" : "lost";
     const shown = replay ? (run?.replay?.playing ? "replay" : "replay, paused") : WORDS[state] ?? state;
     write(byId("state"), this.connection.open ? capital(shown) : "No connection");

@@ -1,0 +1,113 @@
+"""Campaigns' tables beside recordings: the run is the unit, and kinds of runs stay apart."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.report.runs import experiment, messages, write
+from vsense.cli import main
+from vsense.errors import UsageError
+from vsense.message_bus import Message
+from vsense.report import charts, compare
+from vsense.report.campaigns import read_campaign, tables_in
+from vsense.report.findings import Findings, read_findings
+
+HEAD = "campaign,experiment,sensor.noise,seed,robots,duration_s,items_home,in_cone_before_turn,"
+TABLE = (
+    f"{HEAD}lit_before_turn,in_cone_after_turn,lit_after_turn\n"
+    "ab,hand,0,1,2,2,10,5,4,3,2\n"
+    "ab,hand,0,2,2,2,20,5,4,5,3\n"
+    "ab,hand,0.2,1,2,2,4,6,1,,\n"
+)
+
+
+@pytest.fixture
+def table(tmp_path: Path) -> Path:
+    path = tmp_path / "noise.csv"
+    path.write_text(TABLE)
+    return path
+
+
+def made_by(command: str, recorded: bool = False, **others: Any) -> list[Message]:
+    """The run of `messages`, made by another command."""
+    told = list(messages(**others))
+    facts = {**experiment(), **told[0].data, "command": command, "recorded": recorded}
+    assert told[0].topic == "/experiment"
+    return [Message("/experiment", told[0].time_ns, facts), *told[1:]]
+
+
+@pytest.fixture
+def kinds(tmp_path: Path) -> list[Findings]:
+    runs = [("run", False), ("lab", False), ("sim", False), ("run", True)]
+    return [
+        read_findings(write(tmp_path / f"{n}.mcap", made_by(command, recorded)))
+        for n, (command, recorded) in enumerate(runs)
+    ]
+
+
+def test_a_table_is_a_group_for_each_combination_of_settings(table: Path) -> None:
+    first, second = read_campaign(table)
+    assert (first.label, list(first.seeds)) == ("sensor.noise 0", ["1", "2"])
+    assert first.ends == {
+        "items_home": [10.0, 20.0], "robots_in_cone": [3.0, 5.0], "lit_in_cone": [2.0, 3.0],
+    }  # fmt: skip
+    # Where the wind never turns, the end is before its turn.
+    assert second.ends == {"items_home": [4.0], "robots_in_cone": [6.0], "lit_in_cone": [1.0]}
+
+
+def test_kinds_of_runs_are_groups_of_their_own(kinds: list[Findings], table: Path) -> None:
+    found = compare.groups(kinds, read_campaign(table))
+    assert [(group.condition, group.count) for group in found] == [
+        ("simulation", 1), ("simulation (sensor.noise 0)", 2), ("simulation (sensor.noise 0.2)", 1),
+        ("lab", 1), ("real robots", 1), ("recorded pictures", 1),
+    ]  # fmt: skip
+    end = compare.table(found)["items home, at the end"]
+    assert (end["simulation (sensor.noise 0)"].mean, end["lab"].values) == (15.0, [19.0])
+    assert end["lab"].spread is None, "of one run there is none"
+    assert "simulation (sensor.noise 0)," not in charts.few(found) and ", lab," in charts.few(found)
+
+
+def test_a_simulated_run_has_neither_latencies_nor_links(kinds: list[Findings]) -> None:
+    real, simulated = kinds[0], kinds[2]
+    assert real.latency and not simulated.latency and not simulated.lacks
+    assert charts.robots(simulated) is None
+    assert simulated.label == "hand, simulation, sighted, seed 1"
+
+
+def test_the_page_says_what_is_compared(tmp_path: Path, table: Path) -> None:
+    real = write(tmp_path / "real.mcap", made_by("run"))
+    assert main(["report", str(table), str(real), "-o", str(tmp_path / "out")]) == 0
+    text = (tmp_path / "out" / "report.html").read_text()
+    assert "hand: simulation and real robots compared" in text
+    assert "Runs: 2 simulation (sensor.noise 0), 1 simulation (sensor.noise 0.2), 1 real" in text
+    assert "Of one run there is no spread" in text and "4 runs compared" in text
+    assert "2: 1 … 2" in text, "the campaign's row of the table of runs"
+
+
+def test_a_folder_with_tables_stands_for_them(tmp_path: Path, table: Path) -> None:
+    (tmp_path / "other.csv").write_text("time_s,timestep\n0,1\n")
+    assert tables_in(tmp_path) == [table]
+    assert main(["report", str(tmp_path), "-o", str(tmp_path / "out")]) == 0
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert "compared-01-items_home-end.png" in names, "no run is recorded, but the ends are known"
+    assert "compared-01-items_home.png" not in names
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("", "is no table of a campaign"),
+        ("time_s,timestep\n0,1\n", "is no table of a campaign"),
+        ("campaign,experiment,seed,robots\n", "is no table of a campaign"),
+        (TABLE.partition("\n")[0] + "\n", "holds no run"),
+        (TABLE + "ab,hand\n", "noise.csv:5: 2 values, not 11"),
+        (TABLE.replace(",10,", ",ten,"), "seed 1: items_home is 'ten', expected a number"),
+    ],
+)
+def test_what_is_no_table_is_refused(tmp_path: Path, text: str, reason: str) -> None:
+    (tmp_path / "noise.csv").write_text(text)
+    with pytest.raises(UsageError, match=reason):
+        read_campaign(tmp_path / "noise.csv")

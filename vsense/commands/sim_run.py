@@ -1,0 +1,217 @@
+"""`vsense sim`, one run: with a page or without, its files, and what is said of it."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vsense.commands import arguments, experiments
+from vsense.config.specs import Experiment
+from vsense.errors import VsenseError
+from vsense.lab.metrics import swarm_rows
+from vsense.recording import SUFFIX, size_line
+from vsense.run import directory as run_directory
+from vsense.run.environment import MOST_SEED
+from vsense.run.programs import shared_objects
+from vsense.sim.job import Job, Setup
+from vsense.sim.outcome import Task
+from vsense.sim.record import LOGGED, TRAJECTORY
+from vsense.sim.watch import Show, WorkerProcess, simulate_all
+from vsense.terminal import Console, Interruption, print_data
+
+if TYPE_CHECKING:
+    from vsense.sim.room import SimRoom
+    from vsense.sim.watched import WatchedRuns
+
+
+@dataclass(frozen=True, slots=True)
+class SingleRun:
+    """A run that is no campaign; with a page there may be others after it."""
+
+    options: argparse.Namespace
+    setup: Setup
+    experiment: Experiment
+    console: Console
+    interrupted: Interruption
+
+    def run(self) -> int:
+        """Does the run: figures, trajectories, and a table for people; raises as `simulate_all`."""
+        job = self._job()
+        self._announce(job)
+        try:
+            for _, result in simulate_all(
+                [Task(job, self.experiment)], 1, self.interrupted, self._show()
+            ):
+                self._report(job, result, self.options.json)
+        except VsenseError:
+            self._say_failure(job)
+            raise
+        return 0
+
+    def run_watched(self) -> int:
+        """Does runs that a page watches, until a signal ends the process.
+
+        Returns:
+            0; 130 after Ctrl-C, 143 after SIGTERM in the middle of a run, whose figures and files
+            are there all the same; as of the newest run's failure.
+        """
+        # These need the extra `web`.
+        from vsense.run.runner import Series
+        from vsense.sim.room import SimRoom
+        from vsense.sim.watched import WatchedRuns
+        from vsense.ui.room import page_access
+
+        web = arguments.web_of(self.options)
+        assert web is not None
+        access = page_access(web)
+        seed = experiments.choose_seed(self.options, self.experiment)
+        begin = {"seed": seed, "speed": self.options.speed or 1.0, "holds": self.options.hold}
+        libraries = self._libraries()
+        with SimRoom(access, self.experiment, begin, self.console) as room:
+            whole = run_directory.make(self.options.output, self.experiment.name, seed)
+            series = Series(whole, 1, False, self.interrupted)
+            with WatchedRuns(room, self.interrupted) as runs:
+                summaries = list(self._watched(room, runs, series.directory, libraries))
+            series.write_summary(self.experiment.name, summaries, self.options.json)
+        if self.options.json and summaries and not series.several:
+            print_data(json.dumps(summaries[0], indent=2))
+        if runs.failure is not None:
+            return runs.failure.exit_code
+        return self.interrupted.code if runs.cut else 0
+
+    def _watched(
+        self,
+        room: SimRoom,
+        runs: WatchedRuns,
+        directory: Callable[[int], Path],
+        libraries: dict[str, str],
+    ) -> Iterator[dict[str, Any]]:
+        """Does runs as they are wanted; yields the figures of those that did not fail."""
+        console, control = self.console, room.control
+        while True:
+            job = self._job(directory(control.run), control.seed, libraries)
+            self._announce(job)
+            room.begin_run(Path(job.directory or "."))
+            try:
+                result = runs.run(Task(job, self.experiment), self._show())
+                console.end_progress()
+                yield self._report(job, result, False)
+            except VsenseError as error:
+                self._say_failure(job)
+                # The page stays: who watches shall see what has failed, and may go on.
+                console.say(f"vsense: {error}", "trouble")
+            control.end()
+            console.say("the run is over; its page stays until Ctrl-C, reset begins the next one")
+            if not runs.rest(lambda: console.progress("the run is over: Ctrl-C ends vsense")):
+                return
+            console.end_progress()
+            control.next_run(control.seed % MOST_SEED + 1)
+
+    def _libraries(self) -> dict[str, str]:
+        return {name: str(path) for name, path in shared_objects(self.experiment).items()}
+
+    def _job(
+        self,
+        directory: Path | None = None,
+        seed: int | None = None,
+        libraries: dict[str, str] | None = None,
+    ) -> Job:
+        """The run; without arguments the only one, in a new directory."""
+        name = self.experiment.name
+        if directory is None:
+            seed, libraries = (
+                experiments.choose_seed(self.options, self.experiment),
+                self._libraries(),
+            )
+            directory = run_directory.make(self.options.output, name, seed)
+        assert seed is not None and libraries is not None
+        kept = str(directory / f"{name}{SUFFIX}") if self.options.record else None
+        return Job(self.setup, seed, libraries, str(directory), kept)
+
+    def _announce(self, job: Job) -> None:
+        experiment = self.experiment
+        self.console.say(
+            f"{experiment.name}: {len(experiment.robots)} robots, seed {job.seed},"
+            f" {experiment.length_s:g} s; results in {job.directory}"
+        )
+        if job.recording is not None:
+            self.console.say(f"recording to {job.recording}")
+
+    def _show(self) -> Show:
+        """Makes the function that updates the live line."""
+        experiment = self.experiment
+
+        def show(workers: Sequence[WorkerProcess[Task]]) -> None:
+            done = max(worker.timesteps for worker in workers)
+            time_s = done * experiment.timestep_s
+            self.console.progress(f"{time_s:6.1f}/{experiment.length_s:g} s  timestep {done}")
+
+        return show
+
+    def _say_failure(self, job: Job) -> None:
+        self.console.end_progress()
+        self.console.say(f"the run has failed; what there is of it: {job.directory}")
+
+    def _report(self, job: Job, result: dict[str, Any], on_stdout: bool) -> dict[str, Any]:
+        """Writes and prints a run's figures."""
+        console, directory = self.console, Path(job.directory or ".")
+        console.end_progress()
+        summary = summarise(job, result)
+        self._tell(result, directory)
+        run_directory.write_summary(directory, summary, on_stdout)
+        console.say(table(summary))
+        console.say(f"trajectories: {directory / TRAJECTORY}")
+        console.say(f"picture: {directory / self.experiment.name}.png")
+        if result["recording"] is not None:
+            say_recording(console, result["recording"])
+        return summary
+
+    def _tell(self, result: dict[str, Any], directory: Path) -> None:
+        """Says what controllers complained of, and the first of what they logged."""
+        for complaint in result["complaints"]:
+            self.console.say(f"vsense: {complaint}")
+        for time_s, text in result["events"]:
+            self.console.say(f"{time_s:8.1f} s  {text}")
+        more = result["events_in_all"] - len(result["events"])
+        if more:
+            self.console.say(f"{more} more events: {directory / LOGGED}")
+
+
+def say_recording(console: Console, made: dict[str, Any]) -> None:
+    """Says where a run's recording is, how large, and what is wrong with it."""
+    console.say(size_line(made["file"], made["bytes"], made["seconds"]))
+    if made["trouble"]:
+        console.say(f"vsense: the recording is not whole: {made['trouble']}", "trouble")
+
+
+def summarise(job: Job, result: dict[str, Any]) -> dict[str, Any]:
+    """Gives a run's figures under the names that scripts rely on."""
+    duration_s = result["timesteps"] * result["timestep_s"]
+    return {
+        "experiment": result["name"],
+        "seed": job.seed,
+        "blind": job.setup.blind,
+        "settings": dict(job.setup.settings),
+        "robots": result["robots"],
+        "timesteps": result["timesteps"],
+        "duration_s": round(duration_s, 3),
+        "speedup": round(duration_s / result["wall_s"], 1),
+        "swarm": result["swarm"],
+        "measures": result["measures"],
+    }
+
+
+def table(summary: dict[str, Any]) -> str:
+    """The summary as a person reads it."""
+    text = (
+        f"{summary['duration_s']:g} s of {summary['robots']} robots,"
+        f" {summary['speedup']:g} times as fast as real time"
+    )
+    rows = [("run", text)]
+    rows += swarm_rows(summary["swarm"], summary["robots"])
+    rows += [("measure", f"{name} = {value:g}") for name, value in summary["measures"].items()]
+    return "\n".join(f"{name:<10}{text}" for name, text in rows)

@@ -1,0 +1,306 @@
+"""The page of a simulation: takes its orders, and publishes what the simulation tells.
+
+Nothing here moves a robot: there is no emergency stop. `vsense stop --emergency` does not find a
+simulation, which would only stand between somebody and the robots that move.
+"""
+
+from __future__ import annotations
+
+import shutil
+import socket
+import threading
+import time
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from vsense import recording
+from vsense.clock import host_ns
+from vsense.config.specs import Experiment
+from vsense.message_bus import Message, MessageBus
+from vsense.recording.form import Data, RunMessage
+from vsense.run.control import State
+from vsense.run.orders import Order, OrderError, OrderKind
+from vsense.sim.paced import TOLD
+from vsense.sim.pacing import FASTEST, SLOWEST
+from vsense.terminal import Console
+from vsense.ui.recorders import OFF
+from vsense.ui.room import PageAccess, open_web
+
+_PERIOD_S = 0.5
+"""`/run` is published this often, and when something changes."""
+
+_PASSING = ("/event", TOLD)
+
+ORDERS = {
+    State.WAITING: (OrderKind.SPEED,),
+    State.RUNNING: (
+        *(OrderKind.PAUSE, OrderKind.STEP, OrderKind.SPEED, OrderKind.STOP),
+        *(OrderKind.RESET, OrderKind.RECORD),
+    ),
+    State.PAUSED: (
+        *(OrderKind.START, OrderKind.STEP, OrderKind.SPEED, OrderKind.STOP),
+        *(OrderKind.RESET, OrderKind.RECORD),
+    ),
+    State.ENDED: (OrderKind.RESET, OrderKind.SPEED),
+}
+"""What makes sense in every state; there is no other state."""
+
+
+class SimControl:
+    """The orders of a simulation's page, whose state follows from them; all is for any thread.
+
+    Args:
+        send: sends an order to the simulation, see `vsense.sim.paced`.
+        tell: takes a line for people.
+        speed: at the beginning, times real time.
+        holds: every run begins paused; those after a reset do anyway.
+
+    Attributes:
+        run: its number, from 1.
+        seed: of the run.
+        by: who gave the last order.
+        file: of the recording.
+        next_asked: whether another run is wanted after this one.
+    """
+
+    def __init__(
+        self,
+        send: Callable[[int, str, Any], None],
+        tell: Callable[[str], None],
+        seed: int,
+        speed: float = 1.0,
+        holds: bool = False,
+    ) -> None:
+        self.state, self.run, self.seed, self.speed = State.WAITING, 1, seed, speed
+        self.by: str | None = None
+        self.file = Path()
+        self.next_asked = False
+        self._send, self._tell, self._holds = send, tell, holds
+        self._lock = threading.RLock()
+
+    @property
+    def can(self) -> tuple[OrderKind, ...]:
+        """The orders that make sense now."""
+        return ORDERS[self.state]
+
+    def give(self, order: Order) -> str:
+        """Carries an order out; OrderError where it makes no sense; see `vsense.run.orders.Give`.
+
+        UsageError for a recording without the library for it.
+        """
+        with self._lock:
+            if order.kind == OrderKind.EMERGENCY:
+                raise OrderError("no robot moves here: this is a simulation; pause or stop it")
+            if order.kind not in self.can:
+                raise OrderError(self._refusal(order.kind))
+            text = self._obey(order)
+            self.by = order.by
+        self._tell(f"{order.by}: {text}")
+        return text
+
+    def begin(self) -> None:
+        """A run begins: the simulation is told how."""
+        with self._lock:
+            self.state = State.PAUSED if self._holds else State.RUNNING
+            self.next_asked = False
+            self._send(self.run, "begin", (self.speed, not self._holds))
+
+    def end(self) -> None:
+        """The run is over."""
+        with self._lock:
+            self.state = State.ENDED
+
+    def next_run(self, seed: int) -> None:
+        """Goes on to the run after this one, which a reset has asked for: it begins paused."""
+        with self._lock:
+            self.run, self.seed, self._holds, self.state = self.run + 1, seed, True, State.WAITING
+
+    def stop(self) -> None:
+        """Has the run end where it is."""
+        self._send(self.run, "stop", 0)
+
+    def _obey(self, order: Order) -> str:
+        kind, value = order.kind, order.value
+        if kind == OrderKind.SPEED:
+            return self._set_speed(value)
+        if kind == OrderKind.START:
+            self.state = State.RUNNING
+            self._send(self.run, "play", 1)
+            return f"run {self.run} goes on"
+        if kind == OrderKind.PAUSE:
+            self.state = State.PAUSED
+            self._send(self.run, "play", 0)
+            return f"run {self.run} is paused"
+        if kind == OrderKind.STEP:
+            self.state = State.PAUSED
+            self._send(self.run, "step", 1)
+            return "one timestep"
+        if kind == OrderKind.RECORD:
+            recording.require()
+            self._send(self.run, "record", int(value != 0.0))
+            return f"recording to {self.file}" if value else f"recording is off: {self.file}"
+        return self._end(kind)
+
+    def _end(self, kind: OrderKind) -> str:
+        if self.state != State.ENDED:
+            self.stop()
+        if kind == OrderKind.STOP:
+            return f"run {self.run} is stopped"
+        self.next_asked = True
+        return f"reset: run {self.run + 1} waits for a start"
+
+    def _set_speed(self, value: float) -> str:
+        speed = FASTEST if value == 0.0 else value
+        if not speed >= SLOWEST:
+            raise OrderError(f"speed: {value:g}, expected {SLOWEST:g} or more, or 0: no limit")
+        self.speed = speed
+        if self.state in (State.RUNNING, State.PAUSED):
+            self._send(self.run, "speed", speed)
+        return "as fast as it goes" if speed == FASTEST else f"{speed:g} times real time"
+
+    def _refusal(self, kind: OrderKind) -> str:
+        if kind in (OrderKind.PLAY, OrderKind.SEEK):
+            return f"{kind.value}: only a replay can do that"
+        return f"cannot {kind.value}: run {self.run} is {self.state.value}"
+
+
+class SimRoom:
+    """Serves the page of one process's simulations; a context that leaves no thread and no socket.
+
+    Attributes:
+        control: takes the orders.
+        descriptor: the simulation's end of the socket.
+    """
+
+    def __init__(
+        self, access: PageAccess, experiment: Experiment, control: dict[str, Any], console: Console
+    ) -> None:
+        """`control` has the seed, the speed and `holds` of `SimControl`; nothing is opened yet."""
+        self.control = SimControl(self._send, console.say, **control)
+        self.bus = MessageBus()
+        self._access, self._experiment, self._console = access, experiment, console
+        self._stack, self._sending = ExitStack(), threading.Lock()
+        self._current: dict[str, Message] = {}
+        self._told: dict[str, Any] = {}
+        self._directory = Path()
+        self._joined, self._due_s = -1, 0.0
+        self._key: tuple[object, ...] = ()
+        self._closing = False
+
+    def __enter__(self) -> SimRoom:
+        """Opens the page; VsenseError if it cannot be served."""
+        server, lines = open_web(
+            *(self._access, self.bus, self.control.give),
+            lambda text: self._console.say(text, "warning"),
+        )
+        self._stack.callback(server.close)
+        for line in lines:
+            self._console.whisper(line)
+        self._console.also = lambda text, level: self.bus.event(text, level, host_ns())
+        ours, theirs = socket.socketpair()
+        self._stack.callback(theirs.close)
+        self._page, self.descriptor = Connection(ours.detach()), theirs.fileno()
+        self._stack.callback(self._page.close)
+        thread = threading.Thread(target=self._run, name="vsense-sim-page", daemon=True)
+        self._stack.callback(thread.join)
+        thread.start()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._closing = True
+        self._console.also = lambda text, level: None
+        self._stack.close()
+
+    def begin_run(self, directory: Path) -> None:
+        """A run begins, whose files go to `directory`."""
+        self._directory, self._told, self._current = directory, {}, {}
+        self.control.file = directory / f"{self._experiment.name}{recording.SUFFIX}"
+        self.control.begin()
+
+    def _send(self, run: int, name: str, value: Any) -> None:
+        with self._sending, suppress(OSError):
+            self._page.send((run, name, value))
+
+    def _run(self) -> None:
+        """The thread."""
+        while not self._closing:
+            try:
+                if self._page.poll(0.1):
+                    self._take(*self._page.recv())
+            except (EOFError, OSError):
+                return
+            self._publish()
+
+    def _take(self, run: int, topic: str, time_ns: int, data: Data) -> None:
+        """Publishes a message of the present run."""
+        if run != self.control.run:
+            return
+        # Pages have one clock, that of everything else they are told.
+        message = Message(topic, host_ns(), data)
+        if topic == TOLD:
+            self._told = data
+        elif topic == "/event" and not time_ns:
+            self._console.say(data["text"], data["level"])
+        else:
+            if topic not in _PASSING:
+                self._current[topic] = message
+            self._tell(message)
+
+    def _tell(self, message: Message) -> None:
+        self.bus.publish(message)
+        if message.topic == "/readings":
+            self._tell_readings(message)
+
+    def _tell_readings(self, message: Message) -> None:
+        """Publishes the readings of those robots that somebody looks at."""
+        for row, tag in enumerate(message.data["tag"]):
+            topic = f"/readings/{tag}"
+            if self.bus.wants(topic):
+                one = {
+                    name: column[row : row + 1] if isinstance(column, list) else column
+                    for name, column in message.data.items()
+                }
+                self.bus.publish(Message(topic, message.time_ns, one))
+
+    def _publish(self) -> None:
+        """Publishes `/run`, and to newcomers everything that lasts."""
+        control, now_s = self.control, time.monotonic()
+        still = control.state != State.RUNNING and self._told.get("timestep")
+        key = control.state, control.run, control.by, control.speed, self.bus.joined, still
+        if self._joined != self.bus.joined:
+            self._joined = self.bus.joined
+            for message in list(self._current.values()):
+                self._tell(message)
+        if key != self._key or now_s >= self._due_s:
+            self._key, self._due_s = key, now_s + _PERIOD_S
+            self.bus.notify("/run", host_ns(), self._run_data)
+
+    def _run_data(self) -> Data:
+        """Gives /run, with what a simulation has beside it: "sim"."""
+        control, told, experiment = self.control, self._told, self._experiment
+        running = control.state == State.RUNNING
+        rate_hz = told.get("rate_hz", 0.0) if running else 0.0
+        try:
+            free = shutil.disk_usage(self._directory).free
+        except OSError:
+            free = None
+        data = RunMessage(
+            state=control.state.value,
+            run=control.run,
+            by=control.by,
+            can=[kind.value for kind in control.can],
+            timestep=told.get("timestep", -1),
+            time_s=told.get("time_s", 0.0),
+            length_s=experiment.length_s or None,
+            rate_hz=rate_hz,
+            silent_s=0.0,
+            text=self._console.newest,
+            recording=told.get("recording") or dict(OFF),
+            disk_free_bytes=free,
+        ).data()
+        speed = None if control.speed == FASTEST else control.speed
+        sim = {"speed": speed, "reached": round(rate_hz * experiment.timestep_s, 2)}
+        return {**data, "sim": sim}

@@ -1,0 +1,42 @@
+// How fast a simulation goes: wanted, and reached.
+
+import { byId, make, write } from "./dom.js";
+import { times } from "./format.js";
+
+const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 5, 10, 50, 100];
+/** The order's value for "as fast as it goes". */
+const FASTEST = 0;
+const SLOW = 0.9;
+
+/** The speed's list, and what became of it. */
+export class Simulation {
+  constructor(store, controls) {
+    this.store = store;
+    this.select = byId("sim_speed");
+    for (const speed of SPEEDS) this.#add(speed);
+    this.#add(FASTEST);
+    this.select.addEventListener("change", () => {
+      controls.order("speed", Number(this.select.value));
+      // The space bar is for start and pause again.
+      this.select.blur();
+    });
+  }
+
+  #add(speed) {
+    const words = speed === FASTEST ? "as fast as it goes" : `${times(speed)} ×`;
+    const option = make("option", { value: String(speed) }, words);
+    const after = [...this.select.options].find((other) => speed !== FASTEST && (Number(other.value) > speed || other.value === "0"));
+    this.select.insertBefore(option, after ?? null);
+  }
+
+  /** Shows the speed. */
+  tell() {
+    const { run } = this.store;
+    if (!run?.sim) return;
+    const speed = run.sim.speed ?? FASTEST;
+    if (![...this.select.options].some((option) => Number(option.value) === speed)) this.#add(speed);
+    if (document.activeElement !== this.select) this.select.value = String(speed);
+    const slower = speed === FASTEST || run.sim.reached < SLOW * speed;
+    write(byId("sim_reached"), run.state === "running" && slower && run.sim.reached ? `${times(run.sim.reached)} × reached` : "");
+  }
+}
