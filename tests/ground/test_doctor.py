@@ -31,7 +31,7 @@ def test_an_extra_that_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
     assert found("extra record").state == OK
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     assert found("extra record") == Finding(
-        *("extra record", LACKS, "no recordings (--record, replay, report, export)"),
+        *("extra record", LACKS, "needed for recordings (--record, replay, report, export)"),
         errors.pip_line("mcap"),
     )
 
