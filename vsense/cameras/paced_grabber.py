@@ -27,6 +27,10 @@ class PacedGrabber:
         """See `Grabber.missed`."""
         return self._recorded.missed
 
+    def go_on(self) -> None:
+        """After a pause: what is next is due now; in the thread of `next`."""
+        self._shift_ns = None
+
     def next(self, timeout_s: float = PATIENCE_S) -> Sequence[Frame]:
         """Waits until the next timestep is due; see `Grabber.next`."""
         due_ns = self._recorded.due_ns()
@@ -77,6 +81,7 @@ class HeldPlayer:
         self._started = threading.Event()
         self._first: Sequence[Frame] = ()
         self._paced: PacedGrabber | None = None
+        self._anew = True
         self._shift_ns = 0
         self._timestep = -1
 
@@ -88,6 +93,12 @@ class HeldPlayer:
     def play(self) -> None:
         """Goes on from now; any thread."""
         self._started.set()
+
+    def go_on(self) -> None:
+        """After a pause in which nobody called `next`: goes on where it stood; in its thread."""
+        if self._paced is not None:
+            self._paced.go_on()
+            self._anew = True
 
     def next(self, timeout_s: float) -> Sequence[Frame]:
         """Waits until the next pictures are due, dated as if taken now; see `Grabber.next`."""
@@ -109,11 +120,10 @@ class HeldPlayer:
         self._recorded.close()
 
     def _played(self, timeout_s: float) -> Sequence[Frame]:
-        begun = self._paced is None
         if self._paced is None:
             self._paced = PacedGrabber(self._recorded, self._clock)
-        frames = self._dated(self._paced.next(timeout_s), anew=begun)
-        self.held = False
+        frames = self._dated(self._paced.next(timeout_s), self._anew)
+        self.held = self._anew = False
         return frames
 
     def _dated(self, frames: Sequence[Frame], anew: bool = False) -> Sequence[Frame]:

@@ -85,6 +85,11 @@ class CameraTracking:
         if isinstance(self.grabber, HeldPlayer):
             self.grabber.play()
 
+    def go_on(self) -> None:
+        """After a pause in which `next` was not called: a held recording goes on where it stood."""
+        if isinstance(self.grabber, HeldPlayer):
+            self.grabber.go_on()
+
     def stop(self) -> None:
         """The run has ended; cameras are tracked in a run and out of it."""
 
