@@ -26,6 +26,8 @@ class Talk:
         self._clock = clock
         self._timesteps = timesteps
         self._begun_ns = clock()
+        self._last_ns = self._begun_ns
+        self._spent_ns = 0
         self._drawn_ns = 0
         self._done = 0
         self._pictures = 0
@@ -40,6 +42,8 @@ class Talk:
     def timestep(self, state: ArenaState, pictures: int) -> None:
         """Counts a timestep and draws the live line now and then."""
         now_ns = self._clock()
+        self._spent_ns += now_ns - self._last_ns
+        self._last_ns = now_ns
         self._done += 1
         self._pictures += pictures
         self._detected += state.detected
@@ -57,20 +61,19 @@ class Talk:
         """Takes how many timesteps there will be, None: nobody knows."""
         self._timesteps = timesteps
 
-    def rest(self, control: Control, state: ArenaState) -> None:
-        """Draws the live line of a timestep that belongs to no run."""
-        now_ns = self._clock()
+    def rest(self, control: Control, state: ArenaState | None = None) -> None:
+        """Draws the live line of a timestep that belongs to no run, None: of none at all."""
+        self._last_ns = now_ns = self._clock()
         if now_ns - self._drawn_ns >= _DRAW_NS:
             self._drawn_ns = now_ns
             words = {State.PAUSED: "suspended", State.ENDED: "ended"}.get(control.state, "waits")
-            self._console.progress(
-                f"run {control.run} {words}: {int(state.robots['seen'].sum())} robots seen"
-            )
+            seen = "" if state is None else f": {int(state.robots['seen'].sum())} robots seen"
+            self._console.progress(f"run {control.run} {words}{seen}")
 
     def summary(self, missed: int, counters: TrackerCounters, troubles: Troubles) -> None:
         """Says what was done in all; `missed` timesteps were left out."""
         self._console.end_progress()
-        elapsed_s = max((self._clock() - self._begun_ns) / 1e9, 1e-9)
+        elapsed_s = max(self._spent_ns / 1e9, 1e-9)
         per_timestep = self._detected / max(self._done, 1)
         self.say(
             f"{self._done} timesteps, {self._pictures} pictures in {elapsed_s:.1f} s:"

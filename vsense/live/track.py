@@ -144,7 +144,8 @@ class Making:
         if options.is_watched and not session.is_live:
             pace = HELD_S
         tracking = open_tracking(session, host_ns, self.talk.say, pace, self.troubles)
-        self.talk.expect(known_timesteps(options.frames, tracking))
+        if not options.hold:
+            self.talk.expect(known_timesteps(options.frames, tracking))
         return tracking
 
 
@@ -211,7 +212,8 @@ class TrackingRun:
             if self._stands and not self._live:
                 # A recording stands still where its run was suspended.
                 self._interrupted.wait(REST_S)
-                self._room.rest()
+                self._talk.rest(self._runs.control)
+                self._room.rest(stands=True)
             elif (moment := self._next()) is not None:
                 self._take(*moment, csv)
             else:

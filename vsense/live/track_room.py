@@ -134,9 +134,14 @@ class TrackRoom:
         if self._preview is not None:
             self._preview.offer(frames)
 
-    def rest(self) -> None:
-        """Publishes what is not a timestep's: how cameras and runs are."""
+    def rest(self, stands: bool = False) -> None:
+        """Publishes what is not a timestep's: how cameras and runs are.
+
+        `stands`: that nothing comes is as it should be.
+        """
         now_ns = self._clock()
+        if stands:
+            self._heard_ns = now_ns
         if self._joined != self._bus.joined:
             self._joined, self._due_ns = self._bus.joined, 0
             self._bus.notify("/experiment", now_ns, self._facts)
