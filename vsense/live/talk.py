@@ -61,14 +61,14 @@ class Talk:
         """Takes how many timesteps there will be, None: nobody knows."""
         self._timesteps = timesteps
 
-    def rest(self, control: Control, state: ArenaState | None = None) -> None:
-        """Draws the live line of a timestep that belongs to no run, None: of none at all."""
+    def rest(self, control: Control, state: ArenaState) -> None:
+        """Draws the live line of a timestep that belongs to no run."""
         self._last_ns = now_ns = self._clock()
         if now_ns - self._drawn_ns >= _DRAW_NS:
             self._drawn_ns = now_ns
             words = {State.PAUSED: "suspended", State.ENDED: "ended"}.get(control.state, "waits")
-            seen = "" if state is None else f": {int(state.robots['seen'].sum())} robots seen"
-            self._console.progress(f"run {control.run} {words}{seen}")
+            seen = int(state.robots["seen"].sum())
+            self._console.progress(f"run {control.run} {words}: {seen} robots seen")
 
     def summary(self, missed: int, counters: TrackerCounters, troubles: Troubles) -> None:
         """Says what was done in all; `missed` timesteps were left out."""

@@ -40,10 +40,8 @@ FIRST_PICTURE_NS = 15_000_000_000
 """Cameras that give nothing for this long at the beginning do not work at all."""
 SILENCE_S = 0.5
 """A run without pictures checks this often whether it shall end."""
-REST_S = 0.05
-"""A recording that stands still looks this often for orders."""
 HELD_S = 0.1
-"""A recording that waits for its run shows its first pictures this often."""
+"""A recording that waits, or whose run is suspended, shows its pictures this often."""
 
 Timesteps = Iterator[tuple[ArenaState, Sequence[Frame]]]
 """Arena states, each with the pictures that it was made from."""
@@ -209,12 +207,7 @@ class TrackingRun:
         if csv and not self._options.json:
             print(arena.CSV_HEADER, flush=True)
         while self._goes_on():
-            if self._stands and not self._live:
-                # A recording stands still where its run was suspended.
-                self._interrupted.wait(REST_S)
-                self._talk.rest(self._runs.control)
-                self._room.rest(stands=True)
-            elif (moment := self._next()) is not None:
+            if (moment := self._next()) is not None:
                 self._take(*moment, csv)
             else:
                 self._room.rest()
@@ -237,6 +230,7 @@ class TrackingRun:
                 self._runs.recorders.go_on()
             elif not self._stands:
                 self._stands = True
+                self.tracking.pause()
                 self._runs.suspend()
         elif control.state == State.ENDED:
             self._end_run()

@@ -134,14 +134,9 @@ class TrackRoom:
         if self._preview is not None:
             self._preview.offer(frames)
 
-    def rest(self, stands: bool = False) -> None:
-        """Publishes what is not a timestep's: how cameras and runs are.
-
-        `stands`: that nothing comes is as it should be.
-        """
+    def rest(self) -> None:
+        """Publishes what is not a timestep's: how cameras and runs are."""
         now_ns = self._clock()
-        if stands:
-            self._heard_ns = now_ns
         if self._joined != self._bus.joined:
             self._joined, self._due_ns = self._bus.joined, 0
             self._bus.notify("/experiment", now_ns, self._facts)
@@ -237,4 +232,9 @@ def _extent(session: TrackingSession) -> tuple[tuple[float, float], tuple[float,
     ]
     low, high = np.min(np.concatenate(seen), axis=0), np.max(np.concatenate(seen), axis=0)
     (x_m, y_m), (width_m, height_m) = (low + high) / 2.0, high - low + MARGIN_M
-    return (float(x_m), float(y_m)), (float(width_m), float(height_m))
+    return (_cm(x_m), _cm(y_m)), (_cm(width_m), _cm(height_m))
+
+
+def _cm(length_m: float) -> float:
+    """Rounds to what a person reads."""
+    return round(float(length_m), 2)

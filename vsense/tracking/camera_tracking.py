@@ -85,8 +85,13 @@ class CameraTracking:
         if isinstance(self.grabber, HeldPlayer):
             self.grabber.play()
 
+    def pause(self) -> None:
+        """The run is suspended: a held recording stands still, cameras are tracked on."""
+        if isinstance(self.grabber, HeldPlayer):
+            self.grabber.pause()
+
     def go_on(self) -> None:
-        """After a pause in which `next` was not called: a held recording goes on where it stood."""
+        """The run goes on, and so does a held recording."""
         if isinstance(self.grabber, HeldPlayer):
             self.grabber.go_on()
 
