@@ -157,8 +157,8 @@ def _row(
             tag in places and np.hypot(*(centre - places[tag])) < _MATCH_PX
             for tag, centre in zip(seen.tags.tolist(), seen.centres_px, strict=True)
         ]
-        counts.append(sum(named))
-        wrong += len(named) - sum(named)
+        counts.append(int(np.count_nonzero(named)))
+        wrong += len(named) - counts[-1]
         present += len(places)
     low, first, median, third, high = np.percentile(ms, (5, 25, 50, 75, 95)).tolist()
     spread = {"p5": low, "q1": first, "median": median, "q3": third, "p95": high}

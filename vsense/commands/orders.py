@@ -231,7 +231,7 @@ def table(answer: Mapping[str, Any]) -> str:
 
 def _kept(now: Mapping[str, Any]) -> str:
     """Where the run is recorded, if it is."""
-    made = now["recording"] or {}
+    made = now.get("recording") or {}
     trouble = f"\nrecording in trouble: {made['trouble']}" if made.get("trouble") else ""
     if not made.get("on"):
         return trouble
