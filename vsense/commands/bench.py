@@ -55,6 +55,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="how often each detector or size of swarm takes its turn (default: 5)",
     )
+    _add_tracking(parser)
+    parser.add_argument(
+        "--timesteps",
+        type=arguments.positive,
+        metavar="N",
+        help=f"identity: how many, of each marker family (default: {_TIMESTEPS})",
+    )
+    parser.add_argument(
+        "--device", metavar="ID", help="grabbing: a GigE camera's address, id or serial number"
+    )
+    parser.add_argument("--json", action="store_true", help="print the report as one JSON object")
+
+
+def _add_tracking(parser: argparse.ArgumentParser) -> None:
+    """Declares what only the subject tracking has."""
     parser.add_argument(
         "--pictures",
         type=arguments.positive,
@@ -80,16 +95,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="tracking: draw the search plans' times and robots (.png, .svg, .pdf)",
     )
-    parser.add_argument(
-        "--timesteps",
-        type=arguments.positive,
-        metavar="N",
-        help=f"identity: how many, of each marker family (default: {_TIMESTEPS})",
-    )
-    parser.add_argument(
-        "--device", metavar="ID", help="grabbing: a GigE camera's address, id or serial number"
-    )
-    parser.add_argument("--json", action="store_true", help="print the report as one JSON object")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -105,8 +105,10 @@ def run(options: TrackOptions) -> int:
         made = Making(options, session, console, talk, Troubles())
         with interrupted.at_once():
             tracking = made.tracking()
-        stack.callback(lambda: one.tracking.close())
+        stack.callback(tracking.close)
         one = TrackingRun(made, tracking, interrupted)
+        # Each run of a recording has opened it anew.
+        stack.callback(lambda: one.tracking.close())
         one.open(stack)
         one.run()
         return interrupted.code if interrupted.is_set() else 0

@@ -26,7 +26,7 @@ def files_of(path: Path) -> list[Path]:
     found = sorted([*path.glob(f"*{SUFFIX}"), *path.glob(f"*/*{SUFFIX}")])
     if not found:
         raise errors.UsageError(
-            f"{path}: holds no recording ({SUFFIX}): lab and run make them with --record"
+            f"{path}: holds no recording ({SUFFIX}): lab, run and track make them with --record"
         )
     return found
 
