@@ -3,27 +3,21 @@
 from __future__ import annotations
 
 import json
-import signal
-import subprocess
-import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from tests.system.recording import make_recording
+from tests.system.viewer import Viewer
 from vsense.cli import main
-from vsense.commands.orders import TerminalError, ask
-from vsense.errors import VsenseError
+from vsense.commands.orders import TerminalError
 from vsense.recording.reader import open_recording
 from vsense.report.findings import read_findings
 
 pytestmark = pytest.mark.system
 
 PICTURES = 80
-PATIENCE_S = 60.0
 
 
 @pytest.fixture(scope="module")
@@ -35,49 +29,11 @@ def pictures(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-class Viewer:
-    """A running `vsense track`, spoken to as `vsense start` and its like speak to it."""
-
-    def __init__(self, folder: Path, out: Path) -> None:
-        self.states = out.with_name("states.jsonl")
-        with self.states.open("w") as states:
-            self.process = subprocess.Popen(
-                [sys.executable, "-m", "vsense", "track", str(folder), "--hold",
-                 "--record-images", "--web", "0", "-o", str(out)],
-                stdout=states, stderr=subprocess.PIPE, text=True,
-            )  # fmt: skip
-
-    def order(self, kind: str) -> str:
-        return str(ask({"order": kind, "by": "terminal (me)"})["text"])
-
-    def until(self, holds: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
-        """Asks how it is until that is so."""
-        end_s = time.monotonic() + PATIENCE_S
-        while True:
-            assert time.monotonic() < end_s and self.process.poll() is None
-            try:
-                now: dict[str, Any] = ask({"ask": "status"})
-                if holds(now["run"]):
-                    return now
-            except VsenseError as error:
-                # It may not have opened its socket yet.
-                assert "no experiment runs" in str(error), error
-            time.sleep(0.02)
-
-    def printed(self) -> list[dict[str, Any]]:
-        return [json.loads(line) for line in self.states.read_text().splitlines()]
-
-    def end(self) -> str:
-        self.process.send_signal(signal.SIGINT)
-        said = self.process.communicate(timeout=PATIENCE_S)[1]
-        assert self.process.returncode == 130
-        return str(said)
-
-
 @pytest.fixture
 def viewer(pictures: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Viewer]:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    made = Viewer(pictures, tmp_path / "out")
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "sockets"))
+    words = ["track", str(pictures), "--hold", "--record-images", "--web", "0"]
+    made = Viewer([*words, "-o", "out"], tmp_path / "states.jsonl", tmp_path)
     yield made
     made.process.kill()
     made.process.wait()

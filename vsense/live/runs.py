@@ -274,6 +274,11 @@ class Runs:
         except run_directory.DirectoryError as error:
             self._console.say(f"the run's figures are not kept: {error}", "trouble")
 
+    def next_run(self) -> None:
+        """Goes on to the next run; nobody sees the last one's figures under its number."""
+        self.counts = RunCounts({})
+        self.control.next_run()
+
     def report(self, on_stdout: bool) -> None:
         """Writes the figures of all runs where there may be several, and prints what is wanted.
 

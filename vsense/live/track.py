@@ -238,7 +238,7 @@ class TrackingRun:
             self._end_run()
             if not control.next_asked:
                 return self._runs.stays
-            control.next_run()
+            self._runs.next_run()
         return True
 
     def _end_run(self) -> None:
