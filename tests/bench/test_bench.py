@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from vsense import cli
-from vsense.bench import identity, tracking, whole_tracker
+from vsense.bench import identity, tracking, trade_off, whole_tracker
 from vsense.bench.contestants import FoundTags, Single, crossing
 from vsense.bench.frames import FrameSet, FrameTruth, Painter, cameras
 from vsense.commands import bench
@@ -61,17 +61,19 @@ def test_what_is_not_said_is_as_the_help_says(
     asked: list[tuple[object, ...]] = []
     monkeypatch.setattr(tracking, "run", lambda *given: {"asked": asked.append(given[:-1])})
     monkeypatch.setattr(identity, "run", lambda *given: {"asked": asked.append(given[:-1])})
+    monkeypatch.setattr(trade_off, "run", lambda *given: asked.append(given[:-1]) or [])
     monkeypatch.setattr(bench, "table", lambda report: "")
     monkeypatch.setattr(identity, "table", lambda report: "")
     assert cli.main(["bench", "tracking"]) == 0
     assert cli.main(["bench", "identity"]) == 0
-    assert asked == [(5, 8, 60), (2500,)]
+    assert asked == [(5, 8, 60), (5, 100), (2500,)]
 
 
 def test_the_report_is_as_promised(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(whole_tracker, "CAMERAS", (2, 1))  # rendering 16 takes a while
+    monkeypatch.setattr(trade_off, "run", lambda *given: [])  # has a test of its own
     words = ["bench", "tracking", "--json", "--rounds", "1", "--pictures", "1", "--walk", "3"]
     assert cli.main(words) == 0
     captured = capsys.readouterr()

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -95,4 +97,27 @@ def test_closing_ends_it(source: CameraTracking) -> None:
     source.next(PATIENCE_S)
     source.close()
     with pytest.raises(GrabberError):
+        source.next(PATIENCE_S)
+
+
+def test_in_a_pause_it_stands_still_and_then_leaves_nothing_out(source: CameraTracking) -> None:
+    source.next(PATIENCE_S)
+    source.pause()  # before it plays there is nothing to hold
+    source.start()
+    states = []
+    while len(states) < PICTURES - 1:
+        if len(states) == 5:
+            source.pause()
+            stood = [source.next(PATIENCE_S)[0] for _ in range(3)]
+            assert [place(state) for state in stood] == pytest.approx(
+                [place(states[-1])] * 3, abs=0.002
+            )
+            source.go_on()
+        with suppress(GrabberError):
+            states.append(source.next(PATIENCE_S)[0])
+    steps = [place(after) - place(before) for before, after in pairwise(states)]
+    assert steps == pytest.approx([0.01] * len(steps), abs=0.003), "no picture was left out"
+    captures = [state.capture_ns for state in states]
+    assert captures == sorted(set(captures))
+    with pytest.raises(NoMorePictures):
         source.next(PATIENCE_S)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from vsense.arena import Frame
-from vsense.live.serve import RunPictures
+from vsense.live.runs import RunPictures
 from vsense.recording.pictures import PictureRecordingError
 
 FRAMES = [Frame("top", np.zeros((2, 2), np.uint8), 0, 0, 0)]
@@ -30,6 +30,9 @@ class Recorder:
 
     def close(self) -> None:
         self.closed += 1
+
+    def in_words(self) -> str:
+        return f"{self.written} written"
 
 
 class Disk:
@@ -68,13 +71,14 @@ def test_runs_are_recorded_and_nothing_else(
     assert [recorder.written for recorder in disk.begun] == written
     assert [recorder.closed for recorder in disk.begun] == closed
     pictures.close()
-    assert all(recorder.closed == 1 for recorder in disk.begun) and not said
+    assert all(recorder.closed == 1 for recorder in disk.begun)
+    assert said == [f"{count} written" for count in written], "where it lies, and nothing else"
 
 
 def test_a_disk_that_fails_ends_the_recording_only() -> None:
     disk, said = Disk(fails=True), []
     live(RunPictures(disk, True, said.append), "rrr-r")
-    assert said == ["the disk is full; this run is not recorded"] * 2
+    assert said == ["the disk is full; this run is not recorded", "0 written"] * 2
     assert [recorder.closed for recorder in disk.begun] == [1, 1]
 
 
@@ -88,4 +92,4 @@ def test_what_a_slow_disk_left_out_is_said() -> None:
     live(pictures, "r")
     disk.begun[0].dropped = 4
     live(pictures, "-")
-    assert said == ["the disk was too slow: 4 timesteps were not recorded"]
+    assert said == ["1 written", "the disk was too slow: 4 timesteps were not recorded"]

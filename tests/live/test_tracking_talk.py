@@ -8,7 +8,7 @@ import numpy as np
 
 from vsense.arena import POSE, ArenaState
 from vsense.cameras.grabber import CameraEvent, Troubles
-from vsense.live.track import Talk
+from vsense.live.talk import Talk
 from vsense.terminal import Console
 from vsense.tracking.arena_tracker import TrackerCounters
 

@@ -15,6 +15,7 @@ from pathlib import Path
 import cv2
 import pytest
 
+from tests.system.viewer import Viewer
 from tests.tracking.synthetic import HEIGHT_M, Look, Robot, render
 from vsense.cameras.camera import Camera
 from vsense.cli import main
@@ -139,3 +140,28 @@ def test_a_snapshot_of_nothing_and_one_that_cannot_be_written_are_told(
     place = str(tmp_path / "nowhere" / "s.png")
     assert main(["track", *files, "--frames", "1", "--snapshot", place]) == 1
     assert "s.png: cannot be written: No such file" in capsys.readouterr().err
+
+
+@pytest.mark.system
+def test_cameras_stay_for_the_next_run_and_are_recorded_where_somebody_asks(
+    files: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "sockets"))
+    text = Path(files[1]).read_text().replace('record_image="false"', 'record_image="true"')
+    Path(files[1]).write_text(text)
+    viewer = Viewer(["track", *files, "--web", "0"], tmp_path / "states.jsonl", tmp_path)
+    begun = viewer.until(lambda run: run["state"] == "running" and run["timestep"] >= 3)
+    made = begun["run"]["recording"]
+    assert made["on"] and Path(made["file"]).parent == tmp_path / "recordings", "the file's wish"
+    assert viewer.order("record") == "pictures are not kept any more"
+    viewer.until(lambda run: not run["recording"]["on"])
+    viewer.order("stop")
+    ended = viewer.until(lambda run: run["state"] == "ended" and run["timestep"] >= 3)
+    assert sorted(ended["robots"]["tag"]) == [31, 700, 52447], "cameras are looked through on"
+    count = len(viewer.printed())
+    assert viewer.order("start") == "run 2 begins"
+    viewer.until(lambda run: run["run"] == 2 and run["timestep"] >= 3)
+    said = viewer.end()
+    assert len(viewer.printed()) > count
+    assert f"vsense: recording into {made['file']}" in said and f"recording: {made['file']}" in said
+    assert not (tmp_path / "runs").exists(), "nobody asked for an MCAP file"

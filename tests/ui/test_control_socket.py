@@ -16,7 +16,7 @@ from vsense import cli
 from vsense.commands import orders as terminal
 from vsense.errors import UsageError
 from vsense.run.orders import Order, OrderError, OrderKind
-from vsense.ui.control_socket import TIMEOUT_S, ControlSocket, ControlSocketError, folder
+from vsense.ui.control_socket import TIMEOUT_S, TRACKER, ControlSocket, ControlSocketError, folder
 
 STATUS = {
     "name": "wander", "command": "lab", "port": 4050, "directory": "/runs/x", "run": {
@@ -203,3 +203,33 @@ def test_where_nothing_runs_nothing_is_stopped(
 ) -> None:
     assert cli.main(["stop", "--emergency", "--all"]) == 2
     assert "no experiment runs on this machine" in capsys.readouterr().err
+
+
+def test_a_tracker_is_found_where_no_experiment_runs_and_is_never_in_its_way(
+    place: Path, desk: Desk, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An emergency stop must not have to choose between who moves robots and who does not."""
+    rows = {"tag": [7], "x_m": [0.5], "y_m": [-1.0], "yaw_rad": [0.1], "seen": [True]}
+    made = {"on": True, "file": "/runs/y/run-1/lab.mcap", "bytes": 3_000_000, "trouble": "No space"}
+    run = {**STATUS["run"], "late": None, "recording": made}
+    tracked = {"name": "lab", "command": "track", "directory": None, "run": run, "robots": rows}
+    tracker = ControlSocket(lambda: tracked, desk.give, TRACKER)
+    assert cli.main(["status"]) == 0
+    shown = capsys.readouterr().out
+    assert "lab: run 2 is paused" in shown and "late" not in shown
+    assert "recording to /runs/y/run-1/lab.mcap, 3.0 MB" in shown
+    assert "recording in trouble: No space" in shown
+    assert shown.splitlines()[-1].split() == ["7", "0.500", "-1.000", "0.10", "yes"]
+    assert cli.main(["robot", "status"]) == 0
+    assert capsys.readouterr().out.splitlines()[-1].split()[0] == "7"
+    experiment = ControlSocket(lambda: STATUS, desk.give)
+    assert terminal.ask({"ask": "status"})["name"] == "wander"
+    assert cli.main(["stop", "--emergency"]) == 0
+    assert cli.main(["stop", "--process", str(os.getpid())]) == 0
+    assert cli.main(["stop", "--emergency", "--all"]) == 0
+    assert [order.kind for order in desk.orders] == [
+        *(OrderKind.EMERGENCY, OrderKind.STOP, OrderKind.EMERGENCY)
+    ]
+    experiment.close()
+    tracker.close()
+    assert cli.main(["status"]) == 2

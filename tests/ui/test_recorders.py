@@ -107,3 +107,23 @@ def test_a_secret_is_printed_and_neither_told_nor_kept(
     assert told == ["all robots start"]
     assert "secret" not in (tmp_path / LOG).read_text()
     assert "token=secret" in capsys.readouterr().err
+
+
+def test_a_suspended_run_is_not_recorded_and_says_so(tmp_path: Path) -> None:
+    runs = Runs(tmp_path, wanted=True)
+    runs.begin(1)
+    runs.tell(1)
+    runs.recorders.suspend()
+    assert not runs.recorders.state()["on"] and runs.recorders.wanted
+    runs.tell(2)
+    assert runs.recorders.switch(False) == "the run is not recorded when it goes on"
+    runs.recorders.go_on()
+    runs.tell(3)
+    runs.recorders.suspend()
+    assert runs.recorders.switch(True) == "the run is recorded when it goes on"
+    runs.recorders.go_on()
+    assert runs.recorders.state()["on"]
+    runs.tell(4)
+    made = runs.recorders.end_run()
+    assert runs.told(1) == [1, 4] and made["bytes"] == runs.path(1).stat().st_size
+    assert [gap.why for gap in open_recording(runs.path(1)).gaps] == ["recording was switched off"]

@@ -20,11 +20,11 @@ from vsense.config.resources import (
     RATES_HZ,
     SIDES_PX,
 )
+from vsense.config.tracking_session import EXPERIMENT, RESOURCES
 from vsense.errors import UsageError, VsenseError
 from vsense.markers import codes
 from vsense.markers.families import load_family
 from vsense.recording import pictures
-from vsense.recording.pictures import EXPERIMENT, RESOURCES
 from vsense.tracking.specs import CAMERA, GENICAM, TrackerSpec
 
 FAMILY = "arrow4x4"

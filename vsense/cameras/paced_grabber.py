@@ -27,6 +27,10 @@ class PacedGrabber:
         """See `Grabber.missed`."""
         return self._recorded.missed
 
+    def go_on(self) -> None:
+        """After a pause: what is next is due now; in the thread of `next`."""
+        self._shift_ns = None
+
     def next(self, timeout_s: float = PATIENCE_S) -> Sequence[Frame]:
         """Waits until the next timestep is due; see `Grabber.next`."""
         due_ns = self._recorded.due_ns()
@@ -57,9 +61,10 @@ class PacedGrabber:
 
 
 class HeldPlayer:
-    """Repeats a recording's first pictures until `play`, then gives all at their own pace.
+    """Repeats a recording's first pictures until `play`, then gives all at their own pace; in a
+    pause it repeats the last ones.
 
-    `held` is whether the pictures given last were the first ones, not played yet.
+    `held` is whether the pictures given last were repeated, or the first ones, not played yet.
     """
 
     def __init__(
@@ -76,7 +81,10 @@ class HeldPlayer:
         self._clock = clock
         self._started = threading.Event()
         self._first: Sequence[Frame] = ()
+        self._last: Sequence[Frame] = ()
         self._paced: PacedGrabber | None = None
+        self._anew, self._pauses = True, False
+        self._closed = threading.Event()
         self._shift_ns = 0
         self._timestep = -1
 
@@ -89,10 +97,24 @@ class HeldPlayer:
         """Goes on from now; any thread."""
         self._started.set()
 
+    def pause(self) -> None:
+        """Stands still until `go_on`; in the thread of `next`."""
+        self._pauses = self._paced is not None
+
+    def go_on(self) -> None:
+        """Goes on where it stood; in the thread of `next`."""
+        if self._pauses and self._paced is not None:
+            self._paced.go_on()
+            self._anew, self._pauses = True, False
+
     def next(self, timeout_s: float) -> Sequence[Frame]:
         """Waits until the next pictures are due, dated as if taken now; see `Grabber.next`."""
         if not self._first:
             self._first = self._recorded.next(timeout_s)
+        elif self._pauses:
+            self._closed.wait(min(self._period_s, timeout_s))
+            self.held = True
+            return self._dated(self._last, anew=True)
         elif self._started.wait(min(self._period_s, timeout_s)):
             return self._played(timeout_s)
         return self._dated(self._first, anew=True)
@@ -104,16 +126,17 @@ class HeldPlayer:
     def close(self) -> None:
         """Ends all waiting and closes the recording; can be called again."""
         self._started.set()
+        self._closed.set()
         if self._paced is not None:
             self._paced.close()
         self._recorded.close()
 
     def _played(self, timeout_s: float) -> Sequence[Frame]:
-        begun = self._paced is None
         if self._paced is None:
             self._paced = PacedGrabber(self._recorded, self._clock)
-        frames = self._dated(self._paced.next(timeout_s), anew=begun)
-        self.held = False
+        self._last = self._paced.next(timeout_s)
+        frames = self._dated(self._last, self._anew)
+        self.held = self._anew = False
         return frames
 
     def _dated(self, frames: Sequence[Frame], anew: bool = False) -> Sequence[Frame]:

@@ -213,13 +213,41 @@ def numbers(text: str) -> tuple[int, ...]:
     return tuple(found)
 
 
-def add_tracking_files(parser: argparse.ArgumentParser) -> None:
-    """Declares the two files of a tracking session."""
+def add_tracking_files(parser: argparse.ArgumentParser, optional: bool = False) -> None:
+    """Declares the two files of a tracking session; `optional`: the second one may be left out."""
+    folder = "; or the folder of a recording or a lab, which has both" if optional else ""
     parser.add_argument(
-        "resources", help="the resources file (arena_tracking_system): grabbers, trackers, cameras"
+        "resources",
+        help=f"the resources file (arena_tracking_system): grabbers, trackers, cameras{folder}",
     )
+    missing = " (default: all of them, each camera with the grabber of its name)"
     parser.add_argument(
-        "experiment", help="the experiment file (arena_tracking): what of the resources to use"
+        "experiment",
+        nargs="?" if optional else None,
+        help="the experiment file (arena_tracking): what of the resources to use"
+        + (missing if optional else ""),
+    )
+
+
+def add_hold(parser: argparse.ArgumentParser, text: str) -> argparse._ArgumentGroup:
+    """Declares that runs wait for a start; gives the group of the control room's options."""
+    group = parser.add_argument_group("control room")
+    flag(group, "--hold", text)
+    return group
+
+
+def add_recording(group: argparse._ArgumentGroup) -> None:
+    """Declares what is recorded."""
+    flag(
+        group,
+        "--record",
+        "record every run to an MCAP file from its beginning: about 2 MB a minute of 15 robots",
+    )
+    flag(
+        group,
+        "--record-images",
+        "recordings hold the cameras' pictures, too, unchanged: for vsense replay --retrack;"
+        " about 1.3 GB a minute of four cameras with 2 megapixels and 10 Hz",
     )
 
 

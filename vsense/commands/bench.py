@@ -6,16 +6,19 @@ import argparse
 import json
 import math
 import sys
+from pathlib import Path
 from typing import Any
 
-from vsense.bench import grabbing, identity, robot, sim, tracking, world
+from vsense.bench import grabbing, identity, robot, sim, tracking, trade_off, world
 from vsense.commands import arguments
 from vsense.errors import UsageError
 from vsense.terminal import aligned
 
 DESCRIPTION = (
     "'tracking' renders pictures of 20 robots on a cluttered floor and lets vsense's detectors,"
-    " cv2.aruco and, if pupil-apriltags is installed, AprilTag 3 find them, in turns, in one run."
+    " cv2.aruco and, if pupil-apriltags is installed, AprilTag 3 find them, in turns, in one run;"
+    " and it tracks robots in pictures that are hard to read with several search plans, to show"
+    " what they cost and find (the thesis's Table 2.1; -o draws it as figure 2.14)."
     " 'identity' tracks 20 robots below four cameras for a long time and judges every name."
     " 'world' times the virtual world's timestep for 15, 100 and 1000 robots with 24 light"
     " sensors each, and a simulation of the pollutant experiment. 'sim' counts the robots that a"
@@ -30,7 +33,11 @@ DESCRIPTION = (
 _PICTURES = 8
 _WALK = 60
 _TIMESTEPS = 2500
-_ONLY = {"pictures": "tracking", "walk": "tracking", "timesteps": "identity", "device": "grabbing"}
+_ONLY = {
+    **dict.fromkeys(("pictures", "walk", "output", "plans"), "tracking"),
+    "timesteps": "identity",
+    "device": "grabbing",
+}
 """Options that one subject has only."""
 
 
@@ -48,18 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="how often each detector or size of swarm takes its turn (default: 5)",
     )
-    parser.add_argument(
-        "--pictures",
-        type=arguments.positive,
-        metavar="N",
-        help=f"tracking: pictures of each kind of marker (default: {_PICTURES})",
-    )
-    parser.add_argument(
-        "--walk",
-        type=arguments.positive,
-        metavar="N",
-        help=f"tracking: pictures in the sequence of moving robots (default: {_WALK})",
-    )
+    _add_tracking(parser)
     parser.add_argument(
         "--timesteps",
         type=arguments.positive,
@@ -72,15 +68,42 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print the report as one JSON object")
 
 
+def _add_tracking(parser: argparse.ArgumentParser) -> None:
+    """Declares what only the subject tracking has."""
+    parser.add_argument(
+        "--pictures",
+        type=arguments.positive,
+        metavar="N",
+        help=f"tracking: pictures of each kind of marker (default: {_PICTURES})",
+    )
+    parser.add_argument(
+        "--walk",
+        type=arguments.positive,
+        metavar="N",
+        help=f"tracking: pictures in the sequences of moving robots (default: {_WALK}, of the hard"
+        f" ones {trade_off.TIMESTEPS})",
+    )
+    parser.add_argument(
+        "--plans",
+        action="store_true",
+        default=None,
+        help="tracking: only the search plans on hard pictures, which takes less than a minute",
+    )
+    parser.add_argument(
+        *("-o", "--output"),
+        type=Path,
+        metavar="FILE",
+        help="tracking: draw the search plans' times and robots (.png, .svg, .pdf)",
+    )
+
+
 def run(options: argparse.Namespace) -> int:
     """Runs a benchmark and prints its report; UsageError for an option of another subject."""
     for option, subject in _ONLY.items():
         if options.subject != subject and getattr(options, option) is not None:
             raise UsageError(f"--{option}: 'vsense bench {options.subject}' has none")
     if options.subject == "tracking":
-        pictures, walk = options.pictures or _PICTURES, options.walk or _WALK
-        report = tracking.run(options.rounds, pictures, walk, _say)
-        text = table(report)
+        report, text = _tracking(options)
     elif options.subject == "identity":
         report = identity.run(options.timesteps or _TIMESTEPS, _say)
         text = identity.table(report)
@@ -98,6 +121,22 @@ def run(options: argparse.Namespace) -> int:
         text = world.table(report)
     print(json.dumps(_finite(report), indent=2) if options.json else text)
     return 0
+
+
+def _tracking(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
+    """Runs the benchmark of detectors and search plans; gives its report, also for a person."""
+    report: dict[str, Any] = {}
+    if options.output is not None:
+        trade_off.require_drawing(options.output)
+    if not options.plans:
+        pictures, walk = options.pictures or _PICTURES, options.walk or _WALK
+        report = tracking.run(options.rounds, pictures, walk, _say)
+    text = f"{table(report)}\n\n" if report else ""
+    rows = trade_off.run(options.rounds, options.walk or trade_off.TIMESTEPS, _say)
+    if options.output is not None:
+        trade_off.draw(rows, options.output)
+        _say(f"chart: {options.output}")
+    return report | {"search_plans": rows}, text + trade_off.table(rows)
 
 
 def _say(text: str) -> None:

@@ -180,11 +180,9 @@ def say_doubts(doubts: Sequence[str], console: Console) -> None:
 def add_room(parser: argparse.ArgumentParser) -> None:
     """Declares how the runs are seen, steered and kept: the control room."""
     arguments.add_web(parser, insecure=False)
-    group = parser.add_argument_group("control room")
-    group.add_argument(
-        "--hold",
-        action="store_true",
-        help="start no run by itself, but with a key, on the page or with vsense start; after a run"
+    group = arguments.add_hold(
+        parser,
+        "start no run by itself, but with a key, on the page or with vsense start; after a run"
         " wait for the next one, until Ctrl-C",
     )
     group.add_argument(
@@ -199,17 +197,7 @@ def add_room(parser: argparse.ArgumentParser) -> None:
         "--locked",
         "nobody can change the world on the page while it runs: drag a light, set a noise, ...",
     )
-    arguments.flag(
-        group,
-        "--record",
-        "record every run to an MCAP file from its beginning: about 2 MB a minute of 15 robots",
-    )
-    group.add_argument(
-        "--record-images",
-        action="store_true",
-        help="recordings hold the cameras' pictures, too, unchanged: for vsense replay --retrack;"
-        " about 1.3 GB a minute of four cameras with 2 megapixels and 10 Hz",
-    )
+    arguments.add_recording(group)
 
 
 def room_of(options: argparse.Namespace) -> RoomOptions:

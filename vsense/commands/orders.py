@@ -15,11 +15,12 @@ from typing import Any
 from vsense.commands import COMMANDS, arguments
 from vsense.errors import UsageError, VsenseError
 from vsense.terminal import aligned
-from vsense.ui.control_socket import folder
+from vsense.ui.control_socket import TRACKER, folder
 
 DESCRIPTION = (
-    "Talks to the `vsense run` or `vsense lab` that this user runs on this machine. Orders from"
-    " here, from its keyboard and from the page are the same, and all see them."
+    "Talks to the `vsense run` or `vsense lab` that this user runs on this machine, or, where there"
+    " is none, to its `vsense track`. Orders from here, from its keyboard and from the page are the"
+    " same, and all see them."
 )
 
 
@@ -51,7 +52,10 @@ BRIEF_S = 0.5
 """For who is asked what it is, while somebody wants to stop it."""
 
 
-_NOTHING_RUNS = "no experiment runs on this machine: start one with vsense run or vsense lab"
+_NOTHING_RUNS = (
+    "no experiment runs on this machine: start one with vsense run or vsense lab, or only track"
+    " robots with vsense track"
+)
 
 
 class TerminalError(VsenseError):
@@ -111,7 +115,8 @@ def robots(options: argparse.Namespace) -> int:
     """Shows the robots of the running experiment."""
     answer = ask({"ask": "status"}, options.process)
     rows = answer["robots"]
-    print(json.dumps(rows, indent=2) if options.json else robot_table(rows))
+    shown = seen_table if answer["command"] == "track" else robot_table
+    print(json.dumps(rows, indent=2) if options.json else shown(rows))
     return 0
 
 
@@ -132,20 +137,23 @@ def ask(question: Mapping[str, Any], process: int | None = None) -> dict[str, An
     return answer
 
 
-def _sockets() -> dict[int, Path]:
-    return {int(path.stem): path for path in folder().glob("*.sock") if path.stem.isdigit()}
+def _sockets(kind: str = "") -> dict[int, Path]:
+    """The sockets of one kind, by the number of their process."""
+    names = ((path, path.name.removesuffix(f"{kind}.sock")) for path in folder().glob("*.sock"))
+    return {int(number): path for path, number in names if number.isdigit()}
 
 
-def _alive() -> dict[int, Path]:
-    """The sockets of all experiments that run, by process."""
-    return {number: path for number, path in sorted(_sockets().items()) if _is_alive(path)}
+def _alive(kind: str = "") -> dict[int, Path]:
+    """The sockets of all that runs, by process: by default of experiments."""
+    return {number: path for number, path in sorted(_sockets(kind).items()) if _is_alive(path)}
 
 
 def _find(process: int | None, all_too: bool = False) -> Path:
-    found = _sockets()
+    found = {**_sockets(TRACKER), **_sockets()}
     if process in found:
         return found[process]
-    alive = _alive()
+    # What moves no robot is never in the way of an order that shall stop some.
+    alive = _alive() or _alive(TRACKER)
     if process is not None:
         raise UsageError(f"process {process} runs no experiment; {_running(alive)}")
     if not alive:
@@ -168,7 +176,8 @@ def _told(number: int, path: Path) -> tuple[str, ...]:
     """A running experiment in words, as far as it answers."""
     try:
         answer = _exchange(path, b'{"ask": "status"}\n', BRIEF_S)
-        now, port = answer["run"], f"robots' port {answer['port']}"
+        port = f"robots' port {answer['port']}" if "port" in answer else ""
+        now = answer["run"]
         age = f"run {now['run']} {now['state']}, {now['time_s']:.0f} s"
         where = str(answer["directory"])
         return str(number), str(answer["name"]), f"vsense {answer['command']}", port, age, where
@@ -215,9 +224,28 @@ def table(answer: Mapping[str, Any]) -> str:
     silent = f"\nno arena state for {now['silent_s']:.1f} s" if now["silent_s"] else ""
     return (
         f"{answer['name']}: run {now['run']} is {now['state']}, {now['time_s']:.1f}{length} s,"
-        f" timestep {now['timestep']}{late}; {now['rate_hz']:.1f} Hz{sent}{silent}\n\n"
-        f"{robot_table(rows)}"
+        f" timestep {now['timestep']}{late}; {now['rate_hz']:.1f} Hz{sent}{silent}{_kept(now)}\n\n"
+        f"{seen_table(rows) if answer['command'] == 'track' else robot_table(rows)}"
     )
+
+
+def _kept(now: Mapping[str, Any]) -> str:
+    """Where the run is recorded, if it is."""
+    made = now.get("recording") or {}
+    trouble = f"\nrecording in trouble: {made['trouble']}" if made.get("trouble") else ""
+    if not made.get("on"):
+        return trouble
+    return f"\nrecording to {made['file']}, {made['bytes'] / 1e6:.1f} MB{trouble}"
+
+
+def seen_table(rows: Mapping[str, list[Any]]) -> str:
+    """A line for each robot that is only tracked."""
+    columns = zip(*(rows[name] for name in ("tag", "x_m", "y_m", "yaw_rad", "seen")), strict=True)
+    lines = [
+        (str(tag), f"{x_m:.3f}", f"{y_m:.3f}", f"{yaw_rad:.2f}", "yes" if seen else "lost")
+        for tag, x_m, y_m, yaw_rad, seen in columns
+    ]
+    return "\n".join(aligned([("tag", "x [m]", "y [m]", "yaw [rad]", "seen"), *lines]))
 
 
 def robot_table(rows: Mapping[str, list[Any]]) -> str:

@@ -65,6 +65,8 @@ def run(options: argparse.Namespace) -> int:
             console.say(f"vsense: {one.path} was cut off: its last second may be missing")
         if one.damaged:
             console.say(f"vsense: {one.damaged} parts of {one.path} are damaged")
+        if one.only_tracked:
+            console.say(f"vsense: {one.path}: {one.only_tracked}")
         if not one.found.ran:
             console.say(f"vsense: {one.path} holds no run: all of it is shown")
     if options.json:

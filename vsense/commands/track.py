@@ -13,12 +13,15 @@ DESCRIPTION = (
     "Finds and follows every robot in the pictures of cameras or recordings, and prints one arena"
     " state per timestep. The resources file says which picture sources, trackers and cameras there"
     " are, the experiment file which of them to use. Lengths are in m, angles in rad, times in ns."
+    " Page, keys and vsense start, pause, stop and reset begin, suspend and end runs: what lies"
+    " between is printed and recorded. With --web and cameras a stop leaves them in the page, and a"
+    " start begins the next run; else tracking ends with the run."
 )
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
-    arguments.add_tracking_files(parser)
+    arguments.add_tracking_files(parser, optional=True)
     parser.add_argument(
         "--offline",
         action="store_true",
@@ -31,13 +34,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="jsonl: one object per timestep (default); csv: one row per robot and timestep",
     )
     parser.add_argument(
+        "--json",
+        action="store_true",
+        help="print no states, but at the end the run's figures as one JSON object",
+    )
+    parser.add_argument(
         "--snapshot",
         type=Path,
         metavar="PNG",
         help="draw the last state: the cameras' pictures with every robot's ring, heading and id",
     )
-    arguments.option(parser, "--frames", arguments.natural, "N", "end after N timesteps")
+    arguments.option(parser, "--frames", arguments.natural, "N", "end after N timesteps of runs")
+    parser.add_argument(
+        *("-o", "--output"),
+        type=Path,
+        metavar="DIR",
+        help="folder for what runs leave: figures, and recordings (default: none; where something"
+        " is recorded, runs/...)",
+    )
     arguments.add_web(parser)
+    group = arguments.add_hold(
+        parser,
+        "track, but begin no run by itself: a key, the page or vsense start does; after a run wait"
+        " for the next one, until Ctrl-C. A recording begins anew with each run",
+    )
+    arguments.add_recording(group)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TypeVar
+from xml.sax.saxutils import quoteattr
 
 from vsense.cameras.genicam import FREE
 from vsense.config import resources as resources_file
 from vsense.config.resources import check_recording, load_camera, read_bytes
 from vsense.link.trackers.protocol import DEFAULT_PORT
 from vsense.tracking.specs import (
+    CameraSpec,
     CameraTrackerSpec,
     GrabberSpec,
     RecordSpec,
@@ -23,6 +25,10 @@ from vsense.xml.parsing import parse
 
 DEFAULT_DIRECTORY = "recordings"
 IMAGE_FORMATS = ("png", "jpg", "pgm")
+RESOURCES, EXPERIMENT = "resources.xml", "experiment.xml"
+"""The two files' names in a folder that vsense has written."""
+PICTURES_OF = "pictures of "
+"""In a recording's resources file, what stands before a camera's id in that of its grabber."""
 
 _MAX_PERIOD = 10_000
 _MAX_SQUARE_CM = 1000.0
@@ -33,6 +39,68 @@ Part = TypeVar("Part")
 def load(resources_path: str | Path, experiment_path: str | Path) -> TrackingSession:
     """Reads the two files of a tracking session; raises UsageError where one cannot be read."""
     resources = resources_file.load(resources_path)
+    return _load(resources, experiment_path)
+
+
+def load_whole(path: str | Path) -> TrackingSession:
+    """Reads a tracking session of which no experiment file is named: all that there is.
+
+    `path` is a resources file, or a folder with `resources.xml` and perhaps `experiment.xml`, as
+    recordings and `vsense cameras` have them.
+
+    Raises:
+        UsageError: a file cannot be read.
+        ConfigError: it is wrong, or leaves open which camera has which pictures or tracker.
+    """
+    folder = Path(path)
+    if not folder.is_dir():
+        return whole(resources_file.load(path), folder.parent)
+    resources = resources_file.load(folder / RESOURCES)
+    if (folder / EXPERIMENT).exists():
+        return _load(resources, folder / EXPERIMENT)
+    return whole(resources, folder)
+
+
+def whole(resources: Resources, folder: Path) -> TrackingSession:
+    """The session with all cameras of a resources file; raises as `load_whole`."""
+    if not resources.cameras:
+        raise resources.error(1, "<cameras>: declares no camera, expected one at least")
+    if len(resources.trackers) != 1:
+        raise resources.error(
+            1,
+            f"<trackers>: declares {len(resources.trackers)}, expected one; of several, an"
+            " experiment file says which camera has which",
+        )
+    (tracker,) = resources.trackers.values()
+    pairs = [(camera, _grabber_of(resources, camera)) for camera in resources.cameras.values()]
+    # As if somebody had written the file, with each camera in its line of the resources: it is
+    # checked like every other.
+    rows = [""] * max(camera.line for camera, _ in pairs)
+    for camera, grabber in pairs:
+        used = {"grabber": grabber.id, "camera": camera.id, "tracker": tracker.id}
+        words = " ".join(f"{key}={quoteattr(id)}" for key, id in used.items())
+        rows[camera.line - 1] += f"<camera_state_tracker {words} />"
+    rows[0] = f"<arena_tracking><arena_state_tracker>{rows[0]}"
+    text = "\n".join([*rows, "</arena_state_tracker></arena_tracking>"])
+    return read(text.encode(), resources.file, folder, resources)
+
+
+def _grabber_of(resources: Resources, camera: CameraSpec) -> GrabberSpec:
+    """The grabber that has a camera's name; where there is one of each, they belong together."""
+    grabbers = resources.grabbers
+    for id in (camera.id, PICTURES_OF + camera.id):
+        if id in grabbers:
+            return grabbers[id]
+    if len(grabbers) == len(resources.cameras) == 1:
+        return next(iter(grabbers.values()))
+    raise resources.error(
+        camera.line,
+        f"<camera> id: no <grabber> is called {camera.id!r}, so without an experiment file nobody"
+        " knows which pictures are this camera's: give both one id, or name an experiment file",
+    )
+
+
+def _load(resources: Resources, experiment_path: str | Path) -> TrackingSession:
     folder = Path(experiment_path).parent
     return read(read_bytes(experiment_path), str(experiment_path), folder, resources)
 

@@ -7,7 +7,7 @@ without it all runs are one, which goes on with the next run.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 
@@ -16,8 +16,9 @@ from vsense.cameras.grabber import Troubles
 from vsense.clock import host_ns
 from vsense.config import tracking_session
 from vsense.link.trackers.server import ArenaServer
-from vsense.live.track import SILENCE_S, Talk, Timesteps, begin_recording, timesteps
-from vsense.recording.pictures import BackgroundRecorder, PictureRecordingError
+from vsense.live.runs import RunPictures
+from vsense.live.talk import Talk
+from vsense.live.track import SILENCE_S, Timesteps, begin_recording, timesteps
 from vsense.terminal import Console, interruption
 from vsense.tracking.camera_tracking import CameraTracking
 from vsense.tracking.opening import OFFLINE, open_tracking
@@ -29,49 +30,6 @@ REPEAT_S = 0.1
 """Between two states that repeat the last one: the original's timestep."""
 STOP_WAIT_NS = 1_000_000_000
 """A server that ends waits this long for its client to end the run."""
-
-
-class RunPictures:
-    """Keeps pictures while a run is on. A disk that fails ends the recording, not the server."""
-
-    def __init__(
-        self,
-        begin: Callable[[], BackgroundRecorder | None],
-        each_run: bool,
-        say: Callable[[str], None],
-    ) -> None:
-        """`begin` gives None where no recording is wanted; `each_run`: one for every run."""
-        self._begin = begin
-        self._each_run = each_run
-        self._say = say
-        self._recorder: BackgroundRecorder | None = None
-        self._running = False
-
-    def timestep(self, running: bool, frames: Sequence[Frame]) -> None:
-        """Takes the pictures of a timestep; they are kept where it belongs to a run."""
-        try:
-            if running and not self._running and self._recorder is None:
-                self._recorder = self._begin()
-            self._running = running
-            if running and self._recorder is not None:
-                self._recorder.write(frames)
-            elif not running and self._each_run:
-                self.close()
-        except PictureRecordingError as error:
-            self._say(f"{error}; this run is not recorded")
-            self.close()
-
-    def close(self) -> None:
-        """Ends the recording; can be called again."""
-        recorder, self._recorder = self._recorder, None
-        if recorder is None:
-            return
-        try:
-            recorder.close()
-        except PictureRecordingError as error:
-            self._say(str(error))
-        if recorder.dropped:
-            self._say(f"the disk was too slow: {recorder.dropped} timesteps were not recorded")
 
 
 def run(resources: str, experiment: str, host: str, port: int | None) -> int:

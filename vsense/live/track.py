@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 
-from vsense import arena
+from vsense import arena, recording
 from vsense.arena import ArenaState, Frame
 from vsense.cameras.grabber import GrabberError, NoMorePictures, Troubles
 from vsense.clock import host_ns
 from vsense.config import tracking_session
 from vsense.errors import UsageError, VsenseError, failing_as
-from vsense.live.track_room import TrackRoom
+from vsense.live.runs import RunPictures, Runs
+from vsense.live.talk import Talk
+from vsense.live.track_room import TrackRoom, name_of
+from vsense.message_bus import MessageBus
 from vsense.pictures import snapshot
 from vsense.recording.pictures import (
     BackgroundRecorder,
@@ -26,103 +28,20 @@ from vsense.recording.pictures import (
     PictureRecordingError,
     write_session_files,
 )
-from vsense.terminal import Console, drop_output, interruption
-from vsense.tracking.arena_tracker import TrackerCounters
+from vsense.run.control import BEFORE, Control, State
+from vsense.terminal import Console, Interruption, drop_output, interruption
 from vsense.tracking.camera_tracking import CameraTracking
 from vsense.tracking.opening import OFFLINE, PACED, open_tracking
 from vsense.tracking.specs import TrackingSession
 from vsense.ui.access import WebAddress
-
-BAR_WIDTH = 24
-
-_WINDOW_NS = 2_000_000_000
-_DRAW_NS = 100_000_000
-
-
-class Talk:
-    """Keeps the live line up to date; says once which robots have joined."""
-
-    def __init__(self, console: Console, clock: Callable[[], int], timesteps: int | None) -> None:
-        """`clock` is monotonic [ns]; `timesteps` None: it is not known how many there will be."""
-        self._console = console
-        self._clock = clock
-        self._timesteps = timesteps
-        self._begun_ns = clock()
-        self._drawn_ns = 0
-        self._done = 0
-        self._pictures = 0
-        self._detected = 0
-        self._recent: deque[int] = deque()
-        self._joined: set[int] = set()
-
-    def say(self, text: str) -> None:
-        """Says something of its own."""
-        self._console.say(f"vsense: {text}")
-
-    def timestep(self, state: ArenaState, pictures: int) -> None:
-        """Counts a timestep and draws the live line now and then."""
-        now_ns = self._clock()
-        self._done += 1
-        self._pictures += pictures
-        self._detected += state.detected
-        for tag in sorted(set(state.joined) - self._joined):
-            self.say(f"robot {tag} was not on the roster and has joined")
-        self._joined.update(state.joined)
-        self._recent.append(now_ns)
-        while now_ns - self._recent[0] > _WINDOW_NS:
-            self._recent.popleft()
-        if now_ns - self._drawn_ns >= _DRAW_NS or self._done == self._timesteps:
-            self._drawn_ns = now_ns
-            self._console.progress(self._line(state, pictures, now_ns))
-
-    def recorded(self, dropped: int) -> None:
-        """Says how complete a recording is."""
-        if dropped:
-            self.say(f"the disk was too slow: {dropped} timesteps were not recorded")
-
-    def summary(self, missed: int, counters: TrackerCounters, troubles: Troubles) -> None:
-        """Says what was done in all; `missed` timesteps were left out."""
-        self._console.end_progress()
-        elapsed_s = max((self._clock() - self._begun_ns) / 1e9, 1e-9)
-        per_timestep = self._detected / max(self._done, 1)
-        self.say(
-            f"{self._done} timesteps, {self._pictures} pictures in {elapsed_s:.1f} s:"
-            f" {self._done / elapsed_s:.1f} timesteps/s, {self._pictures / elapsed_s:.1f}"
-            f" pictures/s; {per_timestep:.2f} robots detected per timestep"
-        )
-        if missed:
-            self.say(f"{missed} timesteps were left out to keep pace; --offline takes them all")
-        for note in [*counters.notes(), *troubles.summary()]:
-            self.say(note)
-
-    def _line(self, state: ArenaState, pictures: int, now_ns: int) -> str:
-        rate = self._rate(now_ns)
-        robots = state.robots
-        facts = f"{rate:.1f} timesteps/s, {pictures} cameras, {int(robots['seen'].sum())} robots"
-        lost = [str(tag) for tag in robots["tag"][~robots["seen"]]]
-        if lost:
-            facts += f", lost: {', '.join(lost[:6])}{' ...' if len(lost) > 6 else ''}"
-        if self._timesteps is None:
-            return f"timestep {state.timestep}: {facts}"
-        share = self._done / max(self._timesteps, 1)
-        bar = ("#" * round(share * BAR_WIDTH)).ljust(BAR_WIDTH, "-")
-        left_s = (self._timesteps - self._done) / rate
-        return f"[{bar}] {self._done}/{self._timesteps}: {facts}, {left_s:.0f} s left"
-
-    def _rate(self, now_ns: int) -> float:
-        """Timesteps per second over the last two seconds."""
-        earlier = self._done > len(self._recent)
-        since_ns = self._recent[0] if earlier else self._begun_ns
-        counted = len(self._recent) - earlier
-        if not counted:  # slower than that: since the beginning
-            counted, since_ns = self._done, self._begun_ns
-        return counted / max((now_ns - since_ns) / 1e9, 1e-6)
-
+from vsense.ui.recorders import Recorders
 
 FIRST_PICTURE_NS = 15_000_000_000
 """Cameras that give nothing for this long at the beginning do not work at all."""
 SILENCE_S = 0.5
 """A run without pictures checks this often whether it shall end."""
+HELD_S = 0.1
+"""A recording that waits, or whose run is suspended, shows its pictures this often."""
 
 Timesteps = Iterator[tuple[ArenaState, Sequence[Frame]]]
 """Arena states, each with the pictures that it was made from."""
@@ -133,86 +52,249 @@ class TrackOptions:
     """What `vsense track` is asked for.
 
     Attributes:
-        resources, experiment: paths of the two files.
+        resources, experiment: paths of the two files; without an experiment file all that the
+            resources, or their folder, name.
         offline: as fast as possible, not at the pace of a recording's pictures.
         format: of the states on standard output: "jsonl" or "csv".
+        json: figures at the end instead of states.
         snapshot: picture file of the last state, None: none is drawn.
-        frames: timesteps after which it ends, None: never.
+        frames: timesteps of runs after which it ends, None: never.
+        hold: every run waits for a START.
+        record, record_images: every run is recorded, the latter with its pictures.
+        output: folder for what runs leave, None: one in `runs/` if they leave something.
         web: where the page is served, None: nowhere.
     """
 
     resources: str
-    experiment: str
+    experiment: str | None
     offline: bool = False
     format: str = "jsonl"
+    json: bool = False
     snapshot: Path | None = None
     frames: int | None = None
+    hold: bool = False
+    record: bool = False
+    record_images: bool = False
+    output: Path | None = None
     web: WebAddress | None = None
+
+    @property
+    def is_watched(self) -> bool:
+        """Whether somebody looks on, or it is kept as it happens: pictures are dated by now."""
+        return self.hold or self.web is not None or self.is_recorded
+
+    @property
+    def is_recorded(self) -> bool:
+        """Whether every run is recorded."""
+        return self.record or self.record_images
 
 
 def run(options: TrackOptions) -> int:
-    """Tracks until the recording ends or `frames` are done: 0; 130 after Ctrl-C,
-    143 after SIGTERM.
+    """Tracks until the recording ends, `frames` are done or a run was stopped: 0; 130 after Ctrl-C,
+    143 after SIGTERM. With `hold`, or cameras in the page, it goes on after a run.
     """
-    session = tracking_session.load(options.resources, options.experiment)
-    if options.offline and session.is_live:
-        raise UsageError(f"--offline: {options.experiment} uses cameras, expected recordings")
+    if options.experiment is None:
+        session = tracking_session.load_whole(options.resources)
+    else:
+        session = tracking_session.load(options.resources, options.experiment)
+    _check(options, session)
     with ExitStack() as stack:
         interrupted = stack.enter_context(interruption())
         console = Console()
-        pace = OFFLINE if options.offline else PACED
-        tell = lambda line: console.say(f"vsense: {line}")  # noqa: E731
+        talk = Talk(console, host_ns, options.frames)
+        made = Making(options, session, console, talk, Troubles())
         with interrupted.at_once():
-            tracking = open_tracking(session, host_ns, tell, pace)
+            tracking = made.tracking()
         stack.callback(tracking.close)
-        room = stack.enter_context(TrackRoom(options.web, session, tracking.troubles, console))
-        talk = Talk(console, host_ns, known_timesteps(options.frames, tracking))
-        TrackingRun(options, session, tracking, interrupted, talk, room).run()
+        one = TrackingRun(made, tracking, interrupted)
+        # Each run of a recording has opened it anew.
+        stack.callback(lambda: one.tracking.close())
+        one.open(stack)
+        one.run()
         return interrupted.code if interrupted.is_set() else 0
 
 
-@dataclass(slots=True)
-class TrackingRun:
-    """One run of the command, from the first picture to the summary."""
+def _check(options: TrackOptions, session: TrackingSession) -> None:
+    """Refuses what does not go together, before anything is opened."""
+    if options.offline and session.is_live:
+        raise UsageError(f"--offline: {session.file} uses cameras, expected recordings")
+    if options.offline and options.is_watched:
+        raise UsageError(
+            "--offline: is faster than anybody looks; --web, --hold and --record go at the"
+            " pictures' own pace"
+        )
+    if options.is_recorded:
+        recording.require()
+
+
+@dataclass(frozen=True, slots=True)
+class Making:
+    """What a command's tracking is made from, again and again where each run plays a recording."""
 
     options: TrackOptions
     session: TrackingSession
-    tracking: CameraTracking
-    interrupted: threading.Event
+    console: Console
     talk: Talk
-    room: TrackRoom
-    _last: tuple[ArenaState, Sequence[Frame]] | None = None
+    troubles: Troubles
+
+    def tracking(self) -> CameraTracking:
+        """Opens cameras or recordings; raises as `open_tracking`."""
+        options, session = self.options, self.session
+        pace: str | float = OFFLINE if options.offline else PACED
+        if options.is_watched and not session.is_live:
+            pace = HELD_S
+        tracking = open_tracking(session, host_ns, self.talk.say, pace, self.troubles)
+        if not options.hold:
+            self.talk.expect(known_timesteps(options.frames, tracking))
+        return tracking
+
+
+class TrackingRun:
+    """The command's runs, from the first picture to the summary; `tracking` is what is open."""
+
+    def __init__(self, made: Making, tracking: CameraTracking, interrupted: Interruption) -> None:
+        options, session, console, talk = made.options, made.session, made.console, made.talk
+        self.tracking = tracking
+        self._made, self._options, self._talk = made, options, talk
+        self._interrupted = interrupted
+        self._live = session.is_live
+        bus, record = MessageBus(), session.record
+        self._room = TrackRoom(options.web, session, made.troubles, console, bus=bus)
+        each_run = record.change_root_directory_on_start
+        tell = lambda text: console.say(text, "trouble")  # noqa: E731
+        self._runs = Runs(
+            name_of(session),
+            Control(lambda wanted: None, console.say, options.hold, not each_run),
+            Recorders(bus, options.is_recorded, options.record_images, tell, console.say),
+            RunPictures(lambda: begin_recording(session, talk), each_run, tell),
+            console,
+            interrupted,
+            stays=options.hold or (options.web is not None and session.is_live),
+            folders=record.record_image,
+        )
+        self._begun_ns, self._came, self._done = host_ns(), False, 0
+        self._stands = False
+        self._last: tuple[ArenaState, Sequence[Frame]] | None = None
+
+    def open(self, stack: ExitStack) -> None:
+        """Opens folder, page and control socket; what is opened ends with `stack`."""
+        options, runs = self._options, self._runs
+        if options.output is not None or options.is_recorded:
+            runs.keep_in(options.output)
+        runs.recorders.watch_session(self._made.session, self.tracking, by_file=False)
+        stack.enter_context(self._room)
+        watched = options.is_watched
+        self._room.steer(runs, options.hold or options.web is not None, dated=self._live or watched)
 
     def run(self) -> None:
-        """Tracks to the end, and leaves picture, recording and summary."""
-        recorder = begin_recording(self.session, self.talk)
+        """Tracks to the end, and leaves picture, recordings and summary."""
+        runs, options = self._runs, self._options
         try:
-            self._track(recorder)
+            self._track()
         except BrokenPipeError:
             drop_output()
         finally:
-            if recorder is not None:
-                recorder.close()
-                self.talk.recorded(recorder.dropped)
+            self._end_run()
+            runs.pictures.close()
         tracking = self.tracking
-        self.talk.summary(tracking.grabber.missed, tracking.tracker.counters, tracking.troubles)
-        if self.options.snapshot is not None:
-            self._draw(self.options.snapshot)
+        self._talk.summary(tracking.grabber.missed, tracking.tracker.counters, tracking.troubles)
+        runs.report(options.json)
+        if options.snapshot is not None:
+            self._draw(options.snapshot)
+        if runs.pictures.failure is not None:
+            raise runs.pictures.failure
 
-    def _track(self, recorder: BackgroundRecorder | None) -> None:
-        csv = self.options.format == "csv"
-        if csv:
+    def _track(self) -> None:
+        csv = self._options.format == "csv"
+        if csv and not self._options.json:
             print(arena.CSV_HEADER, flush=True)
-        for state, frames in timesteps(self.tracking, self.interrupted, self.options.frames):
+        while self._goes_on():
+            if (moment := self._next()) is not None:
+                self._take(*moment, csv)
+            else:
+                self._room.rest()
+
+    def _goes_on(self) -> bool:
+        """Carries out what orders want; gives whether there is more to come."""
+        control = self._runs.control
+        if self._done == self._options.frames:
+            control.end("all timesteps are done")
+            return False
+        if self._interrupted.is_set():
+            return False
+        if control.state in BEFORE:
+            control.ready()
+            if (control.asked or not control.holds) and control.begin(self.tracking.start):
+                self._runs.begin(self.tracking)
+        elif control.state == State.PAUSED:
+            if control.asked and control.begin(self.tracking.go_on):
+                self._stands = False
+                self._runs.recorders.go_on()
+            elif not self._stands:
+                self._stands = True
+                self.tracking.pause()
+                self._runs.suspend()
+        elif control.state == State.ENDED:
+            self._end_run()
+            if not control.next_asked:
+                return self._runs.stays
+            self._runs.next_run()
+        return True
+
+    def _end_run(self) -> None:
+        """Completes what the run has kept; a recording is played anew in the next one."""
+        control, self._stands = self._runs.control, False
+        control.end("interrupted")
+        if not control.begun or self._runs.ended == control.run:
+            return
+        self._runs.end(self.tracking)
+        follows = (self._runs.stays or control.next_asked) and not self._interrupted.is_set()
+        if follows and not self._live:
+            self.tracking.close()
+            self.tracking = self._made.tracking()
+            self._runs.recorders.watch_session(self._made.session, self.tracking, by_file=False)
+
+    def _next(self) -> tuple[ArenaState, Sequence[Frame]] | None:
+        """Tracks the next pictures; None where none came, or there are no more.
+
+        Raises:
+            GrabberError: cameras gave nothing at the beginning.
+            VsenseError: the tracker has failed.
+        """
+        try:
+            moment = self.tracking.next(SILENCE_S)
+        except NoMorePictures:
+            self._runs.control.end("the recording has ended")
+            return None
+        except GrabberError:
+            if not self._came and host_ns() - self._begun_ns > FIRST_PICTURE_NS:
+                raise
+            return None
+        self._came = True
+        return moment
+
+    def _take(self, state: ArenaState, frames: Sequence[Frame], csv: bool) -> None:
+        """Hands a timestep on; what belongs to no run is only looked at."""
+        runs, running = self._runs, self._runs.running
+        if running:
             self._last = state, frames
-            text = arena.to_csv(state) if csv else arena.to_json(state)
-            if text:
-                # A reader at the other end of a pipe wants a state when it is new.
-                print(text, flush=not self.options.offline)
-            if recorder is not None:
-                recorder.write(frames)
-            self.talk.timestep(state, len(frames))
-            self.room.update(state, frames)
+            self._done += 1
+            runs.counts.add(state, len(frames))
+            self._print(state, csv)
+            runs.pictures.timestep(True, frames)
+            self._talk.timestep(state, len(frames))
+        else:
+            self._talk.rest(runs.control, state)
+        self._room.update(state, frames)
+        self.tracking.check_cameras()
+
+    def _print(self, state: ArenaState, csv: bool) -> None:
+        if self._options.json:
+            return
+        text = arena.to_csv(state) if csv else arena.to_json(state)
+        if text:
+            # A reader at the other end of a pipe wants a state when it is new.
+            print(text, flush=not self._options.offline)
 
     def _draw(self, path: Path) -> None:
         """Draws the last state into a file."""

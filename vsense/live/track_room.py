@@ -1,10 +1,16 @@
-"""The control room of `vsense track`: shows cameras and arena states; nothing can be steered."""
+"""The control room of `vsense track`: shows cameras and arena states, and steers what is kept.
+
+The thesis's Viewer (2.3.1). `vsense cameras show` shows its pictures here, too, without runs.
+"""
 
 from __future__ import annotations
 
+import os
+import shutil
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,14 +18,16 @@ import vsense
 from vsense.arena import ArenaState, Frame, arena_data
 from vsense.cameras.grabber import Troubles
 from vsense.clock import host_ns
+from vsense.live.runs import Runs
 from vsense.message_bus import MessageBus
 from vsense.recording.form import Data, ExperimentMessage, RunMessage
-from vsense.run.orders import Order, OrderError
+from vsense.run.orders import Give, Order, OrderError
 from vsense.terminal import Console, Level
 from vsense.tracking.specs import TrackingSession
-from vsense.ui import messages
+from vsense.ui import keyboard, messages
 from vsense.ui.access import WebAddress
-from vsense.ui.publisher import SECOND_NS, WINDOW, PreviewEncoder, Rates
+from vsense.ui.control_socket import TRACKER, ControlSocket, ControlSocketError
+from vsense.ui.publisher import SECOND_NS, WINDOW, PreviewEncoder, Rates, silence_s
 from vsense.ui.room import open_web, page_access
 from vsense.ui.tables import CameraTable
 from vsense.world.entities import BODY_RADIUS_M
@@ -27,9 +35,21 @@ from vsense.world.entities import BODY_RADIUS_M
 MARGIN_M = 0.3
 """What is shown around the cameras' places: no file says how large the arena is."""
 
+USUAL_NAMES = ("experiment", "resources", "session")
+"""Files with these names say nothing; their folder's name does."""
+
+
+def name_of(session: TrackingSession) -> str:
+    """What people call a session: its file's name, or that of its folder."""
+    path = Path(session.file)
+    return (path.stem if path.stem not in USUAL_NAMES else path.resolve().parent.name) or path.stem
+
 
 class TrackRoom:
-    """Shows a tracking session; a context that leaves no thread and no socket behind."""
+    """Shows a tracking session; a context that leaves no thread and no socket behind.
+
+    `bus` takes all messages.
+    """
 
     def __init__(
         self,
@@ -38,33 +58,63 @@ class TrackRoom:
         troubles: Troubles,
         console: Console,
         clock: Callable[[], int] = host_ns,
+        bus: MessageBus | None = None,
     ) -> None:
         """Opens the page at `web`, if it is not None; `troubles` are those of the cameras.
 
-        Raises:
-            VsenseError: the port is taken, or a library is missing.
+        Its buttons do something as soon as `steer` was called. Raises as `page_access`.
         """
-        self._bus = MessageBus()
+        self._access = None if web is None else page_access(web)
+        self._bus = bus or MessageBus()
         self._session = session
         self._clock = clock
+        self._console = console
         self._board = CameraTable([view.camera for view in session.views], troubles)
         self._rates = Rates(WINDOW)
-        self._joined, self._due_ns, self._timestep = -1, 0, -1
+        self._joined, self._due_ns = -1, 0
+        self._told: object = None
+        self._state: ArenaState | None = None
+        self._heard_ns: int | None = None
+        self._dated = True
+        self._runs: Runs | None = None
+        self._give: Give = refuse
         self._stack = ExitStack()
         self._preview: PreviewEncoder | None = None
-        if web is None:
+        console.also = self._tell_event
+
+    def open(self) -> None:
+        """Serves the page; VsenseError if the port is taken."""
+        if self._access is None:
             return
         server, lines = open_web(
-            page_access(web), self._bus, refuse, lambda text: console.say(text, "warning")
+            self._access,
+            self._bus,
+            lambda order: self._give(order),
+            lambda text: self._console.say(text, "warning"),
         )
         self._stack.callback(server.close)
         self._preview = PreviewEncoder(self._bus)
         self._stack.callback(self._preview.close)
         for line in lines:
-            console.say(line)
-        console.also = self._tell_event
+            # With its tokens: neither the page's events nor a recording may have them.
+            self._console.whisper(line)
+
+    def steer(self, runs: Runs, keys: bool, dated: bool) -> None:
+        """Has page, control socket and, with `keys`, the keyboard carry orders out.
+
+        `dated`: capture times are the host clock's, so that latencies are known.
+        """
+        self._runs, self._give, self._dated = runs, runs.give, dated
+        try:
+            self._stack.callback(ControlSocket(self.status, runs.give, TRACKER).close)
+        except ControlSocketError as error:
+            self._console.say(f"vsense status and its like will not find this process: {error}")
+        if keys and keyboard.usable():
+            self._stack.callback(keyboard.Keyboard(runs.give, self._console.say).close)
+            self._console.say(keyboard.TRACKING_HELP)
 
     def __enter__(self) -> TrackRoom:
+        self.open()
         return self
 
     def __exit__(self, *exception: object) -> None:
@@ -72,29 +122,73 @@ class TrackRoom:
 
     def update(self, state: ArenaState, frames: Sequence[Frame]) -> None:
         """Publishes what is new after a timestep; messages are made only if they are wanted."""
-        if self._preview is None:
-            return
-        now_ns, self._timestep = self._clock(), state.timestep
+        now_ns, runs = self._clock(), self._runs
+        self._state, self._heard_ns = state, now_ns
         self._board.see(frames)
         self._rates.add(state.capture_ns, now_ns)
+        timestep = runs.counts.timestep if runs is not None and runs.running else -1
+        self.rest()
+        self._bus.notify(
+            "/arena", state.capture_ns, lambda: {**arena_data(state), "run_timestep": timestep}
+        )
+        if self._preview is not None:
+            self._preview.offer(frames)
+
+    def rest(self) -> None:
+        """Publishes what is not a timestep's: how cameras and runs are."""
+        now_ns = self._clock()
         if self._joined != self._bus.joined:
             self._joined, self._due_ns = self._bus.joined, 0
             self._bus.notify("/experiment", now_ns, self._facts)
-        if now_ns >= self._due_ns:
+        due = now_ns >= self._due_ns
+        if due:
             self._due_ns = now_ns + SECOND_NS
             self._bus.notify("/cameras", now_ns, lambda: self._board.data(now_ns))
+        runs = self._runs
+        key = None if runs is None else (runs.control.state, runs.control.run, runs.control.by)
+        if due or key != self._told:
+            self._told = key
             self._bus.notify("/run", now_ns, self._run)
-        self._bus.notify(
-            "/arena", state.capture_ns, lambda: {**arena_data(state), "run_timestep": -1}
-        )
-        self._preview.offer(frames)
+
+    def status(self) -> dict[str, Any]:
+        """The answer to `vsense status`; any thread."""
+        assert self._runs is not None, "the socket is opened by `steer`"
+        state, directory = self._state, self._runs.directory
+        return {
+            "name": name_of(self._session),
+            "command": "track",
+            "process": os.getpid(),
+            "directory": None if directory is None else str(directory),
+            "run": self._run(),
+            "robots": {
+                name: [] if state is None else state.robots[name].tolist()
+                for name in ("tag", "x_m", "y_m", "yaw_rad", "seen")
+            },
+        }
 
     def _tell_event(self, text: str, level: Level) -> None:
         self._bus.event(text, level, self._clock())
 
     def _run(self) -> Data:
+        runs, state, now_ns = self._runs, self._state, self._clock()
+        silent_ns = 0 if self._heard_ns is None else now_ns - self._heard_ns
+        common = {"late": None, "silent_s": silence_s(silent_ns), **self._rates.data()}
+        if not self._dated:
+            common["latency_ms"] = None
+        if runs is None:
+            timestep = -1 if state is None else state.timestep
+            return RunMessage(state="running", timestep=timestep, **common).data()
         return RunMessage(
-            state="running", timestep=self._timestep, late=0, silent_s=0.0, **self._rates.data()
+            state=runs.control.state.value,
+            run=runs.control.run,
+            by=runs.control.by,
+            can=runs.can,
+            timestep=runs.counts.timestep,
+            time_s=round(runs.counts.time_ns / 1e9, 3),
+            text=self._console.newest,
+            recording=runs.recording(),
+            disk_free_bytes=_free_bytes(runs.recording()["file"]),
+            **common,
         ).data()
 
     def _facts(self) -> Data:
@@ -106,8 +200,8 @@ class TrackRoom:
         return ExperimentMessage(
             mode="track",
             command="track",
-            name=Path(session.file).stem,
-            blind=False,
+            name=name_of(session),
+            blind=None,
             version=vsense.__version__,
             arena={"size_m": [*size_m, 1.0], "centre_m": [*centre_m, 0.5]},
             robots=[{"tag": t, "name": str(t), "height_m": h} for t, h in heights_m],
@@ -118,7 +212,15 @@ class TrackRoom:
 
 def refuse(order: Order) -> str:
     """Raises OrderError for every order: there is nothing to steer."""
-    raise OrderError(f"{order.kind.value}: nothing runs here, robots are only tracked")
+    raise OrderError(f"{order.kind.value}: nothing runs here, cameras are only looked through")
+
+
+def _free_bytes(file: str | None) -> int | None:
+    """What is left where recordings go."""
+    try:
+        return shutil.disk_usage(Path.cwd() if file is None else Path(file).parent).free
+    except OSError:
+        return None
 
 
 def _extent(session: TrackingSession) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -130,4 +232,9 @@ def _extent(session: TrackingSession) -> tuple[tuple[float, float], tuple[float,
     ]
     low, high = np.min(np.concatenate(seen), axis=0), np.max(np.concatenate(seen), axis=0)
     (x_m, y_m), (width_m, height_m) = (low + high) / 2.0, high - low + MARGIN_M
-    return (float(x_m), float(y_m)), (float(width_m), float(height_m))
+    return (_cm(x_m), _cm(y_m)), (_cm(width_m), _cm(height_m))
+
+
+def _cm(length_m: float) -> float:
+    """Rounds to what a person reads."""
+    return round(float(length_m), 2)

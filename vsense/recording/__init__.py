@@ -28,7 +28,8 @@ def files_of(path: Path) -> list[Path]:
     found = sorted([*path.glob(f"*{SUFFIX}"), *path.glob(f"*/*{SUFFIX}")])
     if not found:
         raise errors.UsageError(
-            f"{path}: holds no recording ({SUFFIX}): sim, lab and run make them with --record"
+            f"{path}: holds no recording ({SUFFIX}):"
+            " sim, lab, run and track make them with --record"
         )
     return found
 

@@ -21,6 +21,7 @@ import cv2
 from vsense.arena import Frame
 from vsense.cameras.camera import Camera
 from vsense.config.resources import DEFAULT_SPEED_M_S
+from vsense.config.tracking_session import EXPERIMENT, PICTURES_OF, RESOURCES
 from vsense.errors import VsenseError, failing_as
 from vsense.tracking.specs import TrackerSpec
 
@@ -47,7 +48,8 @@ class PictureRecorder:
     """Writes pictures at once, in the caller's thread.
 
     The recording is `pictures/CAMERA/000012.png` with `timestamps.csv` beside them, and
-    `cameras/CAMERA.json`, the camera files. `written` counts the pictures on the disk.
+    `cameras/CAMERA.json`, the camera files. `written` counts the pictures on the disk, `bytes` is
+    their size.
 
     Args:
         directory: made where it does not exist; must not hold a recording.
@@ -59,10 +61,11 @@ class PictureRecorder:
     """
 
     def __init__(self, directory: Path, cameras: Sequence[Camera], suffix: str = "png") -> None:
+        self.directory = directory
         self._suffix = suffix
         self._folders: dict[str, Path] = {}
         self._tables: dict[str, TextIO] = {}
-        self.written = 0
+        self.written = self.bytes = 0
         if (directory / "pictures").exists():
             raise PictureRecordingError(
                 f"{directory}: holds a recording already; expected another place"
@@ -85,6 +88,7 @@ class PictureRecorder:
                 path.write_bytes(data.tobytes())
                 self._tables[frame.camera].write(f"{name},{frame.timestep},{frame.capture_ns}\n")
             self.written += 1
+            self.bytes += len(data)
 
     def close(self) -> None:
         """Ends the tables of timestamps; can be called again."""
@@ -103,11 +107,12 @@ class PictureRecorder:
 class BackgroundRecorder:
     """Writes pictures on a thread of its own; what it cannot keep up with is left out.
 
-    At most `most` timesteps wait; `dropped` counts those that were left out.
+    At most `most` timesteps wait; `dropped` counts those that were left out, `recorder` has what
+    was written.
     """
 
     def __init__(self, recorder: PictureRecorder, most: int = 8) -> None:
-        self._recorder = recorder
+        self.recorder = recorder
         self._waiting: queue.Queue[Sequence[Frame] | None] = queue.Queue(most)
         self._failure: PictureRecordingError | None = None
         self.dropped = 0
@@ -130,21 +135,24 @@ class BackgroundRecorder:
         """Writes what waits, and ends; PictureRecordingError if something was not written."""
         self._waiting.put(None)
         self._thread.join()
-        self._recorder.close()
+        self.recorder.close()
         if self._failure is not None:
             raise self._failure
+
+    def in_words(self) -> str:
+        """Where the recording lies, and how much it is."""
+        disk = self.recorder
+        return f"recording: {disk.directory}, {disk.written} pictures, {disk.bytes / 1e6:.1f} MB"
 
     def _run(self) -> None:
         while (frames := self._waiting.get()) is not None:
             try:
                 if self._failure is None:
-                    self._recorder.write(frames)
+                    self.recorder.write(frames)
             except PictureRecordingError as failure:
                 self._failure = failure
 
 
-RESOURCES = "resources.xml"
-EXPERIMENT = "experiment.xml"
 _TAGS_WIDTH = 80
 SCHEMAS = ("resources.xsd", "experiment.xsd")
 
@@ -186,7 +194,7 @@ def resources_text(cameras: Sequence[Camera], trackers: Mapping[str, TrackerSpec
     for camera in cameras:
         folder = f"pictures/{folders[camera.id]}"
         lines.append(
-            f'    <grabber id={quoteattr("pictures of " + camera.id)} type="directory"'
+            f'    <grabber id={quoteattr(PICTURES_OF + camera.id)} type="directory"'
             f' path="{folder}"\n             timestamps="{folder}/{TIMESTAMPS}" />'
         )
     lines += ["  </grabbers>", "", "  <trackers>"]
@@ -202,7 +210,7 @@ def resources_text(cameras: Sequence[Camera], trackers: Mapping[str, TrackerSpec
 
 def experiment_text(cameras: Iterable[Camera], trackers: Mapping[str, TrackerSpec]) -> str:
     """Gives the experiment file of a recording; see `write_session_files`."""
-    return session_text([(f"pictures of {c.id}", c.id, trackers[c.id].id) for c in cameras])
+    return session_text([(PICTURES_OF + c.id, c.id, trackers[c.id].id) for c in cameras])
 
 
 def session_text(views: Iterable[tuple[str, str, str]]) -> str:

@@ -139,6 +139,13 @@ class Findings:
         }
         return [words for words, value in has.items() if not value]
 
+    @property
+    def only_tracked(self) -> str:
+        """What a recording of `vsense track` cannot show, in words; "" where it is another one."""
+        if self.found.facts.command != "track":
+            return ""
+        return f"robots were only tracked (vsense track): it has no {', no '.join(self.lacks)}"
+
 
 def read_findings(path: Path, progress: Callable[[float], None] = lambda share: None) -> Findings:
     """Reads a recording; `progress` takes now and then which share of it was read, 0..1.

@@ -132,7 +132,9 @@ def _notes(findings: Findings) -> Iterator[str]:
     if found.flow.lived and not found.ran:
         words = "This recording holds no run: everything shown is from the whole recording."
         yield note(words, "warning")
-    if findings.lacks:
+    if findings.only_tracked:
+        yield note(f"In this recording {findings.only_tracked}.", "warning")
+    elif findings.lacks:
         yield note(f"Not in this recording: {', '.join(findings.lacks)}.", "warning")
 
 

@@ -32,12 +32,13 @@ class UnusableDirectory(DirectoryError):
     exit_code = 2
 
 
-def make(wanted: Path | None, name: str, seed: int) -> Path:
-    """Makes `wanted`, or a directory in `runs/` named after time, experiment and seed.
+def make(wanted: Path | None, name: str, seed: int | None) -> Path:
+    """Makes `wanted`, or a directory in `runs/` named after time, experiment and, if any, seed.
 
     UnusableDirectory if it cannot be made, or is not empty.
     """
-    stem = f"{time.strftime('%Y-%m-%d-%H%M%S')}-{name}-seed{seed}"
+    stem = f"{time.strftime('%Y-%m-%d-%H%M%S')}-{name}"
+    stem += "" if seed is None else f"-seed{seed}"
     directory = wanted or Path("runs") / stem
     with failing_as(UnusableDirectory, f"cannot write to {directory}"):
         if wanted is None:

@@ -85,6 +85,16 @@ class CameraTracking:
         if isinstance(self.grabber, HeldPlayer):
             self.grabber.play()
 
+    def pause(self) -> None:
+        """The run is suspended: a held recording stands still, cameras are tracked on."""
+        if isinstance(self.grabber, HeldPlayer):
+            self.grabber.pause()
+
+    def go_on(self) -> None:
+        """The run goes on, and so does a held recording."""
+        if isinstance(self.grabber, HeldPlayer):
+            self.grabber.go_on()
+
     def stop(self) -> None:
         """The run has ended; cameras are tracked in a run and out of it."""
 

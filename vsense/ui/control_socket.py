@@ -21,6 +21,9 @@ from typing import Any
 from vsense.errors import VsenseError, failing_as
 from vsense.run.orders import Give, Order, OrderKind
 
+TRACKER = ".track"
+"""In the name of a tracker's socket, behind the process number: nothing there moves a robot."""
+
 TIMEOUT_S = 5.0
 """A terminal that says nothing for this long is disconnected."""
 
@@ -52,10 +55,10 @@ class ControlSocket:
     `status` and `give` are called by any thread. ControlSocketError if there can be no socket.
     """
 
-    def __init__(self, status: Callable[[], dict[str, Any]], give: Give) -> None:
+    def __init__(self, status: Callable[[], dict[str, Any]], give: Give, kind: str = "") -> None:
         self._status = status
         self._give = give
-        self.path = folder() / f"{os.getpid()}.sock"
+        self.path = folder() / f"{os.getpid()}{kind}.sock"
         control = self
 
         class Handler(socketserver.StreamRequestHandler):

@@ -26,6 +26,7 @@ KEYS = {
 _SEQUENCE = re.compile(r"\x1b(?:\[[0-?]*[ -/]*[@-~]|O[ -~])")
 """What a terminal sends for arrows and the like."""
 
+TRACKING_HELP = "keys: s start, p pause, x stop, r reset; Ctrl-C ends vsense"
 HELP = "keys: s start, p pause, x stop, r reset, Esc or e EMERGENCY STOP; Ctrl-C ends vsense"
 
 

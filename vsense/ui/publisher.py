@@ -231,7 +231,7 @@ class Publisher:
             time_s=round(max(self._run_timestep, 0) * experiment.timestep_s, 3),
             length_s=experiment.length_s or None,
             late=self._late,
-            silent_s=None if newest_ns is None else _silence_s(now_ns - newest_ns),
+            silent_s=None if newest_ns is None else silence_s(now_ns - newest_ns),
             **self._rates.data(),
             **self._others(),
         ).data()
@@ -258,7 +258,7 @@ def _arena(step: Step) -> Data:
     return {**arena_data(step.state), "run_timestep": step.run_timestep}
 
 
-def _silence_s(age_ns: int) -> float:
+def silence_s(age_ns: int) -> float:
     """Time without an arena state, 0 up to half a second."""
     return round(age_ns / 1e9, 1) if age_ns > SECOND_NS // 2 else 0.0
 

@@ -49,22 +49,23 @@ class Recorders:
         self._trouble, self._say = trouble, say
         self._path: Path | None = None
         self._recorder: Recorder | None = None
+        self._suspended = False
         self._lock = threading.RLock()
 
     def begin_run(self, path: Path) -> None:
         """Begins a run, whose recording goes to `path`."""
         self.end_run()
         with self._lock:
-            self._path = path
+            self._path, self._suspended = path, False
             if self._wanted and self._open():
                 self._say(f"recording to {path}")
 
-    def end_run(self) -> None:
-        """Completes the run's recording, and says where it is."""
+    def end_run(self) -> Data:
+        """Completes the run's recording, says where it is, and gives its last `state`."""
         with self._lock:
             recorder, self._recorder, self._path = self._recorder, None, None
         if recorder is None:
-            return
+            return dict(OFF)
         # While what waits is written; it may be seconds.
         self._say(f"completing the recording {recorder.path}")
         seconds = recorder.seconds
@@ -76,6 +77,30 @@ class Recorders:
                 f"the recording lacks {made['lost_messages']} messages and pictures: the disk was"
                 " too slow or full; vsense report shows when"
             )
+        return made
+
+    @property
+    def wanted(self) -> bool:
+        """Whether this run, or the next one, is to be recorded."""
+        return self._wanted
+
+    def suspend(self) -> None:
+        """The run stands still, and so does its recording, until `go_on`."""
+        with self._lock:
+            self._suspended = True
+            if self._recorder is not None:
+                self._recorder.pause()
+
+    def go_on(self) -> None:
+        """The run goes on, and so does its recording, if it is wanted."""
+        with self._lock:
+            self._suspended = False
+            if not self._wanted:
+                return
+            if self._recorder is not None:
+                self._recorder.resume()
+            elif self._open():
+                self._say(f"recording to {self._path}")
 
     def switch(self, on: bool) -> str:
         """Switches the recording on or off; gives a line for people, and does not wait for disks.
@@ -87,6 +112,8 @@ class Recorders:
             self._wanted, recorder, path = on, self._recorder, self._path
         if path is None:
             return f"the next run is {'' if on else 'not '}recorded"
+        if self._suspended:
+            return f"the run is {'' if on else 'not '}recorded when it goes on"
         if recorder is None and on:
             threading.Thread(target=self._open_late, name="vsense-record", daemon=True).start()
             return f"recording to {path}"
@@ -98,12 +125,14 @@ class Recorders:
         recorder.pause()
         return f"recording is off: {recorder.path}"
 
-    def watch_session(self, session: TrackingSession, tracking: CameraTracking) -> None:
-        """Records the pictures of a tracking session, if options or its file want them.
+    def watch_session(
+        self, session: TrackingSession, tracking: CameraTracking, by_file: bool = True
+    ) -> None:
+        """Records the pictures of a tracking session, if options or, `by_file`, its file want them.
 
         UsageError if a library is missing.
         """
-        wanted = session.record.record_image
+        wanted = by_file and session.record.record_image
         self._wanted, self._pictures = self._wanted or wanted, self._pictures or wanted
 
         def describe() -> Mapping[str, Any]:

@@ -36,6 +36,10 @@ export class Controls {
   emergency() {
     if (document.body.dataset.mode === "replay") return;
     if (document.body.dataset.mode === "sim") return this.#pauseSimulation();
+    if (document.body.dataset.mode === "track") {
+      this.toast("nothing here moves a robot: stop them where they are driven", false);
+      return;
+    }
     if (!this.store.you.control) this.order("emergency", 1);
     else if (!this.connection.stopAll()) this.toast("EMERGENCY STOP is not delivered: there is no connection", false);
   }
@@ -95,6 +99,7 @@ export class Controls {
     this.#suit(this.store.experiment);
     const state = run?.state ?? "none";
     const can = run?.can ?? [];
+    document.body.dataset.can = can.length ? "some" : "none";
     document.body.dataset.rights = you.control ? "control" : "look";
     byId("looking").hidden = you.control;
     for (const button of this.buttons) {

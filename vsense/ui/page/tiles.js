@@ -17,14 +17,15 @@ const measured = (experiment) => experiment?.command !== "sim";
 /** [name, what it shows: [figure, small print, "bad" | "warn" | ""], of which experiments] */
 const TILES = [
   ["run", ({ run }) => [ofRuns(run), run.by ? `last: ${run.by}` : ""]],
-  ["timestep", ({ now, experiment }) => [now.timestep < 0 ? "–" : String(now.timestep), `${Math.round(1000 * (experiment?.timestep_s ?? 0.1))} ms each`]],
+  ["timestep", ({ now, experiment }) => [now.timestep < 0 ? "–" : String(now.timestep), experiment?.timestep_s ? `${Math.round(1000 * experiment.timestep_s)} ms each` : ""]],
   ["time", ({ run, now }) => [clock(now.time_s), run.length_s ? `of ${clock(run.length_s, 0)}` : "without end"]],
   ["rate", ({ run, experiment }) => {
     if (run.sim) return [run.state === "running" ? `${times(run.sim.reached)} ×` : "–", "of real time"];
     if (!measured(experiment)) return [rate(run.rate_hz), ""];
-    const wanted = 1 / (experiment?.timestep_s ?? 0.1);
+    // Who only tracks takes pictures as they come.
+    const wanted = experiment?.timestep_s ? 1 / experiment.timestep_s : 0;
     const slow = run.state === "running" && run.rate_hz !== null && run.rate_hz < 0.9 * wanted;
-    return [rate(run.rate_hz), `${run.late ?? 0} late`, slow ? "warn" : ""];
+    return [rate(run.rate_hz), run.late === null ? "" : `${run.late} late`, slow ? "warn" : ""];
   }],
   ["latency p50", ({ run }) => (run.latency_ms ? [`${run.latency_ms.p50.toFixed(0)} ms`, "median"] : ["–", "not measured"]), measured],
   ["latency p99", ({ run }) => {
