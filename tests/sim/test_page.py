@@ -22,6 +22,7 @@ from vsense.message_bus import Message, MessageBus
 from vsense.recording.form import ROBOTS, RecordingError
 from vsense.recording.reader import open_recording
 from vsense.report.findings import read_findings
+from vsense.run.changing import Change, ChangeKind
 from vsense.run.control import State
 from vsense.run.orders import Order, OrderError, OrderKind
 from vsense.run.programs import shared_objects
@@ -101,7 +102,7 @@ def test_orders_of_the_page() -> None:
     with pytest.raises(OrderError, match="cannot pause: run 1 is waiting"):
         give(OrderKind.PAUSE)
     control.begin()
-    assert sent.pop() == (1, "begin", (1.0, True)) and control.state is State.RUNNING
+    assert sent.pop() == (1, "begin", (1.0, True, False)) and control.state is State.RUNNING
     for kind in (OrderKind.START, OrderKind.SEEK, OrderKind.PLAY):
         with pytest.raises(OrderError):
             give(kind)
@@ -122,7 +123,7 @@ def test_orders_of_the_page() -> None:
     control.end()
     control.next_run(8)
     control.begin()
-    assert sent[-1] == (2, "begin", (float("inf"), False)) and control.state is State.PAUSED
+    assert sent[-1] == (2, "begin", (float("inf"), False, False)) and control.state is State.PAUSED
 
 
 class Viewer:
@@ -200,6 +201,47 @@ def test_a_page_that_pauses_steps_and_hurries_changes_nothing(
     with open_recording(tmp_path / "foraging.mcap") as recording:
         timesteps = [m.data["run_timestep"] for m in recording.messages({"/arena"})]
     assert timesteps == list(range(1, 120)), "from the order on"
+
+
+@pytest.mark.parametrize("locked", [False, True])
+def test_the_world_is_changed_between_two_timesteps(tmp_path: Path, locked: bool) -> None:
+    setup = Setup("foraging", 12.0, 2)
+    experiment, interrupted = setup.load(), threading.Event()
+    libraries = {name: str(path) for name, path in shared_objects(experiment).items()}
+    begin = {"seed": 9, "holds": True, "locked": locked}
+    answers: list[tuple[str, bool]] = []
+    with SimRoom(page_access(WebAddress("127.0.0.1", 0)), experiment, begin, Console()) as room:
+        viewer = Viewer(room)
+        change = Change(kind=ChangeKind.MOVE, name="nest", x_m=0.25, y_m=0.5)
+        ask = lambda: room._ask(change, "viewer 1", lambda *said: answers.append(said))  # noqa: E731
+        with pytest.raises(OrderError, match="nothing can be changed: run 1 is waiting"):
+            ask()
+
+        def watch() -> None:
+            viewer.until(arena_of(-1))
+            ask()
+            viewer.give(OrderKind.RECORD, 1.0)
+            viewer.give(OrderKind.STEP)
+            viewer.until(arena_of(0))
+            viewer.give(OrderKind.STOP)
+
+        watching = threading.Thread(target=watch)
+        with WatchedRuns(room, interrupted) as runs:
+            room.begin_run(tmp_path)
+            watching.start()
+            runs.run(
+                Task(Job(setup, 9, libraries, str(tmp_path)), experiment), lambda workers: None
+            )
+            watching.join()
+    ((text, ok),) = answers
+    orders = [m.data for m in viewer.messages if m.topic == "/orders"]
+    worlds = [m.data for m in viewer.messages if m.topic == "/world"]
+    (nest,) = [thing for thing in worlds[-1]["entities"] if thing["id"] == "nest"]
+    if locked:
+        assert not ok and "--locked" in text and orders == []
+    else:
+        assert ok and (nest["x_m"], nest["y_m"]) == (0.25, 0.5)
+        assert [(told["by"], told["run_timestep"]) for told in orders] == [("viewer 1", 0)]
 
 
 def test_recording_changes_no_result(recorded: tuple[Path, Path]) -> None:

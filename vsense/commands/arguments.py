@@ -236,6 +236,15 @@ def add_hold(parser: argparse.ArgumentParser, text: str) -> argparse._ArgumentGr
     return group
 
 
+def add_locked(group: Any) -> None:
+    """Declares that a page only shows the world."""
+    flag(
+        group,
+        "--locked",
+        "nobody can change the world on the page while it runs: drag a light, set a noise, ...",
+    )
+
+
 def add_recording(group: argparse._ArgumentGroup) -> None:
     """Declares what is recorded."""
     flag(

@@ -192,11 +192,7 @@ def add_room(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="a series of N runs; the seed of each is the one before plus 1 (default: 1)",
     )
-    arguments.flag(
-        group,
-        "--locked",
-        "nobody can change the world on the page while it runs: drag a light, set a noise, ...",
-    )
+    arguments.add_locked(group)
     arguments.add_recording(group)
 
 

@@ -56,6 +56,7 @@ def _add_page(parser: argparse.ArgumentParser) -> None:
         "with --web, begin at X times real time, 0.1 or more; max: as fast as it goes (default: 1)",
     )
     arguments.flag(group, "--hold", "with --web, begin paused")
+    arguments.add_locked(group)
     arguments.flag(
         group,
         "--record",

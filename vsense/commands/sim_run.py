@@ -70,6 +70,7 @@ class SingleRun:
         access = page_access(web)
         seed = experiments.choose_seed(self.options, self.experiment)
         begin = {"seed": seed, "speed": self.options.speed or 1.0, "holds": self.options.hold}
+        begin["locked"] = self.options.locked
         libraries = self._libraries()
         with SimRoom(access, self.experiment, begin, self.console) as room:
             whole = run_directory.make(self.options.output, self.experiment.name, seed)

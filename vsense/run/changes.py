@@ -63,7 +63,7 @@ class Changes:
     Attributes:
         version: grows with everything that was carried out.
         carried: so many were carried out in the present world.
-        note: takes what was carried out, in the thread of the timesteps.
+        notes: each takes what was carried out, in the thread of the timesteps.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class Changes:
         clock: Callable[[], int] = host_ns,
     ) -> None:
         self.version = self.carried = 0
-        self.note: Callable[[CarriedOut], None] = lambda done: None
+        self.notes: list[Callable[[CarriedOut], None]] = []
         self._tell, self._locked, self._ground, self._clock = tell, locked, ground, clock
         self._wishes: deque[_Wish] = deque()
         self._untold: dict[str, tuple[int, str]] = {}
@@ -109,7 +109,9 @@ class Changes:
                 continue
             self.version += 1
             self.carried += 1
-            self.note(CarriedOut(timestep, run_timestep, wish.by, wish.change, text))
+            done = CarriedOut(timestep, run_timestep, wish.by, wish.change, text)
+            for note in self.notes:
+                note(done)
             wish.answer(text, True)
             self._tell_everybody(wish, text)
         for name, (since_ns, line) in list(self._untold.items()):

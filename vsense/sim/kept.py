@@ -46,13 +46,13 @@ class KeptRun:
             run.record.keep_events(Path(job.directory) / LOGGED)
             tell = lambda text: run.record.note_event(len(run.record.timesteps), text)  # noqa: E731
             self._tables = RunTables(Path(job.directory), experiment.timestep_s, tell)
-        if job.recording is not None:
-            self._record(True, Path(job.recording))
         if page is not None:
             from vsense.sim.paced import PacedRun
 
             self._paced = PacedRun(page, run, job.setup.blind, self._switch, self._recording)
             run.gate = self._paced.gate
+        if job.recording is not None:
+            self._record(True, Path(job.recording))
         if self._tables is not None or self._recorder is not None:
             run.observe = self._observe
 
@@ -81,7 +81,9 @@ class KeptRun:
             clear(path)
             bus, blind = MessageBus(), self._job.setup.blind
             self._recorder = SimRecorder(bus, path, self._run.now_ns)
-            self._publisher = SimPublisher(bus, self._run, blind, SimState(), self._recording)
+            changes = None if self._paced is None else self._paced.changes
+            told = bus, self._run, blind, SimState(), self._recording, changes
+            self._publisher = SimPublisher(*told)
 
     def _recording(self) -> dict[str, Any] | None:
         return None if self._recorder is None else self._recorder.state()

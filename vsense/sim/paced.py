@@ -3,14 +3,15 @@
 Both ends share a socket, which lives longer than one run: every tuple begins with the run's number.
 From the page come (run, name, value):
 
-    begin    the value says how it begins: (speed, playing)
+    begin    the value says how it begins: (speed, playing, locked)
     play     1 on, 0 off
     step     so many timesteps
     speed    times real time
     record   1 on, 0 off
     stop     the run is over here
+    change   of the world: (number, Change, by whom), which `ANSWER` answers
 
-To the page go (run, topic, time_ns, data), the messages of `SimPublisher`, and `TOLD`.
+To the page go (run, topic, time_ns, data), the messages of `SimPublisher`, `TOLD` and `ANSWER`.
 """
 
 from __future__ import annotations
@@ -22,12 +23,18 @@ from typing import Any
 
 from vsense.message_bus import Message, MessageBus
 from vsense.recording.form import Data
+from vsense.run.changes import Changes
+from vsense.run.changing import Change
+from vsense.run.orders import OrderError
 from vsense.sim.pacing import FRAME_S, SimPace
 from vsense.sim.publishing import SimPublisher, SimState
-from vsense.sim.simulation import Simulation
+from vsense.sim.simulation import WARM_UP, Simulation
 
 TOLD = "/sim"
 """Where the run is: `timestep`, `time_s`, `rate_hz` in the last second, `recording`."""
+
+ANSWER = "/answer"
+"""What became of a change: its `number`, `text`, `ok`."""
 
 _NOT_SENT = ("/run", "/cameras")
 """The page's own end tells these."""
@@ -43,6 +50,9 @@ class PacedRun:
         simulation: is paced.
         record: switches the recording on or off; gives words for people, "" where it worked.
         recording: gives the "recording" of `/run`.
+
+    Attributes:
+        changes: of the world, by people.
     """
 
     def __init__(
@@ -57,19 +67,22 @@ class PacedRun:
         self._page, self._simulation = connection, simulation
         self._record, self._recording = record, recording
         self._timestep_s = simulation.environment.experiment.timestep_s
-        self.run, speed, playing = self._begin()
+        self.run, speed, playing, locked = self._begin()
         self._pace = SimPace(self._timestep_s, speed, playing)
         self._stopped, self._shown, self._frame_s = False, -2, 0.0
         self._rate_hz, self._rated = 0.0, (time.monotonic(), 0)
         bus = MessageBus()
         bus.join(self._send, lambda topic: topic not in _NOT_SENT)
-        self._publisher = SimPublisher(bus, simulation, blind, SimState(run=self.run))
+        self.changes = Changes(self.tell, locked, simulation.ground)
+        state = SimState(run=self.run)
+        self._publisher = SimPublisher(bus, simulation, blind, state, changes=self.changes)
 
     def gate(self, run_timestep: int) -> int:
         """How many timesteps may follow; waits. Here, between two timesteps, orders are obeyed."""
         while True:
             while self._page.poll():
                 self._obey(*self._heard())
+            self._change(run_timestep)
             if self._stopped:
                 # A run has a timestep at least.
                 return int(run_timestep == 0)
@@ -89,22 +102,21 @@ class PacedRun:
         """Tells the page something for people."""
         self._send(Message("/event", 0, {"text": text, "level": level, "by": None}))
 
-    def _begin(self) -> tuple[int, float, bool]:
+    def _begin(self) -> tuple[int, float, bool, bool]:
         """The first order: what was meant for the run before this one is left out."""
         while True:
             run, name, value = self._page.recv()
             if name == "begin":
-                speed, playing = value
-                return run, speed, playing
+                return run, *value
 
-    def _heard(self) -> tuple[int, str, float]:
+    def _heard(self) -> tuple[int, str, Any]:
         try:
             run, name, value = self._page.recv()
         except EOFError:
             return self.run, "stop", 0.0
         return run, name, value
 
-    def _obey(self, run: int, name: str, value: float) -> None:
+    def _obey(self, run: int, name: str, value: Any) -> None:
         """Carries out an order of this run; everything between two timesteps is here."""
         if run != self.run:
             return
@@ -116,9 +128,29 @@ class PacedRun:
             self._pace.set_speed(value)
         elif name == "stop":
             self._stopped = True
+        elif name == "change":
+            self._ask(*value)
         elif name == "record":
             if trouble := self._record(value != 0.0):
                 self.tell(trouble, "trouble")
+            self._shown = -2
+
+    def _ask(self, number: int, change: Change, by: str) -> None:
+        """Takes a change of the world, and answers when it is carried out or refused."""
+
+        def answer(text: str, ok: bool) -> None:
+            self._send(Message(ANSWER, 0, {"number": number, "text": text, "ok": ok}))
+
+        try:
+            self.changes.ask(change, by, answer)
+        except OrderError as error:
+            answer(str(error), False)
+
+    def _change(self, run_timestep: int) -> None:
+        """Carries out what people want changed before a timestep; they see it at once."""
+        version, environment = self.changes.version, self._simulation.environment
+        self.changes.carry_out(environment, WARM_UP + run_timestep, run_timestep)
+        if self.changes.version != version:
             self._shown = -2
 
     def _show(self, run_timestep: int) -> None:

@@ -17,6 +17,7 @@ from vsense.link.robots.status import RobotStatus
 from vsense.link.robots.table import Direction
 from vsense.message_bus import MessageBus
 from vsense.recording.form import ROBOTS, Data
+from vsense.run.changes import Changes
 from vsense.run.control import State
 from vsense.run.orders import OrderKind
 from vsense.run.runtime import Step
@@ -48,6 +49,7 @@ class SimPublisher(Publisher):
         simulation: is looked at.
         state: of the run.
         recording: gives the "recording" of `/run`.
+        changes: of the world, by people; None: there can be none.
     """
 
     def __init__(
@@ -57,6 +59,7 @@ class SimPublisher(Publisher):
         blind: bool,
         state: SimState,
         recording: Callable[[], Data | None] = lambda: None,
+        changes: Changes | None = None,
     ) -> None:
         """VsenseError if the experiment's file cannot be read any more."""
         environment = simulation.environment
@@ -68,7 +71,7 @@ class SimPublisher(Publisher):
         facts = ExperimentFacts(MODE, text, blind, (), {}, Troubles(), mode=MODE)
         others = lambda: {"runs": None, "recording": recording()}  # noqa: E731
         super().__init__(
-            bus, facts, environment, simulation, state, others, clock=lambda: self._now_ns
+            *(bus, facts, environment, simulation, state, others, lambda: self._now_ns, changes)
         )
         self._names = [robot.id for robot in experiment.robots]
         self._controllers = [robot.controller for robot in experiment.robots]

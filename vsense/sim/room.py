@@ -6,6 +6,7 @@ simulation, which would only stand between somebody and the robots that move.
 
 from __future__ import annotations
 
+import itertools
 import shutil
 import socket
 import threading
@@ -21,9 +22,11 @@ from vsense.clock import host_ns
 from vsense.config.specs import Experiment
 from vsense.message_bus import Message, MessageBus
 from vsense.recording.form import Data, RunMessage
+from vsense.run.changes import MOST_WAITING, Answer
+from vsense.run.changing import Change
 from vsense.run.control import State
 from vsense.run.orders import Order, OrderError, OrderKind
-from vsense.sim.paced import TOLD
+from vsense.sim.paced import ANSWER, TOLD
 from vsense.sim.pacing import FASTEST, SLOWEST
 from vsense.terminal import Console
 from vsense.ui.recorders import OFF
@@ -57,6 +60,7 @@ class SimControl:
         tell: takes a line for people.
         speed: at the beginning, times real time.
         holds: every run begins paused; those after a reset do anyway.
+        locked: nobody may change the world.
 
     Attributes:
         run: its number, from 1.
@@ -73,12 +77,13 @@ class SimControl:
         seed: int,
         speed: float = 1.0,
         holds: bool = False,
+        locked: bool = False,
     ) -> None:
         self.state, self.run, self.seed, self.speed = State.WAITING, 1, seed, speed
         self.by: str | None = None
         self.file = Path()
         self.next_asked = False
-        self._send, self._tell, self._holds = send, tell, holds
+        self._send, self._tell, self._holds, self._locked = send, tell, holds, locked
         self._lock = threading.RLock()
 
     @property
@@ -106,7 +111,7 @@ class SimControl:
         with self._lock:
             self.state = State.PAUSED if self._holds else State.RUNNING
             self.next_asked = False
-            self._send(self.run, "begin", (self.speed, not self._holds))
+            self._send(self.run, "begin", (self.speed, not self._holds, self._locked))
 
     def end(self) -> None:
         """The run is over."""
@@ -178,11 +183,13 @@ class SimRoom:
     def __init__(
         self, access: PageAccess, experiment: Experiment, control: dict[str, Any], console: Console
     ) -> None:
-        """`control` has the seed, the speed and `holds` of `SimControl`; nothing is opened yet."""
+        """`control` has what begins a run, of `SimControl`; nothing is opened yet."""
         self.control = SimControl(self._send, console.say, **control)
         self.bus = MessageBus()
         self._access, self._experiment, self._console = access, experiment, console
         self._stack, self._sending = ExitStack(), threading.Lock()
+        self._asked: dict[int, Answer] = {}
+        self._numbers = itertools.count()
         self._current: dict[str, Message] = {}
         self._told: dict[str, Any] = {}
         self._directory = Path()
@@ -194,7 +201,7 @@ class SimRoom:
         """Opens the page; VsenseError if it cannot be served."""
         server, lines = open_web(
             *(self._access, self.bus, self.control.give),
-            lambda text: self._console.say(text, "warning"),
+            *(lambda text: self._console.say(text, "warning"), self._ask),
         )
         self._stack.callback(server.close)
         for line in lines:
@@ -218,7 +225,25 @@ class SimRoom:
         """A run begins, whose files go to `directory`."""
         self._directory, self._told, self._current = directory, {}, {}
         self.control.file = directory / f"{self._experiment.name}{recording.SUFFIX}"
+        self._forget_asked()
         self.control.begin()
+
+    def _ask(self, change: Change, by: str, answer: Answer) -> None:
+        """Has the simulation change its world, see `vsense.run.changes.Ask`."""
+        if self.control.state not in (State.RUNNING, State.PAUSED):
+            run, state = self.control.run, self.control.state.value
+            raise OrderError(f"nothing can be changed: run {run} is {state}")
+        if len(self._asked) >= MOST_WAITING:
+            raise OrderError("too many changes wait for the next timestep: try again")
+        number = next(self._numbers)
+        self._asked[number] = answer
+        self._send(self.control.run, "change", (number, change, by))
+
+    def _forget_asked(self) -> None:
+        """Answers what a run that is over did not answer any more."""
+        for number in list(self._asked):
+            if answer := self._asked.pop(number, None):
+                answer("the run ended before it", False)
 
     def _send(self, run: int, name: str, value: Any) -> None:
         with self._sending, suppress(OSError):
@@ -242,6 +267,9 @@ class SimRoom:
         message = Message(topic, host_ns(), data)
         if topic == TOLD:
             self._told = data
+        elif topic == ANSWER:
+            if answer := self._asked.pop(data["number"], None):
+                answer(data["text"], data["ok"])
         elif topic == "/event" and not time_ns:
             self._console.say(data["text"], data["level"])
         else:

@@ -120,7 +120,7 @@ class Publisher:
     ) -> None:
         self._changes = changes
         if changes is not None:
-            changes.note = self._note
+            changes.notes.append(self._note)
         self.environment = environment
         self._bus, self._common = bus, facts
         self._runtime = runtime
