@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from vsense.arena import UNNAMED, ArenaState, Frame
 from vsense.cameras.camera import Camera
+from vsense.pictures.camera_view import as_they_hang, levels_of, lightened
 from vsense.pictures.canvas import FONT, INK, MUTED, Colour, Floats, Image
 
 PANEL_PX = 960
@@ -69,14 +70,6 @@ def draw(
     return canvas
 
 
-def as_they_hang(cameras: Sequence[Camera]) -> list[list[Camera]]:
-    """Returns the cameras from above: rows from high y to low y, each from low x to high."""
-    columns = max(1, round(math.sqrt(len(cameras))))
-    ordered = sorted(cameras, key=lambda c: (-c.position_m[1], c.position_m[0]))
-    rows = [ordered[k : k + columns] for k in range(0, len(ordered), columns)]
-    return [sorted(row, key=lambda c: (c.position_m[0], c.id)) for row in rows]
-
-
 def _head(canvas: Image, state: ArenaState) -> None:
     robots = state.robots
     seen = int(robots["seen"].sum())
@@ -114,13 +107,8 @@ def _panel(
     if image is None or rows is None:
         return np.full((size[1], size[0], 3), 235, np.uint8)
     large = (size[0] * _ZOOM, size[1] * _ZOOM)
-    grey = cv2.resize(image, large, interpolation=cv2.INTER_CUBIC)
-    # The contrast is stretched to a light picture, so that a dim arena can be seen.
-    low, high = np.percentile(image[::8, ::8], (0.5, 99.5))
-    gain = 190.0 / max(float(high - low), 20.0)
-    light = np.clip((grey.astype(np.float32) - low) * gain + 50.0, 0.0, 255.0)
-    panel = cv2.cvtColor(light.astype(np.uint8), cv2.COLOR_GRAY2BGR)
-    pen = _Pen(np.asarray(panel, np.uint8), camera, large[0] / camera.width_px)
+    panel = lightened(image, large, levels_of(image))
+    pen = _Pen(panel, camera, large[0] / camera.width_px)
     seen = set(rows["tag"].tolist())
     for robot in state.robots:
         tag = int(robot["tag"])
