@@ -130,7 +130,7 @@ def draw_scene(canvas: Canvas, moment: ArenaMoment, view: Projection) -> None:
     for cone in snapshot.cones:
         canvas.fill(view.area(upright(cone, 0.0)), CONE, 0.30)
         _outline(canvas, view, upright(cone, 0.0), CONE, 2.0)
-        _outline(canvas, view, upright(cone[0] + 0.05 * _RIM, 0.0), CONE, 3.0)
+        _marked(canvas, view, cone[0] + 0.05 * _RIM, 0.0, 0.05)
     for solid in snapshot.virtual:
         _solid(canvas, solid, view)
     if not view.flat:
@@ -152,6 +152,16 @@ def _outline(
 ) -> None:
     for piece in view.line(points, closed=True):
         canvas.lines(piece, colour, width)
+
+
+def _marked(
+    canvas: Canvas, view: Projection, outline_m: Floats, height_m: float, radius_m: float
+) -> None:
+    """Draws the outline of a source, as thick as its size allows."""
+    spot = view.spot(np.array([*outline_m.mean(axis=0), height_m]))
+    if spot is not None:
+        width = float(np.clip(0.25 * radius_m * spot[1], 1.2, 3.0))
+        _outline(canvas, view, upright(outline_m, height_m), CONE, width)
 
 
 def _zone(canvas: Canvas, zone: Patch, view: Projection) -> None:
@@ -220,7 +230,7 @@ def _robots(canvas: Canvas, moment: ArenaMoment, view: Projection) -> None:
             canvas.lines(piece, TRAIL, 1.0)
     for place in () if moment.objects is None else moment.objects:
         square = place + 0.5 * BODY_RADIUS_M * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-        _outline(canvas, view, upright(square, 0.0 if view.flat else BODY_HEIGHT_M), CONE, 2.5)
+        _marked(canvas, view, square, 0.0 if view.flat else BODY_HEIGHT_M, BODY_RADIUS_M)
     for pose, top_m, lit, virtual in zip(poses, tops, moment.lit, moment.snapshot.leds):
         spot = view.spot(np.array([*pose[:2], top_m]))
         if spot is None:

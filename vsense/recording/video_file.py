@@ -105,11 +105,13 @@ class _Film(VideoFile):
 
     def _write(self, frame: Image) -> None:
         if self._writer is not None:
-            self._writer.write(frame)
+            with _quietly():
+                self._writer.write(frame)
 
     def _close(self) -> None:
         if self._writer is not None:
-            self._writer.release()
+            with _quietly():
+                self._writer.release()
 
     def _check(self) -> None:
         with _quietly():
