@@ -38,6 +38,8 @@ class Projection(Protocol):
 
     flat: bool
     """Whether heights do not count."""
+    size_px: tuple[int, int]
+    """Width and height of the finished picture."""
 
     def area(self, corners_m: Floats) -> Floats:
         """The (k, 2) corners of what is to be seen of an area; k is 0 where it is nothing."""

@@ -305,8 +305,9 @@ def _names(canvas: Canvas, moment: ArenaMoment, view: Projection) -> None:
             continue
         size = np.array([width_of(name, _NAME, canvas.scale), 11.0])
         places = [spot[0] + np.array(corner) * radius - size * back for corner, back in _CORNERS]
-        free = (p for p in places if not _covers(p, size, taken))
-        place = next(free, places[0])
+        room = np.array(view.size_px) - size
+        inside = [p for p in places if p.min() >= 0.0 and bool((p <= room).all())] or places
+        place = next((p for p in inside if not _covers(p, size, taken)), inside[0])
         taken.append((place, size))
         _label(canvas, name, place + np.array([0.0, 11.0]), colour, _NAME, view)
 
