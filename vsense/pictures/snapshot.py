@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from vsense.arena import UNNAMED, ArenaState, Frame
 from vsense.cameras.camera import Camera
 from vsense.pictures.camera_view import as_they_hang, levels_of, lightened
-from vsense.pictures.canvas import FONT, INK, MUTED, Colour, Floats, Image
+from vsense.pictures.canvas import FONT, INK, MUTED, Canvas, Colour, Floats, Image
+from vsense.pictures.projections import ThroughLens
 
 PANEL_PX = 960
 """Width of one camera's picture in the finished one."""
@@ -108,7 +109,7 @@ def _panel(
         return np.full((size[1], size[0], 3), 235, np.uint8)
     large = (size[0] * _ZOOM, size[1] * _ZOOM)
     panel = lightened(image, large, levels_of(image))
-    pen = _Pen(panel, camera, large[0] / camera.width_px)
+    pen = _Pen(panel, camera)
     seen = set(rows["tag"].tolist())
     for robot in state.robots:
         tag = int(robot["tag"])
@@ -142,24 +143,28 @@ class _Name:
 class _Pen:
     """Draws robots into one camera's picture, through its lens."""
 
-    def __init__(self, canvas: Image, camera: Camera, scale: float) -> None:
+    def __init__(self, canvas: Image, camera: Camera) -> None:
         self.canvas = canvas
-        self._camera = camera
-        self._scale = scale
+        self._pen = Canvas.over(canvas)
+        self._view = ThroughLens(camera, canvas.shape[1], np.zeros(2))
         self._names: list[_Name] = []
 
     def robot(self, place_m: Floats, yaw_rad: float, name: str, colour: Colour) -> None:
         """Draws a ring around a robot's marker and an arrow along its heading."""
         turn = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
         rim = place_m + _RING_M * np.stack((np.cos(turn), np.sin(turn), 0.0 * turn), axis=-1)
-        cv2.polylines(self.canvas, [self._pixels(rim)], True, colour, 3 * _ZOOM, cv2.LINE_AA)
         ahead = np.array((math.cos(yaw_rad), math.sin(yaw_rad), 0.0))
-        points = self._pixels(place_m + np.outer((_RING_M, _ARROW_M, 0.0, -_ARROW_M), ahead))
-        start, tip = points[:2].tolist()
-        cv2.arrowedLine(self.canvas, start, tip, colour, 3 * _ZOOM, cv2.LINE_AA, 0, 0.35)
-        middle, back = points[2:].astype(np.float64)
+        ends = place_m + np.outer((_RING_M, _ARROW_M, 0.0, -_ARROW_M), ahead)
+        spots = [found[0] for found in map(self._view.spot, ends) if found is not None]
+        if len(spots) < len(ends):
+            return
+        for piece in self._view.line(rim, closed=True):
+            self._pen.lines(piece, colour, 3 * _ZOOM)
+        start, tip, middle, back = spots
+        foot, head = (np.rint(end).astype(int).tolist() for end in (start, tip))
+        cv2.arrowedLine(self.canvas, foot, head, colour, 3 * _ZOOM, cv2.LINE_AA, 0, 0.35)
         behind_rad = math.atan2(*(back - middle)[::-1])
-        self._names.append(_Name(name, colour, middle, math.dist(middle, points[0]), behind_rad))
+        self._names.append(_Name(name, colour, middle, math.dist(middle, start), behind_rad))
 
     def write_names(self) -> None:
         """Writes all names, each where it covers no robot and no other name, if possible."""
@@ -184,10 +189,6 @@ class _Pen:
         out = name.ring + _PAD + float(np.min(half / np.maximum(np.abs(way), 1e-3)))
         limit = np.array(self.canvas.shape[1::-1]) - half - _PAD
         return np.asarray(np.clip(name.middle + out * way, half + _PAD, limit))
-
-    def _pixels(self, points_m: Floats) -> NDArray[np.int32]:
-        pixels = (self._camera.project(points_m) + 0.5) * self._scale - 0.5
-        return np.asarray(np.rint(np.clip(pixels, -30_000, 30_000)), np.int32)
 
 
 def _covers(place: Floats, half: Floats, taken: Sequence[tuple[Floats, Floats]]) -> bool:
