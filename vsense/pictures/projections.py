@@ -27,7 +27,7 @@ from vsense.pictures.canvas import Floats, Image
 
 _BEND_PX = 6.0
 """A line is bent by the lens at points that are at most so far apart."""
-_MOST_POINTS = 400
+_MOST_STEPS = 400
 _NOWHERE_PX = 1e6
 _OWN_M = 0.01
 _BESIDE_M = _OWN_M * np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
@@ -122,14 +122,17 @@ class ThroughLens:
         plane = cut_to_disc(front[:, :2] / front[:, 2:], self._radius)
         if len(plane) < 3:
             return np.empty((0, 2))
-        sides = [self._steps(*ends)[:-1] for ends in zip(plane, np.roll(plane, -1, axis=0))]
-        return self._bent(np.vstack(sides))
+        return self._bent(self._path(np.vstack((plane, plane[:1])))[:-1])
 
     def line(self, points_m: Floats, closed: bool = False) -> list[Floats]:
         """See `Projection`."""
         seen = self._seen(points_m)
         if closed:
             seen = np.vstack((seen, seen[:1]))
+        if seen[:, 2].min() >= NEAR_M:
+            plane = seen[:, :2] / seen[:, 2:]
+            if np.hypot(*plane.T).max() <= self._radius:
+                return [self._bent(self._path(plane))]
         pieces: list[list[Floats]] = [[]]
         for start, end in pairwise(seen):
             kept = self._visible(start, end)
@@ -139,7 +142,7 @@ class ThroughLens:
             first, last = kept
             if pieces[-1] and not np.array_equal(pieces[-1][-1][-1], first):
                 pieces.append([])
-            pieces[-1].append(self._steps(first, last))
+            pieces[-1].append(self._path(np.stack((first, last))))
         return [self._bent(np.vstack(piece)) for piece in pieces if piece]
 
     def spot(self, point_m: Floats) -> tuple[Floats, float] | None:
@@ -188,11 +191,19 @@ class ThroughLens:
             last if high == 1.0 else first + high * way,
         )
 
-    def _steps(self, start: Floats, end: Floats) -> Floats:
+    def _path(self, plane: Floats) -> Floats:
         """Points of a line on the image plane, as near to each other as the lens needs."""
-        count = min(int(np.hypot(*(end - start)) / self._step) + 2, _MOST_POINTS)
-        share = np.linspace(0.0, 1.0, count)[:, None]
-        return np.asarray(start * (1.0 - share) + end * share)
+        ways = np.diff(plane, axis=0)
+        counts = np.minimum(np.hypot(*ways.T) / self._step, _MOST_STEPS).astype(int) + 1
+        if counts.max() == 1:
+            return plane
+        ends = np.cumsum(counts)
+        shares = (np.arange(ends[-1]) - np.repeat(ends - counts, counts)) / np.repeat(
+            counts, counts
+        )
+        between = np.repeat(plane[:-1], counts, axis=0)
+        between += shares[:, None] * np.repeat(ways, counts, axis=0)
+        return np.vstack((between, plane[-1:]))
 
     def _bent(self, plane: Floats) -> Floats:
         """Points of the image plane in the picture, (n, 2) px."""

@@ -24,6 +24,7 @@ from vsense.recording.video_file import VideoFile, open_video
 ARENA, BOTH, CAMERAS = "arena", "both", "cameras"
 MOST_FPS = 30.0
 _USUAL_FPS = 10.0
+_BEFORE_S = 5.0
 _DURING = ("running", "paused")
 
 
@@ -100,7 +101,10 @@ class Video:
         """All frames, one after the other, (h, w, 3) BGR."""
         film = Film(self._scenes, self._arena, self._cameras, self._plan.size, self._measured())
         news = _Ahead(self._recording.messages(set(self._scenes.topics)), lambda m: m.time_ns)
-        seen = _Ahead(self._recording.messages(set(self._shots.values())), _capture_ns)
+        # Measures are drawn from the beginning on, pictures are wanted from now on.
+        since_s = max(self._from_s - _BEFORE_S, 0.0)
+        shots = self._recording.messages(set(self._shots.values()), since_s)
+        seen = _Ahead(shots, _capture_ns)
         coming: dict[str, Message] = {}
         pictures: dict[str, RecordedPicture] = {}
         for number in range(self.frames):
