@@ -14,7 +14,7 @@ from pathlib import Path, PurePosixPath
 from scripts.site.contents import HOME, ROOT, SECTIONS, STAND_IN, STANDS_IN, pages
 from scripts.site.links import FENCE, LINK
 
-PICTURES = (".png", ".jpg", ".svg")
+PICTURES = (".png", ".jpg", ".svg", ".webp")
 LEXERS = {
     ".argos": "xml", ".c": "c", ".cpp": "cpp", ".css": "css", ".h": "c", ".hpp": "cpp", ".js": "js",
     ".json": "json", ".py": "python", ".toml": "toml", ".txt": "text", ".xml": "xml", ".xsd": "xml",

@@ -12,6 +12,7 @@ import tarfile
 from email.message import Message
 from pathlib import Path
 
+import cv2
 import pytest
 
 from tests.packaging.conftest import ROOT, clean_environment, copy_of_sources, run
@@ -108,6 +109,17 @@ def test_links_of_the_description_are_absolute(metadata: Message) -> None:
         assert (ROOT / place).exists(), target
 
 
+def test_the_readme_begins_with_a_moving_picture() -> None:
+    text = (ROOT / "README.md").read_text()
+    first = re.search(r"!\[[^\]]+\]\(([^)]+)\)", text)
+    assert first is not None and first.start() < text.index("## Two commands")
+    path = ROOT / first[1]
+    assert path.stat().st_size <= 3_000_000
+    done, moving = cv2.imreadanimation(str(path))
+    assert done and len(moving.frames) > 20 and sum(moving.durations) > 3000
+    assert moving.frames[0].shape[1] >= 800
+
+
 def test_the_package_holds_what_a_checkout_does(installed: Path) -> None:
     package = installed / "vsense"
     held = {str(path.relative_to(package)) for path in package.rglob("*")}
@@ -120,7 +132,7 @@ def test_the_package_holds_what_a_checkout_does(installed: Path) -> None:
         if path.suffix in data
     }
     assert ours - held == set()
-    assert not [name for name in held if name.endswith((".png", ".o"))]
+    assert not [name for name in held if name.endswith((".png", ".webp", ".o"))]
     robot = {p for p in (ROOT / "robot").rglob("*") if p.suffix in (".c", ".cpp", ".h", ".hpp")}
     assert {str(p.relative_to(ROOT)) for p in robot} <= {n.removeprefix("_sources/") for n in held}
 

@@ -10,6 +10,8 @@ import pytest
 
 from tests.conftest import States
 from tests.run.stage import DT_NS, S, Stage, experiment
+from vsense.arena import Frame
+from vsense.cameras.camera import Camera
 from vsense.pictures.run_figure import RunPictureError
 from vsense.run.environment import Environment
 from vsense.run.portrait import Portrait
@@ -64,3 +66,32 @@ def test_a_picture_that_cannot_be_written_is_one_clear_line(state: States, tmp_p
     portrait, environment = lived(state, [0, 0])
     with pytest.raises(RunPictureError, match=r"run\.png: cannot be written"):
         portrait.draw(tmp_path / "gone" / "run.png", environment.world, False, "2 robots")
+
+
+def test_the_cameras_are_looked_at_once_per_second_and_at_the_end(
+    state: States, tmp_path: Path
+) -> None:
+    stage = Stage(experiment(robots=1, timesteps=40))
+    environment = Environment(stage.experiment, seed=1)
+    camera = Camera.looking_down("above", 0.0, 0.0, 2.0, 120.0, (320, 240))
+    portrait = Portrait(stage.experiment, [camera])
+    portrait._samples.moment, portrait._samples.kept = 20, range(17, 20)
+    (tag,) = (robot.tag for robot in stage.experiment.robots)
+    image = np.random.default_rng(0).integers(80, 120, (240, 320)).astype(np.uint8)
+    kept = portrait._cameras.pictures
+    for timestep in range(40):
+        place = {tag: (0.01 * timestep, 0.0, 1.0)}
+        environment.step(state(place, S + timestep * DT_NS), timestep, {})
+        frame = Frame("above", image, timestep, 0, 0)
+        portrait.add(timestep, environment.world, stage.robots(), [frame])
+        if timestep == 15:
+            # Nobody knows whether this run will be stopped now.
+            assert list(kept) == [10]
+            assert kept[10]["above"] is not image, "lent pictures go back"
+    assert list(kept) == [17, 18, 19, 39]
+    path = tmp_path / "run.png"
+    assert portrait.draw(path, environment.world, False, "1 robot")
+    bare = tmp_path / "bare.png"
+    portrait._cameras.pictures.clear()
+    assert portrait.draw(bare, environment.world, False, "1 robot")
+    assert cv2.imread(str(path)).shape[0] > cv2.imread(str(bare)).shape[0] + 500

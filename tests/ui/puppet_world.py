@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import base64
+import json
 import math
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from vsense.cameras.camera import Camera
 
 SIZE_M = (3.0, 2.4, 1.0)
 POLLUTER = 900
@@ -86,7 +89,7 @@ def experiment(swarm: Swarm, cameras: int, mode: str) -> dict[str, Any]:
         "cameras": [
             {"id": f"cam{k}", "tracker": f"tracker_{k // 2}", "width_px": CAMERA_PX[0],
              "height_px": CAMERA_PX[1], "row": k // columns, "column": k % columns,
-             "position_m": [*camera_middle(k, cameras), 2.5], "model": {}}
+             "position_m": [*camera_middle(k, cameras), 2.5], "model": model(k, cameras)}
             for k in range(cameras)
         ],
         "body_radius_m": 0.035,
@@ -102,16 +105,29 @@ def camera_middle(camera: int, cameras: int) -> tuple[float, float]:
     return x * SIZE_M[0], y * SIZE_M[1]
 
 
+def model(camera: int, cameras: int) -> dict[str, Any]:
+    """A camera's model: it looks straight down, and bends nothing."""
+    focal_px = 2.5 * px_per_m(cameras)
+    made = Camera.looking_down(
+        f"cam{camera}", *camera_middle(camera, cameras), 2.5, focal_px, CAMERA_PX
+    )
+    return dict(json.loads(made.to_json()))
+
+
+def px_per_m(cameras: int) -> float:
+    """The scale of all cameras' pictures, on the floor."""
+    return CAMERA_PX[0] / (SIZE_M[0] / math.ceil(math.sqrt(cameras)) * 1.15)
+
+
 def to_pixels(
     places: NDArray[Any], camera: int, cameras: int
 ) -> tuple[NDArray[Any], NDArray[np.bool_], float]:
     """Pixels of places (n, 2) in a camera's full picture, which of them it sees, px per m."""
-    columns = math.ceil(math.sqrt(cameras))
-    px_per_m = CAMERA_PX[0] / (SIZE_M[0] / columns * 1.15)
-    offset = (places - np.array(camera_middle(camera, cameras))) * px_per_m
+    scale = px_per_m(cameras)
+    offset = (places - np.array(camera_middle(camera, cameras))) * scale
     pixels = np.array(CAMERA_PX) / 2 + offset * [1.0, -1.0]
     inside = ((pixels > 0) & (pixels < np.array(CAMERA_PX))).all(axis=1)
-    return pixels, inside, px_per_m
+    return pixels, inside, scale
 
 
 def world() -> dict[str, Any]:
@@ -178,9 +194,9 @@ def picture(swarm: Swarm, camera: int, cameras: int) -> bytes:
     image = np.full((height, width), 118, np.uint8)
     for x in range(-width, width, 60):
         cv2.line(image, (x, 0), (x + height, height), 112, 1)
-    pixels, inside, px_per_m = to_pixels(swarm.places, camera, cameras)
+    pixels, inside, scale = to_pixels(swarm.places, camera, cameras)
     for (x, y), yaw in zip(pixels[inside] * PICTURE_SCALE, swarm.yaws[inside]):
-        at, radius = (round(x), round(y)), round(0.035 * px_per_m * PICTURE_SCALE)
+        at, radius = (round(x), round(y)), round(0.035 * scale * PICTURE_SCALE)
         cv2.circle(image, at, radius, 235, -1, cv2.LINE_AA)
         tip = (round(x + radius * math.cos(yaw)), round(y - radius * math.sin(yaw)))
         cv2.line(image, at, tip, 20, 3, cv2.LINE_AA)

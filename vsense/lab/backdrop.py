@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.cameras.camera import Camera
-from vsense.lab.optics import Floats, Image8, Image32, RayMap, blur, vignetting
+from vsense.cameras.image_plane import Image32
+from vsense.lab.optics import Floats, Image8, RayMap, blur, vignetting
 from vsense.lab.scene import Scene
 from vsense.lab.shared import LabError
 from vsense.world.entities import Box, Cylinder

@@ -14,10 +14,11 @@ from vsense.calibration.board import Board, raster
 from vsense.calibration.lens import turn
 from vsense.calibration.placement import BoardPose
 from vsense.cameras.camera import Camera
+from vsense.cameras.image_plane import Image32
 from vsense.errors import UsageError
 from vsense.lab.backdrop import FULL_DN
 from vsense.lab.camera_spec import rig
-from vsense.lab.optics import Image32, RayMap, Sensor, Window, blur, to_levels, vignetting
+from vsense.lab.optics import RayMap, Sensor, Window, blur, to_levels, vignetting
 from vsense.lab.scene import Scene
 from vsense.world.entities import Arena
 

@@ -15,7 +15,8 @@ import cv2
 import numpy as np
 
 from vsense.cameras.camera import Camera
-from vsense.lab.optics import BLUR_SIGMA_PX, Floats, Image32
+from vsense.cameras.image_plane import Image32
+from vsense.lab.optics import BLUR_SIGMA_PX, Floats
 from vsense.lab.shared import LabError
 from vsense.markers.families import Family
 from vsense.world.entities import BODY_RADIUS_M

@@ -11,7 +11,6 @@ levels sigma is right on average, and off by up to 14 % at single grey values.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import cv2
@@ -19,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.cameras.camera import Camera
+from vsense.cameras.image_plane import Image32, everywhere
 from vsense.native import kernel_ffi
 
 Floats = NDArray[np.float64]
 Image8 = NDArray[np.uint8]
-Image32 = NDArray[np.float32]
 Window = tuple[slice, slice]
 Row = tuple[float, float, float]
 
@@ -34,31 +33,6 @@ BLUR_SIGMA_PX = float(np.hypot(PSF_SIGMA_PX, 12.0**-0.5))
 VIGNETTING = 0.35
 """Share of the light that is lost in the picture's corners."""
 EXPOSURE_NS = 10_000_000
-
-_STEP = 4
-"""Lenses are solved at every fourth pixel: between them a straight line is off by 1e-3 px."""
-
-
-def everywhere(
-    evaluate: Callable[[NDArray[np.float64]], NDArray[np.float64]], shape: tuple[int, int]
-) -> tuple[Image32, Image32]:
-    """Evaluates a smooth function at every pixel of a picture of `shape` (rows, columns).
-
-    `evaluate` takes pixels (..., 2), column and row, and returns (..., 2). It is called for every
-    fourth pixel; both results (rows, columns) are interpolated.
-    """
-    height, width = shape
-    columns = np.arange(-1, width // _STEP + 2) * _STEP + (_STEP - 1) / 2
-    rows = np.arange(-1, height // _STEP + 2) * _STEP + (_STEP - 1) / 2
-    coarse = evaluate(np.stack(np.meshgrid(columns, rows), axis=-1)).astype(np.float32)
-    size = (coarse.shape[1] * _STEP, coarse.shape[0] * _STEP)
-    fine = [
-        cv2.resize(coarse[..., k], size, interpolation=cv2.INTER_LINEAR)[
-            _STEP : _STEP + height, _STEP : _STEP + width
-        ]
-        for k in range(2)
-    ]
-    return np.ascontiguousarray(fine[0]), np.ascontiguousarray(fine[1])
 
 
 class RayMap:

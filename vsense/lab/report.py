@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,16 +14,15 @@ from vsense.config.specs import Experiment, RobotSpec
 from vsense.lab import metrics
 from vsense.lab.metrics import SwarmTruth
 from vsense.lab.microcontrollers import read_actuations
+from vsense.lab.optics import vignetting
 from vsense.lab.reach import drawn
 from vsense.lab.session import RunNotes, Session
 from vsense.lab.shared import LabError
-from vsense.lab.stitch import top_view
 from vsense.lab.swarm import read_trace
 from vsense.lab.truth import read_truth
 from vsense.link.robots.status import RING_LEDS
 from vsense.pictures import run_figure
-from vsense.pictures.arena_view import WIDTH_PX
-from vsense.pictures.canvas import Image
+from vsense.pictures.run_cameras import RunCameras
 from vsense.pictures.run_figure import spoken
 from vsense.run.figures import late_text, link_row, number, percent
 
@@ -126,17 +126,12 @@ def draw(session: Session, recording: RunNotes, run: metrics.MeasuredRun, path: 
     poses = np.concatenate((run.truth.poses, run.object_poses), axis=1)
     part = drawn(session.environment.world, experiment.arena, poses)
     figure = run.truth.figure(experiment, numbers, recording.samples, part)
-
-    def view(timestep: int) -> Image | None:
-        if not pictures.get(timestep):
-            return None
-        zoom = WIDTH_PX / part.size_m[0]
-        height_m = experiment.marker.height_m
-        return top_view(pictures[timestep], session.cameras, part, zoom, height_m)
-
+    seen = RunCameras(session.cameras, experiment.marker.height_m, vignetting)
+    for timestep, frames in pictures.items():
+        seen.pictures[timestep] = {frame.camera: frame.image for frame in frames}
     cameras = len(session.cameras)
     subtitle = f"{len(run.tags)} robots seen by {cameras} cameras, seed {recording.seed}"
-    run_figure.save(figure, path, session.setup.blind, subtitle, view)
+    run_figure.save(replace(figure, cameras=seen), path, session.setup.blind, subtitle)
 
 
 def _agreement(sensing: dict[str, Any]) -> str:

@@ -12,7 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.lab.optics import Floats, Image8, Image32, RayMap
+from vsense.cameras.image_plane import Image32
+from vsense.lab.optics import Floats, Image8, RayMap
 
 PX_PER_M = 800
 """Resolution of the floor: finer than any picture of it."""

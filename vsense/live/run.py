@@ -31,7 +31,9 @@ class OneRun:
         self._readiness = readiness
         self._log = log
         self._figures = Figures(session.experiment)
-        self._portrait = Portrait(session.experiment)
+        own = session.source.own
+        cameras = () if own is None else own.tracking.tracker.cameras
+        self._portrait = Portrait(session.experiment, cameras)
         self._results: dict[str, float] = {}
 
     def run(self) -> None:
@@ -50,9 +52,10 @@ class OneRun:
         for step in session.runner.timesteps():
             robots = session.runner.robots
             moment = self._figures.observe(step, robots)
-            self._portrait.add(step.run_timestep, session.environment.world, robots)
+            world = session.environment.world
+            self._portrait.add(step.run_timestep, world, robots, step.frames)
             counts = moment.connected, moment.seen, moment.stale
-            self._log.timestep(step, counts, session.environment.world.results)
+            self._log.timestep(step, counts, world.results)
             lost = [status.name for status in robots.values() if not status.connected]
             self._log.progress(self._line(step, moment, lost))
             # Lent pictures go back during a pause.

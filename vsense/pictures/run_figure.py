@@ -6,8 +6,8 @@ beneath. For the pollution experiment it combines figures 5.1 and 5.2 of the the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -17,9 +17,12 @@ from numpy.typing import NDArray
 from vsense.config.specs import Experiment
 from vsense.errors import VsenseError
 from vsense.pictures import arena_view
-from vsense.pictures.arena_view import CONE, DARK, LIT, WIDTH_PX, ArenaMoment
+from vsense.pictures.arena_view import WIDTH_PX
 from vsense.pictures.canvas import GRID, INK, MUTED, SCALE, Canvas, Colour, Floats, Image, width_of
-from vsense.pictures.run_samples import RunSamples, WorldSnapshot
+from vsense.pictures.run_cameras import RunCameras
+from vsense.pictures.run_samples import RunSamples
+from vsense.pictures.scene import CONE, DARK, LIT, ArenaMoment
+from vsense.pictures.world_snapshot import WorldSnapshot
 from vsense.world.entities import Arena
 
 TRAIL_S = 6.0
@@ -34,8 +37,6 @@ _COLOURS: tuple[Colour, ...] = (DARK, (60, 140, 60), (150, 60, 140))
 
 _UNITS = ("m", "s", "rad", "deg")
 
-View = Callable[[int], Image | None]
-
 
 @dataclass(frozen=True, slots=True)
 class RunFigure:
@@ -48,6 +49,7 @@ class RunFigure:
         inside: (n, robots) whether each was in the pollutant's cone; None without one.
         turn: Timestep of the run at which the wind turned; None: it did not.
         part: of the arena that is drawn; None: all of it.
+        cameras: what they saw; None: there were none.
     """
 
     experiment: Experiment
@@ -58,52 +60,63 @@ class RunFigure:
     turn: int | None
     samples: RunSamples
     part: Arena | None = None
+    cameras: RunCameras | None = None
+
+    @property
+    def timesteps_per_second(self) -> int:
+        """As many as there are in a second of the run, at least one."""
+        return max(round(self.experiment.ticks_per_second), 1)
 
 
 class RunPictureError(VsenseError):
     """A picture cannot be written."""
 
 
-def save(
-    run: RunFigure, path: Path, blind: bool, subtitle: str, view: View = lambda timestep: None
-) -> None:
+def save(run: RunFigure, path: Path, blind: bool, subtitle: str) -> None:
     """Writes the picture of a run into an existing folder; raises RunPictureError.
 
-    If `blind`, the virtual sensors were held at 0; `subtitle` is how it was run. `view` returns
-    the cameras' top view at a timestep of the run, or None.
+    If `blind`, the virtual sensors were held at 0; `subtitle` is how it was run.
     """
     heading = f"{run.experiment.name}{', blind' if blind else ''}"
-    if not cv2.imwrite(str(path), draw(run, heading, subtitle, view)):
+    if not cv2.imwrite(str(path), draw(run, heading, subtitle)):
         raise RunPictureError(f"{path}: cannot be written")
 
 
-def draw(run: RunFigure, heading: str, subtitle: str, view: View) -> Image:
-    """Draws the arena at chosen moments, and below it the measures over time, side by side.
+def draw(run: RunFigure, heading: str, subtitle: str) -> Image:
+    """Draws the arena at chosen moments, what the cameras saw then, and the measures over time.
 
-    `view` is as in `save`; returns an (h, w, 3) BGR image.
+    Returns an (h, w, 3) BGR image.
     """
-    scenes, curves = _scenes(run, view), charts(run)
-    panels = [arena_view.draw(scene) for scene in scenes]
+    moments, curves = _moments(run), charts(run)
+    panels = [arena_view.draw(scene) for scene, _ in moments]
     height = panels[0].shape[0] // SCALE
     width = MARGIN + (WIDTH_PX + MARGIN) * len(panels)
-    chart_top = HEAD + height + CAPTION
+    rows = [grid for _, grid in moments if grid is not None]
+    grids_px = max((grid.shape[0] // SCALE + MARGIN for grid in rows), default=0)
+    grids_top = HEAD + height + CAPTION - (MARGIN // 2 if rows else 0)
+    chart_top = HEAD + height + CAPTION + grids_px
     total = chart_top + (CHART_PX + FOOT if curves else 0)
     canvas = Canvas(width, total)
     canvas.text(heading, MARGIN, 50, INK, 1.0)
     canvas.text(subtitle, MARGIN, 78, MUTED, 0.52)
-    for index, (scene, panel) in enumerate(zip(scenes, panels, strict=True)):
+    for index, ((scene, grid), panel) in enumerate(zip(moments, panels, strict=True)):
         left = MARGIN + (WIDTH_PX + MARGIN) * index
         canvas.place(panel, left, HEAD)
         canvas.text(scene.title, left, HEAD + height + 28, INK, 0.6)
         canvas.text(scene.note, left, HEAD + height + 52, LIT, 0.52)
+        if grid is not None:
+            canvas.place(grid, left, grids_top)
     room = (width - MARGIN) / max(len(curves), 1)
     for index, curve in enumerate(curves):
         draw_chart(canvas, curve, MARGIN + room * index, chart_top, room - MARGIN)
     return canvas.finished()
 
 
-def _scenes(run: RunFigure, view: View) -> list[ArenaMoment]:
-    """The last moment before the wind turns, or half-time; and the end."""
+def _moments(run: RunFigure) -> list[tuple[ArenaMoment, Image | None]]:
+    """The last moment before the wind turns, or half-time; and the end.
+
+    Each with what the cameras saw, or None.
+    """
     snapshots, moment = run.samples.snapshots, run.samples.moment
     early = [t for t in snapshots if moment is not None and t < moment]
     shown = [max(early)] if early else []
@@ -113,26 +126,44 @@ def _scenes(run: RunFigure, view: View) -> list[ArenaMoment]:
         titles[shown[0]] = "before the wind turned" if run.turn is not None else "half-time"
     turned = run.turn is not None and last >= run.turn
     titles[last] = "after the wind turned" if turned else "at the end"
-    return [_scene(run, t, words, snapshots[t], view(t)) for t, words in titles.items()]
+    return [_moment(run, t, words, snapshots[t]) for t, words in titles.items()]
 
 
-def _scene(
-    run: RunFigure, timestep: int, words: str, snapshot: WorldSnapshot, view: Image | None
-) -> ArenaMoment:
-    row = int(np.searchsorted(run.run_timesteps, timestep))
+def _moment(
+    run: RunFigure, timestep: int, words: str, snapshot: WorldSnapshot
+) -> tuple[ArenaMoment, Image | None]:
+    """A moment of the arena, and what the cameras saw of it.
+
+    It is that of the newest pictures where they are not a second older.
+    """
+    cameras = run.cameras
+    seen = None if cameras is None else cameras.newest(timestep, run.timesteps_per_second)
+    shown = timestep if seen is None else seen
+    part = run.part or snapshot.arena
+    scene = _scene(run, shown, words, snapshot.within(part))
+    if cameras is None or seen is None:
+        return scene, None
+    view = cameras.top_view(seen, part, WIDTH_PX)
+    grid = cameras.grid(seen, replace(scene, trails=np.empty(0)), WIDTH_PX)
+    return replace(scene, view=view), grid
+
+
+def _scene(run: RunFigure, timestep: int, words: str, snapshot: WorldSnapshot) -> ArenaMoment:
+    row = min(int(np.searchsorted(run.run_timesteps, timestep)), len(run.run_timesteps) - 1)
     experiment = run.experiment
-    snapshot = snapshot if run.part is None else snapshot.within(run.part)
     middle = np.array([*snapshot.arena.centre_m[:2], 0.0])
     trail = round(TRAIL_S * experiment.ticks_per_second)
     first = int(np.searchsorted(run.run_timesteps, timestep - trail))
+    poses = run.poses[row] - middle
     return ArenaMoment(
         title=f"{words}, t = {timestep * experiment.timestep_s:.1f} s",
         note=_note(run, row),
-        view=view,
+        view=None,
         snapshot=snapshot,
-        poses=run.poses[row] - middle,
+        poses=poses,
         lit=run.lit[row],
         trails=run.poses[first : row + 1, :, :2] - middle[:2],
+        heights_m=np.full(len(poses), experiment.marker.height_m),
     )
 
 

@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from vsense.arena import UNNAMED, ArenaState, Frame
 from vsense.cameras.camera import Camera
-from vsense.pictures.canvas import FONT, INK, MUTED, Colour, Floats, Image
+from vsense.pictures.camera_view import as_they_hang, levels_of, lightened
+from vsense.pictures.canvas import FONT, INK, MUTED, Canvas, Colour, Floats, Image
+from vsense.pictures.projections import ThroughLens
 
 PANEL_PX = 960
 """Width of one camera's picture in the finished one."""
@@ -69,14 +71,6 @@ def draw(
     return canvas
 
 
-def as_they_hang(cameras: Sequence[Camera]) -> list[list[Camera]]:
-    """Returns the cameras from above: rows from high y to low y, each from low x to high."""
-    columns = max(1, round(math.sqrt(len(cameras))))
-    ordered = sorted(cameras, key=lambda c: (-c.position_m[1], c.position_m[0]))
-    rows = [ordered[k : k + columns] for k in range(0, len(ordered), columns)]
-    return [sorted(row, key=lambda c: (c.position_m[0], c.id)) for row in rows]
-
-
 def _head(canvas: Image, state: ArenaState) -> None:
     robots = state.robots
     seen = int(robots["seen"].sum())
@@ -114,13 +108,8 @@ def _panel(
     if image is None or rows is None:
         return np.full((size[1], size[0], 3), 235, np.uint8)
     large = (size[0] * _ZOOM, size[1] * _ZOOM)
-    grey = cv2.resize(image, large, interpolation=cv2.INTER_CUBIC)
-    # The contrast is stretched to a light picture, so that a dim arena can be seen.
-    low, high = np.percentile(image[::8, ::8], (0.5, 99.5))
-    gain = 190.0 / max(float(high - low), 20.0)
-    light = np.clip((grey.astype(np.float32) - low) * gain + 50.0, 0.0, 255.0)
-    panel = cv2.cvtColor(light.astype(np.uint8), cv2.COLOR_GRAY2BGR)
-    pen = _Pen(np.asarray(panel, np.uint8), camera, large[0] / camera.width_px)
+    panel = lightened(image, large, levels_of(image))
+    pen = _Pen(panel, camera)
     seen = set(rows["tag"].tolist())
     for robot in state.robots:
         tag = int(robot["tag"])
@@ -154,24 +143,28 @@ class _Name:
 class _Pen:
     """Draws robots into one camera's picture, through its lens."""
 
-    def __init__(self, canvas: Image, camera: Camera, scale: float) -> None:
+    def __init__(self, canvas: Image, camera: Camera) -> None:
         self.canvas = canvas
-        self._camera = camera
-        self._scale = scale
+        self._pen = Canvas.over(canvas)
+        self._view = ThroughLens(camera, canvas.shape[1], np.zeros(2))
         self._names: list[_Name] = []
 
     def robot(self, place_m: Floats, yaw_rad: float, name: str, colour: Colour) -> None:
         """Draws a ring around a robot's marker and an arrow along its heading."""
         turn = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
         rim = place_m + _RING_M * np.stack((np.cos(turn), np.sin(turn), 0.0 * turn), axis=-1)
-        cv2.polylines(self.canvas, [self._pixels(rim)], True, colour, 3 * _ZOOM, cv2.LINE_AA)
         ahead = np.array((math.cos(yaw_rad), math.sin(yaw_rad), 0.0))
-        points = self._pixels(place_m + np.outer((_RING_M, _ARROW_M, 0.0, -_ARROW_M), ahead))
-        start, tip = points[:2].tolist()
-        cv2.arrowedLine(self.canvas, start, tip, colour, 3 * _ZOOM, cv2.LINE_AA, 0, 0.35)
-        middle, back = points[2:].astype(np.float64)
+        ends = place_m + np.outer((_RING_M, _ARROW_M, 0.0, -_ARROW_M), ahead)
+        spots = [found[0] for found in map(self._view.spot, ends) if found is not None]
+        if len(spots) < len(ends):
+            return
+        for piece in self._view.line(rim, closed=True):
+            self._pen.lines(piece, colour, 3 * _ZOOM)
+        start, tip, middle, back = spots
+        foot, head = (np.rint(end).astype(int).tolist() for end in (start, tip))
+        cv2.arrowedLine(self.canvas, foot, head, colour, 3 * _ZOOM, cv2.LINE_AA, 0, 0.35)
         behind_rad = math.atan2(*(back - middle)[::-1])
-        self._names.append(_Name(name, colour, middle, math.dist(middle, points[0]), behind_rad))
+        self._names.append(_Name(name, colour, middle, math.dist(middle, start), behind_rad))
 
     def write_names(self) -> None:
         """Writes all names, each where it covers no robot and no other name, if possible."""
@@ -196,10 +189,6 @@ class _Pen:
         out = name.ring + _PAD + float(np.min(half / np.maximum(np.abs(way), 1e-3)))
         limit = np.array(self.canvas.shape[1::-1]) - half - _PAD
         return np.asarray(np.clip(name.middle + out * way, half + _PAD, limit))
-
-    def _pixels(self, points_m: Floats) -> NDArray[np.int32]:
-        pixels = (self._camera.project(points_m) + 0.5) * self._scale - 0.5
-        return np.asarray(np.rint(np.clip(pixels, -30_000, 30_000)), np.int32)
 
 
 def _covers(place: Floats, half: Floats, taken: Sequence[tuple[Floats, Floats]]) -> bool:

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import compress
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.arena import Frame
+from vsense.cameras.camera import Camera
 from vsense.config.specs import Experiment
 from vsense.link.robots.status import RobotStatus
 from vsense.pictures import run_figure
+from vsense.pictures.run_cameras import RunCameras
 from vsense.pictures.run_figure import RunFigure
-from vsense.pictures.run_samples import RunSamples
+from vsense.pictures.run_samples import SPARE, RunSamples
 from vsense.world.sightings import NEVER_NS
 from vsense.world.world import World
 
@@ -22,10 +25,12 @@ MOST_TIMESTEPS = 6_000
 
 
 class Portrait:
-    """Filled timestep by timestep while a run goes on."""
+    """Filled timestep by timestep while a run goes on; `cameras` are our own, in any order."""
 
-    def __init__(self, experiment: Experiment) -> None:
+    def __init__(self, experiment: Experiment, cameras: Sequence[Camera] = ()) -> None:
         self._experiment = experiment
+        self._cameras = RunCameras(cameras, experiment.marker.height_m)
+        self._newest = -1
         self._samples = RunSamples(experiment)
         self._source = experiment.source
         self._every = 1
@@ -35,8 +40,15 @@ class Portrait:
         self._lit: list[list[bool]] = []
         self._inside: list[NDArray[np.bool_]] = []
 
-    def add(self, run_timestep: int, world: World, robots: Mapping[int, RobotStatus]) -> None:
-        """Adds a timestep, and the links' statuses by tag; `world` is up to date."""
+    def add(
+        self,
+        run_timestep: int,
+        world: World,
+        robots: Mapping[int, RobotStatus],
+        frames: Sequence[Frame] = (),
+    ) -> None:
+        """Adds a timestep, the links' statuses by tag, and the pictures; `world` is up to date."""
+        self._look(run_timestep, frames)
         if run_timestep % self._every and run_timestep not in self._samples.kept:
             return
         rows = world.robots[: len(self._experiment.robots)]
@@ -52,6 +64,23 @@ class Portrait:
         self._samples.add(run_timestep, world)
         if len(self._timesteps) >= MOST_TIMESTEPS:
             self._thin()
+
+    def _look(self, run_timestep: int, frames: Sequence[Frame]) -> None:
+        """Copies pictures once in a second, and where a view or the run's end may need them.
+
+        Nobody knows which timestep is the last one of a run that is stopped.
+        """
+        second = max(round(self._experiment.ticks_per_second), 1)
+        last = self._experiment.timesteps - 1
+        is_kept = run_timestep in self._samples.kept
+        if not frames or not (
+            is_kept or run_timestep % second == 0 or last - SPARE < run_timestep <= last
+        ):
+            return
+        if self._newest not in self._samples.kept:
+            self._cameras.drop(self._newest)
+        self._newest = run_timestep
+        self._cameras.keep(run_timestep, frames)
 
     def _thin(self) -> None:
         """Forgets every other timestep, but for those of a view and the last."""
@@ -93,4 +122,5 @@ class Portrait:
             np.array(self._inside)[:, seen] if self._source is not None else None,
             self._experiment.turn_timestep,
             self._samples,
+            cameras=self._cameras,
         )

@@ -21,7 +21,7 @@ from vsense.cameras.camera import Camera
 from vsense.cameras.grabber import Troubles
 from vsense.config.specs import ControllerSpec
 from vsense.link.robots.table import Direction, Entry
-from vsense.pictures.snapshot import as_they_hang
+from vsense.pictures.camera_view import as_they_hang
 from vsense.recording.form import Data, ExperimentMessage
 from vsense.run.environment import Environment, Equipment
 from vsense.sensors.base import VirtualSensor, layout_dtype

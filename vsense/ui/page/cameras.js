@@ -1,10 +1,12 @@
 // All cameras in their grid, with what the tracker found in their pictures; and their figures.
 
-import { byId, fit, make, mark, write } from "./dom.js";
+import { byId, fit, make, mark, press, remember, remembered, write } from "./dom.js";
 import { rate } from "./format.js";
+import { Overlay } from "./overlay.js";
 import { colours } from "./theme.js";
 
 const OLD_NS = 1.5e9;
+const PAINT_MS = 300;
 const STATES = { ok: "ok", moved: "has been moved", dark: "is dark", frozen: "is frozen", lost: "is lost" };
 
 /** What a camera's state is called in a sentence about it. */
@@ -30,15 +32,27 @@ class Cell {
     this.element.style.gridColumn = camera.column + 1;
     this.number = 0;
     this.busy = false;
+    this.over = "";
+    this.chosen = null;
+    this.painted = 0;
   }
 
-  /** Decodes and draws the newest picture; those that come meanwhile are passed over. */
-  async draw() {
+  /** Decodes and draws the newest picture; those that come meanwhile are passed over.
+   *  `over` changes with what lies over it, "" is nothing; `chosen` is a robot's tag or null. */
+  async draw(over, chosen) {
     const picture = this.store.pictures.get(this.camera.id);
-    if (fit(this.canvas) && this.bitmap) this.#paint();
+    const asked = Boolean(over) !== Boolean(this.over) || chosen !== this.chosen;
+    // A world that changes in every timestep waits for the next picture, if there is one soon.
+    const moved = over !== this.over && performance.now() - this.painted > PAINT_MS;
+    const resized = fit(this.canvas);
+    if ((resized || asked || moved) && this.bitmap) {
+      [this.over, this.chosen] = [over, chosen];
+      this.#paint();
+    }
     if (!picture || picture.number === this.number || this.busy) return;
     this.number = picture.number;
     this.busy = true;
+    [this.over, this.chosen] = [over, chosen];
     try {
       const bitmap = await createImageBitmap(new Blob([picture.blob], { type: `image/${picture.about.format}` }));
       this.bitmap?.close();
@@ -58,16 +72,26 @@ class Cell {
     const zoom = Math.min(canvas.width / bitmap.width, canvas.height / bitmap.height);
     const [width, height] = [bitmap.width * zoom, bitmap.height * zoom];
     const [left, top] = [(canvas.width - width) / 2, (canvas.height - height) / 2];
+    this.painted = performance.now();
     pen.fillStyle = "#20262d";
     pen.fillRect(0, 0, canvas.width, canvas.height);
     pen.drawImage(bitmap, left, top, width, height);
     // Found in this very picture where that is still known, else in the newest.
     const arena = store.images.get(this.shown.timestep) ?? store.arena;
-    if (!arena?.images) return;
     pen.save();
+    pen.beginPath();
+    pen.rect(left, top, width, height);
+    pen.clip();
     pen.translate(left, top);
-    this.#found(arena, width / camera.width_px);
+    if (this.over && camera.model?.rotation) this.#world(arena, width / camera.width_px);
+    if (arena?.images) this.#found(arena, width / camera.width_px);
     pen.restore();
+  }
+
+  #world(arena, zoom) {
+    const { canvas, pen, store, camera } = this;
+    this.overlay ??= new Overlay(camera, store, () => this.bitmap && this.#paint());
+    this.overlay.draw(pen, zoom, canvas.width / Math.max(canvas.clientWidth, 1), arena, this.chosen);
   }
 
   #found(arena, zoom) {
@@ -121,13 +145,24 @@ class Cell {
 
 /** The panel, and the table of figures. */
 export class Cameras {
-  constructor(store) {
+  constructor(store, choice) {
     this.store = store;
+    this.choice = choice;
     this.cells = new Map();
     this.box = byId("cameras");
     this.note = byId("cameras_note");
     this.rows = byId("watch").tBodies[0];
     this.panel = this.box.parentElement;
+    this.chip = byId("overlay");
+    this.chip.addEventListener("click", () => this.setOverlay(!this.overlay));
+    this.setOverlay(remembered("overlay", "true") === "true");
+  }
+
+  /** The virtual world over the pictures, on or off. */
+  setOverlay(on) {
+    this.overlay = on;
+    press(this.chip, on);
+    remember("overlay", on);
   }
 
   /** The cameras whose pictures the page shows now. */
@@ -143,7 +178,9 @@ export class Cameras {
       this.#build(experiment.cameras ?? []);
     }
     if (!this.panel.clientWidth) return;
-    for (const cell of this.cells.values()) cell.draw();
+    // What changes with time is drawn with the next picture.
+    const over = this.overlay ? `world ${this.store.changed.world}` : "";
+    for (const cell of this.cells.values()) cell.draw(over, this.overlay ? this.choice.tag : null);
   }
 
   /** Renews words and figures; called a few times per second. */
@@ -167,7 +204,7 @@ export class Cameras {
   }
 
   #build(cameras) {
-    const key = JSON.stringify(cameras.map((camera) => [camera.id, camera.row, camera.column, camera.tracker]));
+    const key = JSON.stringify(cameras.map((camera) => [camera.id, camera.row, camera.column, camera.tracker, camera.model]));
     if (key === this.key) return;
     this.key = key;
     this.cells = new Map(cameras.map((camera) => [camera.id, new Cell(camera, this.store)]));

@@ -15,6 +15,7 @@ export function bindKeys(actions) {
     ["C", "⇧ C", "recording on, off", actions.record],
     ["f", "F", "refresh on, off", actions.refresh],
     ["e", "E", "change the world: drag things, set numbers", actions.edit],
+    ["v", "V", "virtual world over the cameras' pictures on, off", actions.overlay],
     ["1", "1", "arena and cameras", () => actions.view("both")],
     ["2", "2", "arena only", () => actions.view("arena")],
     ["3", "3", "cameras only", () => actions.view("cameras")],

@@ -55,7 +55,7 @@ const controls = new Controls(store, connection);
 const choice = new Choice();
 const arena = new Arena(store, choice);
 const edit = new Edit(store, connection, arena, (text, ok) => controls.toast(text, ok));
-const cameras = new Cameras(store);
+const cameras = new Cameras(store, choice);
 const robots = new Robots(store, choice);
 const measures = new Measures(store, (text, ok) => controls.toast(text, ok));
 measures.changed = () => connection.say(choice.looks);
@@ -130,6 +130,7 @@ bindKeys({
   record: live(() => controls.toggleRecord()),
   refresh: () => controls.setRefresh(!controls.refresh),
   edit: () => edit.toggle(),
+  overlay: () => cameras.setOverlay(!cameras.overlay),
   view: (view) => controls.setView(view),
   step: (by) => choice.step(by),
   none: () => choice.choose(null),

@@ -28,6 +28,7 @@ export class Store {
     this.experiment = null;
     this.objects = new Set();
     this.names = new Map();
+    this.heights = new Map();
     this.run = null;
     this.arena = null;
     this.world = null;
@@ -43,6 +44,7 @@ export class Store {
     this.pictures = new Map();
     this.trails = new Map();
     this.images = new Map();
+    this.shows = new Map();
     this.measures = new Map();
     this.rows = new Map();
     this.peaks = new Map();
@@ -88,6 +90,7 @@ export class Store {
     if (!same) this.clear();
     this.experiment = data;
     this.objects = new Set((data.objects ?? []).map((object) => object.tag));
+    this.heights = new Map((data.robots ?? []).map((robot) => [robot.tag, robot.height_m]));
     this.names = new Map([...(data.robots ?? []), ...(data.objects ?? [])].map((one) => [one.tag, one.name]));
   }
 
@@ -109,6 +112,7 @@ export class Store {
     if (data.run_timestep < before || data.run_timestep > before + 50) {
       this.trails.clear();
       this.images.clear();
+      this.shows.clear();
     }
     const { tag, x_m, y_m } = data.robots;
     for (let row = 0; row < tag.length; row += 1) {
@@ -125,11 +129,18 @@ export class Store {
 
   #signals(data) {
     this.now.time_s = data.time_s;
+    this.shows.set(data.timestep, data);
+    if (this.shows.size > STEPS_KEPT) this.shows.delete(this.shows.keys().next().value);
     for (const [name, value] of Object.entries(data.measures ?? {})) {
       let line = this.measures.get(name);
       if (!line) this.measures.set(name, (line = new Series()));
       line.add(data.time_s, [value], this.experiment?.mode === "replay");
     }
+  }
+
+  /** The `/signals` of a timestep of the run, where that is still known, else the newest. */
+  signalsAt(timestep) {
+    return this.shows.get(timestep) ?? this.signals;
   }
 
   /** What people call a tag. */

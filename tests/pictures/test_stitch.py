@@ -8,7 +8,7 @@ import pytest
 from vsense.arena import Frame
 from vsense.lab.camera_spec import rig
 from vsense.lab.optics import RayMap, vignetting
-from vsense.lab.stitch import top_view
+from vsense.pictures.stitch import TopView
 from vsense.world.entities import Arena
 
 ARENA = Arena((3.0, 2.4, 1.0), (0.2, -0.1, 0.5))
@@ -25,11 +25,17 @@ def frames(paint) -> list[Frame]:
     return found
 
 
+def top_view(pictures: list[Frame], arena: Arena, px_per_m: float) -> np.ndarray:
+    """As the lab's report draws it."""
+    view = TopView(CAMERAS, arena, px_per_m, shade=vignetting)
+    return view.draw({frame.camera: frame.image for frame in pictures})
+
+
 def test_a_smooth_floor_comes_out_as_it_is() -> None:
     def paint(x, y):
         return 120.0 + 25.0 * x - 20.0 * y
 
-    view = top_view(frames(paint), CAMERAS, ARENA, 100)
+    view = top_view(frames(paint), ARENA, 100)
     assert view.shape == (240, 300)
     x = 0.2 + (np.arange(300) - 149.5) / 100
     y = -0.1 - (np.arange(240) - 119.5) / 100
@@ -42,7 +48,7 @@ def test_a_spot_is_where_it_is_also_on_a_seam(place: tuple[float, float]) -> Non
     def paint(x, y):
         return 60.0 + 150.0 * (np.hypot(x - place[0], y - place[1]) < 0.03)
 
-    view = top_view(frames(paint), CAMERAS, ARENA, 200).astype(float)
+    view = top_view(frames(paint), ARENA, 200).astype(float)
     rows, columns = np.nonzero(view > 110)
     x = 0.2 + (columns.mean() - 299.5) / 200
     y = -0.1 - (rows.mean() - 239.5) / 200
@@ -52,5 +58,5 @@ def test_a_spot_is_where_it_is_also_on_a_seam(place: tuple[float, float]) -> Non
 
 def test_what_no_camera_sees_is_black() -> None:
     wide = Arena((9.0, 9.0, 1.0), (0.2, -0.1, 0.5))
-    view = top_view(frames(lambda x, y: 100.0 + 0 * x), CAMERAS, wide, 20)
+    view = top_view(frames(lambda x, y: 100.0 + 0 * x), wide, 20)
     assert view[0, 0] == 0 and view[90, 90] == 100
