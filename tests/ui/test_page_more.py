@@ -55,7 +55,7 @@ def test_things_are_dragged_and_numbers_are_set(served: Serve, opened: Open) -> 
     page.click("#edit_add")
     page.click_at(*place(page, -0.5, 0.9))
     page.until("!vsense.edit.adding")
-    page.until("vsense.store.settled >= 3")
+    page.until("vsense.store.settled >= vsense.edit.asked")
     added = puppet.changes[-1]
     assert added.kind is ChangeKind.ADD and added.x_m == pytest.approx(-0.5, abs=0.02)
     page.drag(place(page, -0.9, 0.55), place(page, -0.9, 0.2))
