@@ -19,10 +19,12 @@ import numpy as np
 
 from vsense.arena import IMAGE_POSE, POSE, SIGHTING
 from vsense.errors import VsenseError
+from vsense.foxglove import schemas
+from vsense.foxglove.shapes import camera_frame
 from vsense.message_bus import Message
 
 PROFILE = "vsense"
-FORMAT = (1, 1)
+FORMAT = (1, 2)
 """Of what is written: the first number rises when an older vsense can no longer read it."""
 
 _MOST_NS = 1 << 63
@@ -35,6 +37,8 @@ EXPERIMENT = "experiment"
 
 BLOB = "blob"
 """In a channel's metadata: its messages hold bytes beside their data."""
+DERIVED = "derived"
+"""In a channel's metadata: its messages follow from ours, and are for other tools."""
 
 PICTURE = "/picture/"
 GAP = "/gap"
@@ -101,7 +105,7 @@ def has_blob(message: Message) -> bool:
 
 def encode(message: Message, utc_shift_ns: int) -> bytes:
     """A message's data as bytes; ValueError, TypeError, RecursionError if JSON cannot hold it."""
-    data = _encode_data(message.data)
+    data = encode_data(message.data)
     if not has_blob(message):
         return data
     told = message.data.get("capture_ns")
@@ -109,7 +113,7 @@ def encode(message: Message, utc_shift_ns: int) -> bytes:
     sec, nsec = divmod(max(capture_ns + utc_shift_ns, 0), 1_000_000_000)
     picture = {
         "timestamp": {"sec": sec, "nsec": nsec},
-        "frame_id": str(message.data.get("camera", message.topic)),
+        "frame_id": camera_frame(str(message.data.get("camera", message.topic))),
         "format": str(message.data.get("format", "")),
     }
     opened = _ENCODER.encode(picture).encode()[:-1]
@@ -169,7 +173,8 @@ _ENCODER = json.JSONEncoder(
 )
 
 
-def _encode_data(data: Mapping[str, Any]) -> bytes:
+def encode_data(data: Mapping[str, Any]) -> bytes:
+    """An object as JSON, with null for numbers that it does not have; raises as `encode`."""
     try:
         return _ENCODER.encode(data).encode()
     except ValueError:
@@ -383,7 +388,7 @@ _TOPICS: dict[str, tuple[str, Fields]] = {
 def schema(topic: str, blob: bool) -> tuple[str, bytes]:
     """Gives name and JSON schema of a channel; with blobs Foxglove takes them for pictures."""
     if blob:
-        name = "foxglove.CompressedImage"
+        name = schemas.IMAGE
         text = "A picture; `vsense` is the message's own data."
         known: Fields = {"timestamp": _TIME, "frame_id": _TEXT, "data": _BYTES, "format": _TEXT}
     else:
