@@ -53,6 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " is recorded, runs/...)",
     )
     arguments.add_web(parser)
+    arguments.add_foxglove(parser)
     group = arguments.add_hold(
         parser,
         "track, but begin no run by itself: a key, the page or vsense start does; after a run wait"
@@ -63,4 +64,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Tracks; see `vsense.live.track.run`."""
-    return track.run(arguments.fill(TrackOptions, options, web=arguments.web_of(options)))
+    doors = {"web": arguments.web_of(options), "foxglove": arguments.foxglove_of(options)}
+    return track.run(arguments.fill(TrackOptions, options, **doors))

@@ -25,19 +25,20 @@ TF, TF_CAMERAS, POSES = "/tf", "/tf_static", "/poses"
 WORLD, ROBOTS, LEDS, CONES = "/scene/world", "/scene/robots", "/scene/leds", "/scene/cones"
 FLOOR, FIELD, LOG = "/floor", "/field/", "/log"
 CALIBRATION, ANNOTATIONS = "/calibration/", "/annotations/"
+MEASURES = "/measures"
 
 _SCHEMAS = {
     TF: schemas.FRAMES, TF_CAMERAS: schemas.FRAMES, POSES: schemas.POSES, WORLD: schemas.SCENE,
     ROBOTS: schemas.SCENE, LEDS: schemas.SCENE, CONES: schemas.SCENE, FLOOR: schemas.GRID,
     FIELD: schemas.GRID, LOG: schemas.LOG, CALIBRATION: schemas.CALIBRATION,
-    ANNOTATIONS: schemas.ANNOTATIONS,
+    ANNOTATIONS: schemas.ANNOTATIONS, MEASURES: schemas.MEASURES,
 }  # fmt: skip
 
 _SOURCES: Mapping[str, frozenset[str]] = {
     topic: frozenset(found)
     for topic, found in {
         TF: {"/arena"}, POSES: {"/arena"}, ROBOTS: {"/arena"}, LEDS: {"/robots", "/signals"},
-        CONES: {"/signals"}, FIELD: {"/fields"}, ANNOTATIONS: {"/arena"},
+        CONES: {"/signals"}, MEASURES: {"/signals"}, FIELD: {"/fields"}, ANNOTATIONS: {"/arena"},
     }.items()
 }  # fmt: skip
 
@@ -239,6 +240,10 @@ class Channels:
         leds, cones = message.data["leds"], message.data["cones"]
         self._colors = {int(tag): rgb for tag, rgb in zip(leds["tag"], leds["color"])}
         yield from self._of_leds(message)
+        measures = message.data["measures"]
+        if measures and self._wants(MEASURES):
+            values = [{"label": n, "value": v} for n, v in measures.items() if v is not None]
+            yield self._made(MEASURES, message, {"values": values})
         yield from self._if_new(CONES, cones, message, lambda utc_ns: scene.cones(cones, utc_ns))
 
     def _of_robots(self, message: Message) -> Iterator[Derived]:

@@ -92,6 +92,8 @@ _CELL = _object(name=_TEXT, offset=_WHOLE, type=_one_of(*range(9)))
 
 SCENE, FRAMES, POSES = "foxglove.SceneUpdate", "foxglove.FrameTransforms", "foxglove.PosesInFrame"
 ANNOTATIONS, CALIBRATION = "foxglove.ImageAnnotations", "foxglove.CameraCalibration"
+MEASURES = "vsense.measures"
+"""Our own, as plots take it: a curve for each label, whatever an experiment measures."""
 IMAGE, GRID, LOG = "foxglove.CompressedImage", "foxglove.Grid", "foxglove.Log"
 
 SCHEMAS: Mapping[str, Schema] = {
@@ -115,6 +117,7 @@ SCHEMAS: Mapping[str, Schema] = {
         timestamp=_TIME, level=_one_of(*range(6)), message=_TEXT, name=_TEXT, file=_TEXT,
         line=_WHOLE,
     ),
+    MEASURES: _object(values=_list(_object(label=_TEXT, value=_NUMBER))),
 }  # fmt: skip
 """What a message of each schema holds, by the schema's name."""
 

@@ -385,6 +385,11 @@ _TOPICS: dict[str, tuple[str, Fields]] = {
 }  # fmt: skip
 
 
+def topics() -> list[str]:
+    """The topics with a schema of their own that are a run's, and no recording's."""
+    return [topic for topic in _TOPICS if topic not in (GAP, TRACKER)]
+
+
 def schema(topic: str, blob: bool) -> tuple[str, bytes]:
     """Gives name and JSON schema of a channel; with blobs Foxglove takes them for pictures."""
     if blob:

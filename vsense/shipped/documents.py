@@ -34,6 +34,7 @@ _GROUPS = (
     ("virtual sensors", "vsense/sensors/", (".py",)),
     ("virtual actuators", "vsense/actuators/", (".py",)),
     ("files to begin with", "vsense/config/examples/", (".xml",)),
+    ("layouts for Foxglove", "vsense/foxglove/", (".json",)),
     ("schemas for editors", "vsense/config/schema/", (".xsd",)),
 )
 """Title, folder and suffixes of the files that are listed beside the pages."""
