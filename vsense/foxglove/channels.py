@@ -86,13 +86,18 @@ class Channels:
     Args:
         utc_shift_ns: UTC less the clock of the messages' times.
         wants: whether somebody wants a derived topic now; by default everything is wanted.
-            A camera's annotations begin with its first picture.
+        full_size: cameras' pictures come too, and as they are. Otherwise a camera's annotations
+            begin with its first picture, which says at which scale it is shown.
     """
 
     def __init__(
-        self, utc_shift_ns: int, wants: Callable[[str], bool] = lambda topic: True
+        self,
+        utc_shift_ns: int,
+        wants: Callable[[str], bool] = lambda topic: True,
+        full_size: bool = False,
     ) -> None:
         self._shift_ns = utc_shift_ns
+        self._full_size = full_size
         self._wants = wants
         self._arena: Mapping[str, Any] | None = None
         self._world: Message | None = None
@@ -222,17 +227,17 @@ class Channels:
         return {tag: self._heights_m.get(tag, usual_m) for tag in tags}
 
     def _of_images(self, message: Message) -> Iterator[Derived]:
-        """The annotations of the cameras whose pictures have come."""
+        """The annotations of the cameras whose pictures come."""
         images = message.data.get("images") or {}
         for place, camera in enumerate(message.data.get("cameras") or ()):
-            topic, known = ANNOTATIONS + camera, camera in self._shown and camera in self._cameras
-            if not (images and known and self._wants(topic)):
+            topic, shown = ANNOTATIONS + camera, self._full_size or camera in self._shown
+            if not (images and shown and camera in self._cameras and self._wants(topic)):
                 continue
             rows = [row for row, which in enumerate(images["camera"]) if which == place]
             own = {name: [column[row] for row in rows] for name, column in images.items()}
             data = pictures.marks(
                 *(self._cameras[camera], own, self._names, self._heights_of(own["tag"])),
-                *(self._shown[camera], message.time_ns + self._shift_ns),
+                *(self._shown.get(camera, ShownScale()), message.time_ns + self._shift_ns),
             )
             yield self._made(topic, message, data)
 

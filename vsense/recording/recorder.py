@@ -79,7 +79,7 @@ class Recorder:
         self._waiting = Waiting(bounds or Bounds())
         utc_shift_ns = time.time_ns() - clock()
         self._writer = RecordingWriter(path, clock(), utc_shift_ns)
-        self._channels: Channels | None = Channels(utc_shift_ns)
+        self._channels: Channels | None = Channels(utc_shift_ns, full_size=pictures)
         self._sizes: dict[str, int] = {}
         self._tracker: Mapping[str, Any] | None = None
         self._updates, self._has_memory = 0, False

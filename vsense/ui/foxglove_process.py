@@ -12,9 +12,12 @@ slowly they read, the run shares neither descriptors nor memory nor Python's loc
 from __future__ import annotations
 
 import os
+import resource
 import threading
+from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any
 
 import foxglove
@@ -34,8 +37,10 @@ from vsense.foxglove.channels import FIELD, LASTING, PICTURE, Channels, schema_o
 from vsense.message_bus import Message
 from vsense.recording import form
 
-BACKLOG = 64
+BACKLOG = 32
 """Messages that wait for one client; then its oldest go."""
+MEMORY_BYTES, DESCRIPTORS = 2 << 30, 256
+"""What the process may take: what has more clients than that ends, and the run goes on."""
 _WAIT_S = 0.05
 _NICE = 5
 _JUMP_S = 1.0
@@ -257,9 +262,20 @@ def _derived(topic: str) -> tuple[str, bytes]:
     return name, schemas.text(name)
 
 
+def _yield_to_others() -> None:
+    """Gives way to a run for processors and memory, whatever clients do."""
+    os.nice(_NICE)
+    for kind, most in ((resource.RLIMIT_AS, MEMORY_BYTES), (resource.RLIMIT_NOFILE, DESCRIPTORS)):
+        _, hard = resource.getrlimit(kind)
+        bound = most if hard == resource.RLIM_INFINITY else min(most, hard)
+        resource.setrlimit(kind, (bound, hard))
+    with suppress(OSError):
+        Path("/proc/self/oom_score_adj").write_text("1000")
+
+
 def main() -> None:
     """Serves what the parent says."""
-    os.nice(_NICE)
+    _yield_to_others()
     connection = Connection(os.dup(0))
     link = ParentLink(connection)
     try:
