@@ -124,8 +124,11 @@ def test_leds_cones_measures_and_lines() -> None:
     assert front["x"] > 0.0 and front["y"] == 0.0, "bit 0 is the front"
     assert right["y"] < 0.0 and abs(right["x"]) < 1e-6, "bit 2 is a quarter clockwise"
     assert len(leds["LEDs of 3"]["spheres"]) == 4
-    cone = made["/scene/cones"]["entities"][0]["lines"][0]
-    assert (cone["type"], len(cone["points"])) == (1, 3)
+    cone = made["/scene/cones"]["entities"][0]
+    assert (cone["lines"][0]["type"], len(cone["lines"][0]["points"])) == (1, 4)
+    corners = np.array([[p["x"], p["y"]] for p in cone["triangles"][0]["points"]]).reshape(-1, 3, 2)
+    areas = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 2.0
+    assert areas.sum() == pytest.approx(0.5), "a square of 0.5 m2, whole and once"
     assert made["/measures"]["values"] == [
         {"label": "robots_in_cone", "value": 2},
         {"label": "light_m", "value": 0.5},

@@ -73,7 +73,7 @@ def everything() -> list[Message]:
     """One message of each topic, in the order of a run."""
     signals = {
         "leds": {"tag": [14, VIRTUAL], "color": [[0, 0, 255], [255, 0, 0]]},
-        "cones": [{"x_m": [0.0, 1.0, 1.0], "y_m": [0.0, 0.2, -0.2]}],
+        "cones": [{"x_m": [0.0, 0.5, 1.0, 0.5], "y_m": [0.0, 0.5, 0.0, -0.5]}],
         "measures": {"robots_in_cone": 2, "light_m": 0.5, "unknown": None},
     }
     levels = base64.b64encode(bytes(range(6))).decode()

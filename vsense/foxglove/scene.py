@@ -200,12 +200,15 @@ def leds(lit: Mapping[int, int], virtual: Mapping[int, Sequence[float]], utc_ns:
 
 
 def cones(data: Sequence[Mapping[str, Any]], utc_ns: int) -> Data:
-    """The scene of the pollution's cones: their outlines on the floor."""
+    """The scene of the pollution's cones, which are convex, on the floor."""
     found = []
     for number, cone in enumerate(data):
         points = [(x, y, 3.0 * _LAYER_M) for x, y in zip(cone["x_m"], cone["y_m"])]
-        lines = [shapes.line(points, _CONE, width_px=3.0)]
-        found.append(shapes.entity(utc_ns, ARENA, f"cone {number}", lines=lines))
+        pieces = {
+            "lines": [shapes.line(points, _CONE, width_px=3.0)],
+            "triangles": [shapes.fan(points, (*_CONE[:3], 0.25))],
+        }
+        found.append(shapes.entity(utc_ns, ARENA, f"cone {number}", **pieces))
     return shapes.scene(utc_ns, found)
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -154,6 +155,19 @@ def line(points: Iterable[Point], rgba: Rgba, kind: int = LOOP, width_px: float 
         "thickness": width_px,
         "scale_invariant": True,
         "points": [xyz(point) for point in points],
+        "color": color(rgba),
+        "colors": [],
+        "indices": [],
+    }
+
+
+def fan(points: Sequence[Point], rgba: Rgba) -> Data:
+    """A convex area, as triangles from its first corner."""
+    first = points[0]
+    corners = [one for pair in pairwise(points[1:]) for one in (first, *pair)]
+    return {
+        "pose": pose(),
+        "points": [xyz(point) for point in corners],
         "color": color(rgba),
         "colors": [],
         "indices": [],
