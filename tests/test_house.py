@@ -42,7 +42,7 @@ SHORT = {
     **{f"vsense.{name}": "a seam" for name in ("__main__", "cli", "clock")},
     **{
         f"vsense.commands.{name}": "one file per command"
-        for name in ("docs", "doctor", "export", "new", "serve")
+        for name in ("docs", "doctor", "new", "serve")
     },
     "vsense.run.orders": "needs nothing, for the emergency stop",
 }
