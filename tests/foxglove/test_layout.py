@@ -80,7 +80,7 @@ def test_panels_are_as_the_sdk_writes_them() -> None:
 def test_it_names_topics_that_there_are() -> None:
     text = as_text(layout(("cam",), ("scent",)))
     named = set(re.findall(r'"(/[^"]*)"', text))
-    told = {*converted(everything()), *form.topics(), f"{channels.PICTURE}cam"}
+    told = {*converted(everything()), *form.RUN_TOPICS, f"{channels.PICTURE}cam"}
     for topic in named:
         assert topic.partition(".")[0] in told, topic
     assert "/measures.values" in named and "/annotations/cam" in named

@@ -19,8 +19,7 @@ import numpy as np
 
 from vsense.arena import IMAGE_POSE, POSE, SIGHTING
 from vsense.errors import VsenseError
-from vsense.foxglove import schemas
-from vsense.foxglove.shapes import camera_frame
+from vsense.foxglove import schemas, shapes
 from vsense.message_bus import Message
 
 PROFILE = "vsense"
@@ -38,7 +37,7 @@ EXPERIMENT = "experiment"
 BLOB = "blob"
 """In a channel's metadata: its messages hold bytes beside their data."""
 DERIVED = "derived"
-"""In a channel's metadata: its messages follow from ours, and are for other tools."""
+"""Likewise: its messages follow from ours, and are for other tools."""
 
 PICTURE = "/picture/"
 GAP = "/gap"
@@ -113,7 +112,7 @@ def encode(message: Message, utc_shift_ns: int) -> bytes:
     sec, nsec = divmod(max(capture_ns + utc_shift_ns, 0), 1_000_000_000)
     picture = {
         "timestamp": {"sec": sec, "nsec": nsec},
-        "frame_id": camera_frame(str(message.data.get("camera", message.topic))),
+        "frame_id": shapes.camera_frame(str(message.data.get("camera", message.topic))),
         "format": str(message.data.get("format", "")),
     }
     opened = _ENCODER.encode(picture).encode()[:-1]
@@ -385,9 +384,8 @@ _TOPICS: dict[str, tuple[str, Fields]] = {
 }  # fmt: skip
 
 
-def topics() -> list[str]:
-    """The topics with a schema of their own that are a run's, and no recording's."""
-    return [topic for topic in _TOPICS if topic not in (GAP, TRACKER)]
+RUN_TOPICS = tuple(topic for topic in _TOPICS if topic not in (GAP, TRACKER))
+"""Those of the topics that a run tells whoever listens."""
 
 
 def schema(topic: str, blob: bool) -> tuple[str, bytes]:

@@ -161,7 +161,7 @@ class FoxgloveService:
         self._derive = Channels(spec.utc_shift_ns, self._is_wanted)
         self._wanted: frozenset[str] = frozenset()
         self._clock_ns = 0
-        for topic in form.topics():
+        for topic in form.RUN_TOPICS:
             self._open(topic, *form.schema(topic, False))
         self._open_derived()
 
