@@ -45,12 +45,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="draw the last state: the cameras' pictures with every robot's ring, heading and id",
     )
     arguments.option(parser, "--frames", arguments.natural, "N", "end after N timesteps of runs")
-    parser.add_argument(
-        *("-o", "--output"),
-        type=Path,
-        metavar="DIR",
-        help="folder for what runs leave: figures, and recordings (default: none; where something"
-        " is recorded, runs/...)",
+    arguments.option(
+        *(parser, "-o --output", Path, "DIR"),
+        "folder for what runs leave: figures, and recordings (default: none; where something is"
+        " recorded, runs/...)",
     )
     arguments.add_web(parser)
     arguments.add_foxglove(parser)

@@ -34,10 +34,9 @@ HEAD = "vsense"
 EXPERIMENT = "experiment"
 """Name of the metadata record with the experiment's file, for other tools."""
 
-BLOB = "blob"
-"""In a channel's metadata: its messages hold bytes beside their data."""
-DERIVED = "derived"
-"""Likewise: its messages follow from ours, and are for other tools."""
+BLOB, DERIVED = "blob", "derived"
+"""In a channel's metadata: its messages hold bytes beside their data; they follow from others, for
+other tools."""
 
 PICTURE = "/picture/"
 GAP = "/gap"

@@ -26,6 +26,8 @@ from vsense.run.orders import Order, OrderError, OrderKind
 from vsense.sim.paced import TOLD
 from vsense.sim.pacing import FASTEST, SLOWEST
 from vsense.terminal import Console
+from vsense.ui.access import FoxgloveAddress
+from vsense.ui.foxglove_server import serve_foxglove
 from vsense.ui.recorders import OFF
 from vsense.ui.room import PageAccess, open_web
 
@@ -176,12 +178,18 @@ class SimRoom:
     """
 
     def __init__(
-        self, access: PageAccess, experiment: Experiment, control: dict[str, Any], console: Console
+        self,
+        access: PageAccess,
+        experiment: Experiment,
+        control: dict[str, Any],
+        console: Console,
+        foxglove: FoxgloveAddress | None = None,
     ) -> None:
         """`control` has the seed, the speed and `holds` of `SimControl`; nothing is opened yet."""
         self.control = SimControl(self._send, console.say, **control)
         self.bus = MessageBus()
         self._access, self._experiment, self._console = access, experiment, console
+        self._foxglove = foxglove
         self._stack, self._sending = ExitStack(), threading.Lock()
         self._current: dict[str, Message] = {}
         self._told: dict[str, Any] = {}
@@ -199,6 +207,7 @@ class SimRoom:
         self._stack.callback(server.close)
         for line in lines:
             self._console.whisper(line)
+        serve_foxglove(self._stack, self.bus, self._foxglove, self._console)
         self._console.also = lambda text, level: self.bus.event(text, level, host_ns())
         ours, theirs = socket.socketpair()
         self._stack.callback(theirs.close)

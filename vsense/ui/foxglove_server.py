@@ -88,6 +88,7 @@ class FoxgloveServer:
         self._news = threading.Condition()
         self._closing = False
         self._paused_at_s: float | None = None
+        self._owes = False
         self.port = 0
 
     def start(self) -> list[str]:
@@ -182,6 +183,7 @@ class FoxgloveServer:
                     self._link.send(message)
                 while self._link.poll():
                     self._hear(*self._link.recv())
+                self._show_standing()
         except Exception as error:
             if not self._closing:
                 self._wanted = frozenset()
@@ -202,14 +204,18 @@ class FoxgloveServer:
         replay = message.data.get("replay") if message.topic == "/run" else None
         if replay:
             self._paused_at_s = None if replay["playing"] else replay["position_s"]
+            self._owes = self._owes and not replay["playing"]
+
+    def _show_standing(self) -> None:
+        """Has a replay that stands still tell again what somebody has begun to look at."""
+        if self._owes and self._paused_at_s is not None:
+            self._owes = False
+            self._order(OrderKind.SEEK, self._paused_at_s)
 
     def _hear(self, kind: str, value: Any) -> None:
         if kind == "wants":
-            is_more = not value <= self._wanted
+            self._owes = self._owes or not value <= self._wanted
             self._wanted = value
-            if is_more and self._paused_at_s is not None:
-                # Nothing comes by itself where time stands still.
-                self._order(OrderKind.SEEK, self._paused_at_s)
         elif kind == "orders":
             for name, number in value:
                 self._order(OrderKind(name), number)
