@@ -151,11 +151,15 @@ def test_a_run_schema_by_schema(stack: ExitStack) -> None:
     # Nobody looks: of what comes each timestep nothing is made.
     time.sleep(0.3)
     assert [t for t in ("/arena", "/picture/cam", "/robots") if served.bus.wants(t)] == []
-    served.tell("/experiment", "/world", "/event", "/fields")
+    served.tell("/experiment", "/world", "/event")
     ours = ["/arena", "/signals", "/robots", "/picture/cam", "/fields"]
 
     async def talk(client: Client) -> None:
-        await client.until(lambda: "/field/scent" in client.channels)
+        def fields_are_known() -> bool:
+            served.tell("/fields")
+            return "/field/scent" in client.channels
+
+        await client.until(fields_are_known)
         await client.subscribe(*client.channels)
 
         def all_came() -> bool:
