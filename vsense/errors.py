@@ -15,6 +15,7 @@ EXTRAS = {
     "argcomplete": "completion",
     "cryptography": "https",
     "distributed": "cluster",
+    "foxglove": "foxglove",
     "matplotlib": "report",
     "mcap": "record",
     "ziglang": "robot",

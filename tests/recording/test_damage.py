@@ -100,7 +100,7 @@ def test_files_that_are_no_recordings(whole: bytes, tmp_path: Path) -> None:
         writer.start("ros2", "somebody")
         writer.finish()  # type: ignore[no-untyped-call]
     newer.write_bytes(
-        whole.replace(b"\x06\0\0\0format\x03\0\0\x001.1", b"\x06\0\0\0format\x03\0\0\x002.0")
+        whole.replace(b"\x06\0\0\0format\x03\0\0\x001.2", b"\x06\0\0\0format\x03\0\0\x002.0")
     )
     late = whole.replace(
         b"\x08\0\0\0begin_ns\x0a\0\0\x005000000000", b"\x08\0\0\0begin_ns\x0a\0\0\x00500000000x"

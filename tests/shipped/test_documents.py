@@ -31,7 +31,12 @@ def test_every_page_of_the_tree_is_listed() -> None:
 def test_what_people_write_by_is_listed() -> None:
     names = {document.name for document in documents.listed()}
     assert {"foraging.argos", "foraging.c", "controller.h", "walk.h", "resources.xsd"} <= names
-    assert {"resources.xml", "sensors/leds.py", "actuators/leds.py"} <= names
+    assert {
+        "foxglove-layout.json",
+        "resources.xml",
+        "sensors/leds.py",
+        "actuators/leds.py",
+    } <= names
     assert "guard.h" not in names, "the daemon's own"
 
 

@@ -16,7 +16,7 @@ from typing import Any, NoReturn, TypeVar
 from vsense.errors import UsageError
 from vsense.report import FORMATS
 from vsense.robot.programs import CodeOptions
-from vsense.ui.access import WebAddress
+from vsense.ui.access import FOXGLOVE_PORT, FoxgloveAddress, WebAddress
 
 Record = TypeVar("Record")
 
@@ -297,6 +297,25 @@ def add_web(
     option(group, "--web-key", Path, "FILE", "its private key (default: in the same file)")
     if insecure:
         flag(group, "--insecure", INSECURE_PAGE)
+
+
+def add_foxglove(parser: argparse.ArgumentParser) -> None:
+    """Declares that Foxglove is served."""
+    parser.add_argument_group("Foxglove").add_argument(
+        "--foxglove",
+        type=address,
+        nargs="?",
+        const=("127.0.0.1", FOXGLOVE_PORT),
+        metavar="[ADDRESS:]PORT",
+        help="serve the same to Foxglove, to look only and on this machine only (default port:"
+        f" {FOXGLOVE_PORT}); with an address such as 0.0.0.0:{FOXGLOVE_PORT} everybody who reaches"
+        " it can look: there are no tokens",
+    )
+
+
+def foxglove_of(options: argparse.Namespace) -> FoxgloveAddress | None:
+    """Returns what `add_foxglove` declares: where Foxglove is served, None: nowhere."""
+    return None if options.foxglove is None else FoxgloveAddress(*options.foxglove)
 
 
 INSECURE_PAGE = "other machines may open the page with plain HTTP: whoever hears a token can use it"

@@ -180,6 +180,7 @@ def say_doubts(doubts: Sequence[str], console: Console) -> None:
 def add_room(parser: argparse.ArgumentParser) -> None:
     """Declares how the runs are seen, steered and kept: the control room."""
     arguments.add_web(parser, insecure=False)
+    arguments.add_foxglove(parser)
     group = arguments.add_hold(
         parser,
         "start no run by itself, but with a key, on the page or with vsense start; after a run"

@@ -41,6 +41,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FOLDER",
         help="folder for the tables, made if need be (default: FILE without .mcap)",
     )
+    parser.add_argument(
+        "--foxglove",
+        type=Path,
+        metavar="NAME.mcap",
+        help="write the recording once more for Foxglove, with its own channels beside ours, and"
+        " NAME-layout.json with a layout that fits it, instead of tables; new recordings have these"
+        " channels already",
+    )
     arguments.flag(parser, "--json", "print the files, and how much is in them, as JSON")
     _add_film(parser.add_argument_group("a video"))
 
@@ -98,6 +106,10 @@ def run(options: argparse.Namespace) -> int:
     elif options.output is not None or options.csv:
         raise UsageError("--output and --csv are for tables, --video says its own file: give one")
     file = recording.file_of(options.file)
+    if options.foxglove is not None:
+        if options.video is not None:
+            raise UsageError("--video and --foxglove write different files: give one")
+        return _to_foxglove(file, options)
     with open_recording(file) as opened:
         console = Console()
         if options.video is not None:
@@ -205,3 +217,24 @@ def _size(text: str) -> tuple[int, int]:
             f"{text!r}: expected even numbers from 320x240 to 3840x2160, such as 1280x720"
         )
     return width, height
+
+
+def _to_foxglove(file: Path, options: argparse.Namespace) -> int:
+    """Writes a recording for Foxglove; see `vsense.recording.foxglove_export`."""
+    from vsense.recording.foxglove_export import export_foxglove
+    from vsense.recording.reader import open_recording
+
+    if options.output is not None:
+        raise UsageError("--output is the folder of tables: --foxglove names its own file")
+    with interruption() as interrupted, interrupted.at_once(), open_recording(file) as opened:
+        console = Console()
+        tell = lambda share: console.progress(f"for Foxglove: {share:.0%}")  # noqa: E731
+        sizes = export_foxglove(opened, options.foxglove, tell)
+        console.end_progress()
+        if opened.damaged:
+            console.say(f"vsense: {len(opened.damaged)} parts of {file} are damaged")
+    if options.json:
+        print_data(json.dumps({"files": sizes}, indent=2))
+    else:
+        print_data("\n".join(f"{name}: {size / 1e6:.1f} MB" for name, size in sizes.items()))
+    return 0

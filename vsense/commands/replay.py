@@ -16,7 +16,8 @@ from vsense.errors import UsageError
 from vsense.message_bus import MessageBus
 from vsense.run.orders import Order, OrderKind
 from vsense.terminal import Console, interruption
-from vsense.ui.access import WebAddress
+from vsense.ui.access import FoxgloveAddress, WebAddress
+from vsense.ui.foxglove_server import check_foxglove, serve_foxglove
 from vsense.ui.room import make_server, page_access
 
 if TYPE_CHECKING:
@@ -34,6 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     parser.add_argument("file", type=Path, help="the recording (.mcap), or its run's folder")
     arguments.add_web(parser, ("127.0.0.1", 8080))
+    arguments.add_foxglove(parser)
     arguments.option(parser, "--speed", float, "X", "times the real speed (default: 1)", 1.0)
     again = parser.add_argument_group("tracking again")
     again.add_argument("--retrack", action="store_true", help="run the tracker again and compare")
@@ -77,7 +79,9 @@ def run(options: argparse.Namespace) -> int:
         return _resense(options)
     web = arguments.web_of(options)
     assert web is not None, "--web has a default"
-    return play(options.file, options.speed, web)
+    foxglove = arguments.foxglove_of(options)
+    check_foxglove(foxglove, (web.port,))
+    return play(options.file, options.speed, web, foxglove)
 
 
 def _check(options: argparse.Namespace) -> None:
@@ -92,8 +96,10 @@ def _check(options: argparse.Namespace) -> None:
         raise UsageError("--json belongs to --retrack and --resense")
 
 
-def play(file: Path, speed: float, web: WebAddress) -> int:
-    """Plays a recording in the page until it is interrupted, `speed` times as fast as real time."""
+def play(file: Path, speed: float, web: WebAddress, foxglove: FoxgloveAddress | None = None) -> int:
+    """Plays a recording in the page, and to Foxglove where that is not None, until it is
+    interrupted, `speed` times as fast as real time.
+    """
     # These need the extra `record`.
     from vsense.recording.player import Player
     from vsense.recording.reader import open_recording
@@ -115,6 +121,7 @@ def play(file: Path, speed: float, web: WebAddress) -> int:
             console.say(f"vsense: only to look: {addresses.look}")
         for line in access.warnings():
             console.say(f"vsense: {line}")
+        serve_foxglove(stack, bus, foxglove, console, recording=opened, give=player.give)
         player.start()
         stack.callback(player.close)
         player.give(Order(OrderKind.PLAY, "terminal", 1.0))

@@ -17,6 +17,7 @@ from vsense.sim.dask_cluster import require_dask
 from vsense.sim.job import Setup, Sweep
 from vsense.sim.outcome import Interrupted
 from vsense.terminal import Console, interruption
+from vsense.ui.foxglove_server import check_foxglove
 
 DESCRIPTION = (
     "Runs an experiment in this machine alone: the same controller, compiled once and run in one"
@@ -47,6 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def _add_page(parser: argparse.ArgumentParser) -> None:
     """Declares how a run is watched and kept."""
     arguments.add_web(parser)
+    arguments.add_foxglove(parser)
     group = parser.add_argument_group("watching and recording")
     arguments.option(
         group,
@@ -144,13 +146,16 @@ def _check(options: argparse.Namespace, sweep: Sweep) -> None:
     if sweep.seeds is None:
         if options.format or options.style:
             raise UsageError("--format, --style: a campaign's chart only, see --runs")
-        if options.web is None and (options.hold or options.speed is not None):
-            raise UsageError("--hold, --speed: only with --web, which shows the run")
+        if options.web is None and (options.hold or options.speed or options.foxglove):
+            raise UsageError("--hold, --speed, --foxglove: only with --web, which shows the run")
+        check_foxglove(arguments.foxglove_of(options), (options.web or ("", 0))[1:])
         return
     if options.seed is not None:
         raise UsageError("--seed: a campaign has --seeds")
-    if options.web is not None or options.hold or options.speed is not None:
-        raise UsageError("--web, --hold, --speed: one run only, no campaign (--runs, --seeds)")
+    if options.web or options.hold or options.speed or options.foxglove:
+        raise UsageError(
+            "--web, --foxglove, --hold, --speed: one run only, no campaign (--runs, --seeds)"
+        )
 
 
 def _check_on(options: argparse.Namespace, sweep: Sweep) -> None:

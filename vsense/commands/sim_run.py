@@ -67,12 +67,12 @@ class SingleRun:
 
         web = arguments.web_of(self.options)
         assert web is not None
-        access = page_access(web)
+        access, foxglove = page_access(web), arguments.foxglove_of(self.options)
         seed = experiments.choose_seed(self.options, self.experiment)
         begin = {"seed": seed, "speed": self.options.speed or 1.0, "holds": self.options.hold}
         begin["locked"] = self.options.locked
         libraries = self._libraries()
-        with SimRoom(access, self.experiment, begin, self.console) as room:
+        with SimRoom(access, self.experiment, begin, self.console, foxglove) as room:
             whole = run_directory.make(self.options.output, self.experiment.name, seed)
             series = Series(whole, 1, False, self.interrupted)
             with WatchedRuns(room, self.interrupted) as runs:

@@ -45,14 +45,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="draw the last state: the cameras' pictures with every robot's ring, heading and id",
     )
     arguments.option(parser, "--frames", arguments.natural, "N", "end after N timesteps of runs")
-    parser.add_argument(
-        *("-o", "--output"),
-        type=Path,
-        metavar="DIR",
-        help="folder for what runs leave: figures, and recordings (default: none; where something"
-        " is recorded, runs/...)",
+    arguments.option(
+        *(parser, "-o --output", Path, "DIR"),
+        "folder for what runs leave: figures, and recordings (default: none; where something is"
+        " recorded, runs/...)",
     )
     arguments.add_web(parser)
+    arguments.add_foxglove(parser)
     group = arguments.add_hold(
         parser,
         "track, but begin no run by itself: a key, the page or vsense start does; after a run wait"
@@ -63,4 +62,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Tracks; see `vsense.live.track.run`."""
-    return track.run(arguments.fill(TrackOptions, options, web=arguments.web_of(options)))
+    doors = {"web": arguments.web_of(options), "foxglove": arguments.foxglove_of(options)}
+    return track.run(arguments.fill(TrackOptions, options, **doors))

@@ -41,6 +41,7 @@ _PURPOSES = {
     "robot": "daemons for robots' boards (vsense robot build)",
     "cluster": "campaigns on several machines (--on)",
     "completion": "completion in a shell",
+    "foxglove": "runs and replays in Foxglove (--foxglove)",
 }
 
 _TIME_ERROR = 5

@@ -33,7 +33,8 @@ from vsense.terminal import Console, Interruption, drop_output, interruption
 from vsense.tracking.camera_tracking import CameraTracking
 from vsense.tracking.opening import OFFLINE, PACED, open_tracking
 from vsense.tracking.specs import TrackingSession
-from vsense.ui.access import WebAddress
+from vsense.ui.access import FoxgloveAddress, WebAddress
+from vsense.ui.foxglove_server import check_foxglove
 from vsense.ui.recorders import Recorders
 
 FIRST_PICTURE_NS = 15_000_000_000
@@ -63,6 +64,7 @@ class TrackOptions:
         record, record_images: every run is recorded, the latter with its pictures.
         output: folder for what runs leave, None: one in `runs/` if they leave something.
         web: where the page is served, None: nowhere.
+        foxglove: where Foxglove is served, None: nowhere.
     """
 
     resources: str
@@ -77,11 +79,13 @@ class TrackOptions:
     record_images: bool = False
     output: Path | None = None
     web: WebAddress | None = None
+    foxglove: FoxgloveAddress | None = None
 
     @property
     def is_watched(self) -> bool:
         """Whether somebody looks on, or it is kept as it happens: pictures are dated by now."""
-        return self.hold or self.web is not None or self.is_recorded
+        served = self.web is not None or self.foxglove is not None
+        return self.hold or served or self.is_recorded
 
     @property
     def is_recorded(self) -> bool:
@@ -120,11 +124,12 @@ def _check(options: TrackOptions, session: TrackingSession) -> None:
         raise UsageError(f"--offline: {session.file} uses cameras, expected recordings")
     if options.offline and options.is_watched:
         raise UsageError(
-            "--offline: is faster than anybody looks; --web, --hold and --record go at the"
-            " pictures' own pace"
+            "--offline: is faster than anybody looks; --web, --foxglove, --hold and --record"
+            " go at the pictures' own pace"
         )
     if options.is_recorded:
         recording.require()
+    check_foxglove(options.foxglove, () if options.web is None else (options.web.port,))
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,7 +164,9 @@ class TrackingRun:
         self._interrupted = interrupted
         self._live = session.is_live
         bus, record = MessageBus(), session.record
-        self._room = TrackRoom(options.web, session, made.troubles, console, bus=bus)
+        self._room = TrackRoom(
+            *(options.web, session, made.troubles, console), bus=bus, foxglove=options.foxglove
+        )
         each_run = record.change_root_directory_on_start
         tell = lambda text: console.say(text, "trouble")  # noqa: E731
         self._runs = Runs(

@@ -25,10 +25,11 @@ from vsense.run.orders import Give, Order, OrderError
 from vsense.terminal import Console, Level
 from vsense.tracking.specs import TrackingSession
 from vsense.ui import keyboard, messages
-from vsense.ui.access import WebAddress
+from vsense.ui.access import FoxgloveAddress, WebAddress
 from vsense.ui.control_socket import TRACKER, ControlSocket, ControlSocketError
+from vsense.ui.foxglove_server import serve_foxglove
 from vsense.ui.publisher import SECOND_NS, WINDOW, PreviewEncoder, Rates, silence_s
-from vsense.ui.room import open_web, page_access
+from vsense.ui.room import PageAccess, open_web, page_access
 from vsense.ui.tables import CameraTable
 from vsense.world.entities import BODY_RADIUS_M
 
@@ -59,12 +60,14 @@ class TrackRoom:
         console: Console,
         clock: Callable[[], int] = host_ns,
         bus: MessageBus | None = None,
+        foxglove: FoxgloveAddress | None = None,
     ) -> None:
-        """Opens the page at `web`, if it is not None; `troubles` are those of the cameras.
+        """Shows it at `web` and to Foxglove, where these are not None; `troubles` are the cameras'.
 
         Its buttons do something as soon as `steer` was called. Raises as `page_access`.
         """
         self._access = None if web is None else page_access(web)
+        self._foxglove = foxglove
         self._bus = bus or MessageBus()
         self._session = session
         self._clock = clock
@@ -83,18 +86,22 @@ class TrackRoom:
         console.also = self._tell_event
 
     def open(self) -> None:
-        """Serves the page; VsenseError if the port is taken."""
-        if self._access is None:
-            return
+        """Serves the page, and Foxglove; VsenseError if a port is taken."""
+        if self._access is not None:
+            self._serve_page(self._access)
+        serve_foxglove(self._stack, self._bus, self._foxglove, self._console)
+        if self._access is not None or self._foxglove is not None:
+            self._preview = PreviewEncoder(self._bus)
+            self._stack.callback(self._preview.close)
+
+    def _serve_page(self, access: PageAccess) -> None:
         server, lines = open_web(
-            self._access,
+            access,
             self._bus,
             lambda order: self._give(order),
             lambda text: self._console.say(text, "warning"),
         )
         self._stack.callback(server.close)
-        self._preview = PreviewEncoder(self._bus)
-        self._stack.callback(self._preview.close)
         for line in lines:
             # With its tokens: neither the page's events nor a recording may have them.
             self._console.whisper(line)

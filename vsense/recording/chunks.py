@@ -44,10 +44,14 @@ class DamagedError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Kept:
-    """A channel, as far as messages need it: topic, and whether it keeps blobs."""
+    """A channel, as far as messages need it: topic, and whether it keeps blobs.
+
+    `derived`: its messages follow from others, and are for other tools.
+    """
 
     topic: str
     blob: bool
+    derived: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +116,8 @@ def channel(record: bytes | memoryview) -> tuple[int, Kept]:
         found = Channel.read(stream(record))
     except FAULTS as error:
         raise DamagedError(str(error)) from None
-    return found.id, Kept(found.topic, form.BLOB in found.metadata)
+    marks = found.metadata
+    return found.id, Kept(found.topic, form.BLOB in marks, form.DERIVED in marks)
 
 
 def walk(record: bytes, channels: dict[int, Kept]) -> Iterator[Raw]:

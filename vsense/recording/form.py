@@ -19,10 +19,11 @@ import numpy as np
 
 from vsense.arena import IMAGE_POSE, POSE, SIGHTING
 from vsense.errors import VsenseError
+from vsense.foxglove import schemas, shapes
 from vsense.message_bus import Message
 
 PROFILE = "vsense"
-FORMAT = (1, 1)
+FORMAT = (1, 2)
 """Of what is written: the first number rises when an older vsense can no longer read it."""
 
 _MOST_NS = 1 << 63
@@ -33,8 +34,9 @@ HEAD = "vsense"
 EXPERIMENT = "experiment"
 """Name of the metadata record with the experiment's file, for other tools."""
 
-BLOB = "blob"
-"""In a channel's metadata: its messages hold bytes beside their data."""
+BLOB, DERIVED = "blob", "derived"
+"""In a channel's metadata: its messages hold bytes beside their data; they follow from others, for
+other tools."""
 
 PICTURE = "/picture/"
 GAP = "/gap"
@@ -101,7 +103,7 @@ def has_blob(message: Message) -> bool:
 
 def encode(message: Message, utc_shift_ns: int) -> bytes:
     """A message's data as bytes; ValueError, TypeError, RecursionError if JSON cannot hold it."""
-    data = _encode_data(message.data)
+    data = encode_data(message.data)
     if not has_blob(message):
         return data
     told = message.data.get("capture_ns")
@@ -109,7 +111,7 @@ def encode(message: Message, utc_shift_ns: int) -> bytes:
     sec, nsec = divmod(max(capture_ns + utc_shift_ns, 0), 1_000_000_000)
     picture = {
         "timestamp": {"sec": sec, "nsec": nsec},
-        "frame_id": str(message.data.get("camera", message.topic)),
+        "frame_id": shapes.camera_frame(str(message.data.get("camera", message.topic))),
         "format": str(message.data.get("format", "")),
     }
     opened = _ENCODER.encode(picture).encode()[:-1]
@@ -169,7 +171,8 @@ _ENCODER = json.JSONEncoder(
 )
 
 
-def _encode_data(data: Mapping[str, Any]) -> bytes:
+def encode_data(data: Mapping[str, Any]) -> bytes:
+    """An object as JSON, with null for numbers that it does not have; raises as `encode`."""
     try:
         return _ENCODER.encode(data).encode()
     except ValueError:
@@ -380,10 +383,14 @@ _TOPICS: dict[str, tuple[str, Fields]] = {
 }  # fmt: skip
 
 
+RUN_TOPICS = tuple(topic for topic in _TOPICS if topic not in (GAP, TRACKER))
+"""Those of the topics that a run tells whoever listens."""
+
+
 def schema(topic: str, blob: bool) -> tuple[str, bytes]:
     """Gives name and JSON schema of a channel; with blobs Foxglove takes them for pictures."""
     if blob:
-        name = "foxglove.CompressedImage"
+        name = schemas.IMAGE
         text = "A picture; `vsense` is the message's own data."
         known: Fields = {"timestamp": _TIME, "frame_id": _TEXT, "data": _BYTES, "format": _TEXT}
     else:

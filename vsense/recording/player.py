@@ -97,6 +97,8 @@ class Player:
             playing = self._playing
         if seeking:
             self._begin_at(position_ns)
+            # First: who follows the time knows that what comes now is of another.
+            self._tell_run(now_ns)
         if seeking or self._bus.joined != self._joined:
             self._tell_all()
             changed = True

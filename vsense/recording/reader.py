@@ -11,7 +11,7 @@ from vsense.errors import failing_as
 from vsense.files import open_bytes
 from vsense.message_bus import Message
 from vsense.recording import chunks, form
-from vsense.recording.chunks import ChunkPlace, Contents, DamagedError, Raw, scan
+from vsense.recording.chunks import ChunkPlace, Contents, DamagedError, Kept, Raw, scan
 from vsense.recording.form import RecordingError
 
 Choice = Collection[str] | Callable[[str], bool] | None
@@ -138,7 +138,7 @@ class Recording:
         for raw in self._unpack(place):
             kept = self._channels.get(raw.channel)
             early = end_ns is None or raw.log_ns - self.utc_shift_ns < end_ns
-            if early and kept is not None and wanted(kept.topic):
+            if early and kept is not None and _is_ours(kept, wanted):
                 raws[kept.topic] = raw
         messages = (self._decode(place, raw, wanted) for raw in raws.values())
         return {message.topic: message for message in messages if message is not None}
@@ -148,7 +148,7 @@ class Recording:
         numbers = place.channels or self._inside.get(place.offset)
         if not numbers or not numbers <= self._channels.keys():
             return True
-        return any(wanted(self._channels[number].topic) for number in numbers)
+        return any(_is_ours(self._channels[number], wanted) for number in numbers)
 
     def _unpack(self, place: ChunkPlace) -> Iterator[Raw]:
         """Reads a chunk, message by message: a small file can hold millions.
@@ -169,7 +169,7 @@ class Recording:
 
     def _decode(self, place: ChunkPlace, raw: Raw, wanted: Callable[[str], bool]) -> Message | None:
         kept = self._channels.get(raw.channel)
-        if kept is None or not wanted(kept.topic):
+        if kept is None or not _is_ours(kept, wanted):
             return None
         try:
             time_ns = raw.log_ns - self.utc_shift_ns
@@ -193,6 +193,11 @@ def open_recording(path: Path) -> Recording:
         except BaseException:
             file.close()
             raise
+
+
+def _is_ours(channel: Kept, wanted: Callable[[str], bool]) -> bool:
+    """Whether a channel has messages of the run itself, and of a wanted topic."""
+    return not channel.derived and wanted(channel.topic)
 
 
 def _test(topics: Choice) -> Callable[[str], bool]:

@@ -21,6 +21,7 @@ import cv2
 
 from vsense.arena import Frame
 from vsense.clock import host_ns
+from vsense.foxglove.channels import Channels
 from vsense.message_bus import Listener, Message, MessageBus
 from vsense.recording import form, megabytes
 from vsense.recording.waiting import Bounds, Item, Waiting, WaitingPicture, gap_message
@@ -76,7 +77,9 @@ class Recorder:
         self._keeps_pictures = pictures
         self._clock = clock
         self._waiting = Waiting(bounds or Bounds())
-        self._writer = RecordingWriter(path, clock(), time.time_ns() - clock())
+        utc_shift_ns = time.time_ns() - clock()
+        self._writer = RecordingWriter(path, clock(), utc_shift_ns)
+        self._channels: Channels | None = Channels(utc_shift_ns, full_size=pictures)
         self._sizes: dict[str, int] = {}
         self._tracker: Mapping[str, Any] | None = None
         self._updates, self._has_memory = 0, False
@@ -224,11 +227,23 @@ class Recorder:
         try:
             message = _encoded(item, topic) if isinstance(item, WaitingPicture) else item
             self._sizes[topic] = self._writer.add(message)
+            self._derive(message)
         except (TypeError, ValueError, RecursionError, cv2.error) as error:
             self._waiting.lost += 1
             if topic not in self._unfit:
                 self._unfit.add(topic)
                 self._tell(f"messages {topic} cannot be recorded: {error}")
+
+    def _derive(self, message: Message) -> None:
+        """Adds what other tools show of a message; a fault in that ends it, and nothing else."""
+        if self._channels is None:
+            return
+        try:
+            for derived in self._channels.convert(message):
+                self._writer.add_derived(derived)
+        except Exception as error:
+            self._channels = None
+            self._tell(f"the recording goes on without what is for Foxglove: {error!r}")
 
     def _flush(self) -> bool:
         """Brings the chunk to the disk; gives whether the disk took it."""

@@ -17,6 +17,8 @@ from mcap.records import ChunkIndex
 from mcap.writer import CompressionType, Writer
 
 from vsense import __version__
+from vsense.foxglove import schemas
+from vsense.foxglove.channels import Derived
 from vsense.message_bus import Message
 from vsense.recording import form
 from vsense.recording.form import Head, RecordingError
@@ -136,6 +138,8 @@ class ChunkIndices(list[Any]):
 CHUNK_BYTES = 4 << 20
 """A chunk ends at this size, even before its time."""
 _NEVER = 1 << 62
+Encoded = bytes
+"""By another name: a recording's own `bytes` is how long it is."""
 _MOST_NS = (1 << 64) - 1
 
 
@@ -155,7 +159,8 @@ class RecordingWriter:
         vars(self._mcap)["_Writer__chunk_indices"] = ChunkIndices()
         self._mcap.start(form.PROFILE, f"vsense {__version__}")
         self._mcap.add_metadata(form.HEAD, Head(__version__, begin_ns, utc_shift_ns).as_metadata())
-        self._channels: dict[tuple[str, bool], int] = {}
+        self._channels: dict[tuple[str, bool | str], int] = {}
+        self._schemas: dict[tuple[str, bytes], int] = {}
         self._experiment: dict[str, str] = {}
         self._gathered = 0
         self._file = WholeFile(path, self._outbox.getvalue())
@@ -174,12 +179,19 @@ class RecordingWriter:
     def add(self, message: Message) -> int:
         """Adds a message to the present chunk; gives its encoded size; raises as `form.encode`."""
         data = form.encode(message, self._utc_shift_ns)
-        time_ns = min(max(message.time_ns + self._utc_shift_ns, 0), _MOST_NS)
-        self._mcap.add_message(self._channel(message), time_ns, data, time_ns)
-        self._gathered += len(data)
+        self._add(self._channel(message), message.time_ns, data)
         if message.topic == "/experiment":
             self._keep_experiment(message)
         return len(data)
+
+    def add_derived(self, derived: Derived) -> None:
+        """Adds a message that follows from ours; readers of recordings pass over it."""
+        name = derived.schema
+        key = derived.topic, name
+        if key not in self._channels:
+            text = schemas.text(name)
+            self._channels[key] = self._declare(derived.topic, name, text, {form.DERIVED: "yes"})
+        self._add(self._channels[key], derived.time_ns, form.encode_data(derived.data))
 
     def flush(self) -> None:
         """Ends the chunk and waits until the disk has it.
@@ -210,14 +222,24 @@ class RecordingWriter:
             self._file.append(self._outbox.getvalue())
             self._outbox.clear()
 
+    def _add(self, channel: int, time_ns: int, data: Encoded) -> None:
+        utc_ns = min(max(time_ns + self._utc_shift_ns, 0), _MOST_NS)
+        self._mcap.add_message(channel, utc_ns, data, utc_ns)
+        self._gathered += len(data)
+
     def _channel(self, message: Message) -> int:
         key = message.topic, form.has_blob(message)
         if key not in self._channels:
-            name, text = form.schema(*key)
-            schema = self._mcap.register_schema(name, "jsonschema", text)
             marks = {form.BLOB: "base64"} if key[1] else {}
-            self._channels[key] = self._mcap.register_channel(message.topic, "json", schema, marks)
+            self._channels[key] = self._declare(message.topic, *form.schema(*key), marks)
         return self._channels[key]
+
+    def _declare(self, topic: str, schema: str, text: Encoded, marks: dict[str, str]) -> int:
+        """Makes a channel, and its schema where it is the first that has it."""
+        known = schema, text
+        if known not in self._schemas:
+            self._schemas[known] = self._mcap.register_schema(schema, "jsonschema", text)
+        return self._mcap.register_channel(topic, "json", self._schemas[known], marks)
 
     def _keep_experiment(self, message: Message) -> None:
         """Writes the experiment's facts for other tools."""

@@ -34,6 +34,7 @@ _GROUPS = (
     ("virtual sensors", "vsense/sensors/", (".py",)),
     ("virtual actuators", "vsense/actuators/", (".py",)),
     ("files to begin with", "vsense/config/examples/", (".xml",)),
+    ("layouts for Foxglove", "vsense/foxglove/", (".json",)),
     ("schemas for editors", "vsense/config/schema/", (".xsd",)),
 )
 """Title, folder and suffixes of the files that are listed beside the pages."""
@@ -42,6 +43,7 @@ _HEADERS = ("controller.h", "walk.h")
 """What controllers include: all other headers of the daemon are its own."""
 
 _SUFFIXES = (".md", ".c", ".cpp", ".h", ".hpp", ".py", ".argos", ".xml", ".xsd", ".json", ".txt")
+_LAYOUT = "to import into Foxglove: the arena in 3-D, the cameras, measures, the log"
 _LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)\s]+)\)")
 _TITLE_MAX = 100
 """Characters of a title that is a sentence."""
@@ -78,6 +80,8 @@ class ShippedFile:
         if self.path.suffix == ".py":
             text = ast.get_docstring(ast.parse(text)) or ""
             return text.partition("\n")[0]
+        if self.path.suffix == ".json":  # has no place for a comment
+            return _LAYOUT
         if self.path.suffix in (".c", ".h"):
             found = re.search(r"^ \* [\w.]+ - (.*?)(?:[.]\s|\*/)", text, re.M | re.S)
         else:

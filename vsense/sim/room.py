@@ -29,6 +29,8 @@ from vsense.run.orders import Order, OrderError, OrderKind
 from vsense.sim.paced import ANSWER, TOLD
 from vsense.sim.pacing import FASTEST, SLOWEST
 from vsense.terminal import Console
+from vsense.ui.access import FoxgloveAddress
+from vsense.ui.foxglove_server import serve_foxglove
 from vsense.ui.recorders import OFF
 from vsense.ui.room import PageAccess, open_web
 
@@ -181,12 +183,18 @@ class SimRoom:
     """
 
     def __init__(
-        self, access: PageAccess, experiment: Experiment, control: dict[str, Any], console: Console
+        self,
+        access: PageAccess,
+        experiment: Experiment,
+        control: dict[str, Any],
+        console: Console,
+        foxglove: FoxgloveAddress | None = None,
     ) -> None:
         """`control` has what begins a run, of `SimControl`; nothing is opened yet."""
         self.control = SimControl(self._send, console.say, **control)
         self.bus = MessageBus()
         self._access, self._experiment, self._console = access, experiment, console
+        self._foxglove = foxglove
         self._stack, self._sending = ExitStack(), threading.Lock()
         self._asked: dict[int, Answer] = {}
         self._numbers = itertools.count()
@@ -206,6 +214,7 @@ class SimRoom:
         self._stack.callback(server.close)
         for line in lines:
             self._console.whisper(line)
+        serve_foxglove(self._stack, self.bus, self._foxglove, self._console)
         self._console.also = lambda text, level: self.bus.event(text, level, host_ns())
         ours, theirs = socket.socketpair()
         self._stack.callback(theirs.close)

@@ -53,6 +53,27 @@ class WebAddress:
     insecure: bool = False
 
 
+FOXGLOVE_PORT = 8765
+"""Where Foxglove looks by itself."""
+
+
+@dataclass(frozen=True, slots=True)
+class FoxgloveAddress:
+    """Where Foxglove is served: the interface's address and the port, 0 for any free one."""
+
+    host: str = "127.0.0.1"
+    port: int = FOXGLOVE_PORT
+
+    def warnings(self) -> list[str]:
+        """What people should know of who can look."""
+        if is_loopback(self.host):
+            return []
+        return [
+            f"Foxglove: everybody who reaches {self.host} can look: there are no tokens, and"
+            " nothing is encrypted"
+        ]
+
+
 @dataclass(frozen=True, slots=True)
 class Tokens:
     """What a viewer has to show: `look` to look, `control` to look and to give orders."""

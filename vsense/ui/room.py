@@ -26,9 +26,10 @@ from vsense.run.overload import Alarm
 from vsense.run.runtime import Runtime, Step
 from vsense.terminal import Console, Level
 from vsense.ui import keyboard
-from vsense.ui.access import Tokens, WebAddress, is_loopback, read_tokens
+from vsense.ui.access import FoxgloveAddress, Tokens, WebAddress, is_loopback, read_tokens
 from vsense.ui.certificate import PageTls, tls_of
 from vsense.ui.control_socket import ControlSocket, ControlSocketError
+from vsense.ui.foxglove_server import serve_foxglove
 from vsense.ui.messages import ExperimentFacts
 from vsense.ui.publisher import PreviewEncoder, Publisher
 from vsense.ui.recorders import Recorders
@@ -49,6 +50,7 @@ class RoomOptions:
         record_images: recordings hold the cameras' pictures, too.
         locked: nobody may change the world while it runs.
         web: where the page is served, None: nowhere.
+        foxglove: where Foxglove is served, None: nowhere.
     """
 
     hold: bool = False
@@ -57,6 +59,7 @@ class RoomOptions:
     record_images: bool = False
     locked: bool = False
     web: WebAddress | None = None
+    foxglove: FoxgloveAddress | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,6 +201,7 @@ class ControlRoom:
             for line in lines:
                 # With its tokens: neither the pages nor the log may have them.
                 self._console.whisper(line)
+        serve_foxglove(self._stack, self.bus, self._options.foxglove, self._console)
         try:
             self._stack.callback(ControlSocket(self.status, control.give).close)
         except ControlSocketError as error:
