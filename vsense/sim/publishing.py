@@ -88,8 +88,8 @@ class SimPublisher(Publisher):
     def tell_events(self) -> None:
         """Publishes what controllers and loop functions have logged since the last call."""
         events = self._simulation.record.events
-        for _, text in events[self._told_events :]:
-            self._bus.event(text, "info", self._now_ns)
+        for time_s, text in events[self._told_events :]:
+            self._bus.event(text, "info", self._now_ns, time_s)
         self._told_events = len(events)
 
     def end(self) -> None:

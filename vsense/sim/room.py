@@ -215,7 +215,7 @@ class SimRoom:
         for line in lines:
             self._console.whisper(line)
         serve_foxglove(self._stack, self.bus, self._foxglove, self._console)
-        self._console.also = lambda text, level: self.bus.event(text, level, host_ns())
+        self._console.also = self._say
         ours, theirs = socket.socketpair()
         self._stack.callback(theirs.close)
         self._page, self.descriptor = Connection(ours.detach()), theirs.fileno()
@@ -253,6 +253,11 @@ class SimRoom:
         for number in list(self._asked):
             if answer := self._asked.pop(number, None):
                 answer("the run ended before it", False)
+
+    def _say(self, text: str, level: str) -> None:
+        """Has pages see a line of the terminal, at the run's time."""
+        time_s = self._told["time_s"] if self._told.get("timestep", -1) >= 0 else None
+        self.bus.event(text, level, host_ns(), time_s)
 
     def _send(self, run: int, name: str, value: Any) -> None:
         with self._sending, suppress(OSError):

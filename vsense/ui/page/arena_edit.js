@@ -37,7 +37,7 @@ export class Edit {
   /** Whether this page may change a world, and there is one. */
   get able() {
     const { you, settings, experiment } = this.store;
-    return you.control && Boolean(settings) && experiment?.mode === "live";
+    return you.control && Boolean(settings) && ["live", "sim"].includes(experiment?.mode);
   }
 
   toggle() {
