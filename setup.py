@@ -17,6 +17,7 @@ import platform
 import shutil
 import sys
 import sysconfig
+from dataclasses import replace
 from pathlib import Path
 
 from setuptools import setup
@@ -28,6 +29,7 @@ sys.path.insert(0, str(ROOT))
 from vsense import __version__  # noqa: E402
 from vsense.doctor import versions  # noqa: E402
 from vsense.robot import boards, build  # noqa: E402
+from vsense.robot.compiling import HOST_FLAGS  # noqa: E402
 from vsense.shipped import documents  # noqa: E402
 
 URL = os.environ.get("VSENSE_URL", "").rstrip("/")
@@ -67,6 +69,7 @@ def compile_daemon(tree):
     if "VSENSE_STATIC" in os.environ:
         target = boards.TARGETS["host" if machine == platform.machine() else machine]
         compiler = boards.toolchain(target, build.cache_directory())
+        compiler = replace(compiler, flags=(*compiler.flags, *HOST_FLAGS))
         tree.daemon(program, plain=True).link_daemon(compiler, tree.prebuilt)
     else:
         build.compile_daemon(tree, program, tree.prebuilt)

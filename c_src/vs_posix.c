@@ -16,7 +16,11 @@
 
 static uint64_t recent_ns;
 static clockid_t clock_id = CLOCK_MONOTONIC_RAW;
+#ifdef VSENSED_SLOW_CLOCK
 static uint32_t pace_permille = 1000;
+#else
+enum { pace_permille = 1000 };
+#endif
 
 #ifdef SYS_clock_gettime32
 long syscall(long number, ...); /* no part of POSIX, so no header shows it */
@@ -56,10 +60,12 @@ uint64_t vs_posix_now_ns(void)
     return recent_ns;
 }
 
+#ifdef VSENSED_SLOW_CLOCK
 void vs_posix_slow(uint32_t permille)
 {
     pace_permille = permille;
 }
+#endif
 
 int vs_posix_clock_is_slewed(void)
 {

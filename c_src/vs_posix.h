@@ -18,9 +18,12 @@ extern "C" {
  */
 uint64_t vs_posix_now_ns(void);
 
+#ifdef VSENSED_SLOW_CLOCK
 /* From now on this process's clock, and what waits on it, goes at permille / 1000 (1 to 1000) of
- * the board's: for a lab that is slower than real time. Before its first reading. */
+ * the board's: for a lab that is slower than real time. Before its first reading. Only a host's
+ * own build has it: a robot with a slow clock would stop late. */
 void vs_posix_slow(uint32_t permille);
+#endif
 
 /* 1: it is CLOCK_MONOTONIC, whose rate NTP changes. */
 int vs_posix_clock_is_slewed(void);

@@ -75,13 +75,18 @@ static enum vs_options_result read_options(struct vs_options *options, int argc,
 {
     static struct vs_settings settings;
     const char *file = vs_options_config(argc, argv);
+    enum vs_options_result result;
 
     vs_options_init(options);
     options->argv = argv;
     if (file != NULL && (load(file, &settings, why, why_size) != 0 ||
                          vs_options_read_settings(options, file, &settings, why, why_size) != 0))
         return VS_OPTIONS_BAD;
-    return vs_options_read(options, argc, argv, why, why_size);
+    result = vs_options_read(options, argc, argv, why, why_size);
+#ifdef VSENSED_SLOW_CLOCK
+    vs_posix_slow(options->clock_permille);
+#endif
+    return result;
 }
 
 static void print_version(void)
@@ -123,7 +128,6 @@ int main(int argc, char *argv[])
     default:
         break;
     }
-    vs_posix_slow(options.clock_permille);
     if (options.check)
         return vs_check_run(&options);
     vs_report_as(options.tag);

@@ -40,7 +40,9 @@ struct vs_options {
     const char *trace;                /* NULL: none */
     int64_t clock_offset_ns;
     int64_t clock_drift_ppb;
+#ifdef VSENSED_SLOW_CLOCK
     uint32_t clock_permille;          /* of the board's rate, 1000: as fast */
+#endif
 };
 
 enum vs_options_result { VS_OPTIONS_RUN, VS_OPTIONS_HELP, VS_OPTIONS_VERSION, VS_OPTIONS_BAD };

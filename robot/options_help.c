@@ -50,8 +50,9 @@ const char vs_options_help[] =
     "  --trace FILE           one line per control step\n"
     "  --clock-offset-ns N    session's clock = the board's * (1 + F / 1e6) + N\n"
     "  --clock-drift-ppm F\n"
-    "  --clock-permille N     all clocks go at N / 1000 of the board's, and robots stop so much\n"
-    "                         later: in a lab with its host at 127.0.0.1 only\n"
+#ifdef VSENSED_SLOW_CLOCK
+    "  --clock-permille N     a lab's slow clock, with a host on this machine only\n"
+#endif
     "\n"
     "Options of every base, for boards on an I2C bus (/dev/i2c-3):\n"
     "  ground=BUS             ground sensors, address 0x60\n"

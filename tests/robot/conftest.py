@@ -16,6 +16,7 @@ import pytest
 from tests.conftest import require_tool
 from tests.robot.rig import TABLE, Rig
 from vsense.link.robots.table import Direction, Entry, Table
+from vsense.robot.compiling import HOST_FLAGS
 
 ROOT = Path(__file__).parent.parent.parent
 STRICT = ["-std=c99", "-D_POSIX_C_SOURCE=200809L", "-pedantic", "-Wall", "-Wextra", "-Wshadow"]
@@ -23,7 +24,7 @@ STRICT += ["-Wconversion", "-Werror", "-I", str(ROOT / "c_src"), "-I", str(ROOT 
 DROPS = Table([*TABLE.entries, Entry(11, "drops", "u4", Direction.ACTUATOR)])
 """What the controller of `probe.c` knows."""
 
-FLAGS = [*STRICT, "-O1", "-g"]
+FLAGS = [*STRICT, *HOST_FLAGS, "-O1", "-g"]
 FLAGS += ["-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all"]
 
 

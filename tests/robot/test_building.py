@@ -48,6 +48,7 @@ def test_arm_daemon_is_static_and_small(arm_daemon: Path) -> None:
     assert int.from_bytes(data[18:20], "little") == 40, "ARM"
     assert b"/lib/ld-" not in data, "static"
     assert len(data) <= robot_bench.SIZE_MAX
+    assert b"clock-permille" not in data, "a robot has no slow clock"
     print(f"vsensed for ARMv5: {len(data)} bytes")
 
 

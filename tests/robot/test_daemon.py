@@ -49,7 +49,7 @@ def test_version_and_help(program: Path) -> None:
         (["--clock-permille", "0"], "--clock-permille: expected 1 to 1000, got '0'"),
         (
             ["--host", "10.0.0.1", "--clock-permille", "500"],
-            "a robot with a slow clock stops late: expected --host 127.0.0.1, got '10.0.0.1'",
+            "such robots stop late: expected --host 127.0.0.1, got '10.0.0.1'",
         ),
         (["--speed", "1"], "unknown option '--speed'"),
         (["--trace"], "--trace: expected a value after it"),

@@ -17,7 +17,6 @@ from vsense.sim.dask_cluster import require_dask
 from vsense.sim.job import Setup, Sweep
 from vsense.sim.outcome import Interrupted
 from vsense.terminal import Console, interruption
-from vsense.ui.foxglove_server import check_foxglove
 
 DESCRIPTION = (
     "Runs an experiment in this machine alone: the same controller, compiled once and run in one"
@@ -148,7 +147,10 @@ def _check(options: argparse.Namespace, sweep: Sweep) -> None:
             raise UsageError("--format, --style: a campaign's chart only, see --runs")
         if options.web is None and (options.hold or options.speed or options.foxglove):
             raise UsageError("--hold, --speed, --foxglove: only with --web, which shows the run")
-        check_foxglove(arguments.foxglove_of(options), (options.web or ("", 0))[1:])
+        if options.foxglove is not None:
+            from vsense.ui.foxglove_server import check_foxglove
+
+            check_foxglove(arguments.foxglove_of(options), (options.web or ("", 0))[1:])
         return
     if options.seed is not None:
         raise UsageError("--seed: a campaign has --seeds")

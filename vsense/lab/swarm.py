@@ -162,7 +162,7 @@ class Swarm:
             *("--base", robot.base, "--trace", str(robot.trace.resolve())),
             *("--clock-offset-ns", str(robot.clock_offset_ns)),
             *("--clock-drift-ppm", str(robot.clock_drift_ppm)),
-            *("--clock-permille", str(round(pace() * 1000))),
+            *(("--clock-permille", str(round(pace() * 1000))) if pace() < 1.0 else ()),
         ]
 
 

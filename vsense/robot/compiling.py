@@ -21,6 +21,9 @@ from vsense.robot.programs import Program, content, headers
 
 SECTIONS = ("-O2", "-ffunction-sections", "-fdata-sections")
 
+HOST_FLAGS = ("-DVSENSED_SLOW_CLOCK",)
+"""Of daemons for this machine, whose clock can be slow for a lab; a robot's cannot."""
+
 CFLAGS = ("-std=c99", "-D_POSIX_C_SOURCE=200809L", *SECTIONS)
 
 PLAIN = ("-fno-exceptions", "-fno-rtti")
@@ -387,4 +390,5 @@ def native() -> Toolchain:
     command = _words("CC") or ["cc"]
     if shutil.which(command[0]) is None:
         raise BuildError(f"no C compiler '{command[0]}'; install one with: {APT_LINE}")
-    return Toolchain(tuple(command), cxx=tuple(_words("CXX") or ["c++"]))
+    cxx = tuple(_words("CXX") or ["c++"])
+    return Toolchain(tuple(command), HOST_FLAGS, cxx=cxx)

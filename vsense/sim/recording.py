@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from vsense.errors import VsenseError
+from vsense.foxglove.channels import Channels
 from vsense.message_bus import Listener, Message, MessageBus
 from vsense.recording import form
 from vsense.recording.recorder import FLUSH_S
@@ -37,7 +38,9 @@ class SimRecorder:
     def __init__(self, bus: MessageBus, path: Path, begin_ns: int) -> None:
         self.path, self.trouble = path, ""
         self._bus = bus
-        self._writer = RecordingWriter(path, begin_ns, time.time_ns() - begin_ns)
+        utc_shift_ns = time.time_ns() - begin_ns
+        self._writer = RecordingWriter(path, begin_ns, utc_shift_ns)
+        self._channels = Channels(utc_shift_ns)
         self._flushed_s, self._lost = time.monotonic(), 0
         self._newest_ns, self._off_since_ns = begin_ns, -1
         self._recorded_ns = 0
@@ -65,6 +68,8 @@ class SimRecorder:
             elif message.time_ns > self._newest_ns:
                 self._recorded_ns += message.time_ns - self._newest_ns
             self._writer.add(message)
+            for derived in self._channels.convert(message):
+                self._writer.add_derived(derived)
             self._newest_ns = message.time_ns
             if self._writer.is_full or time.monotonic() - self._flushed_s >= FLUSH_S:
                 self._writer.flush()
