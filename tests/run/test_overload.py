@@ -90,6 +90,14 @@ def test_a_run_that_can_be_slower_is_told_a_pace_that_would_do() -> None:
     assert str(overload.verdict()).endswith("; it would keep up with --pace 0.35")
 
 
+@pytest.mark.parametrize("times", [6, 12])
+def test_one_silence_after_the_other_is_overload(times: int) -> None:
+    overload = Overload(DT_NS, can_slow=True)
+    lines = [overload.add(step(n, 550, 5, 5), {}) for n in range(0, 400, times)]
+    assert any(lines) and overload.alarm is not None
+    assert f"{10 / times:.1f} of 10 timesteps per second" in str(overload.alarm)
+
+
 def test_a_silence_and_another_run_are_no_overload() -> None:
     steps = [step(n, 10, 0, 0) for n in (*range(50), *range(150, 200), *range(300, 350))]
     assert said([*steps, *(step(n, 10, 0, 0) for n in range(99))]) == []

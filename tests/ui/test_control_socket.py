@@ -174,19 +174,24 @@ def test_all_of_several_are_stopped_and_named(
         listening.bind(str(other))
         listening.listen()
         answer = b'{"error": "the robots cannot be told"}\n'
+        idle = b'{"error": "cannot stop: run 1 is not running"}\n'
 
         def refuse() -> None:
-            for _ in range(2):
+            for said in (answer, answer, idle, idle):
                 line, _ = listening.accept()
                 with line:
                     line.recv(4096)
-                    line.sendall(answer)
+                    line.sendall(said)
 
         thread = threading.Thread(target=refuse, daemon=True)
         thread.start()
         assert cli.main(["stop", "--emergency", "--all"]) == 1
+        said = capsys.readouterr().out.splitlines()
+        assert cli.main(["stop", "--all"]) == 0, "nothing of it moves"
         thread.join()
-    said = capsys.readouterr().out.splitlines()
+    row = capsys.readouterr().out.splitlines()[0]
+    assert row.endswith("nothing to stop: cannot stop: run 1 is not running")
+    desk.orders.pop()
     assert [order.kind for order in desk.orders] == [OrderKind.EMERGENCY]
     assert said[0].split()[0] == "1" and said[0].endswith("NOT STOPPED: the robots cannot be told")
     assert " ".join(said[1].split()) == (

@@ -297,6 +297,7 @@ def prepare(
 
 def made_of(options: argparse.Namespace, experiment: Experiment, seed: int) -> dict[str, Any]:
     """How `open_experiment` and `prepare` have made an experiment, for recordings."""
+    code = arguments.code_of(options).absolute(Path.cwd())
     return {
         "path": str(experiment.path.absolute()),
         "stage": experiment.stage.value,
@@ -305,6 +306,7 @@ def made_of(options: argparse.Namespace, experiment: Experiment, seed: int) -> d
         "virtual_devices": bool(getattr(options, "virtual_devices", False)),
         "robots": options.robots,
         "seed": seed,
+        "code": {"sources": dict(code.sources), "includes": list(code.includes)},
     }
 
 

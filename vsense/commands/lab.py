@@ -14,7 +14,7 @@ import numpy as np
 from vsense import clock
 from vsense.commands import arguments, experiments
 from vsense.config.specs import Experiment, Stage
-from vsense.errors import CutShort, VsenseError
+from vsense.errors import CutShort, UsageError, VsenseError
 from vsense.lab import metrics, report
 from vsense.lab.camera_spec import CameraGrid
 from vsense.lab.links import BASES
@@ -105,7 +105,7 @@ def run(options: argparse.Namespace) -> int:
         return 0
     port = opened.port if options.port is None else options.port
     experiments.check_doors(options, opened.host, port)
-    clock.slow(round(options.pace * 1000))
+    _set_pace(options.pace, opened.host)
     experiment, seed, directory = experiments.prepare(options, opened)
     console = Console()
     _warn(console, experiment)
@@ -135,6 +135,15 @@ def run(options: argparse.Namespace) -> int:
         if failure is not None:
             raise failure
         return interrupted.code if series.was_broken(session.runner.control) else 0
+
+
+def _set_pace(pace: float, host: str) -> None:
+    if pace != 1.0 and not host.startswith("127."):
+        raise UsageError(
+            "--pace: the robots of a slow lab are on this machine only: expected a vss_host of"
+            f" 127.0.0.1, got {host}; --set experiment.vss_host=127.0.0.1"
+        )
+    clock.slow(round(pace * 1000))
 
 
 def _run_all(

@@ -93,12 +93,21 @@ def _order_all(order: Mapping[str, Any], options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps({str(number): answer for number, answer in answers.items()}))
     else:
-        rows = [
-            (*names[number][:4], answer.get("text") or f"NOT STOPPED: {answer['error']}")
-            for number, answer in answers.items()
-        ]
+        rows = [(*names[number][:4], _became(answer)) for number, answer in answers.items()]
         print("\n".join(aligned(rows)))
-    return int(any("error" in answer for answer in answers.values()))
+    return int(any("error" in a and not _is_idle(a) for a in answers.values()))
+
+
+def _became(answer: Mapping[str, Any]) -> str:
+    """What became of a stop."""
+    if "error" not in answer:
+        return str(answer["text"])
+    return f"{'nothing to stop' if _is_idle(answer) else 'NOT STOPPED'}: {answer['error']}"
+
+
+def _is_idle(answer: Mapping[str, Any]) -> bool:
+    """Whether a run refuses a stop because nothing of it moves."""
+    return str(answer["error"]).startswith("cannot stop: ")
 
 
 def _obeyed(path: Path, line: bytes) -> dict[str, Any] | None:

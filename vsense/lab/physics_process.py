@@ -32,6 +32,7 @@ import select
 import signal
 import sys
 import time
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -362,7 +363,8 @@ class FloorProcess:
 
     def close(self) -> None:
         """Ends the process; its log is complete then."""
-        self._stdin.close()
+        with suppress(BrokenPipeError):
+            self._stdin.close()
         end(self._process)
         self._stdout.close()
 

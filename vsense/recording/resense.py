@@ -27,6 +27,7 @@ from vsense.message_bus import Message
 from vsense.recording import form, senses
 from vsense.recording.form import ExperimentMessage, RecordingError
 from vsense.recording.reader import Recording
+from vsense.robot.programs import CodeOptions
 from vsense.run.changing import Change, Ground, carry_out
 from vsense.run.environment import Environment
 from vsense.sensors.readings import SwarmReadings
@@ -159,7 +160,8 @@ class Resensing:
         path, stage = self._path or Path(made["path"]), Stage(made["stage"])
         how = made["length_s"], made["settings"], stage, made["virtual_devices"]
         try:
-            experiment = read(text.encode(), path.name, path, *how)
+            code = CodeOptions(**made.get("code", {}))  # older recordings have none
+            experiment = read(text.encode(), path.name, path, *how, code)
             experiment = first_robots(experiment, made["robots"])
         except VsenseError as error:
             hint = "" if self._path else "; say where its file is with --experiment FILE"

@@ -112,6 +112,18 @@ class CodeOptions:
             named.setdefault(stem_of(name), []).extend(filter(None, patterns.split(",")))
         return cls(named, tuple(includes))
 
+    def absolute(self, folder: Path) -> CodeOptions:
+        """The same from wherever it is read; relative paths begin in `folder`."""
+
+        def whole(path: str) -> str:
+            return str(folder / os.path.expanduser(path))
+
+        sources = {name: [whole(path) for path in paths] for name, paths in self.sources.items()}
+        parts = [include.rpartition("=") for include in self.includes]
+        return CodeOptions(
+            sources, tuple(f"{name}{equals}{whole(at)}" for name, equals, at in parts)
+        )
+
     def patterns(self, *names: str) -> Sequence[str]:
         """What is said of something that has these names; empty: nothing."""
         for name in names:

@@ -69,7 +69,7 @@ class Overload:
         self._window = max(10, round(WINDOW_S * 1e9 / timestep_ns))
         self._bad = 0
         self.alarm: Alarm | None = None
-        self._next = 0
+        self._next, self._silent = 0, -self._window
         self._begin(0)
 
     def _begin(self, run_timestep: int) -> None:
@@ -80,10 +80,16 @@ class Overload:
 
     def add(self, step: Step, robots: Mapping[int, RobotStatus]) -> str | None:
         """Counts a timestep of the run, and gives a line where there is something to say."""
-        silent = (step.run_timestep - self._next) * self._dt_ns >= SILENCE_NS
-        if step.run_timestep < self._next or silent:  # another run; or it was said already
+        missing_ns = (step.run_timestep - self._next) * self._dt_ns
+        # One silence is told by itself. Many are a computer that is many times too slow.
+        alone = missing_ns >= SILENCE_NS and step.run_timestep - self._silent > self._window
+        if step.run_timestep < self._next or alone:  # another run; or it was said already
             self._bad, self.alarm = 0, None
             self._begin(step.run_timestep)
+        if missing_ns >= SILENCE_NS:
+            self._silent = step.run_timestep
+        elif step.run_timestep < self._next:
+            self._silent = -self._window
         self._next = step.run_timestep + 1
         times_ns = step.capture_ns, step.ready_ns, step.arena_ns, step.sent_ns
         for stage in range(3):
