@@ -149,6 +149,26 @@ def test_a_recording_may_lack_a_topic(tmp_path: Path, lacking: str) -> None:
     Reader((tmp_path / "report" / PAGE).read_text())
 
 
+def test_a_world_that_people_changed_is_told(tmp_path: Path) -> None:
+    change = {
+        "kind": "move",
+        "name": "lamp",
+        "x_m": 0.0,
+        "y_m": 0.0,
+        "yaw_rad": None,
+        "final": True,
+    }
+    told = {"timestep": 9, "run_timestep": 6, "by": "viewer 1", "change": change, "text": "lamp"}
+    *sent, last = messages()
+    changed = [*sent, Message("/orders", last.time_ns, told), last]
+    paths = [write(tmp_path / "a.mcap", changed), write(tmp_path / "b.mcap", [*sent, last])]
+    made = make_report(paths, tmp_path / "report")
+    assert [run["changes"] for run in made.as_json()["recordings"]] == [1, 0]
+    text = (tmp_path / "report" / PAGE).read_text()
+    assert text.count("changed by hand while it ran, 1 in all") == 1
+    assert text.count("world changed by hand") == 1
+
+
 @pytest.mark.parametrize("only", ["/arena", "/signals", "/robots", "/event"])
 def test_a_recording_may_hold_one_topic(tmp_path: Path, only: str) -> None:
     sent = [message for message in messages() if message.topic == only]

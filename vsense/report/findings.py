@@ -250,6 +250,7 @@ def as_json(findings: Findings) -> dict[str, Any]:
         "complete": findings.complete,
         "damaged_parts": findings.damaged,
         "odd_messages": found.odd,
+        "changes": found.changes,
         "lacks": findings.lacks,
         "duration_s": findings.duration_s,
         "has_run": found.ran,

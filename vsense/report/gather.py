@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from vsense.message_bus import Message
-from vsense.recording.form import RunMessage
+from vsense.recording.form import ORDERS, RunMessage
 from vsense.recording.reader import Recording
 from vsense.report.facts import MOST_ASPECT, MOST_M, Facts, clock_ns, number, read_facts
 from vsense.report.flow import FINE, UNSEEN, CameraCounts, Flow, SeenRobots, Strips
@@ -51,6 +51,7 @@ class Gatherer:
         state: the run's state at the recording's end, "" unknown.
         events: messages for people, the first `MOST_EVENTS`.
         more_events: how many others there were.
+        changes: of the world, by people, while the run went on.
         measures: by name, times since the run began [s] and values, (n,) each.
         latency_ns, latency_ms: capture times, and ages of pictures when the readings left, (n,).
     """
@@ -64,7 +65,7 @@ class Gatherer:
         self.late: int | None = None
         self.state = ""
         self.events: list[RecordedEvent] = []
-        self.more_events = 0
+        self.more_events = self.changes = 0
         self._going = True
         self._begin()
         self._takers: dict[str, Callable[[Message], None]] = {
@@ -76,6 +77,7 @@ class Gatherer:
             "/run": self._run,
             "/world": self._world,
             "/event": self._event,
+            ORDERS: self._order,
         }
 
     def _begin(self) -> None:
@@ -185,6 +187,9 @@ class Gatherer:
 
     def _world(self, message: Message) -> None:
         self.world = message.data
+
+    def _order(self, message: Message) -> None:
+        self.changes += isinstance(message.data["change"], dict)
 
     def _event(self, message: Message) -> None:
         if len(self.events) >= MOST_EVENTS:

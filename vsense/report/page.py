@@ -132,6 +132,9 @@ def _notes(findings: Findings) -> Iterator[str]:
     if found.flow.lived and not found.ran:
         words = "This recording holds no run: everything shown is from the whole recording."
         yield note(words, "warning")
+    if found.changes:
+        words = f"The world was changed by hand while it ran, {found.changes} in all (see Events)"
+        yield note(f"{words}: this is not the run of its file alone.", "warning")
     if findings.only_tracked:
         yield note(f"In this recording {findings.only_tracked}.", "warning")
     elif findings.lacks:

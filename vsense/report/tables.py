@@ -129,6 +129,13 @@ def statistics(groups: Sequence[Group], counter: Counter) -> str:
     return counter.table(f"Runs of {groups[0].experiment}", caption, heads, rows, over=over)
 
 
+def _state(run: Findings) -> str:
+    """What a recording is like, in a word or two."""
+    if not run.complete or run.damaged:
+        return "cut off or damaged"
+    return "world changed by hand" if run.found.changes else "whole"
+
+
 def runs(groups: Sequence[Group], counter: Counter) -> str:
     """A row for each of the compared runs."""
     rows = []
@@ -146,7 +153,7 @@ def runs(groups: Sequence[Group], counter: Counter) -> str:
                     share_of(sum(seen) / len(seen) if seen else None),
                     figure_of(values.get("latency, median [ms]")),
                     str(run.found.flow.missed),
-                    "whole" if run.complete and not run.damaged else "cut off or damaged",
+                    _state(run),
                 ]
             )
         rows += [_campaign_row(table, group.condition) for table in group.tables]
