@@ -33,6 +33,7 @@ class RunPictures:
     Attributes:
         wanted: whether pictures are kept; any thread.
         failure: why a recording is not whole, None: nothing has failed.
+        trouble: likewise of the present run, or the last one.
     """
 
     def __init__(
@@ -44,35 +45,53 @@ class RunPictures:
         """`begin` gives None where no recording is wanted; `each_run`: one for every run."""
         self.wanted = True
         self.failure: PictureRecordingError | None = None
+        self.trouble: PictureRecordingError | None = None
         self._begin = begin
         self._each_run = each_run
         self._say = say
         self._recorder: BackgroundRecorder | None = None
-        self._running = False
+        self._given_up = False
 
     def begin_run(self) -> None:
         """Begins the recording now, and not with the first picture.
 
-        PictureRecordingError if it cannot be begun.
+        PictureRecordingError if it cannot be begun; the run can go on without.
         """
-        if self.wanted and self._recorder is None:
-            self._recorder = self._begin()
-        self._running = True
+        self.trouble, self._given_up = None, False
+        try:
+            self._open()
+        except PictureRecordingError as error:
+            self._give_up(error)
+            raise
 
     def timestep(self, running: bool, frames: Sequence[Frame]) -> None:
         """Takes the pictures of a timestep; they are kept where it belongs to a run."""
-        try:
-            if running and self.wanted and not self._running and self._recorder is None:
-                self._recorder = self._begin()
-            self._running = running
-            if running and self.wanted and self._recorder is not None:
-                self._recorder.write(frames)
-            elif not running and self._each_run:
+        if not running:
+            if self._each_run:
                 self.close()
+            self._given_up = False
+            return
+        if not self.wanted or self._given_up:
+            return
+        try:
+            self._open()
+            if self._recorder is not None:
+                self._recorder.write(frames)
         except PictureRecordingError as error:
-            self.failure = error
+            self._give_up(error)
             self._say(f"{error}; this run is not recorded")
             self.close()
+
+    def _open(self) -> None:
+        """Begins the recording where one is wanted, and none is there."""
+        if self.wanted and self._recorder is None:
+            self._recorder = self._begin()
+
+    def _give_up(self, error: PictureRecordingError) -> None:
+        """Nothing is tried again before the next run, or before somebody wants it."""
+        self._given_up = True
+        self.failure = self.failure or error
+        self.trouble = error
 
     def end_run(self) -> Data:
         """Ends the run, and its recording if each has one; gives the recording's last `state`."""
@@ -82,7 +101,7 @@ class RunPictures:
 
     def switch(self, on: bool) -> str:
         """Switches the recording on or off; gives a line for people. Any thread."""
-        self.wanted = on
+        self.wanted, self._given_up = on, False
         return "pictures are kept" if on else "pictures are not kept any more"
 
     def state(self) -> Data:
@@ -90,7 +109,7 @@ class RunPictures:
         return self._state_of(self._recorder)
 
     def _state_of(self, recorder: BackgroundRecorder | None) -> Data:
-        trouble = None if self.failure is None else str(self.failure)
+        trouble = None if self.trouble is None else str(self.trouble)
         if recorder is None:
             return {**OFF, "trouble": trouble}
         disk = recorder.recorder
@@ -110,8 +129,9 @@ class RunPictures:
         try:
             recorder.close()
         except PictureRecordingError as error:
-            self.failure = self.failure or error
-            self._say(str(error))
+            if error is not self.trouble:
+                self._say(str(error))
+            self._give_up(error)
         self._say(recorder.in_words())
         if recorder.dropped:
             self._say(f"the disk was too slow: {recorder.dropped} timesteps were not recorded")
