@@ -214,7 +214,7 @@ class Runs:
         self.directory: Path | None = None
         self.ended = 0
         self._console, self._interrupted = console, interrupted
-        self._folders = folders
+        self._folders, self._files = folders, recorders.wanted or not folders
         self._series: Series | None = None
         self._summaries: list[dict[str, Any]] = []
         self._lock = threading.RLock()
@@ -321,9 +321,13 @@ class Runs:
         self.recorders.begin_run(self.directory / f"{self.name}{SUFFIX}")
 
     def _switch(self, on: bool) -> str:
-        """Carries out RECORD: what the experiment file wants, or an MCAP file."""
-        if self._folders and not self.recorders.wanted:
-            return self.pictures.switch(on)
+        """Carries out RECORD, of all that was recorded from the beginning; else of an MCAP file."""
+        said = [self.pictures.switch(on)] if self._folders else []
+        if self._files:
+            said.append(self._switch_file(on))
+        return "; ".join(said)
+
+    def _switch_file(self, on: bool) -> str:
         with self._lock:
             if (
                 on
