@@ -5,19 +5,29 @@ from __future__ import annotations
 import io
 import threading
 from pathlib import Path
+from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
+import pytest
 
 from vsense.arena import Frame
 from vsense.cameras.camera import Camera
 from vsense.live.runs import RunPictures, Runs
+from vsense.live.talk import Talk
+from vsense.live.track import begin_recording
 from vsense.message_bus import MessageBus
-from vsense.recording.pictures import BackgroundRecorder, PictureRecorder
+from vsense.recording.pictures import (
+    BackgroundRecorder,
+    PictureRecorder,
+    PictureRecordingError,
+    one_tracker,
+)
 from vsense.run.control import Control
 from vsense.run.orders import Order, OrderKind
 from vsense.terminal import Console
 from vsense.tracking.camera_tracking import CameraTracking
+from vsense.tracking.specs import TrackingSession
 from vsense.ui.recorders import Recorders
 
 FRAME = Frame("top", np.zeros((2, 2), np.uint8), 0, 0, 0)
@@ -103,3 +113,60 @@ def test_without_record_it_switches_pictures_only(tmp_path: Path) -> None:
     assert desk.record(True) == "pictures are kept" and desk.runs.recording()["on"]
     desk.end()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["recordings"]
+
+
+def test_a_disk_that_is_gone_at_a_later_start_is_told_and_ends_nothing(tmp_path: Path) -> None:
+    desk = Desk(tmp_path, record=True)
+    desk.begin()
+    desk.see()
+    desk.end()
+    assert desk.runs.failure is None
+    for name in ("out", "recordings"):
+        (tmp_path / name).rename(tmp_path / f"{name}-taken-away")
+        (tmp_path / name).write_text("")
+    desk.begin()
+    desk.see()
+    assert f"cannot make {tmp_path / 'out' / 'run-2'}: Not a directory; " in desk.said.getvalue()
+    folder = tmp_path / "recordings" / "2"
+    assert f"vsense: {folder}: cannot be written: Not a directory; " in desk.said.getvalue()
+    assert "recordings/2: cannot" in desk.runs.recording()["trouble"]
+    assert desk.begun == 2, "it is not tried with every picture"
+    desk.end()
+    for name in ("out", "recordings"):
+        (tmp_path / name).unlink()
+        (tmp_path / f"{name}-taken-away").rename(tmp_path / name)
+    desk.begin()
+    made = desk.runs.recording()
+    assert made["on"] and made["trouble"] is None and "run-3" in made["file"]
+    desk.end()
+    assert "cannot make" in str(desk.runs.failure), "the command's exit code tells it"
+
+
+def test_a_process_of_one_run_does_not_begin_what_cannot_be_kept(tmp_path: Path) -> None:
+    (tmp_path / "recordings").write_text("")
+    with pytest.raises(PictureRecordingError, match="cannot be written: Not a directory"):
+        Desk(tmp_path, record=False, stays=False).begin()
+
+
+def test_runs_that_begin_in_the_same_second_have_folders_of_their_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("time.strftime", lambda form: "noon")
+    record = SimpleNamespace(
+        record_image=True,
+        change_root_directory_on_start=True,
+        root_directory=tmp_path / "recordings",
+        image_format="png",
+    )
+    tracker = one_tracker([CAMERA], "arrow4x4", {31: 0.1})["top"]
+    session = SimpleNamespace(
+        record=record, views=[SimpleNamespace(camera=CAMERA, tracker=tracker)]
+    )
+    talk = Talk(Console(io.StringIO()), lambda: 0, None)
+    for _ in range(2):
+        made = begin_recording(cast(TrackingSession, session), talk)
+        assert made is not None
+        made.close()
+    found = sorted(path.name for path in record.root_directory.iterdir())
+    assert found == ["noon", "noon-2"]
+    assert (record.root_directory / "noon-2" / "experiment.xml").exists()

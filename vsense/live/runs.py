@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from vsense.arena import ArenaState, Frame
+from vsense.errors import VsenseError
 from vsense.recording import SUFFIX
 from vsense.recording.form import Data
 from vsense.recording.pictures import BackgroundRecorder, PictureRecordingError
@@ -216,6 +217,8 @@ class Runs:
         self._console, self._interrupted = console, interrupted
         self._folders, self._files = folders, recorders.wanted or not folders
         self._series: Series | None = None
+        self._trouble: VsenseError | None = None
+        self._failure: VsenseError | None = None
         self._summaries: list[dict[str, Any]] = []
         self._lock = threading.RLock()
         control.record = self._switch
@@ -252,21 +255,35 @@ class Runs:
     def recording(self) -> Data:
         """The "recording" of the message /run: what is true on the disk; any thread."""
         state = self.recorders.state()
-        return self.pictures.state() if self._folders and state["file"] is None else state
+        state = self.pictures.state() if self._folders and state["file"] is None else state
+        trouble = state["trouble"] or self._trouble or self.pictures.trouble
+        return {**state, "trouble": None if trouble is None else str(trouble)}
+
+    @property
+    def failure(self) -> VsenseError | None:
+        """What could not be kept as it was wanted, in any run; None: nothing has failed."""
+        return self._failure or self.pictures.failure
 
     def begin(self, tracking: CameraTracking) -> None:
         """Begins what a run keeps, when it is RUNNING and before its first timestep.
+
+        A disk that fails is told and ends nothing, but for a process that has only this run.
 
         Raises:
             PictureRecordingError: the folder that the experiment file names cannot be used.
             DirectoryError: likewise that of the run.
         """
         self.counts = RunCounts(tracking.figures())
-        with self._lock:
-            self.directory = None
-            if self._series is not None or self.recorders.wanted:
-                self._open()
-        self.pictures.begin_run()
+        self._trouble = None
+        for begin in (self._begin_folder, self.pictures.begin_run):
+            try:
+                begin()
+            except (run_directory.DirectoryError, PictureRecordingError) as error:
+                if self.control.run == 1 and not self.stays:
+                    raise
+                self._trouble = error
+                self._failure = self._failure or error
+                self._console.say(f"vsense: {error}; tracking goes on without", "trouble")
 
     def suspend(self) -> None:
         """The run stands still, and what is recorded, too."""
@@ -311,6 +328,12 @@ class Runs:
             one = self._summaries[0] if self._summaries else {}
             told = {"experiment": self.name, "runs": self._summaries} if several else one
             print_data(json.dumps(told, indent=2))
+
+    def _begin_folder(self) -> None:
+        with self._lock:
+            # An order may have been faster.
+            if self.directory is None and (self._series is not None or self.recorders.wanted):
+                self._open()
 
     def _open(self) -> None:
         """Makes the run's folder, into which its recording goes if it is wanted."""

@@ -28,6 +28,7 @@ from vsense.recording.pictures import (
     PictureRecordingError,
     write_session_files,
 )
+from vsense.run import directory as run_directory
 from vsense.run.control import BEFORE, Control, State
 from vsense.terminal import Console, Interruption, drop_output, interruption
 from vsense.tracking.camera_tracking import CameraTracking
@@ -208,8 +209,8 @@ class TrackingRun:
         runs.report(options.json)
         if options.snapshot is not None:
             self._draw(options.snapshot)
-        if runs.pictures.failure is not None:
-            raise runs.pictures.failure
+        if runs.failure is not None:
+            raise runs.failure
 
     def _track(self) -> None:
         csv = self._options.format == "csv"
@@ -353,7 +354,8 @@ def begin_recording(session: TrackingSession, talk: Talk) -> BackgroundRecorder 
         return None
     directory = record.root_directory
     if record.change_root_directory_on_start:
-        directory /= time.strftime("%Y-%m-%d-%H%M%S")
+        with failing_as(PictureRecordingError, f"{directory}: cannot be written"):
+            directory = run_directory.make_new(directory / time.strftime("%Y-%m-%d-%H%M%S"))
     cameras = [view.camera for view in session.views]
     recorder = PictureRecorder(directory, cameras, record.image_format)
     trackers = {view.camera.id: view.tracker for view in session.views}
