@@ -54,7 +54,8 @@ def make_new(wanted: Path) -> Path:
 
     Those who begin in the same second get one each. OSError if it cannot be made.
     """
-    wanted.parent.mkdir(parents=True, exist_ok=True)
+    with suppress(FileExistsError):  # a file, or a link that leads nowhere: told below
+        wanted.parent.mkdir(parents=True, exist_ok=True)
     directory, copies = wanted, 1
     while True:
         try:
