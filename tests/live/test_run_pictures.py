@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +18,10 @@ FRAMES = [Frame("top", np.zeros((2, 2), np.uint8), 0, 0, 0)]
 class Recorder:
     """Stands in for the disk."""
 
+    directory, bytes = Path("/recordings/x"), 12
+
     def __init__(self, fails: bool = False) -> None:
+        self.recorder = self
         self.written = 0
         self.dropped = 0
         self.closed = 0
@@ -36,13 +40,16 @@ class Recorder:
 
 
 class Disk:
-    """Begins recordings."""
+    """Begins recordings; where it is `full` not even that."""
 
     def __init__(self, fails: bool = False) -> None:
         self.begun: list[Recorder] = []
+        self.full = False
         self._fails = fails
 
     def __call__(self) -> Recorder:
+        if self.full:
+            raise PictureRecordingError("no space")
         self.begun.append(Recorder(self._fails))
         return self.begun[-1]
 
@@ -93,3 +100,50 @@ def test_what_a_slow_disk_left_out_is_said() -> None:
     disk.begun[0].dropped = 4
     live(pictures, "-")
     assert said == ["1 written", "the disk was too slow: 4 timesteps were not recorded"]
+
+
+def test_record_that_was_off_at_the_start_of_a_run_goes_on_in_it() -> None:
+    disk = Disk()
+    pictures = RunPictures(disk, True, print)
+    pictures.begin_run()
+    live(pictures, "rr")
+    assert pictures.switch(False) == "pictures are not kept any more"
+    live(pictures, "r-")
+    pictures.begin_run()
+    live(pictures, "r")
+    assert len(disk.begun) == 1 and not pictures.state()["on"]
+    assert pictures.switch(True) == "pictures are kept"
+    live(pictures, "rrr")
+    assert [recorder.written for recorder in disk.begun] == [2, 3] and pictures.state()["on"]
+
+
+def test_what_has_failed_is_tried_again_where_somebody_wants_it() -> None:
+    disk, said = Disk(), []
+    pictures = RunPictures(disk, True, said.append)
+    pictures.switch(False)
+    pictures.begin_run()
+    disk.full = True
+    pictures.switch(True)
+    live(pictures, "rrr")
+    assert said == ["no space; this run is not recorded"]
+    disk.full = False
+    live(pictures, "rr")
+    assert not disk.begun
+    pictures.switch(True)
+    live(pictures, "rr")
+    assert [recorder.written for recorder in disk.begun] == [2]
+
+
+def test_trouble_is_that_of_one_run_and_the_command_remembers_it() -> None:
+    disk = Disk()
+    pictures = RunPictures(disk, True, print)
+    disk.full = True
+    with pytest.raises(PictureRecordingError):
+        pictures.begin_run()
+    live(pictures, "r")
+    assert pictures.end_run()["trouble"] == pictures.state()["trouble"] == "no space"
+    disk.full = False
+    pictures.begin_run()
+    live(pictures, "r")
+    assert pictures.state()["trouble"] is None and pictures.state()["on"]
+    assert str(pictures.failure) == "no space", "for the exit code"

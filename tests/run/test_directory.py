@@ -38,6 +38,16 @@ def test_what_cannot_be_written_is_one_clear_line(tmp_path: Path) -> None:
         directory.write_summary(tmp_path / "gone", {}, on_stdout=False)
 
 
+def test_a_disk_that_was_taken_away_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`runs` is a link to it, which exists: it was tried again for ever."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "runs").symlink_to(tmp_path / "stick")
+    with pytest.raises(directory.UnusableDirectory, match=r"cannot write to runs/.*: No such file"):
+        directory.make(None, "swarm", 7)
+
+
 def test_the_summary_is_the_same_on_standard_output(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

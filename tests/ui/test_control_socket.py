@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import errno
+import io
 import json
 import os
 import socket
 import stat
+import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -96,6 +99,41 @@ def test_the_status_shows_the_run_and_its_robots(
                                "connected"]  # fmt: skip
     assert cli.main(["robot", "status", "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == STATUS["robots"]
+
+
+def test_a_reader_that_has_left_is_one_line(
+    bell: ControlSocket, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As in `vsense status | head`."""
+
+    class Left(io.StringIO):
+        def write(self, text: str) -> int:
+            raise BrokenPipeError(errno.EPIPE, "Broken pipe")
+
+    for words in (["status"], ["robot", "status"], ["pause", "--json"], ["stop", "--all"]):
+        with monkeypatch.context() as patched:
+            patched.setattr(sys, "stdout", Left())
+            assert cli.main(words) == 1
+        assert capsys.readouterr().err == "vsense: standard output: Broken pipe\n"
+
+
+@pytest.mark.parametrize("kind", ["", TRACKER])
+def test_a_process_that_says_nonsense_is_named_by_its_number(place: Path, kind: str) -> None:
+    folder()
+    with socket.socket(socket.AF_UNIX) as other:
+        other.bind(str(place / f"7{kind}.sock"))
+        other.listen()
+
+        def answer() -> None:
+            with other.accept()[0] as line:
+                line.recv(4096)
+                line.sendall(b"[1]\n")
+
+        thread = threading.Thread(target=answer, daemon=True)
+        thread.start()
+        with pytest.raises(terminal.TerminalError, match=r"^process 7 does not answer: its answer"):
+            terminal.ask({"ask": "status"}, 7)
+        thread.join()
 
 
 def test_without_an_experiment_it_says_so(place: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -14,7 +14,7 @@ from typing import Any
 
 from vsense.commands import COMMANDS, arguments
 from vsense.errors import UsageError, VsenseError
-from vsense.terminal import aligned
+from vsense.terminal import aligned, print_data
 from vsense.ui.control_socket import TRACKER, folder
 
 DESCRIPTION = (
@@ -66,14 +66,14 @@ def run(options: argparse.Namespace) -> int:
     """Asks the running experiment, or gives it an order."""
     if options.command == "status":
         answer = ask({"ask": "status"}, options.process)
-        print(json.dumps(answer, indent=2) if options.json else table(answer))
+        print_data(json.dumps(answer, indent=2) if options.json else table(answer))
         return 0
     kind = "emergency" if getattr(options, "emergency", False) else options.command
     order = {"order": kind, "by": f"terminal ({getpass.getuser()})"}
     if getattr(options, "all", False):
         return _order_all(order, options)
     answer = ask(order, options.process)
-    print(json.dumps(answer) if options.json else answer["text"])
+    print_data(json.dumps(answer) if options.json else answer["text"])
     return 0
 
 
@@ -91,10 +91,10 @@ def _order_all(order: Mapping[str, Any], options: argparse.Namespace) -> int:
     if not answers:
         raise UsageError(_NOTHING_RUNS)
     if options.json:
-        print(json.dumps({str(number): answer for number, answer in answers.items()}))
+        print_data(json.dumps({str(number): answer for number, answer in answers.items()}))
     else:
         rows = [(*names[number][:4], _became(answer)) for number, answer in answers.items()]
-        print("\n".join(aligned(rows)))
+        print_data("\n".join(aligned(rows)))
     return int(any("error" in a and not _is_idle(a) for a in answers.values()))
 
 
@@ -125,7 +125,7 @@ def robots(options: argparse.Namespace) -> int:
     answer = ask({"ask": "status"}, options.process)
     rows = answer["robots"]
     shown = seen_table if answer["command"] == "track" else robot_table
-    print(json.dumps(rows, indent=2) if options.json else shown(rows))
+    print_data(json.dumps(rows, indent=2) if options.json else shown(rows))
     return 0
 
 
@@ -140,7 +140,8 @@ def ask(question: Mapping[str, Any], process: int | None = None) -> dict[str, An
     try:
         answer = _exchange(path, json.dumps(question).encode() + b"\n")
     except (OSError, ValueError) as error:
-        raise TerminalError(f"process {path.stem} does not answer: {error}") from None
+        number = path.name.partition(".")[0]
+        raise TerminalError(f"process {number} does not answer: {error}") from None
     if "error" in answer:
         raise TerminalError(answer["error"])
     return answer

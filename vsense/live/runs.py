@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from vsense.arena import ArenaState, Frame
+from vsense.errors import VsenseError
 from vsense.recording import SUFFIX
 from vsense.recording.form import Data
 from vsense.recording.pictures import BackgroundRecorder, PictureRecordingError
@@ -33,6 +34,7 @@ class RunPictures:
     Attributes:
         wanted: whether pictures are kept; any thread.
         failure: why a recording is not whole, None: nothing has failed.
+        trouble: likewise of the present run, or the last one.
     """
 
     def __init__(
@@ -44,35 +46,53 @@ class RunPictures:
         """`begin` gives None where no recording is wanted; `each_run`: one for every run."""
         self.wanted = True
         self.failure: PictureRecordingError | None = None
+        self.trouble: PictureRecordingError | None = None
         self._begin = begin
         self._each_run = each_run
         self._say = say
         self._recorder: BackgroundRecorder | None = None
-        self._running = False
+        self._given_up = False
 
     def begin_run(self) -> None:
         """Begins the recording now, and not with the first picture.
 
-        PictureRecordingError if it cannot be begun.
+        PictureRecordingError if it cannot be begun; the run can go on without.
         """
-        if self.wanted and self._recorder is None:
-            self._recorder = self._begin()
-        self._running = True
+        self.trouble, self._given_up = None, False
+        try:
+            self._open()
+        except PictureRecordingError as error:
+            self._give_up(error)
+            raise
 
     def timestep(self, running: bool, frames: Sequence[Frame]) -> None:
         """Takes the pictures of a timestep; they are kept where it belongs to a run."""
-        try:
-            if running and self.wanted and not self._running and self._recorder is None:
-                self._recorder = self._begin()
-            self._running = running
-            if running and self.wanted and self._recorder is not None:
-                self._recorder.write(frames)
-            elif not running and self._each_run:
+        if not running:
+            if self._each_run:
                 self.close()
+            self._given_up = False
+            return
+        if not self.wanted or self._given_up:
+            return
+        try:
+            self._open()
+            if self._recorder is not None:
+                self._recorder.write(frames)
         except PictureRecordingError as error:
-            self.failure = error
+            self._give_up(error)
             self._say(f"{error}; this run is not recorded")
             self.close()
+
+    def _open(self) -> None:
+        """Begins the recording where one is wanted, and none is there."""
+        if self.wanted and self._recorder is None:
+            self._recorder = self._begin()
+
+    def _give_up(self, error: PictureRecordingError) -> None:
+        """Nothing is tried again before the next run, or before somebody wants it."""
+        self._given_up = True
+        self.failure = self.failure or error
+        self.trouble = error
 
     def end_run(self) -> Data:
         """Ends the run, and its recording if each has one; gives the recording's last `state`."""
@@ -82,7 +102,7 @@ class RunPictures:
 
     def switch(self, on: bool) -> str:
         """Switches the recording on or off; gives a line for people. Any thread."""
-        self.wanted = on
+        self.wanted, self._given_up = on, False
         return "pictures are kept" if on else "pictures are not kept any more"
 
     def state(self) -> Data:
@@ -90,7 +110,7 @@ class RunPictures:
         return self._state_of(self._recorder)
 
     def _state_of(self, recorder: BackgroundRecorder | None) -> Data:
-        trouble = None if self.failure is None else str(self.failure)
+        trouble = None if self.trouble is None else str(self.trouble)
         if recorder is None:
             return {**OFF, "trouble": trouble}
         disk = recorder.recorder
@@ -110,8 +130,9 @@ class RunPictures:
         try:
             recorder.close()
         except PictureRecordingError as error:
-            self.failure = self.failure or error
-            self._say(str(error))
+            if error is not self.trouble:
+                self._say(str(error))
+            self._give_up(error)
         self._say(recorder.in_words())
         if recorder.dropped:
             self._say(f"the disk was too slow: {recorder.dropped} timesteps were not recorded")
@@ -194,8 +215,10 @@ class Runs:
         self.directory: Path | None = None
         self.ended = 0
         self._console, self._interrupted = console, interrupted
-        self._folders = folders
+        self._folders, self._files = folders, recorders.wanted or not folders
         self._series: Series | None = None
+        self._trouble: VsenseError | None = None
+        self._failure: VsenseError | None = None
         self._summaries: list[dict[str, Any]] = []
         self._lock = threading.RLock()
         control.record = self._switch
@@ -232,21 +255,35 @@ class Runs:
     def recording(self) -> Data:
         """The "recording" of the message /run: what is true on the disk; any thread."""
         state = self.recorders.state()
-        return self.pictures.state() if self._folders and state["file"] is None else state
+        state = self.pictures.state() if self._folders and state["file"] is None else state
+        trouble = state["trouble"] or self._trouble or self.pictures.trouble
+        return {**state, "trouble": None if trouble is None else str(trouble)}
+
+    @property
+    def failure(self) -> VsenseError | None:
+        """What could not be kept as it was wanted, in any run; None: nothing has failed."""
+        return self._failure or self.pictures.failure
 
     def begin(self, tracking: CameraTracking) -> None:
         """Begins what a run keeps, when it is RUNNING and before its first timestep.
+
+        A disk that fails is told and ends nothing, but for a process that has only this run.
 
         Raises:
             PictureRecordingError: the folder that the experiment file names cannot be used.
             DirectoryError: likewise that of the run.
         """
         self.counts = RunCounts(tracking.figures())
-        with self._lock:
-            self.directory = None
-            if self._series is not None or self.recorders.wanted:
-                self._open()
-        self.pictures.begin_run()
+        self._trouble = None
+        for begin in (self._begin_folder, self.pictures.begin_run):
+            try:
+                begin()
+            except (run_directory.DirectoryError, PictureRecordingError) as error:
+                if self.control.run == 1 and not self.stays:
+                    raise
+                self._trouble = error
+                self._failure = self._failure or error
+                self._console.say(f"vsense: {error}; tracking goes on without", "trouble")
 
     def suspend(self) -> None:
         """The run stands still, and what is recorded, too."""
@@ -292,6 +329,12 @@ class Runs:
             told = {"experiment": self.name, "runs": self._summaries} if several else one
             print_data(json.dumps(told, indent=2))
 
+    def _begin_folder(self) -> None:
+        with self._lock:
+            # An order may have been faster.
+            if self.directory is None and (self._series is not None or self.recorders.wanted):
+                self._open()
+
     def _open(self) -> None:
         """Makes the run's folder, into which its recording goes if it is wanted."""
         if self._series is None:
@@ -301,9 +344,13 @@ class Runs:
         self.recorders.begin_run(self.directory / f"{self.name}{SUFFIX}")
 
     def _switch(self, on: bool) -> str:
-        """Carries out RECORD: what the experiment file wants, or an MCAP file."""
-        if self._folders and not self.recorders.wanted:
-            return self.pictures.switch(on)
+        """Carries out RECORD, of all that was recorded from the beginning; else of an MCAP file."""
+        said = [self.pictures.switch(on)] if self._folders else []
+        if self._files:
+            said.append(self._switch_file(on))
+        return "; ".join(said)
+
+    def _switch_file(self, on: bool) -> str:
         with self._lock:
             if (
                 on

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
+import numpy as np
+from numpy.typing import NDArray
 
 from vsense import arena, recording
 from vsense.arena import ArenaState, Frame
@@ -28,8 +30,10 @@ from vsense.recording.pictures import (
     PictureRecordingError,
     write_session_files,
 )
+from vsense.run import directory as run_directory
 from vsense.run.control import BEFORE, Control, State
 from vsense.terminal import Console, Interruption, drop_output, interruption
+from vsense.tracking.arena_tracker import TrackerCounters
 from vsense.tracking.camera_tracking import CameraTracking
 from vsense.tracking.opening import OFFLINE, PACED, open_tracking
 from vsense.tracking.specs import TrackingSession
@@ -46,6 +50,8 @@ HELD_S = 0.1
 
 Timesteps = Iterator[tuple[ArenaState, Sequence[Frame]]]
 """Arena states, each with the pictures that it was made from."""
+Found = Mapping[str, NDArray[np.void]]
+"""By the camera's id the DETECTION array of its picture."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,7 +187,8 @@ class TrackingRun:
         )
         self._begun_ns, self._came, self._done = host_ns(), False, 0
         self._stands = False
-        self._last: tuple[ArenaState, Sequence[Frame]] | None = None
+        self._missed, self._counters = 0, TrackerCounters()
+        self._last: tuple[ArenaState, Sequence[Frame], Found] | None = None
 
     def open(self, stack: ExitStack) -> None:
         """Opens folder, page and control socket; what is opened ends with `stack`."""
@@ -203,13 +210,13 @@ class TrackingRun:
         finally:
             self._end_run()
             runs.pictures.close()
-        tracking = self.tracking
-        self._talk.summary(tracking.grabber.missed, tracking.tracker.counters, tracking.troubles)
+        self._count()
+        self._talk.summary(self._missed, self._counters, self._made.troubles)
         runs.report(options.json)
         if options.snapshot is not None:
             self._draw(options.snapshot)
-        if runs.pictures.failure is not None:
-            raise runs.pictures.failure
+        if runs.failure is not None:
+            raise runs.failure
 
     def _track(self) -> None:
         csv = self._options.format == "csv"
@@ -242,24 +249,35 @@ class TrackingRun:
                 self.tracking.pause()
                 self._runs.suspend()
         elif control.state == State.ENDED:
-            self._end_run()
-            if not control.next_asked:
-                return self._runs.stays
-            self._runs.next_run()
+            ended = self._end_run()
+            if not (self._runs.stays or control.next_asked):
+                return False
+            if ended and not self._live:
+                self._play_anew()
+            if control.next_asked:
+                self._runs.next_run()
         return True
 
-    def _end_run(self) -> None:
-        """Completes what the run has kept; a recording is played anew in the next one."""
+    def _end_run(self) -> bool:
+        """Completes what the run has kept; False where there was none, or it is done."""
         control, self._stands = self._runs.control, False
         control.end("interrupted")
         if not control.begun or self._runs.ended == control.run:
-            return
+            return False
         self._runs.end(self.tracking)
-        follows = (self._runs.stays or control.next_asked) and not self._interrupted.is_set()
-        if follows and not self._live:
-            self.tracking.close()
-            self.tracking = self._made.tracking()
-            self._runs.recorders.watch_session(self._made.session, self.tracking, by_file=False)
+        return True
+
+    def _play_anew(self) -> None:
+        """Opens the recording for another run, which is looked at until then."""
+        self._count()
+        self.tracking.close()
+        self.tracking = self._made.tracking()
+        self._runs.recorders.watch_session(self._made.session, self.tracking, by_file=False)
+
+    def _count(self) -> None:
+        """Adds what the present tracking has noticed, before it is closed, to that of all."""
+        self._missed += self.tracking.grabber.missed
+        self._counters.add(self.tracking.tracker.counters)
 
     def _next(self) -> tuple[ArenaState, Sequence[Frame]] | None:
         """Tracks the next pictures; None where none came, or there are no more.
@@ -284,7 +302,7 @@ class TrackingRun:
         """Hands a timestep on; what belongs to no run is only looked at."""
         runs, running = self._runs, self._runs.running
         if running:
-            self._last = state, frames
+            self._last = state, frames, self.tracking.tracker.found
             self._done += 1
             runs.counts.add(state, len(frames))
             self._print(state, csv)
@@ -307,9 +325,10 @@ class TrackingRun:
         """Draws the last state into a file."""
         if self._last is None:
             raise VsenseError(f"{path}: not drawn, because there was no picture")
-        state, frames = self._last
+        # The recording may have been opened anew since.
+        state, frames, found = self._last
         tracker = self.tracking.tracker
-        picture = snapshot.draw(state, frames, tracker.cameras, tracker.found, tracker.heights_m)
+        picture = snapshot.draw(state, frames, tracker.cameras, found, tracker.heights_m)
         suffix = path.suffix.lower() if path.suffix.lower() in (".png", ".jpg") else ".png"
         with failing_as(VsenseError, f"{path}: cannot be written"):
             path.write_bytes(cv2.imencode(suffix, picture)[1].tobytes())
@@ -353,7 +372,8 @@ def begin_recording(session: TrackingSession, talk: Talk) -> BackgroundRecorder 
         return None
     directory = record.root_directory
     if record.change_root_directory_on_start:
-        directory /= time.strftime("%Y-%m-%d-%H%M%S")
+        with failing_as(PictureRecordingError, f"{directory}: cannot be written"):
+            directory = run_directory.make_new(directory / time.strftime("%Y-%m-%d-%H%M%S"))
     cameras = [view.camera for view in session.views]
     recorder = PictureRecorder(directory, cameras, record.image_format)
     trackers = {view.camera.id: view.tracker for view in session.views}

@@ -42,22 +42,24 @@ def make(wanted: Path | None, name: str, seed: int | None) -> Path:
     directory = wanted or Path("runs") / stem
     with failing_as(UnusableDirectory, f"cannot write to {directory}"):
         if wanted is None:
-            return _make_new(directory).resolve()
+            return make_new(directory).resolve()
         directory.mkdir(parents=True, exist_ok=True)
         if any(directory.iterdir()):
             raise UnusableDirectory(f"{directory} is not empty: choose a new folder for this run")
     return directory.resolve()
 
 
-def _make_new(wanted: Path) -> Path:
+def make_new(wanted: Path) -> Path:
     """Makes a directory that nobody has, of this name or with a number after it.
 
-    Commands that start in the same second get one each.
+    Those who begin in the same second get one each. OSError if it cannot be made.
     """
+    with suppress(FileExistsError):  # a file, or a link that leads nowhere: told below
+        wanted.parent.mkdir(parents=True, exist_ok=True)
     directory, copies = wanted, 1
     while True:
         try:
-            directory.mkdir(parents=True)
+            directory.mkdir()
         except FileExistsError:
             copies += 1
             directory = wanted.with_name(f"{wanted.name}-{copies}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import cv2
 import numpy as np
@@ -46,6 +46,12 @@ class TrackerCounters:
     out_of_reach: int = 0
     duplicates: int = 0
     overflows: int = 0
+
+    def add(self, other: TrackerCounters) -> None:
+        """Adds what another tracker has noticed."""
+        for counter in fields(self):
+            total = getattr(self, counter.name) + getattr(other, counter.name)
+            setattr(self, counter.name, total)
 
     def notes(self) -> list[str]:
         """Returns a line for everything that is not zero."""
