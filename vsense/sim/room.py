@@ -216,9 +216,9 @@ class SimRoom:
             self._console.whisper(line)
         serve_foxglove(self._stack, self.bus, self._foxglove, self._console)
         self._console.also = self._say
-        ours, theirs = socket.socketpair()
-        self._stack.callback(theirs.close)
-        self._page, self.descriptor = Connection(ours.detach()), theirs.fileno()
+        ours, self._theirs = socket.socketpair()
+        self._stack.callback(self._theirs.close)
+        self._page, self.descriptor = Connection(ours.detach()), self._theirs.fileno()
         self._stack.callback(self._page.close)
         thread = threading.Thread(target=self._run, name="vsense-sim-page", daemon=True)
         self._stack.callback(thread.join)
@@ -235,6 +235,7 @@ class SimRoom:
         self._directory, self._told, self._current = directory, {}, {}
         self.control.file = directory / f"{self._experiment.name}{recording.SUFFIX}"
         self._forget_asked()
+        self._forget_sent()
         self.control.begin()
 
     def _ask(self, change: Change, by: str, answer: Answer) -> None:
@@ -253,6 +254,15 @@ class SimRoom:
         for number in list(self._asked):
             if answer := self._asked.pop(number, None):
                 answer("the run ended before it", False)
+
+    def _forget_sent(self) -> None:
+        """Takes back what a run before did not read: one that failed before its first order.
+
+        Between two runs no process reads there, which may have ended in the middle of an order.
+        """
+        with suppress(BlockingIOError):
+            while self._theirs.recv(1 << 16, socket.MSG_DONTWAIT):
+                pass
 
     def _say(self, text: str, level: str) -> None:
         """Has pages see a line of the terminal, at the run's time."""
