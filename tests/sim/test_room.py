@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import pickle
 import struct
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,9 +13,12 @@ from typing import Any
 import pytest
 
 from vsense.config.experiment import load
+from vsense.run.changes import MOST_WAITING
+from vsense.run.changing import Change, ChangeKind
 from vsense.run.control import State
-from vsense.run.orders import Order, OrderKind
+from vsense.run.orders import Order, OrderError, OrderKind
 from vsense.sim.room import SimRoom
+from vsense.sim.watched import WatchedRuns
 from vsense.terminal import Console
 from vsense.ui.access import WebAddress
 from vsense.ui.room import page_access
@@ -41,6 +45,30 @@ def heard(room: SimRoom) -> list[tuple[int, str, Any]]:
         said.append(pickle.loads(data[4 : 4 + size]))
         data = data[4 + size :]
     return said
+
+
+def test_a_simulation_that_does_not_listen_blocks_nobody(room: SimRoom, tmp_path: Path) -> None:
+    room.begin_run(tmp_path)
+    change = Change(kind=ChangeKind.MOVE, name="nest" * 50, controller="x" * 200, setting="y" * 200)
+    with pytest.raises(OrderError, match="does not listen: try again"):
+        for _ in range(MOST_WAITING):
+            give(room, OrderKind.SPEED)
+            room._ask(change, "viewer 1", lambda text, ok: None)
+    with pytest.raises(OrderError, match="does not listen"):
+        for _ in range(1000):
+            give(room, OrderKind.SPEED)
+    for kind in (OrderKind.PAUSE, OrderKind.STEP, OrderKind.RESET):
+        with pytest.raises(OrderError, match="does not listen"):
+            give(room, kind)
+    assert room.control.state is State.RUNNING and not room.control.next_asked
+    interrupted = threading.Event()
+    interrupted.set()
+    with WatchedRuns(room, interrupted) as runs:
+        assert not runs.is_set(), "there is patience, and no trouble"
+        assert "stop" not in {name for _, name, _ in heard(room)}
+        assert not runs.is_set() and heard(room) == [(1, "stop", 0)]
+        assert not runs.is_set() and give(room, OrderKind.PAUSE), "it is told once"
+    assert heard(room) == [(1, "play", 0)]
 
 
 def test_what_a_failed_run_did_not_read_is_not_for_the_next(room: SimRoom, tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ simulation, which would only stand between somebody and the robots that move.
 from __future__ import annotations
 
 import itertools
+import select
 import shutil
 import socket
 import threading
@@ -58,7 +59,8 @@ class SimControl:
     """The orders of a simulation's page, whose state follows from them; all is for any thread.
 
     Args:
-        send: sends an order to the simulation, see `vsense.sim.paced`.
+        send: sends an order to the simulation, see `vsense.sim.paced`, and does not wait;
+            OrderError where it does not listen.
         tell: takes a line for people.
         speed: at the beginning, times real time.
         holds: every run begins paused; those after a reset do anyway.
@@ -126,24 +128,25 @@ class SimControl:
             self.run, self.seed, self._holds, self.state = self.run + 1, seed, True, State.WAITING
 
     def stop(self) -> None:
-        """Has the run end where it is."""
+        """Has the run end where it is; OrderError where it does not listen now."""
         self._send(self.run, "stop", 0)
 
     def _obey(self, order: Order) -> str:
         kind, value = order.kind, order.value
         if kind == OrderKind.SPEED:
             return self._set_speed(value)
+        # The state follows once the order is sent: it may not be.
         if kind == OrderKind.START:
-            self.state = State.RUNNING
             self._send(self.run, "play", 1)
+            self.state = State.RUNNING
             return f"run {self.run} goes on"
         if kind == OrderKind.PAUSE:
-            self.state = State.PAUSED
             self._send(self.run, "play", 0)
+            self.state = State.PAUSED
             return f"run {self.run} is paused"
         if kind == OrderKind.STEP:
-            self.state = State.PAUSED
             self._send(self.run, "step", 1)
+            self.state = State.PAUSED
             return "one timestep"
         if kind == OrderKind.RECORD:
             recording.require()
@@ -163,9 +166,9 @@ class SimControl:
         speed = FASTEST if value == 0.0 else value
         if not speed >= SLOWEST:
             raise OrderError(f"speed: {value:g}, expected {SLOWEST:g} or more, or 0: no limit")
-        self.speed = speed
         if self.state in (State.RUNNING, State.PAUSED):
             self._send(self.run, "speed", speed)
+        self.speed = speed
         return "as fast as it goes" if speed == FASTEST else f"{speed:g} times real time"
 
     def _refusal(self, kind: OrderKind) -> str:
@@ -247,7 +250,11 @@ class SimRoom:
             raise OrderError("too many changes wait for the next timestep: try again")
         number = next(self._numbers)
         self._asked[number] = answer
-        self._send(self.control.run, "change", (number, change, by))
+        try:
+            self._send(self.control.run, "change", (number, change, by))
+        except OrderError:
+            del self._asked[number]
+            raise
 
     def _forget_asked(self) -> None:
         """Answers what a run that is over did not answer any more."""
@@ -270,7 +277,13 @@ class SimRoom:
         self.bus.event(text, level, host_ns(), time_s)
 
     def _send(self, run: int, name: str, value: Any) -> None:
+        """Sends an order and never waits: pages' thread and the run's end must go on."""
         with self._sending, suppress(OSError):
+            # Writable: three quarters of the socket's buffer are free, and an order is far smaller.
+            writable = select.poll()
+            writable.register(self._page.fileno(), select.POLLOUT)
+            if not writable.poll(0):
+                raise OrderError("the simulation does not listen: try again")
             self._page.send((run, name, value))
 
     def _run(self) -> None:
