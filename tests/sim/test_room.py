@@ -71,12 +71,24 @@ def test_a_simulation_that_does_not_listen_blocks_nobody(room: SimRoom, tmp_path
     assert heard(room) == [(1, "play", 0)]
 
 
+def test_a_run_that_is_over_answers_what_was_asked_of_it(room: SimRoom, tmp_path: Path) -> None:
+    room.begin_run(tmp_path)
+    answers: list[tuple[str, bool]] = []
+    change = Change(kind=ChangeKind.REMOVE, name="visitor 1")
+    room._ask(change, "viewer 1", lambda *said: answers.append(said))
+    assert answers == []
+    room.end_run()
+    assert answers == [("the run ended before it", False)]
+    with pytest.raises(OrderError, match="nothing can be changed: run 1 is ended"):
+        room._ask(change, "viewer 1", lambda *said: answers.append(said))
+
+
 def test_what_a_failed_run_did_not_read_is_not_for_the_next(room: SimRoom, tmp_path: Path) -> None:
     room.begin_run(tmp_path)
     give(room, OrderKind.PAUSE)
     # It ended in the middle of an order, too.
     os.read(room.descriptor, 3)
-    room.control.end()
+    room.end_run()
     give(room, OrderKind.RESET)
     room.control.next_run(8)
     room.begin_run(tmp_path)

@@ -200,6 +200,7 @@ class SimRoom:
         self._foxglove = foxglove
         self._stack, self._sending = ExitStack(), threading.Lock()
         self._asked: dict[int, Answer] = {}
+        self._asking = threading.Lock()
         self._numbers = itertools.count()
         self._current: dict[str, Message] = {}
         self._told: dict[str, Any] = {}
@@ -241,26 +242,34 @@ class SimRoom:
         self._forget_sent()
         self.control.begin()
 
+    def end_run(self) -> None:
+        """The run is over: nothing is changed any more."""
+        self.control.end()
+        self._forget_asked()
+
     def _ask(self, change: Change, by: str, answer: Answer) -> None:
         """Has the simulation change its world, see `vsense.run.changes.Ask`."""
-        if self.control.state not in (State.RUNNING, State.PAUSED):
-            run, state = self.control.run, self.control.state.value
-            raise OrderError(f"nothing can be changed: run {run} is {state}")
-        if len(self._asked) >= MOST_WAITING:
-            raise OrderError("too many changes wait for the next timestep: try again")
-        number = next(self._numbers)
-        self._asked[number] = answer
-        try:
-            self._send(self.control.run, "change", (number, change, by))
-        except OrderError:
-            del self._asked[number]
-            raise
+        with self._asking:
+            if self.control.state not in (State.RUNNING, State.PAUSED):
+                run, state = self.control.run, self.control.state.value
+                raise OrderError(f"nothing can be changed: run {run} is {state}")
+            if len(self._asked) >= MOST_WAITING:
+                raise OrderError("too many changes wait for the next timestep: try again")
+            number = next(self._numbers)
+            # The answer may be there before `_send` returns.
+            self._asked[number] = answer
+            try:
+                self._send(self.control.run, "change", (number, change, by))
+            except OrderError:
+                del self._asked[number]
+                raise
 
     def _forget_asked(self) -> None:
         """Answers what a run that is over did not answer any more."""
-        for number in list(self._asked):
-            if answer := self._asked.pop(number, None):
-                answer("the run ended before it", False)
+        with self._asking:
+            for number in list(self._asked):
+                if answer := self._asked.pop(number, None):
+                    answer("the run ended before it", False)
 
     def _forget_sent(self) -> None:
         """Takes back what a run before did not read: one that failed before its first order.
