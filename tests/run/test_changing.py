@@ -12,6 +12,7 @@ from vsense.errors import VsenseError
 from vsense.run.changes import MOST_AT_ONCE, MOST_WAITING, UNTOLD_NS
 from vsense.run.changing import MOST_ROBOTS, Change, Ground, carry_out
 from vsense.run.orders import OrderError
+from vsense.world.entities import VIRTUAL_TAG_MIN, VirtualRobot
 
 MOVE = {"kind": "move", "name": "nest", "x_m": 0.1, "y_m": 0.2}
 ROBOT = load("foraging").robots[0].id
@@ -150,6 +151,30 @@ def test_virtual_robots_come_and_go() -> None:
     carry_out(Change.read(said), run.environment)
     assert len(world.robots) == count and "visitor 7" not in world.entities
     assert len({robot["tag"] for robot in world.robots}) == count
+
+
+def test_nobody_inherits_the_controller_of_a_robot_that_is_gone() -> None:
+    run = ChangedRun()
+    environment, world = run.environment, run.environment.world
+
+    def added(name: str) -> int:
+        said = {"kind": "add", "name": name, "x_m": 0.1, "y_m": 0.2}
+        carry_out(Change.read(said), environment)
+        return next(int(e.tag) for e in world.entities.values() if e.id == name)  # type: ignore[union-attr]
+
+    def life() -> list[int]:
+        # Loop functions put robots, too.
+        world.put(VirtualRobot("theirs", VIRTUAL_TAG_MIN + 7, 0.3, 0.3))
+        tags = [VIRTUAL_TAG_MIN + 7]
+        for name in ("theirs", "mine"):
+            carry_out(Change.read({"kind": "remove", "name": name}), environment)
+            tags += [added("mine")]
+        return [*tags, added("yours")]
+
+    tags = life()
+    assert len(set(tags)) == 4 and tags == sorted(tags)
+    world.reset()
+    assert life() == tags, "made again, the world is the same"
 
 
 def test_loop_functions_that_count_robots_keep_them() -> None:

@@ -17,7 +17,6 @@ from vsense.run.environment import Environment
 from vsense.run.orders import OrderError
 from vsense.sensors.quality import SETTINGS
 from vsense.world.entities import (
-    VIRTUAL_TAG_MIN,
     Box,
     Cylinder,
     Entity,
@@ -211,8 +210,7 @@ def _add(change: Change, environment: Environment) -> str:
     if name in world.entities or name in bodies:
         raise OrderError(f"there is a {name!r} already")
     _check_place(environment, name, change.x_m, change.y_m)
-    tag = max([VIRTUAL_TAG_MIN - 1, *(robot.tag for robot in robots)]) + 1
-    world.put(VirtualRobot(name, tag, change.x_m, change.y_m, change.yaw_rad or 0.0))
+    world.put(VirtualRobot(name, world.free_tag, change.x_m, change.y_m, change.yaw_rad or 0.0))
     return f"{name} stands at {change.x_m:.2f}, {change.y_m:.2f} m: a virtual robot"
 
 
