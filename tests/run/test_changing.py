@@ -90,6 +90,41 @@ def test_what_cannot_be_changes_nothing(said: dict[str, Any], says: str) -> None
     assert run.told == []
 
 
+@pytest.mark.parametrize(
+    "name, parameter, value, says",
+    [
+        ("foraging", "food", "trail", "names 'food', a zone; there is no zone 'trail'"),
+        ("foraging", "food", ROBOT, f"there is no zone '{ROBOT}'"),
+        ("phototaxis", "light", "wall_north", "there is no light 'wall_north'"),
+        ("phototaxis", "turn_s", "soon", "is the number 120.0, not 'soon'"),
+        ("predator_prey", "prey", "predatr", "there is no controller 'predatr'; is 'predator'"),
+        ("predator_prey", "prey", "predator", "may count them"),
+        ("predator_prey", "rest_s", "nan", "is the number 10.0, not 'nan'"),
+    ],
+)
+def test_a_parameter_cannot_end_the_run(
+    name: str, parameter: str, value: str | float, says: str
+) -> None:
+    run = ChangedRun(name)
+    before = dict(run.environment.world.params)
+    with pytest.raises(OrderError, match=says):
+        carry_out(
+            Change.read({"kind": "set", "setting": parameter, "value": value}), run.environment
+        )
+    assert run.environment.world.params == before
+
+
+def test_numbers_remain_numbers() -> None:
+    world = (run := ChangedRun("predator_prey")).environment.world
+    world.params |= {"count": "3", "half": "0.5"}
+    for parameter, value, found in (("count", 12.0, "12"), ("half", 0.25, "0.25")):
+        said = {"kind": "set", "setting": parameter, "value": value}
+        carry_out(Change.read(said), run.environment)
+        assert world.params[parameter] == found
+    with pytest.raises(OrderError, match=r"is the whole number 12, not '3\.7\d*'; write 12\.0 in"):
+        carry_out(Change.read({"kind": "set", "setting": "count", "value": 3.7}), run.environment)
+
+
 def test_settings_say_what_was_set() -> None:
     run = ChangedRun()
     run.ask(**NOISE, value=0.25)
