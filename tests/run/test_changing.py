@@ -12,6 +12,7 @@ from vsense.errors import VsenseError
 from vsense.run.changes import MOST_AT_ONCE, MOST_WAITING, UNTOLD_NS
 from vsense.run.changing import MOST_ROBOTS, Change, Ground, carry_out
 from vsense.run.orders import OrderError
+from vsense.world.entities import VIRTUAL_TAG_MIN, VirtualRobot
 
 MOVE = {"kind": "move", "name": "nest", "x_m": 0.1, "y_m": 0.2}
 ROBOT = load("foraging").robots[0].id
@@ -89,6 +90,41 @@ def test_what_cannot_be_changes_nothing(said: dict[str, Any], says: str) -> None
     assert run.told == []
 
 
+@pytest.mark.parametrize(
+    "name, parameter, value, says",
+    [
+        ("foraging", "food", "trail", "names 'food', a zone; there is no zone 'trail'"),
+        ("foraging", "food", ROBOT, f"there is no zone '{ROBOT}'"),
+        ("phototaxis", "light", "wall_north", "there is no light 'wall_north'"),
+        ("phototaxis", "turn_s", "soon", "is the number 120.0, not 'soon'"),
+        ("predator_prey", "prey", "predatr", "there is no controller 'predatr'; is 'predator'"),
+        ("predator_prey", "prey", "predator", "may count them"),
+        ("predator_prey", "rest_s", "nan", "is the number 10.0, not 'nan'"),
+    ],
+)
+def test_a_parameter_cannot_end_the_run(
+    name: str, parameter: str, value: str | float, says: str
+) -> None:
+    run = ChangedRun(name)
+    before = dict(run.environment.world.params)
+    with pytest.raises(OrderError, match=says):
+        carry_out(
+            Change.read({"kind": "set", "setting": parameter, "value": value}), run.environment
+        )
+    assert run.environment.world.params == before
+
+
+def test_numbers_remain_numbers() -> None:
+    world = (run := ChangedRun("predator_prey")).environment.world
+    world.params |= {"count": "3", "half": "0.5"}
+    for parameter, value, found in (("count", 12.0, "12"), ("half", 0.25, "0.25")):
+        said = {"kind": "set", "setting": parameter, "value": value}
+        carry_out(Change.read(said), run.environment)
+        assert world.params[parameter] == found
+    with pytest.raises(OrderError, match=r"is the whole number 12, not '3\.7\d*'; write 12\.0 in"):
+        carry_out(Change.read({"kind": "set", "setting": "count", "value": 3.7}), run.environment)
+
+
 def test_settings_say_what_was_set() -> None:
     run = ChangedRun()
     run.ask(**NOISE, value=0.25)
@@ -150,6 +186,30 @@ def test_virtual_robots_come_and_go() -> None:
     carry_out(Change.read(said), run.environment)
     assert len(world.robots) == count and "visitor 7" not in world.entities
     assert len({robot["tag"] for robot in world.robots}) == count
+
+
+def test_nobody_inherits_the_controller_of_a_robot_that_is_gone() -> None:
+    run = ChangedRun()
+    environment, world = run.environment, run.environment.world
+
+    def added(name: str) -> int:
+        said = {"kind": "add", "name": name, "x_m": 0.1, "y_m": 0.2}
+        carry_out(Change.read(said), environment)
+        return next(int(e.tag) for e in world.entities.values() if e.id == name)  # type: ignore[union-attr]
+
+    def life() -> list[int]:
+        # Loop functions put robots, too.
+        world.put(VirtualRobot("theirs", VIRTUAL_TAG_MIN + 7, 0.3, 0.3))
+        tags = [VIRTUAL_TAG_MIN + 7]
+        for name in ("theirs", "mine"):
+            carry_out(Change.read({"kind": "remove", "name": name}), environment)
+            tags += [added("mine")]
+        return [*tags, added("yours")]
+
+    tags = life()
+    assert len(set(tags)) == 4 and tags == sorted(tags)
+    world.reset()
+    assert life() == tags, "made again, the world is the same"
 
 
 def test_loop_functions_that_count_robots_keep_them() -> None:

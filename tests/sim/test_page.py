@@ -17,7 +17,7 @@ from tests.conftest import require_tool
 from tests.sim.test_chain import told, world
 from vsense.cli import main
 from vsense.config.specs import Experiment
-from vsense.errors import UsageError
+from vsense.errors import UsageError, VsenseError
 from vsense.message_bus import Message, MessageBus
 from vsense.recording.form import ROBOTS, RecordingError
 from vsense.recording.reader import open_recording
@@ -32,6 +32,7 @@ from vsense.sim.recording import SimRecorder
 from vsense.sim.room import SimControl, SimRoom
 from vsense.sim.simulation import EPOCH_NS, MOST, WARM_UP, Simulation
 from vsense.sim.watched import WatchedRuns
+from vsense.sim.worker import simulate
 from vsense.terminal import Console
 from vsense.ui.access import WebAddress
 from vsense.ui.room import page_access
@@ -339,6 +340,20 @@ def test_a_full_disk_ends_the_recording_and_says_so(
     assert "No space left on device" in made["trouble"] and recorder.state()["on"] is False
     with open_recording(tmp_path / "run.mcap") as recording:
         assert next(m.data["timestep"] for m in recording.messages()) == 1
+
+
+def test_a_picture_that_cannot_be_written_costs_neither_recording_nor_tables(
+    tmp_path: Path,
+) -> None:
+    setup, file = Setup("foraging", 1.0, 2), tmp_path / "foraging.mcap"
+    libraries = {name: str(path) for name, path in shared_objects(setup.load()).items()}
+    (tmp_path / "foraging.png").mkdir()
+    with pytest.raises(VsenseError, match="cannot be written"):
+        simulate(Job(setup, 9, libraries, str(tmp_path), str(file)), None)
+    with open_recording(file) as recording:
+        assert recording.complete and not recording.gaps
+    for name in ("timesteps.csv", "measures.csv"):
+        assert len((tmp_path / name).read_text().splitlines()) == 11, name
 
 
 def test_a_recording_is_not_written_over(tmp_path: Path) -> None:

@@ -58,6 +58,13 @@ def test_things_are_dragged_and_numbers_are_set(served: Serve, opened: Open) -> 
     page.until("vsense.store.settled >= vsense.edit.asked")
     added = puppet.changes[-1]
     assert added.kind is ChangeKind.ADD and added.x_m == pytest.approx(-0.5, abs=0.02)
+    lost = "vsense.edit.asked += 5, vsense.edit.moved = -1e9"
+    settled = "vsense.store.settled === vsense.edit.asked"
+    page.value(lost)
+    page.drag(place(page, 0.4, 0.5), place(page, 0.5, 0.7))
+    page.until(settled)
+    page.value(f"{lost}, vsense.connection.socket.close()")
+    page.until(f"vsense.connection.open && {settled}")
     page.drag(place(page, -0.9, 0.55), place(page, -0.9, 0.2))
     page.until("document.querySelector('#toasts').innerText.includes('stands in the real arena')")
     fits(page)

@@ -301,9 +301,14 @@ def test_changes_are_asked_for_by_those_who_may_control_only() -> None:
         assert asked == []
         assert told(found.control, NOISE) == {"text": "done", "ok": True, "change": True}
         assert told(found.control, {**NOISE, "value": 2})["text"] == "this run is locked"
-        assert not told(found.control, {**NOISE, "value": float("nan")})["ok"]
-        assert not told(found.control, "move")["ok"]
-        assert not told(found.control, [[[[]]]])["ok"]
+        malformed: list[Any] = [
+            {**NOISE, "value": float("nan")}, {**NOISE, "value": 1e12},
+            {**NOISE, "value": "x" * 201}, "move", [[[[]]]],
+        ]  # fmt: skip
+        for said in malformed:
+            answer = told(found.control, said)
+            # As an order's it would confirm one that has no answer yet: an emergency stop.
+            assert answer == {"text": answer["text"], "ok": False, "change": True}
     finally:
         server.close()
     ((change, by),) = asked

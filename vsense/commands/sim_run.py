@@ -105,7 +105,7 @@ class SingleRun:
                 self._say_failure(job)
                 # The page stays: who watches shall see what has failed, and may go on.
                 console.say(f"vsense: {error}", "trouble")
-            control.end()
+            room.end_run()
             console.say("the run is over; its page stays until Ctrl-C, reset begins the next one")
             if not runs.rest(lambda: console.progress("the run is over: Ctrl-C ends vsense")):
                 return

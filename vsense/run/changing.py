@@ -7,6 +7,7 @@ two of them. The same changes before the same timesteps make the same world agai
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -17,7 +18,6 @@ from vsense.run.environment import Environment
 from vsense.run.orders import OrderError
 from vsense.sensors.quality import SETTINGS
 from vsense.world.entities import (
-    VIRTUAL_TAG_MIN,
     Box,
     Cylinder,
     Entity,
@@ -211,8 +211,7 @@ def _add(change: Change, environment: Environment) -> str:
     if name in world.entities or name in bodies:
         raise OrderError(f"there is a {name!r} already")
     _check_place(environment, name, change.x_m, change.y_m)
-    tag = max([VIRTUAL_TAG_MIN - 1, *(robot.tag for robot in robots)]) + 1
-    world.put(VirtualRobot(name, tag, change.x_m, change.y_m, change.yaw_rad or 0.0))
+    world.put(VirtualRobot(name, world.free_tag, change.x_m, change.y_m, change.yaw_rad or 0.0))
     return f"{name} stands at {change.x_m:.2f}, {change.y_m:.2f} m: a virtual robot"
 
 
@@ -298,20 +297,44 @@ def _set_parameter(change: Change, environment: Environment) -> str:
 
 def _check_parameter(name: str, before: str, value: str, environment: Environment) -> None:
     """Refuses what cannot mean the same as before: loop functions that fail end the run."""
+    for kind, named in _kinds(environment).items():
+        if before in named and value not in named:
+            raise OrderError(
+                f"parameter {name} names {before!r}, a {kind}; there is no {kind} {value!r:.60};"
+                f" {instead(value, named)}"
+            )
+    drives = Counter(environment.world.controllers.values())
+    if drives[before] != drives[value] and before in drives and not environment.robots_may_change:
+        raise OrderError(
+            f"parameter {name}: {before!r} drives {drives[before]} robots and {value!r}"
+            f" {drives[value]}; the experiment's loop functions may count them"
+        )
+    for read, what in ((int, "whole number"), (float, "number")):
+        if _reads(read, before) and not _reads(read, value):
+            more = f"; write {before}.0 in its file for fractions" if read is int else ""
+            raise OrderError(f"parameter {name} is the {what} {before}, not {value!r:.60}{more}")
+
+
+def _kinds(environment: Environment) -> dict[str, set[str]]:
+    """What parameters may name, by what it is."""
     spec, world = environment.experiment, environment.world
-    named = {*world.entities, *world.fields}
-    named |= {robot.id for robot in spec.robots} | {thing.id for thing in spec.objects}
-    if before in named and value not in named:
-        hint = instead(value, named)
-        raise OrderError(f"parameter {name} names {before!r}; there is no {value!r:.60}; {hint}")
-    if before not in named and _is_number(before) and not _is_number(value):
-        raise OrderError(f"parameter {name} is the number {before}, not {value!r:.60}")
+    kinds = {
+        "field": set(world.fields),
+        "robot": {robot.id for robot in spec.robots},
+        "object": {thing.id for thing in spec.objects},
+        "controller": {controller.id for controller in spec.controllers},
+    }
+    for name, thing in world.entities.items():
+        kind = "virtual robot" if isinstance(thing, VirtualRobot) else type(thing).__name__.lower()
+        kinds.setdefault(kind, set()).add(name)
+    return kinds
 
 
-def _is_number(text: str) -> bool:
+def _reads(read: Callable[[str], float], text: str) -> bool:
+    """Whether a text is a finite number, as `read` reads it."""
     try:
-        return math.isfinite(float(text))
-    except ValueError:
+        return math.isfinite(read(text))
+    except (ValueError, OverflowError):
         return False
 
 

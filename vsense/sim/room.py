@@ -7,6 +7,7 @@ simulation, which would only stand between somebody and the robots that move.
 from __future__ import annotations
 
 import itertools
+import select
 import shutil
 import socket
 import threading
@@ -58,7 +59,8 @@ class SimControl:
     """The orders of a simulation's page, whose state follows from them; all is for any thread.
 
     Args:
-        send: sends an order to the simulation, see `vsense.sim.paced`.
+        send: sends an order to the simulation, see `vsense.sim.paced`, and does not wait;
+            OrderError where it does not listen.
         tell: takes a line for people.
         speed: at the beginning, times real time.
         holds: every run begins paused; those after a reset do anyway.
@@ -126,24 +128,25 @@ class SimControl:
             self.run, self.seed, self._holds, self.state = self.run + 1, seed, True, State.WAITING
 
     def stop(self) -> None:
-        """Has the run end where it is."""
+        """Has the run end where it is; OrderError where it does not listen now."""
         self._send(self.run, "stop", 0)
 
     def _obey(self, order: Order) -> str:
         kind, value = order.kind, order.value
         if kind == OrderKind.SPEED:
             return self._set_speed(value)
+        # The state follows once the order is sent: it may not be.
         if kind == OrderKind.START:
-            self.state = State.RUNNING
             self._send(self.run, "play", 1)
+            self.state = State.RUNNING
             return f"run {self.run} goes on"
         if kind == OrderKind.PAUSE:
-            self.state = State.PAUSED
             self._send(self.run, "play", 0)
+            self.state = State.PAUSED
             return f"run {self.run} is paused"
         if kind == OrderKind.STEP:
-            self.state = State.PAUSED
             self._send(self.run, "step", 1)
+            self.state = State.PAUSED
             return "one timestep"
         if kind == OrderKind.RECORD:
             recording.require()
@@ -163,9 +166,9 @@ class SimControl:
         speed = FASTEST if value == 0.0 else value
         if not speed >= SLOWEST:
             raise OrderError(f"speed: {value:g}, expected {SLOWEST:g} or more, or 0: no limit")
-        self.speed = speed
         if self.state in (State.RUNNING, State.PAUSED):
             self._send(self.run, "speed", speed)
+        self.speed = speed
         return "as fast as it goes" if speed == FASTEST else f"{speed:g} times real time"
 
     def _refusal(self, kind: OrderKind) -> str:
@@ -197,6 +200,7 @@ class SimRoom:
         self._foxglove = foxglove
         self._stack, self._sending = ExitStack(), threading.Lock()
         self._asked: dict[int, Answer] = {}
+        self._asking = threading.Lock()
         self._numbers = itertools.count()
         self._current: dict[str, Message] = {}
         self._told: dict[str, Any] = {}
@@ -216,9 +220,9 @@ class SimRoom:
             self._console.whisper(line)
         serve_foxglove(self._stack, self.bus, self._foxglove, self._console)
         self._console.also = self._say
-        ours, theirs = socket.socketpair()
-        self._stack.callback(theirs.close)
-        self._page, self.descriptor = Connection(ours.detach()), theirs.fileno()
+        ours, self._theirs = socket.socketpair()
+        self._stack.callback(self._theirs.close)
+        self._page, self.descriptor = Connection(ours.detach()), self._theirs.fileno()
         self._stack.callback(self._page.close)
         thread = threading.Thread(target=self._run, name="vsense-sim-page", daemon=True)
         self._stack.callback(thread.join)
@@ -235,24 +239,46 @@ class SimRoom:
         self._directory, self._told, self._current = directory, {}, {}
         self.control.file = directory / f"{self._experiment.name}{recording.SUFFIX}"
         self._forget_asked()
+        self._forget_sent()
         self.control.begin()
+
+    def end_run(self) -> None:
+        """The run is over: nothing is changed any more."""
+        self.control.end()
+        self._forget_asked()
 
     def _ask(self, change: Change, by: str, answer: Answer) -> None:
         """Has the simulation change its world, see `vsense.run.changes.Ask`."""
-        if self.control.state not in (State.RUNNING, State.PAUSED):
-            run, state = self.control.run, self.control.state.value
-            raise OrderError(f"nothing can be changed: run {run} is {state}")
-        if len(self._asked) >= MOST_WAITING:
-            raise OrderError("too many changes wait for the next timestep: try again")
-        number = next(self._numbers)
-        self._asked[number] = answer
-        self._send(self.control.run, "change", (number, change, by))
+        with self._asking:
+            if self.control.state not in (State.RUNNING, State.PAUSED):
+                run, state = self.control.run, self.control.state.value
+                raise OrderError(f"nothing can be changed: run {run} is {state}")
+            if len(self._asked) >= MOST_WAITING:
+                raise OrderError("too many changes wait for the next timestep: try again")
+            number = next(self._numbers)
+            # The answer may be there before `_send` returns.
+            self._asked[number] = answer
+            try:
+                self._send(self.control.run, "change", (number, change, by))
+            except OrderError:
+                del self._asked[number]
+                raise
 
     def _forget_asked(self) -> None:
         """Answers what a run that is over did not answer any more."""
-        for number in list(self._asked):
-            if answer := self._asked.pop(number, None):
-                answer("the run ended before it", False)
+        with self._asking:
+            for number in list(self._asked):
+                if answer := self._asked.pop(number, None):
+                    answer("the run ended before it", False)
+
+    def _forget_sent(self) -> None:
+        """Takes back what a run before did not read: one that failed before its first order.
+
+        Between two runs no process reads there, which may have ended in the middle of an order.
+        """
+        with suppress(BlockingIOError):
+            while self._theirs.recv(1 << 16, socket.MSG_DONTWAIT):
+                pass
 
     def _say(self, text: str, level: str) -> None:
         """Has pages see a line of the terminal, at the run's time."""
@@ -260,7 +286,13 @@ class SimRoom:
         self.bus.event(text, level, host_ns(), time_s)
 
     def _send(self, run: int, name: str, value: Any) -> None:
+        """Sends an order and never waits: pages' thread and the run's end must go on."""
         with self._sending, suppress(OSError):
+            # Writable: three quarters of the socket's buffer are free, and an order is far smaller.
+            writable = select.poll()
+            writable.register(self._page.fileno(), select.POLLOUT)
+            if not writable.poll(0):
+                raise OrderError("the simulation does not listen: try again")
             self._page.send((run, name, value))
 
     def _run(self) -> None:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from typing import Any
 
 from vsense.errors import VsenseError
+from vsense.run.orders import OrderError
 from vsense.sim.outcome import Interrupted, Task
 from vsense.sim.room import SimRoom
 from vsense.sim.watch import LIMIT_S, POLL_S, Show, WorkerProcess, watch
@@ -30,6 +31,7 @@ class WatchedRuns:
         self._worker: WorkerProcess[Task] | None = None
         self._stack = ExitStack()
         self._asked_s: float | None = None
+        self._stopped = False
         self.cut = False
         self.failure: VsenseError | None = None
 
@@ -49,7 +51,7 @@ class WatchedRuns:
             VsenseError: it has failed.
         """
         worker = self._ready()
-        self._asked_s, self.failure = None, None
+        self._asked_s, self._stopped, self.failure = None, False, None
         try:
             jobs = [(task, task.job.to_line())]
             ((_, answer),) = watch(jobs, [worker], self, show, LIMIT_S)
@@ -69,7 +71,10 @@ class WatchedRuns:
             return False
         if self._asked_s is None:
             self._asked_s = time.monotonic()
-            self._room.control.stop()
+        if not self._stopped:
+            with suppress(OrderError):  # it may listen when this is called again
+                self._room.control.stop()
+                self._stopped = True
         return time.monotonic() - self._asked_s > PATIENCE_S
 
     def rest(self, idle: Callable[[], None]) -> bool:

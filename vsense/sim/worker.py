@@ -67,11 +67,13 @@ def simulate(job: Job, progress: Any, page: Connection | None = None) -> dict[st
     try:
         measures = run.run()
     except VsenseError:
+        kept.end()
         with suppress(VsenseError):  # the first one counts
             kept.save()
-        kept.end()
         raise
     wall_s, cpu_s = time.perf_counter() - begun_s, time.process_time() - cpu_begun_s
+    # Tables and recording are whole, and the page has the last timestep, whatever fails then.
+    recording = kept.end()
     kept.save()
     return {
         "name": experiment.name,
@@ -82,11 +84,16 @@ def simulate(job: Job, progress: Any, page: Connection | None = None) -> dict[st
         "cpu_s": cpu_s,
         "swarm": run.record.swarm(),
         "measures": measures,
-        "complaints": run.complaints(),
-        "events": run.record.events[:EVENTS_TOLD],
-        "events_in_all": len(run.record.events),
-        "recording": kept.end(),
+        "recording": recording,
+        **_said(run),
     }
+
+
+def _said(run: Simulation) -> dict[str, Any]:
+    """What controllers complained of and logged."""
+    events = run.record.events
+    told = {"events": events[:EVENTS_TOLD], "events_in_all": len(events)}
+    return {"complaints": run.complaints(), **told}
 
 
 class NotHere(VsenseError):

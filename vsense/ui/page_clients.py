@@ -13,6 +13,7 @@ import json
 import threading
 import time
 from collections import OrderedDict, deque
+from typing import Any
 
 from aiohttp import WSMsgType, web
 
@@ -25,7 +26,7 @@ from vsense.run.changes import Ask
 from vsense.run.changing import Change
 from vsense.run.orders import Give, Order, OrderKind
 from vsense.ui.access import Rights
-from vsense.ui.sentences import read
+from vsense.ui.sentences import ChangeReadError, read
 
 KEPT = 64
 """Frames that are kept for other viewers of the same message."""
@@ -295,7 +296,7 @@ class WebClients:
         try:
             name, value = read(text)
         except ValueError as error:
-            self._answer(viewer, str(error), False)
+            viewer.post(_answer(str(error), False, isinstance(error, ChangeReadError)))
             return
         if name == "order":
             self._carry_out(viewer, *value)
@@ -323,7 +324,7 @@ class WebClients:
         """
 
         def answer(text: str, ok: bool) -> None:
-            viewer.hear(Message("/answer", host_ns(), {"text": text, "ok": ok, "change": True}))
+            viewer.hear(_answer(text, ok, True))
 
         if self._viewers[viewer] is not Rights.CONTROL:
             answer(LOOKING, False)
@@ -336,4 +337,10 @@ class WebClients:
                 answer(str(error), False)
 
     def _answer(self, viewer: WebClient, text: str, ok: bool) -> None:
-        viewer.post(Message("/answer", host_ns(), {"text": text, "ok": ok}))
+        viewer.post(_answer(text, ok))
+
+
+def _answer(text: str, ok: bool, change: bool = False) -> Message:
+    """What became of a page's order, or of a `change`."""
+    data: dict[str, Any] = {"text": text, "ok": ok}
+    return Message("/answer", host_ns(), data | ({"change": True} if change else {}))

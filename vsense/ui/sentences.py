@@ -16,8 +16,14 @@ FAR = 2**53
 """Greater whole numbers are not exact in JavaScript."""
 
 
+class ChangeReadError(ValueError):
+    """A sentence is a change of the world, but none that can be: its answer has no turn."""
+
+
 def read(text: str) -> tuple[str, Any]:
     """Reads one sentence of a page; the text of a ValueError is for the page.
+
+    ChangeReadError where it was a change.
 
     Gives "order" with (Kind, value), "change" with a `Change`, "look" with tags, "refresh"
     with a bool, "pictures" with a tuple of camera ids, or "got" with a number of frames.
@@ -42,6 +48,13 @@ def _order(said: dict[str, Any]) -> tuple[OrderKind, float]:
         return OrderKind(said["order"]), float(value)
     except ValueError:
         raise ValueError(f"there is no order {said['order']!r:.40}") from None
+
+
+def _change(said: dict[str, Any]) -> Change:
+    try:
+        return Change.read(said["change"])
+    except ValueError as error:
+        raise ChangeReadError(str(error)) from None
 
 
 def _whole(value: Any, what: str) -> int:
@@ -75,7 +88,7 @@ def _tags(said: dict[str, Any]) -> tuple[int, ...]:
 
 _READERS: dict[str, Callable[[dict[str, Any]], Any]] = {
     "order": _order,
-    "change": lambda said: Change.read(said["change"]),
+    "change": _change,
     "look": _tags,
     "refresh": _refresh,
     "pictures": _pictures,

@@ -9,6 +9,7 @@ from typing import TypeVar
 
 from vsense.errors import instead
 from vsense.world.entities import (
+    VIRTUAL_TAG_MIN,
     Box,
     Color,
     Cylinder,
@@ -28,6 +29,9 @@ KINDS = (Box, Cylinder, Light, Zone, VirtualRobot)
 class Inventory:
     """Entities by id, in the order in which they were put; `version` grows with every change.
 
+    `free_tag` is greater than that of every virtual robot since the start of the run: controllers
+    and sensors go by tag, and shall not take one robot for another that is gone.
+
     What raises WorldError and why stands in `World`.
     """
 
@@ -37,16 +41,17 @@ class Inventory:
         self._entities: dict[str, Entity] = {}
         self._by_kind: dict[type, tuple[Entity, ...]] = {}
         self._versions = dict.fromkeys(KINDS, 0)
+        self.free_tag = VIRTUAL_TAG_MIN
         for entity in entities:
             if entity.id in self._entities:
                 raise WorldError(f"two things in the world are called {entity.id!r}")
             self._add(entity)
-        self._first = dict(self._entities)
+        self._first, self._first_tag = dict(self._entities), self.free_tag
 
     def reset(self) -> None:
         """Goes back to the start."""
         gone = self._entities.values()
-        self._entities = dict(self._first)
+        self._entities, self.free_tag = dict(self._first), self._first_tag
         self._changed(*gone, *self._entities.values())
 
     def changed_since(self, version: int) -> set[type]:
@@ -118,6 +123,7 @@ class Inventory:
             twins = (e for e in self.of(VirtualRobot) if e.tag == entity.tag and e.id != entity.id)
             for twin in twins:
                 raise WorldError(f"{entity.id!r} and {twin.id!r} have the same tag {entity.tag}")
+            self.free_tag = max(self.free_tag, int(entity.tag) + 1)
         before = self._entities.get(entity.id, entity)
         self._entities[entity.id] = entity
         self._changed(before, entity)

@@ -210,6 +210,11 @@ class World:
         """All that is in the world besides real robots and tagged things, by id; read-only."""
         return self._inventory.entities
 
+    @property
+    def free_tag(self) -> int:
+        """A tag for one more virtual robot, which none of this run has had."""
+        return self._inventory.free_tag
+
     def put(self, entity: Entity) -> None:
         """Adds an entity, or replaces the one of the same id.
 

@@ -59,6 +59,11 @@ export class Edit {
     }
   }
 
+  /** What was asked for is not waited for any more: its answer was lost, with the connection or the run. */
+  forget() {
+    this.asked = this.store.settled;
+  }
+
   #show(on) {
     this.on = on;
     press(this.button, on);
@@ -156,8 +161,8 @@ export class Edit {
     this.arena.key = "";
     const now = performance.now();
     // One at a time is on its way: a slow run gets fewer places, and no queue.
-    const free = this.store.settled >= this.asked || now - this.moved > LOST_MS;
-    if (!free || now - this.moved < SAY_EVERY_MS) return;
+    if (now - this.moved > LOST_MS) this.forget();
+    if (this.store.settled < this.asked || now - this.moved < SAY_EVERY_MS) return;
     if (this.store.refused) return this.#drop();
     this.moved = now;
     this.#change({ kind: "move", name: drag.name, x_m: drag.x, y_m: drag.y, final: false });

@@ -69,6 +69,7 @@ let pictures = "";
 
 function greet() {
   pictures = "";
+  edit.forget();
   return [{ refresh: controls.lively }, choice.looks];
 }
 
