@@ -17,6 +17,7 @@ import pytest
 from tests.recording.conftest import BEGIN_NS, record
 from tests.recording.recorded_world import CAMERAS, TIMESTEPS, frames, messages
 from vsense import cli
+from vsense.message_bus import Message
 from vsense.recording.film import Panel, arrange, clock_text
 from vsense.recording.form import RecordingError
 from vsense.recording.reader import open_recording
@@ -242,6 +243,38 @@ def test_a_video_that_is_interrupted_leaves_nothing(file: Path, tmp_path: Path) 
         seen: list[int] = []
         assert not video.write(tmp_path / "x.webm", seen.append, lambda: len(seen) == 3)
     assert seen == [1, 2, 3] and os.listdir(tmp_path) == []
+
+
+def tracked(step_of: dict[int, int]) -> list[Message]:
+    """As `vsense track` records it: no timestep's length; the run's timesteps by picture."""
+    first, *others = messages()
+    told = [Message("/experiment", first.time_ns, {**first.data, "timestep_s": None})]
+    for each in others:
+        data = each.data
+        if each.topic == "/arena":
+            number = data["timestep"]
+            capture_ns = BEGIN_NS + number * 50_000_000
+            data = {**data, "run_timestep": step_of[number], "capture_ns": capture_ns}
+        told.append(Message(each.topic, each.time_ns, data))
+    return told
+
+
+def test_the_clock_of_what_was_only_tracked_goes_by_the_captures(tmp_path: Path) -> None:
+    # Timesteps 7 to 9 are suspended; their time does not count.
+    steps = {n: n - 2 if n < 7 else n - 5 for n in range(10, TIMESTEPS)}
+    steps |= {n: n - 2 if 2 <= n < 7 else -1 for n in range(10)}
+    path = record(tmp_path / "run.mcap", tracked(steps))
+    with open_recording(path) as opened:
+        assert Video(opened, VideoPlan()).fps == pytest.approx(20.0)
+        scenes = RecordedScenes(opened.experiment)
+        times = []
+        for message in opened.messages(set(scenes.topics)):
+            scenes.take(message)
+            if message.topic == "/arena":
+                times.append(scenes.time_s)
+    assert times[:2] == [None, None]
+    wanted = [0, 50, 100, 150, 200, 200, 200, 200, 200, *range(250, 700, 50)]
+    assert times[2:] == pytest.approx([ms / 1000 for ms in wanted])
 
 
 def test_panels_fill_the_frame_and_do_not_overlap() -> None:

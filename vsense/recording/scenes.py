@@ -81,6 +81,7 @@ class RecordedScenes:
         self.measures: dict[str, tuple[list[float], list[float]]] = {}
         self._facts, self._robot = facts, robot
         self._timestep_s = facts.timestep_s or 0.0
+        self._before, self._newest = (-1, 0), -1
         self._heights = {r["tag"]: float(r["height_m"]) for r in facts.robots if "height_m" in r}
         self._objects = {thing.get("tag") for thing in facts.objects}
         self._entities: list[Entity] = []
@@ -163,8 +164,8 @@ class RecordedScenes:
         snapshot = self._snapshot(tags)
         self._trails.append({tag: (x, y) for tag, (x, y, _) in zip(tags, poses.tolist())})
         middle = np.array([*self.arena.centre_m[:2], 0.0])
-        step = int(data.get("run_timestep", -1))
-        self.time_s = step * self._timestep_s if step >= 0 and self._timestep_s else None
+        capture_ns = int(data["capture_ns"])
+        self.time_s = self._run_time_s(int(data.get("run_timestep", -1)), capture_ns)
         moment = ArenaMoment(
             title="",
             note="",
@@ -179,7 +180,23 @@ class RecordedScenes:
             senses=self._senses(tags),
         )
         self._count(moment)
-        self._states.append(_State(int(data["capture_ns"]), moment))
+        self._states.append(_State(capture_ns, moment))
+
+    def _run_time_s(self, timestep: int, capture_ns: int) -> float | None:
+        """The run's time at a state, -1 being outside of a run; None where it is not known.
+
+        Without a timestep's length it is the time between captures, as `vsense track` counts it.
+        """
+        if self._timestep_s:
+            return timestep * self._timestep_s if timestep >= 0 else None
+        before, self._before = self._before, (timestep, capture_ns)
+        if timestep < 0:
+            return self.time_s
+        if self.time_s is None or timestep < self._newest:
+            self.time_s = 0.0
+        self._newest = timestep
+        since_ns = capture_ns - before[1] if 0 <= before[0] < timestep else 0
+        return self.time_s + max(since_ns, 0) / 1e9
 
     def _ways(self, tags: list[int]) -> Floats:
         """The robots' earlier places, (t, n, 2); where one was not there, its next place."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,8 @@ ARENA, BOTH, CAMERAS = "arena", "both", "cameras"
 MOST_FPS = 30.0
 _USUAL_FPS = 10.0
 _BEFORE_S = 5.0
+_LOOKED_AT = 200
+"""Arena states that tell how many there are in a second."""
 _DURING = ("running", "paused")
 
 
@@ -71,7 +74,7 @@ class Video:
         facts = ExperimentMessage.read(told)
         self._check_robot(facts)
         self._arena, self._cameras = self._shown(facts)
-        usual = 1.0 / facts.timestep_s if facts.timestep_s else _USUAL_FPS
+        usual = 1.0 / facts.timestep_s if facts.timestep_s else self._rate_hz()
         self.fps = plan.fps or min(usual * plan.speed, MOST_FPS)
         self._from_s, to_s = self._span()
         self.frames = max(int((to_s - self._from_s) / plan.speed * self.fps + 1e-6), 1)
@@ -118,6 +121,13 @@ class Video:
                 if picture is not None:
                     pictures[camera] = picture
             yield film.frame(pictures, now_ns)
+
+    def _rate_hz(self) -> float:
+        """How many arena states a second has, where nobody said how many there shall be."""
+        states = islice(self._recording.messages({"/arena"}), _LOOKED_AT)
+        apart_ns = np.diff([_capture_ns(state) for state in states])
+        usual_ns = float(np.median(apart_ns)) if len(apart_ns) else 0.0
+        return 1e9 / usual_ns if usual_ns > 0.0 else _USUAL_FPS
 
     def _measured(self) -> bool:
         """Whether there will be measures to show: those of the run, or robots in a cone."""
