@@ -277,6 +277,21 @@ def test_the_clock_of_what_was_only_tracked_goes_by_the_captures(tmp_path: Path)
     assert times[2:] == pytest.approx([ms / 1000 for ms in wanted])
 
 
+def test_readings_that_are_no_number_do_not_hide_the_robots(file: Path) -> None:
+    with open_recording(file) as opened:
+        scenes = RecordedScenes(opened.experiment, robot=2)
+        for message in opened.messages(set(scenes.topics)):
+            if message.topic == "/readings":
+                values = [[[1.0], [0.0, 0.0]], [[None], [None, 2.0]]]
+                message = Message(message.topic, 0, {**message.data, "values": values})
+            scenes.take(message)
+    moment = scenes.moment()
+    assert moment is not None and moment.poses[0, 0] == pytest.approx(0.2 + 0.01 * 19)
+    assert moment.senses is not None and moment.senses.words == ("pollutant -",)
+    ((angles, shares),) = moment.senses.rays
+    assert (angles.tolist(), shares.tolist()) == ([1.0], [1.0])
+
+
 def test_panels_fill_the_frame_and_do_not_overlap() -> None:
     for size in ((1280, 720), (640, 360), (720, 1280)):
         for shapes in ([1.25], [1.25, 1.33], [4.0], [0.25, 2.0]):

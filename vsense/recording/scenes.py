@@ -241,29 +241,32 @@ class RecordedScenes:
             return None
         rays, words = [], []
         if tag in readings.get("tag", ()):
-            values = readings["values"][readings["tag"].index(tag)]
+            given = readings["values"][readings["tag"].index(tag)]
             number = self._facts.controller_of().get(tag, 0)
             sensors = self._facts.controllers[number]["sensors"]
-            for sensor, read in zip(sensors, values, strict=True):
+            for sensor, read in zip(sensors, given, strict=True):
                 angles = sensor.get("angles_rad")
                 if angles:
-                    shares = np.array(read[: len(angles)], np.float64) / self._peak(sensor, read)
-                    rays.append((np.array(angles, np.float64), np.abs(shares)))
+                    told = [pair for pair in zip(angles, read) if None not in pair]
+                    ways, values = np.array(told, np.float64).reshape(-1, 2).T
+                    rays.append((ways, np.abs(values / self._peak(sensor, read))))
                 elif len(read) <= 3:
                     words.append(_words(sensor, read))
         return Senses(tags.index(tag), tuple(rays), tuple(words[:_WORDS]))
 
-    def _peak(self, sensor: Mapping[str, Any], read: list[float]) -> float:
-        """The sensor's greatest reading so far."""
+    def _peak(self, sensor: Mapping[str, Any], read: list[float | None]) -> float:
+        """The sensor's greatest reading so far; None is a reading that is no number."""
         name = str(sensor["name"])
-        peak = max(self._peaks.get(name, 1e-9), *(abs(float(value)) for value in read))
+        told = (abs(float(value)) for value in read if value is not None)
+        peak = max((self._peaks.get(name, 1e-9), *told))
         self._peaks[name] = peak
         return peak
 
 
-def _words(sensor: Mapping[str, Any], read: list[float]) -> str:
+def _words(sensor: Mapping[str, Any], read: list[float | None]) -> str:
     unit = f" {sensor['unit']}" if sensor.get("unit") else ""
-    return f"{sensor['name']} {', '.join(f'{value:.3g}' for value in read)}{unit}"
+    told = ", ".join("-" if value is None else f"{value:.3g}" for value in read)
+    return f"{sensor['name']} {told}{unit}"
 
 
 def _arena_of(told: Mapping[str, Any]) -> Arena:
