@@ -245,6 +245,19 @@ def test_a_video_that_is_interrupted_leaves_nothing(file: Path, tmp_path: Path) 
     assert seen == [1, 2, 3] and os.listdir(tmp_path) == []
 
 
+def test_a_late_beginning_is_interrupted_before_its_first_frame(
+    blank: Path, tmp_path: Path
+) -> None:
+    with open_recording(blank) as opened:
+        video = Video(opened, VideoPlan(size=SIZE, view="arena", from_s=1.5))
+        seen: list[int] = []
+        looks = iter([False] * 8)
+        assert not video.write(tmp_path / "x.webm", seen.append, lambda: next(looks, True))
+        assert not seen and video._scenes.moment() is not None
+        assert video._scenes.time_s is not None and video._scenes.time_s < 0.2
+    assert os.listdir(tmp_path) == []
+
+
 def tracked(step_of: dict[int, int]) -> list[Message]:
     """As `vsense track` records it: no timestep's length; the run's timesteps by picture."""
     first, *others = messages()

@@ -20,7 +20,7 @@ from vsense.recording.film import Film, RecordedPicture
 from vsense.recording.form import ExperimentMessage, RecordingError
 from vsense.recording.reader import Recording
 from vsense.recording.scenes import ODD, RecordedScenes
-from vsense.recording.video_file import VideoFile, open_video
+from vsense.recording.video_file import open_video
 
 ARENA, BOTH, CAMERAS = "arena", "both", "cameras"
 MOST_FPS = 30.0
@@ -89,19 +89,18 @@ class Video:
             RecordingError: the file is there already, or cannot be written.
         """
         with open_video(path, self.fps, self._plan.size) as file:
-            for number, frame in enumerate(self.images(), 1):
+            for number, frame in enumerate(self.images(stopped), 1):
                 if stopped():
                     return False
                 file.add(frame)
                 tell(number)
-            return self._end(file)
+            if file.frames < self.frames:
+                return False
+            file.finish()
+            return True
 
-    def _end(self, file: VideoFile) -> bool:
-        file.finish()
-        return True
-
-    def images(self) -> Iterator[Any]:
-        """All frames, one after the other, (h, w, 3) BGR."""
+    def images(self, stopped: Callable[[], bool] = lambda: False) -> Iterator[Any]:
+        """All frames, one after the other, (h, w, 3) BGR; no more of them once it is stopped."""
         film = Film(self._scenes, self._arena, self._cameras, self._plan.size, self._measured())
         news = _Ahead(self._recording.messages(set(self._scenes.topics)), lambda m: m.time_ns)
         # Measures are drawn from the beginning on, pictures are wanted from now on.
@@ -114,6 +113,9 @@ class Video:
             time_s = self._from_s + number * self._plan.speed / self.fps
             now_ns = self._recording.begin_ns + round(1e9 * time_s)
             for message in news.until(now_ns):
+                # Before the first frame there can be an hour of them.
+                if stopped():
+                    return
                 self._scenes.take(message)
             coming |= {message.topic: message for message in seen.until(now_ns)}
             for camera, topic in self._shots.items():
