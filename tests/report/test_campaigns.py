@@ -14,6 +14,7 @@ from vsense.message_bus import Message
 from vsense.report import charts, compare
 from vsense.report.campaigns import read_campaign, tables_in
 from vsense.report.findings import Findings, read_findings
+from vsense.report.report import make_report
 
 HEAD = "campaign,experiment,sensor.noise,seed,robots,duration_s,items_home,in_cone_before_turn,"
 TABLE = (
@@ -135,3 +136,9 @@ def test_campaigns_of_the_same_name_stay_apart(tmp_path: Path) -> None:
     ends = compare.table(found)["items home, at the end"]
     assert ends["simulation (a/x/results.csv)"].values == [10.0, 20.0, 4.0]
     assert ends["simulation (b/x/results.csv)"].values == [10.0, 40.0, 4.0]
+
+
+def test_a_table_that_is_named_twice_counts_once(table: Path, tmp_path: Path) -> None:
+    again = tmp_path / "again.csv"
+    again.symlink_to(table)
+    assert len(make_report([table, again, table], tmp_path / "out", form="").campaigns) == 2
