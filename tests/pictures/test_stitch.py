@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from vsense.arena import Frame
+from vsense.cameras.camera import Camera
 from vsense.lab.camera_spec import rig
 from vsense.lab.optics import RayMap, vignetting
 from vsense.pictures.stitch import TopView
@@ -60,3 +61,31 @@ def test_what_no_camera_sees_is_black() -> None:
     wide = Arena((9.0, 9.0, 1.0), (0.2, -0.1, 0.5))
     view = top_view(frames(lambda x, y: 100.0 + 0 * x), wide, 20)
     assert view[0, 0] == 0 and view[90, 90] == 100
+
+
+def test_what_lies_behind_a_camera_is_black() -> None:
+    """Through its centre the projection mirrors it into the picture."""
+    tilt = np.deg2rad(70.0)
+    forward = (np.sin(tilt), 0.0, -np.cos(tilt))
+    down = (-np.cos(tilt), 0.0, -np.sin(tilt))
+    turn = (0.0, -1.0, 0.0, *down, *forward)
+    camera = Camera("c", 320, 240, 150.0, 150.0, 159.5, 119.5, (0.0,) * 5, turn, (0.0, 0.0, 1.0))
+    view = TopView([camera], Arena((20.0, 8.0, 1.0), (0.0, 0.0, 0.5)), 10)
+    drawn = view.draw({"c": np.full((240, 320), 100, np.uint8)})
+    x = (np.arange(200) - 99.5) / 10
+    # Its lower border lies atan(120 / 150) = 38.7 degrees below its middle: 31.3 from the plumb.
+    assert drawn[40, x < np.tan(np.deg2rad(31.3)) - 0.1].max() == 0
+    assert drawn[40, x > np.tan(np.deg2rad(31.3)) + 0.1].min() == 100
+
+
+def test_what_lies_beyond_where_a_lens_folds_back_is_black() -> None:
+    lens = (-0.3, 0.0, 0.0, 0.0, 0.0)
+    camera = Camera.looking_down("c", 0.0, 0.0, 1.0, 300.0, (320, 240), lens)
+    drawn = TopView([camera], Arena((8.0, 8.0, 1.0), (0.0, 0.0, 0.5)), 25).draw(
+        {"c": np.full((240, 320), 100, np.uint8)}
+    )
+    corner = camera.to_plane(np.array([-0.5, -0.5]), 0.0)
+    places = (np.arange(200) - 99.5) / 25
+    far = np.hypot(*np.meshgrid(places, places))
+    assert np.hypot(*corner) < (3 * 0.3) ** -0.5 - 0.1, "the picture ends before it folds back"
+    assert drawn[far > np.hypot(*corner) + 0.1].max() == 0 and drawn[far < 0.3].min() == 100

@@ -17,10 +17,13 @@ import pytest
 from tests.recording.conftest import BEGIN_NS, record
 from tests.recording.recorded_world import CAMERAS, TIMESTEPS, frames, messages
 from vsense import cli
+from vsense.message_bus import Message
 from vsense.recording.film import Panel, arrange, clock_text
+from vsense.recording.form import RecordingError
 from vsense.recording.reader import open_recording
 from vsense.recording.scenes import RecordedScenes
 from vsense.recording.video import Video, VideoPlan
+from vsense.recording.video_file import open_video
 
 SIZE = (640, 360)
 PLAN = ["--size", "640x360"]
@@ -134,7 +137,11 @@ def test_the_command_writes_a_video(
     assert "is there already" in capsys.readouterr().err
 
 
-def test_an_animated_picture_is_written(file: Path, tmp_path: Path) -> None:
+def test_an_animated_picture_is_written(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # OpenCV 4.11, which is enough for vsense, does not have it.
+    monkeypatch.delattr(cv2, "imencodeanimation", raising=False)
     path = tmp_path / "out.webp"
     how = ["--view", "arena", "--speed", "2", "--fps", "5"]
     assert cli.main(["export", str(file), "--video", str(path), *PLAN, *how]) == 0
@@ -209,12 +216,93 @@ def test_a_full_disk_leaves_nothing(file: Path, tmp_path: Path) -> None:
     assert "WARN" not in done.stderr and list(tmp_path.iterdir()) == []
 
 
+def test_a_full_disk_leaves_no_animated_picture(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = cv2.imwriteanimation
+
+    def cut_off(name: str, *rest: Any) -> bool:
+        done: bool = made(name, *rest)
+        os.truncate(name, 100)
+        return done
+
+    monkeypatch.setattr(cv2, "imwriteanimation", cut_off)
+    with (
+        pytest.raises(RecordingError, match="made only a part of it; is the disk full"),
+        open_video(tmp_path / "x.webp", 5.0, (64, 48)) as moving,
+    ):
+        moving.add(np.zeros((48, 64, 3), np.uint8))
+        moving.add(np.full((48, 64, 3), 90, np.uint8))
+        moving.finish()
+    assert os.listdir(tmp_path) == []
+
+
 def test_a_video_that_is_interrupted_leaves_nothing(file: Path, tmp_path: Path) -> None:
     with open_recording(file) as opened:
         video = Video(opened, VideoPlan(size=SIZE, view="arena"))
         seen: list[int] = []
         assert not video.write(tmp_path / "x.webm", seen.append, lambda: len(seen) == 3)
     assert seen == [1, 2, 3] and os.listdir(tmp_path) == []
+
+
+def test_a_late_beginning_is_interrupted_before_its_first_frame(
+    blank: Path, tmp_path: Path
+) -> None:
+    with open_recording(blank) as opened:
+        video = Video(opened, VideoPlan(size=SIZE, view="arena", from_s=1.5))
+        seen: list[int] = []
+        looks = iter([False] * 8)
+        assert not video.write(tmp_path / "x.webm", seen.append, lambda: next(looks, True))
+        assert not seen and video._scenes.moment() is not None
+        assert video._scenes.time_s is not None and video._scenes.time_s < 0.2
+    assert os.listdir(tmp_path) == []
+
+
+def tracked(step_of: dict[int, int]) -> list[Message]:
+    """As `vsense track` records it: no timestep's length; the run's timesteps by picture."""
+    first, *others = messages()
+    told = [Message("/experiment", first.time_ns, {**first.data, "timestep_s": None})]
+    for each in others:
+        data = each.data
+        if each.topic == "/arena":
+            number = data["timestep"]
+            capture_ns = BEGIN_NS + number * 50_000_000
+            data = {**data, "run_timestep": step_of[number], "capture_ns": capture_ns}
+        told.append(Message(each.topic, each.time_ns, data))
+    return told
+
+
+def test_the_clock_of_what_was_only_tracked_goes_by_the_captures(tmp_path: Path) -> None:
+    # Timesteps 7 to 9 are suspended; their time does not count.
+    steps = {n: n - 2 if n < 7 else n - 5 for n in range(10, TIMESTEPS)}
+    steps |= {n: n - 2 if 2 <= n < 7 else -1 for n in range(10)}
+    path = record(tmp_path / "run.mcap", tracked(steps))
+    with open_recording(path) as opened:
+        assert Video(opened, VideoPlan()).fps == pytest.approx(20.0)
+        scenes = RecordedScenes(opened.experiment)
+        times = []
+        for message in opened.messages(set(scenes.topics)):
+            scenes.take(message)
+            if message.topic == "/arena":
+                times.append(scenes.time_s)
+    assert times[:2] == [None, None]
+    wanted = [0, 50, 100, 150, 200, 200, 200, 200, 200, *range(250, 700, 50)]
+    assert times[2:] == pytest.approx([ms / 1000 for ms in wanted])
+
+
+def test_readings_that_are_no_number_do_not_hide_the_robots(file: Path) -> None:
+    with open_recording(file) as opened:
+        scenes = RecordedScenes(opened.experiment, robot=2)
+        for message in opened.messages(set(scenes.topics)):
+            if message.topic == "/readings":
+                values = [[[1.0], [0.0, 0.0]], [[None], [None, 2.0]]]
+                message = Message(message.topic, 0, {**message.data, "values": values})
+            scenes.take(message)
+    moment = scenes.moment()
+    assert moment is not None and moment.poses[0, 0] == pytest.approx(0.2 + 0.01 * 19)
+    assert moment.senses is not None and moment.senses.words == ("pollutant -",)
+    ((angles, shares),) = moment.senses.rays
+    assert (angles.tolist(), shares.tolist()) == ([1.0], [1.0])
 
 
 def test_panels_fill_the_frame_and_do_not_overlap() -> None:

@@ -14,6 +14,7 @@ from vsense.message_bus import Message
 from vsense.report import charts, compare
 from vsense.report.campaigns import read_campaign, tables_in
 from vsense.report.findings import Findings, read_findings
+from vsense.report.report import make_report
 
 HEAD = "campaign,experiment,sensor.noise,seed,robots,duration_s,items_home,in_cone_before_turn,"
 TABLE = (
@@ -104,6 +105,8 @@ def test_a_folder_with_tables_stands_for_them(tmp_path: Path, table: Path) -> No
         ("campaign,experiment,seed,robots\n", "is no table of a campaign"),
         (TABLE.partition("\n")[0] + "\n", "holds no run"),
         (TABLE + "ab,hand\n", "noise.csv:5: 2 values, not 11"),
+        (TABLE + "x" * 200_000 + "\n", "noise.csv:5: field larger than"),
+        ("x" * 200_000, "noise.csv:1: is no table of a campaign"),
         (TABLE.replace(",10,", ",ten,"), "seed 1: items_home is 'ten', expected a number"),
     ],
 )
@@ -111,3 +114,31 @@ def test_what_is_no_table_is_refused(tmp_path: Path, text: str, reason: str) -> 
     (tmp_path / "noise.csv").write_text(text)
     with pytest.raises(UsageError, match=reason):
         read_campaign(tmp_path / "noise.csv")
+
+
+def test_campaigns_of_the_same_name_stay_apart(tmp_path: Path) -> None:
+    """As `vsense sim --runs` names them, with and without settings."""
+    plain = TABLE.replace(",sensor.noise", "").replace("hand,0,", "hand,").replace("0.2,", "")
+    for folder, text in (("a/x", plain), ("b/x", plain.replace(",20,", ",40,")), ("c", TABLE)):
+        (tmp_path / folder).mkdir(parents=True)
+        (tmp_path / folder / "results.csv").write_text(text)
+    (tmp_path / "d").mkdir()
+    (tmp_path / "d" / "results.csv").write_text(TABLE.rpartition("ab,")[0])
+    files = [tmp_path / name / "results.csv" for name in ("a/x", "b/x", "c", "d")]
+    found = compare.groups([], [some for path in files for some in read_campaign(path)])
+    assert [(group.condition, group.count) for group in found] == [
+        ("simulation (a/x/results.csv)", 3),
+        ("simulation (b/x/results.csv)", 3),
+        ("simulation (c/results.csv, sensor.noise 0)", 2),
+        ("simulation (sensor.noise 0.2)", 1),
+        ("simulation (d/results.csv, sensor.noise 0)", 2),
+    ]
+    ends = compare.table(found)["items home, at the end"]
+    assert ends["simulation (a/x/results.csv)"].values == [10.0, 20.0, 4.0]
+    assert ends["simulation (b/x/results.csv)"].values == [10.0, 40.0, 4.0]
+
+
+def test_a_table_that_is_named_twice_counts_once(table: Path, tmp_path: Path) -> None:
+    again = tmp_path / "again.csv"
+    again.symlink_to(table)
+    assert len(make_report([table, again, table], tmp_path / "out", form="").campaigns) == 2

@@ -6,12 +6,13 @@ import csv
 import errno
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from vsense.arena import POSE, ArenaState
-from vsense.run.directory import FLUSH_TIMESTEPS, HEADER, DirectoryError, RunLog
+from vsense.run.directory import FLUSH_TIMESTEPS, HEADER, DirectoryError, RunLog, RunTables
 from vsense.run.runtime import Step
 
 
@@ -106,3 +107,27 @@ def test_tables_that_cannot_be_written_are_told_once(
         for number in range(2 * FLUSH_TIMESTEPS):
             log.timestep(step(number), (3, 3, 0), {})
     assert capsys.readouterr().err.count("no longer written: No space left on device") == 1
+
+
+def test_a_disk_that_fills_while_columns_are_added_keeps_the_rows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said: list[str] = []
+    tables = RunTables(tmp_path, 0.1, said.append)
+    tables.add((0, 0), (), (), {"home": 1.0})
+    opened = Path.open
+
+    def full(path: Path, mode: str = "r", **how: Any) -> Any:
+        file = opened(path, mode, **how)
+        if "w" in mode:
+            file.close()
+            return opened(Path("/dev/full"), mode, **how)
+        return file
+
+    monkeypatch.setattr(Path, "open", full)
+    tables.add((1, 1), (), (), {"home": 2.0, "lost": 3.0})
+    monkeypatch.undo()
+    tables.close()
+    assert said == ["the run's tables are no longer written: No space left on device"]
+    assert (tmp_path / "measures.csv").read_text() == "run_timestep,time_s,home\n0,0,1\n"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["measures.csv", "timesteps.csv"]

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from tests.ui.conftest import Open, Serve
+from tests.ui.puppet_world import floor_png
 from vsense.cameras.camera import Camera
 from vsense.cameras.image_plane import window_radius
 
@@ -107,3 +108,31 @@ def test_one_key_and_one_button_switch_it(served: Serve, opened: Open) -> None:
     page.until(f"vsense.cameras.overlay && {orange} > 20")
     page.key("?")
     assert "virtual world over the cameras" in page.text("#keys_list")
+
+
+def test_all_cameras_show_a_painted_floor_and_paint_it_once(served: Serve, opened: Open) -> None:
+    _, _, url = served(paced=False)
+    page = opened(url, "window.vsense")
+    camera = Camera.looking_down("c", 0.0, 0.0, 2.0, 220.0, (320, 240), (0.0,) * 5)
+    floor = {"color": [255] * 3, "size_m": [3, 2.4], "centre_m": [0, 0], "png": floor_png()}
+    told: dict[str, Any] = page.value(
+        "(async () => { const { Lens } = await import('/lens.js');"
+        " const { Ground } = await import('/overlay_ground.js');"
+        f" const lens = new Lens({camera.to_json()}), floor = {json.dumps(floor)};"
+        " let ready = 0, painted = 0;"
+        # A replay that stands still draws again only when it is called.
+        " const grounds = [0, 1, 2].map(() => new Ground(lens, () => { ready += 1; }));"
+        " grounds.forEach((ground) => ground.floor({ ...floor }));"
+        " const late = performance.now() + 20000;"
+        " while (ready < 3 && performance.now() < late)"
+        "   await new Promise((on) => setTimeout(on, 5));"
+        " const [first] = grounds; const canvas = first.floor({ ...floor });"
+        " const put = first.floorRaster.pen.putImageData;"
+        " first.floorRaster.pen.putImageData = function (...all) { painted += 1;"
+        " put.apply(this, all); };"
+        " first.floor({ ...floor }); const same = painted;"
+        " first.floor({ ...floor, centre_m: [0.5, 0] });"
+        " const { data } = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);"
+        " return { ready, same, moved: painted, some: data.some((part) => part) }; })()"
+    )
+    assert told == {"ready": 3, "same": 0, "moved": 1, "some": True}

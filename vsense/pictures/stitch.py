@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.cameras.camera import Camera
-from vsense.cameras.image_plane import Image32, everywhere
+from vsense.cameras.image_plane import NEAR_M, Image32, everywhere, window_radius
 from vsense.pictures.canvas import Image
 from vsense.world.entities import Arena
 
@@ -77,6 +77,7 @@ class TopView:
                 names: {
                     name: np.exp((nearest - distance) / _SEAM_M).astype(np.float32)
                     * self._cameras[name].contains(np.stack(self._maps[name], axis=-1))
+                    * _before(self._cameras[name], self._x, self._y, self._height_m)
                     for name, distance in distances.items()
                 }
             }
@@ -114,6 +115,20 @@ def _pixels(
         return camera.project(np.concatenate((places, height), axis=-1))
 
     return everywhere(project, (shape[0], shape[1]))
+
+
+def _before(camera: Camera, x: Image32, y: Image32, height_m: float) -> NDArray[np.bool_]:
+    """Which places lie before a camera, and where its lens model is right.
+
+    The projection of all others can lie in the picture, too, where something else is to be seen.
+    """
+    turn, place = np.reshape(camera.rotation, (3, 3)), camera.position_m
+    across, down, deep = (
+        row[0] * (x - place[0]) + row[1] * (y - place[1]) + row[2] * (height_m - place[2])
+        for row in turn
+    )
+    reach = window_radius(camera) * deep
+    return np.asarray((deep >= NEAR_M) & (np.hypot(across, down) <= reach))
 
 
 def _distance_m(camera: Camera, x: Image32, y: Image32) -> Image32:

@@ -81,6 +81,7 @@ class RecordedScenes:
         self.measures: dict[str, tuple[list[float], list[float]]] = {}
         self._facts, self._robot = facts, robot
         self._timestep_s = facts.timestep_s or 0.0
+        self._before, self._newest = (-1, 0), -1
         self._heights = {r["tag"]: float(r["height_m"]) for r in facts.robots if "height_m" in r}
         self._objects = {thing.get("tag") for thing in facts.objects}
         self._entities: list[Entity] = []
@@ -163,8 +164,8 @@ class RecordedScenes:
         snapshot = self._snapshot(tags)
         self._trails.append({tag: (x, y) for tag, (x, y, _) in zip(tags, poses.tolist())})
         middle = np.array([*self.arena.centre_m[:2], 0.0])
-        step = int(data.get("run_timestep", -1))
-        self.time_s = step * self._timestep_s if step >= 0 and self._timestep_s else None
+        capture_ns = int(data["capture_ns"])
+        self.time_s = self._run_time_s(int(data.get("run_timestep", -1)), capture_ns)
         moment = ArenaMoment(
             title="",
             note="",
@@ -179,7 +180,23 @@ class RecordedScenes:
             senses=self._senses(tags),
         )
         self._count(moment)
-        self._states.append(_State(int(data["capture_ns"]), moment))
+        self._states.append(_State(capture_ns, moment))
+
+    def _run_time_s(self, timestep: int, capture_ns: int) -> float | None:
+        """The run's time at a state, -1 being outside of a run; None where it is not known.
+
+        Without a timestep's length it is the time between captures, as `vsense track` counts it.
+        """
+        if self._timestep_s:
+            return timestep * self._timestep_s if timestep >= 0 else None
+        before, self._before = self._before, (timestep, capture_ns)
+        if timestep < 0:
+            return self.time_s
+        if self.time_s is None or timestep < self._newest:
+            self.time_s = 0.0
+        self._newest = timestep
+        since_ns = capture_ns - before[1] if 0 <= before[0] < timestep else 0
+        return self.time_s + max(since_ns, 0) / 1e9
 
     def _ways(self, tags: list[int]) -> Floats:
         """The robots' earlier places, (t, n, 2); where one was not there, its next place."""
@@ -224,29 +241,32 @@ class RecordedScenes:
             return None
         rays, words = [], []
         if tag in readings.get("tag", ()):
-            values = readings["values"][readings["tag"].index(tag)]
+            given = readings["values"][readings["tag"].index(tag)]
             number = self._facts.controller_of().get(tag, 0)
             sensors = self._facts.controllers[number]["sensors"]
-            for sensor, read in zip(sensors, values, strict=True):
+            for sensor, read in zip(sensors, given, strict=True):
                 angles = sensor.get("angles_rad")
                 if angles:
-                    shares = np.array(read[: len(angles)], np.float64) / self._peak(sensor, read)
-                    rays.append((np.array(angles, np.float64), np.abs(shares)))
+                    told = [pair for pair in zip(angles, read) if None not in pair]
+                    ways, values = np.array(told, np.float64).reshape(-1, 2).T
+                    rays.append((ways, np.abs(values / self._peak(sensor, read))))
                 elif len(read) <= 3:
                     words.append(_words(sensor, read))
         return Senses(tags.index(tag), tuple(rays), tuple(words[:_WORDS]))
 
-    def _peak(self, sensor: Mapping[str, Any], read: list[float]) -> float:
-        """The sensor's greatest reading so far."""
+    def _peak(self, sensor: Mapping[str, Any], read: list[float | None]) -> float:
+        """The sensor's greatest reading so far; None is a reading that is no number."""
         name = str(sensor["name"])
-        peak = max(self._peaks.get(name, 1e-9), *(abs(float(value)) for value in read))
+        told = (abs(float(value)) for value in read if value is not None)
+        peak = max((self._peaks.get(name, 1e-9), *told))
         self._peaks[name] = peak
         return peak
 
 
-def _words(sensor: Mapping[str, Any], read: list[float]) -> str:
+def _words(sensor: Mapping[str, Any], read: list[float | None]) -> str:
     unit = f" {sensor['unit']}" if sensor.get("unit") else ""
-    return f"{sensor['name']} {', '.join(f'{value:.3g}' for value in read)}{unit}"
+    told = ", ".join("-" if value is None else f"{value:.3g}" for value in read)
+    return f"{sensor['name']} {told}{unit}"
 
 
 def _arena_of(told: Mapping[str, Any]) -> Arena:

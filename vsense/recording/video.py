@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +20,14 @@ from vsense.recording.film import Film, RecordedPicture
 from vsense.recording.form import ExperimentMessage, RecordingError
 from vsense.recording.reader import Recording
 from vsense.recording.scenes import ODD, RecordedScenes
-from vsense.recording.video_file import VideoFile, open_video
+from vsense.recording.video_file import open_video
 
 ARENA, BOTH, CAMERAS = "arena", "both", "cameras"
 MOST_FPS = 30.0
 _USUAL_FPS = 10.0
 _BEFORE_S = 5.0
+_LOOKED_AT = 200
+"""Arena states that tell how many there are in a second."""
 _DURING = ("running", "paused")
 
 
@@ -71,7 +74,7 @@ class Video:
         facts = ExperimentMessage.read(told)
         self._check_robot(facts)
         self._arena, self._cameras = self._shown(facts)
-        usual = 1.0 / facts.timestep_s if facts.timestep_s else _USUAL_FPS
+        usual = 1.0 / facts.timestep_s if facts.timestep_s else self._rate_hz()
         self.fps = plan.fps or min(usual * plan.speed, MOST_FPS)
         self._from_s, to_s = self._span()
         self.frames = max(int((to_s - self._from_s) / plan.speed * self.fps + 1e-6), 1)
@@ -86,19 +89,18 @@ class Video:
             RecordingError: the file is there already, or cannot be written.
         """
         with open_video(path, self.fps, self._plan.size) as file:
-            for number, frame in enumerate(self.images(), 1):
+            for number, frame in enumerate(self.images(stopped), 1):
                 if stopped():
                     return False
                 file.add(frame)
                 tell(number)
-            return self._end(file)
+            if file.frames < self.frames:
+                return False
+            file.finish()
+            return True
 
-    def _end(self, file: VideoFile) -> bool:
-        file.finish()
-        return True
-
-    def images(self) -> Iterator[Any]:
-        """All frames, one after the other, (h, w, 3) BGR."""
+    def images(self, stopped: Callable[[], bool] = lambda: False) -> Iterator[Any]:
+        """All frames, one after the other, (h, w, 3) BGR; no more of them once it is stopped."""
         film = Film(self._scenes, self._arena, self._cameras, self._plan.size, self._measured())
         news = _Ahead(self._recording.messages(set(self._scenes.topics)), lambda m: m.time_ns)
         # Measures are drawn from the beginning on, pictures are wanted from now on.
@@ -111,6 +113,9 @@ class Video:
             time_s = self._from_s + number * self._plan.speed / self.fps
             now_ns = self._recording.begin_ns + round(1e9 * time_s)
             for message in news.until(now_ns):
+                # Before the first frame there can be an hour of them.
+                if stopped():
+                    return
                 self._scenes.take(message)
             coming |= {message.topic: message for message in seen.until(now_ns)}
             for camera, topic in self._shots.items():
@@ -118,6 +123,13 @@ class Video:
                 if picture is not None:
                     pictures[camera] = picture
             yield film.frame(pictures, now_ns)
+
+    def _rate_hz(self) -> float:
+        """How many arena states a second has, where nobody said how many there shall be."""
+        states = islice(self._recording.messages({"/arena"}), _LOOKED_AT)
+        apart_ns = np.diff([_capture_ns(state) for state in states])
+        usual_ns = float(np.median(apart_ns)) if len(apart_ns) else 0.0
+        return 1e9 / usual_ns if usual_ns > 0.0 else _USUAL_FPS
 
     def _measured(self) -> bool:
         """Whether there will be measures to show: those of the run, or robots in a cone."""

@@ -155,13 +155,24 @@ class _Moving(VideoFile):
         moving = cv2.Animation()
         moving.frames = self._waiting
         moving.durations = [self._frame_ms] * len(self._waiting)
-        done, data = cv2.imencodeanimation(
-            ".webp", moving, [cv2.IMWRITE_WEBP_QUALITY, self._QUALITY]
-        )
-        if not done:
-            raise RecordingError(f"{self.path}: OpenCV cannot make it")
+        # OpenCV before 4.12 has no animations in memory.
+        with _quietly():
+            done = cv2.imwriteanimation(
+                str(self._part), moving, [cv2.IMWRITE_WEBP_QUALITY, self._QUALITY]
+            )
         with failing_as(RecordingError, f"{self.path}: cannot be written"):
-            self._part.write_bytes(data.tobytes())
+            whole = done and _is_whole_webp(self._part)
+        if not whole:
+            raise RecordingError(
+                f"{self.path}: cannot be written: OpenCV made only a part of it; is the disk full?"
+            )
+
+
+def _is_whole_webp(path: Path) -> bool:
+    """Whether a file is as long as its head says: RIFF, and how many bytes follow."""
+    with path.open("rb") as file:
+        head = file.read(8)
+    return head[:4] == b"RIFF" and int.from_bytes(head[4:], "little") + 8 == path.stat().st_size
 
 
 def open_video(path: Path, fps: float, size: tuple[int, int]) -> VideoFile:

@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
+import os
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -42,8 +43,31 @@ class CampaignRuns:
     @property
     def label(self) -> str:
         """Its settings, or its file where there are none."""
-        words = ", ".join(f"{name} {value}" for name, value in self.settings.items())
-        return words or self.path.name
+        return self.spoken or self.path.name
+
+    @property
+    def spoken(self) -> str:
+        """Its settings in words; "" where there are none."""
+        return ", ".join(f"{name} {value}" for name, value in self.settings.items())
+
+
+def labels(tables: Sequence[CampaignRuns]) -> list[str]:
+    """The labels of tables; where some of an experiment are alike, with the ends of their paths.
+
+    Every campaign's table has the same name unless somebody gives it another.
+    """
+    alike: dict[tuple[str, str], set[tuple[str, ...]]] = {}
+    parts = [Path(os.path.abspath(table.path)).parts for table in tables]
+    for table, own in zip(tables, parts):
+        alike.setdefault((table.experiment, table.label), set()).add(own)
+    found = []
+    for table, own in zip(tables, parts):
+        others = alike[table.experiment, table.label] - {own}
+        lengths = (n for n in range(1, len(own)) if all(o[-n:] != own[-n:] for o in others))
+        file = Path(*own[-next(lengths, len(own)) :])
+        both = f"{file}, {table.spoken}" if table.spoken else str(file)
+        found.append(both if others else table.label)
+    return found
 
 
 def tables_in(folder: Path) -> list[Path]:
@@ -61,18 +85,11 @@ def read_campaign(path: Path) -> list[CampaignRuns]:
     """
     with failing_as(RecordingError, f"{path}: cannot be read"):
         text = read_bytes(path).decode(errors="replace")
-    lines = csv.reader(io.StringIO(text, newline=""))
-    columns = next(lines, [])
-    if not _are_columns(columns):
-        raise UsageError(
-            f"{path}:1: is no table of a campaign, which vsense sim --runs makes: expected columns"
-            f" {','.join(_FIRST)}, settings, {','.join(_LAST)}, measures"
-        )
+    rows = _rows(path, text)
+    columns = next(rows)
     place = columns.index(_LAST[0])
     groups: dict[tuple[str, ...], list[dict[str, str]]] = {}
-    for cells in lines:
-        if len(cells) != len(columns):
-            raise UsageError(f"{path}:{lines.line_num}: {len(cells)} values, not {len(columns)}")
+    for cells in rows:
         row = dict(zip(columns, cells))
         key = row["experiment"], *(row[name] for name in columns[len(_FIRST) : place])
         groups.setdefault(key, []).append(row)
@@ -86,6 +103,28 @@ def read_campaign(path: Path) -> list[CampaignRuns]:
         )
         for (name, *values), rows in groups.items()
     ]
+
+
+def _rows(path: Path, text: str) -> Iterator[list[str]]:
+    """The lines of a table, its columns first; UsageError where one is damaged."""
+    lines = csv.reader(io.StringIO(text, newline=""))
+    try:
+        columns = next(lines, [])
+        if not _are_columns(columns):
+            raise csv.Error
+        yield columns
+    except csv.Error:
+        raise UsageError(
+            f"{path}:{lines.line_num or 1}: is no table of a campaign, which vsense sim --runs"
+            f" makes: expected columns {','.join(_FIRST)}, settings, {','.join(_LAST)}, measures"
+        ) from None
+    try:
+        for cells in lines:
+            if len(cells) != len(columns):
+                raise csv.Error(f"{len(cells)} values, not {len(columns)}")
+            yield cells
+    except csv.Error as error:
+        raise UsageError(f"{path}:{lines.line_num}: {error}") from None
 
 
 def _ends(

@@ -10,7 +10,7 @@ import numpy as np
 
 from vsense.pictures.canvas import Floats
 from vsense.pictures.run_figure import spoken
-from vsense.report.campaigns import CampaignRuns
+from vsense.report.campaigns import CampaignRuns, labels
 from vsense.report.facts import KINDS, RECORDED, SIMULATION
 from vsense.report.findings import Findings
 
@@ -88,8 +88,8 @@ def groups(runs: Sequence[Findings], tables: Sequence[CampaignRuns] = ()) -> lis
         Group(name, _words(kind, blind, len(kinds[name]) > 1), some, (), kind, blind)
         for (name, kind, blind), some in sorted_.items()
     ]
-    for table in tables:
-        words = f"{SIMULATION} ({table.label})"
+    for table, label in zip(tables, labels(tables)):
+        words = f"{SIMULATION} ({label})"
         found.append(Group(table.experiment, words, (), (table,), SIMULATION, None))
     return sorted(found, key=_place)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -76,12 +77,13 @@ def make_report(
     require_empty(folder)
     if sheet is not None and can_draw():
         plot.require_sheet(sheet)
-    tables = [path for path in paths if path.suffix == campaigns.SUFFIX]
-    simulated = [some for path in tables for some in campaigns.read_campaign(path)]
+    # A table that is named twice has no more runs.
+    tables = {os.path.realpath(path): path for path in paths if path.suffix == campaigns.SUFFIX}
+    simulated = [some for path in tables.values() for some in campaigns.read_campaign(path)]
     read = [
         read_findings(path, lambda share, path=path: progress(path, share))  # type: ignore[misc]
         for path in paths
-        if path not in tables
+        if path.suffix != campaigns.SUFFIX
     ]
     with failing_as(RecordingError, f"{folder}: cannot be written"):
         folder.mkdir(parents=True, exist_ok=True)

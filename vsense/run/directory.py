@@ -162,12 +162,24 @@ class RunTables:
         """Adds columns, which are empty in the rows before."""
         body = ""
         if self._measures is not None:
-            self._measures.close()
+            self._measures.flush()
             text = self._measures_path.read_text(encoding="utf-8")
             body = text[len(self._head()) :].replace("\n", f"{',' * len(new)}\n")
         self._names += new
-        self._measures = self._measures_path.open("w", encoding="utf-8", newline="")
-        self._measures.write(self._head() + body)
+        # Beside it: the rows so far outlast a disk that is full now.
+        part = self._measures_path.with_name(f".{MEASURES}.part")
+        try:
+            wider = part.open("w", encoding="utf-8", newline="")
+            wider.write(self._head() + body)
+            wider.flush()
+            part.replace(self._measures_path)
+        except OSError:
+            with suppress(OSError):
+                part.unlink()
+            raise
+        if self._measures is not None:
+            self._measures.close()
+        self._measures = wider
 
     def _head(self) -> str:
         text = io.StringIO()

@@ -9,17 +9,19 @@ const WHITE = 765;
 
 let floorPicture = null;
 
-/** The pixels of a floor's picture in base64, once it has arrived; `loaded` is called then. */
+/** The pixels of a floor's picture in base64, once it has arrived; all that are `waiting` are called then. */
 class FloorPicture {
-  constructor(png, loaded) {
+  constructor(png) {
     this.png = png;
+    this.waiting = new Set();
     const image = new Image();
     image.onload = () => {
       const canvas = new OffscreenCanvas(image.width, image.height);
       const pen = canvas.getContext("2d", { willReadFrequently: true });
       pen.drawImage(image, 0, 0);
       this.pixels = pen.getImageData(0, 0, image.width, image.height);
-      loaded();
+      for (const loaded of this.waiting) loaded();
+      this.waiting.clear();
     };
     image.src = `data:image/png;base64,${png}`;
   }
@@ -63,12 +65,15 @@ export class Ground {
   /** The painted floor as a canvas of the whole picture, or null where there is none. */
   floor(told) {
     if (!told) return null;
-    if (told.png && floorPicture?.png !== told.png) floorPicture = new FloorPicture(told.png, this.loaded);
+    if (told.png && floorPicture?.png !== told.png) floorPicture = new FloorPicture(told.png);
     const pixels = told.png ? floorPicture.pixels : null;
+    if (told.png && !pixels) floorPicture.waiting.add(this.loaded);
     const plain = !told.png && told.color.some((part) => part !== 255);
     if (!pixels && !plain) return null;
-    if (this.floorTold !== told || this.floorPixels !== pixels) {
-      [this.floorTold, this.floorPixels] = [told, pixels];
+    // Every message about the world brings a new object, mostly with the same floor.
+    const paint = [told.color, told.size_m, told.centre_m].join();
+    if (this.floorPaint !== paint || this.floorPixels !== pixels) {
+      [this.floorPaint, this.floorPixels] = [paint, pixels];
       this.floorRaster ??= new Raster(this.lens, FLOOR_PX);
       paintFloor(this.floorRaster, told, pixels);
     }
