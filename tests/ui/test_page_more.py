@@ -63,10 +63,10 @@ def test_things_are_dragged_and_numbers_are_set(served: Serve, opened: Open) -> 
     page.value(lost)
     page.drag(place(page, 0.4, 0.5), place(page, 0.5, 0.7))
     page.until(settled)
-    page.value(f"{lost}, vsense.connection.socket.close()")
-    page.until(f"vsense.connection.open && {settled}")
     page.drag(place(page, -0.9, 0.55), place(page, -0.9, 0.2))
     page.until("document.querySelector('#toasts').innerText.includes('stands in the real arena')")
+    page.value(f"{lost}, vsense.connection.socket.close()")
+    page.until(f"vsense.connection.open && {settled}")
     fits(page)
 
 
