@@ -14,6 +14,7 @@ from vsense.arena import Frame
 from vsense.errors import VsenseError
 from vsense.lab.camera_spec import CameraGrid, spec_for
 from vsense.lab.grabber import LabGrabber
+from vsense.lab.hardware import NOMINAL, LabRobots, to_markers
 from vsense.lab.metrics import TrackingTally
 from vsense.lab.physics_process import FloorProcess
 from vsense.lab.processes import Canary
@@ -103,12 +104,13 @@ class Session(ExperimentSession):
         watchdog: bool = False,
         legacy_port: int | None = None,
         grid: CameraGrid | None = None,
+        robots: LabRobots = NOMINAL,
     ) -> None:
         """Prepares runs of robots on a `base` of `vsense.lab.links.BASES`; `directory` exists.
 
         Their firmware has a `watchdog`, as in `Microcontrollers`, or none. On `legacy_port` the
         original's client gets the readings of a robot of the lab. `grid` is the cameras', as in
-        `vsense.lab.camera_spec.rig`.
+        `vsense.lab.camera_spec.rig`; `robots` what they differ in.
 
         Raises:
             VsenseError: something in the experiment cannot be made.
@@ -120,6 +122,7 @@ class Session(ExperimentSession):
         self._base = base
         self._watchdog = watchdog
         self._grid = grid
+        self.robots = robots
         self._ready = False
         self.dt_ns = setup.experiment.timestep_ns
 
@@ -131,21 +134,25 @@ class Session(ExperimentSession):
         self._truth = TruthReader(truth.name)
         self._stack.callback(self._truth.close)
         # The cameras build their scene while everything else starts.
-        grabber = LabGrabber(spec_for(experiment, truth.name, seed, self.truth_log, self._grid))
+        hardware = self.robots.hardware
+        spec = spec_for(experiment, truth.name, seed, self.truth_log, self._grid, hardware)
+        self._markers = np.array([body.marker for body in spec.bodies])
+        grabber = LabGrabber(spec)
         self._stack.callback(grabber.close)
         daemons = {c.id: build.daemon(c.program) for c in experiment.controllers}
         self.cameras = grabber.cameras
         self.tracking = self._track(grabber)
         self._stack.callback(self.tracking.close)
-        self.floor = FloorProcess(
-            experiment, truth.name, seed, self.directory, self._base, self._watchdog
-        )
+        floor = experiment, truth.name, seed, self.directory, self._base, self._watchdog
+        self.floor = FloorProcess(*floor, hardware, self.robots.patches)
         self._stack.callback(self.floor.close)
         keys = self.setup.trust.keys
         self.swarm = Swarm(experiment.host, port, seed, self.directory / "robots", keys)
         self._stack.callback(self.swarm.end)
         for robot, base in zip(experiment.robots, self.floor.bases):
-            self.swarm.start(daemons[robot.controller], robot.tag, robot.id, base)
+            settings = self.robots.settings.get(robot.tag, {})
+            program, device = daemons[robot.controller], base + self.robots.boards
+            self.swarm.start(program, robot.tag, robot.id, device, settings)
         self.setup.room.recorders.watch_family(experiment.marker, self.tracking)
         scene = self._scene("lab", self.cameras, {}, self.tracking.troubles)
         runtime = self._open_room(self.tracking, scene, ground=Ground(self.floor.put))
@@ -157,7 +164,8 @@ class Session(ExperimentSession):
         experiment = self.experiment
         heights = dict.fromkeys(self._tags, experiment.marker.height_m)
         family = load_family(experiment.marker.family)
-        tracker = ArenaTracker.for_family(grabber.cameras, family, heights)
+        offsets = self.robots.markers
+        tracker = ArenaTracker.for_family(grabber.cameras, family, heights, offsets=offsets)
         return CameraTracking(grabber, tracker, self.setup.console.say)
 
     @property
@@ -265,7 +273,7 @@ class Session(ExperimentSession):
             poses, _ = self._truth.at(step.capture_ns)
         except LabError:
             return  # the host is seconds late, and says so
-        tracking.add(step.state.sightings, poses)
+        tracking.add(step.state.sightings, to_markers(poses, self._markers))
 
 
 def copy_frames(frames: Sequence[Frame]) -> list[Frame]:

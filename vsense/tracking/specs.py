@@ -7,13 +7,14 @@ still reported at its place; `id` is its name in the experiment file.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from vsense.cameras.camera import Camera
 from vsense.cameras.genicam import FREE, GenicamSettings
 from vsense.cameras.opencv_source import Controls
 from vsense.errors import ConfigError
+from vsense.tracking.marker_offsets import PlacedMarker
 
 DIRECTORY = "directory"
 VIDEO = "video"
@@ -158,6 +159,7 @@ class TrackingSession:
         server_port: TCP port of the arena tracking server.
         key_frame_period: every so many timesteps the whole picture is searched; 1: always.
         square_size_m: side of the square searched around a known robot in between.
+        offsets: by tag, where markers sit on their robots; those of others sit in the middle.
     """
 
     file: str
@@ -167,6 +169,7 @@ class TrackingSession:
     square_size_m: float
     views: tuple[CameraTrackerSpec, ...]
     record: RecordSpec
+    offsets: Mapping[int, PlacedMarker] = field(default_factory=dict)
 
     @property
     def is_live(self) -> bool:
