@@ -104,7 +104,7 @@ class ExpectedRobot:
     program: ToldProgram | None = None
 
 
-class Roster:
+class SessionTable:
     """The robots of the experiment.
 
     Args:
