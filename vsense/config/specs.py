@@ -132,6 +132,7 @@ class ControllerSpec:
         told: lines that a controller for ARGoS is sent instead of its settings; "": it is none.
         devices: all that it declares.
         wheel_noise: of its robots in lab and simulation; None: they obey.
+        strict: robots that run a program of another name are turned away.
     """
 
     id: str
@@ -146,6 +147,7 @@ class ControllerSpec:
     devices: tuple[DeviceSpec, ...] = ()
     wheel_noise: WheelNoise | None = None
     told: str = ""
+    strict: bool = False
 
     @property
     def program(self) -> Program:

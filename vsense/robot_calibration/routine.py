@@ -1,0 +1,267 @@
+"""What one robot does to be calibrated: a generator that takes moments and gives wheel speeds.
+
+It turns on the spot both ways, drives a short way forth and back, which shows roughly where its
+marker sits, and then two longer ways forth and back in different directions. It waits for room
+before each, and stands again in the end about where it stood.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from vsense.arena import wrap_angle
+from vsense.errors import VsenseError
+from vsense.physics.motion import AXLE_M, STEP_M
+from vsense.robot_calibration.areas import STRAY_M, Area, FreeFloor, spot, way
+from vsense.robot_calibration.motion_fit import MotionFit, Stretch, fit
+from vsense.world.entities import BODY_RADIUS_M
+
+Speeds = tuple[int, int]
+"""Of the left and the right wheel [steps/s]."""
+
+TURN_STEPS_S, TURN_S = 200, 8.0
+"""A little more than a turn."""
+WAY_STEPS_S = 250
+PROBE_M = 0.08
+WAYS_M = (0.22, 0.18, 0.14, 0.10)
+AIM_STEPS_S, AIM_RAD = 60, math.radians(4.0)
+SETTLE_S = 0.6
+"""After a command its robot may still do what it was told before."""
+UNSEEN_S = 1.0
+REACH_S = 15.0
+
+_STILL: Speeds = (0, 0)
+
+
+class RobotFailed(VsenseError):
+    """A robot cannot be calibrated; the message says why, without its name."""
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """A robot in one timestep.
+
+    Attributes:
+        time_s: of the pictures.
+        pose: its marker's x, y [m] and yaw [rad]; None: not seen in this timestep.
+        motors: what its motors were told last, as its telemetry says [steps/s].
+        connected: whether it answers.
+        shown: what its controller shows, by name.
+    """
+
+    time_s: float
+    pose: tuple[float, float, float] | None
+    motors: Speeds
+    connected: bool
+    shown: dict[str, float] = field(default_factory=dict)
+
+
+Acting = Generator[Speeds, Moment, None]
+
+
+class MotionRoutine:
+    """One robot's routine.
+
+    Attributes:
+        doing: what it does, in a word.
+        stretches: what was measured so far.
+        waits: whether it waits for room.
+        result: what was found, once `run` has ended.
+    """
+
+    def __init__(self, tag: int, floor: FreeFloor) -> None:
+        self.tag = tag
+        self.doing = "waiting"
+        self.stretches: list[Stretch] = []
+        self.waits = False
+        self.result: MotionFit | None = None
+        self._floor = floor
+        self._moment = Moment(0.0, None, _STILL, False)
+        self._seen_s = self._heard_s = -math.inf
+        self._trim = 1.0
+
+    def run(self) -> Acting:
+        """The routine; RobotFailed, or BadFit of `fit`, where it cannot go on."""
+        yield from self._look()
+        yield from self._room(lambda: spot(*self._place))
+        for sign in (1, -1):
+            self.doing = "turning"
+            speeds = (-sign * TURN_STEPS_S, sign * TURN_STEPS_S)
+            yield from self._measure(speeds, TURN_S, spot(*self._place))
+        yield from self._there_and_back((PROBE_M,), None)
+        heading = yield from self._there_and_back(WAYS_M, None)
+        yield from self._there_and_back(WAYS_M, heading)
+        self.doing = "done"
+        self.result = fit(self.stretches)
+
+    def stop(self) -> None:
+        """The robot stands, for whatever reason."""
+        self._floor.take(self.tag)
+        self.waits = False
+
+    def see(self, moment: Moment) -> None:
+        """Notes where the robot is.
+
+        Raises:
+            RobotFailed: it was not seen, or has not answered, for too long.
+        """
+        if moment.pose is not None:
+            self._seen_s = moment.time_s
+            self._floor.places[self.tag] = moment.pose[:2]
+        if moment.connected:
+            self._heard_s = moment.time_s
+        begun = self.stretches or self.doing == "turning"
+        for since, words in ((self._seen_s, "was not seen"), (self._heard_s, "did not answer")):
+            if begun and moment.time_s - since > UNSEEN_S:
+                raise RobotFailed(f"{words} for {UNSEEN_S:g} s while it was {self.doing}")
+        self._moment = moment
+
+    @property
+    def _place(self) -> tuple[float, float]:
+        return self._floor.places[self.tag]
+
+    def _step(self, speeds: Speeds) -> Generator[Speeds, Moment, Moment]:
+        self.see((yield speeds))
+        return self._moment
+
+    def _look(self) -> Acting:
+        """Waits until the robot is seen and answers."""
+        begun_s: float | None = None
+        while True:
+            moment = yield from self._step(_STILL)
+            begun_s = moment.time_s if begun_s is None else begun_s
+            if moment.pose is not None and moment.connected:
+                return
+            if moment.time_s - begun_s > REACH_S:
+                raise RobotFailed("does not answer" if moment.pose else "is not seen")
+
+    def _room(self, choose: Callable[[], Area | None]) -> Generator[Speeds, Moment, Area]:
+        """Stands until there is room, and takes it."""
+        self._floor.take(self.tag)
+        self.doing = "waiting"
+        while True:
+            area = choose()
+            self.waits = area is None or not self._floor.is_free(self.tag, area)
+            if area is not None and not self.waits:
+                self._floor.give(self.tag, area)
+                return area
+            yield from self._step(_STILL)
+
+    def _there_and_back(
+        self, lengths_m: tuple[float, ...], unlike_rad: float | None
+    ) -> Generator[Speeds, Moment, float]:
+        """Drives the longest free way forth and back; gives the heading."""
+        known = fit(self.stretches, True).marker.yaw_rad if self._has_driven else 0.0
+        chosen: tuple[float, float] = (0.0, 0.0)
+
+        def choose() -> Area | None:
+            nonlocal chosen
+            # The robot's own heading, as far as it is known.
+            yaw = self._yaw - known
+            found = self._floor.longest_way(self.tag, lengths_m, yaw, unlike_rad)
+            if found is None:
+                return None
+            chosen = found
+            return way(*self._place, *found)
+
+        area = yield from self._room(choose)
+        heading, length_m = chosen
+        self.doing = "driving"
+        yield from self._aim(heading + known)
+        speeds = self._straight()
+        duration_s = length_m / (WAY_STEPS_S * STEP_M)
+        for sign in (1, -1):
+            yield from self._measure((sign * speeds[0], sign * speeds[1]), duration_s, area)
+        return heading
+
+    @property
+    def _has_driven(self) -> bool:
+        return any(not stretch.is_turn for stretch in self.stretches)
+
+    @property
+    def _yaw(self) -> float:
+        """The marker's heading as seen last."""
+        pose = self._moment.pose
+        if pose is None:
+            raise RobotFailed("was not seen when it was to set out")
+        return pose[2]
+
+    def _straight(self) -> Speeds:
+        """Wheel speeds that make it drive straight, as far as is known."""
+        if not self._has_driven:
+            return WAY_STEPS_S, WAY_STEPS_S
+        driven = [s for s in self.stretches if not s.is_turn]
+        turned = sum(math.copysign(1, s.left_steps_s) * _turned(s) for s in driven)
+        steps = sum(float(np.ptp(s.times_s)) * abs(s.left_steps_s + s.right_steps_s) / 2.0
+                    for s in driven)  # fmt: skip
+        share = turned * AXLE_M / (steps * STEP_M) / 2.0
+        return round(WAY_STEPS_S * (1.0 + share)), round(WAY_STEPS_S * (1.0 - share))
+
+    def _aim(self, yaw_rad: float) -> Acting:
+        """Turns the marker's heading to an angle."""
+        limit_s = self._moment.time_s + REACH_S
+        while True:
+            moment = self._moment
+            if moment.pose is not None:
+                off = float(wrap_angle(yaw_rad - moment.pose[2]))
+                if abs(off) < AIM_RAD:
+                    break
+                fast = TURN_STEPS_S if abs(off) > math.radians(40.0) else AIM_STEPS_S
+                turn = fast if off > 0.0 else -fast
+            if moment.time_s > limit_s:
+                raise RobotFailed("does not turn where it is told to: is it held?")
+            yield from self._step((-turn, turn))
+        yield from self._rest()
+
+    def _rest(self) -> Acting:
+        until_s = self._moment.time_s + SETTLE_S
+        while self._moment.time_s < until_s or self._moment.pose is None:
+            yield from self._step(_STILL)
+
+    def _measure(self, speeds: Speeds, duration_s: float, area: Area) -> Acting:
+        """Drives at constant speeds for a while, and keeps what was seen meanwhile."""
+        begun_s = self._moment.time_s
+        from_s, until_s = begun_s + SETTLE_S, begun_s + duration_s
+        seen: list[Moment] = []
+        while self._moment.time_s < until_s:
+            moment = yield from self._step(speeds)
+            if moment.pose is None:
+                continue
+            if area.strays(*moment.pose[:2]) > area.radius_m - BODY_RADIUS_M + STRAY_M / 2.0:
+                raise RobotFailed("left the way that was free for it: is it held or pushed?")
+            if moment.time_s >= from_s:
+                seen.append(moment)
+        self.stretches.append(_stretch_of(seen))
+        yield from self._rest()
+
+
+def _turned(stretch: Stretch) -> float:
+    """How far it turned [rad]."""
+    yaw = np.unwrap(stretch.poses[:, 2])
+    return float(yaw[-1] - yaw[0])
+
+
+def _stretch_of(seen: list[Moment]) -> Stretch:
+    """Moments with the motors' most common speeds, but for those beside others.
+
+    Raises:
+        RobotFailed: the motors did not keep their speeds.
+    """
+    told = [moment.motors for moment in seen]
+    usual = max(set(told), key=told.count, default=_STILL)
+    if usual == _STILL or told.count(usual) < 0.6 * len(told) or len(told) < 8:
+        raise RobotFailed("its motors did not turn as they were told: look at its log")
+    steady = [
+        moment
+        for number, moment in enumerate(seen)
+        if all(motors == usual for motors in told[max(number - 3, 0) : number + 3])
+    ]
+    return Stretch(
+        np.array([moment.time_s for moment in steady]),
+        np.array([moment.pose for moment in steady]),
+        *map(float, usual),
+    )
