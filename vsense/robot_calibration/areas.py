@@ -23,8 +23,11 @@ STANDING_M = BODY_RADIUS_M + 0.012
 """Radius that is kept around a robot that stands: markers sit up to some millimetres off."""
 STRAY_M = 0.022
 """A robot may stray so far from the way that it was given."""
+TOUCHING_M = 2.0 * BODY_RADIUS_M + 0.006
+"""Two robots this near to each other may touch, wherever their markers sit."""
 
 _STEP_M = 0.01
+_NEARER_M = 0.002
 _HEADINGS = 24
 _OTHER_WAY_RAD = math.radians(60.0)
 """A second way leads at least so much elsewhere: what is wrong with a camera shows up."""
@@ -41,11 +44,10 @@ class Area:
         """How far a place is from the points."""
         return float(np.hypot(self.points[:, 0] - x_m, self.points[:, 1] - y_m).min())
 
-    def meets(self, other: Area) -> bool:
-        """Whether the two overlap."""
+    def distance_m(self, other: Area) -> float:
+        """How near their points come."""
         between = self.points[:, None] - other.points[None]
-        nearest = float(np.hypot(between[..., 0], between[..., 1]).min())
-        return nearest < self.radius_m + other.radius_m
+        return float(np.hypot(between[..., 0], between[..., 1]).min())
 
 
 def spot(x_m: float, y_m: float) -> Area:
@@ -90,10 +92,20 @@ class FreeFloor:
         return nearest
 
     def is_free(self, tag: int, area: Area) -> bool:
-        """Whether the robot `tag` can have an area."""
-        if self.clearance_m(area.points) < area.radius_m:
+        """Whether the robot `tag` can have an area.
+
+        Where it stands too near to something already it may go where it comes no nearer, as long as
+        the two do not touch.
+        """
+        here = Area(np.array([self.places[tag]]), BODY_RADIUS_M)
+        least = min(area.radius_m, self.clearance_m(here.points) - _NEARER_M)
+        if self.clearance_m(area.points) < max(least, TOUCHING_M / 2.0):
             return False
-        return not any(area.meets(other) for other in self._others(tag))
+        for other in self._others(tag):
+            kept = min(area.radius_m + other.radius_m, here.distance_m(other) - _NEARER_M)
+            if area.distance_m(other) < max(kept, TOUCHING_M):
+                return False
+        return True
 
     def give(self, tag: int, area: Area) -> None:
         """Gives a robot an area in place of the one that it had."""
@@ -114,9 +126,9 @@ class FreeFloor:
             unlike_rad: the way must lead elsewhere than this, and than back from there.
         """
         x_m, y_m = self.places[tag]
-        turns = np.arange(_HEADINGS) * 2.0 * math.pi / _HEADINGS
-        turns = sorted(np.where(turns > math.pi, turns - 2.0 * math.pi, turns).tolist(), key=abs)
-        headings = [yaw_rad + turn for turn in turns]
+        each = 2.0 * math.pi / _HEADINGS
+        turns = sorted(range(-_HEADINGS // 2, _HEADINGS // 2), key=abs)
+        headings = [yaw_rad + each * turn for turn in turns]
         if unlike_rad is not None:
             least = math.sin(_OTHER_WAY_RAD)
             headings = [h for h in headings if abs(math.sin(h - unlike_rad)) >= least]

@@ -55,7 +55,9 @@ def drive(
         for step in runner.timesteps():
             seen = _seen(step.state.robots)
             floor.places.update({tag: pose[1][:2] for tag, pose in seen.items() if tag in objects})
-            moments = {tag: _moment(step.capture_ns, seen.get(tag), runner.robots[tag]) for tag in tags}
+            moments = {
+                tag: _moment(step.capture_ns, seen.get(tag), runner.robots[tag]) for tag in tags
+            }
             wheels.speeds = swarm.step(moments)
             progress(swarm.progress())
             if swarm.is_over:
@@ -82,9 +84,7 @@ def _seen(robots: NDArray[np.void]) -> dict[int, tuple[float, _Pose]]:
     }
 
 
-def _moment(
-    now_ns: int, seen: tuple[float, _Pose] | None, status: RobotStatus
-) -> Moment:
+def _moment(now_ns: int, seen: tuple[float, _Pose] | None, status: RobotStatus) -> Moment:
     time_s, pose = (now_ns * 1e-9, None) if seen is None else seen
     telemetry = status.telemetry
     if telemetry is None:

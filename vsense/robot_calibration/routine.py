@@ -28,7 +28,14 @@ TURN_STEPS_S, TURN_S = 200, 8.0
 WAY_STEPS_S = 250
 PROBE_M = 0.08
 WAYS_M = (0.22, 0.18, 0.14, 0.10)
-AIM_STEPS_S, AIM_RAD = 60, math.radians(4.0)
+AIM_RAD, FAR_RAD, AIM_S = math.radians(4.0), math.radians(40.0), 0.1
+ARM_M = 0.05
+"""A turn counts as much as a way this far from the middle."""
+LEAST, ENOUGH, TRIES = 8, 14, 3
+"""Poses of a part of a drive, and of all of it; and how often it is tried."""
+UNSTEADY = (
+    "its motors did not turn as they were told: see its log, and whether this computer is slow"
+)
 SETTLE_S = 0.6
 """After a command its robot may still do what it was told before."""
 UNSEEN_S = 1.0
@@ -87,11 +94,8 @@ class MotionRoutine:
     def run(self) -> Acting:
         """The routine; RobotFailed, or BadFit of `fit`, where it cannot go on."""
         yield from self._look()
-        yield from self._room(lambda: spot(*self._place))
         for sign in (1, -1):
-            self.doing = "turning"
-            speeds = (-sign * TURN_STEPS_S, sign * TURN_STEPS_S)
-            yield from self._measure(speeds, TURN_S, spot(*self._place))
+            yield from self._turn(sign)
         yield from self._there_and_back((PROBE_M,), None)
         heading = yield from self._there_and_back(WAYS_M, None)
         yield from self._there_and_back(WAYS_M, heading)
@@ -151,10 +155,30 @@ class MotionRoutine:
                 return area
             yield from self._step(_STILL)
 
+    def _turn(self, sign: int) -> Acting:
+        """Turns on the spot, to the left for 1."""
+        area = yield from self._room(lambda: spot(*self._place))
+        self.doing = "turning"
+        speeds = (-sign * TURN_STEPS_S, sign * TURN_STEPS_S)
+        for _ in range(TRIES):
+            if (yield from self._measure(speeds, TURN_S, area)) >= ENOUGH:
+                return
+        raise RobotFailed(UNSTEADY)
+
     def _there_and_back(
         self, lengths_m: tuple[float, ...], unlike_rad: float | None
     ) -> Generator[Speeds, Moment, float]:
         """Drives the longest free way forth and back; gives the heading."""
+        for _ in range(TRIES):
+            heading, enough = yield from self._way(lengths_m, unlike_rad)
+            if enough:
+                return heading
+        raise RobotFailed(UNSTEADY)
+
+    def _way(
+        self, lengths_m: tuple[float, ...], unlike_rad: float | None
+    ) -> Generator[Speeds, Moment, tuple[float, bool]]:
+        """Drives a way once; gives its heading, and whether enough of it was seen."""
         known = fit(self.stretches, True).marker.yaw_rad if self._has_driven else 0.0
         chosen: tuple[float, float] = (0.0, 0.0)
 
@@ -172,11 +196,18 @@ class MotionRoutine:
         heading, length_m = chosen
         self.doing = "driving"
         yield from self._aim(heading + known)
-        speeds = self._straight()
-        duration_s = length_m / (WAY_STEPS_S * STEP_M)
-        for sign in (1, -1):
-            yield from self._measure((sign * speeds[0], sign * speeds[1]), duration_s, area)
-        return heading
+        left, right = self._straight()
+        from_m, along = np.array(self._place), np.array([math.cos(heading), math.sin(heading)])
+        duration_s = 2.0 * length_m / (WAY_STEPS_S * STEP_M)
+
+        def gone_m() -> float:
+            return float((np.array(self._place) - from_m) @ along)
+
+        forth = yield from self._measure(
+            (left, right), duration_s, area, lambda: gone_m() >= length_m
+        )
+        back = yield from self._measure((-left, -right), duration_s, area, lambda: gone_m() <= 0.0)
+        return heading, min(forth, back) >= ENOUGH
 
     @property
     def _has_driven(self) -> bool:
@@ -202,41 +233,54 @@ class MotionRoutine:
         return round(WAY_STEPS_S * (1.0 + share)), round(WAY_STEPS_S * (1.0 - share))
 
     def _aim(self, yaw_rad: float) -> Acting:
-        """Turns the marker's heading to an angle."""
+        """Turns the marker's heading to an angle: fast at first, then by steps after each of which
+        it is looked at."""
         limit_s = self._moment.time_s + REACH_S
         while True:
-            moment = self._moment
-            if moment.pose is not None:
-                off = float(wrap_angle(yaw_rad - moment.pose[2]))
-                if abs(off) < AIM_RAD:
-                    break
-                fast = TURN_STEPS_S if abs(off) > math.radians(40.0) else AIM_STEPS_S
-                turn = fast if off > 0.0 else -fast
-            if moment.time_s > limit_s:
+            off = float(wrap_angle(yaw_rad - self._yaw)) if self._moment.pose else math.inf
+            if abs(off) < AIM_RAD:
+                return
+            if self._moment.time_s > limit_s:
                 raise RobotFailed("does not turn where it is told to: is it held?")
+            if abs(off) > FAR_RAD:
+                turn = 0 if math.isinf(off) else round(math.copysign(TURN_STEPS_S, off))
+                yield from self._step((-turn, turn))
+                continue
+            turn = round(off * AXLE_M / (2.0 * STEP_M * AIM_S))
+            turn = min(max(turn, -TURN_STEPS_S), TURN_STEPS_S)
             yield from self._step((-turn, turn))
-        yield from self._rest()
+            yield from self._rest()
 
     def _rest(self) -> Acting:
         until_s = self._moment.time_s + SETTLE_S
         while self._moment.time_s < until_s or self._moment.pose is None:
             yield from self._step(_STILL)
 
-    def _measure(self, speeds: Speeds, duration_s: float, area: Area) -> Acting:
-        """Drives at constant speeds for a while, and keeps what was seen meanwhile."""
+    def _measure(
+        self,
+        speeds: Speeds,
+        duration_s: float,
+        area: Area,
+        there: Callable[[], bool] = lambda: False,
+    ) -> Generator[Speeds, Moment, int]:
+        """Drives at constant speeds for a while, or until it is there; keeps what was seen.
+
+        Gives how many poses that were.
+        """
         begun_s = self._moment.time_s
-        from_s, until_s = begun_s + SETTLE_S, begun_s + duration_s
         seen: list[Moment] = []
-        while self._moment.time_s < until_s:
+        while self._moment.time_s < begun_s + duration_s and not there():
             moment = yield from self._step(speeds)
             if moment.pose is None:
                 continue
             if area.strays(*moment.pose[:2]) > area.radius_m - BODY_RADIUS_M + STRAY_M / 2.0:
                 raise RobotFailed("left the way that was free for it: is it held or pushed?")
-            if moment.time_s >= from_s:
+            if moment.time_s >= begun_s + SETTLE_S:
                 seen.append(moment)
-        self.stretches.append(_stretch_of(seen))
+        found = steady(seen)
+        self.stretches += found
         yield from self._rest()
+        return sum(len(stretch.times_s) for stretch in found)
 
 
 def _turned(stretch: Stretch) -> float:
@@ -245,23 +289,32 @@ def _turned(stretch: Stretch) -> float:
     return float(yaw[-1] - yaw[0])
 
 
-def _stretch_of(seen: list[Moment]) -> Stretch:
-    """Moments with the motors' most common speeds, but for those beside others.
+def steady(seen: list[Moment]) -> list[Stretch]:
+    """The parts of a drive in which the motors kept their speeds.
 
-    Raises:
-        RobotFailed: the motors did not keep their speeds.
+    They did not where their telemetry says so, nor where the robot was slower between two pictures
+    than it mostly was: old readings make it stand for a moment.
     """
+    if len(seen) < LEAST:
+        return []
     told = [moment.motors for moment in seen]
-    usual = max(set(told), key=told.count, default=_STILL)
-    if usual == _STILL or told.count(usual) < 0.6 * len(told) or len(told) < 8:
-        raise RobotFailed("its motors did not turn as they were told: look at its log")
-    steady = [
-        moment
-        for number, moment in enumerate(seen)
-        if all(motors == usual for motors in told[max(number - 3, 0) : number + 3])
-    ]
-    return Stretch(
-        np.array([moment.time_s for moment in steady]),
-        np.array([moment.pose for moment in steady]),
-        *map(float, usual),
-    )
+    usual = max(set(told), key=told.count)
+    poses = np.array([moment.pose for moment in seen])
+    times_s = np.array([moment.time_s for moment in seen])
+    if usual == _STILL:
+        return []
+    rates = np.hypot(*np.diff(poses[:, :2], axis=0).T) / ARM_M
+    rates = (rates + np.abs(wrap_angle(np.diff(poses[:, 2])))) / np.diff(times_s)
+    usual_rate = float(np.median(rates))
+    spread = 1.4826 * float(np.median(np.abs(rates - usual_rate)))
+    even = np.abs(rates - usual_rate) <= max(5.0 * spread, 0.08 * usual_rate)
+    obeyed = np.array([motors == usual for motors in told])
+    # A change of speed that falls between two pictures spoils the time beside it, too.
+    whole = even & obeyed[1:] & obeyed[:-1]
+    parts, begin = [], 0
+    for end in (*np.flatnonzero(~whole).tolist(), len(whole)):
+        if end + 1 - begin >= LEAST:
+            rows = slice(begin, end + 1)
+            parts.append(Stretch(times_s[rows], poses[rows], *map(float, usual)))
+        begin = end + 1
+    return parts
