@@ -5,18 +5,18 @@ from __future__ import annotations
 import argparse
 import re
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from vsense import clock
-from vsense.commands import arguments, experiments
+from vsense.commands import arguments, experiments, hardware
 from vsense.config.specs import Experiment, Stage
 from vsense.errors import CutShort, UsageError, VsenseError
 from vsense.lab import metrics, report
 from vsense.lab.camera_spec import CameraGrid
+from vsense.lab.hardware import told_all
 from vsense.lab.links import BASES
 from vsense.lab.session import Session
 from vsense.link.robots import keys
@@ -68,12 +68,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     arguments.option(
         parser,
         "--pace",
-        _pace,
+        hardware.pace,
         "P",
         "all clocks of the lab go at this share of real time, 0.01 to 1, where this machine"
         " cannot keep up with more (default: 1)",
         1.0,
     )
+    hardware.add_errors(parser)
     experiments.add_room(parser)
 
 
@@ -82,13 +83,6 @@ def _grid(text: str) -> CameraGrid:
     if found is None:
         raise argparse.ArgumentTypeError(f"'{text}': expected columns and rows, such as 4x4")
     return int(found[1]), int(found[2])
-
-
-def _pace(text: str) -> float:
-    with suppress(ValueError):
-        if 0.01 <= float(text) <= 1.0:
-            return round(float(text), 3)
-    raise argparse.ArgumentTypeError(f"'{text}': expected 0.01 to 1, such as 0.5")
 
 
 COMPLAINTS_TIMESTEP = 10
@@ -114,12 +108,15 @@ def run(options: argparse.Namespace) -> int:
         trust = keys.INSECURE if options.insecure else LinkTrust(keys.make())
         experiments.say_trust(trust, console.say)
         made = experiments.made_of(options, experiment, seed)
+        robots = hardware.robots_of(options, experiment, None)
+        made |= {"hardware": told_all(robots.hardware)} if robots.hardware else {}
         setup = RunSetup(
             *(experiment, seed, options.blind, address, trust, console, interrupted, room, made)
         )
         session = Session(
             *(setup, directory, options.base, options.firmware_watchdog, options.legacy_port),
             options.cameras,
+            robots,
         )
         series = Series(directory, options.runs, room.holds, interrupted)
         failure = _run_all(session, series, room, console)
@@ -256,6 +253,8 @@ def _report(session: Session, number: int, on_stdout: bool, console: Console) ->
         "vision": session.tracking.figures(),
         "measures": recording.measures,
     }
+    if session.robots.hardware:
+        summary["hardware"] = told_all(session.robots.hardware)
     console.say(report.table(summary))
     run_directory.write_summary(recording.directory, summary, on_stdout)
     if summary["unlogged_timesteps"]:

@@ -23,11 +23,11 @@ STANDING_M = BODY_RADIUS_M + 0.012
 """Radius that is kept around a robot that stands: markers sit up to some millimetres off."""
 STRAY_M = 0.022
 """A robot may stray so far from the way that it was given."""
-TOUCHING_M = 2.0 * BODY_RADIUS_M + 0.006
+TOUCHING_M = 2.0 * BODY_RADIUS_M + 0.002
 """Two robots this near to each other may touch, wherever their markers sit."""
 
 _STEP_M = 0.01
-_NEARER_M = 0.002
+_NEARER_M = 0.004
 _HEADINGS = 24
 _OTHER_WAY_RAD = math.radians(60.0)
 """A second way leads at least so much elsewhere: what is wrong with a camera shows up."""
@@ -106,6 +106,12 @@ class FreeFloor:
             if area.distance_m(other) < max(kept, TOUCHING_M):
                 return False
         return True
+
+    def is_crowded(self, tag: int) -> bool:
+        """Whether another body stands so near that the two may touch when one turns."""
+        here = Area(np.array([self.places[tag]]), BODY_RADIUS_M)
+        near_m = STANDING_M + BODY_RADIUS_M
+        return any(here.distance_m(other) < near_m for other in self._others(tag))
 
     def give(self, tag: int, area: Area) -> None:
         """Gives a robot an area in place of the one that it had."""

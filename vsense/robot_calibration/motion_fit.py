@@ -186,7 +186,8 @@ class _Problem:
         errors = np.concatenate([self._errors(i) for i in range(len(self._stretches))])
         rms_m = math.sqrt(float((errors[:, :2] ** 2).sum(axis=1).mean()))
         rms_rad = math.sqrt(float((errors[:, 2] ** 2).mean()))
-        covariance: Floats = np.linalg.inv(self._normal()[0]) * self._memory()
+        inverse = np.linalg.inv(self._normal()[0])
+        covariance = np.asarray(inverse * self._memory(), dtype=np.float64)
         if rms_m > MOST_RMS_M or rms_rad > MOST_RMS_RAD:
             raise BadFit(
                 f"{1000 * rms_m:.1f} mm and {math.degrees(rms_rad):.1f} degrees are left over, at"

@@ -26,7 +26,7 @@ Speeds = tuple[int, int]
 TURN_STEPS_S, TURN_S = 200, 8.0
 """A little more than a turn."""
 WAY_STEPS_S = 250
-PROBE_M = 0.08
+PROBE_M, LEAVE_M = 0.08, 0.06
 WAYS_M = (0.22, 0.18, 0.14, 0.10)
 AIM_RAD, FAR_RAD, AIM_S = math.radians(4.0), math.radians(40.0), 0.1
 ARM_M = 0.05
@@ -94,6 +94,8 @@ class MotionRoutine:
     def run(self) -> Acting:
         """The routine; RobotFailed, or BadFit of `fit`, where it cannot go on."""
         yield from self._look()
+        if self._floor.is_crowded(self.tag):
+            yield from self._leave()
         for sign in (1, -1):
             yield from self._turn(sign)
         yield from self._there_and_back((PROBE_M,), None)
@@ -165,6 +167,24 @@ class MotionRoutine:
                 return
         raise RobotFailed(UNSTEADY)
 
+    def _leave(self) -> Acting:
+        """Drives away from who stands near, to turn without touching anybody."""
+        chosen = 0.0
+
+        def choose() -> Area | None:
+            nonlocal chosen
+            found = self._floor.longest_way(self.tag, (LEAVE_M,), self._yaw)
+            chosen = 0.0 if found is None else found[0]
+            return None if found is None else way(*self._place, *found)
+
+        yield from self._room(choose)
+        self.doing = "making room"
+        yield from self._aim(chosen)
+        until_s = self._moment.time_s + LEAVE_M / (WAY_STEPS_S * STEP_M)
+        while self._moment.time_s < until_s:
+            yield from self._step((WAY_STEPS_S, WAY_STEPS_S))
+        yield from self._rest()
+
     def _there_and_back(
         self, lengths_m: tuple[float, ...], unlike_rad: float | None
     ) -> Generator[Speeds, Moment, float]:
@@ -225,11 +245,11 @@ class MotionRoutine:
         """Wheel speeds that make it drive straight, as far as is known."""
         if not self._has_driven:
             return WAY_STEPS_S, WAY_STEPS_S
-        driven = [s for s in self.stretches if not s.is_turn]
-        turned = sum(math.copysign(1, s.left_steps_s) * _turned(s) for s in driven)
-        steps = sum(float(np.ptp(s.times_s)) * abs(s.left_steps_s + s.right_steps_s) / 2.0
-                    for s in driven)  # fmt: skip
-        share = turned * AXLE_M / (steps * STEP_M) / 2.0
+        # The first way was driven with equal speeds, of which its settings may have made others.
+        first = next(stretch for stretch in self.stretches if not stretch.is_turn)
+        known = fit(self.stretches, True)
+        ratio = first.left_steps_s / (first.right_steps_s * known.wheel_ratio)
+        share = (1.0 - ratio) / (1.0 + ratio)
         return round(WAY_STEPS_S * (1.0 + share)), round(WAY_STEPS_S * (1.0 - share))
 
     def _aim(self, yaw_rad: float) -> Acting:
@@ -281,12 +301,6 @@ class MotionRoutine:
         self.stretches += found
         yield from self._rest()
         return sum(len(stretch.times_s) for stretch in found)
-
-
-def _turned(stretch: Stretch) -> float:
-    """How far it turned [rad]."""
-    yaw = np.unwrap(stretch.poses[:, 2])
-    return float(yaw[-1] - yaw[0])
 
 
 def steady(seen: list[Moment]) -> list[Stretch]:

@@ -1,0 +1,74 @@
+"""Options that say what robots of the lab differ in."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import re
+from contextlib import suppress
+from typing import Any
+
+from vsense.commands import arguments
+from vsense.config.roster import Roster
+from vsense.config.specs import Experiment
+from vsense.lab.hardware import HardwareErrors, LabRobots, draw_all
+
+_NUMBER = r"\d+(?:\.\d+)?"
+USUAL = HardwareErrors(0.004, math.radians(5.0), 0.05, 0.0)
+"""What a calibration is tried on."""
+
+
+def add_errors(parser: Any, usual: bool = False) -> None:
+    """Declares what is drawn; nothing by default, or `usual` errors."""
+    marker, wheel = ("4,5", "5") if usual else ("0,0", "0")
+    arguments.option(
+        *(parser, "--marker-errors", _marker, "MM,DEG"),
+        f"each robot's marker sits up to so many mm and degrees off its middle (default: {marker})",
+        (USUAL.marker_m, USUAL.marker_rad) if usual else (0.0, 0.0),
+    )
+    arguments.option(
+        *(parser, "--wheel-errors", _percent, "PERCENT"),
+        f"each wheel and axle is up to so much larger or smaller, 0 to 9 (default: {wheel})",
+        USUAL.wheel if usual else 0.0,
+    )
+    arguments.option(
+        *(parser, "--robots-seed", arguments.natural, "N"),
+        "seed of what robots differ in: with another one they are other robots (default: 0)",
+        0,
+    )
+
+
+def errors_of(options: argparse.Namespace) -> HardwareErrors:
+    """Returns what `add_errors` declares."""
+    marker_m, marker_rad = options.marker_errors
+    return HardwareErrors(marker_m, marker_rad, options.wheel_errors, 0.0, options.robots_seed)
+
+
+def robots_of(
+    options: argparse.Namespace, experiment: Experiment, known: Roster | None
+) -> LabRobots:
+    """The lab's robots: what is drawn of them, and the settings that a roster has of them."""
+    tags = [robot.tag for robot in experiment.robots]
+    settings = {} if known is None else {r.tag: r.calibration.settings for r in known.robots}
+    return LabRobots(hardware=draw_all(tags, errors_of(options)), settings=settings)
+
+
+def _marker(text: str) -> tuple[float, float]:
+    found = re.fullmatch(rf"({_NUMBER}),({_NUMBER})", text)
+    if found is None or float(found[1]) > 20.0 or float(found[2]) > 180.0:
+        raise argparse.ArgumentTypeError(f"'{text}': expected mm and degrees, such as 4,5")
+    return float(found[1]) / 1000.0, math.radians(float(found[2]))
+
+
+def _percent(text: str) -> float:
+    if not re.fullmatch(_NUMBER, text) or float(text) > 9.0:
+        raise argparse.ArgumentTypeError(f"'{text}': expected a percentage from 0 to 9, such as 5")
+    return float(text) / 100.0
+
+
+def pace(text: str) -> float:
+    """Reads the pace of a lab's clocks."""
+    with suppress(ValueError):
+        if 0.01 <= float(text) <= 1.0:
+            return round(float(text), 3)
+    raise argparse.ArgumentTypeError(f"'{text}': expected 0.01 to 1, such as 0.5")
