@@ -6,16 +6,19 @@ import argparse
 import math
 import re
 from contextlib import suppress
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from vsense.commands import arguments
-from vsense.config.roster import Roster
+from vsense.config import roster
+from vsense.config.roster import FILE_NAME, Roster
+from vsense.config.roster_fields import MarkerOffset
 from vsense.config.specs import Experiment
-from vsense.lab.hardware import HardwareErrors, LabRobots, draw_all
+
+if TYPE_CHECKING:
+    from vsense.lab.hardware import HardwareErrors, LabRobots
 
 _NUMBER = r"\d+(?:\.\d+)?"
-USUAL = HardwareErrors(0.004, math.radians(5.0), 0.05, 0.0)
-"""What a calibration is tried on."""
 
 
 def add_errors(parser: Any, usual: bool = False) -> None:
@@ -24,12 +27,12 @@ def add_errors(parser: Any, usual: bool = False) -> None:
     arguments.option(
         *(parser, "--marker-errors", _marker, "MM,DEG"),
         f"each robot's marker sits up to so many mm and degrees off its middle (default: {marker})",
-        (USUAL.marker_m, USUAL.marker_rad) if usual else (0.0, 0.0),
+        _marker(marker),
     )
     arguments.option(
         *(parser, "--wheel-errors", _percent, "PERCENT"),
         f"each wheel and axle is up to so much larger or smaller, 0 to 9 (default: {wheel})",
-        USUAL.wheel if usual else 0.0,
+        _percent(wheel),
     )
     arguments.option(
         *(parser, "--robots-seed", arguments.natural, "N"),
@@ -40,6 +43,8 @@ def add_errors(parser: Any, usual: bool = False) -> None:
 
 def errors_of(options: argparse.Namespace) -> HardwareErrors:
     """Returns what `add_errors` declares."""
+    from vsense.lab.hardware import HardwareErrors
+
     marker_m, marker_rad = options.marker_errors
     return HardwareErrors(marker_m, marker_rad, options.wheel_errors, 0.0, options.robots_seed)
 
@@ -48,9 +53,33 @@ def robots_of(
     options: argparse.Namespace, experiment: Experiment, known: Roster | None
 ) -> LabRobots:
     """The lab's robots: what is drawn of them, and the settings that a roster has of them."""
+    from vsense.lab.hardware import LabRobots, draw_all
+
     tags = [robot.tag for robot in experiment.robots]
     settings = {} if known is None else {r.tag: r.calibration.settings for r in known.robots}
     return LabRobots(hardware=draw_all(tags, errors_of(options)), settings=settings)
+
+
+def add_roster(parser: argparse.ArgumentParser) -> None:
+    """Declares the roster of a command that only tracks."""
+    arguments.option(
+        *(parser, "--roster", Path, "FILE"),
+        "the lab's robots: where it says how a marker sits on its robot, poses are the robot's"
+        f" (default: {FILE_NAME} in the current folder, where there is one)",
+    )
+
+
+def markers_of(options: argparse.Namespace) -> dict[int, MarkerOffset]:
+    """Where markers sit on their robots, as the roster has it that is meant.
+
+    Raises:
+        UsageError: it cannot be read.
+        ConfigError: something in it is wrong.
+    """
+    path = options.roster
+    if path is None and not Path(FILE_NAME).exists():
+        return {}
+    return roster.read(path or Path(FILE_NAME)).markers
 
 
 def _marker(text: str) -> tuple[float, float]:

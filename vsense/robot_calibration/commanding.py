@@ -43,7 +43,10 @@ class WheelsWanted:
 
 
 def commanded(experiment: Experiment, wheels: WheelsWanted) -> Experiment:
-    """The experiment with nothing in it but arena, walls, robots and objects; `wheels` drive."""
+    """The experiment with nothing in it but arena, walls, robots and objects; `wheels` drive.
+
+    Poses are those of markers: where they sit is what is to be found.
+    """
     source = build.source_tree().controllers()[CONTROLLER]
     controller = ControllerSpec(
         id=CONTROLLER,
@@ -69,4 +72,5 @@ def commanded(experiment: Experiment, wheels: WheelsWanted) -> Experiment:
         fields=(),
         floor=None,
         loop_functions=None,
+        markers={},
     )

@@ -50,9 +50,9 @@ MOST_SIGMA = np.array([0.005, 0.005, 0.005, 0.0005, 0.0005, math.radians(0.3)])
 """Standard deviations with which a result is still one."""
 
 _ITERATIONS = 30
+_ENOUGH = 1e-7
 _HUBER = 2.0
 _COMMON = len(PARAMETERS)
-_OWN = 3
 
 
 class BadFit(VsenseError):
@@ -176,7 +176,7 @@ class _Problem:
             for number, (inverse, own_right, coupling) in enumerate(backs):
                 self._own[number] = self._own[number] + inverse @ (own_right - coupling @ step)
             self._learn_noise()
-            if np.abs(step).max() < 1e-9:
+            if np.abs(step).max() < _ENOUGH:
                 break
         if not np.isfinite(self._common).all():
             raise BadFit("no wheels and no marker explain how it moved")
@@ -236,15 +236,10 @@ class _Problem:
         """Of the expected poses, by common and own parameters: (3 n, 6) and (3 n, 3)."""
         stretch, middle = self._stretches[number], self._middles[number]
         parameters = np.concatenate((self._common, self._own[number]))
-        columns = []
-        for place in range(len(parameters)):
-            change = np.zeros(len(parameters))
-            change[place] = 1e-6
-            ahead, back = parameters + change, parameters - change
-            rise = _markers(ahead[:_COMMON], ahead[_COMMON:], stretch, middle)
-            rise = rise - _markers(back[:_COMMON], back[_COMMON:], stretch, middle)
-            columns.append(rise.reshape(-1) / 2e-6)
-        table = np.stack(columns, axis=1)
+        changes = 1e-6 * np.eye(len(parameters))
+        both = np.concatenate((parameters + changes, parameters - changes))
+        ahead, back = np.split(_markers(both[:, :_COMMON], both[:, _COMMON:], stretch, middle), 2)
+        table = ((ahead - back) / 2e-6).reshape(len(parameters), -1).T
         return table[:, :_COMMON], table[:, _COMMON:]
 
     def _learn_noise(self) -> None:
@@ -277,19 +272,24 @@ def _begin(stretch: Stretch, middle_s: float) -> Floats:
 
 
 def _markers(common: Floats, own: Floats, stretch: Stretch, middle_s: float) -> Floats:
-    """Where the marker should have been seen, (n, 3); see the module."""
-    left, right, axle, marker_x, marker_y, marker_yaw = common
+    """Where the marker should have been seen, (..., n, 3), for parameters (..., 6) and (..., 3).
+
+    See the module.
+    """
+    left, right, axle, marker_x, marker_y, marker_yaw = np.moveaxis(common[..., None, :], -1, 0)
+    own_x, own_y, own_yaw = np.moveaxis(own[..., None, :], -1, 0)
     way_left = STEP_M * left * made_speed(stretch.left_steps_s)
     way_right = STEP_M * right * made_speed(stretch.right_steps_s)
     since_s = stretch.times_s - middle_s
     half = 0.5 * (way_right - way_left) / (axle * AXLE_M) * since_s
     chord = 0.5 * (way_left + way_right) * since_s * np.sinc(half / np.pi)
-    yaw = own[2] + 2.0 * half
+    yaw = own_yaw + 2.0 * half
     cos, sin = np.cos(yaw), np.sin(yaw)
-    return np.column_stack(
+    return np.stack(
         (
-            own[0] + chord * np.cos(own[2] + half) + cos * marker_x - sin * marker_y,
-            own[1] + chord * np.sin(own[2] + half) + sin * marker_x + cos * marker_y,
+            own_x + chord * np.cos(own_yaw + half) + cos * marker_x - sin * marker_y,
+            own_y + chord * np.sin(own_yaw + half) + sin * marker_x + cos * marker_y,
             yaw + marker_yaw,
-        )
+        ),
+        axis=-1,
     )
