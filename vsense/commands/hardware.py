@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from vsense.commands import arguments
 from vsense.config import roster
-from vsense.config.roster import FILE_NAME, Roster
+from vsense.config.roster import FILE_NAME
 from vsense.config.roster_fields import MarkerOffset
 from vsense.config.specs import Experiment
 
@@ -46,31 +46,38 @@ def errors_of(options: argparse.Namespace) -> HardwareErrors:
     from vsense.lab.hardware import HardwareErrors
 
     marker_m, marker_rad = options.marker_errors
-    return HardwareErrors(marker_m, marker_rad, options.wheel_errors, 0.0, options.robots_seed)
+    return HardwareErrors(marker_m, marker_rad, options.wheel_errors, options.robots_seed)
 
 
-def robots_of(
-    options: argparse.Namespace, experiment: Experiment, known: Roster | None
-) -> LabRobots:
-    """The lab's robots: what is drawn of them, and the settings that a roster has of them."""
+def robots_of(options: argparse.Namespace, experiment: Experiment) -> LabRobots:
+    """The lab's robots: what is drawn of them, and what `--roster` knows of them.
+
+    Raises:
+        UsageError: the roster cannot be read.
+        ConfigError: something in it is wrong.
+    """
     from vsense.lab.hardware import LabRobots, draw_all
 
     tags = [robot.tag for robot in experiment.robots]
-    settings = {} if known is None else {r.tag: r.calibration.settings for r in known.robots}
-    return LabRobots(hardware=draw_all(tags, errors_of(options)), settings=settings)
+    drawn = draw_all(tags, errors_of(options))
+    if options.roster is None:
+        return LabRobots(drawn)
+    known = roster.read(options.roster)
+    settings = {robot.tag: robot.calibration.settings for robot in known.robots}
+    return LabRobots(drawn, known.markers, settings)
 
 
-def add_roster(parser: argparse.ArgumentParser) -> None:
-    """Declares the roster of a command that only tracks."""
+def add_roster(parser: argparse.ArgumentParser, found: bool = True) -> None:
+    """Declares the roster that says where markers sit; `found`: it need not be named."""
+    here = f" (default: {FILE_NAME} in the current folder, where there is one)" if found else ""
     arguments.option(
         *(parser, "--roster", Path, "FILE"),
-        "the lab's robots: where it says how a marker sits on its robot, poses are the robot's"
-        f" (default: {FILE_NAME} in the current folder, where there is one)",
+        f"the lab's robots: where it says how a marker sits on one, poses are the robot's{here}",
     )
 
 
 def markers_of(options: argparse.Namespace) -> dict[int, MarkerOffset]:
-    """Where markers sit on their robots, as the roster has it that is meant.
+    """Where markers sit on their robots, as the roster has it that is named or in this folder.
 
     Raises:
         UsageError: it cannot be read.

@@ -75,6 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         1.0,
     )
     hardware.add_errors(parser)
+    hardware.add_roster(parser, found=False)
     experiments.add_room(parser)
 
 
@@ -108,7 +109,7 @@ def run(options: argparse.Namespace) -> int:
         trust = keys.INSECURE if options.insecure else LinkTrust(keys.make())
         experiments.say_trust(trust, console.say)
         made = experiments.made_of(options, experiment, seed)
-        robots = hardware.robots_of(options, experiment, None)
+        robots = hardware.robots_of(options, experiment)
         made |= {"hardware": told_all(robots.hardware)} if robots.hardware else {}
         setup = RunSetup(
             *(experiment, seed, options.blind, address, trust, console, interrupted, room, made)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -116,7 +117,9 @@ def run(options: argparse.Namespace) -> int:
     with interruption() as interrupted, ControlRoom(room_options, console) as room:
         address = (host, 0 if options.lab and options.port is None else port)
         setup = RunSetup(experiment, seed, False, address, trust, console, interrupted, room, {})
-        robots = hardware.robots_of(options, original, known) if options.lab else LabRobots()
+        robots = hardware.robots_of(options, original) if options.lab else LabRobots()
+        # Where markers sit is what is to be found.
+        robots = replace(robots, markers={})
         session = _session(options, setup, directory, robots)
         found = _calibrate(options, session, wheels, directory, console, known, robots)
         if interrupted.is_set():

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.lab.links import Bus, Link, make_link
+from vsense.lab.links import Link, make_link
 from vsense.lab.shared import LabError, LogFile, file_errors
 from vsense.native import lib
 
@@ -125,14 +125,6 @@ class Microcontrollers:
         """Sets the raw values (count, 8) of the proximity sensors ps0..ps7 from now on."""
         for link, raw in zip(self.links, prox_raw):
             link.program.proximity[:] = raw
-
-    def sense_ground(self, raw: NDArray[np.int16]) -> None:
-        """Sets the raw values (count, 3) of the ground sensors, left to right, from now on."""
-        for link, values in zip(self.links, raw.tolist()):
-            boards = [link.program.state.body.inputs]
-            boards += [link.ground] if isinstance(link, Bus) else []
-            for board in boards:
-                board.ground[0:3] = values
 
     def wake(self) -> None:
         """Makes the next `advance` run every microcontroller, as after a change of its state."""

@@ -10,13 +10,10 @@
      "truth": "name of the truth ring", "log": "path of the actuation log",
      "directory": "run directory", "seed": 1, "watchdog": false, "permille": 1000,
      "wheels": [null, {"relative": [0.05, 0.05], ...}, ...],
-     "built": [{"left": 1.02, "right": 0.97, "axle_m": 0.0535, "infrared": [1.1, ...],
-                "ground": [0.9, ...]}, ...],
-     "patches": [{"x_m": 1, "y_m": 0, "size_m": 0.1, "raw": 150}, ...]}
+     "built": [[1.02, 0.97, 0.0535], ...]}
 
-`wheels` are `WheelNoise` by index, null: none; `built` how robots differ from nominal ones, by
-index, see `vsense.lab.hardware`; `patches` squares on the floor with what a ground sensor reads
-there. There may be none of these lists. `permille` is the clock's pace, as in `vsense.clock.slow`.
+`wheels` are `WheelNoise` by index, null: none; `built` how robots are built, as `Physics` takes it,
+by index; there may be neither list. `permille` is the clock's pace, as in `vsense.clock.slow`.
 
 It answers with one line of JSON, `{"bases": ["argos:/dev/pts/3", ...], "epoch_ns": ...}`: where the
 daemon of every robot finds its base, in the order of the indices, and the time of the first tick.
@@ -35,7 +32,7 @@ import select
 import signal
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -47,7 +44,7 @@ from vsense import clock
 from vsense.clock import host_ns
 from vsense.config.specs import Experiment, ObjectSpec, RobotSpec
 from vsense.errors import UsageError, VsenseError, failing_as
-from vsense.lab.hardware import RobotHardware, RobotSenses
+from vsense.lab.hardware import RobotHardware
 from vsense.lab.links import bases_of
 from vsense.lab.microcontrollers import ActuationLog, Microcontrollers
 from vsense.lab.physics_spec import BOX, CYLINDER, POSE, PhysicsSpec, read_number
@@ -72,11 +69,9 @@ class PhysicsProcess:
             LabError: no terminals or sockets, no truth ring, or a log that cannot be written.
         """
         self.controllers = Microcontrollers(spec.bases, spec.watchdog)
-        wheels = None if spec.built is None else spec.built.wheels
         self._physics = Physics(
-            spec.robots, spec.objects, spec.boxes, now_ns, spec.cylinders, wheels
+            spec.robots, spec.objects, spec.boxes, now_ns, spec.cylinders, spec.built
         )
-        self._senses = RobotSenses(spec.built, spec.patches)
         self._rings = ProximityRing(self._physics.near, spec.seed)
         self._wheels = NoisyWheels(spec.wheels, spec.seed)
         self._leds = np.zeros(len(self._physics.poses), dtype=np.uint16)
@@ -150,11 +145,7 @@ class PhysicsProcess:
 
     def _publish(self) -> None:
         self._truth.write(self._tick_ns, self._physics.poses, self._leds)
-        raw = self._rings.read(self._physics.bodies)
-        self.controllers.sense(self._senses.infrared(raw))
-        ground = self._senses.ground(self._physics.poses[: len(raw)])
-        if ground is not None:
-            self.controllers.sense_ground(ground)
+        self.controllers.sense(self._rings.read(self._physics.bodies))
         if self._ticks % FLUSH_TICKS == 0:
             self._log.flush()
 
@@ -221,7 +212,6 @@ class FloorProcess:
         base: str,
         watchdog: bool = False,
         hardware: Mapping[int, RobotHardware] = {},
-        patches: Sequence[Mapping[str, float]] = (),
     ) -> None:
         """Starts the process with robots, objects and walls of a settled experiment.
 
@@ -232,7 +222,6 @@ class FloorProcess:
             base: of all robots, of `vsense.lab.links.BASES`.
             watchdog: as in `Microcontrollers`.
             hardware: how robots are built, by tag; empty: as they should be.
-            patches: on the floor, see the module.
 
         Raises:
             LabError: the process has failed.
@@ -245,8 +234,6 @@ class FloorProcess:
         spec["permille"] = round(clock.pace() * 1000)
         if hardware:
             spec["built"] = [hardware[robot.tag].for_physics() for robot in experiment.robots]
-        if patches:
-            spec["patches"] = [dict(patch) for patch in patches]
         try:
             self._stdin.write(json.dumps(spec).encode() + b"\n")
             self._stdin.flush()

@@ -13,12 +13,10 @@ from numpy.typing import NDArray
 
 from vsense.config.specs import WheelNoise
 from vsense.errors import UsageError
-from vsense.lab.hardware import BuiltRobots
 
 POSE = ("x_m", "y_m", "yaw_rad")
 BOX = (*POSE, "size_x_m", "size_y_m")
 CYLINDER = ("x_m", "y_m", "radius_m")
-_PATCH = ("x_m", "y_m", "size_m", "raw")
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,8 +39,7 @@ class PhysicsSpec:
     watchdog: bool = False
     wheels: tuple[WheelNoise | None, ...] = ()
     permille: int = 1000
-    built: BuiltRobots | None = None
-    patches: NDArray[np.float64] | None = None
+    built: NDArray[np.float64] | None = None
 
     @classmethod
     def parse(cls, line: bytes) -> PhysicsSpec:
@@ -78,7 +75,6 @@ class PhysicsSpec:
             _wheels(spec, len(robots)),
             int(read_number(spec, "permille", "spec: ")) if "permille" in spec else 1000,
             _built(spec, len(robots)),
-            _rows(spec, "patches", _PATCH) if "patches" in spec else None,
         )
 
 
@@ -100,16 +96,19 @@ def _wheels(spec: dict[str, Any], count: int) -> tuple[WheelNoise | None, ...]:
     return tuple(None if noise is None else WheelNoise(**noise) for noise in noises)
 
 
-def _built(spec: dict[str, Any], count: int) -> BuiltRobots | None:
+def _built(spec: dict[str, Any], count: int) -> NDArray[np.float64] | None:
     if "built" not in spec:
         return None
-    try:
-        built = BuiltRobots.of(spec["built"])
-    except (TypeError, KeyError, ValueError):
-        built = None
-    if built is None or len(built.wheels) != count:
-        raise UsageError(f"spec: built: expected {count} robots, as vsense.lab.hardware tells them")
-    return built
+    names = ("left", "right", "axle_m")
+    rows = spec["built"]
+    right = isinstance(rows, list) and len(rows) == count
+    if not right or not all(isinstance(row, list) and len(row) == len(names) for row in rows):
+        raise UsageError(f"spec: built: expected {', '.join(names)} of {count} robots")
+    entries = [dict(zip(names, row)) for row in rows]
+    table = _rows({"built": entries}, "built", names)
+    if (table <= 0.0).any():
+        raise UsageError("spec: built: expected numbers above 0")
+    return table
 
 
 def _rows(spec: dict[str, Any], name: str, fields: tuple[str, ...]) -> NDArray[np.float64]:

@@ -144,15 +144,14 @@ class Session(ExperimentSession):
         self.tracking = self._track(grabber)
         self._stack.callback(self.tracking.close)
         floor = experiment, truth.name, seed, self.directory, self._base, self._watchdog
-        self.floor = FloorProcess(*floor, hardware, self.robots.patches)
+        self.floor = FloorProcess(*floor, hardware)
         self._stack.callback(self.floor.close)
         keys = self.setup.trust.keys
         self.swarm = Swarm(experiment.host, port, seed, self.directory / "robots", keys)
         self._stack.callback(self.swarm.end)
         for robot, base in zip(experiment.robots, self.floor.bases):
             settings = self.robots.settings.get(robot.tag, {})
-            program, device = daemons[robot.controller], base + self.robots.boards
-            self.swarm.start(program, robot.tag, robot.id, device, settings)
+            self.swarm.start(daemons[robot.controller], robot.tag, robot.id, base, settings)
         self.setup.room.recorders.watch_family(experiment.marker, self.tracking)
         scene = self._scene("lab", self.cameras, {}, self.tracking.troubles)
         runtime = self._open_room(self.tracking, scene, ground=Ground(self.floor.put))

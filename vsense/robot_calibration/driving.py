@@ -6,7 +6,7 @@ are told to stand, and where nobody tells them anything any more they stand by t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -89,8 +89,5 @@ def _moment(now_ns: int, seen: tuple[float, _Pose] | None, status: RobotStatus) 
     telemetry = status.telemetry
     if telemetry is None:
         return Moment(time_s, pose, (0, 0), False)
-    shown: Mapping[str, float] = {
-        name: float(value) for name, value in telemetry.shown if isinstance(value, float | int)
-    }
     motors = telemetry.left_steps_s, telemetry.right_steps_s
-    return Moment(time_s, pose, motors, status.connected, dict(shown))
+    return Moment(time_s, pose, motors, status.connected)

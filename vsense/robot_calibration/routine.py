@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Generator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -57,14 +57,12 @@ class Moment:
         pose: its marker's x, y [m] and yaw [rad]; None: not seen in this timestep.
         motors: what its motors were told last, as its telemetry says [steps/s].
         connected: whether it answers.
-        shown: what its controller shows, by name.
     """
 
     time_s: float
     pose: tuple[float, float, float] | None
     motors: Speeds
     connected: bool
-    shown: dict[str, float] = field(default_factory=dict)
 
 
 Acting = Generator[Speeds, Moment, None]
