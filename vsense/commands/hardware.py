@@ -41,6 +41,12 @@ def add_errors(parser: Any, usual: bool = False) -> None:
     )
 
 
+def add_robots(parser: argparse.ArgumentParser) -> None:
+    """Declares what robots of `vsense lab` differ in, and what is known of it."""
+    add_errors(parser)
+    add_roster(parser, found=False)
+
+
 def errors_of(options: argparse.Namespace) -> HardwareErrors:
     """Returns what `add_errors` declares."""
     from vsense.lab.hardware import HardwareErrors

@@ -74,8 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " cannot keep up with more (default: 1)",
         1.0,
     )
-    hardware.add_errors(parser)
-    hardware.add_roster(parser, found=False)
+    hardware.add_robots(parser)
     experiments.add_room(parser)
 
 
@@ -105,15 +104,12 @@ def run(options: argparse.Namespace) -> int:
     console = Console()
     _warn(console, experiment)
     with interruption() as interrupted, ControlRoom(experiments.room_of(options), console) as room:
-        address = (experiment.host, port)
         trust = keys.INSECURE if options.insecure else LinkTrust(keys.make())
         experiments.say_trust(trust, console.say)
-        made = experiments.made_of(options, experiment, seed)
         robots = hardware.robots_of(options, experiment)
-        made |= {"hardware": told_all(robots.hardware)} if robots.hardware else {}
-        setup = RunSetup(
-            *(experiment, seed, options.blind, address, trust, console, interrupted, room, made)
-        )
+        made = experiments.made_of(options, experiment, seed) | told_all(robots.hardware)
+        who = (experiment.host, port), trust, console, interrupted, room
+        setup = RunSetup(experiment, seed, options.blind, *who, made)
         session = Session(
             *(setup, directory, options.base, options.firmware_watchdog, options.legacy_port),
             options.cameras,
@@ -254,8 +250,7 @@ def _report(session: Session, number: int, on_stdout: bool, console: Console) ->
         "vision": session.tracking.figures(),
         "measures": recording.measures,
     }
-    if session.robots.hardware:
-        summary["hardware"] = told_all(session.robots.hardware)
+    summary |= told_all(session.robots.hardware)
     console.say(report.table(summary))
     run_directory.write_summary(recording.directory, summary, on_stdout)
     if summary["unlogged_timesteps"]:

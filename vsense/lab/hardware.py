@@ -109,8 +109,9 @@ def draw_all(tags: Sequence[int], errors: HardwareErrors) -> dict[int, RobotHard
 
 
 def told_all(robots: Mapping[int, RobotHardware]) -> dict[str, Any]:
-    """The truth about all drawn robots, by tag, as JSON holds it."""
-    return {str(tag): robot.told() for tag, robot in robots.items()}
+    """The truth about drawn robots for reports and recordings: "hardware", by tag; or nothing."""
+    told = {str(tag): robot.told() for tag, robot in robots.items()}
+    return {"hardware": told} if told else {}
 
 
 @dataclass(frozen=True, slots=True)

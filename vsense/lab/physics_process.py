@@ -220,20 +220,17 @@ class FloorProcess:
             seed: of the proximity sensors' noise.
             directory: of the log.
             base: of all robots, of `vsense.lab.links.BASES`.
-            watchdog: as in `Microcontrollers`.
-            hardware: how robots are built, by tag; empty: as they should be.
+            watchdog, hardware: as in `Microcontrollers` and `LabRobots`.
 
         Raises:
             LabError: the process has failed.
         """
         self.log = directory / "actuations.bin"
         self._process, self._stdin, self._stdout = start_module("vsense.lab.physics_process")
-        spec = _spec(experiment, truth, seed, self.log)
+        spec = _spec(experiment, truth, seed, self.log, hardware)
         spec["bases"] = bases_of(base, len(experiment.robots))
         spec["watchdog"] = watchdog
         spec["permille"] = round(clock.pace() * 1000)
-        if hardware:
-            spec["built"] = [hardware[robot.tag].for_physics() for robot in experiment.robots]
         try:
             self._stdin.write(json.dumps(spec).encode() + b"\n")
             self._stdin.flush()
@@ -271,9 +268,16 @@ class FloorProcess:
         self._stdout.close()
 
 
-def _spec(experiment: Experiment, truth: str, seed: int, log: Path) -> dict[str, object]:
+def _spec(
+    experiment: Experiment,
+    truth: str,
+    seed: int,
+    log: Path,
+    hardware: Mapping[int, RobotHardware] = {},
+) -> dict[str, object]:
     """The process's spec; see the module."""
     boxes, cylinders = obstacles(experiment.boxes, experiment.cylinders)
+    built = [hardware[robot.tag].for_physics() for robot in experiment.robots if hardware]
     return {
         "robots": [
             {"index": i, "tag": robot.tag, **_pose(robot)}
@@ -287,6 +291,7 @@ def _spec(experiment: Experiment, truth: str, seed: int, log: Path) -> dict[str,
         "directory": str(log.parent),
         "seed": seed,
         "wheels": [None if noise is None else asdict(noise) for noise in experiment.wheel_noises],
+        **({"built": built} if built else {}),
     }
 
 

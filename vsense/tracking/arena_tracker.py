@@ -149,7 +149,7 @@ class ArenaTracker:
             heights_m: The roster.
             prediction: The detector's; gets the expected poses before each timestep.
             workers: The detector's, to be ended with the tracker.
-            offsets: By tag, where markers sit on their robots; None: all in the middle.
+            offsets: By tag, where markers sit on their robots.
 
         Raises:
             TrackingError: There is no camera, two have the same id, or one is no higher than a
@@ -162,13 +162,11 @@ class ArenaTracker:
         self.offsets: dict[int, PlacedMarker] = dict(offsets or {})
         self._offsets = MarkerOffsets(self.offsets)
         self._check_heights()
-        self._limits = limits or Limits()
-        self._prediction = prediction or Prediction()
+        self._limits, self._prediction = limits or Limits(), prediction or Prediction()
         self._prediction.heights_m = self.heights_m
-        self._detector = detector
-        self._workers = workers or Workers()
+        self._detector, self._workers = detector, workers or Workers()
         self._joining = Joining(JoinLimits(max_speed_m_s=self._limits.max_speed_m_s))
-        self._joined: set[int] = set()
+        self._joined = set[int]()
         self._array = CameraArray(self.cameras)
         self._places = {camera.id: place for place, camera in enumerate(self.cameras)}
         self._tracks = RobotTracks(self._limits)
