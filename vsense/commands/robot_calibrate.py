@@ -154,7 +154,7 @@ def _calibrate(
         f" where there is no room for all; files in {directory}"
     )
     with session:
-        driving.wait_for_robots(session, options.wait)
+        session.wait_patiently(options.wait)
         if session.setup.interrupted.is_set():
             raise VsenseError("interrupted before anything was measured")
         swarm = driving.drive(session, wheels, directory, console.progress)

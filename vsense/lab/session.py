@@ -194,6 +194,11 @@ class Session(ExperimentSession):
                 f" {readiness.missing_text()}{logs if readiness.absent else ''}"
             )
 
+    def wait_patiently(self, limit_s: float) -> None:
+        """See `ExperimentSession`; a daemon that ends is told from now on, and the rest goes on."""
+        self._ready = True
+        super().wait_patiently(limit_s)
+
     def _observe(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
         """Checks cameras and daemons; LabError where one has ended before all were ready."""
         self.tracking.check_cameras()

@@ -23,11 +23,6 @@ PATIENCE_S = 20.0
 """Robots are waited for so long; then it begins without those that are missing."""
 
 
-def wait_for_robots(session: ExperimentSession, limit_s: float = PATIENCE_S) -> None:
-    """Waits until all robots are there, or for so long."""
-    session.runner.wait(limit_s)
-
-
 def drive(
     session: ExperimentSession,
     wheels: WheelsWanted,
@@ -58,7 +53,12 @@ def drive(
             moments = {
                 tag: _moment(step.capture_ns, seen.get(tag), runner.robots[tag]) for tag in tags
             }
+            before = set(swarm.failed)
             wheels.speeds = swarm.step(moments)
+            for tag in sorted(swarm.failed.keys() - before):
+                session.setup.console.say(
+                    f"robot {tag} is left out: {swarm.failed[tag]}", "warning"
+                )
             progress(swarm.progress())
             if swarm.is_over:
                 runner.control.end("time")
