@@ -89,6 +89,26 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
             file.write(f"tried again {report.nodeid}\n")
 
 
+def share_parts(cache: Path, factory: pytest.TempPathFactory) -> None:
+    """Has a new cache of builds use the parts that all tests of this session compile once."""
+    base = factory.getbasetemp()
+    session = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+    (session / "parts").mkdir(exist_ok=True)
+    (cache / "vsense").mkdir(parents=True)
+    (cache / "vsense" / "parts").symlink_to(session / "parts")
+
+
+@pytest.fixture
+def own_cache(
+    tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
+) -> Path:
+    """A cache of builds of the test's own: `$XDG_CACHE_HOME`."""
+    cache = tmp_path / "cache"
+    share_parts(cache, tmp_path_factory)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(cache))
+    return cache
+
+
 def require_tool(name: str, package: str) -> str:
     """Gives the tool's path, or skips the test (under CI: fails it), naming the Debian package."""
     path = shutil.which(name)
