@@ -23,18 +23,22 @@ settings.register_profile("vsense", deadline=None)
 settings.load_profile("vsense")
 
 
-ALONE = ("tests/faults/", "tests/system/", "tests/ui/test_lab_page.py")
-"""Tests that need the machine for themselves: whole labs and runs that keep or measure times. Those
-marked `quick` end before anything keeps time."""
+ALONE = (
+    *("tests/faults/", "tests/ui/test_lab_page.py"),
+    *(f"tests/system/test_{name}.py" for name in ("attacked_lab", "flooded_lab", "kills", "lab")),
+)
+"""Tests that need the machine for themselves: whole labs that keep or measure times. Those marked
+`quick` end before anything keeps time, those marked `paced` measure none."""
 
 
 PACED = (
     *("tests/board/", "tests/gige/"),
     *(f"tests/robot/test_{name}.py" for name in ("bases", "daemon", "faults", "hangs")),
     *(f"tests/robot/test_{name}.py" for name in ("hard_faults", "stops")),
+    "tests/system/",
 )
-"""Tests of one board, one daemon or four cameras in real time: with their like only, since a busy
-machine is a fault of cameras too."""
+"""Tests of one board, one daemon, one run or four cameras in real time: with their like only, since
+a busy machine is a fault of cameras too."""
 
 
 LONG = (
@@ -67,9 +71,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         config.hook.pytest_deselected(items=left_out)
     items.sort(key=lambda item: not item.nodeid.startswith(LONG))
     for item in items:
-        if item.nodeid.startswith(ALONE) and item.get_closest_marker("quick") is None:
+        spared = any(map(item.get_closest_marker, ("quick", "paced")))
+        if item.nodeid.startswith(ALONE) and not spared:
             item.add_marker("alone")
-        if item.nodeid.startswith(PACED):
+        elif item.nodeid.startswith(PACED) and item.get_closest_marker("quick") is None:
             item.add_marker("paced")
         if item.get_closest_marker("alone") or item.get_closest_marker("paced"):
             item.add_marker(pytest.mark.flaky(reruns=TRIES_AGAIN, reruns_delay=2))
