@@ -142,7 +142,9 @@ def faults(kind: str, share: int, shift: int = 0) -> list[Fault]:
 
 def rounds(random_: random.Random, share: int) -> list[tuple[Fault, ...]]:
     """What happens at once, in a random order: a worker and another robot's guard, or one fault."""
-    found: list[tuple[Fault, ...]] = list(zip(faults("worker", share), faults("guard", share, shift=1)))
+    found: list[tuple[Fault, ...]] = list(
+        zip(faults("worker", share), faults("guard", share, shift=1))
+    )
     found += [(fault,) for kind in ("host", "tracker") for fault in faults(kind, share)]
     random_.shuffle(found)
     return found
