@@ -26,6 +26,7 @@ from vsense.terminal import Console, print_data
 if TYPE_CHECKING:
     from vsense.link.robots.keys import LinkTrust
     from vsense.link.robots.server import VirtualSensorServer
+    from vsense.run.leases import RobotLeases
     from vsense.ui.room import RoomOptions
 
 
@@ -202,6 +203,39 @@ def room_of(options: argparse.Namespace) -> RoomOptions:
     from vsense.ui.room import RoomOptions
 
     return arguments.fill(RoomOptions, options, web=arguments.web_of(options))
+
+
+def lease_robots(experiment: Experiment, host: str) -> RobotLeases:
+    """Takes the robots of `vsense run`, before any of them hears of it; a context.
+
+    Those that are on this machine, where nobody else's can connect, are emulated: any run may have
+    its own of them.
+
+    Args:
+        experiment: whose robots.
+        host: where they connect to.
+
+    Raises:
+        LeasedError: another run has some of them.
+        SharingError: this account may not use the lab's robots, or its folder is not safe.
+        ControlSocketError: likewise this account's own folder.
+    """
+    from vsense.run.leases import RobotLeases
+    from vsense.ui.access import is_loopback
+
+    leases = RobotLeases(lease_folder(), "run", experiment.name)
+    if not is_loopback(host):
+        leases.take(robot.tag for robot in experiment.robots)
+    return leases
+
+
+def lease_folder() -> Path:
+    """Where all runs look that may want the same robots: the lab's folder, else the user's own."""
+    from vsense import sharing
+    from vsense.ui.control_socket import folder
+
+    lab = sharing.lab()
+    return folder() if lab is None else lab.path
 
 
 def check_doors(options: argparse.Namespace, host: str, port: int) -> None:

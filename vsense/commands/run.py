@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from vsense.commands import arguments, experiments
+from vsense.config.experiment import first_robots
 from vsense.config.framework import LINES_PORT
 from vsense.config.specs import Experiment, JsonLinesTracker, TrackerAddress
 from vsense.errors import VsenseError, failing_as
+from vsense.link.robots.keys import LinkTrust
 from vsense.live.run import OneRun
 from vsense.live.session import RunSession, RunSetup
 from vsense.live.sources import require_source
@@ -113,7 +115,16 @@ def run(options: argparse.Namespace) -> int:
     trust = experiments.trust_of(options)
     host = opened.host if options.host is None else options.host
     port = opened.port if options.port is None else options.port
-    experiments.check_doors(options, host, port)
+    taken = first_robots(opened, options.robots)
+    with experiments.lease_robots(taken, host):
+        experiments.check_doors(options, host, port)
+        return _run_leased(options, opened, (host, port), trust)
+
+
+def _run_leased(
+    options: argparse.Namespace, opened: Experiment, address: tuple[str, int], trust: LinkTrust
+) -> int:
+    """As `run`, with the robots that nobody else has."""
     experiment, seed, directory = experiments.prepare(options, opened, real=False)
     with failing_as(run_directory.DirectoryError, f"cannot write to {directory}"):
         (directory / experiment.path.name).write_bytes(experiment.path.read_bytes())
@@ -125,7 +136,7 @@ def run(options: argparse.Namespace) -> int:
         experiments.say_warnings(log, experiment)
         made = experiments.made_of(options, experiment, seed)
         setup = RunSetup(
-            *(experiment, seed, options.blind, (host, port), trust, log, interrupted, room, made)
+            *(experiment, seed, options.blind, address, trust, log, interrupted, room, made)
         )
         series = Series(directory, options.runs, room.holds, interrupted)
         return RunCommand(options, setup, directory, log, series).run()
