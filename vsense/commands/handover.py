@@ -12,8 +12,7 @@ from vsense.commands import arguments, orders
 from vsense.errors import UsageError, VsenseError
 from vsense.run import leases
 from vsense.run.leases import Lease
-from vsense.sharing import user_name
-from vsense.terminal import Console, aligned, print_data
+from vsense.terminal import Console, print_data
 from vsense.ui.control_socket import folders
 
 DESCRIPTION = (
@@ -115,12 +114,5 @@ def table(held: Mapping[int, Lease]) -> str:
     """Who has which robots."""
     if not held:
         return "no run has robots here"
-    by: dict[Lease, list[int]] = {}
-    for tag, lease in held.items():
-        by.setdefault(lease, []).append(tag)
-    mine = user_name()
-    rows = [
-        (" ".join(map(str, tags)), "yours" if lease.user == mine else lease.user, str(lease))
-        for lease, tags in by.items()
-    ]
-    return "\n".join(aligned([("robots", "", ""), *rows]))
+    lines = (f"{leases.robots(tags)} in use: {who}" for who, tags in leases.by_lease(held).items())
+    return "\n".join(lines)

@@ -77,12 +77,12 @@ def _say_how(options: argparse.Namespace, lab: LabFolder | None, reason: str) ->
 
 def _facts(lab: LabFolder) -> dict[str, Any]:
     """The folder, who shares it, and who has which robots."""
-    held = leases.holders(lab.path)
+    held = leases.by_lease(leases.holders(lab.path))
     return {
         "folder": str(lab.path),
         "group": lab.group,
         "members": sharing.members(lab.gid),
-        "robots": {str(tag): str(lease) for tag, lease in held.items()},
+        "runs": [{"robots": tags, "lease": str(lease)} for lease, tags in held.items()],
     }
 
 
@@ -91,5 +91,6 @@ def table(facts: dict[str, Any]) -> str:
     lines = [
         f"{facts['folder']}: group '{facts['group']}': {', '.join(facts['members']) or 'nobody'}"
     ]
-    lines += [f"robot {tag}: {who}" for tag, who in facts["robots"].items()]
-    return "\n".join(lines if facts["robots"] else [*lines, "no run has robots"])
+    runs = facts["runs"]
+    lines += [f"{leases.robots(one['robots'])} in use: {one['lease']}" for one in runs]
+    return "\n".join(lines if runs else [*lines, "no run has robots"])

@@ -206,12 +206,17 @@ def _read(descriptor: int) -> Lease | None:
         return None
 
 
+def by_lease(held: Mapping[int, Lease]) -> dict[Lease, list[int]]:
+    """The tags of each run's robots."""
+    tags: dict[Lease, list[int]] = {}
+    for tag, lease in sorted(held.items()):
+        tags.setdefault(lease, []).append(tag)
+    return tags
+
+
 def told(others: Mapping[int, Lease]) -> str:
     """Who has the robots that somebody else wants, and how they are handed over."""
-    tags: dict[Lease, list[int]] = {}
-    for tag, lease in sorted(others.items()):
-        tags.setdefault(lease, []).append(tag)
-    lines = [f"{robots(some)} in use: {lease}" for lease, some in tags.items()]
+    lines = [f"{robots(some)} in use: {lease}" for lease, some in by_lease(others).items()]
     return "\n".join([*lines, "ask for them, or end that run with: vsense handover"])
 
 
