@@ -123,6 +123,7 @@ def trust_of(options: argparse.Namespace) -> LinkTrust:
         VsenseError: the keys cannot be used.
     """
     from vsense.link.robots import keys
+    from vsense.robot import key_holders
 
     path = key_path(options)
     if options.key is None and not path.exists():
@@ -132,11 +133,13 @@ def trust_of(options: argparse.Namespace) -> LinkTrust:
             f"no swarm key ({path}): 'vsense robot keys --new-key' makes it, 'vsense robot deploy'"
             " brings each robot its own; or go on without keys: --insecure"
         )
-    return keys.LinkTrust(keys.read(path), options.insecure)
+    return key_holders.trust(key_holders.file_of(path), keys.read(path), options.insecure)
 
 
 def say_trust(trust: LinkTrust, say: Callable[[str], None]) -> None:
-    """Says where anybody could be a robot."""
+    """Says where anybody could be a robot, and which former keys are still believed."""
+    for note in trust.notes:
+        say(note)
     if trust.insecure:
         say("--insecure: robots without a key are taken; whoever reaches the port can drive them")
 
