@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import signal
@@ -10,13 +11,22 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import pytest
 
 from vsense import cli
+from vsense.commands import experiments
+from vsense.config.experiment import load
 from vsense.run import leases
+from vsense.run.control import Control, State
 from vsense.run.leases import Lease, LeasedError, RobotLeases
+from vsense.run.orders import Order, OrderError, OrderKind
 from vsense.sharing import SharingError
+from vsense.terminal import Console
+from vsense.ui.publisher import Publisher
+from vsense.ui.room import ControlRoom, RoomOptions
 
 HOLDER = """
 import sys, time
@@ -124,6 +134,49 @@ def test_who_has_robots_is_listed_and_named_for_handing_over(
     other.wait()
     assert cli.main(["handover"]) == 2
     assert "no run has robots here" in capsys.readouterr().err
+
+
+def test_a_run_whose_robots_another_has_is_refused_before_its_port_is_open(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Robots that connect to this machine alone are emulated: everybody may have his own."""
+    experiment = load("aggregation")
+    first = min(robot.tag for robot in experiment.robots)
+    words = [sys.executable, "-c", HOLDER, str(folder), str(first)]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(words, stdin=pipe, stdout=pipe, text=True) as process:
+        assert process.stdout is not None and process.stdout.readline() == "has them\n"
+        run = ["run", "aggregation", "--tracker", "lines", "--insecure", "--port", "0"]
+        assert cli.main([*run, "--host", "0.0.0.0"]) == 1
+        said = capsys.readouterr().err
+        assert said.startswith(f"vsense: robot {first} is in use: ") and "foraging" in said
+        with experiments.lease_robots(experiment, "127.0.0.1"):
+            assert list(leases.holders(folder)) == [first]
+        process.kill()
+    with experiments.lease_robots(experiment, "0.0.0.0"):
+        names = {path.stem for path in folder.iterdir() if path.read_text()}
+        assert names == {f"robot-{robot.tag}" for robot in experiment.robots}
+
+
+def test_a_run_that_is_going_on_is_handed_over_with_force_only() -> None:
+    told: list[str] = []
+    console = Console(io.StringIO())
+    room = ControlRoom(RoomOptions(), console)
+    now = {"run": 1, "time_s": 12.0}
+    room._publisher = cast(Publisher, SimpleNamespace(run_data=lambda: now, time_s=12.0))
+    room.leave = lambda: told.append("left")
+    control = Control(lambda wanted: told.append(wanted.name), told.append)
+    control.begin(lambda: None)
+    with pytest.raises(OrderError, match=r"^run 1 is running, 12 s: with --force it ends"):
+        room._leave(control, "ben (terminal)", False)
+    assert told == [] and control.state == State.RUNNING
+    room._leave(control, "ben (terminal)", True)
+    assert told == ["STOP", "ben (terminal): run 1 is stopped", "left"]
+    assert control.why == "stopped by ben (terminal)"
+    with pytest.raises(OrderError, match=r"cannot stop: run 1 is ended: stopped by ben"):
+        control.give(Order(OrderKind.STOP, "anna"))
+    room._leave(control, "ben (terminal)", False)
+    assert told[3:] == ["left"], "between two runs nothing moves"
 
 
 def test_a_lease_of_another_day_tells_the_day() -> None:
