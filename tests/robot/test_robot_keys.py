@@ -16,7 +16,9 @@ from vsense.errors import ConfigError, VsenseError
 from vsense.link.robots import keys
 from vsense.link.robots.keys import LinkTrust, SwarmKeys
 from vsense.robot import hosts, key_holders
-from vsense.robot.deploying import Part, Plan
+from vsense.robot.deploying import Outcome, Part, Plan
+from vsense.robot.hosts import RobotHost
+from vsense.sharing import NotMember
 
 __all__ = ["boards"]
 
@@ -149,6 +151,15 @@ def test_a_robot_that_was_away_is_renewed_by_the_next_deploy_of_anything(
     assert robot_keys.renewing(Plan(part=Part.DAEMON), options, robots).keys is None
 
 
+def test_a_board_that_is_called_otherwise_has_no_second_key(tmp_path: Path) -> None:
+    """Its former name would hold up the end of the former key for ever."""
+    file, uid = tmp_path / "swarm.key.robots", "5" * 32
+    for name, tag, key in (("root@a", "1", 1), ("root@b", "2", 2)):
+        robot = RobotHost(name, {"tag": tag}, 1)
+        holders = key_holders.note(file, key, [Outcome(robot, True, "", uid=uid, keyed=True)])
+    assert [(each.destination, each.key) for each in holders] == [("root@b", 2)]
+
+
 def test_a_key_in_the_labs_folder_is_its_members(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -163,6 +174,13 @@ def test_a_key_in_the_labs_folder_is_its_members(
     assert keys.default_path() == own
     own.unlink()
     assert ask("--new-key") == 0
+    with monkeypatch.context() as outside:
+
+        def strange() -> None:
+            raise NotMember("not his")
+
+        outside.setattr("vsense.sharing.lab", strange)
+        assert keys.default_path() == own, "who is in no group has what he had"
     for name in ("swarm.key", "swarm.key.robots"):
         assert stat.S_IMODE((lab / name).stat().st_mode) == 0o640
     keys.write(own, keys.make())

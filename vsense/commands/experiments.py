@@ -9,7 +9,7 @@ import argparse
 import json
 import secrets
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,7 +26,6 @@ from vsense.terminal import Console, print_data
 if TYPE_CHECKING:
     from vsense.link.robots.keys import LinkTrust
     from vsense.link.robots.server import VirtualSensorServer
-    from vsense.run.leases import RobotLeases
     from vsense.ui.room import RoomOptions
 
 
@@ -208,7 +207,7 @@ def room_of(options: argparse.Namespace) -> RoomOptions:
     return arguments.fill(RoomOptions, options, web=arguments.web_of(options))
 
 
-def lease_robots(experiment: Experiment, host: str) -> RobotLeases:
+def lease_robots(experiment: Experiment, host: str) -> AbstractContextManager[object]:
     """Takes the robots of `vsense run`, before any of them hears of it; a context.
 
     Those that are on this machine, where nobody else's can connect, are emulated: any run may have
@@ -226,9 +225,10 @@ def lease_robots(experiment: Experiment, host: str) -> RobotLeases:
     from vsense.run.leases import RobotLeases
     from vsense.ui.access import is_loopback
 
+    if is_loopback(host):
+        return nullcontext()
     leases = RobotLeases(lease_folder(), "run", experiment.name)
-    if not is_loopback(host):
-        leases.take(robot.tag for robot in experiment.robots)
+    leases.take(robot.tag for robot in experiment.robots)
     return leases
 
 

@@ -191,7 +191,12 @@ def _lab() -> Iterator[Finding]:
     names = ", ".join(sharing.members(found.gid)) or "nobody"
     yield Finding("lab folder", OK, f"{found.path}, group '{found.group}': {names}")
     for path in sorted(found.path.iterdir()):
-        status = path.lstat()
+        try:
+            status = path.lstat()
+        except OSError:
+            continue  # a run has just ended
+        if stat.S_ISDIR(status.st_mode):
+            continue
         if status.st_mode & 0o007:
             text = f"others can use {path} (mode {stat.S_IMODE(status.st_mode):04o})"
             yield Finding("lab folder", LACKS, text, f"sudo chmod o= {path}")

@@ -99,6 +99,8 @@ def note(path: Path, key: int, outcomes: Iterable[Outcome]) -> list[Holder]:
     for one in outcomes:
         if one.keyed:
             tag, destination = int(one.robot.settings["tag"]), one.robot.destination
+            # A board that had another name or marker has no second key.
+            holders = {who: each for who, each in holders.items() if each.uid != one.uid}
             holders[destination, tag] = Holder(key, one.uid, tag, today, destination)
     rows = sorted(holders.values(), key=lambda each: (each.tag, each.destination))
     text = "".join(f"{h.key} {h.uid} {h.tag} {h.since} {h.destination}\n" for h in rows)

@@ -112,17 +112,14 @@ class ControlSocket:
         self._status, self._give, self._hand_over = status, give, hand_over
         self.alone, shared = _shared()
         self.path = (shared or folder()) / f"{os.getpid()}{kind}.sock"
-        self._server = self._open()
-        if shared is not None:
-            # The folder lets only its group in, to which all belongs that is made there.
-            os.chmod(self.path, sharing.WRITE_MODE)
+        self._server = self._open(sharing.WRITE_MODE if shared else 0o600)
         self._server.daemon_threads = True
         self._thread = threading.Thread(
             target=self._server.serve_forever, args=(0.1,), name="vsense-control", daemon=True
         )
         self._thread.start()
 
-    def _open(self) -> socketserver.ThreadingUnixStreamServer:
+    def _open(self, mode: int) -> socketserver.ThreadingUnixStreamServer:
         control = self
 
         class Handler(socketserver.StreamRequestHandler):
@@ -135,12 +132,16 @@ class ControlSocket:
                     uid = _uid_of(self.request)
                     self.wfile.write(json.dumps(control.answer(line, uid)).encode() + b"\n")
 
-        with suppress(FileNotFoundError):
-            self.path.unlink()  # of an earlier process with our number
+        # It has its name when it listens: who finds one that does not takes it for a dead one's.
+        unnamed = self.path.with_suffix(".new")
         try:
-            return socketserver.ThreadingUnixStreamServer(str(self.path), Handler)
+            unnamed.unlink(missing_ok=True)  # of an earlier process with our number
+            server = socketserver.ThreadingUnixStreamServer(str(unnamed), Handler)
+            os.chmod(unnamed, mode)
+            os.replace(unnamed, self.path)
         except OSError as error:
             raise ControlSocketError(f"{self.path}: {error.strerror or error}") from None
+        return server
 
     def close(self) -> None:
         """Removes the socket."""

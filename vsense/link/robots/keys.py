@@ -111,13 +111,16 @@ INSECURE = LinkTrust(None, insecure=True)
 def default_path() -> Path:
     """Where the swarm's keys are unless a command is told otherwise.
 
-    In the lab's folder, where this machine has one (`vsense.sharing`), unless only this account has
-    some. SharingError where that folder cannot be used.
+    In the lab's folder, where this machine has one that this account may enter (`vsense.sharing`),
+    unless only this account has some. SharingError where that folder is not safe.
     """
     base = os.environ.get("XDG_CONFIG_HOME") or ""
     folder = Path(base) if os.path.isabs(base) else Path.home() / ".config"
     own = folder / "vsense" / NAME
-    lab = sharing.lab()
+    try:
+        lab = sharing.lab()
+    except sharing.NotMember:
+        return own
     if lab is None or (own.exists() and not (lab.path / NAME).exists()):
         return own
     return lab.path / NAME
