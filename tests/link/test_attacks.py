@@ -429,16 +429,6 @@ def test_a_robot_with_an_older_protocol_is_told_of_by_name(
     assert closed(sock)
 
 
-def test_of_a_robot_with_a_newer_protocol_the_host_is_said_to_be_older(
-    still: Server, attacker: MakeAttacker
-) -> None:
-    head = struct.pack("<HBBHH", lib.VS_MAGIC, 3, PacketType.HELLO, 0, 200)
-    sock = attacker(still).connect(head + bytes(192))
-    assert sock.recv(4096)[3] == PacketType.REFUSE
-    expected = "its vsensed is newer than this host (protocol 3): bring vsense up to date"
-    assert expected in still.wait("refused", None).text
-
-
 def test_a_robot_that_shows_the_key_before_the_one_it_was_brought_is_not_believed(
     robot: MakeRobot,
 ) -> None:

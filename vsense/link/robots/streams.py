@@ -43,8 +43,8 @@ class Inbox:
         """What to say where a version of the protocol is here that came after ours, else ""."""
         if len(self._bytes) <= VERSION_AT or self._bytes[VERSION_AT] <= lib.VS_VERSION:
             return ""
-        version = self._bytes[VERSION_AT]
-        return f"its vsensed is newer than this host (protocol {version}): bring vsense up to date"
+        theirs = f"newer than this host (protocol version {self._bytes[VERSION_AT]})"
+        return f"its vsensed is {theirs}: bring vsense up to date here"
 
     def feed(self, data: bytes) -> None:
         """Appends received bytes, at most `room` of them."""
