@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import io
 import json
 import os
@@ -141,6 +142,7 @@ def test_a_run_whose_robots_another_has_is_refused_before_its_port_is_open(
 ) -> None:
     """Robots that connect to this machine alone are emulated: everybody may have his own."""
     experiment = load("aggregation")
+    options = argparse.Namespace(command="run", robots=None)
     first = min(robot.tag for robot in experiment.robots)
     words = [sys.executable, "-c", HOLDER, str(folder), str(first)]
     pipe = subprocess.PIPE
@@ -150,10 +152,10 @@ def test_a_run_whose_robots_another_has_is_refused_before_its_port_is_open(
         assert cli.main([*run, "--host", "0.0.0.0"]) == 1
         said = capsys.readouterr().err
         assert said.startswith(f"vsense: robot {first} is in use: ") and "foraging" in said
-        with experiments.lease_robots(experiment, "127.0.0.1"):
+        with experiments.lease_robots(options, experiment, "127.0.0.1"):
             assert list(leases.holders(folder)) == [first]
         process.kill()
-    with experiments.lease_robots(experiment, "0.0.0.0"):
+    with experiments.lease_robots(options, experiment, "0.0.0.0"):
         names = {path.stem for path in folder.iterdir() if path.read_text()}
         assert names == {f"robot-{robot.tag}" for robot in experiment.robots}
 

@@ -207,13 +207,16 @@ def room_of(options: argparse.Namespace) -> RoomOptions:
     return arguments.fill(RoomOptions, options, web=arguments.web_of(options))
 
 
-def lease_robots(experiment: Experiment, host: str) -> AbstractContextManager[object]:
-    """Takes the robots of `vsense run`, before any of them hears of it; a context.
+def lease_robots(
+    options: argparse.Namespace, experiment: Experiment, host: str
+) -> AbstractContextManager[object]:
+    """Takes an experiment's real robots, before any of them hears of it; a context.
 
     Those that are on this machine, where nobody else's can connect, are emulated: any run may have
     its own of them.
 
     Args:
+        options: of the command that wants them; it may take the first few only (`--robots`).
         experiment: whose robots.
         host: where they connect to.
 
@@ -227,8 +230,9 @@ def lease_robots(experiment: Experiment, host: str) -> AbstractContextManager[ob
 
     if is_loopback(host):
         return nullcontext()
-    leases = RobotLeases(lease_folder(), "run", experiment.name)
-    leases.take(robot.tag for robot in experiment.robots)
+    taken = first_robots(experiment, options.robots)
+    leases = RobotLeases(lease_folder(), options.command, experiment.name)
+    leases.take(robot.tag for robot in taken.robots)
     return leases
 
 

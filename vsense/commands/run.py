@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from vsense.commands import arguments, experiments
-from vsense.config.experiment import first_robots
 from vsense.config.framework import LINES_PORT
 from vsense.config.specs import Experiment, JsonLinesTracker, TrackerAddress
 from vsense.errors import VsenseError, failing_as
@@ -115,14 +114,13 @@ def run(options: argparse.Namespace) -> int:
     trust = experiments.trust_of(options)
     host = opened.host if options.host is None else options.host
     port = opened.port if options.port is None else options.port
-    taken = first_robots(opened, options.robots)
-    with experiments.lease_robots(taken, host):
+    with experiments.lease_robots(options, opened, host):
         experiments.check_doors(options, host, port)
-        return _run_leased(options, opened, (host, port), trust)
+        return _run_leased(options, opened, host, port, trust)
 
 
 def _run_leased(
-    options: argparse.Namespace, opened: Experiment, address: tuple[str, int], trust: LinkTrust
+    options: argparse.Namespace, opened: Experiment, host: str, port: int, trust: LinkTrust
 ) -> int:
     """As `run`, with the robots that nobody else has."""
     experiment, seed, directory = experiments.prepare(options, opened, real=False)
@@ -136,7 +134,7 @@ def _run_leased(
         experiments.say_warnings(log, experiment)
         made = experiments.made_of(options, experiment, seed)
         setup = RunSetup(
-            *(experiment, seed, options.blind, address, trust, log, interrupted, room, made)
+            *(experiment, seed, options.blind, (host, port), trust, log, interrupted, room, made)
         )
         series = Series(directory, options.runs, room.holds, interrupted)
         return RunCommand(options, setup, directory, log, series).run()
