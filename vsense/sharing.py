@@ -126,6 +126,9 @@ def _check(folder: Path, found: os.stat_result) -> None:
         owner = user_name(found.st_uid)
         raise SharingError(f"{folder} belongs to {owner}, expected root: sudo chown root {folder}")
     mode = stat.S_IMODE(found.st_mode)
+    if mode & stat.S_ISVTX and mode & 0o007:
+        # As /tmp is: no command of ours shall close that.
+        raise SharingError(f"{folder} is everybody's: expected a folder of the lab's own")
     if mode != FOLDER_MODE:
         what = "others may enter it" if mode & 0o007 else "its group must own what is in it"
         raise SharingError(

@@ -49,6 +49,12 @@ def test_another_mode_is_refused_with_what_mends_it(lab: Path, mode: int, words:
         sharing.lab()
 
 
+def test_nobody_is_told_to_close_what_is_everybodys(lab: Path) -> None:
+    lab.chmod(0o1777)
+    with pytest.raises(SharingError, match=r"is everybody's: expected a folder of the lab's own$"):
+        sharing.lab()
+
+
 def test_links_files_and_nothing_are_refused(lab: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     link = lab.parent / "link"
     link.symlink_to(lab)
