@@ -34,6 +34,7 @@ SECTIONS: dict[str, tuple[str, ...]] = {
         "vsense/tracking/README.md",
         "reference/tracking_files.md",
         "vsense/live/README.md",
+        "vsense/live/SHARING.md",
         "vsense/ui/README.md",
     ),
     "Results": (

@@ -12,6 +12,7 @@ from vsense.commands import arguments, experiments
 from vsense.config.framework import LINES_PORT
 from vsense.config.specs import Experiment, JsonLinesTracker, TrackerAddress
 from vsense.errors import VsenseError, failing_as
+from vsense.link.robots.keys import LinkTrust
 from vsense.live.run import OneRun
 from vsense.live.session import RunSession, RunSetup
 from vsense.live.sources import require_source
@@ -113,7 +114,15 @@ def run(options: argparse.Namespace) -> int:
     trust = experiments.trust_of(options)
     host = opened.host if options.host is None else options.host
     port = opened.port if options.port is None else options.port
-    experiments.check_doors(options, host, port)
+    with experiments.lease_robots(options, opened, host):
+        experiments.check_doors(options, host, port)
+        return _run_leased(options, opened, host, port, trust)
+
+
+def _run_leased(
+    options: argparse.Namespace, opened: Experiment, host: str, port: int, trust: LinkTrust
+) -> int:
+    """As `run`, with the robots that nobody else has."""
     experiment, seed, directory = experiments.prepare(options, opened, real=False)
     with failing_as(run_directory.DirectoryError, f"cannot write to {directory}"):
         (directory / experiment.path.name).write_bytes(experiment.path.read_bytes())

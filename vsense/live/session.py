@@ -26,6 +26,7 @@ from vsense.run.robots import make_server
 from vsense.run.runner import Runner
 from vsense.run.runtime import Runtime, Step
 from vsense.run.watch import ArenaSource
+from vsense.sharing import user_name
 from vsense.terminal import Console, Interruption, Level
 from vsense.ui.access import is_loopback
 from vsense.ui.messages import ExperimentFacts
@@ -124,7 +125,7 @@ class ExperimentSession(ABC):
             *(self._observe, control),
         )
         setup.room.doubts, runner = self.doubts(), self.runner
-        setup.room.alarms = lambda: runner.alarms
+        setup.room.alarms, setup.room.leave = lambda: runner.alarms, setup.interrupted.set
         setup.room.open(scene, self.environment, server, runtime, control)
         return runtime
 
@@ -133,7 +134,10 @@ class ExperimentSession(ABC):
     ) -> ExperimentFacts:
         text = read_bytes(self.experiment.path).decode(errors="replace")
         made = dict(self.setup.made)
-        return ExperimentFacts(command, text, self.setup.blind, cameras, trackers, troubles, made)
+        blind, user = self.setup.blind, user_name()
+        return ExperimentFacts(
+            *(command, text, blind, cameras, trackers, troubles, made), user=user
+        )
 
     def _observe(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
         """Is called after every timestep; see `vsense.run.runner.Observer`."""

@@ -22,6 +22,7 @@ from vsense.live.runs import Runs
 from vsense.message_bus import MessageBus
 from vsense.recording.form import Data, ExperimentMessage, RunMessage
 from vsense.run.orders import Give, Order, OrderError
+from vsense.sharing import user_name
 from vsense.terminal import Console, Level
 from vsense.tracking.specs import TrackingSession
 from vsense.ui import keyboard, messages
@@ -113,7 +114,10 @@ class TrackRoom:
         """
         self._runs, self._give, self._dated = runs, runs.give, dated
         try:
-            self._stack.callback(ControlSocket(self.status, runs.give, TRACKER).close)
+            bell = ControlSocket(self.status, runs.give, TRACKER)
+            self._stack.callback(bell.close)
+            if bell.alone:
+                self._console.say(f"the lab's others cannot steer this process: {bell.alone}")
         except ControlSocketError as error:
             self._console.say(f"vsense status and its like will not find this process: {error}")
         if keys and keyboard.usable():
@@ -207,6 +211,7 @@ class TrackRoom:
         return ExperimentMessage(
             mode="track",
             command="track",
+            user=user_name(),
             name=name_of(session),
             blind=None,
             version=vsense.__version__,

@@ -247,6 +247,7 @@ class ExperimentMessage(_Message):
 
     mode: str = "live"
     command: str = ""
+    user: str | None = None
     recorded: bool = False
     name: str = ""
     seed: int | None = None
@@ -368,9 +369,7 @@ _TOPICS: dict[str, tuple[str, Fields]] = {
     ),
     "/robots": ("What is known of every robot, in columns.", dict.fromkeys(ROBOTS, _COLUMN)),
     "/cameras": ("How the cameras are.", {"cameras": _COLUMN}),
-    "/event": (
-        "Something that people were told.", {"text": _TEXT, "level": _TEXT, "by": _TEXT},
-    ),
+    "/event": ("Something that people were told.", {"text": _TEXT, "level": _TEXT, "by": _TEXT}),
     GAP: (
         "What is missing: from, to, how many messages and pictures, and why.",
         {"from_ns": _INTEGER, "to_ns": _INTEGER, "messages": _INTEGER, "pictures": _INTEGER,

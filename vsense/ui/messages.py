@@ -138,6 +138,7 @@ class ExperimentFacts:
         made: see `vsense.live.session.RunSetup`.
         mode: of the page, see `MESSAGES.md`.
         recorded: the cameras are recordings.
+        user: whose run it is; None: nobody else can steer it.
     """
 
     command: str
@@ -149,6 +150,7 @@ class ExperimentFacts:
     made: Data = dataclasses.field(default_factory=dict)
     mode: str = "live"
     recorded: bool = False
+    user: str | None = None
 
 
 def experiment(facts: ExperimentFacts, environment: Environment) -> Data:
@@ -158,6 +160,7 @@ def experiment(facts: ExperimentFacts, environment: Environment) -> Data:
     return ExperimentMessage(
         mode=facts.mode,
         command=facts.command,
+        user=facts.user,
         recorded=facts.recorded,
         name=spec.name,
         seed=environment.seed,
