@@ -165,6 +165,13 @@ td.n { white-space: nowrap; }
 tbody th { font-weight: 400; }
 details { margin-top: 1rem; }
 summary { cursor: pointer; font-weight: 600; }
+h4 { font-size: 1rem; margin: 1.2rem 0 .2rem; }
+.said { margin: .2rem 0; padding-left: 1.2rem; max-width: 46rem; }
+.said li { margin: .3rem 0; overflow-wrap: anywhere; }
+.methods {
+  background: var(--tint); border-radius: .5rem; padding: .8rem 1rem; user-select: all;
+  -webkit-user-select: all; max-width: 46rem;
+}
 pre {
   background: var(--tint); border-radius: .5rem; padding: .8rem; font-size: .78rem;
   white-space: pre-wrap; overflow-x: auto;
