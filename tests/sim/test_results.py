@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense.errors import UsageError, VsenseError
+from vsense.sim.job import Setup
 from vsense.sim.results import CampaignResults
 
 MEASURES = {"in_cone": 3.0, "left": 0.1}
@@ -22,7 +23,7 @@ HEAD = (
 
 def add(results: CampaignResults, seed: int, **measures: float | None) -> None:
     result = {"name": "it", "duration_s": 120.0, "tags": [3, 700]}
-    results.append(False, SETTINGS, seed, result, {**MEASURES, **measures})
+    results.append(Setup("it", settings=SETTINGS), seed, result, {**MEASURES, **measures})
 
 
 def start(path: Path, campaign: str = "cafe0001") -> CampaignResults:

@@ -56,8 +56,7 @@ def page(
     lacking: Sequence[str] = (),
     studied: Studied | None = None,
 ) -> str:
-    """Makes the page of recordings, of comparisons, which are of each experiment's runs, and of
-    studies.
+    """Makes the page of recordings, of comparisons of each experiment's runs, and of studies.
 
     `lacking` says why there are no charts, or no tests.
     """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -80,37 +81,39 @@ def make_report(
     Args:
         paths: the recordings, and tables of runs, one at least; several are compared.
         folder: where to; made if need be, must be empty.
-        progress: takes now and then which share of a recording was read, 0..1.
+        progress, show: take which share of a recording was read, 0..1, and what is computed.
         form: of the charts' files, one of `FORMATS`; the page holds PNG.
         sheet: the user's style sheet, see `plot.styled`.
         asked: what is asked of the tables' runs; None: what is always asked.
-        show: takes what is computed of them.
 
     Raises:
         RecordingError: one is no recording that can be read, the folder is not empty, or something
             cannot be written.
-        UsageError: there is no such style sheet, or it cannot be used; or a table is none, or has
-            not what is asked of it.
+        UsageError: a style sheet or a table cannot be used, or has not what is asked of it.
         VsenseError: the charts cannot be drawn in this style.
     """
-    require_empty(folder)
-    if sheet is not None and can_draw():
-        plot.require_sheet(sheet)
+    _check(folder, sheet)
     tables = read_tables(path for path in paths if path.suffix == SUFFIX)
     rows = [row for table in tables for row in table.rows]
     asked = replace(asked or Questions(), tests=not lacking_tests())
-    studies = results.results_of(rows, asked, show)
+    studies = results.results_of(rows, asked, show), asked
     read = [
         read_findings(path, lambda share, path=path: progress(path, share))  # type: ignore[misc]
         for path in paths
         if path.suffix != SUFFIX
     ]
-    with failing_as(RecordingError, f"{folder}: cannot be written"):
+    with failing_as(RecordingError, f"{folder}: cannot be written"), ExitStack() as stack:
         folder.mkdir(parents=True, exist_ok=True)
-        if not can_draw():
-            return _write(read, tables, (studies, asked), _Charts(folder, ""))
-        with plot.styled(sheet):
-            return _write(read, tables, (studies, asked), _Charts(folder, form))
+        if can_draw():
+            stack.enter_context(plot.styled(sheet))
+        return _write(read, tables, studies, _Charts(folder, form if can_draw() else ""))
+
+
+def _check(folder: Path, sheet: str | None) -> None:
+    """Raises what can be known before anything is read."""
+    require_empty(folder)
+    if sheet is not None and can_draw():
+        plot.require_sheet(sheet)
 
 
 def require_empty(folder: Path) -> None:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from vsense import __version__
+from vsense.config.specs import Experiment
 from vsense.errors import UsageError, VsenseError
 from vsense.files import read_bytes
 
@@ -53,7 +54,7 @@ class RunRow:
         condition: what is compared, in words.
         block, repetition, start: runs of two conditions that agree in all three are a pair.
         began: UTC, as ISO 8601.
-        tags, uids, batteries_v: of its robots; volts at the beginning.
+        tags, uids, batteries_v: of its robots; volts as last told, of those that told.
         light_level: of the room, in the cameras' own units.
         late: share of the timesteps that were late or left out, 0..1.
         versions: of software: words such as vsense=1.2.
@@ -183,6 +184,62 @@ class RunsFile:
             raise VsenseError(f"{self.path}: cannot be read: {error.strerror}") from None
         except UnicodeDecodeError:
             raise UsageError(f"{self.path}: is no {RUNS}: it is no text in UTF-8") from None
+
+
+class RunRows:
+    """Writes the runs of one `lab` or `run` into the runs.csv of its folder.
+
+    A run that came to its end is valid. One that was ended before is void, where it had a length:
+    who knows better may change the file.
+    """
+
+    def __init__(
+        self, folder: Path, mode: str, settings: Mapping[str, str], experiment: Experiment
+    ) -> None:
+        """Of the runs of an experiment, in a folder of their own, in a mode of `MODES`."""
+        self._file, self._series, self._mode = RunsFile(folder / RUNS), folder.name, mode
+        self._settings, self._experiment = settings, experiment
+        self._began: dict[int, float] = {}
+
+    def begin(self, number: int) -> None:
+        """A run begins now."""
+        self._began[number] = time.time()
+
+    def add(self, summary: Mapping[str, Any], ended: str) -> str:
+        """Adds a run that ended for this reason, "time" for its end, by what summary.json has.
+
+        Returns:
+            Why it cannot be written, in words; "": it is.
+        """
+        try:
+            self._file.append(self._row(summary, ended))
+        except VsenseError as error:
+            return f"vsense: the table of runs lacks run {summary['run']}: {error}"
+        return ""
+
+    def _row(self, summary: Mapping[str, Any], ended: str) -> RunRow:
+        steps = summary["timesteps"] + summary["left_out_timesteps"]
+        whole = ended == "time" or not self._experiment.timesteps
+        swarm = {name: n for name, n in summary.get("swarm", {}).items() if n is not None}
+        volts = [robot["battery_mv"] for robot in summary.get("per_robot", ())]
+        return RunRow(
+            run=f"run-{summary['run']}",
+            series=self._series,
+            mode=self._mode,
+            experiment=summary["experiment"],
+            condition=condition_of(summary["blind"], self._settings),
+            seed=summary["seed"],
+            began=utc(self._began[summary["run"]]),
+            duration_s=summary["duration_s"],
+            robots=summary["robots"],
+            tags=[robot.tag for robot in self._experiment.robots],
+            batteries_v=[mv / 1000.0 for mv in volts if mv],
+            late=summary["late_timesteps"] / steps if steps else None,
+            versions=versions(),
+            verdict=VALID if whole else VOID,
+            why="" if whole else f"{ended or 'failed'} before its end",
+            measures={**swarm, **summary.get("measures", summary.get("results", {}))},
+        )
 
 
 def read_runs(path: Path) -> list[RunRow]:

@@ -216,8 +216,7 @@ def _append(results: CampaignResults, task: Task, result: dict[str, Any]) -> Non
         "duration_s": float(result["timesteps"] * result["timestep_s"]),
         "tags": [robot.tag for robot in task.experiment.robots],
     }
-    setup, measures = task.job.setup, {**swarm, **result["measures"]}
-    results.append(setup.blind, setup.settings, task.job.seed, fixed, measures)
+    results.append(task.job.setup, task.job.seed, fixed, {**swarm, **result["measures"]})
 
 
 def _progress(console: Console, todo: Sequence[Task], count: Callable[[], int]) -> Show:

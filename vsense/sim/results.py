@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from vsense.errors import UsageError, VsenseError
 from vsense.run.runs_csv import RunRow, RunsFile, condition_of, versions
+from vsense.sim.job import Setup
 
 Key = tuple[str, int | None]
 """Identifies a run of a campaign: its condition, and the seed."""
@@ -56,19 +58,14 @@ class CampaignResults:
         return {(row.condition, row.seed) for row in self.rows}
 
     def append(
-        self,
-        blind: bool,
-        settings: Mapping[str, str],
-        seed: int,
-        result: Mapping[str, object],
-        measures: Mapping[str, float | None],
+        self, setup: Setup, seed: int, result: Mapping[str, Any], measures: Mapping[str, Any]
     ) -> None:
         """Adds a row.
 
         Args:
-            blind, settings, seed: what was run.
+            setup, seed: what was run.
             result: `name`, `duration_s` and `tags` of the run.
-            measures: its last values; one that is None was not taken.
+            measures: its last values by name; one that is None was not taken.
 
         Raises:
             VsenseError: the measures are not those of the file, or it cannot be written.
@@ -79,25 +76,26 @@ class CampaignResults:
                 f" {', '.join(measures) or 'none'}; the rows before have"
                 f" {', '.join(self.measures) or 'none'}"
             )
-        # As they are read again: it is the same campaign, whether or not it was interrupted.
-        told = {n: None if v is None else float(f"{v:.12g}") for n, v in measures.items()}
-        tags, duration_s = result["tags"], result["duration_s"]
-        assert isinstance(tags, (list, tuple)) and isinstance(duration_s, float)
-        condition = condition_of(blind, settings)
+        condition = condition_of(setup.blind, setup.settings)
         self._file.append(
             RunRow(
                 run=f"{condition}, seed {seed}",
                 series=self._campaign,
                 mode="sim",
-                experiment=str(result["name"]),
+                experiment=result["name"],
                 condition=condition,
                 # Runs of one seed begin alike in every condition.
                 start=f"seed{seed}",
                 seed=seed,
-                duration_s=duration_s,
-                robots=len(tags),
-                tags=tags,
+                duration_s=result["duration_s"],
+                robots=len(result["tags"]),
+                tags=tuple(result["tags"]),
                 versions=versions(),
-                measures=told,
+                measures={name: _kept(value) for name, value in measures.items()},
             )
         )
+
+
+def _kept(value: float | None) -> float | None:
+    """A number as it is read again: it is the same campaign, whether or not it was interrupted."""
+    return None if value is None else float(f"{value:.12g}")

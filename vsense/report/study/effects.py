@@ -28,7 +28,7 @@ _NOTCH = 1.57
 
 
 @dataclass(frozen=True, slots=True)
-class Effect:
+class EffectSize:
     """How far runs of two conditions lie apart, with 95 % percentile bootstrap intervals.
 
     Attributes:
@@ -82,7 +82,7 @@ def spread_of(values: Floats) -> Spread:
     )
 
 
-def effect_of(first: Floats, second: Floats, paired: bool, seed: int) -> Effect:
+def effect_of(first: Floats, second: Floats, paired: bool, seed: int) -> EffectSize:
     """The effect and its intervals; of pairs, pairs are drawn anew. One run each at least."""
     count = len(first) * len(second)
     whole = np.ones((1, len(first))), np.ones((1, len(second)))
@@ -91,7 +91,7 @@ def effect_of(first: Floats, second: Floats, paired: bool, seed: int) -> Effect:
     if _MOST_SORTED < count <= _MOST_AT_ONCE and not paired:
         shift = float(np.median(first[:, None] - second[None, :]))
     if min(len(first), len(second)) < 2:
-        return Effect(a12, None, None, shift, None, None, 0)
+        return EffectSize(a12, None, None, shift, None, None, 0)
     resamples = RESAMPLES if count <= _MOST_SORTED else FEWER_RESAMPLES
     random = np.random.default_rng(seed)
     firsts = _weights(random, len(first), resamples)
@@ -102,7 +102,7 @@ def effect_of(first: Floats, second: Floats, paired: bool, seed: int) -> Effect:
     shifts = np.concatenate([shift_of(firsts[cut], seconds[cut]) for cut in cuts])
     intervals = np.quantile(a12s, _INTERVAL), np.quantile(shifts, _INTERVAL)
     (a12_low, a12_high), (shift_low, shift_high) = (map(float, each) for each in intervals)
-    return Effect(a12, a12_low, a12_high, shift, shift_low, shift_high, resamples)
+    return EffectSize(a12, a12_low, a12_high, shift, shift_low, shift_high, resamples)
 
 
 def _weights(random: np.random.Generator, n: int, resamples: int) -> Floats:

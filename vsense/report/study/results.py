@@ -12,7 +12,7 @@ import numpy as np
 from vsense.errors import UsageError, instead
 from vsense.report.study import BY, SEED, rank_tests
 from vsense.report.study.design import Arm, Study, studies
-from vsense.report.study.effects import Effect, Spread, effect_of, spread_of
+from vsense.report.study.effects import EffectSize, Spread, effect_of, spread_of
 from vsense.report.study.exact import Floats
 from vsense.report.study.rank_tests import Equivalence, RankTest
 from vsense.run.runs_csv import RunRow
@@ -55,7 +55,7 @@ class PairResult:
     second: str
     n: Sequence[int]
     test: RankTest | None
-    effect: Effect | None
+    effect: EffectSize | None
     same: Equivalence | None = None
     adjusted: float | None = None
     same_adjusted: float | None = None

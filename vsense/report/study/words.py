@@ -11,7 +11,7 @@ import numpy as np
 from vsense import __version__
 from vsense.pictures.run_figure import spoken
 from vsense.report.markup import DASH, figure_of, share_of
-from vsense.report.study.effects import Effect
+from vsense.report.study.effects import EffectSize
 from vsense.report.study.rank_tests import ALPHA, CHI_SQUARED, NORMAL, Equivalence, RankTest
 from vsense.report.study.results import MeasureResult, PairResult, Questions, StudyResult
 
@@ -142,7 +142,7 @@ def _powerless(found: MeasureResult) -> Iterator[str]:
     )
 
 
-def _effect(pair: PairResult, effect: Effect) -> str:
+def _effect(pair: PairResult, effect: EffectSize) -> str:
     a12 = interval(effect.a12, effect.a12_low, effect.a12_high, False)
     shift = interval(effect.shift, effect.shift_low, effect.shift_high, True)
     words = (
@@ -229,7 +229,7 @@ def _effects_used(results: Sequence[StudyResult], asked: Questions) -> Iterator[
     pairs = [pair for result in results for each in result.measures for pair in each.pairs]
     drawn = sorted({pair.effect.resamples for pair in pairs if pair.effect} - {0})
     if any(pair.effect for pair in pairs):
-        words = "Effect sizes are Vargha and Delaney's A12 and the Hodges-Lehmann shift"
+        words = "EffectSize sizes are Vargha and Delaney's A12 and the Hodges-Lehmann shift"
         if drawn:
             counts = " or ".join(map(str, drawn))
             words += (
