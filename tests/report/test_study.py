@@ -259,7 +259,7 @@ def test_without_scipy_there_is_all_but_the_tests(
     assert said.count("statistical tests need the Python package scipy: ") == 1
     text = (tmp_path / "out" / "report.html").read_text()
     assert "Statistical tests need the Python package scipy" in text
-    assert "A12 = 0 (0 to 0)" in text and "Wilcoxon" not in text
+    assert "A12 = 0, 95 % interval 0 to 0" in text and "Wilcoxon" not in text
     assert (tmp_path / "out" / "runs-01-items_home.png").exists()
 
 

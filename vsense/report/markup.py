@@ -67,8 +67,8 @@ class Counter:
             for row in rows
         )
         return (
-            f'<div class="scroll"><table><caption><b>Table {self._tables}. {escape(title)}.</b>'
-            f" {escape(caption)}</caption>\n<thead>{f'<tr>{tops}</tr>' if over else ''}"
+            f'<div class="scroll"><table><caption><span><b>Table {self._tables}.'
+            f" {escape(title)}.</b> {escape(caption)}</span></caption>\n<thead>{f'<tr>{tops}</tr>' if over else ''}"
             f"<tr>{names}</tr></thead>\n<tbody>{body}</tbody></table></div>\n"
         )
 
@@ -149,6 +149,9 @@ figure img {
 }
 figcaption { font-size: .88rem; line-height: 1.42; color: var(--soft); margin-top: .4rem; }
 figcaption b { color: var(--ink); }
+caption span {
+  display: inline-block; position: sticky; left: 0; max-width: min(100%, calc(100vw - 3rem));
+}
 .scroll { overflow-x: auto; }
 table {
   border-collapse: collapse; font-size: .88rem; margin: .4rem 0; width: 100%;

@@ -143,12 +143,14 @@ def _powerless(found: MeasureResult) -> Iterator[str]:
 
 
 def _effect(pair: PairResult, effect: EffectSize) -> str:
-    a12 = interval(effect.a12, effect.a12_low, effect.a12_high, False)
-    shift = interval(effect.shift, effect.shift_low, effect.shift_high, True)
+    a12, shift = f"A12 = {number(effect.a12)}", f"shift {number(effect.shift, True)}"
+    if effect.resamples:
+        a12 += f", 95 % interval {number(effect.a12_low)} to {number(effect.a12_high)}"
+        low, high = (number(end, True) for end in (effect.shift_low, effect.shift_high))
+        shift += f", 95 % interval {low} to {high}"
     words = (
         f" A run of {pair.first} gives more than one of {pair.second} in"
-        f" {share_of(effect.a12)} % of all combinations, ties counted half (A12 = {a12}); shift"
-        f" {shift}."
+        f" {share_of(effect.a12)} % of all combinations, ties counted half ({a12}); {shift}."
     )
     if effect.resamples and effect.a12 in (0.0, 1.0):
         words += " They do not overlap: the bootstrap cannot say how near A12 is to that."
