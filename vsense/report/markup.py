@@ -68,7 +68,8 @@ class Counter:
         )
         return (
             f'<div class="scroll"><table><caption><span><b>Table {self._tables}.'
-            f" {escape(title)}.</b> {escape(caption)}</span></caption>\n<thead>{f'<tr>{tops}</tr>' if over else ''}"
+            f" {escape(title)}.</b> {escape(caption)}</span></caption>\n"
+            f"<thead>{f'<tr>{tops}</tr>' if over else ''}"
             f"<tr>{names}</tr></thead>\n<tbody>{body}</tbody></table></div>\n"
         )
 

@@ -231,7 +231,7 @@ def _effects_used(results: Sequence[StudyResult], asked: Questions) -> Iterator[
     pairs = [pair for result in results for each in result.measures for pair in each.pairs]
     drawn = sorted({pair.effect.resamples for pair in pairs if pair.effect} - {0})
     if any(pair.effect for pair in pairs):
-        words = "EffectSize sizes are Vargha and Delaney's A12 and the Hodges-Lehmann shift"
+        words = "Effect sizes are Vargha and Delaney's A12 and the Hodges-Lehmann shift"
         if drawn:
             counts = " or ".join(map(str, drawn))
             words += (
