@@ -25,6 +25,7 @@ from vsense.live.session import RunSetup
 from vsense.pictures.run_figure import spoken
 from vsense.run import directory as run_directory
 from vsense.run.runner import Series
+from vsense.run.runs_csv import RunRows
 from vsense.run.runtime import Step
 from vsense.terminal import Console, interruption
 from vsense.ui.room import ControlRoom
@@ -103,8 +104,7 @@ def run(options: argparse.Namespace) -> int:
     opened = experiments.open_experiment(options, stage=Stage.LAB)
     if opened is None:
         return 0
-    port = opened.port if options.port is None else options.port
-    experiments.check_doors(options, opened.host, port)
+    port = _port(options, opened)
     _set_pace(options.pace, opened.host)
     experiment, seed, directory = experiments.prepare(options, opened)
     console = Console()
@@ -122,11 +122,12 @@ def run(options: argparse.Namespace) -> int:
             options.cameras,
         )
         series = Series(directory, options.runs, room.holds, interrupted)
-        failure = _run_all(session, series, room, console)
+        rows = RunRows(directory, "lab", dict(options.set), experiment)
+        failure = _run_all(session, series, rows, room, console)
         console.end_progress()
         try:
             with interrupted.in_time():
-                _report_all(options, session, series, console)
+                _report_all(options, session, series, rows, console)
         except CutShort:
             console.say(f"vsense: no time for the figures; the run's logs are in {directory}")
             if failure is not None:
@@ -135,6 +136,13 @@ def run(options: argparse.Namespace) -> int:
         if failure is not None:
             raise failure
         return interrupted.code if series.was_broken(session.runner.control) else 0
+
+
+def _port(options: argparse.Namespace, experiment: Experiment) -> int:
+    """The port for robots; raises as `check_doors`."""
+    port = experiment.port if options.port is None else int(options.port)
+    experiments.check_doors(options, experiment.host, port)
+    return port
 
 
 def _set_pace(pace: float, host: str) -> None:
@@ -147,7 +155,7 @@ def _set_pace(pace: float, host: str) -> None:
 
 
 def _run_all(
-    session: Session, series: Series, room: ControlRoom, console: Console
+    session: Session, series: Series, rows: RunRows, room: ControlRoom, console: Console
 ) -> VsenseError | None:
     """Carries out all runs; returns a failure in one of them, to be raised after the reports."""
     with session:
@@ -159,6 +167,7 @@ def _run_all(
                 room.begin_run(session.environment, directory)
                 session.wait_until_ready()
                 _announce(console, session, directory)
+                rows.begin(session.runner.control.run)
                 session.run(directory, _progress(console, session))
                 room.recorders.end_run()
                 if not series.goes_on(session.runner):
@@ -225,7 +234,11 @@ def _measured(session: Session) -> str:
 
 
 def _report_all(
-    options: argparse.Namespace, session: Session, series: Series, console: Console
+    options: argparse.Namespace,
+    session: Session,
+    series: Series,
+    rows: RunRows,
+    console: Console,
 ) -> None:
     """Measures, writes and prints the figures of all runs."""
     summaries = []
@@ -234,6 +247,8 @@ def _report_all(
             if len(recording.steps):
                 on_stdout = options.json and not series.several
                 summaries.append(_report(session, number, on_stdout, console))
+                if lacks := rows.add(summaries[-1], recording.ended):
+                    console.say(lacks, "trouble")
             else:
                 console.say("vsense: the run ended before its first timestep: nothing was measured")
     finally:

@@ -20,6 +20,7 @@ from vsense.run import directory as run_directory
 from vsense.run.directory import RunLog
 from vsense.run.robots import Readiness, shorten
 from vsense.run.runner import Series
+from vsense.run.runs_csv import RunRows
 from vsense.terminal import interruption, print_data
 from vsense.ui.room import ControlRoom
 
@@ -137,7 +138,8 @@ def _run_leased(
             *(experiment, seed, options.blind, (host, port), trust, log, interrupted, room, made)
         )
         series = Series(directory, options.runs, room.holds, interrupted)
-        return RunCommand(options, setup, directory, log, series).run()
+        rows = RunRows(directory, "run", dict(options.set), experiment)
+        return RunCommand(options, setup, directory, log, series, rows).run()
 
 
 def _with_tracker(experiment: Experiment, where: tuple[str, int] | None) -> Experiment:
@@ -163,6 +165,7 @@ class RunCommand:
     directory: Path
     log: RunLog
     series: Series
+    rows: RunRows
 
     def run(self) -> int:
         """Carries out all runs; see `run`."""
@@ -200,11 +203,14 @@ class RunCommand:
         except run_directory.DirectoryError as error:
             self.log.say(f"no table of this run's timesteps: {error}", "trouble")
         one = OneRun(session, directory, readiness, self.log)
+        self.rows.begin(number)
         one.run()
         self.setup.room.recorders.end_run()
         summary = one.report()
         if summary is not None:
             summaries.append(summary)
+            if lacks := self.rows.add(summary, summary["ended"]):
+                self.log.say(lacks, "trouble")
         if one.failure is not None:
             raise one.failure
         return True

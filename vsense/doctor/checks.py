@@ -39,7 +39,7 @@ _PURPOSES = {
     "web": "the page (--web)",
     "https": "the page for other machines",
     "record": "recordings (--record, replay, report, export)",
-    "report": "charts of reports and campaigns",
+    "report": "charts of reports and campaigns, tests of runs",
     "robot": "daemons for robots' boards (vsense robot build)",
     "cluster": "campaigns on several machines (--on)",
     "completion": "completion in a shell",
