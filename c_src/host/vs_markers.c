@@ -161,6 +161,11 @@ static struct vs_picture cut_out(const struct vs_picture *picture,
     return part;
 }
 
+static int is_whole(const struct vs_picture *part, const struct vs_picture *picture)
+{
+    return part->width_px == picture->width_px && part->height_px == picture->height_px;
+}
+
 /* Whether a marker that could be read has been found at a candidate's place. */
 static int is_known(const struct vs_search *search, const struct vs_view *view,
                     const struct vs_shape *shape, const struct vs_marker *markers, size_t count)
@@ -254,6 +259,7 @@ int vs_markers_search(struct vs_markers *work, const struct vs_search *search,
 {
     int32_t corner[2];
     struct vs_picture part;
+    struct vs_search unmasked;
     size_t known;
     int err = vs_outline_check(outline), full, is_room, i;
 
@@ -266,6 +272,11 @@ int vs_markers_search(struct vs_markers *work, const struct vs_search *search,
     part = cut_out(&view->picture, window, &corner[0], &corner[1]);
     if (err == VS_OK && (part.width_px < 1 || part.height_px < 1))
         return VS_OK;
+    if (search->outside != NULL && !is_whole(&part, &view->picture)) {
+        unmasked = *search;
+        unmasked.outside = NULL; /* its blocks are not the window's */
+        search = &unmasked;
+    }
     lay_out(work, &view->picture);
     if (err == VS_OK)
         err = vs_scan_picture(&work->scan, &part, search);

@@ -27,6 +27,7 @@ from vsense.run.runner import Runner
 from vsense.run.runtime import Runtime, Step
 from vsense.run.watch import ArenaSource
 from vsense.terminal import Console, Interruption, Level
+from vsense.tracking.opening import masks_px
 from vsense.ui.access import is_loopback
 from vsense.ui.messages import ExperimentFacts
 from vsense.ui.room import ControlRoom
@@ -207,6 +208,8 @@ class RunSession(ExperimentSession):
         )
         if own is not None and not own.session.is_live:
             scene = replace(scene, recorded=True)
+        if own is not None:
+            scene = replace(scene, masks=masks_px(own.session))
         # STOP may only suspend a run (thesis, 2.3.1).
         suspends = own is not None and not own.session.record.change_root_directory_on_start
         runtime = self._open_room(self.source, scene, suspends)

@@ -378,6 +378,6 @@ def begin_recording(session: TrackingSession, talk: Talk) -> BackgroundRecorder 
     recorder = PictureRecorder(directory, cameras, record.image_format)
     trackers = {view.camera.id: view.tracker for view in session.views}
     with failing_as(PictureRecordingError, f"{directory}: cannot be written"):
-        write_session_files(directory, cameras, trackers)
+        write_session_files(directory, cameras, trackers, session.mask)
     talk.say(f"recording into {directory}")
     return BackgroundRecorder(recorder)

@@ -23,6 +23,7 @@ from vsense.message_bus import MessageBus
 from vsense.recording.form import Data, ExperimentMessage, RunMessage
 from vsense.run.orders import Give, Order, OrderError
 from vsense.terminal import Console, Level
+from vsense.tracking.opening import masks_px
 from vsense.tracking.specs import TrackingSession
 from vsense.ui import keyboard, messages
 from vsense.ui.access import FoxgloveAddress, WebAddress
@@ -212,7 +213,7 @@ class TrackRoom:
             version=vsense.__version__,
             arena={"size_m": [*size_m, 1.0], "centre_m": [*centre_m, 0.5]},
             robots=[{"tag": t, "name": str(t), "height_m": h} for t, h in heights_m],
-            cameras=messages.cameras(found, trackers),
+            cameras=messages.cameras(found, trackers, masks_px(session)),
             body_radius_m=BODY_RADIUS_M,
         ).data()
 
