@@ -10,7 +10,7 @@ from vsense.arena import Frame
 from vsense.cameras.camera import Camera
 from vsense.markers.families import load_family
 from vsense.tracking.arena_tracker import ArenaTracker
-from vsense.tracking.mask import Mask, MaskError, blocks_outside, outlines_px
+from vsense.tracking.mask import Mask, MaskError, blocks_of, outlines_px
 from vsense.tracking.prediction import MarkerSearch, SearchPlan
 from vsense.world.entities import Arena
 
@@ -79,8 +79,13 @@ def test_no_block_with_a_piece_of_a_marker_that_counts_is_skipped() -> None:
         "c", 0.3, 0.1, 2.4, 500.0, (500, 380), (-0.12, 0.02, 0.0, 0.0, 0.0)
     )
     mask, reach_m = Mask(((0.0, 0.0), (0.6, 0.1), (0.5, 0.5), (0.1, 0.4)), 0.05), 0.04
-    outside = blocks_outside(mask, camera, 0.06, reach_m)
+    outside, inside = blocks_of(mask, camera, 0.06, reach_m)
     assert outside.shape == (24, 32) and 0.2 < outside.mean() < 0.95
+    assert 0.0 < inside.mean() < 0.5
+    rows, columns = np.indices((380, 500))
+    pixels = np.stack((columns, rows), axis=-1).reshape(-1, 2).astype(float)
+    kept = mask.keeps(camera.to_plane(pixels, 0.06)).reshape(380, 500)
+    assert kept[np.kron(inside, np.ones((16, 16), dtype=bool))[:380, :500] != 0].all()
     rng = np.random.default_rng(3)
     places = rng.uniform((-0.2, -0.2), (0.8, 0.8), (4000, 2))
     places = places[mask.keeps(places)]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -61,6 +62,14 @@ class Mask:
 
     def distance_m(self, places_m: Floats) -> Floats:
         """Returns how far (n, 2) places are from the polygon: 0 inside; infinite for no place."""
+        away, inside = self.edges_m(places_m)
+        return np.where(np.isnan(away), np.inf, np.where(inside, 0.0, away))
+
+    def edges_m(self, places_m: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+        """Returns how far (n, 2) places are from the polygon's sides, and whether they are in it.
+
+        The distance of what is no place is no number.
+        """
         start = np.array(self.outline_m)
         side = np.roll(start, -1, axis=0) - start
         rest = places_m[:, np.newaxis] - start
@@ -71,15 +80,24 @@ class Mask:
         rises = (rest[:, :, 1] >= 0.0) != (rest[:, :, 1] - side[:, 1] >= 0.0)
         with np.errstate(divide="ignore", invalid="ignore"):
             crosses = rises & (rest[:, :, 0] < side[:, 0] * rest[:, :, 1] / side[:, 1])
-        inside = crosses.sum(axis=1) % 2 == 1
-        return np.where(np.isnan(away), np.inf, np.where(inside, 0.0, away))
+        return away, np.asarray(crosses.sum(axis=1) % 2 == 1)
+
+
+class Blocks(NamedTuple):
+    """What a mask makes of the blocks of a picture, each (lines, columns) uint8: 1 or 0.
+
+    Attributes:
+        outside: No piece of a marker that is kept is in them: C need not scan them.
+        inside: A marker whose place is in them is kept.
+    """
+
+    outside: NDArray[np.uint8]
+    inside: NDArray[np.uint8]
 
 
 @lru_cache(maxsize=_KEPT)
-def blocks_outside(
-    mask: Mask, camera: Camera, height_m: float, reach_m: float
-) -> NDArray[np.uint8]:
-    """Returns which blocks of a picture need not be scanned: 1, else 0; (lines, columns).
+def blocks_of(mask: Mask, camera: Camera, height_m: float, reach_m: float) -> Blocks:
+    """Returns the blocks of a camera's pictures.
 
     Args:
         height_m: Of the markers above the floor.
@@ -91,12 +109,18 @@ def blocks_outside(
     points = middle.reshape(-1, 2) - 0.5
     with np.errstate(all="ignore"):
         places = camera.to_plane(points, height_m)
-        corner = camera.to_plane(points + 0.5 * side, height_m)
-    half_m = 1.5 * np.linalg.norm(corner - places, axis=1)
-    far = mask.distance_m(places) > mask.margin_m + reach_m + half_m
+        half_m = 1.5 * np.linalg.norm(
+            camera.to_plane(points + 0.5 * side, height_m) - places, axis=1
+        )
+        away, inside = mask.edges_m(places)
+        beyond = np.where(inside, -away, away) - mask.margin_m
     # What the lens shows of no plane, a marker cannot be in.
-    far |= ~np.isfinite(places).all(axis=1)
-    return np.ascontiguousarray(far.reshape(lines, columns), dtype=np.uint8)
+    outside = ~(beyond <= reach_m + half_m)
+    shape = lines, columns
+    return Blocks(
+        np.ascontiguousarray(outside.reshape(shape), dtype=np.uint8),
+        np.ascontiguousarray((beyond <= -half_m).reshape(shape), dtype=np.uint8),
+    )
 
 
 def outlines_px(mask: Mask, camera: Camera, height_m: float) -> list[list[tuple[float, float]]]:
