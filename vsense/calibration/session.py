@@ -109,7 +109,7 @@ def rig(options: RigOptions) -> int:
     _check_sources(options, options.seen)
     _check_rig(options)
     board = Board.parse(options.board) if options.board else None
-    given = _cameras(options.intrinsics) if options.intrinsics else {}
+    given = cameras_of("--intrinsics", options.intrinsics) if options.intrinsics else {}
     points = read_points(options.points) if options.points else {}
     tags = TagFinder(options.tags, list(points)) if options.tags else None
     shoot, tagged = _shoot(options, board, given, tags)
@@ -283,9 +283,10 @@ def save(
     return report.as_text(solution, check), text
 
 
-def _cameras(folder: Path) -> dict[str, Camera]:
+def cameras_of(option: str, folder: Path) -> dict[str, Camera]:
+    """Reads the camera files of a folder that an option names; raises UsageError."""
     if not folder.is_dir():
-        raise UsageError(f"--intrinsics {folder}: no such folder")
+        raise UsageError(f"{option} {folder}: no such folder")
     cameras: dict[str, Camera] = {}
     for path in sorted(folder.glob("*.json")):
         try:
@@ -294,7 +295,7 @@ def _cameras(folder: Path) -> dict[str, Camera]:
             raise UsageError(f"{path}: cannot be read: {error}") from None
         cameras[camera.id] = camera
     if not cameras:
-        raise UsageError(f"--intrinsics {folder}: no camera files (*.json)")
+        raise UsageError(f"{option} {folder}: no camera files (*.json)")
     return cameras
 
 

@@ -8,7 +8,8 @@ import re
 from pathlib import Path
 from typing import Any
 
-from vsense.calibration import session
+from vsense.calibration import checking, session
+from vsense.calibration.checking import CheckOptions
 from vsense.calibration.session import LensOptions, RigOptions
 from vsense.commands import arguments
 from vsense.lab import board_studio
@@ -44,6 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_board(steps)
     _add_intrinsics(steps)
     _add_rig(steps)
+    _add_check(steps)
     _add_example(steps)
 
 
@@ -51,6 +53,8 @@ def run(options: argparse.Namespace) -> int:
     """Runs one step; see `vsense.calibration.session`."""
     if options.step == "example":
         return board_studio.write(options.directory, options.board, options.seed)
+    if options.step == "check":
+        return checking.run(arguments.fill(CheckOptions, options))
     if options.step == "board":
         return session.print_board(options.board, options.output)
     if options.step == "intrinsics":
@@ -129,6 +133,64 @@ def _add_points(step: argparse.ArgumentParser) -> None:
         metavar="LENGTH",
         help="how well the points are known (default: 1mm)",
     )
+
+
+def _add_check(steps: Any) -> None:
+    step = steps.add_parser(
+        "check",
+        help="say how true the calibration in use is, by measured points or a second board",
+        description="Holds what the cameras see against points that were measured with a tape, or"
+        " against a second board on the floor; prints how far off each camera is, and keeps that"
+        " beside the camera files: later runs, recordings and reports tell it.",
+    )
+    step.add_argument(
+        "--cameras",
+        type=Path,
+        default=Path("cameras"),
+        metavar="DIR",
+        help="folder with the camera files in use (default: cameras)",
+    )
+    arguments.option(
+        *(step, "--points", Path, "CSV"),
+        "measured points: id,x_m,y_m in the arena and, where they are not on the floor, z_m",
+    )
+    arguments.option(step, "--seen", Path, "CSV", "where they are seen: camera,id,x_px,y_px")
+    step.add_argument(
+        "--tags", metavar="DICT", help="or: ArUco or AprilTag markers lie there, such as 4X4_50"
+    )
+    step.add_argument(
+        "--markers",
+        metavar="FAMILY",
+        help="or: robots' markers are there, ids their tags, z_m their height; such as arrow4x4",
+    )
+    arguments.option(
+        step, "--distances", Path, "CSV", "tape measures between points: from,to,distance_m"
+    )
+    step.add_argument("--board", metavar="BOARD", help=f"instead of points: {_BOARD}")
+    step.add_argument(
+        "--floor",
+        nargs="+",
+        metavar="MOMENT",
+        help="moments when that board lay on the floor: names or patterns such as 'floor_*'",
+    )
+    step.add_argument(
+        "--thickness",
+        type=_length_m,
+        default=0.0,
+        metavar="LENGTH",
+        help="how high its printed face was above the floor, such as 5mm (default: 0mm)",
+    )
+    step.add_argument("--pictures", type=Path, nargs="+", metavar="PATH", help=_PICTURES)
+    step.add_argument(
+        "--camera", metavar="NAME", help="all pictures are of this camera, whatever their folders"
+    )
+    arguments.option(
+        step, "--every", arguments.positive, "N", "take every N-th picture of a video", 1
+    )
+    arguments.option(
+        step, "--limit", _length_m, "LENGTH", "fail (1) where a point is farther off, such as 5mm"
+    )
+    arguments.flag(step, "--json", "print the check as one JSON object on standard output")
 
 
 def _add_example(steps: Any) -> None:

@@ -259,7 +259,7 @@ class Kernel:
             ((found[name] + 0.5) // kernels.VS_MARKERS_BLOCK).astype(np.intp)
             for name in ("y_px", "x_px")
         )
-        kept = blocks.inside[line, column] != 0
+        kept: NDArray[np.bool_] = blocks.inside[line, column] != 0
         if not kept.all():
             doubtful = found[~kept]
             places = np.stack((doubtful["x_m"], doubtful["y_m"]), axis=1)
@@ -270,7 +270,8 @@ class Kernel:
         key = (camera, height_m)
         if key not in self._views:
             low, high = least_and_most_scale(camera, height_m)
-            outlines = (self._outline(p, low) for p in (self._limits.passes, self._limits.warm))
+            passes = self._limits.passes, self._limits.warm
+            outline, warm = (self._outline(each, low) for each in passes)
             search = self._search(low, high)
             blocks = None
             if self._mask is not None:
@@ -279,7 +280,7 @@ class Kernel:
             quick = kernel_ffi.new("struct vs_search *", search[0])
             for scan in quick.again:
                 scan.level_256 = 0
-            self._views[key] = _View(_view(camera, height_m), search, quick, *outlines, blocks)
+            self._views[key] = _View(_view(camera, height_m), search, quick, outline, warm, blocks)
         view = self._views[key]
         if image.strides[1] != 1 or image.strides[0] < image.shape[1]:
             image = np.ascontiguousarray(image)
