@@ -15,6 +15,7 @@ from typing import Any
 
 from vsense.cameras.camera import Camera
 from vsense.files import parse_json, read_text
+from vsense.tracking.specs import TrackingSession
 
 FILE = Path("report", "check.json")
 """Beside the camera files."""
@@ -55,11 +56,24 @@ def of_session(cameras: Mapping[str, tuple[Camera, Path]]) -> dict[str, Any]:
             stale.append(name)
     told = sorted(checks.values(), key=lambda check: str(check.get("when", "")))
     return {
-        "checked": not unchecked and not stale,
+        "checked": bool(cameras) and not unchecked and not stale,
         "unchecked": unchecked,
         "stale": stale,
         "checks": [{name: check.get(name) for name in ("when", *_NUMBERS)} for check in told],
     }
+
+
+def of_tracking(session: TrackingSession) -> dict[str, Any]:
+    """`of_session` of a tracking session's cameras; of cameras without files: nothing is known."""
+    files = session.resources.cameras
+    views = [view for view in session.views if view.camera.id in files]
+    return of_session({v.camera.id: (v.camera, files[v.camera.id].calibration) for v in views})
+
+
+def told_of(session: TrackingSession) -> str:
+    """What to say of a session's calibration when it begins; "" where it was never checked."""
+    known = of_tracking(session)
+    return in_words(known) if known["checks"] else ""
 
 
 def in_words(known: Mapping[str, Any]) -> str:
@@ -71,10 +85,9 @@ def in_words(known: Mapping[str, Any]) -> str:
         return "the calibration was never checked: vsense calibrate check says how true it is"
     check = checks[-1] if isinstance(checks[-1], Mapping) else {}
     rms, worst = check.get("rms_mm"), check.get("worst_mm")
-    text = (
-        f"calibration checked {str(check.get('when', '?'))[:10]} at {check.get('points')} points:"
-    )
-    text += f" {rms} mm rms, {worst} mm at worst"
+    when = str(check.get("when", "?")).split("T")[0]
+    text = f"calibration checked {when} at {check.get('points')} points: {rms} mm rms, {worst} mm"
+    text += " at worst"
     names = [str(name) for name in stale]
     if names:
         has = "has" if len(names) == 1 else "have"

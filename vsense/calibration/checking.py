@@ -114,7 +114,7 @@ def _with_points(options: CheckOptions, cameras: Mapping[str, Camera]) -> PointC
     points = check.read_places(options.points)
     tapes = check.read_distances(options.distances, points) if options.distances else []
     if options.seen:
-        sights = _read_seen(options.seen, points, cameras)
+        sights = read_seen(options.seen, points, cameras)
     else:
         sights = _looked(options, cameras, points)
     seen = {sight.point for sight in sights}
@@ -127,9 +127,10 @@ def _with_points(options: CheckOptions, cameras: Mapping[str, Camera]) -> PointC
     return check.check(cameras, points, sights, tapes)
 
 
-def _read_seen(
+def read_seen(
     path: Path, points: Mapping[str, Floats], cameras: Mapping[str, Camera]
 ) -> list[PointSight]:
+    """Reads where cameras see points, `camera,id,x_px,y_px`; raises UsageError or ConfigError."""
     sights = []
     for line, (camera, id, *place) in read_table(path, SEEN_COLUMNS):
         if camera not in cameras:

@@ -110,7 +110,7 @@ def _add_rig(steps: Any) -> None:
     )
     step.add_argument(
         "--thickness",
-        type=_length_m,
+        type=arguments.length_m,
         default=0.0,
         metavar="LENGTH",
         help="how high the board's printed face was above the floor, such as 5mm (default: 0mm)",
@@ -128,7 +128,7 @@ def _add_points(step: argparse.ArgumentParser) -> None:
     )
     step.add_argument(
         "--accuracy",
-        type=_length_m,
+        type=arguments.length_m,
         default=0.001,
         metavar="LENGTH",
         help="how well the points are known (default: 1mm)",
@@ -175,7 +175,7 @@ def _add_check(steps: Any) -> None:
     )
     step.add_argument(
         "--thickness",
-        type=_length_m,
+        type=arguments.length_m,
         default=0.0,
         metavar="LENGTH",
         help="how high its printed face was above the floor, such as 5mm (default: 0mm)",
@@ -188,7 +188,11 @@ def _add_check(steps: Any) -> None:
         step, "--every", arguments.positive, "N", "take every N-th picture of a video", 1
     )
     arguments.option(
-        step, "--limit", _length_m, "LENGTH", "fail (1) where a point is farther off, such as 5mm"
+        step,
+        "--limit",
+        arguments.length_m,
+        "LENGTH",
+        "fail (1) where a point is farther off, such as 5mm",
     )
     arguments.flag(step, "--json", "print the check as one JSON object on standard output")
 
@@ -243,10 +247,6 @@ def _place(text: str) -> tuple[float, float, float]:
     if not math.isfinite(x) or not math.isfinite(y) or not math.isfinite(degrees):
         raise argparse.ArgumentTypeError(f"'{text}': expected x,y,degrees such as 0.5,-1,90")
     return x, y, degrees
-
-
-def _length_m(text: str) -> float:
-    return 1e-3 * arguments.length_mm(text, ("mm", "cm", "m"))
 
 
 def _size(text: str) -> tuple[int, int]:

@@ -153,6 +153,8 @@ class Session(ExperimentSession):
             self.swarm.start(daemons[robot.controller], robot.tag, robot.id, base)
         self.setup.room.recorders.watch_family(experiment.marker, self.tracking)
         scene = self._scene("lab", self.cameras, {}, self.tracking.troubles)
+        if self.known is not None:
+            scene = replace(scene, calibration=self.known.checked)
         runtime = self._open_room(self.tracking, scene, ground=Ground(self.floor.put))
         grabber.start()
         runtime.open()

@@ -8,6 +8,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from vsense.calibration.checked import of_tracking
 from vsense.cameras.camera import Camera
 from vsense.cameras.grabber import Troubles
 from vsense.config.specs import Experiment
@@ -206,10 +207,13 @@ class RunSession(ExperimentSession):
             {view.camera.id: view.tracker.id for view in views},
             Troubles() if own is None else own.tracking.troubles,
         )
-        if own is not None and not own.session.is_live:
-            scene = replace(scene, recorded=True)
         if own is not None:
-            scene = replace(scene, masks=masks_px(own.session))
+            scene = replace(
+                scene,
+                recorded=not own.session.is_live,
+                masks=masks_px(own.session),
+                calibration=of_tracking(own.session),
+            )
         # STOP may only suspend a run (thesis, 2.3.1).
         suspends = own is not None and not own.session.record.change_root_directory_on_start
         runtime = self._open_room(self.source, scene, suspends)

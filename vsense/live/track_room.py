@@ -16,6 +16,7 @@ import numpy as np
 
 import vsense
 from vsense.arena import ArenaState, Frame, arena_data
+from vsense.calibration.checked import of_tracking
 from vsense.cameras.grabber import Troubles
 from vsense.clock import host_ns
 from vsense.live.runs import Runs
@@ -214,6 +215,7 @@ class TrackRoom:
             arena={"size_m": [*size_m, 1.0], "centre_m": [*centre_m, 0.5]},
             robots=[{"tag": t, "name": str(t), "height_m": h} for t, h in heights_m],
             cameras=messages.cameras(found, trackers, masks_px(session)),
+            calibration=of_tracking(session),
             body_radius_m=BODY_RADIUS_M,
         ).data()
 

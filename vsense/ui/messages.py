@@ -139,6 +139,7 @@ class ExperimentFacts:
         mode: of the page, see `MESSAGES.md`.
         recorded: the cameras are recordings.
         masks: see `cameras`.
+        calibration: what is known of the cameras' calibration, see `vsense.calibration.checked`.
     """
 
     command: str
@@ -151,6 +152,7 @@ class ExperimentFacts:
     mode: str = "live"
     recorded: bool = False
     masks: Mapping[str, object] | None = None
+    calibration: Data | None = None
 
 
 def experiment(facts: ExperimentFacts, environment: Environment) -> Data:
@@ -177,6 +179,7 @@ def experiment(facts: ExperimentFacts, environment: Environment) -> Data:
         objects=[{"tag": thing.tag, "name": thing.id} for thing in spec.objects],
         controllers=[_controller(*which) for which in zip(spec.controllers, environment.equipment)],
         cameras=cameras(facts.cameras, facts.trackers, facts.masks),
+        calibration=facts.calibration,
         body_radius_m=BODY_RADIUS_M,
     ).data()
 
