@@ -17,6 +17,8 @@ from vsense.calibration.frame import FrameShift
 from vsense.cameras.camera import Camera
 from vsense.cli import main
 from vsense.markers.families import load_family
+from vsense.recording.form import ExperimentMessage
+from vsense.report.facts import read_facts
 
 POINTS = {
     "sw": (-1.3, -1.0, 0.0), "se": (1.3, -1.0, 0.0), "ne": (1.3, 1.0, 0.06), "nw": (-1.3, 1.0, 0.0),
@@ -136,6 +138,17 @@ def test_later_runs_tell_what_was_checked_and_whether_it_still_is(
     assert in_words(changed).endswith(f"but usb {moved.id} has changed since: check again")
     (folder / "report" / "check.json").write_text("[1]")
     assert of_session(files)["checks"] == []
+
+
+def test_recordings_and_reports_hold_it() -> None:
+    check = {"when": "2026-11-24T09:00:00+00:00", "points": 5, "rms_mm": 1.2, "worst_mm": 2.5}
+    known = {"checked": True, "unchecked": [], "stale": [], "checks": [check]}
+    told = ExperimentMessage(calibration=known).data()
+    words = "calibration checked 2026-11-24 at 5 points: 1.2 mm rms, 2.5 mm at worst"
+    assert read_facts(told).calibration == words
+    assert (
+        read_facts({}).calibration == read_facts({"calibration": {"checks": 3}}).calibration == ""
+    )
 
 
 @pytest.mark.parametrize(
