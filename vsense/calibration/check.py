@@ -148,7 +148,6 @@ def read_distances(path: Path, points: Mapping[str, Floats]) -> list[TapeDistanc
 def as_json(found: PointCheck, when: str, how: str) -> dict[str, Any]:
     """The check as its file has it; lengths in mm."""
     off = np.linalg.norm(found.off_m, axis=1)
-    shift = found.shift
     return {
         "when": when,
         "how": how,
@@ -157,21 +156,9 @@ def as_json(found: PointCheck, when: str, how: str) -> dict[str, Any]:
         "rms_mm": _mm(rms(off)),
         "worst_mm": _mm(float(off.max())),
         "shape_rms_mm": _mm(rms(np.linalg.norm(found.left_m, axis=1))),
-        "frame": None
-        if shift is None
-        else {
-            "x_mm": _mm(shift.x_m),
-            "y_mm": _mm(shift.y_m),
-            "yaw_deg": round(float(np.degrees(shift.yaw_rad)), 4),
-        },
+        "frame": None if found.shift is None else _frame(found.shift),
         "of_cameras": {
-            name: {
-                "points": len(mine),
-                "rms_mm": _mm(rms(mine)),
-                "worst_mm": _mm(float(mine.max())),
-            }
-            for name in sorted({sight.camera for sight in found.sights})
-            for mine in [found.of(name)]
+            name: _camera(found.of(name)) for name in sorted({s.camera for s in found.sights})
         },
         "sights": [
             {"point": s.point, "camera": s.camera, "x_mm": _mm(x), "y_mm": _mm(y)}
@@ -187,6 +174,15 @@ def as_json(found: PointCheck, when: str, how: str) -> dict[str, Any]:
             for t, off_m in zip(found.distances, found.apart_m.tolist())
         ],
     }
+
+
+def _frame(shift: FrameShift) -> dict[str, float]:
+    yaw_deg = round(float(np.degrees(shift.yaw_rad)), 4)
+    return {"x_mm": _mm(shift.x_m), "y_mm": _mm(shift.y_m), "yaw_deg": yaw_deg}
+
+
+def _camera(off_m: Floats) -> dict[str, float]:
+    return {"points": len(off_m), "rms_mm": _mm(rms(off_m)), "worst_mm": _mm(float(off_m.max()))}
 
 
 def steps_m(found: PointCheck) -> dict[tuple[str, str], float]:

@@ -68,6 +68,14 @@ def _add_align(step: Any) -> None:
         "--camera", metavar="NAME", help="all pictures are of this camera, whatever their folders"
     )
     arguments.option(step, "--port", arguments.port, "P", "of the page (default: a free one)", 0)
+    _add_clicks(step)
+    arguments.flag(step, "--dry", "say what would be changed, and change nothing")
+    arguments.flag(step, "--undo", "put the camera files back as they were before the last time")
+    arguments.flag(step, "--json", "print what was found as one JSON object on standard output")
+
+
+def _add_clicks(step: Any) -> None:
+    """Declares where the corners are, where no page says it, and which points they are."""
     step.add_argument(
         "--click",
         action="append",
@@ -88,6 +96,3 @@ def _add_align(step: Any) -> None:
         help="how high above the floor the corners are that are clicked on, such as 12cm for the"
         " walls' upper edges (default: 0cm)",
     )
-    arguments.flag(step, "--dry", "say what would be changed, and change nothing")
-    arguments.flag(step, "--undo", "put the camera files back as they were before the last time")
-    arguments.flag(step, "--json", "print what was found as one JSON object on standard output")

@@ -150,6 +150,27 @@ def _add_check(steps: Any) -> None:
         metavar="DIR",
         help="folder with the camera files in use (default: cameras)",
     )
+    _add_measured(step)
+    _add_second_board(step)
+    step.add_argument("--pictures", type=Path, nargs="+", metavar="PATH", help=_PICTURES)
+    step.add_argument(
+        "--camera", metavar="NAME", help="all pictures are of this camera, whatever their folders"
+    )
+    arguments.option(
+        step, "--every", arguments.positive, "N", "take every N-th picture of a video", 1
+    )
+    arguments.option(
+        step,
+        "--limit",
+        arguments.length_m,
+        "LENGTH",
+        "fail (1) where a point is farther off, such as 5mm",
+    )
+    arguments.flag(step, "--json", "print the check as one JSON object on standard output")
+
+
+def _add_measured(step: argparse.ArgumentParser) -> None:
+    """Declares what was measured with a tape."""
     arguments.option(
         *(step, "--points", Path, "CSV"),
         "measured points: id,x_m,y_m in the arena and, where they are not on the floor, z_m",
@@ -166,6 +187,10 @@ def _add_check(steps: Any) -> None:
     arguments.option(
         step, "--distances", Path, "CSV", "tape measures between points: from,to,distance_m"
     )
+
+
+def _add_second_board(step: argparse.ArgumentParser) -> None:
+    """Declares a board on the floor that the calibration has not seen."""
     step.add_argument("--board", metavar="BOARD", help=f"instead of points: {_BOARD}")
     step.add_argument(
         "--floor",
@@ -180,21 +205,6 @@ def _add_check(steps: Any) -> None:
         metavar="LENGTH",
         help="how high its printed face was above the floor, such as 5mm (default: 0mm)",
     )
-    step.add_argument("--pictures", type=Path, nargs="+", metavar="PATH", help=_PICTURES)
-    step.add_argument(
-        "--camera", metavar="NAME", help="all pictures are of this camera, whatever their folders"
-    )
-    arguments.option(
-        step, "--every", arguments.positive, "N", "take every N-th picture of a video", 1
-    )
-    arguments.option(
-        step,
-        "--limit",
-        arguments.length_m,
-        "LENGTH",
-        "fail (1) where a point is farther off, such as 5mm",
-    )
-    arguments.flag(step, "--json", "print the check as one JSON object on standard output")
 
 
 def _add_example(steps: Any) -> None:
