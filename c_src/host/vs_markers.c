@@ -161,9 +161,19 @@ static struct vs_picture cut_out(const struct vs_picture *picture,
     return part;
 }
 
-static int is_whole(const struct vs_picture *part, const struct vs_picture *picture)
+/* How to search a part: the blocks to skip are those of the whole picture, not of a window. */
+static const struct vs_search *search_of(const struct vs_search *search,
+                                         const struct vs_picture *part,
+                                         const struct vs_picture *picture,
+                                         struct vs_search *unmasked)
 {
-    return part->width_px == picture->width_px && part->height_px == picture->height_px;
+    int is_whole = part->width_px == picture->width_px && part->height_px == picture->height_px;
+
+    if (search->outside == NULL || is_whole)
+        return search;
+    *unmasked = *search;
+    unmasked->outside = NULL;
+    return unmasked;
 }
 
 /* Whether a marker that could be read has been found at a candidate's place. */
@@ -272,11 +282,7 @@ int vs_markers_search(struct vs_markers *work, const struct vs_search *search,
     part = cut_out(&view->picture, window, &corner[0], &corner[1]);
     if (err == VS_OK && (part.width_px < 1 || part.height_px < 1))
         return VS_OK;
-    if (search->outside != NULL && !is_whole(&part, &view->picture)) {
-        unmasked = *search;
-        unmasked.outside = NULL; /* its blocks are not the window's */
-        search = &unmasked;
-    }
+    search = search_of(search, &part, &view->picture, &unmasked);
     lay_out(work, &view->picture);
     if (err == VS_OK)
         err = vs_scan_picture(&work->scan, &part, search);
