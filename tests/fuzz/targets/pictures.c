@@ -216,18 +216,20 @@ static void follow(struct input *in, const struct vs_view *view)
         check_found(view, count);
 }
 
-/* As many blocks as the picture has, and not one byte more. */
+/* As many blocks as the picture has, and not one byte more; none for what is no picture. */
 static uint8_t *make_mask(struct input *in, const struct vs_picture *picture)
 {
-    size_t columns = ((size_t)picture->width_px + VS_MARKERS_BLOCK - 1) / VS_MARKERS_BLOCK;
-    size_t lines = ((size_t)picture->height_px + VS_MARKERS_BLOCK - 1) / VS_MARKERS_BLOCK;
-    uint8_t *mask = malloc(columns * lines + (columns * lines == 0));
+    size_t width = (size_t)picture->width_px, height = (size_t)picture->height_px, blocks, i;
     uint8_t share = take_u8(in);
-    size_t i;
+    uint8_t *mask;
 
-    if (mask == NULL)
+    if (picture->width_px < 1 || picture->height_px < 1 || width > VS_MARKERS_SIDE ||
+        height > VS_MARKERS_SIDE)
         return NULL;
-    for (i = 0; i < columns * lines; i++)
+    blocks = ((width + VS_MARKERS_BLOCK - 1) / VS_MARKERS_BLOCK) *
+             ((height + VS_MARKERS_BLOCK - 1) / VS_MARKERS_BLOCK);
+    mask = malloc(blocks);
+    for (i = 0; mask != NULL && i < blocks; i++)
         mask[i] = (uint8_t)(i * 37) < share;
     return mask;
 }
