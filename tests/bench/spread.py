@@ -25,7 +25,7 @@ FIGURES = {
     "rms error of headings, deg": ("tracking", "heading_rmse_deg"),
     "markers named per timestep": ("tracking", "detected_mean"),
     "late timesteps": ("late_timesteps",),
-    "readings held, share": ("sensing", "fresh_share"),
+    "fresh readings, share": ("sensing", "fresh_share"),
     "capture to sent, median, ms": ("latency_ms", "capture_to_sent", "p50"),
     "capture to wheels, median, ms": ("latency_ms", "capture_to_wheels", "p50"),
     "age wrong by, 99 %, ms": ("clock", "age_error_ms_p99"),
