@@ -32,7 +32,8 @@ COMMANDS = {
     "export": ("export", "write what a recording holds as tables"),
     "cameras": ("cameras", "find cameras, look through them, set them up"),
     "markers": ("markers", "draw markers to print and cut out, or find them in pictures"),
-    "calibrate": ("calibrate", "from pictures of a printed board to camera files"),
+    "calibrate": ("calibrate", "from pictures of a board to camera files; check the ones in use"),
+    "arena": ("arena", "move the arena's frame onto the real walls"),
     "track": ("track", "track robots in cameras or recordings: arena states on standard output"),
     "serve": ("serve", "serve arena states to clients of the original tracking system"),
     "render": ("render", "draw pictures of the lab's cameras for `vsense track`, with the truth"),
@@ -50,7 +51,7 @@ GROUPS = {
         *("status", "start", "pause", "stop", "reset", "handover"),
     ),
     "what a run leaves": ("replay", "report", "export"),
-    "cameras and markers": ("cameras", "markers", "calibrate", "track", "serve", "render"),
+    "cameras and markers": ("cameras", "markers", "calibrate", "arena", "track", "serve", "render"),
     "robots": ("robot",),
     "this machine, and help": ("share", "doctor", "docs", "completion", "bench"),
 }

@@ -15,8 +15,9 @@ from vsense import clock
 from vsense.commands import arguments, experiments
 from vsense.config.specs import Experiment, Stage
 from vsense.errors import CutShort, UsageError, VsenseError
-from vsense.lab import metrics, report
-from vsense.lab.camera_spec import CameraGrid
+from vsense.lab import calibrated, metrics, report
+from vsense.lab.calibrated import CalibratedRig
+from vsense.lab.camera_spec import CameraGrid, cameras_above
 from vsense.lab.links import BASES
 from vsense.lab.session import Session
 from vsense.link.robots import keys
@@ -58,14 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="folder for picture and logs (default: runs/...)",
     )
-    arguments.option(
-        parser,
-        "--cameras",
-        _grid,
-        "CxR",
-        "so many columns and rows of cameras, up to 8x8; they hang so high, and have so many"
-        " pixels, that they see the whole arena (default: as many as it takes, 2x2 at least)",
-    )
+    _add_cameras(parser)
     arguments.option(
         parser,
         "--pace",
@@ -76,6 +70,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         1.0,
     )
     experiments.add_room(parser)
+
+
+def _add_cameras(parser: argparse.ArgumentParser) -> None:
+    arguments.option(
+        parser,
+        "--cameras",
+        _grid,
+        "CxR",
+        "so many columns and rows of cameras, up to 8x8; they hang so high, and have so many"
+        " pixels, that they see the whole arena (default: as many as it takes, 2x2 at least)",
+    )
+    arguments.flag(
+        parser,
+        "--calibrate",
+        "hang the cameras as people do, a little off, and know them only from rendered pictures of"
+        " a board, as `vsense calibrate rig` would (default: the cameras are known exactly)",
+    )
 
 
 def _grid(text: str) -> CameraGrid:
@@ -110,6 +121,8 @@ def run(options: argparse.Namespace) -> int:
     console = Console()
     _warn(console, experiment)
     with interruption() as interrupted, ControlRoom(experiments.room_of(options), console) as room:
+        with interrupted.at_once():
+            known = _calibrated(options, experiment, seed, directory, console)
         address = (experiment.host, port)
         trust = keys.INSECURE if options.insecure else LinkTrust(keys.make())
         experiments.say_trust(trust, console.say)
@@ -117,10 +130,8 @@ def run(options: argparse.Namespace) -> int:
         setup = RunSetup(
             *(experiment, seed, options.blind, address, trust, console, interrupted, room, made)
         )
-        session = Session(
-            *(setup, directory, options.base, options.firmware_watchdog, options.legacy_port),
-            options.cameras,
-        )
+        base = options.base, options.firmware_watchdog, options.legacy_port
+        session = Session(setup, directory, *base, options.cameras, known)
         series = Series(directory, options.runs, room.holds, interrupted)
         rows = RunRows(directory, "lab", dict(options.set), experiment)
         failure = _run_all(session, series, rows, room, console)
@@ -143,6 +154,25 @@ def _port(options: argparse.Namespace, experiment: Experiment) -> int:
     port = experiment.port if options.port is None else int(options.port)
     experiments.check_doors(options, experiment.host, port)
     return port
+
+
+def _calibrated(
+    options: argparse.Namespace,
+    experiment: Experiment,
+    seed: int,
+    directory: Path,
+    console: Console,
+) -> CalibratedRig | None:
+    """Hangs and calibrates the cameras of all runs, and says how well they are known; None where
+    they are known exactly."""
+    if not options.calibrate:
+        return None
+    ideal, height_m = cameras_above(experiment, options.cameras), experiment.marker.height_m
+    rig = calibrated.calibrate(ideal, experiment.arena, height_m, seed, directory, console.progress)
+    console.end_progress()
+    console.say(rig.in_words())
+    console.say(f"camera files and report: {directory / calibrated.FOLDER}")
+    return rig
 
 
 def _set_pace(pace: float, host: str) -> None:
@@ -267,6 +297,7 @@ def _report(session: Session, number: int, on_stdout: bool, console: Console) ->
         "robots": len(session.experiment.robots),
         "cameras": len(session.cameras),
         "pace": clock.pace(),
+        "calibration": None if session.known is None else session.known.figures,
         **metrics.figures(measured),
         "vision": session.tracking.figures(),
         "measures": recording.measures,

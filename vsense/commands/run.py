@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from vsense.calibration.checked import told_of
 from vsense.commands import arguments, experiments
 from vsense.config.framework import LINES_PORT
 from vsense.config.specs import Experiment, JsonLinesTracker, TrackerAddress
@@ -224,6 +225,8 @@ class RunCommand:
             f" notes in {self.directory}"
         )
         say(f"arena states come from {session.source.name}")
+        if session.source.own is not None and (text := told_of(session.source.own.session)):
+            say(text)
         say(
             f"waiting for robots on {host}, port {session.port}:"
             f" vsensed --host ADDRESS --port {session.port} --tag TAG --base BASE"

@@ -8,6 +8,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from vsense.calibration.checked import of_tracking
 from vsense.cameras.camera import Camera
 from vsense.cameras.grabber import Troubles
 from vsense.config.specs import Experiment
@@ -28,6 +29,7 @@ from vsense.run.runtime import Runtime, Step
 from vsense.run.watch import ArenaSource
 from vsense.sharing import user_name
 from vsense.terminal import Console, Interruption, Level
+from vsense.tracking.opening import masks_px
 from vsense.ui.access import is_loopback
 from vsense.ui.messages import ExperimentFacts
 from vsense.ui.room import ControlRoom
@@ -209,8 +211,13 @@ class RunSession(ExperimentSession):
             {view.camera.id: view.tracker.id for view in views},
             Troubles() if own is None else own.tracking.troubles,
         )
-        if own is not None and not own.session.is_live:
-            scene = replace(scene, recorded=True)
+        if own is not None:
+            scene = replace(
+                scene,
+                recorded=not own.session.is_live,
+                masks=masks_px(own.session),
+                calibration=of_tracking(own.session),
+            )
         # STOP may only suspend a run (thesis, 2.3.1).
         suspends = own is not None and not own.session.record.change_root_directory_on_start
         runtime = self._open_room(self.source, scene, suspends)

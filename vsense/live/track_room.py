@@ -16,6 +16,7 @@ import numpy as np
 
 import vsense
 from vsense.arena import ArenaState, Frame, arena_data
+from vsense.calibration.checked import of_tracking
 from vsense.cameras.grabber import Troubles
 from vsense.clock import host_ns
 from vsense.live.runs import Runs
@@ -24,6 +25,7 @@ from vsense.recording.form import Data, ExperimentMessage, RunMessage
 from vsense.run.orders import Give, Order, OrderError
 from vsense.sharing import user_name
 from vsense.terminal import Console, Level
+from vsense.tracking.opening import masks_px
 from vsense.tracking.specs import TrackingSession
 from vsense.ui import keyboard, messages
 from vsense.ui.access import FoxgloveAddress, WebAddress
@@ -217,7 +219,8 @@ class TrackRoom:
             version=vsense.__version__,
             arena={"size_m": [*size_m, 1.0], "centre_m": [*centre_m, 0.5]},
             robots=[{"tag": t, "name": str(t), "height_m": h} for t, h in heights_m],
-            cameras=messages.cameras(found, trackers),
+            cameras=messages.cameras(found, trackers, masks_px(session)),
+            calibration=of_tracking(session),
             body_radius_m=BODY_RADIUS_M,
         ).data()
 

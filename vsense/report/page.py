@@ -150,6 +150,8 @@ def _run(chapter: Chapter, counter: Counter) -> Iterator[str]:
     when = f", recorded {begun:%Y-%m-%d %H:%M} UTC" if begun is not None else ""
     file = f"{findings.path} (vsense {findings.version}{when})"
     yield f'<p class="soft">{escape(file)}</p>\n'
+    if findings.found.facts.calibration:
+        yield f'<p class="soft">Cameras: {escape(findings.found.facts.calibration)}.</p>\n'
     yield from _notes(findings)
     yield tiles(_tiles(findings))
     yield counter.figures(chapter.pictures)
