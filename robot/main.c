@@ -93,8 +93,9 @@ static void print_version(void)
 {
     char line[200];
 
-    vs_format(line, sizeof line, "vsensed %s, controller %s%s\n", VSENSED_VERSION,
-              vs_controller.name, *VSENSED_CONTROLLER_HASH ? " " VSENSED_CONTROLLER_HASH : "");
+    vs_format(line, sizeof line, "vsensed %s, controller %s%s%s\n", VSENSED_VERSION,
+              vs_controller.name, *vsensed_controller_hash != 0 ? " " : "",
+              vsensed_controller_hash);
     vs_print(line);
 }
 

@@ -13,10 +13,8 @@
 
 #define VSENSED_VERSION "0.1.0"
 
-/* Which source the controller was made of; `vsense robot build` defines it. */
-#ifndef VSENSED_CONTROLLER_HASH
-#define VSENSED_CONTROLLER_HASH ""
-#endif
+/* Which source the controller was made of; empty: nobody said it. */
+extern const char vsensed_controller_hash[VS_NAME_MAX + 1];
 
 struct vs_options {
     const char *host;                 /* numeric IPv4 */

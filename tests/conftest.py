@@ -18,23 +18,30 @@ from vsense.arena import POSE, ArenaState
 from vsense.errors import pip_line
 from vsense.robot import boards
 
+# What this machine's accounts share is none of the tests' business.
+os.environ["VSENSE_LAB"] = ""
+
 # A busy machine is no defect: no property has to hold within a wall-clock time.
 settings.register_profile("vsense", deadline=None)
 settings.load_profile("vsense")
 
 
-ALONE = ("tests/faults/", "tests/system/", "tests/ui/test_lab_page.py")
-"""Tests that need the machine for themselves: whole labs and runs that keep or measure times. Those
-marked `quick` end before anything keeps time."""
+ALONE = (
+    *("tests/faults/", "tests/ui/test_lab_page.py"),
+    *(f"tests/system/test_{name}.py" for name in ("attacked_lab", "flooded_lab", "kills", "lab")),
+)
+"""Tests that need the machine for themselves: whole labs that keep or measure times. Those marked
+`quick` end before anything keeps time, those marked `paced` measure none."""
 
 
 PACED = (
     *("tests/board/", "tests/gige/"),
     *(f"tests/robot/test_{name}.py" for name in ("bases", "daemon", "faults", "hangs")),
     *(f"tests/robot/test_{name}.py" for name in ("hard_faults", "stops")),
+    "tests/system/",
 )
-"""Tests of one board, one daemon or four cameras in real time: with their like only, since a busy
-machine is a fault of cameras too."""
+"""Tests of one board, one daemon, one run or four cameras in real time: with their like only, since
+a busy machine is a fault of cameras too."""
 
 
 LONG = (
@@ -67,9 +74,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         config.hook.pytest_deselected(items=left_out)
     items.sort(key=lambda item: not item.nodeid.startswith(LONG))
     for item in items:
-        if item.nodeid.startswith(ALONE) and item.get_closest_marker("quick") is None:
+        spared = any(map(item.get_closest_marker, ("quick", "paced")))
+        if item.nodeid.startswith(ALONE) and not spared:
             item.add_marker("alone")
-        if item.nodeid.startswith(PACED):
+        elif item.nodeid.startswith(PACED) and item.get_closest_marker("quick") is None:
             item.add_marker("paced")
         if item.get_closest_marker("alone") or item.get_closest_marker("paced"):
             item.add_marker(pytest.mark.flaky(reruns=TRIES_AGAIN, reruns_delay=2))
@@ -87,6 +95,26 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
             file.write(f"skipped {place}: {reason.removeprefix('Skipped: ')}\n")
         for report in terminalreporter.stats.get("rerun", []):
             file.write(f"tried again {report.nodeid}\n")
+
+
+def share_parts(cache: Path, factory: pytest.TempPathFactory) -> None:
+    """Has a new cache of builds use the parts that all tests of this session compile once."""
+    base = factory.getbasetemp()
+    session = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+    (session / "parts").mkdir(exist_ok=True)
+    (cache / "vsense").mkdir(parents=True)
+    (cache / "vsense" / "parts").symlink_to(session / "parts")
+
+
+@pytest.fixture
+def own_cache(
+    tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
+) -> Path:
+    """A cache of builds of the test's own: `$XDG_CACHE_HOME`."""
+    cache = tmp_path / "cache"
+    share_parts(cache, tmp_path_factory)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(cache))
+    return cache
 
 
 def require_tool(name: str, package: str) -> str:

@@ -34,6 +34,7 @@ LOOSE = {
     "files",
     "message_bus",
     "native",
+    "sharing",
     "terminal",
 }
 """The seams: the only modules that lie beside the folders of `vsense/`."""

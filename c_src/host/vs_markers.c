@@ -161,6 +161,21 @@ static struct vs_picture cut_out(const struct vs_picture *picture,
     return part;
 }
 
+/* How to search a part: the blocks to skip are those of the whole picture, not of a window. */
+static const struct vs_search *search_of(const struct vs_search *search,
+                                         const struct vs_picture *part,
+                                         const struct vs_picture *picture,
+                                         struct vs_search *unmasked)
+{
+    int is_whole = part->width_px == picture->width_px && part->height_px == picture->height_px;
+
+    if (search->outside == NULL || is_whole)
+        return search;
+    *unmasked = *search;
+    unmasked->outside = NULL;
+    return unmasked;
+}
+
 /* Whether a marker that could be read has been found at a candidate's place. */
 static int is_known(const struct vs_search *search, const struct vs_view *view,
                     const struct vs_shape *shape, const struct vs_marker *markers, size_t count)
@@ -254,6 +269,7 @@ int vs_markers_search(struct vs_markers *work, const struct vs_search *search,
 {
     int32_t corner[2];
     struct vs_picture part;
+    struct vs_search unmasked;
     size_t known;
     int err = vs_outline_check(outline), full, is_room, i;
 
@@ -266,6 +282,7 @@ int vs_markers_search(struct vs_markers *work, const struct vs_search *search,
     part = cut_out(&view->picture, window, &corner[0], &corner[1]);
     if (err == VS_OK && (part.width_px < 1 || part.height_px < 1))
         return VS_OK;
+    search = search_of(search, &part, &view->picture, &unmasked);
     lay_out(work, &view->picture);
     if (err == VS_OK)
         err = vs_scan_picture(&work->scan, &part, search);

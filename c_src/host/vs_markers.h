@@ -17,6 +17,7 @@
 
 #define VS_MARKERS_SIDE 8192 /* [px] greatest width and height of a picture */
 
+#define VS_MARKERS_BLOCK 16  /* [px] side of the blocks of a picture that have one threshold */
 #define VS_MARKERS_AGAIN 2   /* scans of a picture after the first */
 #define VS_OUTLINE_SAMPLES 96 /* points along an outline */
 #define VS_OUTLINE_STEPS 15   /* grey values along one normal */
@@ -53,8 +54,7 @@ struct vs_outline {
     int32_t rims;
     double rim_x_m[VS_OUTLINE_RIM]; /* what must be in the picture: a disc's rim, or corners */
     double rim_y_m[VS_OUTLINE_RIM];
-    double x_m[VS_OUTLINE_SAMPLES];
-    double y_m[VS_OUTLINE_SAMPLES];
+    double x_m[VS_OUTLINE_SAMPLES], y_m[VS_OUTLINE_SAMPLES];
     double normal_x[VS_OUTLINE_SAMPLES]; /* unit vectors, outwards */
     double normal_y[VS_OUTLINE_SAMPLES];
     double spot_x_m[VS_OUTLINE_CELLS * VS_OUTLINE_SPOTS];
@@ -105,6 +105,7 @@ struct vs_search {
     struct vs_rescan again[VS_MARKERS_AGAIN]; /* scans for what those before did not show */
     int32_t print_256;      /* share of the light ground that ink is darker by, at least (102) */
     int32_t has_veil;       /* whether the picture's darkest counts as 0 in that (0) */
+    const uint8_t *outside; /* of each block of a whole picture: not 0: skip it; NULL: none */
     double lead_m;          /* from the outline's centroid ahead to the disc's centre */
     double least_apart_m;   /* of two markers; of closer ones the better fit is kept */
     struct vs_shape_gate gate;
@@ -112,8 +113,7 @@ struct vs_search {
 
 /* A part of a picture; columns left .. right - 1, rows top .. bottom - 1. */
 struct vs_window {
-    int32_t left, top;
-    int32_t right, bottom;
+    int32_t left, top, right, bottom;
 };
 
 /* Working memory, the caller's; one thread at a time. Its content is of no meaning before. */

@@ -289,6 +289,15 @@ static void link_rows(struct vs_scan *s, const struct vs_picture *p,
     s->first[row] = s->run_count;
 }
 
+/* Nothing is dark in blocks that are to be skipped. */
+static void skip_blocks(struct vs_scan *s, const uint8_t *outside)
+{
+    uint32_t count = s->line * s->lines, i;
+
+    for (i = 0; i < count; i++)
+        s->level[i] = outside[i] != 0 ? 0 : s->level[i];
+}
+
 int vs_scan_needs(const struct vs_scan *s, const struct vs_rescan *again)
 {
     return again->level_256 > 0 && vs_levels_reach(s, again->least_light);
@@ -301,6 +310,8 @@ void vs_scan_again(struct vs_scan *s, const struct vs_picture *picture,
     s->full = s->run_count = s->part_count = 0;
     s->rows = ((uint32_t)picture->height_px + VS_SCAN_STEP - 1) / VS_SCAN_STEP;
     vs_levels_set(s, search, again->level_256, again->least_light);
+    if (search->outside != NULL)
+        skip_blocks(s, search->outside);
     link_rows(s, picture, without, count);
 }
 

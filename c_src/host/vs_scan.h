@@ -10,7 +10,7 @@
 #include "vs_markers.h"
 
 #define VS_SCAN_SIDE VS_MARKERS_SIDE
-#define VS_SCAN_BLOCK 16      /* [px] side of a block */
+#define VS_SCAN_BLOCK VS_MARKERS_BLOCK
 #define VS_SCAN_STEP 2        /* [px] from one scanned row to the next */
 #define VS_SCAN_LINE 512      /* blocks in a row: SIDE / BLOCK */
 #define VS_SCAN_BLOCKS 262144 /* blocks in a picture: LINE * LINE */

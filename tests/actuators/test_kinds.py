@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from tests.actuators.conftest import ARENA, STEP_NS, element_of, world_of
+from vsense.actuators import leds
 from vsense.actuators.bank import ActuatorBank
 from vsense.actuators.base import MountedActuator
 from vsense.arena import ArenaState
@@ -166,6 +168,25 @@ def test_wrong_elements_are_refused_with_their_line(text: str, said: str, scope:
     with pytest.raises(ConfigError) as caught:
         mounted(text, scope)
     assert str(caught.value).startswith("x.argos:1: ") and said in str(caught.value)
+
+
+def test_what_c_is_pointed_to_is_still_there(
+    state: States, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Freed memory is what the next array of its size gets: a segfault in a lab, once a day."""
+    seen = []
+
+    def show(how: Any, *rest: Any) -> int:
+        taken = [np.full(how.robots, 77_000, dtype=np.int32) for _ in range(100)]
+        seen.append([how.rows[robot] for robot in range(how.robots)])
+        return len(taken)
+
+    monkeypatch.setattr(leds, "kernels", SimpleNamespace(vs_shine_show=show))
+    world = world_of()
+    world.update(state({7: (0.5, 0.25, 0.0), 3: (-0.5, 0.0, 0.0)}, STEP_NS), 0)
+    rows = np.array([1, 0], dtype=np.intp)
+    leds.LedsActuator().apply(world, rows, np.zeros((2, 3)), np.zeros((2, 3)))
+    assert seen == [[1, 0]]
 
 
 def fields_of(world: World) -> list[Any]:

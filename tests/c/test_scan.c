@@ -186,6 +186,37 @@ static void test_a_known_arrow_is_followed(void)
     CHECK(found[0].x_m > 0.0098 && found[0].x_m < 0.0102);
 }
 
+/* What is in blocks that are to be skipped is not there; a window has no such blocks. */
+static void test_skipped_blocks_show_nothing(void)
+{
+    enum { BLOCKS = ((WIDTH + VS_MARKERS_BLOCK - 1) / VS_MARKERS_BLOCK) *
+                    ((HEIGHT + VS_MARKERS_BLOCK - 1) / VS_MARKERS_BLOCK) };
+    static uint8_t pixels[WIDTH * HEIGHT];
+    const struct vs_window part = {1, 0, WIDTH, HEIGHT};
+    const double at_m[2] = {0.0, 0.0};
+    uint8_t *outside = calloc(BLOCKS, 1);
+    struct vs_outline outline;
+    struct vs_search search;
+    struct vs_view view;
+    size_t count = 0;
+
+    CHECK(outside != NULL);
+    make_outline(&outline);
+    make_search(&search);
+    make_view(&view, pixels, WIDTH, WIDTH, HEIGHT);
+    draw(pixels, 1.0, 0.0, at_m);
+    search.outside = outside;
+    CHECK(vs_markers_search(work, &search, &outline, &view, &everything, found, CAPACITY,
+                            &count) == VS_OK && count == 1);
+    memset(outside, 1, BLOCKS);
+    count = 0;
+    CHECK(vs_markers_search(work, &search, &outline, &view, &everything, found, CAPACITY,
+                            &count) == VS_OK && count == 0);
+    CHECK(vs_markers_search(work, &search, &outline, &view, &part, found, CAPACITY,
+                            &count) == VS_OK && count == 1);
+    free(outside);
+}
+
 static void fill(uint8_t *pixels, size_t size, uint32_t kind)
 {
     size_t i;
@@ -476,6 +507,7 @@ int main(void)
     CHECK(work != NULL);
     test_an_arrow_is_found_where_it_is();
     test_a_known_arrow_is_followed();
+    test_skipped_blocks_show_nothing();
     test_any_bytes_in_any_shape_do_no_harm();
     test_a_full_table_is_reported();
     test_a_table_that_the_second_scan_fills_is_reported();

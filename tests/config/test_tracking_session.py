@@ -15,6 +15,7 @@ from vsense.cameras.camera import Camera
 from vsense.cameras.opencv_source import Controls
 from vsense.config import resources, tracking_session
 from vsense.errors import ConfigError, UsageError, VsenseError
+from vsense.tracking.mask import Mask
 from vsense.tracking.specs import TrackingSession
 
 RESOURCES = """<?xml version="1.0" ?>
@@ -242,6 +243,10 @@ def test_a_misspelt_attribute_is_no_default(
         (1, 'tracker="other"', 'tracker="clash"', 5, "another height in 'arrows': 0.12 m, 0.2 m"),
         (1, ' opt_square_size="11"', "", 3, "opt_square_size: is missing, expected the side in cm"),
         (1, '"11"', '"0.5"', 3, "opt_square_size: 0.5 is out of range, expected 1 to 1000 cm"),
+        (1, ' opt_square', ' opt_mask="0,0 1,0 x,1" opt_square', 3, "'x,1' is no corner, expected"),
+        (1, ' opt_square', ' opt_mask="0,0 1,0" opt_square', 3, "2 corners, expected 3 or more"),
+        (1, ' opt_square', ' opt_mask="0,0 1,1 2,2" opt_square', 3, "enclose nothing"),
+        (1, ' opt_square', ' opt_mask_margin="5" opt_square', 3, "without 'opt_mask'"),
         (1, "arena_tracking", "arena_tracking_system", 2, "expected <arena_tracking>"),
         (1, "<experiment_record", "<experiment_record /><experiment_record", 7, "appears twice"),
     ],
@@ -311,3 +316,18 @@ def test_a_file_that_cannot_be_read_is_named(name: str, tmp_path: Path) -> None:
     good.write_text(RESOURCES)
     with pytest.raises(VsenseError, match="cannot be read"):
         tracking_session.load(good, tmp_path / name)
+
+
+def test_a_mask_is_an_outline_or_that_of_the_experiments_arena(read_text: Read) -> None:
+    def masked(words: str) -> TrackingSession:
+        return read_text(RESOURCES, EXPERIMENT.replace(" opt_square", f" {words} opt_square", 1))
+
+    corners = ((0.0, 0.0), (2.0, 0.0), (2.0, 1.5))
+    assert masked("").mask is None
+    assert masked('opt_mask="0,0  2,0 2,1.5"').mask == Mask(corners, 0.05)
+    arena = masked('opt_mask="arena" opt_mask_margin="12"')
+    with pytest.raises(ConfigError, match=r"x\.xml:3: .* that of the experiment of vsense run"):
+        assert arena.mask
+    assert arena.within(corners).mask == Mask(corners, 0.12)
+    other = masked('opt_mask="0,0 2,0 2,1.5"')
+    assert other.within(((5.0, 5.0), (6.0, 5.0), (6.0, 6.0))) == other

@@ -23,16 +23,16 @@ GOES, STANDS = (-300, 300), (0, 0)
 BEGUN, ENDED, UNTIL = 1000 * MS, 2000 * MS, 5000 * MS
 
 
-def test_ten_faults_break_no_promise() -> None:
+def test_six_faults_break_no_promise() -> None:
     unshare = require_tool("unshare", "util-linux")
     allowed = subprocess.run([unshare, "--net", "--mount", "true"], capture_output=True, text=True)
     if allowed.returncode != 0 or not os.access("/dev/net/tun", os.R_OK | os.W_OK):
         lack(f"no network namespaces or no /dev/net/tun here: {allowed.stderr.strip()}")
-    command = [sys.executable, "-m", "tests.faults.campaign", "--seeds", "10", "--seed", "1"]
+    command = [sys.executable, "-m", "tests.faults.campaign", "--seeds", "6", "--seed", "1"]
     done = subprocess.run(command, cwd=Path(__file__).parents[2], capture_output=True, text=True)
     print(done.stdout)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "10 faults, 0 broke a promise" in done.stdout
+    assert "6 faults, 0 broke a promise" in done.stdout
 
 
 def verdict(

@@ -118,7 +118,7 @@ def test_help_may_be_a_word(
     [
         ("simm", "is 'sim' meant?"),
         ("calibration", "is 'calibrate' meant?"),
-        ("xyz", "there are: bench, calibrate, "),
+        ("xyz", "there are: arena, bench, "),
     ],
 )
 def test_an_unknown_command_tells_what_may_be_meant(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import grp
 import importlib.util
 import json
 import socket
@@ -12,6 +13,7 @@ import pytest
 from vsense import cli, errors
 from vsense.doctor import checks, versions
 from vsense.doctor.checks import BROKEN, LACKS, OK, Finding, findings
+from vsense.link.robots import keys
 
 
 def found(name: str) -> Finding:
@@ -56,10 +58,36 @@ def test_a_key_that_others_can_read(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert found("swarm key").mend == "vsense robot keys --new-key"
     path = tmp_path / "vsense" / "swarm.key"
     path.parent.mkdir()
-    path.touch(mode=0o644)
-    assert found("swarm key").mend == f"chmod 600 {path}"
-    path.chmod(0o600)
+    keys.write(path, keys.make())
+    path.chmod(0o644)
+    assert found("swarm key").mend == f"chmod 640 {path}"
+    path.chmod(0o640)
     assert found("swarm key").state == OK
+
+
+def test_a_labs_folder_that_is_not_well_set_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    assert found("lab folder").state == OK and "none" in found("lab folder").text
+    lab = tmp_path / "lab"
+    monkeypatch.setenv("VSENSE_LAB", str(lab))
+    lab.mkdir()
+    lab.chmod(0o2775)
+    assert found("lab folder").mend == f"sudo chmod 2770 {lab}"
+    lab.chmod(0o2770)
+    keys.write(lab / "swarm.key", keys.make().followed())
+    group = grp.getgrgid(lab.stat().st_gid).gr_name
+    assert found("lab folder").text.startswith(f"{lab}, group '{group}': ")
+    assert keys.default_path() == lab / "swarm.key" and found("swarm key").state == OK
+    notes = [one.text for one in checks.findings() if one.name == "swarm key"]
+    assert notes[1:] == [
+        "key 1 is still taken, and no robot is known to have it: if none has, vsense robot keys"
+        " --forget 1"
+    ]
+    (lab / "robots.toml").touch(mode=0o644)
+    lacking = [one for one in checks.findings() if one.name == "lab folder"][1:]
+    assert [one.mend for one in lacking] == [f"sudo chmod o= {lab / 'robots.toml'}"]
 
 
 def test_every_extra_is_for_something() -> None:

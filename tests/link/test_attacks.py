@@ -429,6 +429,19 @@ def test_a_robot_with_an_older_protocol_is_told_of_by_name(
     assert closed(sock)
 
 
+def test_a_robot_that_shows_the_key_before_the_one_it_was_brought_is_not_believed(
+    robot: MakeRobot,
+) -> None:
+    """Somebody may have stolen that one; the robot itself is told what to do."""
+    host = Server(Clock(), trust=LinkTrust(KEYS.followed(), brought={UID: 2}))
+    try:
+        robot(host, 1).connect()
+        assert "has its former key 1, but was brought a newer one" in host.wait("refused", 1).text
+        assert not host.server.robots()[1].connected
+    finally:
+        host.close()
+
+
 def test_a_robot_with_an_older_key_is_taken_and_told_of(robot: MakeRobot) -> None:
     followed = KEYS.followed()
     host = Server(Clock(), trust=LinkTrust(followed))

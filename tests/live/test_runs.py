@@ -160,7 +160,7 @@ def test_runs_that_begin_in_the_same_second_have_folders_of_their_own(
     )
     tracker = one_tracker([CAMERA], "arrow4x4", {31: 0.1})["top"]
     session = SimpleNamespace(
-        record=record, views=[SimpleNamespace(camera=CAMERA, tracker=tracker)]
+        record=record, views=[SimpleNamespace(camera=CAMERA, tracker=tracker)], mask=None
     )
     talk = Talk(Console(io.StringIO()), lambda: 0, None)
     for _ in range(2):

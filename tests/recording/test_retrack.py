@@ -27,6 +27,7 @@ from vsense.recording.retrack import RetrackComparison, Retracking
 from vsense.recording.tracker_made import change_settings
 from vsense.tracking import memory as tracker_memory
 from vsense.tracking.arena_tracker import ArenaTracker
+from vsense.tracking.mask import Mask
 from vsense.tracking.opening import open_tracking
 
 Change = Callable[[dict[str, Any]], dict[str, Any]]
@@ -35,13 +36,13 @@ OFFSETS = dict.fromkeys((*HEIGHTS_M, STRANGER), MarkerOffset(0.003, -0.004, 0.07
 MADE = tracker_made.of_family(CAMERAS, FAMILY, HEIGHTS_M, offsets=OFFSETS)
 
 
-def session_files(folder: Path) -> tuple[Path, Path]:
+def session_files(folder: Path, mask: Mask | None = None) -> tuple[Path, Path]:
     """The scene as a recording of `vsense track`."""
     pictures = PictureRecorder(folder, CAMERAS)
     pictures.write(frames(0))
     pictures.close()
     trackers = one_tracker(CAMERAS, FAMILY, HEIGHTS_M)
-    write_session_files(folder, CAMERAS, trackers)
+    write_session_files(folder, CAMERAS, trackers, mask)
     return folder / "resources.xml", folder / "experiment.xml"
 
 
@@ -105,11 +106,16 @@ def test_a_recording_may_begin_and_break_off_anywhere(
     assert compared.gaps == 1
 
 
-def test_a_sessions_tracker_is_the_same_in_every_bit(tmp_path: Path) -> None:
-    files = session_files(tmp_path / "session")
+@pytest.mark.parametrize("is_masked", [False, True])
+def test_a_sessions_tracker_is_the_same_in_every_bit(tmp_path: Path, is_masked: bool) -> None:
+    everywhere = Mask(((-0.1, -9.0), (9.0, -9.0), (9.0, 9.0), (-0.1, 9.0)), 0.07)
+    mask = everywhere if is_masked else None
+    files = session_files(tmp_path / "session", mask)
     session = replace(tracking_session.load(*files), offsets=OFFSETS)
+    assert session.mask == mask
     tracking = open_tracking(session, lambda: 0, print)
     path = track(tmp_path / "run.mcap", tracking.tracker, tracker_made.of_session(session), 3)
+    assert (min(tracking.tracker.state.robots["x_m"]) > -0.17) == is_masked
     tracking.close()
     compared = again(path)
     assert compared.timesteps == compared.equal == TIMESTEPS - 3

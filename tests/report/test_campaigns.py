@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,11 @@ from vsense.cli import main
 from vsense.errors import UsageError
 from vsense.message_bus import Message
 from vsense.report import charts, compare
-from vsense.report.campaigns import read_campaign, tables_in
+from vsense.report.campaigns import CampaignRuns, campaign_runs
 from vsense.report.findings import Findings, read_findings
 from vsense.report.report import make_report
+from vsense.report.study.collect import read_tables, tables_in
+from vsense.run.runs_csv import RUNS, RunRow, RunsFile
 
 HEAD = "campaign,experiment,sensor.noise,seed,robots,duration_s,items_home,in_cone_before_turn,"
 TABLE = (
@@ -49,9 +52,13 @@ def kinds(tmp_path: Path) -> list[Findings]:
     ]
 
 
+def read_campaign(path: Path) -> list[CampaignRuns]:
+    return [some for table in read_tables([path]) for some in campaign_runs(table)]
+
+
 def test_a_table_is_a_group_for_each_combination_of_settings(table: Path) -> None:
     first, second = read_campaign(table)
-    assert (first.label, list(first.seeds)) == ("sensor.noise 0", ["1", "2"])
+    assert (first.condition, list(first.seeds)) == ("sensor.noise=0", ["1", "2"])
     assert first.ends == {
         "items_home": [10.0, 20.0], "robots_in_cone": [3.0, 5.0], "lit_in_cone": [2.0, 3.0],
     }  # fmt: skip
@@ -62,13 +69,13 @@ def test_a_table_is_a_group_for_each_combination_of_settings(table: Path) -> Non
 def test_kinds_of_runs_are_groups_of_their_own(kinds: list[Findings], table: Path) -> None:
     found = compare.groups(kinds, read_campaign(table))
     assert [(group.condition, group.count) for group in found] == [
-        ("simulation", 1), ("simulation (sensor.noise 0)", 2), ("simulation (sensor.noise 0.2)", 1),
+        ("simulation", 1), ("simulation (sensor.noise=0)", 2), ("simulation (sensor.noise=0.2)", 1),
         ("lab", 1), ("real robots", 1), ("recorded pictures", 1),
     ]  # fmt: skip
     end = compare.table(found)["items home, at the end"]
-    assert (end["simulation (sensor.noise 0)"].mean, end["lab"].values) == (15.0, [19.0])
+    assert (end["simulation (sensor.noise=0)"].mean, end["lab"].values) == (15.0, [19.0])
     assert end["lab"].spread is None, "of one run there is none"
-    assert "simulation (sensor.noise 0)," not in charts.few(found) and ", lab," in charts.few(found)
+    assert "simulation (sensor.noise=0)," not in charts.few(found) and ", lab," in charts.few(found)
 
 
 def test_a_simulated_run_has_neither_latencies_nor_links(kinds: list[Findings]) -> None:
@@ -83,7 +90,7 @@ def test_the_page_says_what_is_compared(tmp_path: Path, table: Path) -> None:
     assert main(["report", str(table), str(real), "-o", str(tmp_path / "out")]) == 0
     text = (tmp_path / "out" / "report.html").read_text()
     assert "hand: simulation and real robots compared" in text
-    assert "Runs: 2 simulation (sensor.noise 0), 1 simulation (sensor.noise 0.2), 1 real" in text
+    assert "Runs: 2 simulation (sensor.noise=0), 1 simulation (sensor.noise=0.2), 1 real" in text
     assert "Of one run there is no spread" in text and "4 runs compared" in text
     assert "2: 1 … 2" in text, "the campaign's row of the table of runs"
 
@@ -93,21 +100,32 @@ def test_a_folder_with_tables_stands_for_them(tmp_path: Path, table: Path) -> No
     assert tables_in(tmp_path) == [table]
     assert main(["report", str(tmp_path), "-o", str(tmp_path / "out")]) == 0
     names = {path.name for path in (tmp_path / "out").iterdir()}
-    assert "compared-01-items_home-end.png" in names, "no run is recorded, but the ends are known"
-    assert "compared-01-items_home.png" not in names
+    assert "runs-01-items_home.png" in names, "no run is recorded, but the ends are known"
+    assert not [name for name in names if name.startswith("compared")]
+
+
+def test_a_folder_of_runs_stands_for_its_recordings_where_it_has_some(tmp_path: Path) -> None:
+    row = RunRow(run="run-1", mode="lab", experiment="hand", condition="sighted")
+    RunsFile(tmp_path / RUNS).append(replace(row, measures={"items_home": 1.0}))
+    assert main(["report", str(tmp_path), "-o", str(tmp_path / "a")]) == 0
+    assert (tmp_path / "a" / "runs-01-items_home.png").exists()
+    write(tmp_path / "hand.mcap", messages())
+    assert main(["report", str(tmp_path), "-o", str(tmp_path / "b")]) == 0
+    assert not (tmp_path / "b" / "runs-01-items_home.png").exists()
+    assert (tmp_path / "b" / "measures.png").exists()
 
 
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("", "is no table of a campaign"),
-        ("time_s,timestep\n0,1\n", "is no table of a campaign"),
+        ("", "noise.csv:1: is no runs.csv: expected the columns run,series"),
+        ("time_s,timestep\n0,1\n", "noise.csv:1: is no runs.csv"),
         ("campaign,experiment,seed,robots\n", "is no table of a campaign"),
         (TABLE.partition("\n")[0] + "\n", "holds no run"),
-        (TABLE + "ab,hand\n", "noise.csv:5: 2 values, not 11"),
+        (TABLE + "ab,hand\n", "noise.csv:5: 2 values, expected 11"),
         (TABLE + "x" * 200_000 + "\n", "noise.csv:5: field larger than"),
-        ("x" * 200_000, "noise.csv:1: is no table of a campaign"),
-        (TABLE.replace(",10,", ",ten,"), "seed 1: items_home is 'ten', expected a number"),
+        ("x" * 200_000, "noise.csv:1: field larger than"),
+        (TABLE.replace(",10,", ",ten,"), "noise.csv:2: could not convert string to float: 'ten'"),
     ],
 )
 def test_what_is_no_table_is_refused(tmp_path: Path, text: str, reason: str) -> None:
@@ -118,27 +136,29 @@ def test_what_is_no_table_is_refused(tmp_path: Path, text: str, reason: str) -> 
 
 def test_campaigns_of_the_same_name_stay_apart(tmp_path: Path) -> None:
     """As `vsense sim --runs` names them, with and without settings."""
-    plain = TABLE.replace(",sensor.noise", "").replace("hand,0,", "hand,").replace("0.2,", "")
-    for folder, text in (("a/x", plain), ("b/x", plain.replace(",20,", ",40,")), ("c", TABLE)):
+    plain = TABLE.replace(",sensor.noise", "").replace("hand,0,", "hand,")
+    plain = plain.replace("0.2,1,", "3,")
+    other, short = plain.replace(",20,", ",40,"), TABLE.rpartition("ab,")[0]
+    for folder, text in (("a/x", plain), ("b/x", other), ("c", TABLE), ("d", short)):
         (tmp_path / folder).mkdir(parents=True)
-        (tmp_path / folder / "results.csv").write_text(text)
-    (tmp_path / "d").mkdir()
-    (tmp_path / "d" / "results.csv").write_text(TABLE.rpartition("ab,")[0])
+        # Another campaign is another series.
+        series = text.replace("ab,", f"{folder[0]}a,")
+        (tmp_path / folder / "results.csv").write_text(series)
     files = [tmp_path / name / "results.csv" for name in ("a/x", "b/x", "c", "d")]
     found = compare.groups([], [some for path in files for some in read_campaign(path)])
     assert [(group.condition, group.count) for group in found] == [
-        ("simulation (a/x/results.csv)", 3),
-        ("simulation (b/x/results.csv)", 3),
-        ("simulation (c/results.csv, sensor.noise 0)", 2),
-        ("simulation (sensor.noise 0.2)", 1),
-        ("simulation (d/results.csv, sensor.noise 0)", 2),
+        ("simulation (a/x/results.csv, as in the file)", 3),
+        ("simulation (b/x/results.csv, as in the file)", 3),
+        ("simulation (c/results.csv, sensor.noise=0)", 2),
+        ("simulation (sensor.noise=0.2)", 1),
+        ("simulation (d/results.csv, sensor.noise=0)", 2),
     ]
     ends = compare.table(found)["items home, at the end"]
-    assert ends["simulation (a/x/results.csv)"].values == [10.0, 20.0, 4.0]
-    assert ends["simulation (b/x/results.csv)"].values == [10.0, 40.0, 4.0]
+    assert ends["simulation (a/x/results.csv, as in the file)"].values == [10.0, 20.0, 4.0]
+    assert ends["simulation (b/x/results.csv, as in the file)"].values == [10.0, 40.0, 4.0]
 
 
 def test_a_table_that_is_named_twice_counts_once(table: Path, tmp_path: Path) -> None:
     again = tmp_path / "again.csv"
     again.symlink_to(table)
-    assert len(make_report([table, again, table], tmp_path / "out", form="").campaigns) == 2
+    assert len(make_report([table, again, table], tmp_path / "out", form="").tables) == 1

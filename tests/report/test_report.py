@@ -6,7 +6,6 @@ import copy
 import json
 import re
 import tempfile
-from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -25,17 +24,7 @@ from vsense.report.report import PAGE, make_report
 TOPICS = sorted({message.topic for message in messages()})
 PICTURES = ("ways", "occupancy", "measures", "robots", "latency", "latency-over-time")
 VOID = {"meta", "img", "br"}
-
-
-@pytest.fixture(scope="module", autouse=True)
-def coarse(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """A user's matplotlibrc with few pixels and no layout, which take most of the time."""
-    path = tmp_path_factory.mktemp("style") / "matplotlibrc"
-    path.write_text("savefig.dpi: 20\nfigure.constrained_layout.use: False\n")
-    patch = pytest.MonkeyPatch()
-    patch.setenv("MATPLOTLIBRC", str(path))
-    yield
-    patch.undo()
+pytestmark = pytest.mark.usefixtures("coarse")
 
 
 class Reader(HTMLParser):

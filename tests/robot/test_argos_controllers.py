@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.conftest import require_tool, require_zig
+from tests.conftest import require_tool, require_zig, share_parts
 from vsense.bench.robot import HERE as BENCH
 from vsense.config.experiment import load
 from vsense.config.specs import Stage
@@ -46,6 +46,7 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     require_tool("c++", "build-essential")
     with pytest.MonkeyPatch.context() as patch:
         folder = tmp_path_factory.mktemp("cache")
+        share_parts(folder, tmp_path_factory)
         patch.setenv("XDG_CACHE_HOME", str(folder))
         yield folder
 

@@ -19,9 +19,8 @@ from vsense.robot import build
 
 
 @pytest.fixture(autouse=True)
-def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    return tmp_path / "cache"
+def cache(own_cache: Path) -> Path:
+    return own_cache
 
 
 @pytest.fixture
@@ -199,7 +198,7 @@ def test_ctrl_c_reaches_no_compiler(tmp_path: Path, cache: Path) -> None:
     os.mkfifo(started)
     os.mkfifo(go)
     compiler.write_text(
-        f'#!/bin/sh\ncase "$*" in *" -o "*) echo >"{started}"; read word <"{go}";; esac\n'
+        f'#!/bin/sh\ncase "$*" in *" -s -o "*) echo >"{started}"; read word <"{go}";; esac\n'
         'exec cc "$@"\n'
     )
     compiler.chmod(0o755)

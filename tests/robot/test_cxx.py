@@ -23,9 +23,8 @@ TIMEOUT_S = 300
 
 
 @pytest.fixture(autouse=True)
-def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def cache(own_cache: Path) -> None:
     require_tool("c++", "build-essential")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
 
 
 @pytest.fixture

@@ -379,6 +379,13 @@ def test_an_experiment_brings_each_robot_its_own_program(
 TCP = "   0: 0A01000A:C350 0100000A:{port} {state} 00000000:00000000 00:00000000 00000000     0\n"
 
 
+# journalctl(1): short-iso begins with the date of ISO 8601.
+JOURNAL = """\
+2026-11-23T09:01:02+0100 epuck vsensed[7]: vsensed 1: connected: 5 sensors, 0 actuators
+2026-11-24T14:02:33+0100 epuck vsensed[7]: vsensed 1: connected: 5 sensors, 0 actuators
+2026-11-24T14:02:34+0100 epuck vsensed[7]: vsensed 1: wheels free"""
+
+
 @pytest.mark.parametrize(
     ("port", "state", "busy"),
     [("0FD2", "01", True), ("0FD2", "02", False), ("0FD3", "01", False), ("0016", "01", False)],
@@ -392,6 +399,7 @@ def test_a_robot_in_an_experiment_is_left_alone(
     busy: bool,
 ) -> None:
     board = systemd(boards, "board")
+    program(boards / "bin" / "journalctl", f"echo '{JOURNAL}'")
     assert deploy(tmp_path, "board tag=1\n") == 0
     (board / "proc/net").mkdir(parents=True)
     head = "  sl  local_address rem_address   st tx_queue rx_queue tr tm->when retrnsmt   uid\n"
@@ -400,7 +408,9 @@ def test_a_robot_in_an_experiment_is_left_alone(
         calls = len((board / "systemctl").read_text().splitlines())
         assert deploy(tmp_path, "board tag=2\n", *words) == (1 if busy or words else 0)
         if busy:
-            text = "is in an experiment of 10.0.0.1: end that first, or give --force"
+            text = (
+                "robot 1 is in use by 10.0.0.1 since 2026-11-24 14:02: end that run there, or give"
+            )
             assert text in capsys.readouterr().out
             assert settings(board)["tag"] == "1"
             assert len((board / "systemctl").read_text().splitlines()) == calls

@@ -52,11 +52,9 @@ def test_a_port_is_c_and_c_plus_plus(tmp_path: Path, name: str) -> None:
         assert re.search(r" [DR] vs_controller$", run(nm, tmp_path / made), re.M)
 
 
-def test_the_pages_controller_in_c_plus_plus_builds(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.usefixtures("own_cache")
+def test_the_pages_controller_in_c_plus_plus_builds(tmp_path: Path) -> None:
     require_tool("c++", "build-essential")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     (source,) = [block for block in blocks("cpp") if "#include" in block]
     (tmp_path / "mine.cpp").write_text(source)
     assert "controller mine " in run(build.daemon("mine.cpp", tmp_path), "--version")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import stat
 from pathlib import Path
@@ -10,9 +11,14 @@ import pytest
 
 from tests.robot.test_deploy import boards, deploy, program
 from vsense import cli
+from vsense.commands import robot_keys
 from vsense.errors import ConfigError, VsenseError
 from vsense.link.robots import keys
 from vsense.link.robots.keys import LinkTrust, SwarmKeys
+from vsense.robot import hosts, key_holders
+from vsense.robot.deploying import Outcome, Part, Plan
+from vsense.robot.hosts import RobotHost
+from vsense.sharing import NotMember
 
 __all__ = ["boards"]
 
@@ -107,9 +113,78 @@ def test_a_new_key_names_whom_it_did_not_reach_and_locks_nobody_out(
     assert ask("--key", str(file), "--hosts", "robots.txt", "--json") == 0
     facts = json.loads(capsys.readouterr().out)
     assert facts["newest"] == 2 and [robot["key"] for robot in facts["robots"]] == [2] * 4
-    assert ask("--key", str(file), "--forget", "1") == 0
+    assert facts["forgotten"] == [1], "nobody has it any more"
     assert keys.read(file).keys.keys() == {2}
     assert ask("--key", str(file), "--forget", "2") == 2
+
+
+def test_a_robot_that_was_away_is_renewed_by_the_next_deploy_of_anything(
+    file: Path, boards: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As by `--controller`, which sends the daemon alone."""
+    ask("--key", str(file), "--new-key")
+    assert deploy(tmp_path, "root@a tag=1\nroot@b tag=2\n", "--key", str(file)) == 0
+    before = key_of(boards / "root@b")
+    (tmp_path / "robots.txt").write_text("root@a tag=1\n")
+    assert ask("--key", str(file), "--new-key", "--hosts", "robots.txt") == 0
+    assert "robot 2 (root@b) was not reached with key 2" in capsys.readouterr().out
+    trust = key_holders.trust(key_holders.file_of(file), keys.read(file))
+    assert trust.notes == (
+        "key 1 is still taken: robots that key 2 has not reached yet have it: 2; bring it with"
+        " vsense robot deploy",
+    )
+    reached, away = (bytes.fromhex(key_of(boards / f"root@{n}")["uid"]) for n in "ab")
+    assert trust.is_former(reached, 1) and not trust.is_former(reached, 2)
+    assert not trust.is_former(away, 1) and not trust.is_former(b"stranger", 1)
+    assert not trust.is_former(reached, None), "without a key: another's to judge"
+    plan = Plan(binaries={"root@b": (tmp_path / "vsensed").read_bytes()}, part=Part.DAEMON)
+    options = argparse.Namespace(key=file)
+    (tmp_path / "both.txt").write_text("root@b tag=2\n")
+    robots = hosts.read(tmp_path / "both.txt")
+    plan = robot_keys.renewing(plan, options, robots)
+    robot_keys.note(options, swarm := keys.read(file), robot_keys.deploy_all(plan, robots))
+    now = key_of(boards / "root@b")
+    assert now["uid"] == before["uid"] and now["key"] != before["key"]
+    assert bytes.fromhex(now["key"]) == swarm.robot_key(away, 2)
+    assert keys.read(file).keys.keys() == {2}
+    assert "key 1 is forgotten: all robots have key 2" in capsys.readouterr().err
+    assert robot_keys.renewing(Plan(part=Part.DAEMON), options, robots).keys is None
+
+
+def test_a_board_that_is_called_otherwise_has_no_second_key(tmp_path: Path) -> None:
+    """Its former name would hold up the end of the former key for ever."""
+    file, uid = tmp_path / "swarm.key.robots", "5" * 32
+    for name, tag, key in (("root@a", "1", 1), ("root@b", "2", 2)):
+        robot = RobotHost(name, {"tag": tag}, 1)
+        holders = key_holders.note(file, key, [Outcome(robot, True, "", uid=uid, keyed=True)])
+    assert [(each.destination, each.key) for each in holders] == [("root@b", 2)]
+
+
+def test_a_key_in_the_labs_folder_is_its_members(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One command for all; an account's own key goes on where the lab has none."""
+    lab = tmp_path / "arena"
+    lab.mkdir()
+    lab.chmod(0o2770)
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    monkeypatch.setenv("VSENSE_LAB", str(lab))
+    own = tmp_path / "config" / "vsense" / "swarm.key"
+    keys.write(own, keys.make())
+    assert keys.default_path() == own
+    own.unlink()
+    assert ask("--new-key") == 0
+    with monkeypatch.context() as outside:
+
+        def strange() -> None:
+            raise NotMember("not his")
+
+        outside.setattr("vsense.sharing.lab", strange)
+        assert keys.default_path() == own, "who is in no group has what he had"
+    for name in ("swarm.key", "swarm.key.robots"):
+        assert stat.S_IMODE((lab / name).stat().st_mode) == 0o640
+    keys.write(own, keys.make())
+    assert keys.default_path() == lab / "swarm.key"
 
 
 def test_a_board_without_a_key_is_not_given_one_alone(

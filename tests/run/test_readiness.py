@@ -5,6 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
+from vsense.link.robots.roster import OLDER
 from vsense.run.robots import Readiness, shorten
 
 ROBOTS = {30: "epuck_30_1", 4: "epuck_4_2", 17: "epuck_17_3"}
@@ -38,11 +39,19 @@ def test_the_words_name_who_is_missing_in_which_way() -> None:
 
 
 def test_who_was_turned_away_is_not_only_absent() -> None:
-    refused = {30: "runs an older vsensed: deploy", 4: "", 99: "has no key"}
-    found = Readiness.of(ROBOTS, OBJECTS, {4, 17}, set(ROBOTS | OBJECTS), refused)
+    refused = {30: OLDER, 4: "", 99: "has no key"}
+    found = Readiness.of(ROBOTS, OBJECTS, {4}, set(ROBOTS | OBJECTS), refused)
     assert found.missing_text() == (
-        "not connected: epuck_30_1; turned away: epuck_30_1 runs an older vsensed: deploy"
+        "not connected: epuck_17_3; turned away: epuck_30_1 runs an older vsensed: bring it this"
+        " one with 'vsense robot deploy'"
     )
+    assert found.progress(False).startswith("1 of 3 robots connected (not epuck_17_3; robot 30: ")
+    only = Readiness.of(ROBOTS, {}, {4, 17}, set(ROBOTS), refused)
+    assert only.progress(False) == (
+        "2 of 3 robots connected (robot 30: deploy), no arena state yet"
+    )
+    other = Readiness.of(ROBOTS, {}, {4, 17}, set(ROBOTS), {30: "runs 'a', expected 'b'"})
+    assert "(robot 30: turned away)" in other.progress()
     there = Readiness.of(ROBOTS, OBJECTS, set(ROBOTS), set(ROBOTS | OBJECTS), refused)
     assert there.complete and there.missing_text() == "", "whoever else was turned away"
 

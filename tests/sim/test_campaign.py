@@ -14,6 +14,7 @@ import pytest
 
 from tests.sim.test_watch import children
 from vsense.cli import main
+from vsense.run.runs_csv import read_runs
 
 ROOT = Path(__file__).parent.parent.parent
 SHORT = ("--duration", "6")
@@ -46,9 +47,11 @@ def test_rows_do_not_depend_on_the_number_of_processes(pollutant, tmp_path: Path
         arguments = ("--seeds", "3,1-2", "--set", "sensor.noise=0,0.7", "-j", jobs, "-o", path)
         assert sim("pollutant", *SHORT, *arguments) == 0
     assert one.read_bytes() == two.read_bytes()
-    rows = [line.split(",") for line in one.read_text().splitlines()]
-    assert rows[0][2:6] == ["sensor.noise", "seed", "robots", "duration_s"]
-    assert [row[2:4] for row in rows[1:]] == [[n, s] for n in ("0", "0.7") for s in "312"]
+    rows = read_runs(one)
+    assert [(row.condition, row.seed) for row in rows] == [
+        (f"sensor.noise={noise}", seed) for noise in ("0", "0.7") for seed in (3, 1, 2)
+    ]
+    assert {row.mode for row in rows} == {"sim"} and {row.duration_s for row in rows} == {6.0}
     image = cv2.imread(str(tmp_path / "one.png"))
     assert image is not None and image.shape[1] > 600
 
@@ -76,7 +79,7 @@ def test_the_suffix_of_the_output_says_what_the_picture_is(
     assert "--style none.mplstyle: expected" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
     assert sim(*campaign, "r.svg") == 0
-    assert (tmp_path / "r.csv").read_text().startswith("campaign,experiment,seed")
+    assert (tmp_path / "r.csv").read_text().startswith("run,series,mode,experiment")
     assert ">pollutant: 1 run of each setting</text>" in (tmp_path / "r.svg").read_text()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from pathlib import Path
 
 import pytest
@@ -9,26 +10,24 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense.errors import UsageError, VsenseError
+from vsense.sim.job import Setup
 from vsense.sim.results import CampaignResults
 
-KEYS = ("sensor.noise", "light.position")
 MEASURES = {"in_cone": 3.0, "left": 0.1}
+SETTINGS = {"sensor.noise": "0", "light.position": "0,0,1"}
+HEAD = (
+    "run,series,mode,experiment,condition,block,repetition,start,seed,began,duration_s,robots,tags,"
+    "uids,batteries_v,light_level,late,versions,verdict,why,note"
+)
 
 
-def add(results: CampaignResults, seed: int, noise: str = "0", **measures: float | None) -> None:
-    fixed = {
-        "experiment": "it",
-        "sensor.noise": noise,
-        "light.position": "0,0,1",
-        "seed": seed,
-        "robots": 15,
-        "duration_s": "120",
-    }
-    results.append(fixed, {**MEASURES, **measures})
+def add(results: CampaignResults, seed: int, **measures: float | None) -> None:
+    result = {"name": "it", "duration_s": 120.0, "tags": [3, 700]}
+    results.append(Setup("it", settings=SETTINGS), seed, result, {**MEASURES, **measures})
 
 
 def start(path: Path, campaign: str = "cafe0001") -> CampaignResults:
-    return CampaignResults(path, campaign, KEYS)
+    return CampaignResults(path, campaign)
 
 
 def test_rows_are_found_again(tmp_path: Path) -> None:
@@ -40,14 +39,17 @@ def test_rows_are_found_again(tmp_path: Path) -> None:
     again = start(path)
     assert again.rows == first.rows
     assert again.measures == ["in_cone", "left"]
-    assert again.keys() == {("0", "0,0,1", "1"), ("0", "0,0,1", "2")}
+    condition = "sensor.noise=0, light.position=0,0,1"
+    assert again.keys() == {(condition, 1), (condition, 2)}
     add(again, 3)
-    assert path.read_text().splitlines() == [
-        "campaign,experiment,sensor.noise,light.position,seed,robots,duration_s,in_cone,left",
-        'cafe0001,it,0,"0,0,1",1,15,120,3,0.1',
-        'cafe0001,it,0,"0,0,1",2,15,120,3,0.333333333333',
-        'cafe0001,it,0,"0,0,1",3,15,120,3,0.1',
+    with path.open(newline="") as file:
+        lines = list(csv.DictReader(file))
+    assert [(line["condition"], line["start"], line["tags"]) for line in lines] == [
+        (condition, f"seed{seed}", "3 700") for seed in (1, 2, 3)
     ]
+    assert path.read_text().splitlines()[0] == f"{HEAD},in_cone,left"
+    assert [line["left"] for line in lines] == ["0.1", "0.333333333333", "0.1"]
+    assert {line["verdict"] for line in lines} == {"valid"}
 
 
 @given(st.data())
@@ -69,16 +71,22 @@ def test_a_file_cut_anywhere_keeps_its_whole_rows(tmp_path_factory, data) -> Non
 
 
 def test_a_measure_that_a_run_did_not_have_stays_empty(tmp_path: Path) -> None:
-    results = start(tmp_path / "r.csv")
+    path = tmp_path / "r.csv"
+    results = start(path)
     add(results, 1, left=None)
-    assert results.rows[0]["left"] == ""
+    assert results.rows[0].measures["left"] is None
+    assert path.read_text().endswith(",\n")
 
 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("a,b\n1,2\n", r"r\.csv:1: the columns a,b are another campaign's"),
-        ("\xff", "no CSV file"),
+        ("a,b\n1,2\n", r"r\.csv:1: is no runs.csv: expected the columns run,series"),
+        ("a;b\n", r"separated by commas"),
+        ("campaign,experiment,seed\n", "the form before runs.csv: only report"),
+        ("run,mode,verdict\n", r"r\.csv:1: lacks the columns series, experiment, condition"),
+        (f"{HEAD},x,x\n", "two of the same name"),
+        ("\xff", "no text in UTF-8"),
     ],
 )
 def test_another_file_is_left_alone(tmp_path: Path, text: str, words: str) -> None:
@@ -95,11 +103,12 @@ def test_another_campaigns_rows_are_refused_with_their_line(tmp_path: Path) -> N
     results = start(path)
     add(results, 1)
     add(results, 2)
-    path.write_text(path.read_text().replace('cafe0001,it,0,"0,0,1",2', 'beef,it,0,"0,0,1",2'))
+    one, two, three = path.read_text().splitlines(keepends=True)
+    path.write_text(one + two + three.replace("cafe0001", "beef"))
     with pytest.raises(UsageError, match=r"r\.csv:3: a row of campaign beef, this is cafe0001"):
         start(path)
-    path.write_text(path.read_text().replace("beef", "cafe0001").replace(",15,120", ",15", 1))
-    with pytest.raises(UsageError, match=r"r\.csv:2: 8 values, expected 9"):
+    path.write_text(one + two.replace(",valid,", ",") + three)
+    with pytest.raises(UsageError, match=r"r\.csv:2: 22 values, expected 23"):
         start(path)
 
 

@@ -15,6 +15,7 @@ import pytest
 from scripts.site.blocks import blocks
 from scripts.site.contents import ROOT
 from vsense.cli import main
+from vsense.run.runs_csv import COLUMNS
 
 TEXT = (ROOT / "vsense" / "run" / "OUTPUT.md").read_text()
 ROW = re.compile(r"^\| (`[^|]+) \|", re.MULTILINE)
@@ -69,9 +70,8 @@ def test_a_campaigns_table_and_the_pages_python(tmp_path: Path) -> None:
     vsense(tmp_path, f"sim foraging {sweep}")
     assert {p.name for p in tmp_path.iterdir()} == {"first", "release.csv", "release.png"}
     columns = (tmp_path / "release.csv").read_text().partition("\n")[0].split(",")
-    fixed = ["campaign", "experiment", "foraging.release", "seed", "robots", "duration_s"]
-    assert columns == [*fixed, "items_home", "robots_carrying"]
-    assert {*fixed} - {"foraging.release"} <= FILES
+    assert columns == [*COLUMNS, "items_home", "robots_carrying"]
+    assert {*COLUMNS} <= FILES
     parts = [b.text for b in blocks(TEXT) if b.language == "python" and "recorded/" not in b.text]
     assert len(parts) == 3
     code = [sys.executable, "-c", "\n".join(parts)]

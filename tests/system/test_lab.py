@@ -186,6 +186,7 @@ def test_a_mixed_swarm_on_mixed_bases(directory: Path) -> None:
     assert [len(values) for values in robots.data["actuators"]] == [1] * 4 + [2] * 2
 
 
+@pytest.mark.paced
 def test_blind_robots_hold_zero(directory: Path) -> None:
     lab = start(directory, "--duration", "3", "--blind")
     assert lab.end() == 0, "".join(lab.said)
@@ -196,6 +197,7 @@ def test_blind_robots_hold_zero(directory: Path) -> None:
     assert lab.printed == [], "without --json standard output stays empty"
 
 
+@pytest.mark.paced
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_interrupted_run_stops_wheels_and_still_reports(directory: Path, number: int) -> None:
     lab = start(directory, "--duration", "600")
@@ -225,6 +227,7 @@ def test_killed_daemon_is_named_and_joins_again(directory: Path) -> None:
     assert lab.summary()["link"]["reconnects"] >= 1
 
 
+@pytest.mark.paced
 @pytest.mark.parametrize(
     ("process", "told"), [("physics_process", "physics"), ("cameras", "cameras")]
 )
@@ -242,6 +245,7 @@ def test_failing_process_is_named_and_the_run_reported(
         assert lab.summary()["timesteps"] > 0
 
 
+@pytest.mark.paced
 def test_loop_functions_that_crash_end_the_run_in_order(directory: Path, tmp_path: Path) -> None:
     here = Path(__file__).parents[1] / "run" / "argos"
     shutil.copy2(here / "mission.cpp", tmp_path)
@@ -265,6 +269,7 @@ def test_loop_functions_that_crash_end_the_run_in_order(directory: Path, tmp_pat
     ]
 
 
+@pytest.mark.paced
 def test_earlier_run_is_never_written_over(directory: Path) -> None:
     lab = start(directory, "--duration", "2")
     assert lab.end() == 0
@@ -283,6 +288,7 @@ def test_closed_outputs_cost_no_measurement(directory: Path) -> None:
     assert json.loads((directory / "summary.json").read_text())["timesteps"] == 20
 
 
+@pytest.mark.paced
 def test_killed_host_leaves_no_process(directory: Path) -> None:
     lab = start(directory, "--duration", "600")
     lab.wait_for("timestep \\d")

@@ -68,7 +68,7 @@ def experiment(swarm: Swarm, cameras: int, mode: str) -> dict[str, Any]:
     """The `/experiment` message."""
     columns = math.ceil(math.sqrt(cameras))
     return {
-        "mode": mode, "command": "replay" if mode == "replay" else "lab",
+        "mode": mode, "command": "replay" if mode == "replay" else "lab", "user": "anna",
         "name": "pollutant", "seed": 1, "blind": False, "version": "0.1",
         "file_text": "<argos-configuration/>", "timestep_s": 0.1, "length_s": 120.0,
         "arena": {"size_m": list(SIZE_M), "centre_m": [0.0, 0.0, 0.5]},

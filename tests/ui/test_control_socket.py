@@ -6,6 +6,7 @@ import errno
 import io
 import json
 import os
+import pwd
 import socket
 import stat
 import sys
@@ -74,7 +75,7 @@ def test_an_order_reaches_the_desk_and_says_who_gave_it(
     assert cli.main(["pause"]) == 0
     assert cli.main(["stop", "--emergency", "--process", str(os.getpid())]) == 0
     assert [order.kind for order in desk.orders] == [OrderKind.PAUSE, OrderKind.EMERGENCY]
-    assert desk.orders[0].by.startswith("terminal (")
+    assert desk.orders[0].by == f"{pwd.getpwuid(os.getuid()).pw_name} (terminal)"
     assert capsys.readouterr().out == "done: pause\ndone: emergency\n"
 
 

@@ -74,6 +74,7 @@ def test_buttons_reach_the_desk_and_the_page_shows_the_new_state(
         assert puppet.orders[-1].kind.value == button
         assert puppet.orders[-1].by == "viewer 1 (127.0.0.1)"
     assert "run 2" in page.text("#what")
+    assert page.text("#what").endswith("anna’s")
 
 
 def test_record_goes_on_and_off(served: Serve, opened: Open) -> None:

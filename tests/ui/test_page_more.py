@@ -121,6 +121,7 @@ def test_a_click_shows_a_number_over_time_and_alarms_are_banners(
 def test_a_sought_replay_keeps_its_chart(served: Serve, opened: Open) -> None:
     _, _, url = served(Puppet(mode="replay"))
     page = opened(url)
+    page.until("document.body.dataset.mode === 'replay' && vsense.store.now")
     page.key(" ")
     line = (
         "vsense.measures.series.get('in the cone')?.times ?? vsense.store.measures.get('lit').times"

@@ -47,7 +47,10 @@ class Room:
         self.readings: dict[int, Values] = {}
         self.control = Control(lambda wanted: None, lambda text: None)
         self.troubles = Troubles()
-        scene = ExperimentFacts("lab", "<file/>", False, [CAMERA], {"cam": "arrows"}, self.troubles)
+        trackers = {"cam": "arrows"}
+        scene = ExperimentFacts(
+            *("lab", "<file/>", False, [CAMERA], trackers, self.troubles), user="anna"
+        )
         self.publisher = Publisher(
             self.bus, scene, self.environment, self, self.control,  # type: ignore[arg-type]
             lambda: {"runs": 1, "text": "", "recording": None, "disk_free_bytes": 1},
@@ -223,6 +226,7 @@ def test_the_next_run_begins_at_nothing() -> None:
     room.publisher.begin_run(Environment(load("pollutant"), seed=2))
     room.step()
     assert [data["seed"] for data in room.of("/experiment")] == [1, 2]
+    assert {data["user"] for data in room.of("/experiment")} == {"anna"}, "whose run it is"
     now = room.of("/run")[-1]
     assert (now["run"], now["timestep"], now["late"], now["time_s"]) == (2, -1, 0, 0)
 

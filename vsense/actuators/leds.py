@@ -56,7 +56,9 @@ class LedsActuator:
     def apply(self, world: World, rows: Rows, values: Floats, increments: Floats) -> None:
         """Shows the colours; see `VirtualActuator.apply`."""
         levels = kernel_ffi.from_buffer("double[]", np.rint(values))
-        kernels.vs_shine_show(_Shine(world, rows).cdata, kernel_ffi.NULL, levels, kernel_ffi.NULL)
+        # It owns what C is pointed to: without a name it would be gone before the call.
+        shine = _Shine(world, rows)
+        kernels.vs_shine_show(shine.cdata, kernel_ffi.NULL, levels, kernel_ffi.NULL)
 
     def kernel(self, world: World, robots: Robots) -> ApplyFunction:
         """See `vsense/actuators/base.py`."""

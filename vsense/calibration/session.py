@@ -109,7 +109,7 @@ def rig(options: RigOptions) -> int:
     _check_sources(options, options.seen)
     _check_rig(options)
     board = Board.parse(options.board) if options.board else None
-    given = _cameras(options.intrinsics) if options.intrinsics else {}
+    given = cameras_of("--intrinsics", options.intrinsics) if options.intrinsics else {}
     points = read_points(options.points) if options.points else {}
     tags = TagFinder(options.tags, list(points)) if options.tags else None
     shoot, tagged = _shoot(options, board, given, tags)
@@ -243,15 +243,31 @@ def _thinned(shoot: BoardViews) -> BoardViews:
 def _deliver(
     options: LensOptions, title: str, solution: Solution, board: Board | None, views: Sequence[View]
 ) -> int:
-    """Writes camera files and report."""
+    """Writes camera files and report, and tells of them."""
+    folder = options.output
+    lines, text = save(folder, title, solution, board, views)
+    for line in lines:
+        _say(line)
+    _say(f"report: {folder / REPORT / 'report.png'}")
+    files = [folder / f"{camera.id}.json" for camera in solution.cameras]
+    print(text if options.json else "\n".join(map(str, files)), end="" if options.json else "\n")
+    return 0
+
+
+def save(
+    folder: Path, title: str, solution: Solution, board: Board | None, views: Sequence[View]
+) -> tuple[list[str], str]:
+    """Writes camera files into a folder and the report into its `REPORT`.
+
+    Returns the report as lines for people, and as the text of its JSON file. Raises UsageError
+    where something cannot be written.
+    """
     used = {(view.camera, view.moment) for view in solution.views if view.used}
     check = None
     if board is not None and solution.bodies:
         seen = [view for view in views if (view.camera, view.moment) in used]
         check = check_board(solution.cameras, seen, board)
-    folder = options.output
-    data = report.as_json(solution, board, check)
-    text = json.dumps(data, indent=2) + "\n"
+    text = json.dumps(report.as_json(solution, board, check), indent=2) + "\n"
     subtitle = f"{board or 'known points'}: {solution.rms_px:.3f} px rms"
     image = report.draw(title, subtitle, solution, board)
     try:
@@ -262,19 +278,15 @@ def _deliver(
         raise UsageError(f"{folder}: cannot be written: {error.strerror}") from None
     _write(folder / REPORT / "report.json", text.encode())
     _write(folder / REPORT / "report.png", cv2.imencode(".png", image)[1].tobytes())
-    files = [folder / f"{camera.id}.json" for camera in solution.cameras]
-    for path, camera in zip(files, solution.cameras):
-        _write(path, (camera.to_json() + "\n").encode())
-    for line in report.as_text(solution, check):
-        _say(line)
-    _say(f"report: {folder / REPORT / 'report.png'}")
-    print(text if options.json else "\n".join(map(str, files)), end="" if options.json else "\n")
-    return 0
+    for camera in solution.cameras:
+        _write(folder / f"{camera.id}.json", (camera.to_json() + "\n").encode())
+    return report.as_text(solution, check), text
 
 
-def _cameras(folder: Path) -> dict[str, Camera]:
+def cameras_of(option: str, folder: Path) -> dict[str, Camera]:
+    """Reads the camera files of a folder that an option names; raises UsageError."""
     if not folder.is_dir():
-        raise UsageError(f"--intrinsics {folder}: no such folder")
+        raise UsageError(f"{option} {folder}: no such folder")
     cameras: dict[str, Camera] = {}
     for path in sorted(folder.glob("*.json")):
         try:
@@ -283,7 +295,7 @@ def _cameras(folder: Path) -> dict[str, Camera]:
             raise UsageError(f"{path}: cannot be read: {error}") from None
         cameras[camera.id] = camera
     if not cameras:
-        raise UsageError(f"--intrinsics {folder}: no camera files (*.json)")
+        raise UsageError(f"{option} {folder}: no camera files (*.json)")
     return cameras
 
 

@@ -26,16 +26,19 @@ COMMANDS = {
     "pause": ("orders", "have robots and virtual world stand still until `vsense start`"),
     "stop": ("orders", "end the run; --emergency: stop all robots now"),
     "reset": ("orders", "end the run and go back to the beginning, waiting for `vsense start`"),
+    "handover": ("handover", "have the run that holds the robots end, and give them back"),
     "replay": ("replay", "play a recording in the page, or run the tracker on its pictures again"),
     "report": ("report", "make charts and a page from recordings; several are compared"),
     "export": ("export", "write what a recording holds as tables"),
     "cameras": ("cameras", "find cameras, look through them, set them up"),
     "markers": ("markers", "draw markers to print and cut out, or find them in pictures"),
-    "calibrate": ("calibrate", "from pictures of a printed board to camera files"),
+    "calibrate": ("calibrate", "from pictures of a board to camera files; check the ones in use"),
+    "arena": ("arena", "move the arena's frame onto the real walls"),
     "track": ("track", "track robots in cameras or recordings: arena states on standard output"),
     "serve": ("serve", "serve arena states to clients of the original tracking system"),
     "render": ("render", "draw pictures of the lab's cameras for `vsense track`, with the truth"),
     "robot": ("robot", "build vsensed for robots, copy it to them, see how they are"),
+    "share": ("share", "let several accounts share the arena: what root types, who is in it"),
     "doctor": ("doctor", "say what this machine lacks for what, and how to mend it"),
     "completion": ("completion", "let a shell complete commands, options and experiments"),
     "bench": ("bench", "measure detectors, names, cameras, the virtual world, the robots' daemon"),
@@ -44,11 +47,13 @@ COMMANDS = {
 
 GROUPS = {
     "an experiment": ("new", "sim", "lab", "run"),
-    "while it runs, from another terminal": ("status", "start", "pause", "stop", "reset"),
+    "while it runs, from another terminal": (
+        *("status", "start", "pause", "stop", "reset", "handover"),
+    ),
     "what a run leaves": ("replay", "report", "export"),
-    "cameras and markers": ("cameras", "markers", "calibrate", "track", "serve", "render"),
+    "cameras and markers": ("cameras", "markers", "calibrate", "arena", "track", "serve", "render"),
     "robots": ("robot",),
-    "this machine, and help": ("doctor", "docs", "completion", "bench"),
+    "this machine, and help": ("share", "doctor", "docs", "completion", "bench"),
 }
 """All commands by what one wants to do, in the order of the help."""
 

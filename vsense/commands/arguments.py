@@ -71,6 +71,11 @@ def length_mm(text: str, units: Sequence[str] = ("mm", "cm", "in")) -> float:
     return float(found[1]) * _UNITS_MM[found[2]]
 
 
+def length_m(text: str) -> float:
+    """A length with mm, cm or m, in m."""
+    return 1e-3 * length_mm(text, ("mm", "cm", "m"))
+
+
 def _integer(text: str, least: int, most: int) -> int:
     value = int(_number(text, int, "a whole number"))
     if not least <= value <= most:

@@ -8,7 +8,8 @@ import re
 from pathlib import Path
 from typing import Any
 
-from vsense.calibration import session
+from vsense.calibration import checking, session
+from vsense.calibration.checking import CheckOptions
 from vsense.calibration.session import LensOptions, RigOptions
 from vsense.commands import arguments
 from vsense.lab import board_studio
@@ -44,6 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_board(steps)
     _add_intrinsics(steps)
     _add_rig(steps)
+    _add_check(steps)
     _add_example(steps)
 
 
@@ -51,6 +53,8 @@ def run(options: argparse.Namespace) -> int:
     """Runs one step; see `vsense.calibration.session`."""
     if options.step == "example":
         return board_studio.write(options.directory, options.board, options.seed)
+    if options.step == "check":
+        return checking.run(arguments.fill(CheckOptions, options))
     if options.step == "board":
         return session.print_board(options.board, options.output)
     if options.step == "intrinsics":
@@ -106,7 +110,7 @@ def _add_rig(steps: Any) -> None:
     )
     step.add_argument(
         "--thickness",
-        type=_length_m,
+        type=arguments.length_m,
         default=0.0,
         metavar="LENGTH",
         help="how high the board's printed face was above the floor, such as 5mm (default: 0mm)",
@@ -124,10 +128,82 @@ def _add_points(step: argparse.ArgumentParser) -> None:
     )
     step.add_argument(
         "--accuracy",
-        type=_length_m,
+        type=arguments.length_m,
         default=0.001,
         metavar="LENGTH",
         help="how well the points are known (default: 1mm)",
+    )
+
+
+def _add_check(steps: Any) -> None:
+    step = steps.add_parser(
+        "check",
+        help="say how true the calibration in use is, by measured points or a second board",
+        description="Holds what the cameras see against points that were measured with a tape, or"
+        " against a second board on the floor; prints how far off each camera is, and keeps that"
+        " beside the camera files: later runs, recordings and reports tell it.",
+    )
+    step.add_argument(
+        "--cameras",
+        type=Path,
+        default=Path("cameras"),
+        metavar="DIR",
+        help="folder with the camera files in use (default: cameras)",
+    )
+    _add_measured(step)
+    _add_second_board(step)
+    step.add_argument("--pictures", type=Path, nargs="+", metavar="PATH", help=_PICTURES)
+    step.add_argument(
+        "--camera", metavar="NAME", help="all pictures are of this camera, whatever their folders"
+    )
+    arguments.option(
+        step, "--every", arguments.positive, "N", "take every N-th picture of a video", 1
+    )
+    arguments.option(
+        step,
+        "--limit",
+        arguments.length_m,
+        "LENGTH",
+        "fail (1) where a point is farther off, such as 5mm",
+    )
+    arguments.flag(step, "--json", "print the check as one JSON object on standard output")
+
+
+def _add_measured(step: argparse.ArgumentParser) -> None:
+    """Declares what was measured with a tape."""
+    arguments.option(
+        *(step, "--points", Path, "CSV"),
+        "measured points: id,x_m,y_m in the arena and, where they are not on the floor, z_m",
+    )
+    arguments.option(step, "--seen", Path, "CSV", "where they are seen: camera,id,x_px,y_px")
+    step.add_argument(
+        "--tags", metavar="DICT", help="or: ArUco or AprilTag markers lie there, such as 4X4_50"
+    )
+    step.add_argument(
+        "--markers",
+        metavar="FAMILY",
+        help="or: robots' markers are there, ids their tags, z_m their height; such as arrow4x4",
+    )
+    arguments.option(
+        step, "--distances", Path, "CSV", "tape measures between points: from,to,distance_m"
+    )
+
+
+def _add_second_board(step: argparse.ArgumentParser) -> None:
+    """Declares a board on the floor that the calibration has not seen."""
+    step.add_argument("--board", metavar="BOARD", help=f"instead of points: {_BOARD}")
+    step.add_argument(
+        "--floor",
+        nargs="+",
+        metavar="MOMENT",
+        help="moments when that board lay on the floor: names or patterns such as 'floor_*'",
+    )
+    step.add_argument(
+        "--thickness",
+        type=arguments.length_m,
+        default=0.0,
+        metavar="LENGTH",
+        help="how high its printed face was above the floor, such as 5mm (default: 0mm)",
     )
 
 
@@ -181,10 +257,6 @@ def _place(text: str) -> tuple[float, float, float]:
     if not math.isfinite(x) or not math.isfinite(y) or not math.isfinite(degrees):
         raise argparse.ArgumentTypeError(f"'{text}': expected x,y,degrees such as 0.5,-1,90")
     return x, y, degrees
-
-
-def _length_m(text: str) -> float:
-    return 1e-3 * arguments.length_mm(text, ("mm", "cm", "m"))
 
 
 def _size(text: str) -> tuple[int, int]:

@@ -9,7 +9,7 @@ import argparse
 import json
 import secrets
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -122,6 +122,7 @@ def trust_of(options: argparse.Namespace) -> LinkTrust:
         VsenseError: the keys cannot be used.
     """
     from vsense.link.robots import keys
+    from vsense.robot import key_holders
 
     path = key_path(options)
     if options.key is None and not path.exists():
@@ -131,11 +132,13 @@ def trust_of(options: argparse.Namespace) -> LinkTrust:
             f"no swarm key ({path}): 'vsense robot keys --new-key' makes it, 'vsense robot deploy'"
             " brings each robot its own; or go on without keys: --insecure"
         )
-    return keys.LinkTrust(keys.read(path), options.insecure)
+    return key_holders.trust(key_holders.file_of(path), keys.read(path), options.insecure)
 
 
 def say_trust(trust: LinkTrust, say: Callable[[str], None]) -> None:
-    """Says where anybody could be a robot."""
+    """Says where anybody could be a robot, and which former keys are still believed."""
+    for note in trust.notes:
+        say(note)
     if trust.insecure:
         say("--insecure: robots without a key are taken; whoever reaches the port can drive them")
 
@@ -202,6 +205,44 @@ def room_of(options: argparse.Namespace) -> RoomOptions:
     from vsense.ui.room import RoomOptions
 
     return arguments.fill(RoomOptions, options, web=arguments.web_of(options))
+
+
+def lease_robots(
+    options: argparse.Namespace, experiment: Experiment, host: str
+) -> AbstractContextManager[object]:
+    """Takes an experiment's real robots, before any of them hears of it; a context.
+
+    Those that are on this machine, where nobody else's can connect, are emulated: any run may have
+    its own of them.
+
+    Args:
+        options: of the command that wants them; it may take the first few only (`--robots`).
+        experiment: whose robots.
+        host: where they connect to.
+
+    Raises:
+        LeasedError: another run has some of them.
+        SharingError: this account may not use the lab's robots, or its folder is not safe.
+        ControlSocketError: likewise this account's own folder.
+    """
+    from vsense.run.leases import RobotLeases
+    from vsense.ui.access import is_loopback
+
+    if is_loopback(host):
+        return nullcontext()
+    taken = first_robots(experiment, options.robots)
+    leases = RobotLeases(lease_folder(), options.command, experiment.name)
+    leases.take(robot.tag for robot in taken.robots)
+    return leases
+
+
+def lease_folder() -> Path:
+    """Where all runs look that may want the same robots: the lab's folder, else the user's own."""
+    from vsense import sharing
+    from vsense.ui.control_socket import folder
+
+    lab = sharing.lab()
+    return folder() if lab is None else lab.path
 
 
 def check_doors(options: argparse.Namespace, host: str, port: int) -> None:

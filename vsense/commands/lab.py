@@ -14,8 +14,9 @@ from vsense import clock
 from vsense.commands import arguments, experiments, hardware
 from vsense.config.specs import Experiment, Stage
 from vsense.errors import CutShort, UsageError, VsenseError
-from vsense.lab import metrics, report
-from vsense.lab.camera_spec import CameraGrid
+from vsense.lab import calibrated, metrics, report
+from vsense.lab.calibrated import CalibratedRig
+from vsense.lab.camera_spec import CameraGrid, cameras_above
 from vsense.lab.hardware import told_all
 from vsense.lab.links import BASES
 from vsense.lab.session import Session
@@ -25,6 +26,7 @@ from vsense.live.session import RunSetup
 from vsense.pictures.run_figure import spoken
 from vsense.run import directory as run_directory
 from vsense.run.runner import Series
+from vsense.run.runs_csv import RunRows
 from vsense.run.runtime import Step
 from vsense.terminal import Console, interruption
 from vsense.ui.room import ControlRoom
@@ -57,14 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="folder for picture and logs (default: runs/...)",
     )
-    arguments.option(
-        parser,
-        "--cameras",
-        _grid,
-        "CxR",
-        "so many columns and rows of cameras, up to 8x8; they hang so high, and have so many"
-        " pixels, that they see the whole arena (default: as many as it takes, 2x2 at least)",
-    )
+    _add_cameras(parser)
     arguments.option(
         parser,
         "--pace",
@@ -76,6 +71,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     hardware.add_robots(parser)
     experiments.add_room(parser)
+
+
+def _add_cameras(parser: argparse.ArgumentParser) -> None:
+    arguments.option(
+        parser,
+        "--cameras",
+        _grid,
+        "CxR",
+        "so many columns and rows of cameras, up to 8x8; they hang so high, and have so many"
+        " pixels, that they see the whole arena (default: as many as it takes, 2x2 at least)",
+    )
+    arguments.flag(
+        parser,
+        "--calibrate",
+        "hang the cameras as people do, a little off, and know them only from rendered pictures of"
+        " a board, as `vsense calibrate rig` would (default: the cameras are known exactly)",
+    )
 
 
 def _grid(text: str) -> CameraGrid:
@@ -97,30 +109,29 @@ def run(options: argparse.Namespace) -> int:
     opened = experiments.open_experiment(options, stage=Stage.LAB)
     if opened is None:
         return 0
-    port = opened.port if options.port is None else options.port
-    experiments.check_doors(options, opened.host, port)
+    port = _port(options, opened)
     _set_pace(options.pace, opened.host)
     experiment, seed, directory = experiments.prepare(options, opened)
     console = Console()
     _warn(console, experiment)
     with interruption() as interrupted, ControlRoom(experiments.room_of(options), console) as room:
+        with interrupted.at_once():
+            known = _calibrated(options, experiment, seed, directory, console)
         trust = keys.INSECURE if options.insecure else LinkTrust(keys.make())
         experiments.say_trust(trust, console.say)
         robots = hardware.robots_of(options, experiment)
         made = experiments.made_of(options, experiment, seed) | told_all(robots.hardware)
         who = (experiment.host, port), trust, console, interrupted, room
         setup = RunSetup(experiment, seed, options.blind, *who, made)
-        session = Session(
-            *(setup, directory, options.base, options.firmware_watchdog, options.legacy_port),
-            options.cameras,
-            robots,
-        )
+        base = options.base, options.firmware_watchdog, options.legacy_port
+        session = Session(setup, directory, *base, options.cameras, known, robots)
         series = Series(directory, options.runs, room.holds, interrupted)
-        failure = _run_all(session, series, room, console)
+        rows = RunRows(directory, "lab", dict(options.set), experiment)
+        failure = _run_all(session, series, rows, room, console)
         console.end_progress()
         try:
             with interrupted.in_time():
-                _report_all(options, session, series, console)
+                _report_all(options, session, series, rows, console)
         except CutShort:
             console.say(f"vsense: no time for the figures; the run's logs are in {directory}")
             if failure is not None:
@@ -129,6 +140,32 @@ def run(options: argparse.Namespace) -> int:
         if failure is not None:
             raise failure
         return interrupted.code if series.was_broken(session.runner.control) else 0
+
+
+def _port(options: argparse.Namespace, experiment: Experiment) -> int:
+    """The port for robots; raises as `check_doors`."""
+    port = experiment.port if options.port is None else int(options.port)
+    experiments.check_doors(options, experiment.host, port)
+    return port
+
+
+def _calibrated(
+    options: argparse.Namespace,
+    experiment: Experiment,
+    seed: int,
+    directory: Path,
+    console: Console,
+) -> CalibratedRig | None:
+    """Hangs and calibrates the cameras of all runs, and says how well they are known; None where
+    they are known exactly."""
+    if not options.calibrate:
+        return None
+    ideal, height_m = cameras_above(experiment, options.cameras), experiment.marker.height_m
+    rig = calibrated.calibrate(ideal, experiment.arena, height_m, seed, directory, console.progress)
+    console.end_progress()
+    console.say(rig.in_words())
+    console.say(f"camera files and report: {directory / calibrated.FOLDER}")
+    return rig
 
 
 def _set_pace(pace: float, host: str) -> None:
@@ -141,7 +178,7 @@ def _set_pace(pace: float, host: str) -> None:
 
 
 def _run_all(
-    session: Session, series: Series, room: ControlRoom, console: Console
+    session: Session, series: Series, rows: RunRows, room: ControlRoom, console: Console
 ) -> VsenseError | None:
     """Carries out all runs; returns a failure in one of them, to be raised after the reports."""
     with session:
@@ -153,6 +190,7 @@ def _run_all(
                 room.begin_run(session.environment, directory)
                 session.wait_until_ready()
                 _announce(console, session, directory)
+                rows.begin(session.runner.control.run)
                 session.run(directory, _progress(console, session))
                 room.recorders.end_run()
                 if not series.goes_on(session.runner):
@@ -219,7 +257,11 @@ def _measured(session: Session) -> str:
 
 
 def _report_all(
-    options: argparse.Namespace, session: Session, series: Series, console: Console
+    options: argparse.Namespace,
+    session: Session,
+    series: Series,
+    rows: RunRows,
+    console: Console,
 ) -> None:
     """Measures, writes and prints the figures of all runs."""
     summaries = []
@@ -228,6 +270,8 @@ def _report_all(
             if len(recording.steps):
                 on_stdout = options.json and not series.several
                 summaries.append(_report(session, number, on_stdout, console))
+                if lacks := rows.add(summaries[-1], recording.ended):
+                    console.say(lacks, "trouble")
             else:
                 console.say("vsense: the run ended before its first timestep: nothing was measured")
     finally:
@@ -246,6 +290,7 @@ def _report(session: Session, number: int, on_stdout: bool, console: Console) ->
         "robots": len(session.experiment.robots),
         "cameras": len(session.cameras),
         "pace": clock.pace(),
+        "calibration": None if session.known is None else session.known.figures,
         **metrics.figures(measured),
         "vision": session.tracking.figures(),
         "measures": recording.measures,

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import getpass
 import json
 import socket
+import stat
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -14,13 +14,14 @@ from typing import Any
 
 from vsense.commands import COMMANDS, arguments
 from vsense.errors import UsageError, VsenseError
-from vsense.terminal import aligned, print_data
-from vsense.ui.control_socket import TRACKER, folder
+from vsense.sharing import user_name
+from vsense.terminal import Console, aligned, print_data
+from vsense.ui.control_socket import TRACKER, folders
 
 DESCRIPTION = (
-    "Talks to the `vsense run` or `vsense lab` that this user runs on this machine, or, where there"
-    " is none, to its `vsense track`. Orders from here, from its keyboard and from the page are the"
-    " same, and all see them."
+    "Talks to the `vsense run` or `vsense lab` that this user, or another member of its lab (see"
+    " `vsense share`), runs on this machine, or, where there is none, to its `vsense track`. Orders"
+    " from here, from its keyboard and from the page are the same, and all see them."
 )
 
 
@@ -37,7 +38,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             action="store_true",
             help="stop all robots now, whatever the run is doing; only a reset ends it",
         )
-        arguments.flag(parser, "--all", "stop every experiment that this user runs on this machine")
+        arguments.flag(
+            parser,
+            "--all",
+            "stop every experiment on this machine that this user runs, or a member of its lab",
+        )
 
 
 def add_process(parser: argparse.ArgumentParser) -> None:
@@ -69,33 +74,46 @@ def run(options: argparse.Namespace) -> int:
         print_data(json.dumps(answer, indent=2) if options.json else table(answer))
         return 0
     kind = "emergency" if getattr(options, "emergency", False) else options.command
-    order = {"order": kind, "by": f"terminal ({getpass.getuser()})"}
+    order = {"order": kind, "by": "terminal"}
     if getattr(options, "all", False):
         return _order_all(order, options)
     answer = ask(order, options.process)
-    print_data(json.dumps(answer) if options.json else answer["text"])
+    print_data(json.dumps(answer) if options.json else text_of(answer))
     return 0
 
 
+def text_of(answer: Mapping[str, Any]) -> str:
+    """What an order did, and whose run it was where that is another account's."""
+    whose = f" (a run of {answer['user']}'s)" if "user" in answer else ""
+    return f"{answer['text']}{whose}"
+
+
 def _order_all(order: Mapping[str, Any], options: argparse.Namespace) -> int:
-    """Gives an order to all experiments at once; 1 where one does not answer, or refuses."""
+    """Gives an order to all experiments at once.
+
+    1 where one does not answer, or refuses, and where there may be some that are not reached.
+    """
     if options.process is not None:
         raise UsageError("--all and --process: one or the other")
-    found = sorted(_sockets().items())
+    sockets, reasons = _sockets()
+    found = sorted(sockets.items())
     line = json.dumps(order).encode() + b"\n"
     # One that hangs must not hold up the stop of the others: nothing is asked before.
     with ThreadPoolExecutor(max(len(found), 1)) as pool:
         given = zip(found, pool.map(lambda one: _obeyed(one[1], line), found))
         answers = {number: answer for (number, _), answer in given if answer is not None}
-        names = dict(pool.map(lambda one: (one[0], _told(*one)), found))
+        names = dict(pool.map(lambda one: (one[0], told(*one)), found))
     if not answers:
-        raise UsageError(_NOTHING_RUNS)
+        raise UsageError("\n".join([_NOTHING_RUNS, *reasons]))
+    for reason in reasons:
+        Console().say(f"vsense: runs of others were not reached: {reason}", "trouble")
     if options.json:
         print_data(json.dumps({str(number): answer for number, answer in answers.items()}))
     else:
         rows = [(*names[number][:4], _became(answer)) for number, answer in answers.items()]
         print_data("\n".join(aligned(rows)))
-    return int(any("error" in a and not _is_idle(a) for a in answers.values()))
+    failed = any("error" in a and not _is_idle(a) for a in answers.values())
+    return int(failed or bool(reasons))
 
 
 def _became(answer: Mapping[str, Any]) -> str:
@@ -113,7 +131,7 @@ def _is_idle(answer: Mapping[str, Any]) -> bool:
 def _obeyed(path: Path, line: bytes) -> dict[str, Any] | None:
     """The answer to an order; {"error": reason} where there is none, None: nobody is there."""
     try:
-        return _exchange(path, line)
+        return exchange(path, line)
     except (ConnectionRefusedError, FileNotFoundError):
         return None
     except (OSError, ValueError) as error:
@@ -138,7 +156,7 @@ def ask(question: Mapping[str, Any], process: int | None = None) -> dict[str, An
     """
     path = _find(process, question.get("order") in ("stop", "emergency"))
     try:
-        answer = _exchange(path, json.dumps(question).encode() + b"\n")
+        answer = exchange(path, json.dumps(question).encode() + b"\n")
     except (OSError, ValueError) as error:
         number = path.name.partition(".")[0]
         raise TerminalError(f"process {number} does not answer: {error}") from None
@@ -147,50 +165,61 @@ def ask(question: Mapping[str, Any], process: int | None = None) -> dict[str, An
     return answer
 
 
-def _sockets(kind: str = "") -> dict[int, Path]:
-    """The sockets of one kind, by the number of their process."""
-    names = ((path, path.name.removesuffix(f"{kind}.sock")) for path in folder().glob("*.sock"))
-    return {int(number): path for path, number in names if number.isdigit()}
+def _sockets(kind: str = "") -> tuple[dict[int, Path], list[str]]:
+    """The sockets of one kind, by the number of their process, and why some are not seen."""
+    places, reasons = folders()
+    sockets: dict[int, Path] = {}
+    for place in places:
+        for path in place.glob("*.sock"):
+            number = path.name.removesuffix(f"{kind}.sock")
+            with suppress(OSError):  # its process has just ended
+                if number.isdigit() and stat.S_ISSOCK(path.lstat().st_mode):
+                    sockets[int(number)] = path
+    return sockets, reasons
 
 
-def _alive(kind: str = "") -> dict[int, Path]:
+def alive(kind: str = "") -> dict[int, Path]:
     """The sockets of all that runs, by process: by default of experiments."""
-    return {number: path for number, path in sorted(_sockets(kind).items()) if _is_alive(path)}
+    sockets, _ = _sockets(kind)
+    return {number: path for number, path in sorted(sockets.items()) if _is_alive(path)}
 
 
 def _find(process: int | None, all_too: bool = False) -> Path:
-    found = {**_sockets(TRACKER), **_sockets()}
+    (trackers, reasons), (experiments, _) = _sockets(TRACKER), _sockets()
+    found = {**trackers, **experiments}
     if process in found:
         return found[process]
     # What moves no robot is never in the way of an order that shall stop some.
-    alive = _alive() or _alive(TRACKER)
+    there = alive() or alive(TRACKER)
     if process is not None:
-        raise UsageError(f"process {process} runs no experiment; {_running(alive)}")
-    if not alive:
-        raise UsageError(_NOTHING_RUNS)
-    if len(alive) > 1:
+        raise UsageError(
+            "\n".join([f"process {process} runs no experiment; {_running(there)}", *reasons])
+        )
+    if not there:
+        raise UsageError("\n".join([_NOTHING_RUNS, *reasons]))
+    if len(there) > 1:
         every = ", or stop all of them with --all" if all_too else ""
-        raise UsageError(f"{_running(alive)}\nsay which with --process PID{every}")
-    return next(iter(alive.values()))
+        raise UsageError(f"{_running(there)}\nsay which with --process PID{every}")
+    return next(iter(there.values()))
 
 
 def _running(found: Mapping[int, Path]) -> str:
     """What runs, one line each, so that everybody knows which is his."""
     if not found:
         return "no experiment runs"
-    rows = [_told(number, path) for number, path in sorted(found.items())]
+    rows = [told(number, path) for number, path in sorted(found.items())]
     return "\n".join([f"{len(rows)} experiments run:", *(f"  {row}" for row in aligned(rows))])
 
 
-def _told(number: int, path: Path) -> tuple[str, ...]:
+def told(number: int, path: Path) -> tuple[str, ...]:
     """A running experiment in words, as far as it answers."""
     try:
-        answer = _exchange(path, b'{"ask": "status"}\n', BRIEF_S)
+        answer = exchange(path, b'{"ask": "status"}\n', BRIEF_S)
         port = f"robots' port {answer['port']}" if "port" in answer else ""
         now = answer["run"]
         age = f"run {now['run']} {now['state']}, {now['time_s']:.0f} s"
-        where = str(answer["directory"])
-        return str(number), str(answer["name"]), f"vsense {answer['command']}", port, age, where
+        command, where = f"vsense {answer['command']}{_whose(answer)}", str(answer["directory"])
+        return str(number), str(answer["name"]), command, port, age, where
     except (OSError, ValueError, KeyError, TypeError):
         return str(number), "does not answer", "", "", "", ""
 
@@ -210,7 +239,8 @@ def _is_alive(path: Path) -> bool:
     return False
 
 
-def _exchange(path: Path, question: bytes, patience_s: float = PATIENCE_S) -> dict[str, Any]:
+def exchange(path: Path, question: bytes, patience_s: float = PATIENCE_S) -> dict[str, Any]:
+    """Sends one line to a process and gives its answer; OSError, ValueError where there is none."""
     with socket.socket(socket.AF_UNIX) as line:
         line.settimeout(patience_s)
         line.connect(str(path))
@@ -232,11 +262,18 @@ def table(answer: Mapping[str, Any]) -> str:
     latency = now["latency_ms"]
     sent = "" if latency is None else f", capture to sent {latency['p50']:.0f} ms"
     silent = f"\nno arena state for {now['silent_s']:.1f} s" if now["silent_s"] else ""
+    head = f"{answer['name']}{_whose(answer)}: run {now['run']} is {now['state']}"
     return (
-        f"{answer['name']}: run {now['run']} is {now['state']}, {now['time_s']:.1f}{length} s,"
+        f"{head}, {now['time_s']:.1f}{length} s,"
         f" timestep {now['timestep']}{late}; {now['rate_hz']:.1f} Hz{sent}{silent}{_kept(now)}\n\n"
         f"{seen_table(rows) if answer['command'] == 'track' else robot_table(rows)}"
     )
+
+
+def _whose(answer: Mapping[str, Any]) -> str:
+    """Whose run it is, where it is another account's."""
+    user = answer.get("user", user_name())
+    return "" if user == user_name() else f", {user}'s"
 
 
 def _kept(now: Mapping[str, Any]) -> str:

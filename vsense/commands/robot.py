@@ -255,9 +255,11 @@ def deploy(options: argparse.Namespace) -> int:
             keys = experiments.trust_of(options).keys
             holders = key_holders.read(robot_keys.holders_of(options))
             plan = replace(plan, keys=keys, uids=key_holders.uids(holders, robots))
+    elif plan.part is Part.DAEMON:
+        plan = robot_keys.renewing(plan, options, robots)
     outcomes = robot_keys.deploy_all(plan, robots)
     if plan.keys is not None:
-        key_holders.note(robot_keys.holders_of(options), plan.keys.newest, outcomes)
+        robot_keys.note(options, plan.keys, outcomes)
     print(json.dumps([_facts(o) for o in outcomes], indent=2) if options.json else table(outcomes))
     return 0 if all(outcome.ok for outcome in outcomes) else 1
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -81,6 +81,27 @@ def holders_of(options: argparse.Namespace) -> Path:
     return key_holders.file_of(experiments.key_path(options))
 
 
+def renewing(plan: Plan, options: argparse.Namespace, robots: Sequence[RobotHost]) -> Plan:
+    """A plan that brings the newest key, too, to those of the robots that have a former one."""
+    path = experiments.key_path(options)
+    if not path.exists():
+        return plan
+    known, holders = swarm_keys.read(path), key_holders.read(holders_of(options))
+    older = [each for each in holders if each.key != known.newest]
+    having = {(each.destination, each.tag) for each in older}
+    reached = [r for r in robots if (r.destination, int(r.settings["tag"])) in having]
+    return replace(plan, keys=known, uids=key_holders.uids(older, reached)) if reached else plan
+
+
+def note(options: argparse.Namespace, known: SwarmKeys, outcomes: Sequence[Outcome]) -> None:
+    """Notes to whom a key was brought, and forgets former ones that nobody needs any more."""
+    holders = key_holders.note(holders_of(options), known.newest, outcomes)
+    robots = [one.robot for one in outcomes]
+    known, forgotten = key_holders.forget(experiments.key_path(options), known, holders, robots)
+    for line in said_of(forgotten, known):
+        Console().say(line)
+
+
 def run(options: argparse.Namespace) -> int:
     """Makes, brings and forgets swarm keys; then says which robots have which."""
     path = experiments.key_path(options)
@@ -98,8 +119,10 @@ def run(options: argparse.Namespace) -> int:
         swarm_keys.write(path, known)
     outcomes = [] if options.hosts is None else _bring(options, known)
     holders = key_holders.note(holders_of(options), known.newest, outcomes)
-    facts = _key_facts(path, known, holders)
+    known, forgotten = key_holders.forget(path, known, holders, [one.robot for one in outcomes])
+    facts = {**_key_facts(path, known, holders), "forgotten": forgotten}
     text = key_table(path, known, holders, outcomes)
+    text += "".join(f"\n{line}" for line in said_of(forgotten, known))
     print(json.dumps(facts, indent=2) if options.json else text)
     return 0 if all(outcome.ok for outcome in outcomes) else 1
 
@@ -116,6 +139,13 @@ def _bring(options: argparse.Namespace, known: SwarmKeys) -> list[Outcome]:
         uids=key_holders.uids(key_holders.read(holders_of(options)), robots),
     )
     return deploy_all(plan, robots)
+
+
+def said_of(forgotten: Sequence[int], known: SwarmKeys) -> list[str]:
+    """What is told where former keys were forgotten."""
+    return [
+        f"key {number} is forgotten: all robots have key {known.newest}" for number in forgotten
+    ]
 
 
 def key_table(

@@ -8,10 +8,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from vsense.calibration.checked import told_of
 from vsense.commands import arguments, experiments, hardware
 from vsense.config.framework import LINES_PORT
 from vsense.config.specs import Experiment, JsonLinesTracker, TrackerAddress
 from vsense.errors import VsenseError, failing_as
+from vsense.link.robots.keys import LinkTrust
 from vsense.live.run import OneRun
 from vsense.live.session import RunSession, RunSetup
 from vsense.live.sources import require_source
@@ -19,6 +21,7 @@ from vsense.run import directory as run_directory
 from vsense.run.directory import RunLog
 from vsense.run.robots import Readiness, shorten
 from vsense.run.runner import Series
+from vsense.run.runs_csv import RunRows
 from vsense.terminal import interruption, print_data
 from vsense.ui.room import ControlRoom
 
@@ -115,7 +118,15 @@ def run(options: argparse.Namespace) -> int:
     trust = experiments.trust_of(options)
     host = opened.host if options.host is None else options.host
     port = opened.port if options.port is None else options.port
-    experiments.check_doors(options, host, port)
+    with experiments.lease_robots(options, opened, host):
+        experiments.check_doors(options, host, port)
+        return _run_leased(options, opened, host, port, trust)
+
+
+def _run_leased(
+    options: argparse.Namespace, opened: Experiment, host: str, port: int, trust: LinkTrust
+) -> int:
+    """As `run`, with the robots that nobody else has."""
     experiment, seed, directory = experiments.prepare(options, opened, real=False)
     with failing_as(run_directory.DirectoryError, f"cannot write to {directory}"):
         (directory / experiment.path.name).write_bytes(experiment.path.read_bytes())
@@ -130,7 +141,8 @@ def run(options: argparse.Namespace) -> int:
             *(experiment, seed, options.blind, (host, port), trust, log, interrupted, room, made)
         )
         series = Series(directory, options.runs, room.holds, interrupted)
-        return RunCommand(options, setup, directory, log, series).run()
+        rows = RunRows(directory, "run", dict(options.set), experiment)
+        return RunCommand(options, setup, directory, log, series, rows).run()
 
 
 def _with_tracker(experiment: Experiment, where: tuple[str, int] | None) -> Experiment:
@@ -156,6 +168,7 @@ class RunCommand:
     directory: Path
     log: RunLog
     series: Series
+    rows: RunRows
 
     def run(self) -> int:
         """Carries out all runs; see `run`."""
@@ -193,11 +206,14 @@ class RunCommand:
         except run_directory.DirectoryError as error:
             self.log.say(f"no table of this run's timesteps: {error}", "trouble")
         one = OneRun(session, directory, readiness, self.log)
+        self.rows.begin(number)
         one.run()
         self.setup.room.recorders.end_run()
         summary = one.report()
         if summary is not None:
             summaries.append(summary)
+            if lacks := self.rows.add(summary, summary["ended"]):
+                self.log.say(lacks, "trouble")
         if one.failure is not None:
             raise one.failure
         return True
@@ -211,6 +227,8 @@ class RunCommand:
             f" notes in {self.directory}"
         )
         say(f"arena states come from {session.source.name}")
+        if session.source.own is not None and (text := told_of(session.source.own.session)):
+            say(text)
         say(
             f"waiting for robots on {host}, port {session.port}:"
             f" vsensed --host ADDRESS --port {session.port} --tag TAG --base BASE"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TypeVar
@@ -11,10 +12,12 @@ from vsense.cameras.genicam import FREE
 from vsense.config import resources as resources_file
 from vsense.config.resources import check_recording, load_camera, read_bytes
 from vsense.link.trackers.protocol import DEFAULT_PORT
+from vsense.tracking.mask import MARGIN_M, Mask, MaskError
 from vsense.tracking.specs import (
     CameraSpec,
     CameraTrackerSpec,
     GrabberSpec,
+    MaskSpec,
     RecordSpec,
     Resources,
     TrackerSpec,
@@ -29,6 +32,9 @@ RESOURCES, EXPERIMENT = "resources.xml", "experiment.xml"
 """The two files' names in a folder that vsense has written."""
 PICTURES_OF = "pictures of "
 """In a recording's resources file, what stands before a camera's id in that of its grabber."""
+
+ARENA = "arena"
+"""A mask's outline that is the experiment's arena."""
 
 _MAX_PERIOD = 10_000
 _MAX_SQUARE_CM = 1000.0
@@ -128,10 +134,39 @@ def read(data: bytes, file: str, folder: Path, resources: Resources) -> Tracking
         square_size_m=tracker.number("opt_square_size", 1.0, _MAX_SQUARE_CM, "cm", 30.0) / 100.0,
         views=tuple(_read_view(element, resources) for element in elements),
         record=_read_record(root, folder),
+        masked=_read_mask(tracker),
     )
     root.check_all_read()
     _check_together(session, elements)
     return session
+
+
+def _read_mask(tracker: Element) -> MaskSpec | None:
+    margin_cm = 100.0 * MARGIN_M
+    if not tracker.has("opt_mask"):
+        if tracker.has("opt_mask_margin"):
+            raise tracker.error(
+                "stands there without 'opt_mask', to which it belongs", "opt_mask_margin"
+            )
+        return None
+    margin_m = tracker.number("opt_mask_margin", 0.0, 1000.0, "cm", margin_cm) / 100.0
+    text, corners = tracker.text("opt_mask"), []
+    for corner in text.split() if text != ARENA else ():
+        try:
+            x, y = (float(part) for part in corner.split(","))
+        except ValueError:
+            x = math.nan
+        if not (math.isfinite(x) and math.isfinite(y)):
+            expected = f"'{ARENA}', or corners in m such as '-1,-1 1,-1 1,1 -1,1'"
+            raise tracker.error(f"{corner[:40]!r} is no corner, expected {expected}", "opt_mask")
+        corners.append((x, y))
+    spec = MaskSpec(None if text == ARENA else tuple(corners), margin_m, tracker.line)
+    if spec.outline_m is not None:
+        try:
+            Mask(spec.outline_m, margin_m)
+        except MaskError as error:
+            raise tracker.error(str(error), "opt_mask") from None
+    return spec
 
 
 def _read_view(element: Element, resources: Resources) -> CameraTrackerSpec:

@@ -11,16 +11,18 @@ import glob
 import importlib.util
 import os
 import shutil
+import stat
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from vsense import sharing
 from vsense.cameras import aravis
 from vsense.cameras.aravis import AravisError
 from vsense.errors import EXTRAS, VsenseError, pip_line
 from vsense.link import descriptors
 from vsense.link.robots import keys, network
-from vsense.robot import boards, build
+from vsense.robot import boards, build, key_holders
 from vsense.robot.compiling import APT_LINE, BuildError, native
 
 OK, LACKS, BROKEN = "ok", "lacks", "BROKEN"
@@ -37,7 +39,7 @@ _PURPOSES = {
     "web": "the page (--web)",
     "https": "the page for other machines",
     "record": "recordings (--record, replay, report, export)",
-    "report": "charts of reports and campaigns",
+    "report": "charts of reports and campaigns, tests of runs",
     "robot": "daemons for robots' boards (vsense robot build)",
     "cluster": "campaigns on several machines (--on)",
     "completion": "completion in a shell",
@@ -69,7 +71,7 @@ def findings() -> Iterator[Finding]:
     """Looks at everything, in an order from what everybody needs to what few do."""
     checks: tuple[Callable[[], Iterator[Finding]], ...] = (
         *(_compilers, _cache, _extras, _cameras, _ports, _sockets),
-        *(_descriptors, _clock, _keys, _disk),
+        *(_descriptors, _clock, _lab, _keys, _disk),
     )
     for check in checks:
         yield from check()
@@ -176,15 +178,50 @@ def _clock() -> Iterator[Finding]:
         yield Finding("clock", OK, "is kept right")
 
 
+def _lab() -> Iterator[Finding]:
+    try:
+        found = sharing.lab()
+    except sharing.SharingError as error:
+        text, _, mend = str(error).partition(": sudo ")
+        yield Finding("lab folder", LACKS, text, f"sudo {mend}" if mend else "")
+        return
+    if found is None:
+        yield Finding("lab folder", OK, "none: each account has runs of its own (vsense share)")
+        return
+    names = ", ".join(sharing.members(found.gid)) or "nobody"
+    yield Finding("lab folder", OK, f"{found.path}, group '{found.group}': {names}")
+    for path in sorted(found.path.iterdir()):
+        try:
+            status = path.lstat()
+        except OSError:
+            continue  # a run has just ended
+        if stat.S_ISDIR(status.st_mode):
+            continue
+        if status.st_mode & 0o007:
+            text = f"others can use {path} (mode {stat.S_IMODE(status.st_mode):04o})"
+            yield Finding("lab folder", LACKS, text, f"sudo chmod o= {path}")
+        if status.st_gid != found.gid:
+            text = f"{path} is of group '{sharing.group_name(status.st_gid)}'"
+            yield Finding("lab folder", LACKS, text, f"sudo chgrp {found.group} {path}")
+
+
 def _keys() -> Iterator[Finding]:
-    path = keys.default_path()
-    if not path.exists():
+    try:
+        path = keys.default_path()
+        known = keys.read(path) if path.exists() else None
+    except sharing.SharingError:
+        return  # told above
+    except VsenseError as error:
+        text, _, mend = str(error).partition(": chmod ")
+        yield Finding("swarm key", LACKS, text, f"chmod {mend}" if mend else "")
+        return
+    if known is None:
         mend = "vsense robot keys --new-key"
         yield Finding("swarm key", LACKS, "vsense run takes no robot without --insecure", mend)
-    elif path.stat().st_mode & 0o077:
-        yield Finding("swarm key", LACKS, f"others can read {path}", f"chmod 600 {path}")
-    else:
-        yield Finding("swarm key", OK, str(path))
+        return
+    yield Finding("swarm key", OK, str(path))
+    for note in key_holders.trust(key_holders.file_of(path), known).notes:
+        yield Finding("swarm key", LACKS, note)
 
 
 def _disk() -> Iterator[Finding]:

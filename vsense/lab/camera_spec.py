@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -102,7 +102,7 @@ def _slope() -> NDArray[np.float64]:
     return np.diag(test.to_plane(edges, _TALLEST_M)) / (HEIGHT_M - _TALLEST_M)
 
 
-def _cameras(experiment: Experiment, grid: CameraGrid | None) -> list[Camera]:
+def cameras_above(experiment: Experiment, grid: CameraGrid | None) -> list[Camera]:
     """The cameras above the arena, or above what walls leave of one that is too large for four."""
     arena = experiment.arena
     return rig(arena if _needed(arena) == _FEW else reachable(experiment), grid)
@@ -205,18 +205,20 @@ def spec_for(
     seed: int,
     log: Path,
     grid: CameraGrid | None = None,
+    cameras: Sequence[Camera] | None = None,
     hardware: Mapping[int, RobotHardware] = {},
 ) -> LabCameraSpec:
     """The spec of an experiment's cameras; the truth ring holds the robots, then the objects.
 
-    `grid` is that of `rig`; `hardware` says where markers sit, by tag.
+    They are `cameras`, or those of `cameras_above` for a `grid` as in `rig`; `hardware` says where
+    markers sit, by tag.
 
     Raises:
         TooLargeArena: it is too large for the cameras.
     """
     height_m = experiment.marker.height_m
     return LabCameraSpec(
-        cameras=tuple(_cameras(experiment, grid)),
+        cameras=tuple(cameras or cameras_above(experiment, grid)),
         boxes=tuple(Block.of(thing) for thing in experiment.solids),
         bodies=(
             *(

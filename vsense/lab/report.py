@@ -143,6 +143,17 @@ def _agreement(sensing: dict[str, Any]) -> str:
     return f"; agree with the truth {inside} inside the cone, {outside} outside"
 
 
+def _calibration_rows(figures: dict[str, Any] | None) -> list[tuple[str, str]]:
+    """How well the cameras are known; none where that is exactly."""
+    if figures is None:
+        return []
+    text = (
+        f"{figures['rms_px']} px rms; with it places are wrong by"
+        f" {figures['position_rms_mm']} mm rms, headings by {figures['heading_rms_deg']} deg"
+    )
+    return [("known", text)]
+
+
 def table(summary: dict[str, Any]) -> str:
     """The summary as text."""
     tracking, sensing = summary["tracking"], summary["sensing"]
@@ -158,6 +169,7 @@ def table(summary: dict[str, Any]) -> str:
             f" {tracking['wrong_ids']} wrong ids;"
             f" rms error {tracking['position_rmse_mm']} mm, {tracking['heading_rmse_deg']} deg",
         ),
+        *_calibration_rows(summary["calibration"]),
         (
             "cameras",
             f"{vision['left_out']} timesteps left out, {vision['old_pictures']} old pictures"

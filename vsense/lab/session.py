@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from vsense.arena import Frame
 from vsense.errors import VsenseError
+from vsense.lab.calibrated import CalibratedRig
 from vsense.lab.camera_spec import CameraGrid, spec_for
 from vsense.lab.grabber import LabGrabber
 from vsense.lab.hardware import NOMINAL, LabRobots, to_markers
@@ -104,13 +105,15 @@ class Session(ExperimentSession):
         watchdog: bool = False,
         legacy_port: int | None = None,
         grid: CameraGrid | None = None,
+        known: CalibratedRig | None = None,
         robots: LabRobots = NOMINAL,
     ) -> None:
         """Prepares runs of robots on a `base` of `vsense.lab.links.BASES`; `directory` exists.
 
         Their firmware has a `watchdog`, as in `Microcontrollers`, or none. On `legacy_port` the
         original's client gets the readings of a robot of the lab. `grid` is the cameras', as in
-        `vsense.lab.camera_spec.rig`; `robots` what they differ in.
+        `vsense.lab.camera_spec.rig`; `known` are others, tracked with as far as they are known;
+        `robots` what they differ in.
 
         Raises:
             VsenseError: something in the experiment cannot be made.
@@ -122,7 +125,7 @@ class Session(ExperimentSession):
         self._base = base
         self._watchdog = watchdog
         self._grid = grid
-        self.robots = robots
+        self.known, self.robots = known, robots
         self._ready = False
         self.dt_ns = setup.experiment.timestep_ns
 
@@ -135,12 +138,14 @@ class Session(ExperimentSession):
         self._stack.callback(self._truth.close)
         # The cameras build their scene while everything else starts.
         hardware = self.robots.hardware
-        spec = spec_for(experiment, truth.name, seed, self.truth_log, self._grid, hardware)
+        true = None if self.known is None else self.known.true
+        where = truth.name, seed, self.truth_log, self._grid
+        spec = spec_for(experiment, *where, true, hardware)
         self._markers = np.array([body.marker for body in spec.bodies])
         grabber = LabGrabber(spec)
         self._stack.callback(grabber.close)
         daemons = {c.id: build.daemon(c.program) for c in experiment.controllers}
-        self.cameras = grabber.cameras
+        self.cameras = grabber.cameras if self.known is None else list(self.known.found)
         self.tracking = self._track(grabber)
         self._stack.callback(self.tracking.close)
         floor = experiment, truth.name, seed, self.directory, self._base, self._watchdog
@@ -154,6 +159,8 @@ class Session(ExperimentSession):
             self.swarm.start(daemons[robot.controller], robot.tag, robot.id, base, settings)
         self.setup.room.recorders.watch_family(experiment.marker, self.tracking)
         scene = self._scene("lab", self.cameras, {}, self.tracking.troubles)
+        if self.known is not None:
+            scene = replace(scene, calibration=self.known.checked)
         runtime = self._open_room(self.tracking, scene, ground=Ground(self.floor.put))
         grabber.start()
         runtime.open()
@@ -164,7 +171,7 @@ class Session(ExperimentSession):
         heights = dict.fromkeys(self._tags, experiment.marker.height_m)
         family = load_family(experiment.marker.family)
         offsets = self.robots.markers
-        tracker = ArenaTracker.for_family(grabber.cameras, family, heights, offsets=offsets)
+        tracker = ArenaTracker.for_family(self.cameras, family, heights, offsets=offsets)
         return CameraTracking(grabber, tracker, self.setup.console.say)
 
     @property

@@ -8,6 +8,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from vsense.calibration.checked import of_tracking
 from vsense.cameras.camera import Camera
 from vsense.cameras.grabber import Troubles
 from vsense.config.specs import Experiment
@@ -26,7 +27,9 @@ from vsense.run.robots import make_server
 from vsense.run.runner import Runner
 from vsense.run.runtime import Runtime, Step
 from vsense.run.watch import ArenaSource
+from vsense.sharing import user_name
 from vsense.terminal import Console, Interruption, Level
+from vsense.tracking.opening import masks_px
 from vsense.ui.access import is_loopback
 from vsense.ui.messages import ExperimentFacts
 from vsense.ui.room import ControlRoom
@@ -124,7 +127,7 @@ class ExperimentSession(ABC):
             *(self._observe, control),
         )
         setup.room.doubts, runner = self.doubts(), self.runner
-        setup.room.alarms = lambda: runner.alarms
+        setup.room.alarms, setup.room.leave = lambda: runner.alarms, setup.interrupted.set
         setup.room.open(scene, self.environment, server, runtime, control)
         return runtime
 
@@ -133,7 +136,10 @@ class ExperimentSession(ABC):
     ) -> ExperimentFacts:
         text = read_bytes(self.experiment.path).decode(errors="replace")
         made = dict(self.setup.made)
-        return ExperimentFacts(command, text, self.setup.blind, cameras, trackers, troubles, made)
+        blind, user = self.setup.blind, user_name()
+        return ExperimentFacts(
+            *(command, text, blind, cameras, trackers, troubles, made), user=user
+        )
 
     def _observe(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
         """Is called after every timestep; see `vsense.run.runner.Observer`."""
@@ -209,8 +215,13 @@ class RunSession(ExperimentSession):
             {view.camera.id: view.tracker.id for view in views},
             Troubles() if own is None else own.tracking.troubles,
         )
-        if own is not None and not own.session.is_live:
-            scene = replace(scene, recorded=True)
+        if own is not None:
+            scene = replace(
+                scene,
+                recorded=not own.session.is_live,
+                masks=masks_px(own.session),
+                calibration=of_tracking(own.session),
+            )
         # STOP may only suspend a run (thesis, 2.3.1).
         suspends = own is not None and not own.session.record.change_root_directory_on_start
         runtime = self._open_room(self.source, scene, suspends)

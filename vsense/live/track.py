@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from vsense import arena, recording
 from vsense.arena import ArenaState, Frame
+from vsense.calibration.checked import told_of
 from vsense.cameras.grabber import GrabberError, NoMorePictures, Troubles
 from vsense.clock import host_ns
 from vsense.config import tracking_session
@@ -201,6 +202,8 @@ class TrackingRun:
             runs.keep_in(options.output)
         runs.recorders.watch_session(self._made.session, self.tracking, by_file=False)
         stack.enter_context(self._room)
+        if text := told_of(self._made.session):
+            self._talk.say(text)
         watched = options.is_watched
         self._room.steer(runs, options.hold or options.web is not None, dated=self._live or watched)
 
@@ -382,6 +385,6 @@ def begin_recording(session: TrackingSession, talk: Talk) -> BackgroundRecorder 
     recorder = PictureRecorder(directory, cameras, record.image_format)
     trackers = {view.camera.id: view.tracker for view in session.views}
     with failing_as(PictureRecordingError, f"{directory}: cannot be written"):
-        write_session_files(directory, cameras, trackers)
+        write_session_files(directory, cameras, trackers, session.mask)
     talk.say(f"recording into {directory}")
     return BackgroundRecorder(recorder)

@@ -16,13 +16,16 @@ import numpy as np
 
 import vsense
 from vsense.arena import ArenaState, Frame, arena_data
+from vsense.calibration.checked import of_tracking
 from vsense.cameras.grabber import Troubles
 from vsense.clock import host_ns
 from vsense.live.runs import Runs
 from vsense.message_bus import MessageBus
 from vsense.recording.form import Data, ExperimentMessage, RunMessage
 from vsense.run.orders import Give, Order, OrderError
+from vsense.sharing import user_name
 from vsense.terminal import Console, Level
+from vsense.tracking.opening import masks_px
 from vsense.tracking.specs import TrackingSession
 from vsense.ui import keyboard, messages
 from vsense.ui.access import FoxgloveAddress, WebAddress
@@ -113,7 +116,10 @@ class TrackRoom:
         """
         self._runs, self._give, self._dated = runs, runs.give, dated
         try:
-            self._stack.callback(ControlSocket(self.status, runs.give, TRACKER).close)
+            bell = ControlSocket(self.status, runs.give, TRACKER)
+            self._stack.callback(bell.close)
+            if bell.alone:
+                self._console.say(f"the lab's others cannot steer this process: {bell.alone}")
         except ControlSocketError as error:
             self._console.say(f"vsense status and its like will not find this process: {error}")
         if keys and keyboard.usable():
@@ -207,12 +213,14 @@ class TrackRoom:
         return ExperimentMessage(
             mode="track",
             command="track",
+            user=user_name(),
             name=name_of(session),
             blind=None,
             version=vsense.__version__,
             arena={"size_m": [*size_m, 1.0], "centre_m": [*centre_m, 0.5]},
             robots=[{"tag": t, "name": str(t), "height_m": h} for t, h in heights_m],
-            cameras=messages.cameras(found, trackers),
+            cameras=messages.cameras(found, trackers, masks_px(session)),
+            calibration=of_tracking(session),
             body_radius_m=BODY_RADIUS_M,
         ).data()
 

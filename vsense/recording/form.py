@@ -247,6 +247,7 @@ class ExperimentMessage(_Message):
 
     mode: str = "live"
     command: str = ""
+    user: str | None = None
     recorded: bool = False
     name: str = ""
     seed: int | None = None
@@ -261,6 +262,7 @@ class ExperimentMessage(_Message):
     objects: list[Data] = field(default_factory=list)
     controllers: list[Data] = field(default_factory=list)
     cameras: list[Data] = field(default_factory=list)
+    calibration: Data | None = None
     body_radius_m: float | None = None
 
     def controller_of(self) -> dict[int, int]:
@@ -368,9 +370,7 @@ _TOPICS: dict[str, tuple[str, Fields]] = {
     ),
     "/robots": ("What is known of every robot, in columns.", dict.fromkeys(ROBOTS, _COLUMN)),
     "/cameras": ("How the cameras are.", {"cameras": _COLUMN}),
-    "/event": (
-        "Something that people were told.", {"text": _TEXT, "level": _TEXT, "by": _TEXT},
-    ),
+    "/event": ("Something that people were told.", {"text": _TEXT, "level": _TEXT, "by": _TEXT}),
     GAP: (
         "What is missing: from, to, how many messages and pictures, and why.",
         {"from_ns": _INTEGER, "to_ns": _INTEGER, "messages": _INTEGER, "pictures": _INTEGER,
@@ -390,8 +390,7 @@ RUN_TOPICS = tuple(topic for topic in _TOPICS if topic not in (GAP, TRACKER))
 def schema(topic: str, blob: bool) -> tuple[str, bytes]:
     """Gives name and JSON schema of a channel; with blobs Foxglove takes them for pictures."""
     if blob:
-        name = schemas.IMAGE
-        text = "A picture; `vsense` is the message's own data."
+        name, text = schemas.IMAGE, "A picture; `vsense` is the message's own data."
         known: Fields = {"timestamp": _TIME, "frame_id": _TEXT, "data": _BYTES, "format": _TEXT}
     else:
         name = f"vsense{topic.replace('/', '.')}"

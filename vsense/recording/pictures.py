@@ -23,6 +23,7 @@ from vsense.cameras.camera import Camera
 from vsense.config.resources import DEFAULT_SPEED_M_S
 from vsense.config.tracking_session import EXPERIMENT, PICTURES_OF, RESOURCES
 from vsense.errors import VsenseError, failing_as
+from vsense.tracking.mask import Mask
 from vsense.tracking.specs import TrackerSpec
 
 TIMESTAMPS = "timestamps.csv"
@@ -166,7 +167,10 @@ def one_tracker(
 
 
 def write_session_files(
-    directory: Path, cameras: Sequence[Camera], trackers: Mapping[str, TrackerSpec]
+    directory: Path,
+    cameras: Sequence[Camera],
+    trackers: Mapping[str, TrackerSpec],
+    mask: Mask | None = None,
 ) -> None:
     """Writes `resources.xml`, `experiment.xml` and their schemas beside a recording.
 
@@ -176,7 +180,8 @@ def write_session_files(
     write_schemas(directory)
     text = resources_text(cameras, trackers)
     (directory / RESOURCES).write_text(text, encoding="utf-8")
-    (directory / EXPERIMENT).write_text(experiment_text(cameras, trackers), encoding="utf-8")
+    text = experiment_text(cameras, trackers, mask)
+    (directory / EXPERIMENT).write_text(text, encoding="utf-8")
 
 
 def write_schemas(directory: Path) -> None:
@@ -208,16 +213,23 @@ def resources_text(cameras: Sequence[Camera], trackers: Mapping[str, TrackerSpec
     return "\n".join(lines)
 
 
-def experiment_text(cameras: Iterable[Camera], trackers: Mapping[str, TrackerSpec]) -> str:
+def experiment_text(
+    cameras: Iterable[Camera], trackers: Mapping[str, TrackerSpec], mask: Mask | None = None
+) -> str:
     """Gives the experiment file of a recording; see `write_session_files`."""
-    return session_text([(PICTURES_OF + c.id, c.id, trackers[c.id].id) for c in cameras])
+    return session_text([(PICTURES_OF + c.id, c.id, trackers[c.id].id) for c in cameras], mask)
 
 
-def session_text(views: Iterable[tuple[str, str, str]]) -> str:
+def session_text(views: Iterable[tuple[str, str, str]], mask: Mask | None = None) -> str:
     """Gives an experiment file; a view names a camera's grabber, the camera, and its tracker."""
+    masked = ""
+    if mask is not None:
+        corners = " ".join(f"{x!r},{y!r}" for x, y in mask.outline_m)
+        margin = f'opt_mask_margin="{100.0 * mask.margin_m:.10g}"'
+        masked = f'\n                       opt_mask="{corners}"\n                       {margin}'
     lines = [
         head("arena_tracking", "experiment.xsd"),
-        '  <arena_state_tracker server_port="4040" opt_key_frame_period="1">',
+        f'  <arena_state_tracker server_port="4040" opt_key_frame_period="1"{masked}>',
     ]
     lines += [
         f"    <camera_state_tracker grabber={quoteattr(grabber)} camera={quoteattr(camera)}"

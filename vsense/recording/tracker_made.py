@@ -26,13 +26,15 @@ from vsense.errors import UsageError, VsenseError
 from vsense.markers.families import MarkerFamily, SquareFamily, load_family
 from vsense.tracking.arena_tracker import ArenaTracker
 from vsense.tracking.marker_offsets import PlacedMarker
+from vsense.tracking.mask import Mask
 from vsense.tracking.prediction import MarkerSearch, SearchPlan
 from vsense.tracking.specs import TrackingSession
 from vsense.tracking.tracks import Limits
 
 Made = dict[str, Any]
 """`cameras`: camera files; `sees`: by the camera's id the tracker that looks at its pictures;
-`trackers`: by id `family`, `heading_deg`, `heights_m` (pairs of tag and height), `open_roster`;
+`trackers`: by id `family`, `heading_deg`, `heights_m` (pairs of tag and height), `open_roster`, and
+where there is a mask `mask_m` (its corners) and `mask_margin_m`;
 `limits`, `plan`, `workers`; `offsets`: by tag where markers sit on their robots, x, y [m] and yaw
 [rad], absent where none is known; `versions` of what computed."""
 
@@ -65,8 +67,9 @@ def of_session(session: TrackingSession) -> Made:
     VsenseError if there is no such family.
     """
     specs = {view.tracker.id: view.tracker for view in session.views}
+    masked = _masked(session.mask)
     trackers = {
-        id: _tracker(spec.family, spec.heading_deg, spec.heights_m, spec.open_roster)
+        id: {**_tracker(spec.family, spec.heading_deg, spec.heights_m, spec.open_roster), **masked}
         for id, spec in specs.items()
     }
     made = _made(
@@ -139,7 +142,12 @@ def _make(made: Made) -> ArenaTracker:
     cameras = [Camera.from_json(json.dumps(camera)) for camera in made["cameras"]]
     trackers = {id: made["trackers"][id] for id in made["sees"].values()}
     searches = {
-        id: MarkerSearch(_family(tracker), _heights_m(tracker), bool(tracker["open_roster"]))
+        id: MarkerSearch(
+            _family(tracker),
+            _heights_m(tracker),
+            bool(tracker["open_roster"]),
+            mask=_mask(tracker),
+        )
         for id, tracker in trackers.items()
     }
     limits, plan = Limits(**made["limits"]), SearchPlan(**made["plan"])
@@ -167,6 +175,19 @@ def _family(tracker: Made) -> MarkerFamily | SquareFamily:
     if isinstance(family, SquareFamily):
         return replace(family, heading_deg=family.heading_deg + tracker["heading_deg"])
     return family
+
+
+def _masked(mask: Mask | None) -> Made:
+    if mask is None:
+        return {}
+    return {"mask_m": [list(corner) for corner in mask.outline_m], "mask_margin_m": mask.margin_m}
+
+
+def _mask(tracker: Made) -> Mask | None:
+    if "mask_m" not in tracker:
+        return None
+    corners = tuple((float(x), float(y)) for x, y in tracker["mask_m"])
+    return Mask(corners, float(tracker["mask_margin_m"]))
 
 
 def _heights_m(tracker: Made) -> dict[int, float]:

@@ -11,7 +11,7 @@ import numpy as np
 from vsense.pictures.canvas import Floats
 from vsense.pictures.run_figure import spoken
 from vsense.report.campaigns import CampaignRuns, labels
-from vsense.report.facts import KINDS, RECORDED, SIMULATION
+from vsense.report.facts import KINDS, RECORDED
 from vsense.report.findings import Findings
 
 
@@ -23,7 +23,7 @@ class Group:
         condition: in words; "sighted", "blind" or "condition unknown", and where runs of several
             kinds are compared, of which kind they are.
         runs: those that are recorded.
-        tables: those of which a campaign has kept the last values.
+        tables: those of which a table has the last values.
         kind: of `vsense.report.facts.KINDS`, "" unknown.
         blind: the virtual sensors were held at 0; None: unknown.
     """
@@ -78,7 +78,9 @@ _ORDER = (*KINDS.values(), RECORDED)
 def groups(runs: Sequence[Findings], tables: Sequence[CampaignRuns] = ()) -> list[Group]:
     """Sorts runs by experiment, kind and condition: simulation first, sighted before blind."""
     sorted_: dict[tuple[str, str, bool | None], list[Findings]] = {}
-    kinds: dict[str, set[str]] = {table.experiment: {SIMULATION} for table in tables}
+    kinds: dict[str, set[str]] = {}
+    for table in tables:
+        kinds.setdefault(table.experiment, set()).add(table.kind)
     for run in runs:
         facts = run.found.facts
         name = facts.name or "unnamed experiment"
@@ -89,8 +91,8 @@ def groups(runs: Sequence[Findings], tables: Sequence[CampaignRuns] = ()) -> lis
         for (name, kind, blind), some in sorted_.items()
     ]
     for table, label in zip(tables, labels(tables)):
-        words = f"{SIMULATION} ({label})"
-        found.append(Group(table.experiment, words, (), (table,), SIMULATION, None))
+        words = f"{table.kind} ({label})"
+        found.append(Group(table.experiment, words, (), (table,), table.kind, None))
     return sorted(found, key=_place)
 
 

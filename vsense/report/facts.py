@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from vsense.calibration.checked import in_words
 from vsense.recording.form import ExperimentMessage
 from vsense.world.entities import BODY_RADIUS_M, Arena
 
@@ -34,7 +35,8 @@ class Facts:
     """What was run; "" and None are unknown, and so are `robots` if they are empty.
 
     `robots` and `objects` are names by tag, `controllers` ids of what drives robots, where there
-    are several; `length_s` None may also be a run without end.
+    are several; `length_s` None may also be a run without end; `calibration` says how true the
+    cameras' is.
     """
 
     name: str
@@ -50,6 +52,7 @@ class Facts:
     controllers: Mapping[int, str]
     body_radius_m: float
     file_text: str
+    calibration: str
 
     @property
     def kind(self) -> str:
@@ -87,6 +90,7 @@ def read_facts(data: Mapping[str, Any]) -> Facts:
         controllers=_controllers(told),
         body_radius_m=radius_m if radius_m is not None and 0.0 < radius_m < 1.0 else BODY_RADIUS_M,
         file_text=told.file_text,
+        calibration=in_words(told.calibration or {}),
     )
 
 

@@ -245,6 +245,7 @@ def as_json(findings: Findings) -> dict[str, Any]:
         "kind": facts.kind,
         "seed": facts.seed,
         "blind": facts.blind,
+        "calibration": facts.calibration or None,
         "version": findings.version,
         "begun_utc": None if findings.begun is None else findings.begun.isoformat(),
         "complete": findings.complete,

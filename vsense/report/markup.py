@@ -67,8 +67,9 @@ class Counter:
             for row in rows
         )
         return (
-            f'<div class="scroll"><table><caption><b>Table {self._tables}. {escape(title)}.</b>'
-            f" {escape(caption)}</caption>\n<thead>{f'<tr>{tops}</tr>' if over else ''}"
+            f'<div class="scroll"><table><caption><span><b>Table {self._tables}.'
+            f" {escape(title)}.</b> {escape(caption)}</span></caption>\n"
+            f"<thead>{f'<tr>{tops}</tr>' if over else ''}"
             f"<tr>{names}</tr></thead>\n<tbody>{body}</tbody></table></div>\n"
         )
 
@@ -149,6 +150,9 @@ figure img {
 }
 figcaption { font-size: .88rem; line-height: 1.42; color: var(--soft); margin-top: .4rem; }
 figcaption b { color: var(--ink); }
+caption span {
+  display: inline-block; position: sticky; left: 0; max-width: min(100%, calc(100vw - 3rem));
+}
 .scroll { overflow-x: auto; }
 table {
   border-collapse: collapse; font-size: .88rem; margin: .4rem 0; width: 100%;
@@ -165,6 +169,13 @@ td.n { white-space: nowrap; }
 tbody th { font-weight: 400; }
 details { margin-top: 1rem; }
 summary { cursor: pointer; font-weight: 600; }
+h4 { font-size: 1rem; margin: 1.2rem 0 .2rem; }
+.said { margin: .2rem 0; padding-left: 1.2rem; max-width: 46rem; }
+.said li { margin: .3rem 0; overflow-wrap: anywhere; }
+.methods {
+  background: var(--tint); border-radius: .5rem; padding: .8rem 1rem; user-select: all;
+  -webkit-user-select: all; max-width: 46rem;
+}
 pre {
   background: var(--tint); border-radius: .5rem; padding: .8rem; font-size: .78rem;
   white-space: pre-wrap; overflow-x: auto;

@@ -12,6 +12,8 @@ from vsense.report.charts import few
 from vsense.report.compare import Group
 from vsense.report.findings import Findings
 from vsense.report.markup import CSS, Counter, Shown, note, share_of, tiles
+from vsense.report.study import section
+from vsense.report.study.results import Questions, StudyResult
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,29 +32,53 @@ class ComparedRuns:
     pictures: Sequence[Shown]
 
 
-def page(
-    chapters: Sequence[Chapter], comparisons: Sequence[ComparedRuns], lacking: str = ""
-) -> str:
-    """Makes the page of recordings and comparisons, which are of each experiment's runs.
+@dataclass(frozen=True, slots=True)
+class Studied:
+    """What tables of runs gave: each study's result and pictures, and what was asked.
 
-    `lacking` says why there are no charts, "" where there are.
+    `told` are sentences about the tables themselves.
+    """
+
+    asked: Questions
+    studies: Sequence[tuple[StudyResult, Sequence[Shown]]]
+    told: Sequence[str] = ()
+
+    @property
+    def count(self) -> int:
+        """How many runs there are, void ones, too."""
+        arms = [arm for result, _ in self.studies for arm in result.study.arms]
+        return sum(len(arm.runs) + len(arm.voids) for arm in arms)
+
+
+def page(
+    chapters: Sequence[Chapter],
+    comparisons: Sequence[ComparedRuns],
+    lacking: Sequence[str] = (),
+    studied: Studied | None = None,
+) -> str:
+    """Makes the page of recordings, of comparisons of each experiment's runs, and of studies.
+
+    `lacking` says why there are no charts, or no tests.
     """
     counter = Counter()
-    many = bool(comparisons)
+    many = bool(comparisons) or studied is not None
     count = sum(group.count for each in comparisons for group in each.groups)
-    name = f"{count} runs compared" if many else chapters[0].findings.label
+    if studied is not None and not comparisons:
+        count = studied.count + len(chapters)
+    name = _counted(count) if many else chapters[0].findings.label
     parts = [
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(name)}'
         ' – vsense report</title>\n<meta name="viewport"'
         ' content="width=device-width, initial-scale=1">\n'
         f"<style>{CSS}</style></head><body>\n<header><h1>{escape(name)}</h1>"
-        '<p class="soft">What the recordings of vsense say. Times are in seconds since a run began,'
-        " lengths in metres in the arena's frame.</p></header>\n"
+        f'<p class="soft">What {"recordings" if chapters else "runs"} of vsense say. Times are in'
+        " seconds since a run began, lengths in metres in the arena's frame.</p></header>\n"
     ]
-    if lacking:
-        parts.append(note(f"{lacking[0].upper()}{lacking[1:]}.", "warning"))
+    parts += [note(f"{text[0].upper()}{text[1:]}.", "warning") for text in lacking]
     if many:
-        parts.append(_contents(chapters, comparisons))
+        parts.append(_contents(chapters, comparisons, studied))
+    if studied is not None:
+        parts += _studied(studied, counter)
     for place, comparison in enumerate(comparisons):
         parts.append(_compared(comparison, place, counter))
     for place, chapter in enumerate(chapters):
@@ -66,8 +92,27 @@ def page(
     return "".join(parts)
 
 
-def _contents(chapters: Sequence[Chapter], comparisons: Sequence[ComparedRuns]) -> str:
-    links = [(f"compared-{place}", _title(each.groups)) for place, each in enumerate(comparisons)]
+def _counted(count: int) -> str:
+    return f"{count} {'run' if count == 1 else 'runs'} compared"
+
+
+def _studied(studied: Studied, counter: Counter) -> Iterator[str]:
+    for told in studied.told:
+        yield note(told, "warning")
+    for place, (result, pictures) in enumerate(studied.studies):
+        yield section.section(result, pictures, counter, place, studied.asked.tests)
+    yield section.methods([result for result, _ in studied.studies], studied.asked)
+
+
+def _contents(
+    chapters: Sequence[Chapter], comparisons: Sequence[ComparedRuns], studied: Studied | None
+) -> str:
+    links = []
+    if studied is not None:
+        titles = (result.study.title for result, _ in studied.studies)
+        links += [(f"study-{place}", title) for place, title in enumerate(titles)]
+        links.append(("methods", "For the methods of a paper"))
+    links += [(f"compared-{place}", _title(each.groups)) for place, each in enumerate(comparisons)]
     links += [
         (f"run-{place}", f"{each.findings.label} ({each.findings.path})")
         for place, each in enumerate(chapters)
@@ -105,6 +150,8 @@ def _run(chapter: Chapter, counter: Counter) -> Iterator[str]:
     when = f", recorded {begun:%Y-%m-%d %H:%M} UTC" if begun is not None else ""
     file = f"{findings.path} (vsense {findings.version}{when})"
     yield f'<p class="soft">{escape(file)}</p>\n'
+    if findings.found.facts.calibration:
+        yield f'<p class="soft">Cameras: {escape(findings.found.facts.calibration)}.</p>\n'
     yield from _notes(findings)
     yield tiles(_tiles(findings))
     yield counter.figures(chapter.pictures)

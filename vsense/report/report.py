@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from vsense.errors import failing_as
 from vsense.recording.form import RecordingError
-from vsense.report import campaigns, can_draw, charts, compare, findings, lacking, maps, plot
-from vsense.report.campaigns import CampaignRuns
+from vsense.report import can_draw, charts, compare, findings, lacking, maps, plot
+from vsense.report.campaigns import CampaignRuns, campaign_runs
 from vsense.report.findings import Findings, read_findings
 from vsense.report.markup import Shown
-from vsense.report.page import Chapter, ComparedRuns, page
+from vsense.report.page import Chapter, ComparedRuns, Studied, page
+from vsense.report.study import SUFFIX, boxes, lacking_tests, results, words
+from vsense.report.study.collect import TableOfRuns, read_tables
+from vsense.report.study.results import Questions, StudyResult
 
 PAGE = "report.html"
 PAGE_PX_PER_IN = 128
@@ -33,23 +36,35 @@ _MAKERS: Sequence[Callable[[Findings], plot.Drawing | None]] = (
 class Report:
     """The written files, the page first, and the findings of each recording.
 
-    `lacking` says why there are no charts, "" where there are.
+    `lacking` says why there are no charts, or no tests; `told` what is to be said of tables.
     """
 
     files: Sequence[Path]
     findings: Sequence[Findings]
-    lacking: str
-    campaigns: Sequence[CampaignRuns] = ()
+    lacking: Sequence[str]
+    tables: Sequence[TableOfRuns] = ()
+    studied: Studied | None = None
+
+    @property
+    def told(self) -> Sequence[str]:
+        """What is to be said of the tables themselves."""
+        return () if self.studied is None else self.studied.told
 
     def as_json(self) -> dict[str, Any]:
         """The figures, for scripts."""
-        several = len(self.findings) > 1 or self.campaigns
-        groups = compare.groups(self.findings, self.campaigns) if several else []
-        return {
+        found = _compared(self.findings, self.tables)
+        told: dict[str, Any] = {
             "files": [str(path) for path in self.files],
             "recordings": [findings.as_json(one) for one in self.findings],
-            "comparison": compare.as_json(groups),
+            "comparison": compare.as_json(found),
         }
+        if self.studied is not None:
+            studies = [result for result, _ in self.studied.studies]
+            told["seed"] = self.studied.asked.seed
+            told["told"] = [*self.lacking, *self.told]
+            told["studies"] = [results.as_json(result) for result in studies]
+            told["methods"] = words.methods(studies, self.studied.asked)
+        return told
 
 
 def make_report(
@@ -58,39 +73,47 @@ def make_report(
     progress: Callable[[Path, float], None] = lambda path, share: None,
     form: str = "png",
     sheet: str | None = None,
+    asked: Questions | None = None,
+    show: Callable[[str], None] = lambda text: None,
 ) -> Report:
     """Makes a report of recordings; without Matplotlib, one without charts.
 
     Args:
-        paths: the recordings, and tables of campaigns, one at least; several are compared.
+        paths: the recordings, and tables of runs, one at least; several are compared.
         folder: where to; made if need be, must be empty.
-        progress: takes now and then which share of a recording was read, 0..1.
+        progress, show: take which share of a recording was read, 0..1, and what is computed.
         form: of the charts' files, one of `FORMATS`; the page holds PNG.
         sheet: the user's style sheet, see `plot.styled`.
+        asked: what is asked of the tables' runs; None: what is always asked.
 
     Raises:
         RecordingError: one is no recording that can be read, the folder is not empty, or something
             cannot be written.
-        UsageError: there is no such style sheet, or it cannot be used.
+        UsageError: a style sheet or a table cannot be used, or has not what is asked of it.
         VsenseError: the charts cannot be drawn in this style.
     """
-    require_empty(folder)
-    if sheet is not None and can_draw():
-        plot.require_sheet(sheet)
-    # A table that is named twice has no more runs.
-    tables = {os.path.realpath(path): path for path in paths if path.suffix == campaigns.SUFFIX}
-    simulated = [some for path in tables.values() for some in campaigns.read_campaign(path)]
+    _check(folder, sheet)
+    tables = read_tables(path for path in paths if path.suffix == SUFFIX)
+    rows = [row for table in tables for row in table.rows]
+    asked = replace(asked or Questions(), tests=not lacking_tests())
+    studies = results.results_of(rows, asked, show), asked
     read = [
         read_findings(path, lambda share, path=path: progress(path, share))  # type: ignore[misc]
         for path in paths
-        if path.suffix != campaigns.SUFFIX
+        if path.suffix != SUFFIX
     ]
-    with failing_as(RecordingError, f"{folder}: cannot be written"):
+    with failing_as(RecordingError, f"{folder}: cannot be written"), ExitStack() as stack:
         folder.mkdir(parents=True, exist_ok=True)
-        if not can_draw():
-            return _write(read, simulated, _Charts(folder, ""))
-        with plot.styled(sheet):
-            return _write(read, simulated, _Charts(folder, form))
+        if can_draw():
+            stack.enter_context(plot.styled(sheet))
+        return _write(read, tables, studies, _Charts(folder, form if can_draw() else ""))
+
+
+def _check(folder: Path, sheet: str | None) -> None:
+    """Raises what can be known before anything is read."""
+    require_empty(folder)
+    if sheet is not None and can_draw():
+        plot.require_sheet(sheet)
 
 
 def require_empty(folder: Path) -> None:
@@ -121,19 +144,50 @@ class _Charts:
         return Shown(drawing.title, drawing.caption, png, width_px, drawing.wide)
 
 
-def _write(read: Sequence[Findings], simulated: Sequence[CampaignRuns], kept: _Charts) -> Report:
+def _compared(read: Sequence[Findings], tables: Sequence[TableOfRuns]) -> list[compare.Group]:
+    """Recordings beside each other, and beside tables; tables alone are studies."""
+    if not read or len(read) + len(tables) < 2:
+        return []
+    some: list[CampaignRuns] = [runs for table in tables for runs in campaign_runs(table)]
+    return compare.groups(read, some)
+
+
+def _write(
+    read: Sequence[Findings],
+    tables: Sequence[TableOfRuns],
+    studies: tuple[Sequence[StudyResult], Questions],
+    kept: _Charts,
+) -> Report:
+    studied = _studied(tables, *studies, kept) if tables else None
     comparisons = []
-    if len(read) > 1 or simulated:
-        experiments = compare.by_experiment(compare.groups(read, simulated)).values()
-        for place, members in enumerate(experiments, start=1):
-            prefix = "compared-" if len(experiments) == 1 else f"compared-{place}-"
-            comparisons.append(ComparedRuns(members, kept.keep(prefix, charts.compared(members))))
+    experiments = compare.by_experiment(_compared(read, tables)).values()
+    for place, members in enumerate(experiments, start=1):
+        prefix = "compared-" if len(experiments) == 1 else f"compared-{place}-"
+        comparisons.append(ComparedRuns(members, kept.keep(prefix, charts.compared(members))))
     chapters = []
     for place, one in enumerate(read, start=1):
         prefix = f"{place:02d}-{one.path.stem}-" if comparisons else ""
         made = (make(one) for make in _MAKERS)
         chapters.append(Chapter(one, kept.keep(prefix, (each for each in made if each))))
-    why_none = "" if kept.form else lacking()
+    why_none = [] if kept.form else [lacking()]
+    why_none += [lacking_tests()] if studied is not None and lacking_tests() else []
     path = kept.folder / PAGE
-    path.write_text(page(chapters, comparisons, why_none), encoding="utf-8", errors="replace")
-    return Report([path, *kept.files], read, why_none, simulated)
+    text = page(chapters, comparisons, why_none, studied)
+    path.write_text(text, encoding="utf-8", errors="replace")
+    return Report([path, *kept.files], read, why_none, tables, studied)
+
+
+def _studied(
+    tables: Sequence[TableOfRuns], found: Sequence[StudyResult], asked: Questions, kept: _Charts
+) -> Studied:
+    """Draws the studies of tables."""
+    drawn = []
+    for place, result in enumerate(found, start=1):
+        prefix = "runs-" if len(found) == 1 else f"runs-{place}-"
+        drawn.append((result, kept.keep("", boxes.boxes(result, prefix))))
+    repeated = [table for table in tables if table.repeated]
+    told = [
+        f"{table.repeated} of the runs in {table.path} are named twice, and count once."
+        for table in repeated
+    ]
+    return Studied(asked, drawn, told)

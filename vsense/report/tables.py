@@ -166,7 +166,7 @@ def runs(groups: Sequence[Group], counter: Counter) -> str:
 
 
 def _campaign_row(table: CampaignRuns, condition: str) -> list[str]:
-    """The row of a campaign, whose runs are not recorded."""
+    """The row of a table, whose runs are not recorded."""
     seeds = table.seeds
     words = seeds[0] if len(seeds) == 1 else f"{len(seeds)}: {seeds[0]} … {seeds[-1]}"
-    return [str(table.path), condition, words, *[DASH] * 5, "a campaign's table"]
+    return [str(table.path), condition, words, *[DASH] * 5, "a table of runs"]

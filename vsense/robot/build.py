@@ -9,17 +9,17 @@ without a compiler can run that.
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import os
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 from vsense.errors import UsageError, instead
+from vsense.robot import cache
 from vsense.robot.argos_code import CONTROLLER_PARTS, FLAGS, LOOP_PARTS, STANDARD
+from vsense.robot.cache import cache_directory
 from vsense.robot.compiling import (
     CFLAGS,
     CXX_LIBRARIES,
@@ -48,6 +48,7 @@ SYSTEM_PARTS = (
     "atomics",
     *("base", "base_argos", "base_asercom", "base_boards", "base_config", "base_gctronic"),
     *("base_reset", "base_serial", "base_york", "board_link", "board_process", "calls", "check"),
+    "controller_hash",
     *("guard", "guard_link", "guard_process", "guard_rights", "key", "main", "memory", "net"),
     *(
         "options",
@@ -118,20 +119,20 @@ class SourceTree:
     def daemon(self, program: Program, plain: bool = False) -> Sources:
         """What a daemon with this controller is made of; `plain`: see `Sources`."""
         memory = sorted((self.root / "robot").glob("*.cpp"))
-        own_cxx, cache = [*memory, *self._argos(program)], _cache_for(program)
+        own_cxx, folder = [*memory, *self._argos(program)], _cache_for(program)
         return Sources(
-            self.daemon_sources(), program, self.includes(), own_cxx, FAST_PARTS, cache, plain
+            self.daemon_sources(), program, self.includes(), own_cxx, FAST_PARTS, folder, plain
         )
 
     def runtime(self, program: Program) -> Sources:
         """What the robots of a simulation with this controller are made of."""
-        own_cxx, cache = self._argos(program), _cache_for(program)
-        return Sources(self.runtime_sources(), program, self.includes(), own_cxx, cache=cache)
+        own_cxx, folder = self._argos(program), _cache_for(program)
+        return Sources(self.runtime_sources(), program, self.includes(), own_cxx, cache=folder)
 
     def loop(self, program: Program) -> Sources:
         """What the shared object of ARGoS's loop functions is made of."""
-        own_cxx, cache = self._argos(program, LOOP_PARTS), _cache_for(program)
-        return Sources((), program, self.includes(), own_cxx, cache=cache, what="loop functions")
+        own_cxx, folder = self._argos(program, LOOP_PARTS), _cache_for(program)
+        return Sources((), program, self.includes(), own_cxx, cache=folder, what="loop functions")
 
     def _argos(self, program: Program, parts: Sequence[str] = CONTROLLER_PARTS) -> list[Path]:
         """Our files that code for ARGoS needs."""
@@ -202,7 +203,7 @@ def daemon(controller: str | Program = SHIPPED_CONTROLLER, beside: Path | None =
     if program.sources == shipped and tree.prebuilt.is_file():
         return tree.prebuilt
     target = cache_directory() / _fingerprint(tree, program) / "vsensed"
-    return _built(target, partial(compile_daemon, tree, program))
+    return cache.built(target, partial(compile_daemon, tree, program))
 
 
 def shared(controller: str | Program, beside: Path | None = None) -> Path:
@@ -222,8 +223,7 @@ def shared(controller: str | Program, beside: Path | None = None) -> Path:
     tree = source_tree()
     program = tree.program(controller, beside)
     target = cache_directory() / _fingerprint(tree, program) / "inprocess.so"
-    runtime = tree.runtime(program)
-    return _built(target, lambda target: runtime.link(native(), target, SHARED_FLAGS))
+    return cache.built(target, partial(_compile_runtime, tree, program))
 
 
 def loop_functions(program: Program) -> Path:
@@ -237,52 +237,23 @@ def loop_functions(program: Program) -> Path:
     program = replace(program, label="")
     sources = tree.loop(program)
     target = cache_directory() / _fingerprint(tree, program, sources) / "loop_functions.so"
-    return _built(target, lambda target: sources.link(native(), target, SHARED_FLAGS))
-
-
-def cache_directory() -> Path:
-    """The folder for builds: `$XDG_CACHE_HOME/vsense`, by default `~/.cache/vsense`.
-
-    Raises:
-        BuildError: the user has no home directory.
-    """
-    base = os.environ.get("XDG_CACHE_HOME")
-    if base:
-        return Path(base) / "vsense"
-    try:
-        return Path.home() / ".cache" / "vsense"
-    except RuntimeError:
-        raise BuildError(
-            "no home directory to keep builds in: set XDG_CACHE_HOME to a folder"
-        ) from None
+    return cache.built(target, lambda target: sources.link(native(), target, SHARED_FLAGS))
 
 
 def compile_daemon(tree: SourceTree, program: Program, target: Path) -> None:
-    """Compiles and links `vsensed` in one go and moves it into place whole.
+    """Links `vsensed`, whose own files are compiled once for all controllers, into place whole.
 
     Raises:
         BuildError: the compiler is missing or refuses a source, or the folder cannot be written.
     """
-    tree.daemon(program).link_daemon(native(), target)
+    compiler = native()
+    cache.with_parts(tree.daemon(program), compiler).link_daemon(compiler, target)
 
 
-def _built(target: Path, build: Callable[[Path], None]) -> Path:
-    """Gives a build, made where it is missing: by one process, for which the others wait."""
-    if not target.is_file():
-        with _locked(target.parent):
-            if not target.is_file():
-                build(target)
-    return target
-
-
-@contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Holds a folder's lock against all processes; goes without where its file system has none."""
-    with ExitStack() as stack:
-        with suppress(OSError):  # the build says what cannot be written
-            folder.mkdir(parents=True, exist_ok=True)
-            fcntl.flock(stack.enter_context((folder / "lock").open("w")), fcntl.LOCK_EX)
-        yield
+def _compile_runtime(tree: SourceTree, program: Program, target: Path) -> None:
+    compiler = native()
+    runtime = cache.with_parts(tree.runtime(program), compiler, SHARED_FLAGS)
+    runtime.link(compiler, target, SHARED_FLAGS)
 
 
 def _cache_for(program: Program) -> Path | None:

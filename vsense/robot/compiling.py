@@ -209,6 +209,10 @@ class Sources:
             digest.update(content(path))
         return self.cache / "objects" / f"{digest.hexdigest()[:32]}.o"
 
+    def compile(self, toolchain: Toolchain, source: Path, made: Path, flags: Sequence[str]) -> None:
+        """Compiles one C file of `own`; BuildError: the compiler refuses it."""
+        self._run(toolchain, CFLAGS, [*flags, "-c", str(source), "-o", str(made)])
+
     def link_daemon(self, toolchain: Toolchain, target: Path) -> str:
         """Links a daemon that tells which controller it has; gives the controller's hash.
 

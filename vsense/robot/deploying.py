@@ -111,7 +111,7 @@ class Plan:
         part: what is replaced.
         ssh_options: NAME=VALUE, as after `ssh -o`.
         keys: what the robots' keys are made of; None: they have none, and obey anybody.
-        uids: of each robot, by its destination; with keys only.
+        uids: of each robot that is brought its key, by its destination; with keys only.
     """
 
     binaries: Mapping[str, bytes] = field(default_factory=dict)
@@ -133,10 +133,9 @@ class Plan:
         settings.pop("uid", None)  # it stands beside the key
         return settings | {"key": KEY_PLACE}
 
-    @property
-    def brings_keys(self) -> bool:
-        """Whether each robot is sent a key of its own."""
-        return self.keys is not None and self.part in (Part.ALL, Part.SETTINGS, Part.KEY)
+    def brings_key(self, robot: RobotHost) -> bool:
+        """Whether a robot is sent a key of its own."""
+        return self.part is not Part.BACK and robot.destination in self.uids
 
     def _key_file(self, robot: RobotHost) -> bytes:
         assert self.keys is not None
@@ -150,7 +149,7 @@ class Plan:
             files["vsensed"] = self.binaries[robot.destination]
         if self.part in (Part.ALL, Part.SETTINGS):
             files["vsensed.conf"] = settings_text(self.settings_of(robot)).encode()
-        if self.brings_keys:
+        if self.brings_key(robot):
             files[KEY_FILE] = self._key_file(robot)
         packed = io.BytesIO()
         with tarfile.open(fileobj=packed, mode="w", format=tarfile.USTAR_FORMAT) as tar:
@@ -317,7 +316,7 @@ class _Crew:
                 self._running.discard(process)
         outcome = _judge(robot, process.returncode, _lines(out), _lines(err))
         plan = self._plan
-        keyed = plan.brings_keys and outcome.uid == plan.uids[robot.destination].hex()
+        keyed = plan.brings_key(robot) and outcome.uid == plan.uids[robot.destination].hex()
         return replace(outcome, keyed=keyed)
 
 

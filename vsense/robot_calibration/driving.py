@@ -53,12 +53,7 @@ def drive(
             moments = {
                 tag: _moment(step.capture_ns, seen.get(tag), runner.robots[tag]) for tag in tags
             }
-            before = set(swarm.failed)
-            wheels.speeds = swarm.step(moments)
-            for tag in sorted(swarm.failed.keys() - before):
-                session.setup.console.say(
-                    f"robot {tag} is left out: {swarm.failed[tag]}", "warning"
-                )
+            wheels.speeds = _step(swarm, moments, session)
             progress(swarm.progress())
             if swarm.is_over:
                 runner.control.end("time")
@@ -67,6 +62,17 @@ def drive(
         session.stop()
         session.setup.room.recorders.end_run()
     return swarm
+
+
+def _step(
+    swarm: SwarmCalibration, moments: dict[int, Moment], session: ExperimentSession
+) -> dict[int, tuple[int, int]]:
+    """A timestep of all routines; says who is left out."""
+    before = set(swarm.failed)
+    speeds = swarm.step(moments)
+    for tag in sorted(swarm.failed.keys() - before):
+        session.setup.console.say(f"robot {tag} is left out: {swarm.failed[tag]}", "warning")
+    return speeds
 
 
 _Pose = tuple[float, float, float]

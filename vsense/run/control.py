@@ -227,7 +227,9 @@ class Control:
                 return "after an emergency stop: reset first"
             return f"run {self.run} is going on already"
         now = "not running" if self.state in BEFORE else self.state.value
-        return f"cannot {kind.value}: run {self.run} is {now}"
+        stopped = self.state == State.ENDED and self.why.startswith("stopped by ")
+        who = f": {self.why}" if stopped else ""
+        return f"cannot {kind.value}: run {self.run} is {now}{who}"
 
     def _record(self, order: Order) -> str:
         if self.record is None:

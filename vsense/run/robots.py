@@ -10,7 +10,7 @@ from vsense.config.specs import Experiment
 from vsense.link.legacy.protocol import LegacySwarm, by_octet, translations
 from vsense.link.legacy.server import MixedServer
 from vsense.link.robots.keys import LinkTrust
-from vsense.link.robots.roster import ExpectedRobot
+from vsense.link.robots.roster import BRING, ExpectedRobot
 from vsense.link.robots.server import LinkEvent, VirtualSensorServer
 from vsense.link.robots.status import RobotStatus
 from vsense.link.robots.table import Table
@@ -83,6 +83,7 @@ class Readiness:
         absent: robots that are not connected.
         unseen: robots and objects whose marker is not seen.
         refused: of robots that are not connected, why they were turned away.
+        away: they by name, and in brief what is to be done: "robot 23: deploy".
     """
 
     robots: int
@@ -90,6 +91,7 @@ class Readiness:
     absent: tuple[str, ...]
     unseen: tuple[str, ...]
     refused: tuple[str, ...] = ()
+    away: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -111,6 +113,7 @@ class Readiness:
             absent=tuple(name for tag, name in robots.items() if tag not in connected),
             unseen=tuple(n for tag, n in (*robots.items(), *objects.items()) if tag not in seen),
             refused=tuple(f"{robots[tag]} {why}" for tag, why in away.items() if tag in robots),
+            away={robots[tag]: _brief(tag, why) for tag, why in away.items() if tag in robots},
         )
 
     @property
@@ -125,10 +128,8 @@ class Readiness:
 
     def progress(self, watched: bool = True) -> str:
         """One line on who is there; `watched` is False before the first arena state."""
-        connected = (
-            f"{self.robots - len(self.absent)} of {self.robots} robots connected"
-            f"{_without(self.absent)}"
-        )
+        missing = _without(self._unheard, self.away.values())
+        connected = f"{self.robots - len(self.absent)} of {self.robots} robots connected{missing}"
         if not watched:
             return f"{connected}, no arena state yet"
         return (
@@ -138,13 +139,24 @@ class Readiness:
 
     def missing_text(self) -> str:
         """Who is missing in which way; "" where none is."""
-        ways = {"not connected": self.absent, "not seen": self.unseen}
+        ways = {"not connected": self._unheard, "not seen": self.unseen}
         ways["turned away"] = self.refused
         return "; ".join(f"{way}: {', '.join(names)}" for way, names in ways.items() if names)
 
+    @property
+    def _unheard(self) -> tuple[str, ...]:
+        """Robots of which nothing is heard: who was turned away is there."""
+        return tuple(name for name in self.absent if name not in self.away)
 
-def _without(names: tuple[str, ...]) -> str:
-    return f" (not {shorten(names)})" if names else ""
+
+def _brief(tag: int, why: str) -> str:
+    """What is to be done about a robot that was turned away."""
+    return f"robot {tag}: {'deploy' if BRING in why else 'turned away'}"
+
+
+def _without(names: tuple[str, ...], away: Iterable[str] = ()) -> str:
+    parts = [f"not {shorten(names)}" if names else "", shorten(away)]
+    return f" ({'; '.join(filter(None, parts))})" if any(parts) else ""
 
 
 def shorten(names: Iterable[str]) -> str:

@@ -18,12 +18,13 @@ from vsense.errors import UsageError, VsenseError
 from vsense.report import FORMATS, can_draw, lacking
 from vsense.run import asked
 from vsense.run.programs import shared_objects
+from vsense.run.runs_csv import condition_of
 from vsense.sim import dask_cluster, fingerprint
 from vsense.sim.engine import Engine
 from vsense.sim.job import Job, Setup, Sweep
 from vsense.sim.outcome import Interrupted, Task
 from vsense.sim.recordings import CampaignRecordings, recording_of, recordings_of
-from vsense.sim.results import DURATION, EXPERIMENT, ROBOTS, SEED, CampaignResults
+from vsense.sim.results import CampaignResults, Key
 from vsense.sim.watch import Show, WorkerProcess, simulate_all
 from vsense.terminal import Console, Interruption, print_data
 
@@ -92,11 +93,9 @@ def _complete(
     sweep, path = campaign.sweep, campaign.output
     folder = recordings_of(path) if campaign.record else None
     tasks = prepare(sweep, campaign.setup, campaign.lenient, folder)
-    results = CampaignResults(path, fingerprint.of_campaign(tasks[0]), tuple(sweep.values))
+    results = CampaignResults(path, fingerprint.of_campaign(tasks[0]))
     there = results.keys()
-    todo = [
-        task for task in tasks if results.key(task.job.setup.settings, task.job.seed) not in there
-    ]
+    todo = [task for task in tasks if _key(task) not in there]
     if results.repaired:
         console.say(f"{path}: its last row was cut short: that run is done again")
     if len(todo) < len(tasks):
@@ -205,16 +204,19 @@ def _warn(console: Console, task: Task, complaints: Sequence[str], told: set[str
             console.say(f"vsense: {words}")
 
 
+def _key(task: Task) -> Key:
+    setup = task.job.setup
+    return condition_of(setup.blind, setup.settings), task.job.seed
+
+
 def _append(results: CampaignResults, task: Task, result: dict[str, Any]) -> None:
     swarm = {name: value for name, value in result["swarm"].items() if task.experiment.sources}
     fixed = {
-        EXPERIMENT: result["name"],
-        **task.job.setup.settings,
-        SEED: task.job.seed,
-        ROBOTS: result["robots"],
-        DURATION: f"{result['timesteps'] * result['timestep_s']:g}",
+        "name": result["name"],
+        "duration_s": float(result["timesteps"] * result["timestep_s"]),
+        "tags": [robot.tag for robot in task.experiment.robots],
     }
-    results.append(fixed, {**swarm, **result["measures"]})
+    results.append(task.job.setup, task.job.seed, fixed, {**swarm, **result["measures"]})
 
 
 def _progress(console: Console, todo: Sequence[Task], count: Callable[[], int]) -> Show:
@@ -239,7 +241,7 @@ def _progress(console: Console, todo: Sequence[Task], count: Callable[[], int]) 
 
 def _report(campaign: Campaign, results: CampaignResults, console: Console) -> None:
     """Prints the results, and draws them where Matplotlib is there."""
-    groups, drawing = group(campaign.sweep, results), campaign.drawing
+    groups, drawing = group(campaign, results), campaign.drawing
     if campaign.json:
         summary = {"file": str(results.path), "settings": [_figures(*some) for some in groups]}
         print_data(json.dumps(summary, indent=2))
@@ -253,7 +255,7 @@ def _report(campaign: Campaign, results: CampaignResults, console: Console) -> N
         from vsense.sim import comparison
 
         names = {name: [measures[name] for _, measures in groups] for name in results.measures}
-        title, labels = results.rows[0][EXPERIMENT], [settings for settings, _ in groups]
+        title, labels = results.rows[0].experiment, [settings for settings, _ in groups]
         with plot.styled(campaign.style):
             data = plot.encode(comparison.draw(title, labels, names), drawing.suffix[1:])
         try:
@@ -267,14 +269,15 @@ Group = tuple[dict[str, str], dict[str, list[float]]]
 """A combination of settings, and the values of its runs by measure."""
 
 
-def group(sweep: Sweep, results: CampaignResults) -> list[Group]:
+def group(campaign: Campaign, results: CampaignResults) -> list[Group]:
     """Gathers the rows of every combination of the campaign, of all seeds."""
     groups = []
-    for settings in sweep.combinations():
-        wanted = results.key(settings, "")[:-1]
-        rows = [row for row in results.rows if results.key(row, "")[:-1] == wanted]
+    for settings in campaign.sweep.combinations():
+        wanted = condition_of(campaign.setup.blind, settings)
+        rows = [row for row in results.rows if row.condition == wanted]
+        taken = {name: [row.measures[name] for row in rows] for name in results.measures}
         measures = {
-            name: [float(row[name]) for row in rows if row[name]] for name in results.measures
+            name: [value for value in values if value is not None] for name, values in taken.items()
         }
         groups.append((settings, measures))
     return groups

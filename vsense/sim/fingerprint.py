@@ -39,7 +39,8 @@ def of_campaign(task: Task) -> str:
     """What all runs of a campaign have in common, as 8 hexadecimal digits.
 
     That is the experiment's file with the files it names, the programs, the length, the robots,
-    whether they are blind, and vsense itself; not settings and seeds, of which more may come.
+    whether they are blind, vsense itself, and which settings vary; not their values and the seeds,
+    of which more may come.
 
     Raises:
         VsenseError: a file cannot be read.
@@ -52,7 +53,7 @@ def of_campaign(task: Task) -> str:
     loop_functions = loop_object(task.experiment)
     if loop_functions is not None:
         built.append(loop_functions.parent.name)
-    words = [*built, setup.duration_s, setup.robots, setup.blind]
+    words = [*built, setup.duration_s, setup.robots, setup.blind, *setup.settings]
     digest.update(json.dumps([__version__, *words]).encode())
     return digest.hexdigest()[:8]
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from vsense.cameras.camera import Camera
 from vsense.markers.families import MarkerFamily, SquareFamily
 from vsense.native import check, kernel_ffi, kernels
+from vsense.tracking.mask import Blocks, Mask, blocks_of
 from vsense.tracking.outlines import EDGE_REACH_U, Pass, make_outline, shape_of
 from vsense.tracking.squares_words import words_of
 
@@ -142,6 +143,7 @@ class _View(NamedTuple):
     quick: Any
     outline: Any
     warm: Any
+    blocks: Blocks | None
 
 
 class Kernel:
@@ -153,8 +155,12 @@ class Kernel:
             that can be followed: it is expected no farther off than the first pass looks.
     """
 
-    def __init__(self, family: MarkerFamily | SquareFamily) -> None:
-        """Raises FamilyError where the kernel's tables are too small for the family."""
+    def __init__(self, family: MarkerFamily | SquareFamily, mask: Mask | None = None) -> None:
+        """Finds markers where a mask lets them be; None: everywhere.
+
+        Raises FamilyError where the kernel's tables are too small for the family.
+        """
+        self._mask = mask
         self._shape, self._apart_m = shape_of(family), 5e-4 * family.disc_diameter_mm
         limits = self._limits = _SQUARE if isinstance(family, SquareFamily) else _ARROW
         looks_m = 1e-3 * self._shape.unit_mm * limits.warm[0][0]
@@ -169,6 +175,7 @@ class Kernel:
         self._origin = np.zeros(_CAPACITY, dtype=np.uint32)
         self._count = kernel_ffi.new("size_t *")
         self._views: dict[tuple[Camera, float], _View] = {}
+        self._disc_m = 5e-4 * family.disc_diameter_mm
 
     def read_codes(self, codes: Any) -> None:
         """Has arrows named by a `struct vs_codes` from now on; it must outlive the kernel."""
@@ -214,7 +221,8 @@ class Kernel:
             )
             full |= check(code, f"camera {camera.id}")
         self.overflows += full != 0
-        return np.array(self._markers[: self._count[0]])
+        found = np.array(self._markers[: self._count[0]])
+        return found if view.blocks is None else found[self._keeps(found, view.blocks)]
 
     def follow(
         self, image: Image, camera: Camera, height_m: float, poses: Floats
@@ -237,19 +245,42 @@ class Kernel:
             view.outline, view.warm, view.view, self._found, origin, self._count
         )
         check(code, f"camera {camera.id}")
-        found = self._count[0]
-        return np.array(self._markers[:found]), np.array(self._origin[:found])
+        count = self._count[0]
+        found, rows = np.array(self._markers[:count]), np.array(self._origin[:count])
+        if view.blocks is None:
+            return found, rows
+        kept = self._keeps(found, view.blocks)
+        return found[kept], rows[kept]
+
+    def _keeps(self, found: NDArray[np.void], blocks: Blocks) -> NDArray[np.bool_]:
+        """Tells which MARKER are where the mask, which there is, lets them be."""
+        assert self._mask is not None
+        line, column = (
+            ((found[name] + 0.5) // kernels.VS_MARKERS_BLOCK).astype(np.intp)
+            for name in ("y_px", "x_px")
+        )
+        kept: NDArray[np.bool_] = blocks.inside[line, column] != 0
+        if not kept.all():
+            doubtful = found[~kept]
+            places = np.stack((doubtful["x_m"], doubtful["y_m"]), axis=1)
+            kept[~kept] = self._mask.keeps(places)
+        return kept
 
     def _prepare(self, image: Image, camera: Camera, height_m: float) -> _View:
         key = (camera, height_m)
         if key not in self._views:
             low, high = least_and_most_scale(camera, height_m)
-            outlines = (self._outline(p, low) for p in (self._limits.passes, self._limits.warm))
+            passes = self._limits.passes, self._limits.warm
+            outline, warm = (self._outline(each, low) for each in passes)
             search = self._search(low, high)
+            blocks = None
+            if self._mask is not None:
+                blocks = blocks_of(self._mask, camera, height_m, self._disc_m)
+                search.outside = kernel_ffi.cast("uint8_t *", blocks.outside.ctypes.data)
             quick = kernel_ffi.new("struct vs_search *", search[0])
             for scan in quick.again:
                 scan.level_256 = 0
-            self._views[key] = _View(_view(camera, height_m), search, quick, *outlines)
+            self._views[key] = _View(_view(camera, height_m), search, quick, outline, warm, blocks)
         view = self._views[key]
         if image.strides[1] != 1 or image.strides[0] < image.shape[1]:
             image = np.ascontiguousarray(image)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from vsense.cameras.camera import Camera
 from vsense.markers.families import MarkerFamily, SquareFamily
 from vsense.tracking.kernel import Image, Kernel, least_and_most_scale
+from vsense.tracking.mask import Mask
 from vsense.tracking.rows import each_once, gather, stack_rows
 
 _OFF = 0.09
@@ -26,7 +27,8 @@ _LENGTHS = ("x_m", "y_m", "residual_m", "scale")
 class LayeredKernel:
     """Finds and follows one family's markers at all heights; one thread at a time.
 
-    `height_m` is the plane of reference, `heights_m` those of the markers, above the floor.
+    `height_m` is the plane of reference, `heights_m` those of the markers, above the floor; `mask`
+    says where they are.
     """
 
     def __init__(
@@ -34,8 +36,9 @@ class LayeredKernel:
         family: MarkerFamily | SquareFamily,
         height_m: float,
         heights_m: Iterable[float],
+        mask: Mask | None = None,
     ) -> None:
-        self._kernel = Kernel(family)
+        self._kernel = Kernel(family, mask)
         self._height_m = height_m
         self._heights_m = sorted({height_m, *heights_m})
         self._layers: dict[Camera, list[float]] = {}

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from statistics import median
 
 from vsense.cameras import aravis
 from vsense.cameras.aravis_camera import is_address
@@ -26,6 +27,7 @@ from vsense.markers.families import SquareFamily, load_family
 from vsense.tracking.arena_tracker import ArenaTracker
 from vsense.tracking.camera_tracking import CameraTracking
 from vsense.tracking.legibility import cell_width_seen
+from vsense.tracking.mask import Mask, outlines_px
 from vsense.tracking.prediction import MarkerSearch, SearchPlan
 from vsense.tracking.specs import (
     DIRECTORY,
@@ -113,7 +115,8 @@ def _recording(session: TrackingSession, spec: GrabberSpec) -> CameraRecording:
 
 def _tracker(session: TrackingSession) -> ArenaTracker:
     views = session.views
-    searches = {view.tracker.id: _search(view.tracker) for view in views}
+    mask = session.mask
+    searches = {view.tracker.id: _search(view.tracker, mask) for view in views}
     return ArenaTracker.of_searches(
         [view.camera for view in views],
         [searches[view.tracker.id] for view in views],
@@ -124,11 +127,25 @@ def _tracker(session: TrackingSession) -> ArenaTracker:
     )
 
 
-def _search(tracker: TrackerSpec) -> MarkerSearch:
+def _search(tracker: TrackerSpec, mask: Mask | None) -> MarkerSearch:
     family = load_family(tracker.family)
     if isinstance(family, SquareFamily):
         family = replace(family, heading_deg=family.heading_deg + tracker.heading_deg)
-    return MarkerSearch(family, tracker.heights_m, tracker.open_roster)
+    return MarkerSearch(family, tracker.heights_m, tracker.open_roster, mask=mask)
+
+
+def masks_px(session: TrackingSession) -> dict[str, list[list[tuple[float, float]]]] | None:
+    """Gives by camera the polygons in which its markers are looked for; None: everywhere."""
+    mask = session.mask
+    if mask is None:
+        return None
+    found = {}
+    for view in session.views:
+        heights_m = view.tracker.heights_m.values()
+        found[view.camera.id] = outlines_px(
+            mask, view.camera, median(heights_m) if heights_m else 0.0
+        )
+    return found
 
 
 def make_source(spec: GrabberSpec, clock: Callable[[], int], links: NetworkLoad) -> Source:

@@ -18,6 +18,7 @@ from vsense.arena import ArenaState, wrap_angle
 from vsense.cameras.camera_array import CameraArray, Places
 from vsense.markers.families import MarkerFamily, SquareFamily
 from vsense.tracking.joining import UnlistedTags
+from vsense.tracking.mask import Mask
 from vsense.tracking.rows import Rows, is_in
 
 Floats = NDArray[np.float64]
@@ -202,12 +203,14 @@ class MarkerSearch:
             other tag is reported without a name.
         open_roster: Whether robots with other tags of the family can join.
         at_m: Height of the plane on which detectors work; None: the usual height of the markers.
+        mask: Where markers are; None: everywhere.
     """
 
     family: MarkerFamily | SquareFamily
     heights_m: Mapping[int, float]
     open_roster: bool = True
     at_m: float | None = None
+    mask: Mask | None = None
 
     @property
     def height_m(self) -> float:

@@ -6,8 +6,8 @@ still reported at its place; `id` is its name in the experiment file.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from vsense.cameras.camera import Camera
@@ -15,6 +15,7 @@ from vsense.cameras.genicam import FREE, GenicamSettings
 from vsense.cameras.opencv_source import Controls
 from vsense.errors import ConfigError
 from vsense.tracking.marker_offsets import PlacedMarker
+from vsense.tracking.mask import Mask, MaskError
 
 DIRECTORY = "directory"
 VIDEO = "video"
@@ -151,6 +152,20 @@ class RecordSpec:
 
 
 @dataclass(frozen=True, slots=True)
+class MaskSpec:
+    """Where markers are looked for, as the experiment file says it.
+
+    Attributes:
+        outline_m: corners in the arena frame; None: those of the arena of the experiment that is
+            run.
+    """
+
+    outline_m: tuple[tuple[float, float], ...] | None
+    margin_m: float
+    line: int
+
+
+@dataclass(frozen=True, slots=True)
 class TrackingSession:
     """All that an experiment file asks for.
 
@@ -160,6 +175,7 @@ class TrackingSession:
         key_frame_period: every so many timesteps the whole picture is searched; 1: always.
         square_size_m: side of the square searched around a known robot in between.
         offsets: by tag, where markers sit on their robots; those of others sit in the middle.
+        masked: where markers are looked for; None: everywhere.
     """
 
     file: str
@@ -169,7 +185,37 @@ class TrackingSession:
     square_size_m: float
     views: tuple[CameraTrackerSpec, ...]
     record: RecordSpec
+    masked: MaskSpec | None = None
     offsets: Mapping[int, PlacedMarker] = field(default_factory=dict)
+
+    @property
+    def mask(self) -> Mask | None:
+        """Where markers are looked for; None: everywhere.
+
+        Raises ConfigError where that is an experiment's arena, and there is no experiment; or where
+        the corners make no outline.
+        """
+        spec = self.masked
+        if spec is None:
+            return None
+        if spec.outline_m is None:
+            raise self.error(
+                spec.line,
+                "<arena_state_tracker> opt_mask: 'arena' is that of the experiment of vsense run,"
+                " and here is none: expected its corners in m, such as '-1,-1 1,-1 1,1 -1,1'",
+            )
+        try:
+            return Mask(spec.outline_m, spec.margin_m)
+        except MaskError as error:
+            raise self.error(spec.line, f"<arena_state_tracker> opt_mask: {error}") from None
+
+    def within(self, corners_m: Sequence[Sequence[float]]) -> TrackingSession:
+        """The session in an experiment, whose arena has these corners."""
+        spec = self.masked
+        if spec is None or spec.outline_m is not None:
+            return self
+        outline_m = tuple((x, y) for x, y in corners_m)
+        return replace(self, masked=replace(spec, outline_m=outline_m))
 
     @property
     def is_live(self) -> bool:

@@ -86,7 +86,8 @@ class Kernels:
         """Raises FamilyError where the kernel's tables are too small for the family."""
         heights_m = list(search.heights_m.values())
         self._each = [
-            LayeredKernel(search.family, search.height_m, heights_m) for _ in range(workers.number)
+            LayeredKernel(search.family, search.height_m, heights_m, search.mask)
+            for _ in range(workers.number)
         ]
         self._workers = workers
         self.full: NDArray[np.bool_] = np.zeros(0, dtype=bool)

@@ -9,7 +9,7 @@ import base64
 import dataclasses
 import json
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from dataclasses import fields as fields_of
 
@@ -138,6 +138,9 @@ class ExperimentFacts:
         made: see `vsense.live.session.RunSetup`.
         mode: of the page, see `MESSAGES.md`.
         recorded: the cameras are recordings.
+        user: whose run it is; None: nobody else can steer it.
+        masks: see `cameras`.
+        calibration: what is known of the cameras' calibration, see `vsense.calibration.checked`.
     """
 
     command: str
@@ -149,6 +152,9 @@ class ExperimentFacts:
     made: Data = dataclasses.field(default_factory=dict)
     mode: str = "live"
     recorded: bool = False
+    user: str | None = None
+    masks: Mapping[str, object] | None = None
+    calibration: Data | None = None
 
 
 def experiment(facts: ExperimentFacts, environment: Environment) -> Data:
@@ -158,6 +164,7 @@ def experiment(facts: ExperimentFacts, environment: Environment) -> Data:
     return ExperimentMessage(
         mode=facts.mode,
         command=facts.command,
+        user=facts.user,
         recorded=facts.recorded,
         name=spec.name,
         seed=environment.seed,
@@ -174,7 +181,8 @@ def experiment(facts: ExperimentFacts, environment: Environment) -> Data:
         ],
         objects=[{"tag": thing.tag, "name": thing.id} for thing in spec.objects],
         controllers=[_controller(*which) for which in zip(spec.controllers, environment.equipment)],
-        cameras=cameras(facts.cameras, facts.trackers),
+        cameras=cameras(facts.cameras, facts.trackers, facts.masks),
+        calibration=facts.calibration,
         body_radius_m=BODY_RADIUS_M,
     ).data()
 
@@ -204,8 +212,13 @@ def _sensor(sensor: VirtualSensor) -> Data:
     }
 
 
-def cameras(found: Sequence[Camera], trackers: dict[str, str]) -> list[Data]:
-    """Gives the cameras with their places in a grid as seen from above, +y up."""
+def cameras(
+    found: Sequence[Camera], trackers: dict[str, str], masks: Mapping[str, object] | None = None
+) -> list[Data]:
+    """Gives the cameras with their places in a grid as seen from above, +y up.
+
+    `masks` are, by camera, the polygons in its picture [px] in which markers are looked for.
+    """
     return [
         {
             "id": camera.id,
@@ -216,6 +229,7 @@ def cameras(found: Sequence[Camera], trackers: dict[str, str]) -> list[Data]:
             "row": row,
             "column": column,
             "model": json.loads(camera.to_json()),
+            **({"mask_px": masks[camera.id]} if masks else {}),
         }
         for row, line in enumerate(as_they_hang(found))
         for column, camera in enumerate(line)

@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,9 +20,9 @@ from vsense.link.robots.status import RobotStatus
 from vsense.message_bus import MessageBus
 from vsense.recording.form import Data
 from vsense.run.changes import Ask
-from vsense.run.control import Control
+from vsense.run.control import DURING, Control
 from vsense.run.environment import Environment
-from vsense.run.orders import Give
+from vsense.run.orders import Give, Order, OrderError, OrderKind
 from vsense.run.overload import Alarm
 from vsense.run.runtime import Runtime, Step
 from vsense.terminal import Console, Level
@@ -142,7 +143,8 @@ class ControlRoom:
     """Shows and steers the runs of one process; a context that leaves no thread and no socket.
 
     `bus` takes all messages; for `holds` see `RoomOptions.hold`. `doubts` says how other machines
-    could move robots without showing who they are, `alarms` what is wrong with the run now.
+    could move robots without showing who they are, `alarms` what is wrong with the run now; `leave`
+    ends the process in order, as Ctrl-C does.
     """
 
     def __init__(self, options: RoomOptions, console: Console) -> None:
@@ -155,6 +157,7 @@ class ControlRoom:
         self.holds, self.locked = options.hold, options.locked
         self.doubts: Sequence[str] = ()
         self.alarms: Callable[[], Sequence[Alarm]] = tuple
+        self.leave: Callable[[], None] = lambda: None
         self._options = options
         self._console = console
         self._directory = Path()
@@ -203,7 +206,10 @@ class ControlRoom:
                 self._console.whisper(line)
         serve_foxglove(self._stack, self.bus, self._options.foxglove, self._console)
         try:
-            self._stack.callback(ControlSocket(self.status, control.give).close)
+            bell = ControlSocket(self.status, control.give, hand_over=partial(self._leave, control))
+            self._stack.callback(bell.close)
+            if bell.alone:
+                self._console.say(f"the lab's others cannot steer this run: {bell.alone}")
         except ControlSocketError as error:
             self._console.say(f"vsense status and its like will not find this run: {error}")
         if keyboard.usable():
@@ -243,6 +249,20 @@ class ControlRoom:
             "run": publisher.run_data(),
             "robots": publisher.robots_data(self._server.robots()),
         }
+
+    def _leave(self, control: Control, by: str, force: bool) -> str:
+        """Ends the process, so that its robots are free; see `HandOver` of the control socket."""
+        if control.state in DURING:
+            if not force:
+                now = self._publisher.run_data()
+                raise OrderError(
+                    f"run {now['run']} is {control.state.value}, {now['time_s']:.0f} s:"
+                    " with --force it ends"
+                )
+            control.give(Order(OrderKind.STOP, by))
+        self._warn(f"{by} takes the robots over: vsense ends")
+        self.leave()
+        return "gives its robots back, and ends"
 
     def _others(self) -> Data:
         try:

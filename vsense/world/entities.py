@@ -46,6 +46,13 @@ class Arena:
     size_m: Vector
     centre_m: Vector
 
+    @property
+    def corners_m(self) -> tuple[tuple[float, float], ...]:
+        """x and y of its corners: lower left, lower right, upper right, upper left."""
+        (x, y), (across, along) = self.centre_m[:2], self.size_m[:2]
+        sides = ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5))
+        return tuple((x + u * across, y + v * along) for u, v in sides)
+
     def contains(self, x_m: float, y_m: float, margin_m: float = 0.0) -> bool:
         """Whether a point lies inside, at least margin_m from the border."""
         return (

@@ -216,14 +216,33 @@ static void follow(struct input *in, const struct vs_view *view)
         check_found(view, count);
 }
 
+/* As many blocks as the picture has, and not one byte more; none for what is no picture. */
+static uint8_t *make_mask(struct input *in, const struct vs_picture *picture)
+{
+    size_t width = (size_t)picture->width_px, height = (size_t)picture->height_px, blocks, i;
+    uint8_t share = take_u8(in);
+    uint8_t *mask;
+
+    if (picture->width_px < 1 || picture->height_px < 1 || width > VS_MARKERS_SIDE ||
+        height > VS_MARKERS_SIDE)
+        return NULL;
+    blocks = ((width + VS_MARKERS_BLOCK - 1) / VS_MARKERS_BLOCK) *
+             ((height + VS_MARKERS_BLOCK - 1) / VS_MARKERS_BLOCK);
+    mask = malloc(blocks);
+    for (i = 0; mask != NULL && i < blocks; i++)
+        mask[i] = (uint8_t)(i * 37) < share;
+    return mask;
+}
+
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     struct input in = {data, size};
     struct vs_search search = {36,    100,  0,   0.0,
-                               {{0, 0}, {0, 0}}, 102, 0,
+                               {{0, 0}, {0, 0}}, 102, 0, NULL,
                                0.005, 0.03, {20.0, 150.0, 0.1, 4.0, 1.0, 9.0, 0.0, 0.0}};
     struct vs_window window;
     struct vs_view view;
+    uint8_t *skipped;
     size_t count = 0;
     int full, i;
 
@@ -258,8 +277,12 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     }
     if (take_u8(&in) & 1)
         make_codes(&in);
+    skipped = NULL;
+    if (take_u8(&in) & 1)
+        search.outside = skipped = make_mask(&in, &view.picture);
     full = vs_markers_search((struct vs_markers *)(void *)memory, &search, &outline, &view, &window,
                              found, FOUND, &count);
+    free(skipped);
     if (full >= 0)
         check_found(&view, count);
     follow(&in, &view);

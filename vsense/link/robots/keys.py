@@ -2,8 +2,9 @@
 
 The host has a file with the swarm's keys, numbered from 1. Each robot has a key of its own, made of
 one of them and the robot's uid, so that a stolen robot betrays no other one. The key with the
-highest number is the one that robots are given; robots with an older one are believed, too, and
-told of, so that nobody who was not reached with a new key is locked out.
+highest number is the one that robots are given. A robot that it has not reached yet is believed
+with its older one, and told of, so that nobody is locked out; one that it has reached is not, and
+where it has reached all, the older one is forgotten: no former key is good for ever.
 
     # Swarm keys of vsense. Whoever reads them can be every robot, and the host.
     2 = 64 hexadecimal digits
@@ -21,11 +22,13 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from vsense import sharing
 from vsense.errors import ConfigError, VsenseError
 from vsense.files import check_private, replace_text
 from vsense.link.robots.wire import PUBLISHED
 
 SWARM_KEY_BYTES = 32
+NAME = "swarm.key"
 MOST_BYTES = 16_384
 """A file of keys is never larger."""
 
@@ -76,10 +79,15 @@ class LinkTrust:
     Attributes:
         keys: the swarm's; None: there are none.
         insecure: robots without a key are taken, too: whoever sends packets can be one.
+        brought: number of the swarm key that a robot was brought last, by uid. An older one is not
+            believed from it any more: who shows that has stolen it, or the robot's former card.
+        notes: what people should know of the keys when a run begins.
     """
 
     keys: SwarmKeys | None
     insecure: bool = False
+    brought: Mapping[bytes, int] = field(default_factory=dict, repr=False)
+    notes: tuple[str, ...] = ()
 
     def roots(self, uid: bytes) -> Iterator[tuple[int | None, bytes]]:
         """What the keys of a robot's sessions may be made from, the newest first.
@@ -91,16 +99,31 @@ class LinkTrust:
                 yield number, self.keys.robot_key(uid, number)
         yield None, PUBLISHED
 
+    def is_former(self, uid: bytes, number: int | None) -> bool:
+        """Whether a robot shows a key that it was brought another one in place of."""
+        return number is not None and number < self.brought.get(uid, 0)
+
 
 INSECURE = LinkTrust(None, insecure=True)
 """For a host without keys."""
 
 
 def default_path() -> Path:
-    """Where the swarm's keys are unless a command is told otherwise."""
+    """Where the swarm's keys are unless a command is told otherwise.
+
+    In the lab's folder, where this machine has one that this account may enter (`vsense.sharing`),
+    unless only this account has some. SharingError where that folder is not safe.
+    """
     base = os.environ.get("XDG_CONFIG_HOME") or ""
     folder = Path(base) if os.path.isabs(base) else Path.home() / ".config"
-    return folder / "vsense" / "swarm.key"
+    own = folder / "vsense" / NAME
+    try:
+        lab = sharing.lab()
+    except sharing.NotMember:
+        return own
+    if lab is None or (own.exists() and not (lab.path / NAME).exists()):
+        return own
+    return lab.path / NAME
 
 
 def read(path: Path) -> SwarmKeys:
@@ -128,16 +151,23 @@ def read(path: Path) -> SwarmKeys:
 def write(path: Path, keys: SwarmKeys) -> None:
     """Writes such a file whole, for its owner alone; a group that could read it still can.
 
+    In the lab's folder its group can.
+
     Raises:
         VsenseError: it cannot be written.
     """
     numbers = sorted(keys.keys, reverse=True)
     text = _HEAD + "".join(f"{number} = {keys.keys[number].hex()}\n" for number in numbers)
     try:
-        mode = stat.S_IMODE(path.stat().st_mode) & 0o640 if path.exists() else 0o600
-        write_private(path, text, mode | 0o600)
+        had = stat.S_IMODE(path.stat().st_mode) & 0o640 if path.exists() else 0o600
+        write_private(path, text, mode_in(path.parent) | had)
     except OSError as error:
         raise VsenseError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def mode_in(folder: Path) -> int:
+    """The mode of a new file there: the lab's members may read what is in its folder."""
+    return sharing.READ_MODE if sharing.shares(folder) else 0o600
 
 
 def write_private(path: Path, text: str, mode: int) -> None:

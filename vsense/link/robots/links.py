@@ -342,7 +342,8 @@ class Connections:
                 if tag is not None:
                     answer = roster.refuse_older(tag, origin, now_ns)
                 else:
-                    answer = roster.refuse(RefuseCode.HELLO, str(error), origin, now_ns)
+                    text = connection.inbox.newer or str(error)
+                    answer = roster.refuse(RefuseCode.HELLO, text, origin, now_ns)
                 self._part(connection, answer.packet, now_ns)
             self._shared.notify_all(filter(None, [answer.event]))
 

@@ -33,8 +33,10 @@ from vsense.native import WireError, lib
 
 TAKEN_OVER = "the same robot opened a newer session"
 
-DEPLOY = "bring it one with 'vsense robot deploy'"
-OLDER = "runs an older vsensed: bring it this one with 'vsense robot deploy'"
+BRING = "'vsense robot deploy'"
+DEPLOY = f"bring it one with {BRING}"
+FORMER = f"start its vsensed anew, or bring it the newest with {BRING}"
+OLDER = f"runs an older vsensed: bring it this one with {BRING}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,6 +234,9 @@ class SessionTable:
             assert isinstance(hello, Hello)
             if number is None and not self._trust.insecure:
                 text = f"has no key, and this host takes no robot without one: {DEPLOY}"
+                return self._doubted(packet, hello, text, origin, now_ns)
+            if self._trust.is_former(hello.uid, number):
+                text = f"has its former key {number}, but was brought a newer one: {FORMER}"
                 return self._doubted(packet, hello, text, origin, now_ns)
             return Greeting(packet, header, hello, root, number, origin)
         hello = believed(packet)

@@ -15,6 +15,7 @@ from vsense.link.robots.session import HostSession, PendingSession
 from vsense.link.robots.wire import DATAGRAM_MAX, PacketType, packet_length
 from vsense.native import check, lib
 
+VERSION_AT = 2
 OLDER_TAG_AT = 80
 """Where the tag stood in a HELLO of version 1: behind header, uid and a nonce of 8 bytes."""
 
@@ -36,6 +37,14 @@ class Inbox:
         if len(self._bytes) < OLDER_TAG_AT + 2 or self._bytes[2:4] != bytes([1, PacketType.HELLO]):
             return None
         return int.from_bytes(self._bytes[OLDER_TAG_AT : OLDER_TAG_AT + 2], "little")
+
+    @property
+    def newer(self) -> str:
+        """What to say where a version of the protocol is here that came after ours, else ""."""
+        if len(self._bytes) <= VERSION_AT or self._bytes[VERSION_AT] <= lib.VS_VERSION:
+            return ""
+        theirs = f"newer than this host (protocol version {self._bytes[VERSION_AT]})"
+        return f"its vsensed is {theirs}: bring vsense up to date here"
 
     def feed(self, data: bytes) -> None:
         """Appends received bytes, at most `room` of them."""

@@ -35,8 +35,15 @@ experiment() {
     port=$(printf %04X "$port")
     grep -q "^ *[0-9]*: [0-9A-F]*:[0-9A-F]* [0-9A-F]*:$port 01 " "$root/proc/net/tcp" 2>/dev/null
 }
+# Where the journal has it: "2026-11-24T14:02:33+0100 ...: connected: 5 sensors".
+since() {
+    [ -d "$root/run/systemd/system" ] || return 0
+    journalctl -u vsensed -n 1000 -o short-iso --no-pager 2>/dev/null |
+        sed -n 's/^\([0-9-]*\)T\([0-9]*:[0-9]*\).*: connected: .*/ since \1 \2/p' | tail -n 1
+}
 if ! told force && experiment; then
-    fail "is in an experiment of $(setting host "$root$conf"): end that first, or give --force"
+    fail "robot $(setting tag "$root$conf") is in use by $(setting host "$root$conf")$(since):\
+ end that run there, or give --force"
 fi
 
 if [ "$kind" = auto ]; then
@@ -120,6 +127,7 @@ else
     if told daemon; then
         [ -f "$root$conf" ] || fail "has no settings yet: deploy to it once without --controller"
         try "$from/vsensed" "$root$conf"
+        put_key # of a board that has a former one
         put_daemon
     else
         put_key

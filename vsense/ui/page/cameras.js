@@ -83,9 +83,23 @@ class Cell {
     pen.rect(left, top, width, height);
     pen.clip();
     pen.translate(left, top);
+    if (camera.mask_px) this.#mask(camera.mask_px, width / camera.width_px);
     if (this.over && camera.model?.rotation) this.#world(arena, width / camera.width_px);
     if (arena?.images) this.#found(arena, width / camera.width_px);
     pen.restore();
+  }
+
+  // Nothing is looked for where the picture is veiled.
+  #mask(polygons, zoom) {
+    const { pen, camera } = this;
+    pen.beginPath();
+    pen.rect(0, 0, camera.width_px * zoom, camera.height_px * zoom);
+    for (const polygon of polygons) {
+      polygon.forEach(([x, y], index) => (index ? pen.lineTo(x * zoom, y * zoom) : pen.moveTo(x * zoom, y * zoom)));
+      pen.closePath();
+    }
+    pen.fillStyle = "#20262da8";
+    pen.fill("evenodd");
   }
 
   #world(arena, zoom) {

@@ -109,6 +109,7 @@ export class Tiles {
     parts.push(`${experiment.robots.length} robots`);
     if (experiment.seed !== null) parts.push(`seed ${experiment.seed}`);
     if (experiment.blind) parts.push("blind");
+    if (experiment.user) parts.push(`${experiment.user}’s`);
     return parts.join(" · ");
   }
 }

@@ -1,0 +1,139 @@
+"""runs.csv: what is written is read again, and what people write wrongly is named."""
+
+from __future__ import annotations
+
+import csv
+import errno
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.run.stage import experiment
+from vsense.errors import UsageError, VsenseError
+from vsense.run import runs_csv
+from vsense.run.runs_csv import COLUMNS, RUNS, RunRow, RunRows, RunsFile, condition_of, read_runs
+
+FULL = RunRow(
+    run="3", series="plan", mode="run", experiment="foraging", condition='a, "b"', block="1",
+    repetition="2", start="s1", seed=7, began="2026-11-24T10:00:00Z", duration_s=120.5, robots=2,
+    tags=(3, 700), uids=("ab", "cd"), batteries_v=(3.9, 4.05), light_level=81.5, late=0.25,
+    versions=("vsense=1", "numpy=2"), verdict="void", why="touched by hand", note="line\nof two",
+    measures={"items_home": 12.0, "gone": None},
+)  # fmt: skip
+
+
+def test_a_row_is_read_as_it_was_written(tmp_path: Path) -> None:
+    path = tmp_path / "new" / RUNS
+    bare = RunRow(run="1", mode="sim", experiment="x", condition="c", measures={"other": 1 / 3})
+    for row in (FULL, bare):
+        RunsFile(path).append(row)
+    assert path.read_text().startswith("run,series,mode,experiment,condition,block,repetition,")
+    first, second = read_runs(path)
+    assert first == FULL or first.measures == {"items_home": 12.0, "gone": None, "other": None}
+    assert second.measures == {"items_home": None, "gone": None, "other": 0.333333333333}
+    assert (second.seed, second.tags, second.valid, first.valid) == (None, (), True, False)
+    with path.open(newline="") as file:
+        cells = next(csv.DictReader(file))
+    assert (cells["tags"], cells["batteries_v"], cells["late"]) == ("3 700", "3.9 4.05", "0.25")
+
+
+def test_the_columns_are_those_that_were_agreed(tmp_path: Path) -> None:
+    assert " ".join(COLUMNS) == (
+        "run series mode experiment condition block repetition start seed began duration_s robots"
+        " tags uids batteries_v light_level late versions verdict why note"
+    )
+
+
+def test_a_spreadsheets_order_and_marks_do_not_matter(tmp_path: Path) -> None:
+    """Other columns first, a byte order mark, carriage returns, spaces."""
+    path = tmp_path / RUNS
+    names = ["score", *reversed(COLUMNS)]
+    cells = {"score": " 4 ", "run": "1", "mode": "lab", "verdict": "valid", "condition": " a "}
+    lines = [",".join(names), ",".join(cells.get(name, "") for name in names)]
+    path.write_bytes(b"\xef\xbb\xbf" + "\r\n".join([*lines, ""]).encode())
+    (row,) = read_runs(path)
+    assert (row.measures, row.condition, row.seed) == ({"score": 4.0}, "a", None)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"verdict": "ok"}, "2: verdict is 'ok', expected valid or void"),
+        ({"mode": "real"}, "2: mode is 'real', expected sim, lab, run"),
+        ({"seed": "1.5"}, "2: seed is '1.5', expected a whole number"),
+        ({"late": "1 %"}, "2: late is '1 %', expected a number"),
+        ({"tags": "3 x"}, "2: tags is 'x', expected a whole number"),
+        ({"score": "many"}, "2: score is 'many', expected a number"),
+    ],
+)
+def test_a_wrong_value_is_named_with_its_line(
+    tmp_path: Path, change: dict[str, str], words: str
+) -> None:
+    cells = {"score": "4", "mode": "lab", "verdict": "valid", **change}
+    names = [*COLUMNS, "score"]
+    path = tmp_path / RUNS
+    path.write_text(f"{','.join(names)}\n{','.join(cells.get(name, '') for name in names)}\n")
+    with pytest.raises(UsageError, match=f"runs.csv:{words}"):
+        read_runs(path)
+
+
+def test_a_full_disk_costs_no_row_that_was_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A new measure makes the file anew: it takes the place of the old one when it is whole."""
+    path = tmp_path / RUNS
+    table = RunsFile(path)
+    table.append(FULL)
+    before = path.read_bytes()
+
+    def full(descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(runs_csv.os, "fsync", full)
+    row = RunRow(run="4", mode="lab", experiment="x", condition="c", measures={"new": 1.0})
+    with pytest.raises(VsenseError, match="cannot be written: No space left"):
+        table.append(row)
+    assert path.read_bytes() == before and [p.name for p in tmp_path.iterdir()] == [RUNS]
+    assert table.rows == [FULL]
+
+
+def summary(run: int, **others: Any) -> dict[str, Any]:
+    return {
+        "experiment": "foraging", "run": run, "seed": 4 + run, "blind": False, "robots": 2,
+        "timesteps": 95, "left_out_timesteps": 5, "late_timesteps": 8, "duration_s": 10.0,
+        "results": {"items_home": 3.0}, **others,
+    }  # fmt: skip
+
+
+def test_runs_of_lab_and_run_become_rows(tmp_path: Path) -> None:
+    rows = RunRows(tmp_path, "run", {"sensor.noise": "0.2"}, experiment())
+    for number, (ended, more) in enumerate(
+        [
+            ("time", {"per_robot": [{"battery_mv": 3900}, {"battery_mv": None}]}),
+            ("stopped by keyboard", {"blind": True}),
+            ("", {"swarm": {"in_cone_before_turn": 4, "lit_after_turn": None}}),
+        ],
+        start=1,
+    ):
+        rows.begin(number)
+        assert rows.add(summary(number, **more), ended) == ""
+    first, second, third = read_runs(tmp_path / RUNS)
+    assert (first.run, first.series, first.mode) == ("run-1", tmp_path.name, "run")
+    assert (first.condition, first.batteries_v, first.late) == ("sensor.noise=0.2", (3.9,), 0.08)
+    assert (second.condition, second.verdict) == ("blind, sensor.noise=0.2", "void")
+    assert second.why == "stopped by keyboard before its end"
+    assert third.measures == {"in_cone_before_turn": 4.0, "items_home": 3.0}
+    assert third.why == "failed before its end"
+    endless = RunRows(tmp_path / "b", "lab", {}, experiment(timesteps=0))
+    endless.begin(1)
+    assert endless.add(summary(1), "stopped by keyboard") == ""
+    assert read_runs(tmp_path / "b" / RUNS)[0].valid, "it has no other end"
+    (tmp_path / "b" / RUNS).unlink()
+    (tmp_path / "b").rmdir()
+    (tmp_path / "b").write_text("")
+    assert "the table of runs lacks run 1: " in endless.add(summary(1), "time")
+
+
+def test_conditions_have_the_words_of_reports() -> None:
+    assert condition_of(False, {}) == "sighted" and condition_of(True, {}) == "blind"

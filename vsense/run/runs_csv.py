@@ -1,0 +1,345 @@
+"""runs.csv: a row for each run, in the same columns for simulations, labs and real robots."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+import sys
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vsense import __version__
+from vsense.config.specs import Experiment
+from vsense.errors import UsageError, VsenseError
+from vsense.files import read_bytes
+
+RUNS = "runs.csv"
+"""Its name in the folder of a run or of several."""
+
+COLUMNS = (
+    "run", "series", "mode", "experiment", "condition", "block", "repetition", "start", "seed",
+    "began", "duration_s", "robots", "tags", "uids", "batteries_v", "light_level", "late",
+    "versions", "verdict", "why", "note",
+)  # fmt: skip
+"""The columns that every table begins with; all others are measures."""
+
+FORMER = ("campaign", "experiment")
+"""The columns that tables of campaigns began with before there was a runs.csv."""
+
+MODES = ("sim", "lab", "run")
+VALID, VOID = "valid", "void"
+
+_MOST_BYTES = 4 << 30
+_NUMBERS: Mapping[str, Callable[[str], Any]] = {
+    "seed": int, "duration_s": float, "robots": int, "light_level": float, "late": float,
+}  # fmt: skip
+_LISTS: Mapping[str, Callable[[str], Any]] = {"tags": int, "uids": str, "batteries_v": float}
+_KINDS = {int: "a whole number", float: "a number"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunRow:
+    """One run; "", None and () are unknown.
+
+    Attributes:
+        run: its name, which no other run of the series has.
+        series: the name of the series.
+        mode: of `MODES`.
+        condition: what is compared, in words.
+        block, repetition, start: runs of two conditions that agree in all three are a pair.
+        began: UTC, as ISO 8601.
+        tags, uids, batteries_v: of its robots; volts as last told, of those that told.
+        light_level: of the room, in the cameras' own units.
+        late: share of the timesteps that were late or left out, 0..1.
+        versions: of software: words such as vsense=1.2.
+        verdict: `VALID` or `VOID`.
+        why: it is void.
+        measures: the experiment's, at the end; None: not taken.
+    """
+
+    run: str
+    mode: str
+    experiment: str
+    condition: str
+    series: str = ""
+    block: str = ""
+    repetition: str = ""
+    start: str = ""
+    seed: int | None = None
+    began: str = ""
+    duration_s: float | None = None
+    robots: int | None = None
+    tags: Sequence[int] = ()
+    uids: Sequence[str] = ()
+    batteries_v: Sequence[float] = ()
+    light_level: float | None = None
+    late: float | None = None
+    versions: Sequence[str] = ()
+    verdict: str = VALID
+    why: str = ""
+    note: str = ""
+    measures: Mapping[str, float | None] = field(default_factory=dict)
+
+    @property
+    def valid(self) -> bool:
+        """Whether it counts."""
+        return self.verdict == VALID
+
+
+def utc(seconds: float) -> str:
+    """A time of the clock, since the epoch, as `began` has it."""
+    return time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(seconds))
+
+
+def versions() -> tuple[str, ...]:
+    """The software that a run's results depend on, as `RunRow.versions` has it."""
+    python = ".".join(map(str, sys.version_info[:3]))
+    return f"vsense={__version__}", f"python={python}", f"numpy={np.__version__}"
+
+
+def condition_of(blind: bool, settings: Mapping[str, str]) -> str:
+    """The condition of a run that nobody named: whether it is blind, and what was set."""
+    words = [f"{name}={value}" for name, value in settings.items()]
+    return ", ".join([*(["blind"] if blind else []), *words]) or "sighted"
+
+
+class RunsFile:
+    """A runs.csv to which rows are added; each is on the disk when `append` returns.
+
+    Attributes:
+        rows: all rows, the read ones first.
+        measures: names of the measures, in the columns' order.
+        repaired: whether the file ended in half a row, which was cut off.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Reads the file if there is one.
+
+        Raises:
+            UsageError: it is no runs.csv, or is damaged.
+            VsenseError: it cannot be read.
+        """
+        self.path = path
+        self.rows: list[RunRow] = []
+        self.measures: list[str] = []
+        self.repaired = False
+        text = self._text()
+        if text:
+            self.rows, self.measures = _parse(path, text)
+
+    def append(self, row: RunRow) -> None:
+        """Adds a row; measures that are new become columns, empty in the rows before.
+
+        VsenseError if it cannot be written; the file is then as it was, or ends in half a row.
+        """
+        new = [name for name in row.measures if name not in self.measures]
+        rows, measures = [*self.rows, row], [*self.measures, *new]
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            if self.rows and not new:
+                self._add(_line(_cells(row, measures)))
+            else:
+                self._replace(_text_of(rows, measures))
+        except OSError as error:
+            raise VsenseError(f"{self.path}: cannot be written: {error.strerror}") from None
+        self.rows, self.measures = rows, measures
+
+    def _add(self, text: str) -> None:
+        with open(self.path, "a", newline="", encoding="utf-8") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+
+    def _replace(self, text: str) -> None:
+        """Writes a whole file in the place of the old one: no row is lost on a full disk."""
+        part = self.path.with_name(f".{self.path.name}.part")
+        try:
+            with open(part, "w", newline="", encoding="utf-8") as file:
+                file.write(text)
+                file.flush()
+                os.fsync(file.fileno())
+            part.replace(self.path)
+        except OSError:
+            part.unlink(missing_ok=True)
+            raise
+
+    def _text(self) -> str:
+        """The whole rows of the file; cuts off half a row at its end."""
+        try:
+            data = read_bytes(self.path, _MOST_BYTES)
+            whole = data[: data.rfind(b"\n") + 1]
+            if len(whole) < len(data):
+                os.truncate(self.path, len(whole))
+                self.repaired = True
+            return whole.decode("utf-8-sig")
+        except FileNotFoundError:
+            return ""
+        except OSError as error:
+            raise VsenseError(f"{self.path}: cannot be read: {error.strerror}") from None
+        except UnicodeDecodeError:
+            raise UsageError(f"{self.path}: is no {RUNS}: it is no text in UTF-8") from None
+
+
+class RunRows:
+    """Writes the runs of one `lab` or `run` into the runs.csv of its folder.
+
+    A run that came to its end is valid. One that was ended before is void, where it had a length:
+    who knows better may change the file.
+    """
+
+    def __init__(
+        self, folder: Path, mode: str, settings: Mapping[str, str], experiment: Experiment
+    ) -> None:
+        """Of the runs of an experiment, in a folder of their own, in a mode of `MODES`."""
+        self._file, self._series, self._mode = RunsFile(folder / RUNS), folder.name, mode
+        self._settings, self._experiment = settings, experiment
+        self._began: dict[int, float] = {}
+
+    def begin(self, number: int) -> None:
+        """A run begins now."""
+        self._began[number] = time.time()
+
+    def add(self, summary: Mapping[str, Any], ended: str) -> str:
+        """Adds a run that ended for this reason, "time" for its end, by what summary.json has.
+
+        Returns:
+            Why it cannot be written, in words; "": it is.
+        """
+        try:
+            self._file.append(self._row(summary, ended))
+        except VsenseError as error:
+            return f"vsense: the table of runs lacks run {summary['run']}: {error}"
+        return ""
+
+    def _row(self, summary: Mapping[str, Any], ended: str) -> RunRow:
+        steps = summary["timesteps"] + summary["left_out_timesteps"]
+        whole = ended == "time" or not self._experiment.timesteps
+        swarm = {name: n for name, n in summary.get("swarm", {}).items() if n is not None}
+        volts = [robot["battery_mv"] for robot in summary.get("per_robot", ())]
+        return RunRow(
+            run=f"run-{summary['run']}",
+            series=self._series,
+            mode=self._mode,
+            experiment=summary["experiment"],
+            condition=condition_of(summary["blind"], self._settings),
+            seed=summary["seed"],
+            began=utc(self._began[summary["run"]]),
+            duration_s=summary["duration_s"],
+            robots=summary["robots"],
+            tags=[robot.tag for robot in self._experiment.robots],
+            batteries_v=[mv / 1000.0 for mv in volts if mv],
+            late=summary["late_timesteps"] / steps if steps else None,
+            versions=versions(),
+            verdict=VALID if whole else VOID,
+            why="" if whole else f"{ended or 'failed'} before its end",
+            measures={**swarm, **summary.get("measures", summary.get("results", {}))},
+        )
+
+
+def read_runs(path: Path) -> list[RunRow]:
+    """Reads a runs.csv, which may be written by hand; it is not changed.
+
+    Raises:
+        UsageError: it is none, or a value is wrong; the message names line and column.
+        OSError: it cannot be read.
+    """
+    try:
+        return _parse(path, read_bytes(path, _MOST_BYTES).decode("utf-8-sig"))[0]
+    except UnicodeDecodeError:
+        raise UsageError(f"{path}: is no {RUNS}: it is no text in UTF-8") from None
+
+
+def are_columns(names: Iterable[str]) -> bool:
+    """Whether these are the columns of a runs.csv, in whatever order."""
+    return set(COLUMNS) <= set(names)
+
+
+def _parse(path: Path, text: str) -> tuple[list[RunRow], list[str]]:
+    lines = csv.reader(io.StringIO(text, newline=""))
+    try:
+        names = next(lines, [])
+        _check(path, names)
+        rows = []
+        for cells in lines:
+            if len(cells) != len(names):
+                raise csv.Error(f"{len(cells)} values, expected {len(names)}")
+            rows.append(_row(dict(zip(names, cells))))
+    except (csv.Error, ValueError) as error:
+        raise UsageError(f"{path}:{max(lines.line_num, 1)}: {error}") from None
+    return rows, [name for name in names if name not in COLUMNS]
+
+
+def _check(path: Path, names: Sequence[str]) -> None:
+    """Raises csv.Error unless these can be the columns of a runs.csv."""
+    missing = [name for name in COLUMNS if name not in names]
+    if tuple(names[:2]) == FORMER:
+        raise csv.Error("is a campaign's table in the form before runs.csv: only report reads it")
+    if len(missing) == len(COLUMNS) or not names:
+        hint = " (its cells have to be separated by commas)" if ";" in "".join(names) else ""
+        raise csv.Error(f"is no {RUNS}: expected the columns {','.join(COLUMNS)}{hint}")
+    if missing:
+        raise csv.Error(f"lacks the columns {', '.join(missing)}")
+    if len(set(names)) < len(names) or "" in names:
+        raise csv.Error("has columns without a name, or two of the same name")
+
+
+def _row(cells: Mapping[str, str]) -> RunRow:
+    """Makes a row; ValueError says what is wrong."""
+    told: dict[str, Any] = {name: cells[name].strip() for name in COLUMNS}
+    for name, kind in _NUMBERS.items():
+        told[name] = _number(name, told[name], kind) if told[name] else None
+    for name, kind in _LISTS.items():
+        told[name] = tuple(_number(name, word, kind) for word in told[name].split())
+    told["versions"] = tuple(told["versions"].split())
+    if told["verdict"] not in (VALID, VOID):
+        raise ValueError(f"verdict is {told['verdict']!r}, expected {VALID} or {VOID}")
+    if told["mode"] not in MODES:
+        raise ValueError(f"mode is {told['mode']!r}, expected {', '.join(MODES)}")
+    measures = {
+        name: _number(name, text.strip(), float) if text.strip() else None
+        for name, text in cells.items()
+        if name not in COLUMNS
+    }
+    return RunRow(**told, measures=measures)
+
+
+def _number(name: str, text: str, kind: Callable[[str], Any]) -> Any:
+    try:
+        return kind(text)
+    except ValueError:
+        expected = _KINDS[kind]  # type: ignore[index]
+        raise ValueError(f"{name} is {text!r}, expected {expected}") from None
+
+
+def _text_of(rows: Sequence[RunRow], measures: Sequence[str]) -> str:
+    head = [*COLUMNS, *measures]
+    return "".join(_line(cells) for cells in (head, *(_cells(row, measures) for row in rows)))
+
+
+def _cells(row: RunRow, measures: Sequence[str]) -> list[str]:
+    return [
+        *(_written(getattr(row, name)) for name in COLUMNS),
+        *("" if value is None else f"{value:.12g}" for value in map(row.measures.get, measures)),
+    ]
+
+
+def _written(value: object) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, float):
+        return f"{value:.12g}"
+    if isinstance(value, (list, tuple)):
+        return " ".join(map(_written, value))
+    return str(value)
+
+
+def _line(cells: Sequence[str]) -> str:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerow(cells)
+    return text.getvalue()
