@@ -32,12 +32,14 @@ POSE = np.dtype(
 )
 """One robot of an arena state.
 
-`tag` is the number on the marker; `x_m`, `y_m` the disc's centre in the arena frame, at the arena
-state's capture time; `capture_ns` the time of the picture that last showed the robot; `age_ns` how
-much older that is than the arena state; `confidence` in [0, 1], falling while the robot is not
-seen; `cameras` how many cameras contributed; `seen` whether any did in this timestep; `covariance`
-that of the errors of x, y [m] and yaw [rad], NaN where it is unknown, as with another tracker's
-states. A robot that is not seen is extrapolated for a moment, then held, then left out.
+`tag` is the number on the marker; `x_m`, `y_m` and `yaw_rad` are the robot's in the arena frame, at
+the arena state's capture time: the middle of its axle where it is known how its marker sits on it
+(`vsense/tracking/marker_offsets.py`), otherwise the disc's centre; `capture_ns` the time of the
+picture that last showed the robot; `age_ns` how much older that is than the arena state;
+`confidence` in [0, 1], falling while the robot is not seen; `cameras` how many cameras contributed;
+`seen` whether any did in this timestep; `covariance` that of the errors of x, y [m] and yaw [rad],
+NaN where it is unknown, as with another tracker's states. A robot that is not seen is extrapolated
+for a moment, then held, then left out.
 """
 
 DETECTION = np.dtype(

@@ -1,7 +1,8 @@
 """Reads files that somebody named: their kind and size are looked at before their bytes.
 
 A file of gigabytes, a device that never ends and a pipe that nobody writes to are refused like a
-file that is not there. Numbers in JSON have to be some that a measurement can be.
+file that is not there. Numbers in JSON have to be some that a measurement can be. What is written
+(`replace_text`) is there whole or not at all.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import errno
 import json
 import os
 import re
+import secrets
 import stat
 from pathlib import Path
 from typing import Any, BinaryIO, NoReturn
@@ -101,6 +103,30 @@ def read_text(path: Path, encoding: str = "utf-8", most_bytes: int = MOST_BYTES)
         UnicodeDecodeError: it is no text of this encoding.
     """
     return read_bytes(path, most_bytes).decode(encoding)
+
+
+def replace_text(path: Path, text: str, mode: int, encoding: str = "utf-8") -> None:
+    """Writes a file whole, in place of the one that may be there: readers see the one or the other.
+
+    Nobody but those of its mode can ever read it; a group that the old file had stays its group.
+
+    Raises:
+        OSError: it cannot be written; what was there is there still.
+    """
+    new = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
+    opened = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    try:
+        with os.fdopen(opened, "w", encoding=encoding) as file:
+            file.write(text)
+            file.flush()
+            os.fchmod(file.fileno(), mode)
+            if path.exists() and mode != 0o600:
+                os.fchown(file.fileno(), -1, path.stat().st_gid)
+            os.fsync(file.fileno())
+        os.replace(new, path)
+    except OSError:
+        new.unlink(missing_ok=True)
+        raise
 
 
 def parse_json(text: str) -> Any:

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: MIT */
 #include "vs_physics.h"
 
+#include <stddef.h>
+
 #include "vs_contacts.h"
 #include "vs_math.h"
 
@@ -49,7 +51,8 @@ static void roll(struct vs_physics *physics, uint32_t robot, int64_t time_ns)
     const double *wheels_m_s = physics->wheels_m_s + 2 * robot;
     double duration_s = (double)(time_ns - physics->rolled_ns[robot]) * 1e-9;
     double way_m = (wheels_m_s[0] + wheels_m_s[1]) * 0.5 * duration_s;
-    double half_turn_rad = (wheels_m_s[1] - wheels_m_s[0]) * (0.5 / vs_axle_m) * duration_s;
+    double axle_m = physics->built != NULL ? physics->built[3 * robot + 2] : vs_axle_m;
+    double half_turn_rad = (wheels_m_s[1] - wheels_m_s[0]) * (0.5 / axle_m) * duration_s;
     double *arc = physics->arcs + 2 * robot;
     double sine;
     double cosine;
@@ -110,6 +113,10 @@ void vs_physics_drive(struct vs_physics *physics, uint32_t robot, int left_steps
     command[1] = right;
     physics->wheels_m_s[2 * robot] = wheel_m_s(left);
     physics->wheels_m_s[2 * robot + 1] = wheel_m_s(right);
+    if (physics->built != NULL) {
+        physics->wheels_m_s[2 * robot] *= physics->built[3 * robot];
+        physics->wheels_m_s[2 * robot + 1] *= physics->built[3 * robot + 1];
+    }
     physics->mobility[robot] = left != 0 || right != 0 ? 1.0 : STANDING_MOBILITY;
 }
 

@@ -73,6 +73,8 @@ struct vs_physics {
     int16_t *commands;   /* [robots * 2] newest commands [step/s] */
     int64_t *rolled_ns;  /* [robots] their poses hold for this time but for contacts */
     double *arcs;        /* [robots * 2] of the newest roll: half the turn, and chord over way */
+    const double *built; /* [robots * 3] ways of left and right wheel over nominal, and axle [m];
+                          * NULL: all are as vs_step_m and vs_axle_m say */
     int64_t tick_ns;     /* time of the newest tick */
 };
 

@@ -33,6 +33,7 @@ SECTIONS: dict[str, tuple[str, ...]] = {
         "vsense/camera_setup/README.md",
         "vsense/tracking/README.md",
         "reference/tracking_files.md",
+        "vsense/robot_calibration/README.md",
         "vsense/live/README.md",
         "vsense/live/SHARING.md",
         "vsense/ui/README.md",

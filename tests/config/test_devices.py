@@ -16,7 +16,7 @@ from vsense.config.experiment import load, read
 from vsense.config.placement import settle
 from vsense.config.specs import ControllerSpec, Experiment, Stage
 from vsense.errors import ConfigError, UsageError
-from vsense.lab import physics_process
+from vsense.lab import physics_process, physics_spec
 from vsense.physics.motion import STEP_M
 from vsense.physics.wheel_noise import NoisyWheels
 from vsense.sensors.omnidirectional_camera import OmnidirectionalCamera
@@ -182,13 +182,13 @@ def test_the_labs_wheels_have_it_too(loaded: Read, tmp_path: Path) -> None:
     experiment = settle(loaded(stage=Stage.LAB), 1)
     told = physics_process._spec(experiment, "truth", 1, tmp_path / "log")
     told["bases"] = ["argos"] * len(experiment.robots)
-    spec = physics_process.PhysicsSpec.parse(json.dumps(told).encode())
+    spec = physics_spec.PhysicsSpec.parse(json.dumps(told).encode())
     assert NoisyWheels(spec.wheels, 1).of_robot(1, 400, 400) != (400, 400)
     quiet = NoisyWheels([None, *spec.wheels[1:]], 1)
     assert quiet.of_robot(0, 400, -300) == (400, -300)
     told["wheels"] = [{"relative": 1}]
     with pytest.raises(UsageError, match="spec: wheels: expected a list of 4"):
-        physics_process.PhysicsSpec.parse(json.dumps(told).encode())
+        physics_spec.PhysicsSpec.parse(json.dumps(told).encode())
 
 
 def test_wheels_come_out_as_in_argos(loaded: Read) -> None:

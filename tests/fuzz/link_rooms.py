@@ -20,7 +20,7 @@ from vsense.arena import POSE, ArenaState
 from vsense.link.legacy.protocol import SENSORS, Translation, encode_real
 from vsense.link.robots.keys import LinkTrust, SwarmKeys
 from vsense.link.robots.peer import Peer
-from vsense.link.robots.roster import ExpectedRobot, Roster
+from vsense.link.robots.roster import ExpectedRobot, SessionTable
 from vsense.link.robots.status import LinkError
 from vsense.link.robots.streams import Inbox
 from vsense.link.robots.table import Direction, Entry, Output, Table
@@ -327,7 +327,7 @@ def roster(random: Random, scene: None) -> None:
     numbers = count(1)
     expected = {tag: ExpectedRobot(f"epuck_{tag}", TABLE) for tag in (5, 6)}
     insecure = random.random() < 0.3
-    ours = Roster(expected, 10**8, 1, LinkTrust(swarm, insecure), lambda: next(numbers))
+    ours = SessionTable(expected, 10**8, 1, LinkTrust(swarm, insecure), lambda: next(numbers))
     now_ns = S
     pendings = []
     for _ in range(12):
@@ -363,7 +363,9 @@ def roster(random: Random, scene: None) -> None:
             each.status(now_ns)
 
 
-def _take(ours: Roster, pending: Any, packet: bytes, source: Any, now_ns: int, right: bool) -> None:
+def _take(
+    ours: SessionTable, pending: Any, packet: bytes, source: Any, now_ns: int, right: bool
+) -> None:
     """A packet goes where the network's thread would give it."""
     try:
         number = session_of(packet)

@@ -20,7 +20,8 @@ from hypothesis import strategies as st
 
 from vsense.errors import UsageError
 from vsense.lab.microcontrollers import read_actuations
-from vsense.lab.physics_process import FLUSH_TICKS, TICK_NS, PhysicsProcess, PhysicsSpec
+from vsense.lab.physics_process import FLUSH_TICKS, TICK_NS, PhysicsProcess
+from vsense.lab.physics_spec import PhysicsSpec
 from vsense.lab.shared import LabError, SharedBlock
 from vsense.lab.truth import TruthReader, make_ring
 from vsense.physics.motion import STEP_M

@@ -1,7 +1,7 @@
 """Host and robot sessions over a bad network on virtual time, repeatable for a seed.
 
 UDP loses, repeats, delays and so reorders; TCP only delays, until it breaks. The host's half is
-`Roster` and `HostSession`, the robot's half the C session that the daemon runs.
+`SessionTable` and `HostSession`, the robot's half the C session that the daemon runs.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from tests.link.rig import KEYS, keyed_session
 from tests.wire.robot_session import Event
 from vsense.link.robots.keys import LinkTrust
 from vsense.link.robots.peer import Orders
-from vsense.link.robots.roster import ExpectedRobot, Roster
+from vsense.link.robots.roster import ExpectedRobot, SessionTable
 from vsense.link.robots.session import HostSession
 from vsense.link.robots.status import LinkEvent
 from vsense.link.robots.streams import Inbox
@@ -121,7 +121,7 @@ class Simulation:
         self.random = random.Random(seed)
         self.weather = CALM
         self.now_ns = 2 * HOUR_NS
-        self.roster = Roster(
+        self.roster = SessionTable(
             {TAG: ExpectedRobot("epuck_23", TABLE)},
             TIMESTEP_NS,
             seed,

@@ -14,7 +14,7 @@ from tests.wire.robot_session import RobotSession
 from vsense.link.robots.keys import LinkTrust
 from vsense.link.robots.links import FINISH_NS, STRANGERS_EACH, ServerState
 from vsense.link.robots.network import IDLE_NS, Ports, ServerThread, bind
-from vsense.link.robots.roster import ExpectedRobot, Roster
+from vsense.link.robots.roster import ExpectedRobot, SessionTable
 from vsense.link.robots.status import LinkEvent
 from vsense.link.robots.wire import GoodbyeCause
 
@@ -27,7 +27,7 @@ class Hand:
         self.port = ports.port
         self.told: list[LinkEvent] = []
         expected = {t: ExpectedRobot(f"epuck_{t}", TABLE) for t in tags}
-        roster = Roster(expected, 10**8, 1, LinkTrust(KEYS))
+        roster = SessionTable(expected, 10**8, 1, LinkTrust(KEYS))
         self.shared = ServerState(roster, threading.Lock(), frozen, self.told.append)
         self.network = ServerThread(self.shared, ports)
         self.settle()

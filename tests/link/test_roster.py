@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense.link.robots.keys import INSECURE
-from vsense.link.robots.roster import ExpectedRobot, Proved, Roster, ToldProgram
+from vsense.link.robots.roster import ExpectedRobot, Proved, SessionTable, ToldProgram
 from vsense.link.robots.session import PendingSession
 from vsense.link.robots.status import EventThrottle, LinkEvent, cut_text
 from vsense.link.robots.table import Entry, Output, Table
@@ -36,13 +36,15 @@ S = 1_000_000_000
 TABLE = Table([Entry(1, "pollutant", "f4")])
 
 
-def roster(draws: Iterable[int] = range(1, 100)) -> Roster:
+def roster(draws: Iterable[int] = range(1, 100)) -> SessionTable:
     numbers = iter(draws)
     expected = {tag: ExpectedRobot(f"epuck_{tag}", TABLE) for tag in (5, 6)}
-    return Roster(expected, 10**8, 1, INSECURE, lambda: next(numbers))
+    return SessionTable(expected, 10**8, 1, INSECURE, lambda: next(numbers))
 
 
-def join(ours: Roster, packet: bytes, origin: str, now_ns: int) -> tuple[LinkEvent, Proved | None]:
+def join(
+    ours: SessionTable, packet: bytes, origin: str, now_ns: int
+) -> tuple[LinkEvent, Proved | None]:
     """A robot without a key greets and, if it may, says its first word; gives what was told."""
     answer = ours.greet(packet, origin, now_ns)
     if answer.pending is None:
@@ -157,11 +159,13 @@ def test_only_hello_opens_a_session() -> None:
 def test_parameters_that_no_welcome_can_carry_are_refused_before_the_start() -> None:
     for timestep_ns, params in ((10**8, "x" * 4097), (10**8, "a\tb"), (0, "")):
         with pytest.raises(WireError):
-            Roster({5: ExpectedRobot("five", TABLE, params)}, timestep_ns, 1, INSECURE)
+            SessionTable({5: ExpectedRobot("five", TABLE, params)}, timestep_ns, 1, INSECURE)
 
 
 def test_the_list_of_expected_tags_is_cut_to_what_refuse_can_carry() -> None:
-    many = Roster(dict.fromkeys(range(1000), ExpectedRobot("robot", TABLE)), 10**8, 1, INSECURE)
+    many = SessionTable(
+        dict.fromkeys(range(1000), ExpectedRobot("robot", TABLE)), 10**8, 1, INSECURE
+    )
     packet = hello(5000)
     answer = many.greet(packet, "here", S)
     notice = decode(answer.packet, answer_key(PUBLISHED, packet))[1]
@@ -208,7 +212,9 @@ def test_many_different_complaints_are_few_lines_and_then_a_number() -> None:
 
 
 def test_a_robot_without_room_for_the_parameters_is_refused() -> None:
-    ours = Roster({5: ExpectedRobot("five", TABLE, "a=" + "x" * 600 + "\n")}, 10**8, 1, INSECURE)
+    ours = SessionTable(
+        {5: ExpectedRobot("five", TABLE, "a=" + "x" * 600 + "\n")}, 10**8, 1, INSECURE
+    )
     small = Hello(b"a" * 16, 5, "name", "test", params_room=512)
     packet = encode(Header(PacketType.HELLO), small)
     answer = ours.greet(packet, "here", S)
@@ -221,12 +227,12 @@ def test_a_robot_without_room_for_the_parameters_is_refused() -> None:
 PREDATOR, PREY = ToldProgram("predator", "1" * 12), ToldProgram("prey", "2" * 12)
 
 
-def mixed(*programs: ToldProgram | None) -> Roster:
+def mixed(*programs: ToldProgram | None) -> SessionTable:
     expected = {
         tag: ExpectedRobot(f"epuck_{tag}", TABLE, program=program)
         for tag, program in enumerate(programs, 5)
     }
-    return Roster(expected, 10**8, 1, INSECURE)
+    return SessionTable(expected, 10**8, 1, INSECURE)
 
 
 def greeting(tag: int, name: str, digest: str = "") -> bytes:

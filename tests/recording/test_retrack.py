@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from tests.recording.conftest import record
 from tests.recording.scene import CAMERAS, FAMILY, HEIGHTS_M, STRANGER, TIMESTEPS, frames
 from vsense.arena import arena_data
 from vsense.config import tracking_session
+from vsense.config.roster_fields import MarkerOffset
 from vsense.errors import UsageError, VsenseError
 from vsense.markers.families import load_family
 from vsense.message_bus import Message, MessageBus
@@ -29,7 +31,9 @@ from vsense.tracking.mask import Mask
 from vsense.tracking.opening import open_tracking
 
 Change = Callable[[dict[str, Any]], dict[str, Any]]
-MADE = tracker_made.of_family(CAMERAS, FAMILY, HEIGHTS_M)
+OFFSETS = dict.fromkeys((*HEIGHTS_M, STRANGER), MarkerOffset(0.003, -0.004, 0.07))
+"""Markers that sit beside the middle: recordings hold where."""
+MADE = tracker_made.of_family(CAMERAS, FAMILY, HEIGHTS_M, offsets=OFFSETS)
 
 
 def session_files(folder: Path, mask: Mask | None = None) -> tuple[Path, Path]:
@@ -45,7 +49,7 @@ def session_files(folder: Path, mask: Mask | None = None) -> tuple[Path, Path]:
 @pytest.fixture
 def lab() -> Iterator[ArenaTracker]:
     """A tracker as the lab makes it."""
-    tracker = ArenaTracker.for_family(CAMERAS, load_family(FAMILY), HEIGHTS_M)
+    tracker = ArenaTracker.for_family(CAMERAS, load_family(FAMILY), HEIGHTS_M, offsets=OFFSETS)
     yield tracker
     tracker.close()
 
@@ -107,7 +111,7 @@ def test_a_sessions_tracker_is_the_same_in_every_bit(tmp_path: Path, is_masked: 
     everywhere = Mask(((-0.1, -9.0), (9.0, -9.0), (9.0, 9.0), (-0.1, 9.0)), 0.07)
     mask = everywhere if is_masked else None
     files = session_files(tmp_path / "session", mask)
-    session = tracking_session.load(*files)
+    session = replace(tracking_session.load(*files), offsets=OFFSETS)
     assert session.mask == mask
     tracking = open_tracking(session, lambda: 0, print)
     path = track(tmp_path / "run.mcap", tracking.tracker, tracker_made.of_session(session), 3)

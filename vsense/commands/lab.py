@@ -5,19 +5,19 @@ from __future__ import annotations
 import argparse
 import re
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from vsense import clock
-from vsense.commands import arguments, experiments
+from vsense.commands import arguments, experiments, hardware
 from vsense.config.specs import Experiment, Stage
 from vsense.errors import CutShort, UsageError, VsenseError
 from vsense.lab import calibrated, metrics, report
 from vsense.lab.calibrated import CalibratedRig
 from vsense.lab.camera_spec import CameraGrid, cameras_above
+from vsense.lab.hardware import told_all
 from vsense.lab.links import BASES
 from vsense.lab.session import Session
 from vsense.link.robots import keys
@@ -63,12 +63,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     arguments.option(
         parser,
         "--pace",
-        _pace,
+        hardware.pace,
         "P",
         "all clocks of the lab go at this share of real time, 0.01 to 1, where this machine"
         " cannot keep up with more (default: 1)",
         1.0,
     )
+    hardware.add_robots(parser)
     experiments.add_room(parser)
 
 
@@ -96,13 +97,6 @@ def _grid(text: str) -> CameraGrid:
     return int(found[1]), int(found[2])
 
 
-def _pace(text: str) -> float:
-    with suppress(ValueError):
-        if 0.01 <= float(text) <= 1.0:
-            return round(float(text), 3)
-    raise argparse.ArgumentTypeError(f"'{text}': expected 0.01 to 1, such as 0.5")
-
-
 COMPLAINTS_TIMESTEP = 10
 """By then every controller has begun and reported what it misses."""
 
@@ -123,15 +117,14 @@ def run(options: argparse.Namespace) -> int:
     with interruption() as interrupted, ControlRoom(experiments.room_of(options), console) as room:
         with interrupted.at_once():
             known = _calibrated(options, experiment, seed, directory, console)
-        address = (experiment.host, port)
         trust = keys.INSECURE if options.insecure else LinkTrust(keys.make())
         experiments.say_trust(trust, console.say)
-        made = experiments.made_of(options, experiment, seed)
-        setup = RunSetup(
-            *(experiment, seed, options.blind, address, trust, console, interrupted, room, made)
-        )
+        robots = hardware.robots_of(options, experiment)
+        made = experiments.made_of(options, experiment, seed) | told_all(robots.hardware)
+        who = (experiment.host, port), trust, console, interrupted, room
+        setup = RunSetup(experiment, seed, options.blind, *who, made)
         base = options.base, options.firmware_watchdog, options.legacy_port
-        session = Session(setup, directory, *base, options.cameras, known)
+        session = Session(setup, directory, *base, options.cameras, known, robots)
         series = Series(directory, options.runs, room.holds, interrupted)
         rows = RunRows(directory, "lab", dict(options.set), experiment)
         failure = _run_all(session, series, rows, room, console)
@@ -302,6 +295,7 @@ def _report(session: Session, number: int, on_stdout: bool, console: Console) ->
         "vision": session.tracking.figures(),
         "measures": recording.measures,
     }
+    summary |= told_all(session.robots.hardware)
     console.say(report.table(summary))
     run_directory.write_summary(recording.directory, summary, on_stdout)
     if summary["unlogged_timesteps"]:

@@ -11,7 +11,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from vsense.commands import arguments, experiments, orders, robot_emulate, robot_keys
+from vsense.commands import (
+    arguments,
+    experiments,
+    orders,
+    robot_calibrate,
+    robot_emulate,
+    robot_keys,
+)
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment
 from vsense.errors import ConfigError, UsageError
@@ -31,7 +38,8 @@ DESCRIPTION = (
     " the swarm's key that theirs are made of, and says who has which. 'status' tells who is"
     " connected to the `vsense run` or `vsense lab` on this machine: software and controller, link,"
     " pose, battery, base errors, and what is wrong. 'emulate' stands in for robots and tracker: a"
-    " `vsense run` rehearsed at a desk."
+    " `vsense run` rehearsed at a desk. 'calibrate' drives robots below the cameras, hands off, and"
+    " finds their wheels and where their markers sit."
 )
 
 
@@ -44,6 +52,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     robot_keys.add_arguments(add("keys", "make the swarm's key, and see which robots have which"))
     robot_emulate.add_arguments(
         add("emulate", "emulate robots with their bases, and a tracker, for a vsense run")
+    )
+    robot_calibrate.add_arguments(
+        add("calibrate", "measure robots' wheels and markers with the overhead cameras")
     )
     status = add("status", "show the robots of the running experiment")
     orders.add_process(status)
@@ -174,6 +185,7 @@ def run(options: argparse.Namespace) -> int:
         "deploy": deploy,
         "keys": robot_keys.run,
         "emulate": robot_emulate.run,
+        "calibrate": robot_calibrate.run,
         "status": orders.robots,
     }
     return actions[options.action](options)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from vsense.calibration.checked import told_of
-from vsense.commands import arguments, experiments
+from vsense.commands import arguments, experiments, hardware
 from vsense.config.framework import LINES_PORT
 from vsense.config.specs import Experiment, JsonLinesTracker, TrackerAddress
 from vsense.errors import VsenseError, failing_as
@@ -40,6 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     experiments.add_experiment(parser)
     experiments.add_settings(parser)
     _add_ends(parser)
+    hardware.add_roster(parser)
     parser.add_argument(
         "--start-after",
         type=arguments.seconds,
@@ -111,6 +112,7 @@ def run(options: argparse.Namespace) -> int:
     opened = experiments.open_experiment(options)
     if opened is None:
         return 0
+    opened = replace(opened, markers=hardware.markers_of(options))
     opened = _with_tracker(opened, options.tracker)
     require_source(opened, options.tracking)
     trust = experiments.trust_of(options)

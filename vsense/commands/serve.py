@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from vsense.commands import arguments
+from vsense.commands import arguments, hardware
 from vsense.live import serve
 
 DESCRIPTION = (
@@ -17,6 +17,7 @@ DESCRIPTION = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     arguments.add_tracking_files(parser)
+    hardware.add_roster(parser)
     parser.add_argument(
         "--host",
         default="127.0.0.1",
@@ -34,4 +35,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Serves; see `vsense.live.serve.run`."""
-    return serve.run(options.resources, options.experiment, options.host, options.port)
+    markers = hardware.markers_of(options)
+    return serve.run(options.resources, options.experiment, options.host, options.port, markers)

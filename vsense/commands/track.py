@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from vsense.commands import arguments
+from vsense.commands import arguments, hardware
 from vsense.live import track
 from vsense.live.track import TrackOptions
 
@@ -50,6 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "folder for what runs leave: figures, and recordings (default: none; where something is"
         " recorded, runs/...)",
     )
+    hardware.add_roster(parser)
     arguments.add_web(parser)
     arguments.add_foxglove(parser)
     group = arguments.add_hold(
@@ -63,4 +64,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Tracks; see `vsense.live.track.run`."""
     doors = {"web": arguments.web_of(options), "foxglove": arguments.foxglove_of(options)}
-    return track.run(arguments.fill(TrackOptions, options, **doors))
+    markers = hardware.markers_of(options)
+    return track.run(arguments.fill(TrackOptions, options, **doors, markers=markers))

@@ -8,13 +8,14 @@ its place: `Experiment.error(line, message)`.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
 from typing import NamedTuple
 
 from vsense.actuators.base import MountedActuator
 from vsense.config.distribute import DistributedSpec, Distribution
+from vsense.config.roster_fields import MarkerOffset
 from vsense.errors import ConfigError
 from vsense.robot.argos_code import own_files
 from vsense.robot.programs import Program, content
@@ -132,6 +133,7 @@ class ControllerSpec:
         told: lines that a controller for ARGoS is sent instead of its settings; "": it is none.
         devices: all that it declares.
         wheel_noise: of its robots in lab and simulation; None: they obey.
+        strict: robots that run a program of another name are turned away.
     """
 
     id: str
@@ -146,6 +148,7 @@ class ControllerSpec:
     devices: tuple[DeviceSpec, ...] = ()
     wheel_noise: WheelNoise | None = None
     told: str = ""
+    strict: bool = False
 
     @property
     def program(self) -> Program:
@@ -288,6 +291,7 @@ class Experiment:
         floor: what the floor looks like, None: plain white.
         tracker: where the arena state comes from, None: from cameras of our own.
         stage: what it was loaded for.
+        markers: by tag, where markers sit on their robots, as far as it was measured.
     """
 
     name: str
@@ -312,6 +316,7 @@ class Experiment:
     loop_functions: LoopSpec | None = None
     tracker: TrackerAddress | JsonLinesTracker | None = None
     stage: Stage = Stage.RUN
+    markers: Mapping[int, MarkerOffset] = field(default_factory=dict)
 
     @property
     def boxes(self) -> tuple[Box, ...]:

@@ -57,11 +57,15 @@ _LED_BITS = 0x3FF
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """A thing, ROBOT or OBJECT, with a marker at a height above the floor."""
+    """A thing, ROBOT or OBJECT, with a marker at a height above the floor.
+
+    `marker` is where that sits in the body's frame: x, y [m] and heading [rad].
+    """
 
     tag: int
     height_m: float
     kind: str = ROBOT
+    marker: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         if self.kind not in _SIDES:
@@ -176,14 +180,19 @@ def _side(kind: str, number: int, height_m: float, pixel_m: float) -> Sprite:
 @lru_cache(maxsize=1024)
 def _marker(body: Body, family: Family, pixel_m: float) -> Sprite:
     disc = family.disc_diameter_mm / 2000.0
+    at_x, at_y, turned = body.marker
+    away = float(np.hypot(at_x, at_y))
+    cos, sin = np.cos(turned), np.sin(turned)
 
     def draw(x: Floats, y: Floats) -> Floats:
+        if body.marker != (0.0, 0.0, 0.0):
+            x, y = cos * (x - at_x) + sin * (y - at_y), cos * (y - at_y) - sin * (x - at_x)
         places_mm = np.stack((x, y), axis=-1) * 1000.0 + family.disc_centre_mm
         shade = np.where(family.is_white(body.tag, places_mm), PAPER, INK)
         covered = np.hypot(x, y) <= disc
         return np.stack((shade * covered, covered), axis=-1)
 
-    texture, radius = _draw(draw, disc, pixel_m)
+    texture, radius = _draw(draw, disc + away, pixel_m)
     return Sprite(texture, radius, body.height_m, Effect.PRINT, moving=True)
 
 

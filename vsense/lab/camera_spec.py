@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from vsense.config.specs import Experiment
 from vsense.errors import VsenseError
 from vsense.lab.backdrop import Block
 from vsense.lab.bodies import OBJECT, ROBOT, Body
+from vsense.lab.hardware import RobotHardware
 from vsense.lab.reach import reachable
 from vsense.lab.shared import LabError
 from vsense.world.entities import Arena
@@ -172,7 +173,9 @@ class LabCameraSpec:
                 Camera.from_json(json.dumps(camera)) for camera in values["cameras"]
             )
             values["boxes"] = tuple(Block(**box) for box in values["boxes"])
-            values["bodies"] = tuple(Body(**body) for body in values["bodies"])
+            values["bodies"] = tuple(
+                Body(**{**body, "marker": tuple(body["marker"])}) for body in values["bodies"]
+            )
             values["log"] = Path(values["log"])
             return cls(**values)
         except (TypeError, ValueError, KeyError, VsenseError) as error:
@@ -203,10 +206,12 @@ def spec_for(
     log: Path,
     grid: CameraGrid | None = None,
     cameras: Sequence[Camera] | None = None,
+    hardware: Mapping[int, RobotHardware] = {},
 ) -> LabCameraSpec:
     """The spec of an experiment's cameras; the truth ring holds the robots, then the objects.
 
-    They are `cameras`, or those of `cameras_above` for a `grid` as in `rig`.
+    They are `cameras`, or those of `cameras_above` for a `grid` as in `rig`; `hardware` says where
+    markers sit, by tag.
 
     Raises:
         TooLargeArena: it is too large for the cameras.
@@ -216,7 +221,10 @@ def spec_for(
         cameras=tuple(cameras or cameras_above(experiment, grid)),
         boxes=tuple(Block.of(thing) for thing in experiment.solids),
         bodies=(
-            *(Body(robot.tag, height_m, ROBOT) for robot in experiment.robots),
+            *(
+                Body(robot.tag, height_m, ROBOT, _marker(hardware.get(robot.tag)))
+                for robot in experiment.robots
+            ),
             *(Body(thing.tag, height_m, OBJECT) for thing in experiment.objects),
         ),
         family=experiment.marker.family,
@@ -226,3 +234,9 @@ def spec_for(
         seed=seed,
         permille=round(clock.pace() * 1000),
     )
+
+
+def _marker(built: RobotHardware | None) -> tuple[float, float, float]:
+    if built is None:
+        return (0.0, 0.0, 0.0)
+    return (built.marker.x_m, built.marker.y_m, built.marker.yaw_rad)

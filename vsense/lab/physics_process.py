@@ -9,10 +9,11 @@
      "cylinders": [{"x_m": 0.5, "y_m": 0.5, "radius_m": 0.1}, ...],
      "truth": "name of the truth ring", "log": "path of the actuation log",
      "directory": "run directory", "seed": 1, "watchdog": false, "permille": 1000,
-     "wheels": [null, {"relative": [0.05, 0.05], ...}, ...]}
+     "wheels": [null, {"relative": [0.05, 0.05], ...}, ...],
+     "built": [[1.02, 0.97, 0.0535], ...]}
 
-`wheels` are `WheelNoise` by index, null: none; there may be no such list. `permille` is the clock's
-pace, as in `vsense.clock.slow`.
+`wheels` are `WheelNoise` by index, null: none; `built` how robots are built, as `Physics` takes it,
+by index; there may be neither list. `permille` is the clock's pace, as in `vsense.clock.slow`.
 
 It answers with one line of JSON, `{"bases": ["argos:/dev/pts/3", ...], "epoch_ns": ...}`: where the
 daemon of every robot finds its base, in the order of the indices, and the time of the first tick.
@@ -26,138 +27,33 @@ of the serial lines, CPU time.
 from __future__ import annotations
 
 import json
-import math
 import os
 import select
 import signal
 import sys
 import time
+from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vsense import clock
 from vsense.clock import host_ns
-from vsense.config.specs import Experiment, ObjectSpec, RobotSpec, WheelNoise
+from vsense.config.specs import Experiment, ObjectSpec, RobotSpec
 from vsense.errors import UsageError, VsenseError, failing_as
+from vsense.lab.hardware import RobotHardware
 from vsense.lab.links import bases_of
 from vsense.lab.microcontrollers import ActuationLog, Microcontrollers
+from vsense.lab.physics_spec import BOX, CYLINDER, POSE, PhysicsSpec, read_number
 from vsense.lab.processes import Lateness, describe_exit, end, read_line, start_module
 from vsense.lab.shared import LabError, LogFile
 from vsense.lab.truth import TruthWriter
 from vsense.physics.motion import TICK_NS, Physics, obstacles
 from vsense.physics.proximity_ring import ProximityRing
 from vsense.physics.wheel_noise import NoisyWheels
-
-_POSE = ("x_m", "y_m", "yaw_rad")
-_BOX = (*_POSE, "size_x_m", "size_y_m")
-_CYLINDER = ("x_m", "y_m", "radius_m")
-
-
-@dataclass(frozen=True, slots=True)
-class PhysicsSpec:
-    """The process's spec, see the module; bodies as `Physics` takes them, robots by index.
-
-    `bases` are of `vsense.lab.links.KINDS`; `seed` is that of the sensors' noise; `watchdog` as in
-    `Microcontrollers`.
-    """
-
-    robots: NDArray[np.float64]
-    bases: list[str]
-    objects: NDArray[np.float64]
-    boxes: NDArray[np.float64]
-    cylinders: NDArray[np.float64]
-    truth: str
-    log: Path
-    directory: Path
-    seed: int
-    watchdog: bool = False
-    wheels: tuple[WheelNoise | None, ...] = ()
-    permille: int = 1000
-
-    @classmethod
-    def parse(cls, line: bytes) -> PhysicsSpec:
-        """Reads a spec from one line of JSON; UsageError says what is wrong, and where."""
-        try:
-            spec = json.loads(line)
-        except ValueError as error:
-            raise UsageError(f"spec: not JSON: {error}") from None
-        if not isinstance(spec, dict):
-            raise UsageError(f"spec: expected an object, not {spec!r}")
-        robots = _rows(spec, "robots", ("index", "tag", *_POSE))
-        order = np.argsort(robots[:, 0])
-        if not np.array_equal(robots[order, 0], np.arange(len(robots))):
-            found = [int(index) for index in robots[:, 0]]
-            raise UsageError(f"spec: robots: expected indices 0..{len(robots) - 1}, not {found}")
-        boxes = _rows(spec, "boxes", _BOX)
-        if (boxes[:, 3:] <= 0.0).any():
-            raise UsageError("spec: boxes: expected sizes above 0")
-        cylinders = _rows(spec, "cylinders", _CYLINDER)
-        if (cylinders[:, 2] <= 0.0).any():
-            raise UsageError("spec: cylinders: expected radii above 0")
-        return cls(
-            robots[order, 2:],
-            _bases(spec, len(robots)),
-            _rows(spec, "objects", ("tag", *_POSE))[:, 1:],
-            boxes,
-            cylinders,
-            _text(spec, "truth"),
-            Path(_text(spec, "log")),
-            Path(_text(spec, "directory")),
-            int(_number(spec, "seed", "spec: ")),
-            spec.get("watchdog") is True,
-            _wheels(spec, len(robots)),
-            int(_number(spec, "permille", "spec: ")) if "permille" in spec else 1000,
-        )
-
-
-def _bases(spec: dict[str, Any], count: int) -> list[str]:
-    bases = spec.get("bases")
-    if not isinstance(bases, list) or len(bases) != count:
-        raise UsageError(f"spec: bases: expected a list of {count} texts, not {bases!r}")
-    return [str(base) for base in bases]
-
-
-def _wheels(spec: dict[str, Any], count: int) -> tuple[WheelNoise | None, ...]:
-    noises = spec.get("wheels", [None] * count)
-    fields = set(asdict(WheelNoise()))
-    if not isinstance(noises, list) or len(noises) != count:
-        raise UsageError(f"spec: wheels: expected a list of {count}, not {noises!r}")
-    for noise in noises:
-        if noise is not None and (not isinstance(noise, dict) or set(noise) != fields):
-            raise UsageError(f"spec: wheels: expected null or an object of {sorted(fields)}")
-    return tuple(None if noise is None else WheelNoise(**noise) for noise in noises)
-
-
-def _rows(spec: dict[str, Any], name: str, fields: tuple[str, ...]) -> NDArray[np.float64]:
-    """The numbers (n, fields) of a list of objects."""
-    entries = spec.get(name)
-    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
-        raise UsageError(f"spec: {name}: expected a list of objects, not {entries!r}")
-    rows = [
-        [_number(entry, field, f"spec: {name}[{number}].") for field in fields]
-        for number, entry in enumerate(entries)
-    ]
-    return np.array(rows, dtype=np.float64).reshape(len(rows), len(fields))
-
-
-def _number(entry: dict[str, Any], field: str, where: str) -> float:
-    value = entry.get(field)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise UsageError(f"{where}{field}: expected a finite number, not {value!r}")
-    return value
-
-
-def _text(spec: dict[str, Any], name: str) -> str:
-    value = spec.get(name)
-    if not isinstance(value, str) or not value:
-        raise UsageError(f"spec: {name}: expected a text, not {value!r}")
-    return value
-
 
 FLUSH_TICKS = 10
 """The log is written to disk ten times per second."""
@@ -173,7 +69,9 @@ class PhysicsProcess:
             LabError: no terminals or sockets, no truth ring, or a log that cannot be written.
         """
         self.controllers = Microcontrollers(spec.bases, spec.watchdog)
-        self._physics = Physics(spec.robots, spec.objects, spec.boxes, now_ns, spec.cylinders)
+        self._physics = Physics(
+            spec.robots, spec.objects, spec.boxes, now_ns, spec.cylinders, spec.built
+        )
         self._rings = ProximityRing(self._physics.near, spec.seed)
         self._wheels = NoisyWheels(spec.wheels, spec.seed)
         self._leds = np.zeros(len(self._physics.poses), dtype=np.uint16)
@@ -214,7 +112,7 @@ class PhysicsProcess:
             raise UsageError(f"put: {line[:80]!r} makes no sense") from None
         if not 0 <= row < self._objects:
             raise UsageError(f"put: there is no object {row}")
-        pose = [_number(said, name, "put: ") for name in _POSE]
+        pose = [read_number(said, name, "put: ") for name in POSE]
         self._physics.poses[len(self._physics.poses) - self._objects + row] = pose
 
     def report(self) -> dict[str, Any]:
@@ -313,6 +211,7 @@ class FloorProcess:
         directory: Path,
         base: str,
         watchdog: bool = False,
+        hardware: Mapping[int, RobotHardware] = {},
     ) -> None:
         """Starts the process with robots, objects and walls of a settled experiment.
 
@@ -321,14 +220,14 @@ class FloorProcess:
             seed: of the proximity sensors' noise.
             directory: of the log.
             base: of all robots, of `vsense.lab.links.BASES`.
-            watchdog: as in `Microcontrollers`.
+            watchdog, hardware: as in `Microcontrollers` and `LabRobots`.
 
         Raises:
             LabError: the process has failed.
         """
         self.log = directory / "actuations.bin"
         self._process, self._stdin, self._stdout = start_module("vsense.lab.physics_process")
-        spec = _spec(experiment, truth, seed, self.log)
+        spec = _spec(experiment, truth, seed, self.log, hardware)
         spec["bases"] = bases_of(base, len(experiment.robots))
         spec["watchdog"] = watchdog
         spec["permille"] = round(clock.pace() * 1000)
@@ -369,22 +268,30 @@ class FloorProcess:
         self._stdout.close()
 
 
-def _spec(experiment: Experiment, truth: str, seed: int, log: Path) -> dict[str, object]:
+def _spec(
+    experiment: Experiment,
+    truth: str,
+    seed: int,
+    log: Path,
+    hardware: Mapping[int, RobotHardware] = {},
+) -> dict[str, object]:
     """The process's spec; see the module."""
     boxes, cylinders = obstacles(experiment.boxes, experiment.cylinders)
+    built = [hardware[robot.tag].for_physics() for robot in experiment.robots if hardware]
     return {
         "robots": [
             {"index": i, "tag": robot.tag, **_pose(robot)}
             for i, robot in enumerate(experiment.robots)
         ],
         "objects": [{"tag": thing.tag, **_pose(thing)} for thing in experiment.objects],
-        "boxes": [dict(zip(_BOX, box)) for box in boxes.tolist()],
-        "cylinders": [dict(zip(_CYLINDER, cylinder)) for cylinder in cylinders.tolist()],
+        "boxes": [dict(zip(BOX, box)) for box in boxes.tolist()],
+        "cylinders": [dict(zip(CYLINDER, cylinder)) for cylinder in cylinders.tolist()],
         "truth": truth,
         "log": str(log),
         "directory": str(log.parent),
         "seed": seed,
         "wheels": [None if noise is None else asdict(noise) for noise in experiment.wheel_noises],
+        **({"built": built} if built else {}),
     }
 
 

@@ -15,6 +15,7 @@ from vsense.errors import VsenseError
 from vsense.lab.calibrated import CalibratedRig
 from vsense.lab.camera_spec import CameraGrid, spec_for
 from vsense.lab.grabber import LabGrabber
+from vsense.lab.hardware import NOMINAL, LabRobots, to_markers
 from vsense.lab.metrics import TrackingTally
 from vsense.lab.physics_process import FloorProcess
 from vsense.lab.processes import Canary
@@ -105,12 +106,14 @@ class Session(ExperimentSession):
         legacy_port: int | None = None,
         grid: CameraGrid | None = None,
         known: CalibratedRig | None = None,
+        robots: LabRobots = NOMINAL,
     ) -> None:
         """Prepares runs of robots on a `base` of `vsense.lab.links.BASES`; `directory` exists.
 
         Their firmware has a `watchdog`, as in `Microcontrollers`, or none. On `legacy_port` the
         original's client gets the readings of a robot of the lab. `grid` is the cameras', as in
-        `vsense.lab.camera_spec.rig`; `known` are others, tracked with as far as they are known.
+        `vsense.lab.camera_spec.rig`; `known` are others, tracked with as far as they are known;
+        `robots` what they differ in.
 
         Raises:
             VsenseError: something in the experiment cannot be made.
@@ -122,7 +125,7 @@ class Session(ExperimentSession):
         self._base = base
         self._watchdog = watchdog
         self._grid = grid
-        self.known = known
+        self.known, self.robots = known, robots
         self._ready = False
         self.dt_ns = setup.experiment.timestep_ns
 
@@ -134,23 +137,26 @@ class Session(ExperimentSession):
         self._truth = TruthReader(truth.name)
         self._stack.callback(self._truth.close)
         # The cameras build their scene while everything else starts.
+        hardware = self.robots.hardware
         true = None if self.known is None else self.known.true
-        spec = spec_for(experiment, truth.name, seed, self.truth_log, self._grid, true)
+        where = truth.name, seed, self.truth_log, self._grid
+        spec = spec_for(experiment, *where, true, hardware)
+        self._markers = np.array([body.marker for body in spec.bodies])
         grabber = LabGrabber(spec)
         self._stack.callback(grabber.close)
         daemons = {c.id: build.daemon(c.program) for c in experiment.controllers}
         self.cameras = grabber.cameras if self.known is None else list(self.known.found)
         self.tracking = self._track(grabber)
         self._stack.callback(self.tracking.close)
-        self.floor = FloorProcess(
-            experiment, truth.name, seed, self.directory, self._base, self._watchdog
-        )
+        floor = experiment, truth.name, seed, self.directory, self._base, self._watchdog
+        self.floor = FloorProcess(*floor, hardware)
         self._stack.callback(self.floor.close)
         keys = self.setup.trust.keys
         self.swarm = Swarm(experiment.host, port, seed, self.directory / "robots", keys)
         self._stack.callback(self.swarm.end)
         for robot, base in zip(experiment.robots, self.floor.bases):
-            self.swarm.start(daemons[robot.controller], robot.tag, robot.id, base)
+            settings = self.robots.settings.get(robot.tag, {})
+            self.swarm.start(daemons[robot.controller], robot.tag, robot.id, base, settings)
         self.setup.room.recorders.watch_family(experiment.marker, self.tracking)
         scene = self._scene("lab", self.cameras, {}, self.tracking.troubles)
         if self.known is not None:
@@ -164,7 +170,8 @@ class Session(ExperimentSession):
         experiment = self.experiment
         heights = dict.fromkeys(self._tags, experiment.marker.height_m)
         family = load_family(experiment.marker.family)
-        tracker = ArenaTracker.for_family(self.cameras, family, heights)
+        offsets = self.robots.markers
+        tracker = ArenaTracker.for_family(self.cameras, family, heights, offsets=offsets)
         return CameraTracking(grabber, tracker, self.setup.console.say)
 
     @property
@@ -193,6 +200,11 @@ class Session(ExperimentSession):
                 f"the swarm is not ready after {READY_TIMEOUT_S:.0f} s;"
                 f" {readiness.missing_text()}{logs if readiness.absent else ''}"
             )
+
+    def wait_patiently(self, limit_s: float) -> None:
+        """See `ExperimentSession`; a daemon that ends is told from now on, and the rest goes on."""
+        self._ready = True
+        super().wait_patiently(limit_s)
 
     def _observe(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
         """Checks cameras and daemons; LabError where one has ended before all were ready."""
@@ -272,7 +284,7 @@ class Session(ExperimentSession):
             poses, _ = self._truth.at(step.capture_ns)
         except LabError:
             return  # the host is seconds late, and says so
-        tracking.add(step.state.sightings, poses)
+        tracking.add(step.state.sightings, to_markers(poses, self._markers))
 
 
 def copy_frames(frames: Sequence[Frame]) -> list[Frame]:

@@ -10,7 +10,7 @@ import random
 import shlex
 import struct
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,6 +29,9 @@ CLOCK_DRIFT_PPM = 100.0
 """... and runs fast or slow by up to this much, as real boards do."""
 
 
+_NONE: Mapping[str, str] = {}
+
+
 @dataclass(frozen=True, slots=True)
 class Robot:
     """One robot of the lab.
@@ -40,6 +43,7 @@ class Robot:
         clock_offset_ns: how far its own clock is ahead of the host's.
         clock_drift_ppm: how much too fast its own clock runs.
         trace: file of its daemon's control steps.
+        settings: more options of its daemon.
     """
 
     daemon: Path
@@ -49,6 +53,7 @@ class Robot:
     clock_offset_ns: int
     clock_drift_ppm: float
     trace: Path
+    settings: tuple[str, ...] = ()
 
     def host_time_ns(self, local_ns: int) -> int:
         """The host's clock when this robot's own clock shows `local_ns`."""
@@ -76,8 +81,13 @@ class Swarm:
         self._processes: dict[int, subprocess.Popen[bytes]] = {}
         self.robots: list[Robot] = []
 
-    def start(self, daemon: Path, tag: int, name: str, base: str) -> Robot:
-        """Starts the daemon of one robot and leaves a script that starts it again."""
+    def start(
+        self, daemon: Path, tag: int, name: str, base: str, settings: Mapping[str, str] = _NONE
+    ) -> Robot:
+        """Starts the daemon of one robot and leaves a script that starts it again.
+
+        `settings` are more options of it, by name.
+        """
         robot = Robot(
             daemon,
             tag,
@@ -86,6 +96,7 @@ class Swarm:
             self._random.randrange(-CLOCK_OFFSET_NS, CLOCK_OFFSET_NS),
             round(self._random.uniform(-CLOCK_DRIFT_PPM, CLOCK_DRIFT_PPM), 3),
             self._directory / f"{tag}.trace",
+            tuple(word for name, value in settings.items() for word in (f"--{name}", value)),
         )
         self.robots.append(robot)
         script = self.script(tag)
@@ -160,6 +171,7 @@ class Swarm:
             *("--host", self._host, "--port", str(self._port)),
             *("--tag", str(robot.tag), "--name", robot.name, *self._who(robot)),
             *("--base", robot.base, "--trace", str(robot.trace.resolve())),
+            *robot.settings,
             *("--clock-offset-ns", str(robot.clock_offset_ns)),
             *("--clock-drift-ppm", str(robot.clock_drift_ppm)),
             *(("--clock-permille", str(round(pace() * 1000))) if pace() < 1.0 else ()),

@@ -7,9 +7,9 @@ without it all runs are one, which goes on with the next run.
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from vsense.arena import ArenaState, Frame
 from vsense.cameras.grabber import Troubles
@@ -21,10 +21,13 @@ from vsense.live.talk import Talk
 from vsense.live.track import SILENCE_S, Timesteps, begin_recording, timesteps
 from vsense.terminal import Console, interruption
 from vsense.tracking.camera_tracking import CameraTracking
+from vsense.tracking.marker_offsets import PlacedMarker
 from vsense.tracking.opening import OFFLINE, open_tracking
 from vsense.tracking.specs import TrackingSession
 from vsense.tracking.views import ImagePoses
 from vsense.ui.access import is_loopback
+
+_NO_MARKERS: Mapping[int, PlacedMarker] = {}
 
 REPEAT_S = 0.1
 """Between two states that repeat the last one: the original's timestep."""
@@ -32,13 +35,20 @@ STOP_WAIT_NS = 1_000_000_000
 """A server that ends waits this long for its client to end the run."""
 
 
-def run(resources: str, experiment: str, host: str, port: int | None) -> int:
+def run(
+    resources: str,
+    experiment: str,
+    host: str,
+    port: int | None,
+    markers: Mapping[int, PlacedMarker] = _NO_MARKERS,
+) -> int:
     """Serves until Ctrl-C or SIGTERM; returns 130 or 143.
 
     `resources` and `experiment` are paths, `host` is the address of the interface to listen on;
-    `port` 0 is any free one, None the experiment file's.
+    `port` 0 is any free one, None the experiment file's; `markers` are where these sit on their
+    robots, by tag.
     """
-    session = tracking_session.load(resources, experiment)
+    session = replace(tracking_session.load(resources, experiment), offsets=markers)
     console = Console()
     talk = Talk(console, host_ns, None)
     cameras = [view.camera for view in session.views]

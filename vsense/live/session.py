@@ -145,6 +145,10 @@ class ExperimentSession(ABC):
         """Is called after every timestep; see `vsense.run.runner.Observer`."""
         self.setup.room.update(step, robots)
 
+    def wait_patiently(self, limit_s: float) -> None:
+        """Waits for all robots, at the longest so long; whoever is missing then may come later."""
+        self.runner.wait(limit_s)
+
     def next_run(self) -> None:
         """Goes back to before the start of the next run, whose seed is one more."""
         self.environment = self.environment.following()

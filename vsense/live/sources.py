@@ -158,6 +158,7 @@ def _own_cameras(
     experiment: Experiment, files: tuple[str, str], tell: Tell, clock: Clock
 ) -> SteadySource:
     session = tracking_session.load(*files).within(experiment.arena.corners_m)
+    session = replace(session, offsets=experiment.markers)
     _check_roster(experiment, session)
     tracking = open_tracking(session, clock, tell, experiment.timestep_ns / 1e9)
     count = len(session.views)

@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import cv2
@@ -36,6 +36,7 @@ from vsense.run.control import BEFORE, Control, State
 from vsense.terminal import Console, Interruption, drop_output, interruption
 from vsense.tracking.arena_tracker import TrackerCounters
 from vsense.tracking.camera_tracking import CameraTracking
+from vsense.tracking.marker_offsets import PlacedMarker
 from vsense.tracking.opening import OFFLINE, PACED, open_tracking
 from vsense.tracking.specs import TrackingSession
 from vsense.ui.access import FoxgloveAddress, WebAddress
@@ -72,6 +73,7 @@ class TrackOptions:
         output: folder for what runs leave, None: one in `runs/` if they leave something.
         web: where the page is served, None: nowhere.
         foxglove: where Foxglove is served, None: nowhere.
+        markers: by tag, where markers sit on their robots.
     """
 
     resources: str
@@ -87,6 +89,7 @@ class TrackOptions:
     output: Path | None = None
     web: WebAddress | None = None
     foxglove: FoxgloveAddress | None = None
+    markers: Mapping[int, PlacedMarker] = field(default_factory=dict)
 
     @property
     def is_watched(self) -> bool:
@@ -108,6 +111,7 @@ def run(options: TrackOptions) -> int:
         session = tracking_session.load_whole(options.resources)
     else:
         session = tracking_session.load(options.resources, options.experiment)
+    session = replace(session, offsets=options.markers)
     _check(options, session)
     with ExitStack() as stack:
         interrupted = stack.enter_context(interruption())

@@ -118,6 +118,7 @@ class Physics:
         boxes: ArrayLike,
         time_ns: int,
         cylinders: ArrayLike = (),
+        built: Floats | None = None,
     ) -> None:
         """A scene that starts at rest, in the arena frame.
 
@@ -126,6 +127,8 @@ class Physics:
             objects: (k, 3) likewise of tagged bodies that do not drive.
             boxes: (b, 5) x_m, y_m, yaw_rad, size_x_m, size_y_m of walls and boxes.
             cylinders: (c, 3) x_m, y_m, radius_m of cylinders that stand.
+            built: (m, 3) how robots are built: way of the left and of the right wheel over that of
+                the nominal one, and length of the axle [m]; None: all as e-pucks should be.
         """
         driving, standing, posts = (
             np.asarray(rows, dtype=np.float64).reshape(-1, 3)
@@ -142,6 +145,9 @@ class Physics:
         mobility = np.zeros(len(self.bodies))
         self._contacts = Contacts(mobility, self.near)
         self.cdata = self._make(mobility, count)
+        if built is not None:
+            self._built = np.ascontiguousarray(built, dtype=np.float64).reshape(count, 3)
+            self.cdata.built = pointer("double", self._built)
         kernels.vs_physics_init(self.cdata, time_ns)
 
     def _make(self, mobility: Floats, count: int) -> Any:

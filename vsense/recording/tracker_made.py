@@ -21,9 +21,11 @@ import numpy as np
 
 from vsense import __version__
 from vsense.cameras.camera import Camera
+from vsense.config.roster_fields import MarkerOffset
 from vsense.errors import UsageError, VsenseError
 from vsense.markers.families import MarkerFamily, SquareFamily, load_family
 from vsense.tracking.arena_tracker import ArenaTracker
+from vsense.tracking.marker_offsets import PlacedMarker
 from vsense.tracking.mask import Mask
 from vsense.tracking.prediction import MarkerSearch, SearchPlan
 from vsense.tracking.specs import TrackingSession
@@ -33,21 +35,30 @@ Made = dict[str, Any]
 """`cameras`: camera files; `sees`: by the camera's id the tracker that looks at its pictures;
 `trackers`: by id `family`, `heading_deg`, `heights_m` (pairs of tag and height), `open_roster`, and
 where there is a mask `mask_m` (its corners) and `mask_margin_m`;
-`limits`, `plan`, `workers`; `versions` of what computed."""
+`limits`, `plan`, `workers`; `offsets`: by tag where markers sit on their robots, x, y [m] and yaw
+[rad], absent where none is known; `versions` of what computed."""
+
+Offsets = Mapping[int, PlacedMarker]
+_NO_OFFSETS: Offsets = {}
 
 _MOST_WORKERS = 64
 
 
 def of_family(
-    cameras: Sequence[Camera], family: str, heights_m: Mapping[int, float], workers: int = 2
+    cameras: Sequence[Camera],
+    family: str,
+    heights_m: Mapping[int, float],
+    workers: int = 2,
+    offsets: Offsets = _NO_OFFSETS,
 ) -> Made:
-    """Describes `ArenaTracker.for_family(cameras, load_family(family), heights_m)`.
+    """Describes `ArenaTracker.for_family(cameras, load_family(family), heights_m)` with `offsets`.
 
     VsenseError if there is no such family.
     """
     tracker = _tracker(family, 0.0, heights_m, True)
     sees = {camera.id: "robots" for camera in cameras}
-    return _made(cameras, sees, {"robots": tracker}, Limits(), SearchPlan(), workers)
+    made = _made(cameras, sees, {"robots": tracker}, Limits(), SearchPlan(), workers)
+    return made | _offsets(offsets)
 
 
 def of_session(session: TrackingSession) -> Made:
@@ -61,7 +72,7 @@ def of_session(session: TrackingSession) -> Made:
         id: {**_tracker(spec.family, spec.heading_deg, spec.heights_m, spec.open_roster), **masked}
         for id, spec in specs.items()
     }
-    return _made(
+    made = _made(
         [view.camera for view in session.views],
         {view.camera.id: view.tracker.id for view in session.views},
         trackers,
@@ -69,6 +80,7 @@ def of_session(session: TrackingSession) -> Made:
         SearchPlan(session.key_frame_period, session.square_size_m),
         2,
     )
+    return made | _offsets(session.offsets)
 
 
 def make(made: Made) -> ArenaTracker:
@@ -101,6 +113,12 @@ def _made(
         "workers": workers,
         "versions": versions(),
     }
+
+
+def _offsets(offsets: Offsets) -> Made:
+    """The part of a description that says where markers sit; none where nothing is known."""
+    rows = [[tag, marker.x_m, marker.y_m, marker.yaw_rad] for tag, marker in offsets.items()]
+    return {"offsets": rows} if rows else {}
 
 
 def _tracker(
@@ -142,6 +160,10 @@ def _make(made: Made) -> ArenaTracker:
         limits,
         plan,
         workers,
+        offsets={
+            int(tag): MarkerOffset(float(x_m), float(y_m), float(yaw_rad))
+            for tag, x_m, y_m, yaw_rad in made.get("offsets", ())
+        },
     )
 
 

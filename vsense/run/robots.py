@@ -63,7 +63,9 @@ def _expected(experiment: Experiment, tables: Mapping[str, Table]) -> dict[int, 
     controllers = {robot: experiment.controller_of(robot) for robot in experiment.robots}
     programs = told_programs(experiment)
     return {
-        robot.tag: ExpectedRobot(robot.id, tables[c.id], c.params_for(robot.id), programs[c.id])
+        robot.tag: ExpectedRobot(
+            robot.id, tables[c.id], c.params_for(robot.id), programs[c.id], c.strict
+        )
         for robot, c in controllers.items()
     }
 

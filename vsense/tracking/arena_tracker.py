@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import cv2
 import numpy as np
@@ -16,6 +16,7 @@ from vsense.errors import VsenseError
 from vsense.markers.families import MarkerFamily, SquareFamily
 from vsense.tracking.detector import CameraDetectors, Detector
 from vsense.tracking.joining import Joining, JoinLimits
+from vsense.tracking.marker_offsets import MarkerOffsets, PlacedMarker
 from vsense.tracking.prediction import MarkerSearch, Prediction, SearchPlan
 from vsense.tracking.tracks import Limits, RobotTracks
 from vsense.tracking.views import (
@@ -126,6 +127,7 @@ class ArenaTracker:
 
     Attributes:
         heights_m: The roster: the height of each tag's marker above the floor. It grows.
+        offsets: By tag, where markers sit on their robots; those of other tags sit in the middle.
         found: By the camera's id, the DETECTION array of its newest picture.
         overflowed: Ids of the cameras whose newest picture held more than the detector's tables.
         state: The newest arena state; its timestep is -1 before the first.
@@ -139,6 +141,7 @@ class ArenaTracker:
         limits: Limits | None = None,
         prediction: Prediction | None = None,
         workers: Workers | None = None,
+        offsets: Mapping[int, PlacedMarker] | None = None,
     ) -> None:
         """Switches OpenCV's own threads off, for the whole process.
 
@@ -146,6 +149,7 @@ class ArenaTracker:
             heights_m: The roster.
             prediction: The detector's; gets the expected poses before each timestep.
             workers: The detector's, to be ended with the tracker.
+            offsets: By tag, where markers sit on their robots.
 
         Raises:
             TrackingError: There is no camera, two have the same id, or one is no higher than a
@@ -155,14 +159,14 @@ class ArenaTracker:
         self.overflowed: tuple[str, ...] = ()
         self._gate = FrameGate(cameras)
         self.heights_m = dict(heights_m)
+        self.offsets: dict[int, PlacedMarker] = dict(offsets or {})
+        self._offsets = MarkerOffsets(self.offsets)
         self._check_heights()
-        self._limits = limits or Limits()
-        self._prediction = prediction or Prediction()
+        self._limits, self._prediction = limits or Limits(), prediction or Prediction()
         self._prediction.heights_m = self.heights_m
-        self._detector = detector
-        self._workers = workers or Workers()
+        self._detector, self._workers = detector, workers or Workers()
         self._joining = Joining(JoinLimits(max_speed_m_s=self._limits.max_speed_m_s))
-        self._joined: set[int] = set()
+        self._joined = set[int]()
         self._array = CameraArray(self.cameras)
         self._places = {camera.id: place for place, camera in enumerate(self.cameras)}
         self._tracks = RobotTracks(self._limits)
@@ -179,10 +183,11 @@ class ArenaTracker:
         limits: Limits | None = None,
         plan: SearchPlan | None = None,
         open_roster: bool = True,
+        offsets: Mapping[int, PlacedMarker] | None = None,
     ) -> ArenaTracker:
         """Returns a tracker of one family's markers; `heights_m` is also the roster."""
         search = MarkerSearch(family, dict(heights_m), open_roster)
-        return cls.of_searches(cameras, [search] * len(cameras), limits, plan)
+        return cls.of_searches(cameras, [search] * len(cameras), limits, plan, offsets=offsets)
 
     @classmethod
     def of_searches(
@@ -193,12 +198,14 @@ class ArenaTracker:
         plan: SearchPlan | None = None,
         workers: int = 2,
         pin: bool = False,
+        offsets: Mapping[int, PlacedMarker] | None = None,
     ) -> ArenaTracker:
         """Returns a tracker; `searches` says for each of `cameras` what is looked for.
 
         Args:
             workers: Threads that search the pictures.
             pin: Keep each on a processor of its own, for a host that does nothing else.
+            offsets: By tag, where markers sit on their robots.
 
         Raises:
             FamilyError: A family does not have a tag of its roster.
@@ -209,7 +216,7 @@ class ArenaTracker:
         threads = Workers(max(1, workers), pin)
         detector = CameraDetectors(sees, prediction, threads)
         heights_m = {tag: height for search in searches for tag, height in search.heights_m.items()}
-        return cls(cameras, detector, heights_m, limits, prediction, threads)
+        return cls(cameras, detector, heights_m, limits, prediction, threads, offsets)
 
     def close(self) -> None:
         """Ends the workers; can be called again."""
@@ -240,7 +247,7 @@ class ArenaTracker:
         capture_ns = [frame.capture_ns for frame in fresh]
         views = make_views(self._array, capture_ns, placed, self._limits.height_doubt_m)
         sightings = merge_views(views, placed.picture)
-        self.counters.out_of_reach += self._tracks.update(sightings)
+        self.counters.out_of_reach += self._tracks.update(self._offsets.to_robots(sightings))
         self._tracks.forget(now_ns)
         again = sightings["tag"][1:][sightings["tag"][1:] == sightings["tag"][:-1]]
         self.state = ArenaState(
@@ -256,7 +263,8 @@ class ArenaTracker:
             images=image_poses(self._array, placed),
         )
         self.counters.duplicates += len(self.state.duplicates)
-        self._prediction.learn(self.state)
+        markers = self._offsets.to_markers(self.state.robots)
+        self._prediction.learn(replace(self.state, robots=markers))
         self._admit(now_ns, sightings)
         return self.state
 

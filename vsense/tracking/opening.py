@@ -123,6 +123,7 @@ def _tracker(session: TrackingSession) -> ArenaTracker:
         Limits(max(view.tracker.max_speed_m_s for view in views)),
         SearchPlan(session.key_frame_period, session.square_size_m),
         pin=True,
+        offsets=session.offsets,
     )
 
 

@@ -7,13 +7,14 @@ still reported at its place; `id` is its name in the experiment file.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from vsense.cameras.camera import Camera
 from vsense.cameras.genicam import FREE, GenicamSettings
 from vsense.cameras.opencv_source import Controls
 from vsense.errors import ConfigError
+from vsense.tracking.marker_offsets import PlacedMarker
 from vsense.tracking.mask import Mask, MaskError
 
 DIRECTORY = "directory"
@@ -173,6 +174,7 @@ class TrackingSession:
         server_port: TCP port of the arena tracking server.
         key_frame_period: every so many timesteps the whole picture is searched; 1: always.
         square_size_m: side of the square searched around a known robot in between.
+        offsets: by tag, where markers sit on their robots; those of others sit in the middle.
         masked: where markers are looked for; None: everywhere.
     """
 
@@ -184,6 +186,7 @@ class TrackingSession:
     views: tuple[CameraTrackerSpec, ...]
     record: RecordSpec
     masked: MaskSpec | None = None
+    offsets: Mapping[int, PlacedMarker] = field(default_factory=dict)
 
     @property
     def mask(self) -> Mask | None:

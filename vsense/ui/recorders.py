@@ -147,12 +147,13 @@ class Recorders:
 
         UsageError if a library is missing.
         """
-        cameras, heights_m = tracking.tracker.cameras, dict(tracking.tracker.heights_m)
+        tracker = tracking.tracker
+        cameras, heights_m, offsets = tracker.cameras, dict(tracker.heights_m), tracker.offsets
 
         def describe() -> Mapping[str, Any]:
             from vsense.recording import tracker_made
 
-            return tracker_made.of_family(cameras, marker.family, heights_m)
+            return tracker_made.of_family(cameras, marker.family, heights_m, offsets=offsets)
 
         self._watch(tracking, describe)
 

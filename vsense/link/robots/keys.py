@@ -24,7 +24,7 @@ from pathlib import Path
 
 from vsense import sharing
 from vsense.errors import ConfigError, VsenseError
-from vsense.files import check_private
+from vsense.files import check_private, replace_text
 from vsense.link.robots.wire import PUBLISHED
 
 SWARM_KEY_BYTES = 32
@@ -177,20 +177,7 @@ def write_private(path: Path, text: str, mode: int) -> None:
         OSError: it cannot be written.
     """
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-    new = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
-    opened = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    try:
-        with os.fdopen(opened, "w", encoding="ascii") as file:
-            file.write(text)
-            file.flush()
-            os.fchmod(file.fileno(), mode)
-            if path.exists() and mode != 0o600:
-                os.fchown(file.fileno(), -1, path.stat().st_gid)
-            os.fsync(file.fileno())
-        os.replace(new, path)
-    except OSError:
-        new.unlink(missing_ok=True)
-        raise
+    replace_text(path, text, mode, "ascii")
 
 
 def read_private(path: Path, mode: int) -> str:

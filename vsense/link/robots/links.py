@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from vsense.link import descriptors
-from vsense.link.robots.roster import Roster
+from vsense.link.robots.roster import SessionTable
 from vsense.link.robots.session import Address, HostSession, PendingSession
 from vsense.link.robots.status import LinkEvent
 from vsense.link.robots.streams import Connection
@@ -71,7 +71,7 @@ class ServerState:
         tick: is called often, with the time.
     """
 
-    roster: Roster
+    roster: SessionTable
     lock: threading.Lock
     clock: Callable[[], int]
     notify: Callable[[LinkEvent], None]

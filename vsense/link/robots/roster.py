@@ -98,15 +98,17 @@ class ExpectedRobot:
         table: its sensor table.
         params: lines "key=value\\n" for its controller.
         program: its controller, None: not known.
+        strict: one that calls itself otherwise is turned away even where all robots have this one.
     """
 
     name: str
     table: Table
     params: str = ""
     program: ToldProgram | None = None
+    strict: bool = False
 
 
-class Roster:
+class SessionTable:
     """The robots of the experiment.
 
     Args:
@@ -178,8 +180,9 @@ class Roster:
         if hello.params_room < size:
             text = f"the experiment's params have {size} bytes, the robot has {hello.params_room}"
             return refuse(RefuseCode.ROOM, text)
-        runs, wanted = ToldProgram(hello.controller, hello.hash), self._expected[hello.tag].program
-        if wanted is not None and self._is_anothers(runs, wanted):
+        expected = self._expected[hello.tag]
+        runs, wanted = ToldProgram(hello.controller, hello.hash), expected.program
+        if wanted is not None and self._is_anothers(runs, wanted, expected.strict):
             robot.refused = f"runs {runs}, expected {wanted}"
             text = f"{robot.name} {robot.refused}: see vsense robot deploy"
             return refuse(RefuseCode.CONTROLLER, text)
@@ -273,14 +276,14 @@ class Roster:
         tag, packet = greeting.hello.tag, greeting.packet
         return self.refuse(code, text, greeting.origin, now_ns, tag, packet, greeting.root)
 
-    def _is_anothers(self, runs: ToldProgram, wanted: ToldProgram) -> bool:
+    def _is_anothers(self, runs: ToldProgram, wanted: ToldProgram, strict: bool) -> bool:
         """Whether a robot runs a program that its sensor table is not for.
 
         Where all robots have one controller, it may be an older or a newer one, or the user's own
         under another name: its table is for whatever runs there.
         """
         known = {robot.program for robot in self._expected.values() if robot.program is not None}
-        if len(known) < 2 or runs.is_same(wanted):
+        if (len(known) < 2 and not strict) or runs.is_same(wanted):
             return False
         other = any(runs.is_same(program) for program in known)
         return other or bool(wanted.name and runs.name != wanted.name)

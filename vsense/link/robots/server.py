@@ -17,7 +17,7 @@ from vsense.link.robots.keys import LinkTrust
 from vsense.link.robots.links import ServerState
 from vsense.link.robots.network import ServerThread
 from vsense.link.robots.peer import Orders
-from vsense.link.robots.roster import ExpectedRobot, Roster
+from vsense.link.robots.roster import ExpectedRobot, SessionTable
 from vsense.link.robots.status import (
     ActuatorReport,
     EventThrottle,
@@ -44,7 +44,7 @@ class VirtualSensorServer:
     Args:
         host: name or address of the interface to listen on.
         port: number for TCP and UDP; 0 takes any that is free on both.
-        timestep_ns, seed, expected, trust: see `Roster`, which says what is raised, too.
+        timestep_ns, seed, expected, trust: see `SessionTable`, which says what is raised, too.
         on_event: called from the server's thread; must not wait, nor call `close`.
         clock: the host's monotonic clock [ns].
         calendar: seconds since 1970. The first run's number is taken from it, so that the robots
@@ -70,7 +70,7 @@ class VirtualSensorServer:
     ) -> None:
         self._host, self._port = host, port
         self.port = port
-        self._roster = Roster(expected, timestep_ns, seed, trust)
+        self._roster = SessionTable(expected, timestep_ns, seed, trust)
         self._roster.orders = Orders(int(calendar()))
         self._lock = threading.Lock()
         self._clock = clock

@@ -1,0 +1,116 @@
+"""Options that say what robots of the lab differ in."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import re
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vsense.commands import arguments
+from vsense.config import roster
+from vsense.config.roster import FILE_NAME
+from vsense.config.roster_fields import MarkerOffset
+from vsense.config.specs import Experiment
+
+if TYPE_CHECKING:
+    from vsense.lab.hardware import HardwareErrors, LabRobots
+
+_NUMBER = r"\d+(?:\.\d+)?"
+
+
+def add_errors(parser: Any, usual: bool = False) -> None:
+    """Declares what is drawn; nothing by default, or `usual` errors."""
+    marker, wheel = ("4,5", "5") if usual else ("0,0", "0")
+    arguments.option(
+        *(parser, "--marker-errors", _marker, "MM,DEG"),
+        f"each robot's marker sits up to so many mm and degrees off its middle (default: {marker})",
+        _marker(marker),
+    )
+    arguments.option(
+        *(parser, "--wheel-errors", _percent, "PERCENT"),
+        f"each wheel and axle is up to so much larger or smaller, 0 to 9 (default: {wheel})",
+        _percent(wheel),
+    )
+    arguments.option(
+        *(parser, "--robots-seed", arguments.natural, "N"),
+        "seed of what robots differ in: with another one they are other robots (default: 0)",
+        0,
+    )
+
+
+def add_robots(parser: argparse.ArgumentParser) -> None:
+    """Declares what robots of `vsense lab` differ in, and what is known of it."""
+    add_errors(parser)
+    add_roster(parser, found=False)
+
+
+def errors_of(options: argparse.Namespace) -> HardwareErrors:
+    """Returns what `add_errors` declares."""
+    from vsense.lab.hardware import HardwareErrors
+
+    marker_m, marker_rad = options.marker_errors
+    return HardwareErrors(marker_m, marker_rad, options.wheel_errors, options.robots_seed)
+
+
+def robots_of(options: argparse.Namespace, experiment: Experiment) -> LabRobots:
+    """The lab's robots: what is drawn of them, and what `--roster` knows of them.
+
+    Raises:
+        UsageError: the roster cannot be read.
+        ConfigError: something in it is wrong.
+    """
+    from vsense.lab.hardware import LabRobots, draw_all
+
+    tags = [robot.tag for robot in experiment.robots]
+    drawn = draw_all(tags, errors_of(options))
+    if options.roster is None:
+        return LabRobots(drawn)
+    known = roster.read(options.roster)
+    settings = {robot.tag: robot.calibration.settings for robot in known.robots}
+    return LabRobots(drawn, known.markers, settings)
+
+
+def add_roster(parser: argparse.ArgumentParser, found: bool = True) -> None:
+    """Declares the roster that says where markers sit; `found`: it need not be named."""
+    here = f" (default: {FILE_NAME} in the current folder, where there is one)" if found else ""
+    arguments.option(
+        *(parser, "--roster", Path, "FILE"),
+        f"the lab's robots: where it says how a marker sits on one, poses are the robot's{here}",
+    )
+
+
+def markers_of(options: argparse.Namespace) -> dict[int, MarkerOffset]:
+    """Where markers sit on their robots, as the roster has it that is named or in this folder.
+
+    Raises:
+        UsageError: it cannot be read.
+        ConfigError: something in it is wrong.
+    """
+    path = options.roster
+    if path is None and not Path(FILE_NAME).exists():
+        return {}
+    return roster.read(path or Path(FILE_NAME)).markers
+
+
+def _marker(text: str) -> tuple[float, float]:
+    found = re.fullmatch(rf"({_NUMBER}),({_NUMBER})", text)
+    if found is None or float(found[1]) > 20.0 or float(found[2]) > 180.0:
+        raise argparse.ArgumentTypeError(f"'{text}': expected mm and degrees, such as 4,5")
+    return float(found[1]) / 1000.0, math.radians(float(found[2]))
+
+
+def _percent(text: str) -> float:
+    if not re.fullmatch(_NUMBER, text) or float(text) > 9.0:
+        raise argparse.ArgumentTypeError(f"'{text}': expected a percentage from 0 to 9, such as 5")
+    return float(text) / 100.0
+
+
+def pace(text: str) -> float:
+    """Reads the pace of a lab's clocks."""
+    with suppress(ValueError):
+        if 0.01 <= float(text) <= 1.0:
+            return round(float(text), 3)
+    raise argparse.ArgumentTypeError(f"'{text}': expected 0.01 to 1, such as 0.5")

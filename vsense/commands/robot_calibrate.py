@@ -1,0 +1,210 @@
+"""`vsense robot calibrate`: wheels and markers of robots, measured by the overhead cameras."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from vsense import clock
+from vsense.commands import arguments, experiments, hardware
+from vsense.config import roster
+from vsense.config.experiment import first_robots, load
+from vsense.config.placement import settle
+from vsense.config.roster import Roster
+from vsense.config.specs import Experiment, Stage
+from vsense.errors import UsageError, VsenseError
+from vsense.lab.hardware import LabRobots
+from vsense.lab.links import BASES
+from vsense.lab.session import Session
+from vsense.link.robots import keys
+from vsense.link.robots.keys import LinkTrust
+from vsense.live.session import ExperimentSession, RunSession, RunSetup
+from vsense.live.sources import require_source
+from vsense.robot_calibration import driving, results
+from vsense.robot_calibration.commanding import CONTROLLER, WheelsWanted, commanded
+from vsense.robot_calibration.results import RobotResult
+from vsense.run import directory as run_directory
+from vsense.terminal import Console, interruption, print_data
+from vsense.ui.room import ControlRoom, RoomOptions
+
+FILE = "calibration.json"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declares the action's arguments."""
+    arguments.add_experiment_name(parser)
+    parser.add_argument(
+        "--tracking",
+        nargs=2,
+        metavar=("RESOURCES", "SESSION"),
+        help="the overhead cameras: these two files of `vsense track`",
+    )
+    arguments.option(
+        *(parser, "--roster", Path, "FILE"),
+        "the lab's robots: what is found is written into it (default: it is only shown)",
+    )
+    arguments.option(
+        parser, "--robots", arguments.positive, "N", "take only the first N robots of the file"
+    )
+    arguments.option(
+        *(parser, "--wait", arguments.seconds, "S"),
+        "begin after S s at the latest, without robots that are missing (default: 20)",
+        driving.PATIENCE_S,
+    )
+    arguments.option(
+        *(parser, "-o --output", Path, "DIR"),
+        f"folder for {FILE}: all numbers, with covariances (default: runs/...)",
+    )
+    arguments.flag(parser, "--json", "print the results as JSON")
+    parser.add_argument(
+        "--seed", type=arguments.natural, metavar="N", help="seed of the lab's places and light"
+    )
+    _add_link(parser)
+    lab = parser.add_argument_group("in the lab")
+    arguments.flag(lab, "--lab", "calibrate a lab's robots, whose wheels and markers are known")
+    hardware.add_errors(lab, usual=True)
+    arguments.add_bases(parser, BASES)
+    arguments.option(
+        *(lab, "--pace", hardware.pace, "P"),
+        "all clocks of the lab go at this share of real time, as in vsense lab (default: 1)",
+        1.0,
+    )
+
+
+def _add_link(parser: argparse.ArgumentParser) -> None:
+    arguments.option(
+        *(parser, "--host", str, "ADDRESS"),
+        "interface that robots connect to, 0.0.0.0: all (default: the file's vss_host)",
+    )
+    arguments.option(
+        parser, "--port", arguments.port, "P", "TCP and UDP port (default: the file's vss_port)"
+    )
+    experiments.add_key(parser)
+    arguments.add_web(parser, insecure=False)
+    experiments.add_insecure(
+        parser, "take robots that have no key, too: whoever reaches the port can drive robots"
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Calibrates all robots that can be.
+
+    Returns:
+        0; 1 where a robot was left out; 130 after Ctrl-C, 143 after SIGTERM.
+    """
+    known = None if options.roster is None else roster.read(options.roster)
+    stage = Stage.LAB if options.lab else Stage.RUN
+    original = first_robots(load(options.experiment, stage=stage), options.robots)
+    if not options.lab:
+        require_source(original, options.tracking)
+    elif options.tracking is not None:
+        raise UsageError("--lab has cameras of its own: expected no --tracking")
+    seed = experiments.choose_seed(options, original)
+    original = settle(original, seed, options.lab)
+    wheels = WheelsWanted()
+    experiment = commanded(original, wheels)
+    trust = LinkTrust(keys.make()) if options.lab else experiments.trust_of(options)
+    directory = run_directory.make(options.output, experiment.name, seed)
+    console = Console()
+    if options.lab:
+        clock.slow(round(options.pace * 1000))
+    host = original.host if options.host is None else options.host
+    port = original.port if options.port is None else options.port
+    room_options = RoomOptions(web=arguments.web_of(options))
+    with interruption() as interrupted, ControlRoom(room_options, console) as room:
+        address = (host, 0 if options.lab and options.port is None else port)
+        setup = RunSetup(experiment, seed, False, address, trust, console, interrupted, room, {})
+        robots = hardware.robots_of(options, original) if options.lab else LabRobots()
+        # Where markers sit is what is to be found.
+        robots = replace(robots, markers={})
+        session = _session(options, setup, directory, robots)
+        found = _calibrate(options, session, wheels, directory, console, known, robots)
+        if interrupted.is_set():
+            console.say("vsense: interrupted; what was found until then is kept")
+        _report(options, experiment, found, directory, console, known)
+        if interrupted.is_set():
+            return interrupted.code
+    return 0 if all(one.fit is not None for one in found) else 1
+
+
+def _session(
+    options: argparse.Namespace, setup: RunSetup, directory: Path, robots: LabRobots
+) -> ExperimentSession:
+    if options.lab:
+        return Session(setup, directory, options.base, options.firmware_watchdog, robots=robots)
+    return RunSession(setup, options.tracking, None)
+
+
+def _calibrate(
+    options: argparse.Namespace,
+    session: ExperimentSession,
+    wheels: WheelsWanted,
+    directory: Path,
+    console: Console,
+    known: Roster | None,
+    robots: LabRobots,
+) -> list[RobotResult]:
+    """Drives all robots; one result for each."""
+    experiment = session.experiment
+    console.say(
+        f"{len(experiment.robots)} robots with the controller '{CONTROLLER}', one after the other"
+        f" where there is no room for all; files in {directory}"
+    )
+    with session:
+        session.wait_patiently(options.wait)
+        if session.setup.interrupted.is_set():
+            raise VsenseError("interrupted before anything was measured")
+        swarm = driving.drive(session, wheels, directory, console.progress)
+    console.end_progress()
+    return [
+        RobotResult(
+            robot.tag,
+            robot.id,
+            swarm.found.get(robot.tag),
+            swarm.failed.get(robot.tag, "it was interrupted"),
+            robots.hardware.get(robot.tag),
+            None if known is None else known.get(robot.tag),
+        )
+        for robot in experiment.robots
+    ]
+
+
+def _report(
+    options: argparse.Namespace,
+    experiment: Experiment,
+    found: list[RobotResult],
+    directory: Path,
+    console: Console,
+    known: Roster | None,
+) -> None:
+    """Shows what was found and keeps it."""
+    worst = results.worst(found)
+    told: dict[str, Any] = {
+        "experiment": experiment.name,
+        "robots": [one.as_json() for one in found],
+        **({"worst_errors": worst} if worst else {}),
+    }
+    run_directory.write_summary(directory, told, options.json, FILE)
+    if not options.json:
+        print_data(results.table(found))
+    if worst:
+        console.say(
+            f"largest errors: marker {worst['marker_mm']:.2f} mm, {worst['marker_deg']:.2f}"
+            f" degrees; distance {100 * worst['distance']:.2f} %, turn {100 * worst['turn']:.2f} %"
+        )
+    done = [one for one in found if one.fit is not None]
+    if known is None or not done:
+        return
+    today = time.strftime("%Y-%m-%d")
+    listed = [one for one in done if known.get(one.tag) is not None]
+    roster.update(known.path, {one.tag: one.for_roster(today) for one in listed})
+    for one in done:
+        if one not in listed:
+            console.say(f"{known.path} has no robot with tag {one.tag}: not written", "warning")
+    console.say(
+        f"written to {known.path}: {len(listed)} robots. Their markers count from the next run on;"
+        f" 'vsense robot deploy' brings the wheels' factors to the robots"
+    )

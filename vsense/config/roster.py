@@ -1,0 +1,309 @@
+"""The roster: which robots a lab has, how each is reached, and what was measured of it.
+
+    [defaults]
+    base = "argos:/dev/ttyS0"
+
+    [[robot]]
+    tag = 23
+    host = "root@192.168.1.30"
+    [robot.calibration]
+    wheel_diameter_mm = 40.8
+    [robot.marker]
+    x_mm = 1.5
+
+People write it, and we write what we measure into it (`update`): their comments stay.
+`roster_fields` says what may stand where.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import stat
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from vsense.config.roster_fields import (
+    CALIBRATION,
+    DEFAULTS,
+    MARKER,
+    PARTS,
+    ROBOT,
+    MarkerOffset,
+    RobotCalibration,
+    Wrong,
+    read_fields,
+)
+from vsense.config.roster_text import Lines, parse
+from vsense.errors import ConfigError, UsageError, instead
+from vsense.files import MOST_BYTES, read_text, replace_text
+
+FILE_NAME = "robots.toml"
+
+
+@dataclass(frozen=True, slots=True)
+class RosterRobot:
+    """A robot of a lab.
+
+    Attributes:
+        tag: the number of its marker.
+        host: what `ssh` is told; "": the roster does not say.
+        uid: 32 hexadecimal digits in lower case; "": the roster does not say.
+        name: what people call it; "": nothing.
+        base: what turns its wheels, as `vsensed --base`; "": the roster does not say.
+        spare: it plays only where another one is replaced.
+        out_of_order: why it cannot play; "": it can.
+        board: settings of its vsensed by the roster's names, [defaults] included.
+        calibration: what was measured of its wheels and sensors.
+        marker: where its marker is; None: not measured.
+        line: where it begins in the file.
+    """
+
+    tag: int
+    host: str = ""
+    uid: str = ""
+    name: str = ""
+    base: str = ""
+    spare: bool = False
+    out_of_order: str = ""
+    board: Mapping[str, str] = field(default_factory=dict)
+    calibration: RobotCalibration = field(default_factory=RobotCalibration)
+    marker: MarkerOffset | None = None
+    line: int = 0
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether an experiment that asks for any robot may take it."""
+        return not self.spare and not self.out_of_order
+
+    def __str__(self) -> str:
+        return f"robot {self.tag}{f' ({self.name})' if self.name else ''}"
+
+
+@dataclass(frozen=True, slots=True)
+class Roster:
+    """A lab's robots.
+
+    Attributes:
+        path: the file.
+        robots: they, in the file's order; tags, hosts, uids and names differ.
+    """
+
+    path: Path
+    robots: tuple[RosterRobot, ...]
+
+    def get(self, tag: int) -> RosterRobot | None:
+        """The robot with a tag; None: there is none."""
+        return next((robot for robot in self.robots if robot.tag == tag), None)
+
+    def of_uid(self, uid: str) -> RosterRobot | None:
+        """The robot with a uid of 32 hexadecimal digits; None: there is none."""
+        return next((r for r in self.robots if uid and r.uid == uid.lower()), None)
+
+    @property
+    def tags(self) -> tuple[int, ...]:
+        """All tags, spares and broken robots included."""
+        return tuple(robot.tag for robot in self.robots)
+
+    @property
+    def markers(self) -> dict[int, MarkerOffset]:
+        """The measured markers by tag."""
+        return {robot.tag: robot.marker for robot in self.robots if robot.marker is not None}
+
+
+def read(path: Path) -> Roster:
+    """Reads a roster.
+
+    Raises:
+        UsageError: it cannot be read, or names no robot.
+        ConfigError: something in it is wrong; the message has its line.
+    """
+    try:
+        text = read_text(path)
+    except OSError as error:
+        raise UsageError(f"cannot read {path}: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise UsageError(f"cannot read {path}: it is no text") from None
+    return _read(path, text)
+
+
+def update(path: Path, changes: Mapping[int, Mapping[str, Any]]) -> Roster:
+    """Writes what is known of robots into a roster; all else in it stays, comments too.
+
+    The file is replaced as a whole, and by one process at a time.
+
+    Args:
+        path: the roster.
+        changes: by tag what is new: values by name as in the file, those of its tables with the
+            table's name before them, such as "calibration.wheel_diameter_mm"; None takes a value
+            out.
+
+    Returns:
+        The roster as it is now.
+
+    Raises:
+        UsageError: it cannot be read or written, or has no robot of such a tag.
+        ConfigError: something in it is wrong, or would be.
+    """
+    import tomlkit
+
+    read(path)  # which refuses pipes and devices
+    path = path.resolve()  # a link to it stays one
+    with _locked(path) as file:
+        text = _decoded(path, file.read(MOST_BYTES))
+        before, document = _read(path, text), tomlkit.parse(text)
+        tables: dict[int, Any] = dict(zip(before.tags, document["robot"]))
+        for tag, values in changes.items():
+            if tag not in tables:
+                raise UsageError(f"{path} has no robot with tag {tag}")
+            _put(tables[tag], values)
+        text = tomlkit.dumps(document)
+        after = _read(path, text)
+        try:
+            replace_text(path, text, stat.S_IMODE(os.fstat(file.fileno()).st_mode))
+        except OSError as error:
+            raise UsageError(f"cannot write {path}: {error.strerror}") from None
+    return after
+
+
+def _put(table: Any, values: Mapping[str, Any]) -> None:
+    """Puts values into a robot's table.
+
+    What stands between it and the next robot's is this one's for the parser, and the next one's for
+    people: it is taken off and comes back at the end.
+    """
+    import tomlkit
+
+    remarks = _take_remarks(_last_table(table))
+    for name, value in values.items():
+        part, _, key = name.rpartition(".")
+        if part and part not in table:
+            inline = isinstance(table, tomlkit.items.InlineTable)
+            table[part] = tomlkit.inline_table() if inline else tomlkit.table()
+        inner = table[part] if part else table
+        between = [] if inner is table else _take_remarks(inner)
+        if value is not None:
+            inner[key] = value
+        elif key in inner:
+            del inner[key]
+        _put_back(inner, between)
+    _put_back(_last_table(table), remarks)
+
+
+def _last_table(table: Any) -> Any:
+    """The table that is the last in the text of a robot's."""
+    import tomlkit
+
+    last = table.value.body[-1][1] if table.value.body else None
+    return last if isinstance(last, tomlkit.items.Table) else table
+
+
+def _take_remarks(table: Any) -> list[Any]:
+    """Takes blank lines and comments off a table's end."""
+    body, taken = getattr(table.value, "body", []), []
+    while body and body[-1][0] is None:
+        taken.append(body.pop()[1])
+    return taken[::-1]
+
+
+def _put_back(table: Any, remarks: list[Any]) -> None:
+    for remark in remarks:
+        table.value.body.append((None, remark))
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[BinaryIO]:
+    """Opens the file that has this name, and holds its lock.
+
+    It is the file's own lock: it leaves nothing behind, and works over NFS. Whoever waited for it
+    may hold that of a file that was replaced meanwhile, and looks again.
+    """
+    while True:
+        try:
+            file = path.open("r+b")
+        except OSError as error:
+            raise UsageError(f"cannot write {path}: {error.strerror}") from None
+        with file:
+            fcntl.flock(file, fcntl.LOCK_EX)
+            if path.exists() and os.path.samestat(os.fstat(file.fileno()), path.stat()):
+                yield file
+                return
+
+
+def _decoded(path: Path, data: bytes) -> str:
+    try:
+        return data.decode()
+    except UnicodeDecodeError:
+        raise UsageError(f"cannot read {path}: it is no text") from None
+
+
+def _read(path: Path, text: str) -> Roster:
+    document, where = parse(path, text), Lines(text)
+
+    def wrong(number: int | None, name: str, words: str) -> ConfigError:
+        return ConfigError(str(path), where.of(number, name), words)
+
+    for name in document:
+        if name not in ("robot", "defaults"):
+            words = f"{name!r} is not known here; {instead(name, ('[[robot]]', '[defaults]'))}"
+            raise wrong(None, name, words)
+    tables = document.get("robot", [])
+    defaults = document.get("defaults", {})
+    if not isinstance(tables, list) or not all(isinstance(t, dict) for t in tables):
+        raise wrong(None, "robot", "robot: expected a table [[robot]] for each robot")
+    if not isinstance(defaults, dict):
+        raise wrong(None, "defaults", "defaults: expected a table [defaults]")
+    if not tables:
+        raise UsageError(f"{path} names no robot: expected tables [[robot]] with tag = 23")
+    try:
+        usual = read_fields(defaults, DEFAULTS, "[defaults]")
+    except Wrong as error:
+        raise wrong(None, f"defaults.{error.name}", str(error)) from None
+    robots = []
+    for number, table in enumerate(tables):
+        try:
+            robots.append(_robot(table, usual, where.of(number, "")))
+        except Wrong as error:
+            raise wrong(number, error.name, str(error)) from None
+    _check_unique(str(path), robots)
+    return Roster(path, tuple(robots))
+
+
+def _robot(table: dict[str, Any], usual: Mapping[str, Any], line: int) -> RosterRobot:
+    parts = {name: table[name] for name in PARTS if name in table}
+    for name, part in parts.items():
+        if not isinstance(part, dict):
+            raise Wrong(name, f"expected a table [robot.{name}], got {str(part)[:40]}")
+    own = read_fields({n: v for n, v in table.items() if n not in parts}, ROBOT, "a robot", PARTS)
+    if "tag" not in own:
+        raise Wrong("", "this robot has no tag: expected tag = 0..65535")
+    measured = read_fields(parts.get("calibration", {}), CALIBRATION, "[robot.calibration]")
+    marker = read_fields(parts.get("marker", {}), MARKER, "[robot.marker]")
+    everything = {**usual, **own}
+    return RosterRobot(
+        **{name: own[name] for name in _OWN if name in own},
+        base=everything.get("base", ""),
+        board={name: str(everything[name]) for name in DEFAULTS if name in everything},
+        calibration=RobotCalibration(**measured),
+        marker=MarkerOffset.read(marker) if marker else None,
+        line=line,
+    )
+
+
+_OWN = ("tag", "host", "uid", "name", "spare", "out_of_order")
+
+
+def _check_unique(file: str, robots: Sequence[RosterRobot]) -> None:
+    """Two robots with one tag, or two entries for one board, would fight for a session."""
+    seen: dict[str, int] = {}
+    for robot in robots:
+        own = {"tag": str(robot.tag), "host": robot.host, "uid": robot.uid, "name": robot.name}
+        for what in (f"{name} {value}" for name, value in own.items() if value):
+            if what in seen:
+                raise ConfigError(
+                    file, robot.line, f"{what} is that of the robot in line {seen[what]}, too"
+                )
+            seen[what] = robot.line

@@ -1,0 +1,257 @@
+"""What a roster may say of a robot: names, and the values that each may have."""
+
+from __future__ import annotations
+
+import ipaddress
+import math
+import re
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+from vsense.errors import instead
+from vsense.native import lib
+
+
+class Wrong(Exception):
+    """A value that cannot be; `name` says where it stands below its robot: "marker.x_mm"."""
+
+    def __init__(self, name: str, words: str) -> None:
+        super().__init__(words)
+        self.name = name
+
+
+@dataclass(frozen=True, slots=True)
+class RobotCalibration:
+    """What was measured of a robot's wheels and sensors; None: it was not.
+
+    The names are those of vsensed's settings, with a unit where they have one. Scales are as it
+    takes them: raw readings LOW:HIGH, one for all sensors or one for each, with commas between.
+
+    Attributes:
+        when: the day, or day and time, in ISO 8601; "": not known.
+    """
+
+    wheel_diameter_mm: float | None = None
+    wheel_ratio: float | None = None
+    axle_length_mm: float | None = None
+    proximity_scale: str | None = None
+    light_scale: str | None = None
+    ground_scale: str | None = None
+    when: str = ""
+
+    @property
+    def settings(self) -> dict[str, str]:
+        """vsensed's settings by their names."""
+        known = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "when"}
+        return {
+            name.removesuffix("_mm").replace("_", "-"): _text(value)
+            for name, value in known.items()
+            if value is not None
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class MarkerOffset:
+    """Where a robot wears its marker: in its own frame, from the middle of its axle.
+
+    Attributes:
+        x_m, y_m: the marker's centre, x forward and y left.
+        yaw_rad: where the marker's heading points, counter-clockwise from the robot's.
+        when: it was measured, in ISO 8601; "": not known.
+    """
+
+    x_m: float = 0.0
+    y_m: float = 0.0
+    yaw_rad: float = 0.0
+    when: str = ""
+
+    @classmethod
+    def read(cls, values: Mapping[str, Any]) -> MarkerOffset:
+        """Makes it of a roster's values."""
+        return cls(
+            x_m=values.get("x_mm", 0.0) / 1e3,
+            y_m=values.get("y_mm", 0.0) / 1e3,
+            yaw_rad=math.radians(values.get("yaw_deg", 0.0)),
+            when=values.get("when", ""),
+        )
+
+    @property
+    def values(self) -> dict[str, float | str]:
+        """Makes a roster's values of it."""
+        numbers: dict[str, float | str] = {
+            "x_mm": round(self.x_m * 1e3, 3),
+            "y_mm": round(self.y_m * 1e3, 3),
+            "yaw_deg": round(math.degrees(self.yaw_rad), 3),
+        }
+        return numbers | ({"when": self.when} if self.when else {})
+
+
+Reader = Callable[[Any], Any]
+"""Gives what a value means; ValueError with what was expected."""
+
+
+def _whole(least: int, most: int) -> Reader:
+    def read(value: Any) -> int:
+        if type(value) is not int or not least <= value <= most:
+            raise ValueError(f"a whole number from {least} to {most}")
+        return value
+
+    return read
+
+
+def _number(least: float, most: float, unit: str) -> Reader:
+    def read(value: Any) -> float:
+        if type(value) not in (int, float) or not least <= value <= most:
+            raise ValueError(f"a number from {least:g} to {most:g}{unit}")
+        return float(value)
+
+    return read
+
+
+def _matching(pattern: str, expected: str) -> Reader:
+    form = re.compile(pattern)
+
+    def read(value: Any) -> str:
+        if type(value) is not str or not form.fullmatch(value):
+            raise ValueError(expected)
+        return value
+
+    return read
+
+
+_HEX_32 = _matching("[0-9a-fA-F]{32}", 'the 32 hexadecimal digits of vsensed --identify: "0f3a…"')
+
+
+def _uid(value: Any) -> str:
+    return str(_HEX_32(value)).lower()
+
+
+def _name(value: Any) -> str:
+    expected = f"a text without blanks of at most {lib.VS_NAME_MAX} bytes"
+    text = str(_matching(_SETTING, expected)(value))
+    if len(text.encode()) > lib.VS_NAME_MAX:
+        raise ValueError(expected)
+    return text
+
+
+def _flag(value: Any) -> bool:
+    if type(value) is not bool:
+        raise ValueError("true or false")
+    return value
+
+
+def _why(value: Any) -> str:
+    if type(value) is not str or not value.strip() or not value.isprintable():
+        raise ValueError('why in a line, such as "left motor stalls"; without this name it works')
+    return value.strip()
+
+
+def _address(value: Any) -> str:
+    try:
+        return str(ipaddress.IPv4Address(value if type(value) is str else ""))
+    except ValueError:
+        raise ValueError('a numeric IPv4 address, such as "192.168.1.10"') from None
+
+
+_DAY = _matching(r"\d{4}-\d\d-\d\d([T ]\d\d:\d\d\S*)?", 'a day, such as "2026-11-23"')
+
+
+def _when(value: Any) -> str:
+    """A text, or one of TOML's own dates."""
+    return str(_DAY(value.isoformat() if hasattr(value, "isoformat") else value))
+
+
+def _spans(count: int, least: int, most: int, words: str) -> Reader:
+    """Spans of raw readings; vsensed reads them again (`calibration.c`), and says the same."""
+    expected = f'1 or {count} {words} in a text, {least}..{most} and 16 apart, such as "80:1500"'
+
+    def read(value: Any) -> str:
+        text = re.sub(r"\s", "", value) if type(value) is str and len(value) <= 1000 else ""
+        spans = [re.fullmatch(r"(-?\d{1,4}):(-?\d{1,4})", span) for span in text.split(",")]
+        if len(spans) not in (1, count):
+            raise ValueError(expected)
+        for span in spans:
+            low, high = (int(span[1]), int(span[2])) if span else (0, 0)
+            if not (least <= low and low + 16 <= high <= most):
+                raise ValueError(expected)
+        return text
+
+    return read
+
+
+_SETTING = r"[^\s'\"\\$`#]+"
+
+DEFAULTS: Mapping[str, Reader] = {
+    "base": _matching(_SETTING, 'a base of vsensed, such as "argos:/dev/ttyS0"'),
+    "run_host": _address,
+    "port": _whole(1, 65535),
+    "battery_stop_mv": _whole(0, 5000),
+    "watchdog": _matching(_SETTING, 'a device, such as "/dev/watchdog"'),
+}
+"""What may stand in [defaults], and of one robot."""
+
+ROBOT: Mapping[str, Reader] = {
+    "tag": _whole(0, 65535),
+    "host": _matching(
+        r"(?!-)[A-Za-z0-9_.@:\[\]%-]+", '[user@]host for ssh, such as "root@192.168.1.30"'
+    ),
+    "uid": _uid,
+    "name": _name,
+    "spare": _flag,
+    "out_of_order": _why,
+    **DEFAULTS,
+}
+
+CALIBRATION: Mapping[str, Reader] = {
+    "wheel_diameter_mm": _number(30.0, 50.0, " mm"),
+    "wheel_ratio": _number(0.9, 1.1, ""),
+    "axle_length_mm": _number(40.0, 70.0, " mm"),
+    "proximity_scale": _spans(8, -4096, 4096, "NOTHING:WALL"),
+    "light_scale": _spans(8, -4096, 4096, "DARK:BRIGHT"),
+    "ground_scale": _spans(3, 0, 1023, "BLACK:WHITE"),
+    "when": _when,
+}
+"""The ranges are those of `calibration.c`."""
+
+MARKER: Mapping[str, Reader] = {
+    "x_mm": _number(-50.0, 50.0, " mm"),
+    "y_mm": _number(-50.0, 50.0, " mm"),
+    "yaw_deg": _number(-180.0, 180.0, "°"),
+    "when": _when,
+}
+
+PARTS: Mapping[str, Mapping[str, Reader]] = {"calibration": CALIBRATION, "marker": MARKER}
+"""The tables of a robot."""
+
+
+def read_fields(
+    table: Mapping[str, Any], known: Mapping[str, Reader], where: str, also: Collection[str] = ()
+) -> dict[str, Any]:
+    """Reads a table's values.
+
+    Args:
+        table: the values by name.
+        known: what each name may mean.
+        where: the table for people: "a robot", "[robot.marker]".
+        also: names of tables that may stand there.
+
+    Raises:
+        Wrong: a name is not known, or a value cannot be.
+    """
+    part = where.strip("[]").removeprefix("robot.") + "." if where.startswith("[robot.") else ""
+    read = {}
+    for name, value in table.items():
+        if name not in known:
+            words = f"{name!r} is nothing that {where} has; {instead(name, [*known, *also])}"
+            raise Wrong(f"{part}{name}", words)
+        try:
+            read[name] = known[name](value)
+        except ValueError as error:
+            shown = repr(value) if isinstance(value, str) else str(value)
+            raise Wrong(f"{part}{name}", f"{name}: expected {error}; got {shown[:60]}") from None
+    return read
+
+
+def _text(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:.10g}"

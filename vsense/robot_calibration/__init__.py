@@ -1,0 +1,1 @@
+"""`vsense robot calibrate`: wheels, markers and sensors of robots, measured by the cameras."""
