@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from dataclasses import replace
 from html import escape
@@ -15,9 +16,10 @@ import pytest
 from tests.report.test_report import Reader
 from vsense.cli import main
 from vsense.errors import UsageError
+from vsense.recording.form import RecordingError
 from vsense.report.report import make_report
 from vsense.report.study import results, words
-from vsense.report.study.collect import read_tables
+from vsense.report.study.collect import read_tables, tables_in
 from vsense.report.study.design import Study, studies
 from vsense.report.study.results import Questions, results_of
 from vsense.run.runs_csv import RunRow, RunsFile
@@ -199,6 +201,13 @@ def test_a_run_that_is_named_twice_counts_once(tmp_path: Path) -> None:
     other = written(tmp_path / "3.csv", [replace(plan("a")[0], verdict="void")])
     with pytest.raises(UsageError, match=r"3.csv: run '0' of series 's' is in .*1.csv, too, with"):
         read_tables([first, other])
+
+
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "x.csv")
+    with pytest.raises(RecordingError, match="is a pipe, expected a file"):
+        read_tables([tmp_path / "x.csv"])
+    assert tables_in(tmp_path) == []
 
 
 def test_what_else_differs_is_told() -> None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vsense.errors import UsageError, failing_as
-from vsense.files import read_bytes
+from vsense.files import open_bytes, read_bytes
 from vsense.recording.form import RecordingError
 from vsense.report.study import SUFFIX
 from vsense.run.runs_csv import COLUMNS, FORMER, RunRow, are_columns, condition_of, read_runs
@@ -35,7 +35,8 @@ class TableOfRuns:
 def tables_in(folder: Path) -> list[Path]:
     """The tables of runs in a folder."""
     with failing_as(RecordingError, f"{folder}: cannot be read"):
-        return [path for path in sorted(folder.glob(f"*{SUFFIX}")) if _is_table(path)]
+        files = (path for path in sorted(folder.glob(f"*{SUFFIX}")) if path.is_file())
+        return [path for path in files if _is_table(path)]
 
 
 def read_tables(paths: Iterable[Path]) -> list[TableOfRuns]:
@@ -139,5 +140,6 @@ def _is_table(path: Path) -> bool:
 
 def _head(path: Path) -> list[str]:
     """The names of a file's columns, if it has some."""
-    with path.open(encoding="utf-8-sig", errors="replace") as file:
-        return file.readline(1 << 16).rstrip("\r\n").split(",")
+    with open_bytes(path) as file:
+        line = file.readline(1 << 16).decode("utf-8-sig", "replace")
+    return line.rstrip("\r\n").split(",")

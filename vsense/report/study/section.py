@@ -61,6 +61,8 @@ def _warnings(result: StudyResult) -> Iterator[str]:
     for arm in result.study.arms:
         if not arm.runs:
             yield note(f"{arm.label} has no valid run.", "warning")
+    if not result.measures:
+        yield note("No valid run has a measure: nothing is drawn or compared.", "warning")
 
 
 def _spreads(result: StudyResult, counter: Counter) -> str:
