@@ -193,7 +193,8 @@ static void hear(struct mind *mind, uint32_t robot, const struct vs_inprocess_ti
         s->state.goal_y_mm = now->goals[3 * robot + 1];
         s->state.goal_heading = now->goals[3 * robot + 2];
     }
-    memcpy(s->state.payload, now->values + robot * bytes, bytes);
+    if (bytes > 0)
+        memcpy(s->state.payload, now->values + robot * bytes, bytes);
     for (i = 0; i < sensors; i++)
         s->state.older_us[i] = older_us(now->capture_ns, now->captures_ns[robot * sensors + i]);
     s->run = 1;

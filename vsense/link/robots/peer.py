@@ -8,7 +8,7 @@ distinguishes them. A robot that was just welcomed may try UDP for a second befo
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from vsense.link.robots.status import EventKind
 from vsense.link.robots.table import Direction, Output, Table, text_of
@@ -32,6 +32,23 @@ from vsense.link.robots.wire import (
     shown_of,
 )
 from vsense.native import ffi, lib
+
+
+class Goal(NamedTuple):
+    """Where a robot is to drive with HOME, as it saw it at the capture time.
+
+    Attributes:
+        x_mm, y_mm: ahead of it and to its left; nearer than 5 mm it only turns.
+        heading: to turn by at the goal [1e-4 rad], counter-clockwise.
+    """
+
+    x_mm: int = 0
+    y_mm: int = 0
+    heading: int = 0
+
+
+STAY = Goal()
+"""To stand where one stands."""
 
 
 @dataclass(frozen=True, slots=True)
