@@ -19,8 +19,8 @@ import numpy as np
 from vsense.arena import POSE, ArenaState, wrap_angle
 from vsense.config.specs import Pose
 from vsense.homing.floor import Floor
-from vsense.homing.homing import Homing, HomingLimits
-from vsense.homing.robots import Trouble
+from vsense.homing.homing import Homing
+from vsense.homing.robots import HomingLimits, Trouble
 from vsense.link.robots.peer import Goal
 from vsense.link.robots.table import Table
 from vsense.physics.motion import TICK_NS, Physics
@@ -55,8 +55,14 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class HomingRow:
-    """One seed: until all were home [s], who was of those that could, how far and how crooked the
-    worst of them stood, the longest contact of two robots, and a step of the planner (median, most).
+    """One seed.
+
+    Attributes:
+        time_s: until all were home or given up.
+        home, able: robots that are at home, of so many that could drive.
+        worst_mm, worst_deg: how far from it and how crooked the worst of these stand.
+        contact_s: the longest contact of two robots.
+        step_ms, most_ms: processor time of a step of the planner, median and most.
     """
 
     seed: int

@@ -109,7 +109,7 @@ class Floor:
     def way(
         self, start: Point, end: Point, room_m: float, discs: Floats = NO_DISCS
     ) -> list[Point] | None:
-        """A short way that keeps so far from everything: corners, then its end; None: there is none.
+        """A short way that keeps so far from everything: corners, then its end; None: none does.
 
         From a start or to an end that is nearer to something it begins or ends at the nearest
         free place.

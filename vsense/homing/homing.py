@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,7 @@ from vsense.config.specs import Pose
 from vsense.homing.assignment import Way, assign, straight_m
 from vsense.homing.floor import Floor
 from vsense.homing.motion import MAX_M_S, braked_m_s, carrot_m, in_frame
-from vsense.homing.robots import Traveller, Trouble
+from vsense.homing.robots import LIMITS, Arrival, HomingLimits, Traveller, Trouble
 from vsense.homing.traffic import Crowd, Decision, decide
 from vsense.link.robots.peer import STAY, Goal
 from vsense.world.entities import BODY_RADIUS_M
@@ -48,31 +47,8 @@ FREE_NS = 1_500_000_000
 """Who is stuck tries another direction for so long."""
 TRIES = 3
 """And so often."""
-
-
-@dataclass(frozen=True, slots=True)
-class HomingLimits:
-    """How long robots are waited for.
-
-    Attributes:
-        all_s: of all of it; then whoever is on its way is left where it is.
-        hindered_s: for who is not seen, or has no link, when all others are home.
-    """
-
-    all_s: float = 90.0
-    hindered_s: float = 10.0
-
-
-@dataclass(frozen=True, slots=True)
-class Arrival:
-    """How it ended for one robot: `trouble` is "" for who is at `home`."""
-
-    tag: int
-    name: str
-    home: Pose
-    left_m: float
-    left_rad: float
-    trouble: str
+_LONGEST_NS = 500_000_000
+"""Between two arena states no more time than this counts."""
 
 
 class Homing:
@@ -95,13 +71,14 @@ class Homing:
         names: Mapping[int, str],
         kinds: Mapping[int, Hashable],
         floor: Floor,
-        limits: HomingLimits = HomingLimits(),  # noqa: B008 (frozen)
+        limits: HomingLimits = LIMITS,
     ) -> None:
         self.robots = {t: Traveller(t, names.get(t, ""), home, home) for t, home in homes.items()}
         self.done = False
         self.news: list[str] = []
         self._kinds, self._floor, self._limits = dict(kinds), floor, limits
         self._begun_ns: int | None = None
+        self._newest_ns = self._spent_ns = 0
         self._dealt: frozenset[int] | None = None
         self._hindered_ns = dict[int, int]()
         self._round = 0
@@ -114,14 +91,17 @@ class Homing:
 
         Args:
             state: the newest arena state; time is its capture time.
-            troubles: by tag, who cannot be told to drive, and why: `Trouble.NO_LINK`, `TOO_OLD`.
+            troubles: by tag, who cannot be told to drive, and why: see `hindered`.
 
         Returns:
             A goal for every robot.
         """
         now_ns = state.capture_ns
         if self._begun_ns is None:
-            self._begun_ns = now_ns
+            self._begun_ns = self._newest_ns = now_ns
+        # A pause, or a tracker that is silent, takes nobody's time.
+        self._spent_ns += min(now_ns - self._newest_ns, _LONGEST_NS)
+        self._newest_ns = now_ns
         self._look(state, now_ns)
         for robot in self.robots.values():
             self._judge(robot, troubles.get(robot.tag, Trouble.NONE), now_ns)
@@ -137,6 +117,11 @@ class Homing:
             robot.tag: self._goal(robot, row, crowd, decision)
             for row, robot in enumerate(self.robots.values())
         }
+
+    @property
+    def spent_s(self) -> float:
+        """How long it has taken up to now, pauses left out."""
+        return self._spent_ns / 1e9
 
     def rest(self) -> None:
         """The robots were stopped for a while: nobody is stuck."""
@@ -155,8 +140,9 @@ class Homing:
         """One line for people."""
         robots = self.robots.values()
         there = sum(robot.settled_ns is not None for robot in robots)
-        hindered = [f"{r.tag} {r.trouble.value}" for r in robots if r.trouble is not Trouble.NONE]
-        return f"{there}/{len(self.robots)} at their starts" + "".join(f", {t}" for t in hindered)
+        hindered = [str(r.tag) for r in robots if r.trouble is not Trouble.NONE]
+        without = f" (not {', '.join(hindered)})" if hindered else ""
+        return f"{there}/{len(self.robots)} at their starts{without}"
 
     def _why(self, robot: Traveller) -> str:
         if robot.settled_ns is not None and robot.trouble in (Trouble.NONE, Trouble.BLOCKED):
@@ -179,7 +165,7 @@ class Homing:
             robot.given_up, robot.tries, robot.trouble = False, 0, Trouble.NONE
         if robot.given_up:
             return
-        trouble = told
+        trouble = robot.lasting(told, now_ns)
         if trouble is Trouble.NONE and (robot.pose is None or now_ns - robot.seen_ns > LOST_NS):
             trouble = Trouble.UNSEEN
         if trouble is Trouble.NONE and robot.trouble is Trouble.BLOCKED:
@@ -247,8 +233,7 @@ class Homing:
 
     def _end(self, now_ns: int) -> None:
         """Gives up whoever keeps everybody waiting."""
-        assert self._begun_ns is not None
-        over = now_ns - self._begun_ns > self._limits.all_s * 1e9
+        over = self._spent_ns > self._limits.all_s * 1e9
         waiting = [r for r in self.robots.values() if not r.given_up and not r.is_home(now_ns)]
         driving = [r for r in waiting if r.trouble is Trouble.NONE]
         for robot in waiting:

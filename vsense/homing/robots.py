@@ -1,4 +1,4 @@
-"""What is known of one robot on its way home: where it is, what hinders it, and what it was told."""
+"""What is known of one robot on its way home: where it is, and what hinders it."""
 
 from __future__ import annotations
 
@@ -21,6 +21,8 @@ STILL_M, STILL_RAD = 0.008, 0.12
 """Who moves less than this ..."""
 STILL_NS = 2_500_000_000
 """... in so long, although told to drive, is stuck."""
+HELD_NS = 2_000_000_000
+"""A base that lets nothing drive for so long is in trouble."""
 FREED_M = 0.03
 """Who was given up and is found so far from there tries again: somebody has helped."""
 
@@ -30,11 +32,40 @@ class Trouble(str, Enum):
 
     NONE = ""
     NO_LINK = "no link"
+    HELD = "its base or battery does not let it drive"
     TOO_OLD = "cannot drive home: deploy"
     UNSEEN = "not seen"
     STUCK = "stuck"
     BLOCKED = "blocked"
     LATE = "not there in time"
+
+
+@dataclass(frozen=True, slots=True)
+class HomingLimits:
+    """How long robots are waited for.
+
+    Attributes:
+        all_s: of all of it; then whoever is on its way is left where it is.
+        hindered_s: for who is not seen, or has no link, when all others are home.
+    """
+
+    all_s: float = 90.0
+    hindered_s: float = 10.0
+
+
+LIMITS = HomingLimits()
+
+
+@dataclass(frozen=True, slots=True)
+class Arrival:
+    """How it ended for one robot: `trouble` is "" for who is at `home`."""
+
+    tag: int
+    name: str
+    home: Pose
+    left_m: float
+    left_rad: float
+    trouble: str
 
 
 @dataclass(slots=True)
@@ -55,6 +86,7 @@ class Traveller:
         free_until_ns: until then it drives away from where it is stuck.
         since: when it began to be watched for motion, and where that was.
         best_m, best_ns: how near it has come to its home, and when.
+        held_ns: since when its daemon says that it cannot drive.
         pushed: how often it was given right of way because it did not get on.
     """
 
@@ -77,6 +109,7 @@ class Traveller:
     best_m: float = math.inf
     best_ns: int = 0
     pushed: int = 0
+    held_ns: int | None = None
 
     @property
     def label(self) -> str:
@@ -106,6 +139,14 @@ class Traveller:
     def is_home(self, now_ns: int) -> bool:
         """Whether it stands at its home for good."""
         return self.settled_ns is not None and now_ns - self.settled_ns >= SETTLED_NS
+
+    def lasting(self, told: Trouble, now_ns: int) -> Trouble:
+        """What it is told to suffer from; a base that is silent for a moment counts as nothing."""
+        if told is not Trouble.HELD:
+            self.held_ns = None
+            return told
+        self.held_ns = self.held_ns or now_ns
+        return told if now_ns - self.held_ns > HELD_NS else Trouble.NONE
 
     def was_freed(self) -> bool:
         """Whether somebody has moved it since it was given up."""

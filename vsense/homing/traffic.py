@@ -140,7 +140,7 @@ def _shyness_m(crowd: Crowd, robot: int, floor: Floor) -> float:
     target = crowd.targets[robot]
     away = np.hypot(*(crowd.poses[:, :2] - target).T) - crowd.apart_m[robot]
     away[robot] = math.inf
-    wall_m = float(floor.clearance_m(target)) - crowd.room_m[robot]
+    wall_m = float(floor.clearance_m(target)) - float(crowd.room_m[robot])
     return max(0.001, min(SHY_M, wall_m, float(away.min())))
 
 

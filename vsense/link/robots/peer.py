@@ -144,11 +144,13 @@ class Peer:
         values: Values,
         now_ns: int,
         log_heard: int = 0,
+        goal: Goal = STAY,
     ) -> bytes:
         """Makes the next STATE packet; send the same bytes on every path it is to take.
 
         The arena was seen at `capture_ns`, host's clock; `values` are in the table's order;
-        `log_heard` is the number of the robot's newest log line that has come.
+        `log_heard` is the number of the robot's newest log line that has come; `goal` counts with
+        HOME.
 
         Raises:
             WireError: no session is open, or VS_ERR_SEQUENCE: renew the session.
@@ -157,6 +159,8 @@ class Peer:
         self._put_values(values, capture_ns)
         self._state.wanted, self._state.from_timestep = orders.wanted, orders.from_timestep
         self._state.log_heard = log_heard
+        to = goal if orders.wanted == Wanted.HOME else STAY
+        self._state.goal_x_mm, self._state.goal_y_mm, self._state.goal_heading = to
         header = self._header
         header.run, header.timestep, header.capture_ns = orders.run, timestep, capture_ns
         code = lib.vs_peer_send_state(
