@@ -258,16 +258,17 @@ class Homing:
             if robot.moves:
                 targets[row], speeds[row] = self._target(robot, row, discs, now_ns)
         homes = np.array([r.home[:2] for r in robots])
+        moves = np.array([r.moves for r in robots])
         ends = np.array([len(r.way) == 1 and not r.near for r in robots])
         order = sorted(range(len(robots)), key=lambda row: self._precedence(robots[row]))
         return Crowd(
             poses=poses,
-            moves=np.array([r.moves for r in robots]),
+            moves=moves,
             targets=targets,
             speeds=speeds,
             reach_m=np.where(ends, [min(r.left_m, 1e3) for r in robots], math.inf),
             order=order,
-            apart_m=self._apart_m(robots, homes),
+            apart_m=self._apart_m(robots, np.where(moves[:, np.newaxis], homes, poses[:, :2])),
             room_m=np.minimum(ROOM_M, self._floor.clearance_m(homes) - 0.003),
             headings=self._headings,
             driven=self._driven,
@@ -278,15 +279,17 @@ class Homing:
         return robot.near, -robot.pushed, self._rank[robot.tag]
 
     @staticmethod
-    def _apart_m(robots: list[Traveller], homes: Floats) -> Floats:
-        """(n, n) how far middles keep apart."""
-        away = homes[:, np.newaxis] - homes[np.newaxis]
+    def _apart_m(robots: list[Traveller], ends: Floats) -> Floats:
+        """(n, n) how far middles keep apart; `ends` (n, 2) is where each is going to stand."""
+        away = ends[:, np.newaxis] - ends[np.newaxis]
         between = np.hypot(away[..., 0], away[..., 1]) - 0.004
         np.fill_diagonal(between, math.inf)
-        apart = np.clip(between, TOUCH_M, APART_M)
-        more = [0.0 if r.moves else UNSEEN_M if r.trouble is Trouble.UNSEEN else STANDING_M
-                for r in robots]  # fmt: skip
-        return np.asarray(apart + np.maximum(*np.meshgrid(more, more)))
+        more = [
+            0.0 if r.moves else UNSEEN_M if r.trouble is Trouble.UNSEEN else STANDING_M
+            for r in robots
+        ]
+        wanted = APART_M + np.maximum(*np.meshgrid(more, more))
+        return np.asarray(np.maximum(np.minimum(wanted, between), TOUCH_M))
 
     def _discs(self, now_ns: int, but: Traveller | None = None) -> Floats:
         """(k, 3) those that ways lead around: who cannot move, and with `but` whoever stands."""
