@@ -11,14 +11,14 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 from vsense.arena import POSE, ArenaState, wrap_angle
 from vsense.config.specs import Pose
-from vsense.homing.floor import Floor
+from vsense.homing.floor import FreeFloor
 from vsense.homing.homing import Homing
 from vsense.homing.robots import HomingLimits, Trouble
 from vsense.link.robots.peer import Goal
@@ -27,6 +27,7 @@ from vsense.physics.motion import TICK_NS, Physics
 from vsense.robot import build
 from vsense.robot.build import SHIPPED_CONTROLLER
 from vsense.robot.inprocess import Robots
+from vsense.terminal import aligned
 from vsense.world.entities import BODY_RADIUS_M, Arena
 
 ARENA_M = (3.0, 2.4)
@@ -104,7 +105,7 @@ class HomingField:
             {tag: Pose(*home) for tag, home in enumerate(homes.tolist())},
             {tag: f"epuck_{tag}" for tag in range(robots)},
             dict.fromkeys(range(robots), "epuck"),
-            Floor(arena, walls),
+            FreeFloor(arena, walls),
             HomingLimits(all_s=_LIMIT_S, hindered_s=5.0),
         )
         self._touching = dict[tuple[int, int], int]()
@@ -192,10 +193,43 @@ class HomingField:
             self.contact_ns = max(self.contact_ns, self._touching.pop(pair))
 
 
-def run(say: Say, seeds: int = SEEDS) -> list[HomingRow]:
-    """Drives robots home from so many random starts."""
+def run(say: Say, seeds: int = SEEDS) -> dict[str, Any]:
+    """Drives robots home from so many random starts.
+
+    Returns:
+        `rows`, one `HomingRow` as a dict for each seed; `good`: how many of them are what is asked
+        for; `median_s` and `slowest_s`.
+    """
     rows = []
     for seed in range(1, seeds + 1):
         rows.append(HomingField(seed).run(seed))
         say(f"seed {seed}: {rows[-1].home} of {rows[-1].able} home after {rows[-1].time_s:.1f} s")
-    return rows
+    times = [row.time_s for row in rows]
+    return {
+        "rows": [asdict(row) for row in rows],
+        "good": sum(row.is_good for row in rows),
+        "median_s": float(np.median(times)),
+        "slowest_s": max(times),
+    }
+
+
+def table(report: dict[str, Any]) -> str:
+    """The report as text."""
+    titles = ("seed", "s", "home", "worst mm", "worst deg", "contact s", "planner ms", "most")
+    lines: list[tuple[str, ...]] = [titles]
+    for row in report["rows"]:
+        numbers = (row[name] for name in ("worst_mm", "worst_deg"))
+        lines.append(
+            (
+                *(str(row["seed"]), f"{row['time_s']:.1f}", f"{row['home']}/{row['able']}"),
+                *(f"{number:.1f}" for number in numbers),
+                *(f"{row['contact_s']:.2f}", f"{row['step_ms']:.1f}", f"{row['most_ms']:.1f}"),
+            )
+        )
+    verdict = (
+        f"{report['good']} of {len(report['rows'])} seeds: all that could drive within"
+        f" {HOME_M * 1e3:.0f} mm and {HOME_DEG:.0f} deg, no contact longer than {CONTACT_S} s;"
+        f" median {report['median_s']:.1f} s of {MEDIAN_S:.0f} s allowed,"
+        f" slowest {report['slowest_s']:.1f} s"
+    )
+    return "\n".join([*aligned(lines, left=1), verdict])

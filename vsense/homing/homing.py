@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from vsense.arena import ArenaState, wrap_angle
 from vsense.config.specs import Pose
 from vsense.homing.assignment import Way, assign, straight_m
-from vsense.homing.floor import Floor
+from vsense.homing.floor import FreeFloor
 from vsense.homing.motion import MAX_M_S, braked_m_s, carrot_m, in_frame
 from vsense.homing.robots import LIMITS, Arrival, HomingLimits, Traveller, Trouble
-from vsense.homing.traffic import Crowd, Decision, decide
+from vsense.homing.traffic import Decision, Travellers, decide
 from vsense.link.robots.peer import STAY, Goal
 from vsense.world.entities import BODY_RADIUS_M
 
@@ -70,7 +70,7 @@ class Homing:
         homes: Mapping[int, Pose],
         names: Mapping[int, str],
         kinds: Mapping[int, Hashable],
-        floor: Floor,
+        floor: FreeFloor,
         limits: HomingLimits = LIMITS,
     ) -> None:
         self.robots = {t: Traveller(t, names.get(t, ""), home, home) for t, home in homes.items()}
@@ -248,7 +248,7 @@ class Homing:
         far = "" if robot.pose is None else f", {robot.left_m:.2f} m from its start"
         self.news.append(f"{robot.label} is left where it is{far}: {why.value}")
 
-    def _crowd(self, now_ns: int) -> Crowd:
+    def _crowd(self, now_ns: int) -> Travellers:
         robots = list(self.robots.values())
         self._round += 1
         poses = np.array([r.pose or (1e3 + r.tag, 1e3, 0.0) for r in robots])
@@ -261,7 +261,7 @@ class Homing:
         moves = np.array([r.moves for r in robots])
         ends = np.array([len(r.way) == 1 and not r.near for r in robots])
         order = sorted(range(len(robots)), key=lambda row: self._precedence(robots[row]))
-        return Crowd(
+        return Travellers(
             poses=poses,
             moves=moves,
             targets=targets,
@@ -360,7 +360,7 @@ class Homing:
             robot.free_until_ns = now_ns + FREE_NS
             self.news.append(f"{robot.label} is stuck: try {robot.tries} of {TRIES} to free it")
 
-    def _goal(self, robot: Traveller, row: int, crowd: Crowd, decision: Decision) -> Goal:
+    def _goal(self, robot: Traveller, row: int, crowd: Travellers, decision: Decision) -> Goal:
         if not robot.moves or robot.pose is None:
             return STAY
         pose, speed = robot.pose, float(decision.speeds[row])

@@ -166,7 +166,8 @@ class Traveller:
 
     def send(self, home: Pose, now_ns: int) -> None:
         """Gives it another home."""
-        if home == self.home and self.best_ns:
+        if home == self.home:
+            self.best_ns = self.best_ns or now_ns
             return
         self.home, self.way = home, []
         self.near, self.settled_ns = False, None

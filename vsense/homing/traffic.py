@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import wrap_angle
-from vsense.homing.floor import Floor
+from vsense.homing.floor import FreeFloor
 from vsense.homing.motion import CHOICES, STEPS, choices, foretell
 
 Floats = NDArray[np.float64]
@@ -37,7 +37,7 @@ STAND = CHOICES - 1
 
 
 @dataclass(slots=True)
-class Crowd:
+class Travellers:
     """Everybody at one moment; n robots.
 
     Attributes:
@@ -73,7 +73,7 @@ class Decision:
     wanted: NDArray[np.bool_]
 
 
-def decide(crowd: Crowd, floor: Floor) -> Decision:
+def decide(crowd: Travellers, floor: FreeFloor) -> Decision:
     """Finds what everybody does now."""
     poses = crowd.poses
     count = len(poses)
@@ -102,7 +102,7 @@ def decide(crowd: Crowd, floor: Floor) -> Decision:
     return Decision(directions[rows, chosen], speeds[rows, chosen], chosen == 0)
 
 
-def _own_costs(crowd: Crowd, directions: Floats, speeds: Floats, paths: Floats) -> Floats:
+def _own_costs(crowd: Travellers, directions: Floats, speeds: Floats, paths: Floats) -> Floats:
     """(n, CHOICES) how far from its target each choice leaves a robot, and what it was doing."""
     left_m = np.hypot(*(paths[:, :, -1] - crowd.targets[:, np.newaxis]).transpose(2, 0, 1))
     turned = np.abs(wrap_angle(directions - crowd.headings[:, np.newaxis]))
@@ -112,14 +112,14 @@ def _own_costs(crowd: Crowd, directions: Floats, speeds: Floats, paths: Floats) 
     return np.asarray(left_m + habit_m[:, np.newaxis] * changed)
 
 
-def _walled(crowd: Crowd, floor: Floor, paths: Floats) -> Floats:
+def _walled(crowd: Travellers, floor: FreeFloor, paths: Floats) -> Floats:
     """(n, CHOICES, STEPS) by how much choices keep clear of walls, as `_gaps`."""
     free = floor.clearance_m(paths) - crowd.room_m[:, np.newaxis, np.newaxis]
     now = floor.clearance_m(crowd.poses[:, :2]) - crowd.room_m
     return _eased(free, now[:, np.newaxis, np.newaxis])
 
 
-def _gaps(crowd: Crowd, robot: int, paths: Floats, expected: Floats) -> Floats:
+def _gaps(crowd: Travellers, robot: int, paths: Floats, expected: Floats) -> Floats:
     """(CHOICES, n, STEPS) by how much more than it must a robot keeps from each other one."""
     apart = paths[:, np.newaxis] - expected[np.newaxis]
     gaps = np.hypot(apart[..., 0], apart[..., 1]) - crowd.apart_m[robot][:, np.newaxis]
@@ -135,7 +135,7 @@ def _eased(gaps: Floats, now: Floats) -> Floats:
     return np.where(now < 0.0, gaps - now + WORSE_M, gaps)
 
 
-def _shyness_m(crowd: Crowd, robot: int, floor: Floor) -> float:
+def _shyness_m(crowd: Travellers, robot: int, floor: FreeFloor) -> float:
     """From how far away a robot is shy of things."""
     target = crowd.targets[robot]
     away = np.hypot(*(crowd.poses[:, :2] - target).T) - crowd.apart_m[robot]

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from vsense.arena import ArenaState, Frame
 from vsense.clock import host_ns
 from vsense.link.robots.peer import Goal
-from vsense.link.robots.server import NO_GOALS, VirtualSensorServer
+from vsense.link.robots.server import VirtualSensorServer
 from vsense.link.robots.wire import Values, Wanted
 from vsense.run.changes import Changes
 from vsense.run.environment import Environment
@@ -201,8 +201,9 @@ class Runtime:
         if self.changes is not None:
             self.changes.carry_out(self._environment, state.timestep, run_timestep)
         given = None if self._held else self._sense(state, run_timestep)
-        goals = NO_GOALS if self.guide is None else self.guide(state)
-        sent_ns = self._server.publish(state.timestep, state.capture_ns, self.readings, goals)
+        goals = () if self.guide is None else (self.guide(state),)
+        newest_ns = state.capture_ns
+        sent_ns = self._server.publish(state.timestep, newest_ns, self.readings, *goals)
         return Step(
             timestep=state.timestep,
             run_timestep=run_timestep,
