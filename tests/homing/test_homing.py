@@ -11,7 +11,7 @@ from vsense.arena import POSE, ArenaState
 from vsense.bench.homing import HomingField
 from vsense.config.specs import Pose
 from vsense.homing import motion
-from vsense.homing.floor import FreeFloor
+from vsense.homing.floor import DrivingFloor
 from vsense.homing.homing import Homing
 from vsense.homing.robots import HomingLimits, Trouble
 from vsense.link.robots.peer import STAY
@@ -28,10 +28,10 @@ def test_robots_come_home_past_one_that_is_dead_and_one_that_is_not_seen() -> No
     assert row.is_good
 
 
-def homing(homes: dict[int, Pose], floor: FreeFloor | None = None, **limits: float) -> Homing:
+def homing(homes: dict[int, Pose], floor: DrivingFloor | None = None, **limits: float) -> Homing:
     names = {tag: f"epuck_{tag}" for tag in homes}
     kinds = dict.fromkeys(homes, "a")
-    return Homing(homes, names, kinds, floor or FreeFloor(ARENA), HomingLimits(**limits))
+    return Homing(homes, names, kinds, floor or DrivingFloor(ARENA), HomingLimits(**limits))
 
 
 def state(number: int, poses: dict[int, Pose]) -> ArenaState:
@@ -105,7 +105,7 @@ def test_who_is_not_seen_stands_until_it_is_and_nobody_else_does() -> None:
 
 
 def test_ways_lead_around_walls_and_there_may_be_none() -> None:
-    floor = FreeFloor(ARENA, [WALL])
+    floor = DrivingFloor(ARENA, [WALL])
     way = floor.way((-0.5, 0.0), (0.5, 0.0), 0.05)
     assert way is not None and way[-1] == (0.5, 0.0)
     assert max(abs(y) for _, y in way) > 0.6
@@ -113,13 +113,13 @@ def test_ways_lead_around_walls_and_there_may_be_none() -> None:
     shortest_m = 2.0 * math.hypot(0.5, 0.65)
     length_m = sum(map(math.dist, points, points[1:]))
     assert shortest_m <= length_m < 1.15 * shortest_m
-    closed = FreeFloor(ARENA, [(0.0, 0.0, 0.0, 0.04, 2.0)])
+    closed = DrivingFloor(ARENA, [(0.0, 0.0, 0.0, 0.04, 2.0)])
     assert closed.way((-0.5, 0.0), (0.5, 0.0), 0.05) is None
 
 
 def test_a_blocked_robot_is_told_and_left_after_the_time() -> None:
     planned = homing(
-        {1: Pose(0.5, 0.0, 0.0)}, FreeFloor(ARENA, [(0.0, 0.0, 0.0, 0.04, 2.0)]), all_s=3.0
+        {1: Pose(0.5, 0.0, 0.0)}, DrivingFloor(ARENA, [(0.0, 0.0, 0.0, 0.04, 2.0)]), all_s=3.0
     )
     for number in range(40):
         planned.step(state(number, {1: Pose(-0.5, 0.0, 0.0)}), {})

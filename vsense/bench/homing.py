@@ -18,7 +18,7 @@ import numpy as np
 
 from vsense.arena import POSE, ArenaState, wrap_angle
 from vsense.config.specs import Pose
-from vsense.homing.floor import FreeFloor
+from vsense.homing.floor import DrivingFloor
 from vsense.homing.homing import Homing
 from vsense.homing.robots import HomingLimits, Trouble
 from vsense.link.robots.peer import Goal
@@ -105,7 +105,7 @@ class HomingField:
             {tag: Pose(*home) for tag, home in enumerate(homes.tolist())},
             {tag: f"epuck_{tag}" for tag in range(robots)},
             dict.fromkeys(range(robots), "epuck"),
-            FreeFloor(arena, walls),
+            DrivingFloor(arena, walls),
             HomingLimits(all_s=_LIMIT_S, hindered_s=5.0),
         )
         self._touching = dict[tuple[int, int], int]()

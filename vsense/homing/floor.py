@@ -30,7 +30,7 @@ SHY_M = 0.06
 NO_DISCS: Floats = np.zeros((0, 3))
 
 
-class FreeFloor:
+class DrivingFloor:
     """Where the middle of a robot may be.
 
     Args:
@@ -48,7 +48,7 @@ class FreeFloor:
         self._cell_m = max(CELL_M, math.sqrt(area_m2 / MOST_CELLS))
 
     @classmethod
-    def of(cls, experiment: Experiment, virtual_walls: bool = False) -> FreeFloor:
+    def of(cls, experiment: Experiment, virtual_walls: bool = False) -> DrivingFloor:
         """The floor of an experiment, on which virtual boxes and posts may count as real ones."""
         real = (experiment.boxes, experiment.cylinders)
         boxes: Iterable[Box] = real[0]

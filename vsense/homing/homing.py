@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from vsense.arena import ArenaState, wrap_angle
 from vsense.config.specs import Pose
 from vsense.homing.assignment import Way, assign, straight_m
-from vsense.homing.floor import FreeFloor
+from vsense.homing.floor import DrivingFloor
 from vsense.homing.motion import MAX_M_S, braked_m_s, carrot_m, in_frame
 from vsense.homing.robots import LIMITS, Arrival, HomingLimits, Traveller, Trouble
 from vsense.homing.traffic import Decision, Travellers, decide
@@ -70,7 +70,7 @@ class Homing:
         homes: Mapping[int, Pose],
         names: Mapping[int, str],
         kinds: Mapping[int, Hashable],
-        floor: FreeFloor,
+        floor: DrivingFloor,
         limits: HomingLimits = LIMITS,
     ) -> None:
         self.robots = {t: Traveller(t, names.get(t, ""), home, home) for t, home in homes.items()}

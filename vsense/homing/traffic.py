@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import wrap_angle
-from vsense.homing.floor import FreeFloor
+from vsense.homing.floor import DrivingFloor
 from vsense.homing.motion import CHOICES, STEPS, choices, foretell
 
 Floats = NDArray[np.float64]
@@ -73,7 +73,7 @@ class Decision:
     wanted: NDArray[np.bool_]
 
 
-def decide(crowd: Travellers, floor: FreeFloor) -> Decision:
+def decide(crowd: Travellers, floor: DrivingFloor) -> Decision:
     """Finds what everybody does now."""
     poses = crowd.poses
     count = len(poses)
@@ -112,7 +112,7 @@ def _own_costs(crowd: Travellers, directions: Floats, speeds: Floats, paths: Flo
     return np.asarray(left_m + habit_m[:, np.newaxis] * changed)
 
 
-def _walled(crowd: Travellers, floor: FreeFloor, paths: Floats) -> Floats:
+def _walled(crowd: Travellers, floor: DrivingFloor, paths: Floats) -> Floats:
     """(n, CHOICES, STEPS) by how much choices keep clear of walls, as `_gaps`."""
     free = floor.clearance_m(paths) - crowd.room_m[:, np.newaxis, np.newaxis]
     now = floor.clearance_m(crowd.poses[:, :2]) - crowd.room_m
@@ -135,7 +135,7 @@ def _eased(gaps: Floats, now: Floats) -> Floats:
     return np.where(now < 0.0, gaps - now + WORSE_M, gaps)
 
 
-def _shyness_m(crowd: Travellers, robot: int, floor: FreeFloor) -> float:
+def _shyness_m(crowd: Travellers, robot: int, floor: DrivingFloor) -> float:
     """From how far away a robot is shy of things."""
     target = crowd.targets[robot]
     away = np.hypot(*(crowd.poses[:, :2] - target).T) - crowd.apart_m[robot]

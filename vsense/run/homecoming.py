@@ -12,7 +12,7 @@ from functools import partial
 from vsense.arena import ArenaState
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment, Pose
-from vsense.homing.floor import FreeFloor
+from vsense.homing.floor import DrivingFloor
 from vsense.homing.homing import Homing
 from vsense.homing.robots import LIMITS, HomingLimits, Trouble
 from vsense.link.robots.peer import Goal
@@ -61,7 +61,7 @@ class Starts:
             self.of(seed),
             {robot.tag: robot.id for robot in settled.robots},
             {robot.tag: robot.controller for robot in settled.robots},
-            FreeFloor.of(settled, self.virtual_walls),
+            DrivingFloor.of(settled, self.virtual_walls),
             self.limits,
         )
 
