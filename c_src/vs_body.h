@@ -19,8 +19,8 @@
 #define VS_NEVER_US 0xFFFFFFFF   /* older_us of a value that was never measured */
 #define VS_UNKNOWN 255           /* a yes or no that is not known */
 #define VS_CAPABLE_KEYED 1 /* the robot has a key, and obeys only a host that has it, too */
+#define VS_CAPABLE_HOME 2  /* the robot can drive home */
 
-/* Run state, wanted (STATE) and actual (TELEMETRY). */
 enum vs_run_state { VS_IDLE = 0, VS_RUN = 1, VS_PAUSE = 2, VS_STOP = 3, VS_HOME = 4 };
 
 /* Why the robot's wheels are held at 0 (TELEMETRY); an unknown number is no error. */
@@ -60,7 +60,7 @@ struct vs_hello {
     uint64_t started;                 /* random, of this start of the daemon */
     uint32_t uptime_s;                /* [s] since the board started */
     uint16_t tag;                     /* marker on its back */
-    uint16_t capabilities;            /* VS_CAPABLE_KEYED; unknown bits are ignored */
+    uint16_t capabilities;            /* VS_CAPABLE_...; unknown bits are ignored */
     uint16_t params_room;             /* [byte] of params that the robot can hold */
     char name[VS_NAME_MAX + 1];       /* for people */
     char controller[VS_NAME_MAX + 1]; /* for people */
@@ -84,7 +84,7 @@ struct vs_notice {
 };
 
 struct vs_state {
-    uint8_t wanted;         /* enum vs_run_state */
+    uint8_t wanted;         /* enum vs_run_state, as of the host */
     int16_t goal_heading;   /* [1e-4 rad] with VS_HOME: to turn by, at the goal; else 0 */
     uint32_t from_timestep; /* VS_RUN counts when header.timestep >= from_timestep */
     uint32_t log_heard;     /* log line up to which the host has heard them, 0 = none */
@@ -96,7 +96,7 @@ struct vs_state {
 };
 
 struct vs_telemetry {
-    uint8_t state;         /* enum vs_run_state, the actual one */
+    uint8_t state;         /* enum vs_run_state, what the robot does */
     uint8_t wanted;        /* enum vs_run_state, echo */
     uint8_t stop_cause;    /* enum vs_stop_cause */
     uint8_t battery_low;   /* 0, 1 or VS_UNKNOWN */

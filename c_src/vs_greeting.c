@@ -36,7 +36,7 @@ int vs_greeting_hello(struct vs_session *s, struct vs_header *header,
     hello.started = s->config.started;
     hello.uptime_s = s->uptime_s;
     hello.tag = s->config.tag;
-    hello.capabilities = s->config.keyed ? VS_CAPABLE_KEYED : 0;
+    hello.capabilities = VS_CAPABLE_HOME | (s->config.keyed ? VS_CAPABLE_KEYED : 0);
     hello.params_room = VS_PARAMS_ROOM;
     header->key = root_of(s);
     err = vs_encode_hello(header, &hello, buf, cap, len);

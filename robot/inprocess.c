@@ -188,7 +188,13 @@ static void hear(struct mind *mind, uint32_t robot, const struct vs_inprocess_ti
 
     s->state.wanted = s->wanted = now->wanted;
     s->state.from_timestep = s->from_timestep = now->from_timestep;
-    memcpy(s->state.payload, now->values + robot * bytes, bytes);
+    if (now->goals != NULL) {
+        s->state.goal_x_mm = now->goals[3 * robot];
+        s->state.goal_y_mm = now->goals[3 * robot + 1];
+        s->state.goal_heading = now->goals[3 * robot + 2];
+    }
+    if (bytes > 0)
+        memcpy(s->state.payload, now->values + robot * bytes, bytes);
     for (i = 0; i < sensors; i++)
         s->state.older_us[i] = older_us(now->capture_ns, now->captures_ns[robot * sensors + i]);
     s->run = 1;

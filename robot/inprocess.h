@@ -35,6 +35,8 @@ struct vs_inprocess_timestep {
     const int64_t *captures_ns;  /* [robots * table's sensors] of each value, -1: never */
     const int16_t *prox;         /* [robots * 8] raw, ps0..ps7, higher is nearer */
     const int16_t *light;        /* [robots * 8] raw, ps0..ps7, higher is brighter */
+    const int16_t *goals;        /* with VS_HOME: [robots * 3] goal ahead and to the left [mm],
+                                  * goal_heading [1e-4 rad], as STATE has them; else NULL */
     /* what comes of it */
     int16_t *wheels_steps_s;     /* [robots * 2] left and right, after safety */
     uint16_t *leds;              /* [robots] bits 0-7 ring, 8 body, 9 front */

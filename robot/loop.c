@@ -21,12 +21,13 @@ static uint64_t period_ns(const struct vs_loop *loop)
     return loop->session->open ? loop->session->timestep_ns : VS_LOOP_IDLE_NS;
 }
 
-/* The host's wish, as the newest STATE says it. */
-static int wanted_to_run(const struct vs_loop *loop)
+/* What the wheels shall turn for, as the newest STATE says it; 0: they shall not. */
+static uint8_t wanted_to_run(const struct vs_loop *loop)
 {
     const struct vs_session *s = loop->session;
+    int runs = s->wanted == VS_RUN && s->timestep >= s->from_timestep;
 
-    return s->open && s->wanted == VS_RUN && s->timestep >= s->from_timestep && !loop->ending;
+    return s->open && !loop->ending && (runs || s->wanted == VS_HOME) ? s->wanted : 0;
 }
 
 static int may_move(const struct vs_loop *loop, uint64_t base_ns)
@@ -37,16 +38,17 @@ static int may_move(const struct vs_loop *loop, uint64_t base_ns)
 
 static void look_at_wish(struct vs_loop *loop)
 {
-    int running = wanted_to_run(loop);
+    uint8_t running = wanted_to_run(loop);
 
     if (running != loop->running) {
-        loop->running = (uint8_t)running;
+        loop->running = running;
+        memset(&loop->homing, 0, sizeof loop->homing);
         loop->begin_ns = loop->step_ns; /* an idle exchange delays no step */
         loop->hold_due = 1;
         loop->telemetry_due = 1;
         loop->pacing = 0;
     }
-    if (!running && (!loop->session->open || loop->session->wanted != VS_PAUSE))
+    if (running != VS_RUN && (!loop->session->open || loop->session->wanted != VS_PAUSE))
         vs_robot_rest(&loop->robot);
 }
 
@@ -144,6 +146,23 @@ static int16_t max_steps_s(const struct vs_base_reading *reading)
     return reading->max_steps_s > 0 ? reading->max_steps_s : VS_ROBOT_MAX_STEPS_S;
 }
 
+/* A step of the walk home: the controller knows nothing of it, and the LEDs are off. */
+static void walk_home(struct vs_loop *loop, const struct vs_instant *now)
+{
+    const struct vs_session *s = loop->session;
+    uint64_t age_ns = vs_session_age_ns(s, s->capture_ns, now->session_ns);
+    int16_t most = max_steps_s(&loop->robot.base);
+
+    loop->timestep_new = 0;
+    loop->command = loop->robot.command;
+    vs_homing_steer(&loop->homing, &s->state, age_ns, now->base_ns, &loop->command);
+    vs_safety_limit(&loop->command, may_move(loop, now->base_ns), most);
+    vs_homing_note(&loop->homing, &loop->command, now->base_ns);
+    if (loop->calibration != NULL)
+        vs_calibration_drive(loop->calibration, &loop->command, most);
+    loop->acting = 1;
+}
+
 static void run_controller(struct vs_loop *loop, const struct vs_instant *now)
 {
     struct vs_step *step = &loop->step;
@@ -187,7 +206,7 @@ void vs_loop_reply(struct vs_loop *loop, const struct vs_guard_reply *reply,
                         vs_base_battery_low(&loop->robot.base), now->base_ns);
     }
     if (reply->kind == VS_GUARD_SENSE && loop->running && !loop->base_lost)
-        run_controller(loop, now);
+        (loop->running == VS_RUN ? run_controller : walk_home)(loop, now);
     if (reply->kind == VS_GUARD_ACT) {
         if (loop->acting && (reply->result == VS_OK || reply->result == VS_ERR_LATE))
             loop->completed++;
@@ -305,10 +324,8 @@ static uint8_t actual_state(const struct vs_loop *loop)
     const struct vs_session *s = loop->session;
 
     if (loop->running)
-        return VS_RUN;
-    if (s->open && s->wanted != VS_RUN && s->wanted != VS_HOME) /* it cannot drive home yet */
-        return s->wanted;
-    return VS_IDLE;
+        return loop->running;
+    return s->open && s->wanted != VS_RUN && s->wanted != VS_HOME ? s->wanted : VS_IDLE;
 }
 
 /* When the host has to be told at the latest. A control step tells, so that what would fall

@@ -7,8 +7,9 @@
  * One control step: SENSE (the base's readings are one exchange old, so exchange
  * before the controller), the controller, safety, ACT. A step begins with the first
  * datagram of a new timestep, at the latest 1.25 timesteps after the last step, and
- * never less than half a timestep after it. Outside `run`, and without a session,
- * the wheels are 0: at once when that changes, and again with every idle exchange.
+ * never less than half a timestep after it. In `home` it is the same step with the walk
+ * of homing.h in the controller's place. Outside of both, and without a session, the
+ * wheels are 0: at once when that changes, and again with every idle exchange.
  */
 #ifndef VS_LOOP_H
 #define VS_LOOP_H
@@ -16,6 +17,7 @@
 #include "calibration.h"
 #include "battery.h"
 #include "guard.h"
+#include "homing.h"
 #include "robot.h"
 #include "safety.h"
 
@@ -53,12 +55,13 @@ struct vs_loop {
     const struct vs_calibration *calibration; /* of this robot, NULL: it is nominal */
     struct vs_robot robot;
     struct vs_safety safety;
+    struct vs_homing homing;   /* of this stretch of VS_HOME */
     struct vs_battery battery; /* the owner writes its stop_mv */
     struct vs_base_command applied; /* what the guard said is in force */
     struct vs_base_command command; /* newest asked for */
     struct vs_step step;            /* newest control step */
     uint8_t begun;        /* the controller's init was called */
-    uint8_t running;      /* the host wants it to run now */
+    uint8_t running;      /* VS_RUN or VS_HOME while the host wants that now, else 0 */
     uint8_t timestep_new; /* a timestep came that no control step has seen */
     uint8_t hold_due;     /* the wheels must be told to stop */
     uint8_t ending;

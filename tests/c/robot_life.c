@@ -78,7 +78,9 @@ void receive(struct world *w, int advances)
 void wish(struct world *w, uint8_t wanted)
 {
     w->session.wanted = wanted;
-    if (wanted == VS_RUN)
+    w->session.state.goal_x_mm = wanted == VS_HOME ? 30000 : 0;
+    w->homed |= wanted == VS_HOME;
+    if (wanted == VS_RUN || wanted == VS_HOME)
         w->wished_ns = 0;
     else if (w->wished_ns == 0)
         w->wished_ns = w->now.base_ns;
@@ -150,9 +152,13 @@ static void check_always(struct world *w)
     uint64_t now_ns = w->now.base_ns;
     uint64_t mend_ns = w->fault_one_in ? 2 * LATE_NS + SILENT_NS + RECOVER_NS : 0;
 
-    if (turning(w)) {
+    if (turning(w) && w->homed && w->base.leds == 0) {
+        CHECK(w->base.left_steps_s == 930 && w->base.right_steps_s == 930);
+    } else if (turning(w)) {
         CHECK(w->base.left_steps_s == (w->max_steps_s > 0 ? w->max_steps_s : 1000));
         CHECK(w->base.right_steps_s == -300);
+    }
+    if (turning(w)) {
         CHECK(now_ns < w->fresh_ns + VS_SAFETY_SILENCE_NS + 3 * EXCHANGE_NS + mend_ns);
         CHECK(w->wished_ns == 0 || now_ns < w->wished_ns + 50 * MS + mend_ns);
     }
@@ -165,9 +171,11 @@ static void check_always(struct world *w)
     }
     if (vs_loop_telemetry(&w->loop, &w->now, &telemetry)) {
         w->telemetry_ns = now_ns;
-        CHECK(telemetry.stop_cause != VS_CAUSE_NONE || telemetry.state == VS_RUN);
+        CHECK(telemetry.stop_cause != VS_CAUSE_NONE || telemetry.state == VS_RUN ||
+              telemetry.state == VS_HOME);
         CHECK(telemetry.state != VS_RUN || w->session.wanted == VS_RUN);
-        CHECK(telemetry.control_step <= w->steps);
+        CHECK(telemetry.state != VS_HOME || w->session.wanted == VS_HOME);
+        CHECK(w->homed || telemetry.control_step <= w->steps);
     }
     CHECK(!w->session.open || now_ns - w->telemetry_ns <= VS_LOOP_REPORT_NS + MS);
 }

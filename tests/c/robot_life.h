@@ -35,6 +35,7 @@ struct world {
     uint32_t fault_one_in;       /* exchanges without an answer, 0 = none */
     int fault;                   /* the present one is such */
     int16_t max_steps_s;         /* that its readings tell, 0 = nothing */
+    int homed;                   /* the host has wanted the robot to drive home */
     int unapplied;               /* the base did not understand the last one */
     uint64_t answer_ns;          /* the base's exchange is over then, 0 = none */
     enum vs_guard_action action;

@@ -141,10 +141,40 @@ static void test_end_and_lost_guard(void)
     CHECK(vs_loop_cause(&w.loop, &w.now) == VS_CAUSE_SIGNAL);
 }
 
+/* The controller is not called, its wheels and LEDs do not count; what keeps its wheels turning
+ * keeps these. */
+static void test_home_is_no_run(void)
+{
+    struct world w;
+    uint32_t steps;
+
+    begin(&w, 5);
+    open_session(&w);
+    wish(&w, VS_RUN);
+    good_host(&w, 1000 * MS);
+    CHECK(w.base.leds == VS_ROBOT_LED_RING && w.base.right_steps_s == -300);
+    steps = w.steps;
+    wish(&w, VS_HOME);
+    good_host(&w, 1000 * MS);
+    CHECK(w.steps == steps && w.base.leds == 0);
+    CHECK(w.base.left_steps_s == 930 && w.base.right_steps_s == 930);
+    CHECK(vs_loop_cause(&w.loop, &w.now) == VS_CAUSE_NONE);
+    live_for(&w, 500 * MS);
+    CHECK(!turning(&w) && vs_loop_cause(&w.loop, &w.now) == VS_CAUSE_STALE);
+    good_host(&w, 1000 * MS);
+    CHECK(turning(&w));
+    wish(&w, VS_STOP);
+    good_host(&w, 100 * MS);
+    CHECK(!turning(&w) && w.steps == steps);
+    wish(&w, VS_RUN);
+    good_host(&w, 1000 * MS);
+    CHECK(w.steps > steps && w.base.right_steps_s == -300);
+}
+
 /* The session's clock, of any offset, passes 2^64 in mid-life. */
 static void test_random_life(uint32_t seed, uint64_t timestep_ns, uint32_t fault_one_in)
 {
-    static const uint8_t wishes[] = {VS_RUN, VS_RUN, VS_RUN, VS_PAUSE, VS_STOP, VS_IDLE};
+    static const uint8_t wishes[] = {VS_RUN, VS_RUN, VS_HOME, VS_PAUSE, VS_STOP, VS_IDLE};
     struct world w;
     uint32_t loss;
     uint32_t frozen = 0;
@@ -280,6 +310,8 @@ int main(int argc, char *argv[])
     test_old_frames_are_not_fresh();
     test_controller_lives_as_long_as_its_run();
     test_end_and_lost_guard();
+    test_home_is_no_run();
+    test_home_is_no_run();
     test_completed_steps();
     test_actuators_end_with_their_experiment();
     test_ping_delays_no_step();

@@ -25,8 +25,8 @@ PROTOCOL = [
 POLLUTANT = ROBOT / "controllers" / "pollutant.c"
 OWN = [ROBOT / f"{part}.c" for part in ("robot", "leds", "log", "base_sensors", "number")]
 CALIBRATION = [ROBOT / "calibration.c"]
-MINDS = [*(ROBOT / f"{part}.c" for part in ("loop", "guard", "safety", "battery")), *CALIBRATION]
-MINDS += OWN
+MINDS = [ROBOT / f"{part}.c" for part in ("loop", "homing", "guard", "safety", "battery")]
+MINDS += [*CALIBRATION, *OWN]
 BASES = [*ROBOT.glob("base*.c"), *C_SRC.glob("epuck_*.c"), *C_SRC.glob("vs_i2c*.c")]
 BASES += [ROBOT / "number.c", C_SRC / "vs_format.c", C_SRC / "vs_posix.c"]
 BASES += [*FIRMWARE.glob("*.c")]
@@ -59,9 +59,10 @@ SUITES = {
     "robot_number": [ROBOT / "number.c"],
     "robot_calibration": [*CALIBRATION, ROBOT / "number.c"],
     "robot_stop": [ROBOT / "guard.c", *BASES],
+    "robot_homing": [ROBOT / "homing.c"],
     "robot_loop": [TESTS / "robot_life.c", *MINDS, *PROTOCOL],
     "robot_inprocess": [
-        *(ROBOT / f"{part}.c" for part in ("inprocess", "loop", "safety", "battery")),
+        *(ROBOT / f"{part}.c" for part in ("inprocess", "loop", "homing", "safety", "battery")),
         *CALIBRATION,
         *OWN,
         *PROTOCOL,

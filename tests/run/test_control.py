@@ -57,6 +57,9 @@ SITUATIONS: dict[str, tuple[str, State, bool, bool]] = {
     "ended": ("begin end", State.ENDED, False, False),
     "ended, asked": ("begin end start", State.ENDED, False, True),
     "reset": ("begin reset", State.ENDED, False, True),
+    "homing": ("home", State.HOMING, False, False),
+    "resting": ("home pause", State.HOMING_PAUSED, False, False),
+    "resting, asked": ("home pause start", State.HOMING_PAUSED, True, False),
     "emergency": ("begin emergency", State.EMERGENCY, False, False),
     "early emergency": ("emergency", State.EMERGENCY, False, False),
 }
@@ -114,6 +117,21 @@ reset           | pause     | refused         | -     | cannot pause: run 1 is e
 reset           | stop      | refused         | -     | cannot stop: run 1 is ended
 reset           | reset     | reset           | -     | reset: run 2 waits for a start
 reset           | emergency | emergency       | STOP  | HALTED
+homing          | start     | refused         | -     | run 1 is going on already
+homing          | pause     | resting         | PAUSE | the robots rest on their way home
+homing          | stop      | ended           | STOP  | run 1 is stopped on the way home
+homing          | reset     | reset           | STOP  | reset: run 2 waits for a start
+homing          | emergency | early emergency | STOP  | HALTED
+resting         | start     | resting, asked  | -     | the robots drive on to their starts
+resting         | pause     | refused         | -     | cannot pause: run 1 is homing paused
+resting         | stop      | ended           | STOP  | run 1 is stopped on the way home
+resting         | reset     | reset           | STOP  | reset: run 2 waits for a start
+resting         | emergency | early emergency | STOP  | HALTED
+resting, asked  | start     | refused         | -     | Ann has asked for it already
+resting, asked  | pause     | resting         | -     | the robots go on resting
+resting, asked  | stop      | ended           | STOP  | run 1 is stopped on the way home
+resting, asked  | reset     | reset           | STOP  | reset: run 2 waits for a start
+resting, asked  | emergency | early emergency | STOP  | HALTED
 emergency       | start     | refused         | -     | after an emergency stop: reset first
 emergency       | pause     | refused         | -     | cannot pause: run 1 is emergency
 emergency       | stop      | refused         | -     | cannot stop: run 1 is emergency
@@ -135,6 +153,7 @@ def reach(situation: str, suspends: bool = False) -> Played:
     played = Played(suspends=suspends)
     steps = {
         "begin": played.begin,
+        "home": lambda: played.control.home(lambda: None),
         "ready": played.control.ready,
         "end": lambda: played.control.end("time"),
     }
@@ -308,3 +327,42 @@ def test_a_slow_disk_holds_up_no_emergency_stop(played: Played) -> None:
     played.control.record = slow
     played.give(OrderKind.RECORD, value=1)
     assert played.commands == [Wanted.STOP]
+
+
+def test_on_the_way_home_pause_stop_and_emergency_work(played: Played) -> None:
+    control = played.control
+
+    def drive() -> None:
+        played.commands.append(Wanted.HOME)
+
+    assert control.home(drive) and control.state is State.HOMING
+    played.give(OrderKind.PAUSE)
+    assert (control.state, played.commands[-1]) == (State.HOMING_PAUSED, Wanted.PAUSE)
+    assert not control.asked and not control.arrive(lambda: None)
+    played.give(OrderKind.START)
+    # The run's own thread has them drive on.
+    assert control.asked and played.commands[-1] is Wanted.PAUSE
+    assert control.home(drive) and not control.asked
+    assert played.begin() and control.state is State.RUNNING
+
+
+@pytest.mark.parametrize(
+    ("kind", "state"),
+    [
+        (OrderKind.STOP, State.ENDED),
+        (OrderKind.RESET, State.ENDED),
+        (OrderKind.EMERGENCY, State.EMERGENCY),
+    ],
+)
+@pytest.mark.parametrize("paused", [False, True])
+def test_what_ends_the_way_home_starts_no_run(
+    played: Played, kind: OrderKind, state: State, paused: bool
+) -> None:
+    control = played.control
+    control.home(lambda: None)
+    if paused:
+        played.give(OrderKind.PAUSE)
+    played.give(kind)
+    assert (control.state, played.commands[-1]) == (state, Wanted.STOP)
+    assert not control.home(lambda: None) and not control.arrive(lambda: None)
+    assert not played.begin() and played.starts == 0

@@ -36,7 +36,8 @@ def test_hello_says_who_the_robot_is() -> None:
     robot = RobotSession(b"u" * 16, 23, "epuck_23", "pollutant")
     header, hello = decode(robot.connect(5 * S, nonce=b"n" * 16, uptime_s=77))
     texts = "epuck_23", "pollutant", "9.9", "abc"
-    assert hello == Hello(b"u" * 16, 23, *texts, nonce=b"n" * 16, started=5, uptime_s=77)
+    known = {"nonce": b"n" * 16, "started": 5, "uptime_s": 77, "capabilities": 2}
+    assert hello == Hello(b"u" * 16, 23, *texts, **known)
     assert (header.session, header.send_ns, header.echo_ns) == (0, 5 * S, 0)
     assert robot.tcp_out(5 * S) == b""
 

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from vsense.bench import grabbing, identity, robot, sim, tracking, trade_off, world
+from vsense.bench import grabbing, homing, identity, robot, sim, tracking, trade_off, world
 from vsense.commands import arguments
 from vsense.errors import UsageError
 from vsense.terminal import aligned
@@ -23,7 +23,8 @@ DESCRIPTION = (
     " 'world' times the virtual world's timestep for 15, 100 and 1000 robots with 24 light"
     " sensors each, and a simulation of the pollutant experiment. 'sim' counts the robots that a"
     " simulation steps in a second of processor time, in the world in which it was compared with"
-    " ARGoS. 'grabbing' says what a GigE"
+    " ARGoS. 'homing' has robots drive from random places to random places, with wrong wheels, lost"
+    " packets, a dead robot and one that is not seen for a while. 'grabbing' says what a GigE"
     " camera's pictures cost on top of finding markers in them, with Aravis' fake camera or your"
     " own (--device). 'robot' says how large vsensed"
     " is on every kind of board, how much memory it holds, and how many instructions and system"
@@ -36,6 +37,7 @@ _TIMESTEPS = 2500
 _ONLY = {
     **dict.fromkeys(("pictures", "walk", "output", "plans"), "tracking"),
     "timesteps": "identity",
+    "seeds": "homing",
     "device": "grabbing",
 }
 """Options that one subject has only."""
@@ -45,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     parser.add_argument(
         "subject",
-        choices=["tracking", "identity", "grabbing", "world", "sim", "robot"],
+        choices=["tracking", "identity", "grabbing", "world", "sim", "homing", "robot"],
         help="what is measured",
     )
     parser.add_argument(
@@ -61,6 +63,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=arguments.positive,
         metavar="N",
         help=f"identity: how many, of each marker family (default: {_TIMESTEPS})",
+    )
+    parser.add_argument(
+        "--seeds",
+        type=arguments.positive,
+        metavar="N",
+        help=f"homing: from so many random places (default: {homing.SEEDS})",
     )
     parser.add_argument(
         "--device", metavar="ID", help="grabbing: a GigE camera's address, id or serial number"
@@ -113,6 +121,9 @@ def run(options: argparse.Namespace) -> int:
     elif options.subject == "robot":
         report = robot.run(_say)
         text = robot.table(report)
+    elif options.subject == "homing":
+        report = homing.run(_say, options.seeds or homing.SEEDS)
+        text = homing.table(report)
     elif options.subject == "sim":
         report = sim.run(options.rounds, _say)
         text = sim.table(report)

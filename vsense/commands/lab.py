@@ -111,6 +111,7 @@ def run(options: argparse.Namespace) -> int:
         return 0
     port = _port(options, opened)
     _set_pace(options.pace, opened.host)
+    starts = experiments.starts_of(options, opened)
     experiment, seed, directory = experiments.prepare(options, opened)
     console = Console()
     _warn(console, experiment)
@@ -122,7 +123,7 @@ def run(options: argparse.Namespace) -> int:
         robots = hardware.robots_of(options, experiment)
         made = experiments.made_of(options, experiment, seed) | told_all(robots.hardware)
         who = (experiment.host, port), trust, console, interrupted, room
-        setup = RunSetup(experiment, seed, options.blind, *who, made)
+        setup = RunSetup(experiment, seed, options.blind, *who, made, starts)
         base = options.base, options.firmware_watchdog, options.legacy_port
         session = Session(setup, directory, *base, options.cameras, known, robots)
         series = Series(directory, options.runs, room.holds, interrupted)
@@ -189,6 +190,7 @@ def _run_all(
                 directory = series.directory(session.runner.control.run)
                 room.begin_run(session.environment, directory)
                 session.wait_until_ready()
+                session.home()
                 _announce(console, session, directory)
                 rows.begin(session.runner.control.run)
                 session.run(directory, _progress(console, session))

@@ -138,7 +138,8 @@ def _run_leased(
         experiments.say_warnings(log, experiment)
         made = experiments.made_of(options, experiment, seed)
         setup = RunSetup(
-            *(experiment, seed, options.blind, (host, port), trust, log, interrupted, room, made)
+            *(experiment, seed, options.blind, (host, port), trust, log, interrupted, room, made),
+            experiments.starts_of(options, opened),
         )
         series = Series(directory, options.runs, room.holds, interrupted)
         rows = RunRows(directory, "run", dict(options.set), experiment)
@@ -197,6 +198,7 @@ class RunCommand:
         directory = self.series.directory(number)
         self.setup.room.begin_run(session.environment, directory)
         readiness = self._wait(session, number)
+        session.home()
         if self.setup.interrupted.is_set():
             self.log.end_progress()
             self.log.say("vsense: interrupted before the run: nothing was measured")

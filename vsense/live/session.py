@@ -23,6 +23,7 @@ from vsense.run.changes import Changes
 from vsense.run.changing import HANDS, Ground
 from vsense.run.control import Control
 from vsense.run.environment import Environment
+from vsense.run.homecoming import Starts, tell_end
 from vsense.run.robots import make_server
 from vsense.run.runner import Runner
 from vsense.run.runtime import Runtime, Step
@@ -47,6 +48,7 @@ class RunSetup:
         interrupted: set to end everything.
         room: where the runs are seen and steered.
         made: how the experiment was read, for recordings; see `vsense.recording.resense`.
+        starts: where robots drive before each run; None: they stay where they are.
     """
 
     experiment: Experiment
@@ -58,6 +60,7 @@ class RunSetup:
     interrupted: Interruption
     room: ControlRoom
     made: Mapping[str, Any] = field(default_factory=dict)
+    starts: Starts | None = None
 
 
 class ExperimentSession(ABC):
@@ -148,6 +151,15 @@ class ExperimentSession(ABC):
     def wait_patiently(self, limit_s: float) -> None:
         """Waits for all robots, at the longest so long; whoever is missing then may come later."""
         self.runner.wait(limit_s)
+
+    def home(self) -> None:
+        """Has the robots drive to the starts of the present run, where that is wanted."""
+        starts, seed = self.setup.starts, self.environment.seed
+        if starts is None:
+            return
+        homing = starts.homing(self.environment.experiment, seed)
+        self.runner.home(homing)
+        tell_end(homing, self.setup.console)
 
     def next_run(self) -> None:
         """Goes back to before the start of the next run, whose seed is one more."""

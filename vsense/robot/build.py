@@ -71,8 +71,8 @@ SIMULATION_PART = "inprocess"
 """What of `robot/` only a simulation needs."""
 
 FAST_PARTS = (
-    *("vs_body", "vs_bytes", "vs_clock", "vs_peer", "vs_session", "vs_tag", "vs_wire"),
-    *("epuck_argos", "epuck_bytes", "base", "base_sensors", "base_serial"),
+    *("vs_body", "vs_clock", "vs_peer", "vs_session", "vs_tag", "vs_wire"),
+    *("epuck_argos", "epuck_bytes", "base", "base_serial"),
     *("guard", "loop", "memory", "robot"),
 )
 """What a control step runs through, of most instructions. All else is compiled to small code."""

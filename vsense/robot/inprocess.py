@@ -202,6 +202,18 @@ class Robots:
         check(self._lib.vs_inprocess_step(self._all, now), "robots whose run is over")
         self.check()
 
+    def home(self, timestep: int, times_ns: tuple[int, int], goals: NDArray[np.int16]) -> None:
+        """One step of every robot's walk home, to goals (n, 3) as STATE has them; see `step`.
+
+        Of an experiment without virtual sensors.
+        """
+        now = self._now
+        self._goals = np.ascontiguousarray(goals)
+        self._point("goals", self._goals)
+        now.wanted, now.timestep = Wanted.HOME, timestep
+        now.capture_ns, now.now_ns = times_ns
+        check(self._lib.vs_inprocess_step(self._all, now), "robots whose run is over")
+
     def sense(self, readings: SensorReadings) -> None:
         """Sets what the robots sense: the arrays, in their order, as they are at each step."""
         self._kept = readings

@@ -17,7 +17,8 @@ from vsense.run.orders import Order, OrderError, OrderKind
 
 
 class State(str, Enum):
-    """The state of a run. READY waits for a START; the robots move in RUNNING only."""
+    """The state of a run. READY waits for a START; the robots move in RUNNING, and before that in
+    HOMING, where they drive to their starts."""
 
     WAITING = "waiting"
     READY = "ready"
@@ -25,10 +26,13 @@ class State(str, Enum):
     PAUSED = "paused"
     ENDED = "ended"
     EMERGENCY = "emergency"
+    HOMING = "homing"
+    HOMING_PAUSED = "homing paused"
 
 
 BEFORE = (State.WAITING, State.READY)
 DURING = (State.RUNNING, State.PAUSED)
+HOMING = (State.HOMING, State.HOMING_PAUSED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +67,12 @@ STAY = Move("run {run} stays paused")
 DROP = Move("the start is withdrawn", following=False)
 STOP = Move("run {run} is stopped", State.ENDED, Wanted.STOP, why="stopped by {by}")
 SUSPEND = Move("run {run} is suspended: start resumes it, reset ends it", State.PAUSED, Wanted.STOP)
+REST = Move("the robots rest on their way home", State.HOMING_PAUSED, Wanted.PAUSE)
+DRIVE = Move("the robots drive on to their starts", asked=True)
+ABIDE = Move("the robots go on resting")
+LEAVE = Move(
+    "run {run} is stopped on the way home", State.ENDED, Wanted.STOP, why="stopped by {by}"
+)
 BREAK = Move(_RESET, State.ENDED, Wanted.STOP, following=True, waits=True, why="reset by {by}")
 RENEW = Move(_RESET, State.ENDED, following=True, waits=True)
 AGAIN = Move("reset: run {run} waits for a start", State.WAITING, waits=True)
@@ -82,6 +92,9 @@ TABLE: Mapping[tuple[State, bool], tuple[Move | None, ...]] = {
     (State.PAUSED, True):     (None,   STAY,  STOP, BREAK, CUT),
     (State.ENDED, False):     (FOLLOW, None,  None, RENEW, HALT),
     (State.ENDED, True):      (None,   None,  DROP, RENEW, HALT),
+    (State.HOMING, False):    (None,   REST,  LEAVE, BREAK, CUT),
+    (State.HOMING_PAUSED, False): (DRIVE, None, LEAVE, BREAK, CUT),
+    (State.HOMING_PAUSED, True):  (None, ABIDE, LEAVE, BREAK, CUT),
     (State.EMERGENCY, False): (None,   None,  None, RENEW, HALT),
 }  # fmt: skip
 """What every order does, by state and whether a start was asked for; None: refused.
@@ -162,7 +175,7 @@ class Control:
     @property
     def asked(self) -> bool:
         """Whether an order wants the run to start, or to go on."""
-        return self._asked and self.state in (*BEFORE, State.PAUSED)
+        return self._asked and self.state in (*BEFORE, State.PAUSED, State.HOMING_PAUSED)
 
     def ready(self) -> None:
         """All robots are there."""
@@ -174,16 +187,32 @@ class Control:
         """Starts or resumes the run, unless an order has stopped it; says whether it did."""
         with self._lock:
             self.begun = True
-            if self.state not in (*BEFORE, State.PAUSED):
+            if self.state not in (*BEFORE, State.PAUSED, State.HOMING):
                 return False
             start()
             self.state, self._asked, self._waits = State.RUNNING, False, False
             return True
 
+    def home(self, drive: Callable[[], object]) -> bool:
+        """Has the robots drive home, or on, unless an order forbids it; says whether they do."""
+        with self._lock:
+            if self.state not in (*BEFORE, State.HOMING_PAUSED):
+                return False
+            drive()
+            self.state, self._asked = State.HOMING, False
+            return True
+
+    def arrive(self, stand: Callable[[], object]) -> bool:
+        """Has the robots stand at their starts, unless an order was faster; says whether."""
+        with self._lock:
+            if self.state == State.HOMING:
+                stand()
+            return self.state == State.HOMING
+
     def end(self, why: str) -> None:
         """The run has ended by itself."""
         with self._lock:
-            if self.state in (*BEFORE, *DURING):
+            if self.state in (*BEFORE, *DURING, *HOMING):
                 self.state, self.why, self._asked = State.ENDED, why, False
 
     def next_run(self) -> None:

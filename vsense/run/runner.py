@@ -8,6 +8,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +17,14 @@ from vsense.cameras.grabber import NoMorePictures
 from vsense.clock import host_ns, real_s
 from vsense.config.specs import Experiment, Stage
 from vsense.errors import failing_as
+from vsense.homing.homing import Homing
 from vsense.link.robots.server import VirtualSensorServer
 from vsense.link.robots.status import RobotStatus
+from vsense.link.robots.wire import Wanted
 from vsense.link.trackers.client import TrackerEnded
 from vsense.run import directory as run_directory
-from vsense.run.control import DURING, Control, State
+from vsense.run import homecoming
+from vsense.run.control import DURING, HOMING, Control, State
 from vsense.run.environment import Environment
 from vsense.run.obedience import Obedience, moves
 from vsense.run.overload import SILENCE_NS, Alarm, Overload
@@ -151,6 +155,20 @@ class Runner:
         word = {State.EMERGENCY: "EMERGENCY STOP, reset first", State.READY: "ready to start"}
         there = readiness.progress(self._heard_ns is not None)
         return f"{word.get(state, 'waiting')}: {there}"
+
+    def home(self, homing: Homing) -> None:
+        """Drives the robots to their starts, before `timesteps`; orders pause and end it."""
+        control, order = self.control, self._server.command
+        if self._interrupted.is_set() or not control.home(partial(order, Wanted.HOME)):
+            return
+        self._runtime.guide = homecoming.guide(homing, self._server, control)
+        try:
+            while not (self._interrupted.is_set() or homing.done) and control.state in HOMING:
+                self._step()
+                homecoming.tell(homing, self._console)
+        finally:
+            self._runtime.guide = None
+            control.arrive(partial(order, Wanted.IDLE))
 
     def timesteps(self) -> Iterator[Step]:
         """Starts all robots together; yields the run's timesteps, of which some may be missed."""

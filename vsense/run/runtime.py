@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 from vsense.arena import ArenaState, Frame
 from vsense.clock import host_ns
+from vsense.link.robots.peer import Goal
 from vsense.link.robots.server import VirtualSensorServer
 from vsense.link.robots.wire import Values, Wanted
 from vsense.run.changes import Changes
@@ -115,8 +116,11 @@ class Runtime:
 
     The world updates, senses and sends in the same timestep in which the arena state arrived.
     `readings` is what every robot was sent last, by tag: (value, capture time) per sensor;
-    `changes` are those that people ask for, None: there are none.
+    `changes` are those that people ask for, None: there are none; `guide` says where robots that
+    drive home are to drive, None: none does.
     """
+
+    guide: Callable[[ArenaState], Mapping[int, Goal]] | None = None
 
     def __init__(
         self,
@@ -197,7 +201,9 @@ class Runtime:
         if self.changes is not None:
             self.changes.carry_out(self._environment, state.timestep, run_timestep)
         given = None if self._held else self._sense(state, run_timestep)
-        sent_ns = self._server.publish(state.timestep, state.capture_ns, self.readings)
+        goals = () if self.guide is None else (self.guide(state),)
+        newest_ns = state.capture_ns
+        sent_ns = self._server.publish(state.timestep, newest_ns, self.readings, *goals)
         return Step(
             timestep=state.timestep,
             run_timestep=run_timestep,

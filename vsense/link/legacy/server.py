@@ -16,7 +16,8 @@ from typing import Any
 from vsense.clock import host_ns
 from vsense.link.legacy.protocol import LegacyRobot, LegacySwarm
 from vsense.link.listening import Client, ListeningServer
-from vsense.link.robots.server import VirtualSensorServer
+from vsense.link.robots.peer import Goal
+from vsense.link.robots.server import NO_GOALS, VirtualSensorServer
 from vsense.link.robots.status import EventKind, EventThrottle, LinkEvent, RobotStatus
 from vsense.link.robots.wire import GoodbyeCause, Values, Wanted
 from vsense.link.strangers import PERIOD_NS
@@ -222,9 +223,15 @@ class MixedServer(VirtualSensorServer):
         self._legacy = legacy
         return own
 
-    def publish(self, timestep: int, capture_ns: int, values: Mapping[int, Values]) -> int:
-        """See `VirtualSensorServer.publish`."""
-        sent_ns = super().publish(timestep, capture_ns, values)
+    def publish(
+        self,
+        timestep: int,
+        capture_ns: int,
+        values: Mapping[int, Values],
+        goals: Mapping[int, Goal] = NO_GOALS,
+    ) -> int:
+        """See `VirtualSensorServer.publish`; robots with the original's client drive nowhere."""
+        sent_ns = super().publish(timestep, capture_ns, values, goals)
         # Under the lock: a command that ends them must not come between flag and start.
         with self._legacy_lock:
             first = self._first_timestep is not None and timestep >= self._first_timestep

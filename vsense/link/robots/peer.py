@@ -8,7 +8,7 @@ distinguishes them. A robot that was just welcomed may try UDP for a second befo
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from vsense.link.robots.status import EventKind
 from vsense.link.robots.table import Direction, Output, Table, text_of
@@ -32,6 +32,23 @@ from vsense.link.robots.wire import (
     shown_of,
 )
 from vsense.native import ffi, lib
+
+
+class Goal(NamedTuple):
+    """Where a robot is to drive with HOME, as it saw it at the capture time.
+
+    Attributes:
+        x_mm, y_mm: ahead of it and to its left; nearer than 5 mm it only turns.
+        heading: to turn by at the goal [1e-4 rad], counter-clockwise.
+    """
+
+    x_mm: int = 0
+    y_mm: int = 0
+    heading: int = 0
+
+
+STAY = Goal()
+"""To stand where one stands."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,11 +144,13 @@ class Peer:
         values: Values,
         now_ns: int,
         log_heard: int = 0,
+        goal: Goal = STAY,
     ) -> bytes:
         """Makes the next STATE packet; send the same bytes on every path it is to take.
 
         The arena was seen at `capture_ns`, host's clock; `values` are in the table's order;
-        `log_heard` is the number of the robot's newest log line that has come.
+        `log_heard` is the number of the robot's newest log line that has come; `goal` counts with
+        HOME.
 
         Raises:
             WireError: no session is open, or VS_ERR_SEQUENCE: renew the session.
@@ -140,6 +159,8 @@ class Peer:
         self._put_values(values, capture_ns)
         self._state.wanted, self._state.from_timestep = orders.wanted, orders.from_timestep
         self._state.log_heard = log_heard
+        to = goal if orders.wanted == Wanted.HOME else STAY
+        self._state.goal_x_mm, self._state.goal_y_mm, self._state.goal_heading = to
         header = self._header
         header.run, header.timestep, header.capture_ns = orders.run, timestep, capture_ns
         code = lib.vs_peer_send_state(

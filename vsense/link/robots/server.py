@@ -16,7 +16,7 @@ from vsense.link.robots import network as ports
 from vsense.link.robots.keys import LinkTrust
 from vsense.link.robots.links import ServerState
 from vsense.link.robots.network import ServerThread
-from vsense.link.robots.peer import Orders
+from vsense.link.robots.peer import STAY, Goal, Orders
 from vsense.link.robots.roster import ExpectedRobot, SessionTable
 from vsense.link.robots.status import (
     ActuatorReport,
@@ -31,6 +31,8 @@ __all__ = ["LinkError", "LinkEvent", "RobotStatus", "VirtualSensorServer"]
 
 MOVING = frozenset({Wanted.RUN, Wanted.HOME})
 """In these the wheels may turn; in the others they stand still."""
+
+NO_GOALS: Mapping[int, Goal] = {}
 
 JOIN_S = 5.0
 """How long `close` waits for the thread; it needs half a second at most."""
@@ -94,7 +96,13 @@ class VirtualSensorServer:
         self.port = bound.port
         return bound.port
 
-    def publish(self, timestep: int, capture_ns: int, values: Mapping[int, Values]) -> int:
+    def publish(
+        self,
+        timestep: int,
+        capture_ns: int,
+        values: Mapping[int, Values],
+        goals: Mapping[int, Goal] = NO_GOALS,
+    ) -> int:
         """Sends the readings of a timestep to every robot, now and without waiting for any.
 
         Args:
@@ -102,6 +110,7 @@ class VirtualSensorServer:
             capture_ns: when the arena was seen, host's clock.
             values: by tag, the readings in the order of its table. A robot that is not in it is
                 sent its last readings again, with their own capture times.
+            goals: by tag, where robots are to drive with HOME; who is not in it stays.
 
         Returns:
             When the last packet had left, host's clock [ns].
@@ -115,7 +124,7 @@ class VirtualSensorServer:
         # robots, and the two hand Python's own lock to and fro.
         with self._lock:
             for tag, robot in self._roster.robots.items():
-                robot.hold(timestep, capture_ns, values.get(tag))
+                robot.hold(timestep, capture_ns, values.get(tag), goals.get(tag, STAY))
                 if robot.open:
                     network.send(robot, self._clock())
         network.wake_for_streams()

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from vsense.link.robots.peer import Change, Orders, Peer, Presence
+from vsense.link.robots.peer import STAY, Change, Goal, Orders, Peer, Presence
 from vsense.link.robots.status import (
     EventKind,
     LinkEvent,
@@ -130,7 +130,7 @@ class HostSession:
         self._repeat_ns = 0
         self._telemetry: Telemetry | None = None
         self._timestep = 0
-        self._capture_ns = 0
+        self._capture_ns, self._goal = 0, STAY
         self._sizes = [size for _, _, size in table.of_direction(Direction.SENSOR)]
         self._values: Values = []
         self.forget()
@@ -231,11 +231,13 @@ class HostSession:
         self._presence.left = True
         return self._event("goodbye", f"says goodbye: {notice.text or 'no reason given'}", now_ns)
 
-    def hold(self, timestep: int, capture_ns: int, values: Values | None) -> None:
+    def hold(
+        self, timestep: int, capture_ns: int, values: Values | None, goal: Goal = STAY
+    ) -> None:
         """Takes the newest readings, to be repeated until the next ones.
 
         `values` are in the table's order; None leaves the old ones, which age. The arena was seen
-        at `capture_ns`, host's clock.
+        at `capture_ns`, host's clock; `goal` is as seen from where the robot was then.
 
         Raises:
             ValueError: the readings do not fit the table.
@@ -245,7 +247,7 @@ class HostSession:
             if sizes != self._sizes:
                 raise ValueError(f"{self.label}: readings of {sizes} byte, expected {self._sizes}")
             self._values = values
-        self._timestep, self._capture_ns = timestep, capture_ns
+        self._timestep, self._capture_ns, self._goal = timestep, capture_ns, goal
 
     def forget(self) -> None:
         """Sets every reading to "never measured": a new run begins."""
@@ -267,9 +269,8 @@ class HostSession:
 
     def state(self, orders: Orders, now_ns: int) -> bytes:
         """The next STATE: all readings and the orders; an open session only."""
-        packet = self.peer.send_state(
-            orders, self._timestep, self._capture_ns, self._values, now_ns, self._log.heard
-        )
+        readings = self._timestep, self._capture_ns, self._values
+        packet = self.peer.send_state(orders, *readings, now_ns, self._log.heard, self._goal)
         self.plan(now_ns)
         return packet
 
@@ -388,4 +389,5 @@ class HostSession:
             dropped=counters,
             refused="" if connected else self.refused,
             key=self._key if self.open else None,
+            drives_home=bool(hello.capabilities & lib.VS_CAPABLE_HOME),
         )

@@ -170,6 +170,7 @@ class RobotStatus:
             or it is connected.
         key: number of the swarm key that its own is made of; None: what comes in its name may be
             anybody's.
+        drives_home: it can drive home; an older daemon cannot.
         wanted: what the host wants of it.
         ordered_ns: since when it may move, or is to stand still, host's clock.
     """
@@ -194,6 +195,7 @@ class RobotStatus:
     dropped: Mapping[str, int]
     refused: str = ""
     key: int | None = None
+    drives_home: bool = False
     wanted: Wanted = Wanted.IDLE
     ordered_ns: int = 0
 

@@ -33,7 +33,7 @@ export function troubles(store, connection) {
   if (run?.doubts?.length) {
     found.push({ level: "warning", text: "Not authenticated", more: run.doubts.join(" · ") });
   }
-  if (run?.state === "waiting") found.push({ level: "warning", text: capital(run.text), more: "" });
+  if (run?.state === "waiting" || run?.state.startsWith("homing")) found.push({ level: "warning", text: capital(run.text), more: "" });
   return found;
 }
 

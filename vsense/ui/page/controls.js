@@ -107,7 +107,7 @@ export class Controls {
       if (button.disabled === able) button.disabled = !able;
       if (button.waits && performance.now() - button.waits > WAIT_MS) this.#waits(button, 0);
     }
-    write(byId("start").querySelector("span"), state === "paused" && run?.timestep >= 0 ? "Resume" : "Start");
+    write(byId("start").querySelector("span"), state === "homing paused" || (state === "paused" && run?.timestep >= 0) ? "Resume" : "Start");
     const recording = Boolean(run?.recording?.on);
     press(byId("record"), recording);
     write(byId("record").querySelector("span"), recording ? "Recording" : "Record");

@@ -1,0 +1,119 @@
+"""Robots drive to their starts before a run: where these are, who is hindered, and what is told.
+
+`vsense.homing` says who drives where; `Runner.home` has it done.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+
+from vsense.arena import ArenaState
+from vsense.config.placement import settle
+from vsense.config.specs import Experiment, Pose
+from vsense.homing.floor import DrivingFloor
+from vsense.homing.homing import Homing
+from vsense.homing.robots import LIMITS, HomingLimits, Trouble
+from vsense.link.robots.peer import Goal
+from vsense.link.robots.server import VirtualSensorServer
+from vsense.link.robots.status import RobotStatus
+from vsense.link.robots.wire import StopCause, Wanted
+from vsense.run.control import Control, State
+from vsense.run.robots import shorten
+from vsense.terminal import Console
+
+_HELD = (StopCause.BASE, StopCause.BATTERY)
+"""For these reasons a robot that is connected may not drive."""
+
+
+@dataclass(frozen=True, slots=True)
+class Starts:
+    """Where the robots of an experiment begin its runs.
+
+    Attributes:
+        experiment: as its file says, nothing in it placed yet.
+        virtual_walls: ways to the starts lead around virtual walls, too.
+        limits: how long robots are waited for.
+    """
+
+    experiment: Experiment
+    virtual_walls: bool = False
+    limits: HomingLimits = LIMITS
+
+    def of(self, seed: int) -> dict[int, Pose]:
+        """The starts of the run with this seed, by tag: those of `vsense sim`.
+
+        Raises:
+            ConfigError: there is no place for all.
+        """
+        robots = settle(self.experiment, seed).robots
+        return {robot.tag: robot.pose for robot in robots if robot.pose is not None}
+
+    def homing(self, settled: Experiment, seed: int) -> Homing:
+        """What brings the robots there; those with the same controller exchange places.
+
+        Args:
+            settled: the experiment with everything in its place.
+            seed: of the run.
+        """
+        return Homing(
+            self.of(seed),
+            {robot.tag: robot.id for robot in settled.robots},
+            {robot.tag: robot.controller for robot in settled.robots},
+            DrivingFloor.of(settled, self.virtual_walls),
+            self.limits,
+        )
+
+
+def hindered(robots: Mapping[int, RobotStatus]) -> dict[int, Trouble]:
+    """Who cannot be told to drive home, by tag, and why."""
+    found = dict[int, Trouble]()
+    for tag, robot in robots.items():
+        if not robot.connected:
+            found[tag] = Trouble.NO_LINK
+        elif not robot.drives_home:
+            found[tag] = Trouble.TOO_OLD
+        elif robot.telemetry is not None and robot.telemetry.stop_cause in _HELD:
+            found[tag] = Trouble.HELD
+    return found
+
+
+def guide(
+    homing: Homing, server: VirtualSensorServer, control: Control
+) -> Callable[[ArenaState], Mapping[int, Goal]]:
+    """What says in each timestep where robots are to drive; nowhere while they rest.
+
+    It has them drive on where an order wants that.
+    """
+
+    def goals(state: ArenaState) -> Mapping[int, Goal]:
+        if control.asked:
+            control.home(partial(server.command, Wanted.HOME))
+        if control.state is State.HOMING:
+            return homing.step(state, hindered(server.robots()))
+        homing.rest()
+        return {}
+
+    return goals
+
+
+def tell(homing: Homing, console: Console) -> None:
+    """Says what is new on the way home, and how far they are."""
+    for line in homing.news:
+        console.say(line, "warning")
+    homing.news.clear()
+    console.progress(f"driving home: {homing.progress()}")
+
+
+def tell_end(homing: Homing, console: Console) -> None:
+    """Says who stands at its start, and who does not, and why."""
+    tell(homing, console)
+    arrivals = homing.arrivals()
+    left = [f"{a.name} ({a.trouble})" for a in arrivals if a.trouble]
+    there = f"{len(arrivals) - len(left)} of {len(arrivals)} robots stand at their starts"
+    after = f"{there} after {homing.spent_s:.0f} s"
+    if left:
+        console.say(f"{after}; not {shorten(left)}", "warning")
+    else:
+        console.say(after)
