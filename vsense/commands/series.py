@@ -1,0 +1,116 @@
+"""`vsense series`: many runs by a plan, without hands."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+from vsense.commands import arguments, experiments, rosters
+from vsense.errors import UsageError
+from vsense.run.runs_csv import MODES, RUNS, read_runs
+from vsense.series import plan as plans
+from vsense.series.folder import SeriesFolder
+from vsense.series.forecast import Forecast
+from vsense.series.parts import PlanLoader, PlannedExperiment
+from vsense.series.series import RunMaker, SeriesLoop
+from vsense.shipped import documents
+from vsense.sim.outcome import Interrupted
+from vsense.terminal import Console, Interruption, interruption, print_data
+
+DESCRIPTION = (
+    "Makes many runs by a plan, without hands: conditions at the same starts, in an order that is"
+    " shuffled block by block, simulated, in the lab or with real robots. Between runs robots drive"
+    " to their starts. A run is valid or void by criteria that the plan has; void ones are kept,"
+    " named and repeated. Every run is a row of runs.csv. Ctrl-C costs the run that goes on; the"
+    " same command goes on from there, also on another day."
+)
+
+EXAMPLE = "plan.toml"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declares the command's arguments."""
+    parser.add_argument("plan", nargs="?", type=Path, metavar="PLAN", help="a file such as plan.toml")
+    arguments.flag(parser, "--example", "print a plan whose lines are explained, and end")
+    arguments.flag(
+        parser, "--dry", "only say which runs follow, in which order, and how long they take"
+    )
+    parser.add_argument("--mode", choices=MODES, help="make the runs there (default: the plan's)")
+    parser.add_argument(
+        *("-o", "--output"),
+        type=Path,
+        metavar="DIR",
+        help="folder of the series (default: NAME-MODE beside the plan)",
+    )
+    arguments.flag(parser, "--json", "print how the series stands in the end as one JSON object")
+    parser.add_argument(
+        *("-j", "--jobs"),
+        type=arguments.positive,
+        metavar="N",
+        help="simulated runs at the same time (default: one per processor)",
+    )
+    arguments.add_code(parser)
+    rosters.add_casting(parser, found=True)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Carries a series out; 0, or 130 after Ctrl-C, 143 after SIGTERM."""
+    if options.example:
+        print_data(documents.find(EXAMPLE).text().rstrip())
+        return 0
+    if options.plan is None:
+        raise UsageError("expected a plan: vsense series --example > plan.toml makes one")
+    plan = plans.read(options.plan, options.mode)
+    casting = rosters.casting_of(options, found=plan.mode == "run")
+    loader = PlanLoader(plan, arguments.code_of(options), casting)
+    known = loader.load_all()
+    path = options.output or plan.path.parent / f"{plan.name}-{plan.mode}"
+    if options.dry:
+        table = path / RUNS
+        forecast = Forecast(plan, known, read_runs(table) if table.exists() else ())
+        print_data(json.dumps(forecast.facts(), indent=2) if options.json else forecast.table())
+        return 0
+    console = Console()
+    for warning in {text for one in known.values() for text in one.experiment.warnings}:
+        console.say(f"vsense: {warning}")
+    files = {Path(one.experiment.path) for one in known.values()}
+    with interruption() as interrupted, SeriesFolder(path, plan, sorted(files)) as folder:
+        maker = _maker(options, loader, known, console, interrupted)
+        loop = SeriesLoop(plan, folder, maker, console, interrupted)
+        return _carry_out(options, loop, console, interrupted)
+
+
+def _maker(
+    options: argparse.Namespace,
+    loader: PlanLoader,
+    known: Mapping[str, PlannedExperiment],
+    console: Console,
+    interrupted: Interruption,
+) -> RunMaker:
+    """Who makes the runs."""
+    from vsense.series.simulated import SimulatedRuns
+
+    jobs = options.jobs or len(os.sched_getaffinity(0))
+    return SimulatedRuns(loader, known, console, interrupted, jobs)
+
+
+def _carry_out(
+    options: argparse.Namespace, loop: SeriesLoop, console: Console, interrupted: Interruption
+) -> int:
+    """Makes the runs, and says how the series stands, also where one has failed."""
+    try:
+        loop.run()
+    except Interrupted:
+        loop.why = "interrupted"
+    finally:
+        console.end_progress()
+        console.say(loop.in_words())
+        if options.json:
+            print_data(json.dumps(loop.facts(), indent=2))
+    if not loop.why:
+        return 0
+    console.say(f"{loop.why}: the same command goes on from there")
+    return interrupted.code if interrupted.is_set() else 1

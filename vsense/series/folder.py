@@ -1,0 +1,152 @@
+"""The folder of a series: its plan as it was begun with, its table of runs, a folder for each run.
+
+What is done stands in runs.csv and nowhere else. A run's folder without a row is of a run that was
+cut off.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import os
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from vsense import __version__
+from vsense.errors import UsageError, VsenseError, failing_as
+from vsense.files import read_text
+from vsense.run.directory import DirectoryError, make_new
+from vsense.run.runs_csv import RUNS, RunRow, RunsFile
+from vsense.series.order import PlannedRun
+from vsense.series.plan import Plan
+
+SERIES = "series.json"
+"""What the plan said when the series began, and digests of the files that it names."""
+
+_LOCK = ".lock"
+
+
+class SeriesFolder:
+    """The folder, which one process at a time has; a context that gives it back.
+
+    Attributes:
+        path: where it is.
+        table: its runs.csv.
+        changed: files that are others than when the series began.
+    """
+
+    table: RunsFile
+
+    def __init__(self, path: Path, plan: Plan, files: Sequence[Path]) -> None:
+        """`files` are those of users that results depend on."""
+        self.path, self._plan = path, plan
+        self._digests = {str(file): _digest(file) for file in files}
+        self.changed: list[str] = []
+        self._stack = ExitStack()
+
+    def __enter__(self) -> SeriesFolder:
+        """Takes the folder, and makes it where there is none.
+
+        Raises:
+            UsageError: it is that of another plan, or another process has it.
+            VsenseError: it cannot be written.
+        """
+        try:
+            with failing_as(DirectoryError, f"cannot write to {self.path}"):
+                self.path.mkdir(parents=True, exist_ok=True)
+                self._lock()
+            self._compare()
+            self.table = RunsFile(self.path / RUNS)
+        except BaseException:
+            self._stack.close()
+            raise
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._stack.close()
+
+    @property
+    def rows(self) -> Sequence[RunRow]:
+        """The runs so far."""
+        return self.table.rows
+
+    def of_run(self, run: PlannedRun) -> Path:
+        """Makes the folder of a run; DirectoryError where it cannot be made."""
+        wanted = self.path / run.name
+        with failing_as(DirectoryError, f"cannot make {wanted}"):
+            return make_new(wanted)
+
+    def cut(self, run: PlannedRun) -> bool:
+        """Whether a run of this name began, and nobody wrote down how it ended."""
+        return (self.path / run.name).is_dir()
+
+    def _lock(self) -> None:
+        file = self._stack.enter_context((self.path / _LOCK).open("a+"))
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            file.seek(0)
+            who = file.read(40).strip()
+            raise UsageError(f"{self.path}: process {who} carries this series out already") from None
+        file.truncate(0)
+        file.write(str(os.getpid()))
+        file.flush()
+
+    def _compare(self) -> None:
+        """Compares the plan with that of before, or keeps it."""
+        path = self.path / SERIES
+        try:
+            before = json.loads(read_text(path))
+        except FileNotFoundError:
+            self._begin(path)
+            return
+        except (OSError, ValueError) as error:
+            raise VsenseError(f"{path}: cannot be read: {error}") from None
+        different = list(differences(before["plan"], self._plan.facts()))
+        if different:
+            raise UsageError(
+                f"{self._plan.path}: the plan has changed since the series in {self.path} began:"
+                f" {'; '.join(different[:5])}. Change it back, or begin another series with -o"
+            )
+        known = before["files"]
+        self.changed = [
+            file for file, digest in self._digests.items() if known.get(file, digest) != digest
+        ]
+
+    def _begin(self, path: Path) -> None:
+        if (self.path / RUNS).exists():
+            raise UsageError(f"{self.path}: holds runs, but of no series: choose another folder")
+        facts = {"plan": self._plan.facts(), "files": self._digests, "version": __version__}
+        with failing_as(DirectoryError, f"cannot write to {self.path}"):
+            part = path.with_name(f".{SERIES}.part")
+            part.write_text(f"{json.dumps(facts, indent=2)}\n", encoding="utf-8")
+            part.replace(path)
+            (self.path / "plan.toml").write_bytes(self._plan.path.read_bytes())
+
+
+def differences(before: Any, now: Any, name: str = "") -> list[str]:
+    """What is not the same in two plans, in words."""
+    if isinstance(before, Mapping) and isinstance(now, Mapping):
+        found = []
+        for key in dict.fromkeys((*before, *now)):
+            inner = f"{name}.{key}" if name else str(key)
+            found += differences(before.get(key), now.get(key), inner)
+        return found
+    if isinstance(before, list) and isinstance(now, list) and len(before) == len(now):
+        return [text for n, pair in enumerate(zip(before, now), 1)
+                for text in differences(*pair, f"{name} {n}")]  # fmt: skip
+    if before == now:
+        return []
+    if isinstance(before, list) and isinstance(now, list):
+        return [f"{name}: {len(before)} before, now {len(now)}"]
+    return [f"{name}: {before!r} before, now {now!r}"]
+
+
+def _digest(file: Path) -> str:
+    try:
+        return hashlib.sha256(file.read_bytes()).hexdigest()
+    except OSError as error:
+        raise VsenseError(f"{file}: cannot be read: {error.strerror}") from None
