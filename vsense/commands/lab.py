@@ -14,7 +14,7 @@ from vsense import clock
 from vsense.commands import arguments, experiments, hardware
 from vsense.config.specs import Experiment, Stage
 from vsense.errors import CutShort, UsageError, VsenseError
-from vsense.lab import calibrated, metrics, report
+from vsense.lab import calibrated, report
 from vsense.lab.calibrated import CalibratedRig
 from vsense.lab.camera_spec import CameraGrid, cameras_above
 from vsense.lab.hardware import told_all
@@ -284,20 +284,7 @@ def _report(session: Session, number: int, on_stdout: bool, console: Console) ->
     """Measures, writes, prints, and draws last."""
     recording = session.recordings[number - 1]
     measured = report.gather(session, recording)
-    summary = {
-        "experiment": session.experiment.name,
-        "run": number,
-        "seed": recording.seed,
-        "blind": session.setup.blind,
-        "robots": len(session.experiment.robots),
-        "cameras": len(session.cameras),
-        "pace": clock.pace(),
-        "calibration": None if session.known is None else session.known.figures,
-        **metrics.figures(measured),
-        "vision": session.tracking.figures(),
-        "measures": recording.measures,
-    }
-    summary |= told_all(session.robots.hardware)
+    summary = report.summarise(session, number, measured)
     console.say(report.table(summary))
     run_directory.write_summary(recording.directory, summary, on_stdout)
     if summary["unlogged_timesteps"]:

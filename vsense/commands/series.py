@@ -8,8 +8,9 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
-from vsense.commands import arguments, experiments, rosters
+from vsense.commands import arguments, rosters
 from vsense.errors import UsageError
+from vsense.lab.links import BASES
 from vsense.run.runs_csv import MODES, RUNS, read_runs
 from vsense.series import plan as plans
 from vsense.series.folder import SeriesFolder
@@ -19,6 +20,7 @@ from vsense.series.series import RunMaker, SeriesLoop
 from vsense.shipped import documents
 from vsense.sim.outcome import Interrupted
 from vsense.terminal import Console, Interruption, interruption, print_data
+from vsense.ui.room import RoomOptions
 
 DESCRIPTION = (
     "Makes many runs by a plan, without hands: conditions at the same starts, in an order that is"
@@ -33,7 +35,9 @@ EXAMPLE = "plan.toml"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
-    parser.add_argument("plan", nargs="?", type=Path, metavar="PLAN", help="a file such as plan.toml")
+    parser.add_argument(
+        "plan", nargs="?", type=Path, metavar="PLAN", help="a file such as plan.toml"
+    )
     arguments.flag(parser, "--example", "print a plan whose lines are explained, and end")
     arguments.flag(
         parser, "--dry", "only say which runs follow, in which order, and how long they take"
@@ -54,6 +58,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     arguments.add_code(parser)
     rosters.add_casting(parser, found=True)
+    _add_room(parser)
+
+
+def _add_room(parser: argparse.ArgumentParser) -> None:
+    """Declares how runs in the lab and with robots are made, seen and kept."""
+    arguments.add_bases(parser, BASES)
+    arguments.option(
+        *(parser, "--port", arguments.port, "P"),
+        "TCP and UDP port for robots; 0 takes a free one (default: the experiment's)",
+    )
+    arguments.add_web(parser)
+    arguments.add_foxglove(parser)
+    group = parser.add_argument_group("control room")
+    arguments.add_locked(group)
+    arguments.add_recording(group)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -91,10 +110,18 @@ def _maker(
     interrupted: Interruption,
 ) -> RunMaker:
     """Who makes the runs."""
-    from vsense.series.simulated import SimulatedRuns
+    mode, common = loader.plan.mode, (loader, known, console, interrupted)
+    if mode == "sim":
+        from vsense.series.simulated import SimulatedRuns
 
-    jobs = options.jobs or len(os.sched_getaffinity(0))
-    return SimulatedRuns(loader, known, console, interrupted, jobs)
+        jobs = options.jobs or len(os.sched_getaffinity(0))
+        return SimulatedRuns(*common, jobs, options.record)
+    from vsense.series.rendered import LabOptions, LabRuns
+
+    room = arguments.fill(
+        RoomOptions, options, web=arguments.web_of(options), hold=False, runs=1, series=None
+    )
+    return LabRuns(*common, LabOptions(options.base, options.port, room))
 
 
 def _carry_out(

@@ -69,7 +69,9 @@ def why_void(criteria: VoidCriteria, evidence: Evidence) -> str:
         lost = [f"{n} lost for {s:.1f} s" for n, s in evidence.lost_s.items() if s > limit_s]
         reasons += [shorten(lost)] if lost else []
     if (limit_mm := criteria.moved_mm) is not None:
-        moved = [f"{n} moved by {mm:.0f} mm" for n, mm in evidence.moved_mm.items() if mm > limit_mm]
+        moved = [
+            f"{n} moved by {mm:.0f} mm" for n, mm in evidence.moved_mm.items() if mm > limit_mm
+        ]
         reasons += [f"{shorten(moved)} by hand"] if moved else []
     if criteria.late is not None and (evidence.late or 0.0) > criteria.late:
         reasons.append(f"{100 * (evidence.late or 0.0):.1f} % of the timesteps late")

@@ -90,7 +90,9 @@ class SeriesFolder:
         except BlockingIOError:
             file.seek(0)
             who = file.read(40).strip()
-            raise UsageError(f"{self.path}: process {who} carries this series out already") from None
+            raise UsageError(
+                f"{self.path}: process {who} carries this series out already"
+            ) from None
         file.truncate(0)
         file.write(str(os.getpid()))
         file.flush()

@@ -42,7 +42,20 @@ _GROUPS = (
 _HEADERS = ("controller.h", "walk.h")
 """What controllers include: all other headers of the daemon are its own."""
 
-_SUFFIXES = (".md", ".c", ".cpp", ".h", ".hpp", ".py", ".argos", ".xml", ".xsd", ".json", ".toml", ".txt")
+_SUFFIXES = (
+    ".md",
+    ".c",
+    ".cpp",
+    ".h",
+    ".hpp",
+    ".py",
+    ".argos",
+    ".xml",
+    ".xsd",
+    ".json",
+    ".toml",
+    ".txt",
+)
 _LAYOUT = "to import into Foxglove: the arena in 3-D, the cameras, measures, the log"
 _LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)\s]+)\)")
 _TITLE_MAX = 100

@@ -52,6 +52,7 @@ class RoomOptions:
         locked: nobody may change the world while it runs.
         web: where the page is served, None: nowhere.
         foxglove: where Foxglove is served, None: nowhere.
+        series: which run of a series by plan it is; None: of none.
     """
 
     hold: bool = False
@@ -61,6 +62,7 @@ class RoomOptions:
     locked: bool = False
     web: WebAddress | None = None
     foxglove: FoxgloveAddress | None = None
+    series: Data | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -247,6 +249,7 @@ class ControlRoom:
             "directory": str(self._directory),
             "port": self._server.port,
             "run": publisher.run_data(),
+            **({} if self._options.series is None else {"series": self._options.series}),
             "robots": publisher.robots_data(self._server.robots()),
         }
 

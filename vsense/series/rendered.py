@@ -1,0 +1,128 @@
+"""The runs of a series in the lab: each in processes of its own, robots where they stood."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from vsense.config.specs import Pose
+from vsense.errors import VsenseError
+from vsense.lab import report
+from vsense.lab.session import Session
+from vsense.link.robots import keys
+from vsense.link.robots.keys import LinkTrust
+from vsense.live.session import RunSetup
+from vsense.run import directory as run_directory
+from vsense.run.runtime import Step
+from vsense.series.folder import SeriesFolder
+from vsense.series.order import PlannedRun
+from vsense.series.parts import PlanLoader, PlannedExperiment
+from vsense.series.series import Made
+from vsense.series.staged import StagedRun, room_options
+from vsense.terminal import Console, Interruption
+from vsense.ui.room import ControlRoom, RoomOptions
+
+
+@dataclass(frozen=True, slots=True)
+class LabOptions:
+    """How the lab of a series is made.
+
+    Attributes:
+        base: what robots are based on, as `vsense lab --base`.
+        port: for robots; None: the experiment's.
+        room: how runs are seen and kept.
+    """
+
+    base: str
+    port: int | None = 0
+    room: RoomOptions = field(default_factory=RoomOptions)
+
+
+class LabRuns:
+    """Runs in the lab; see `RunMaker`."""
+
+    def __init__(
+        self,
+        loader: PlanLoader,
+        known: Mapping[str, PlannedExperiment],
+        console: Console,
+        interrupted: Interruption,
+        options: LabOptions,
+    ) -> None:
+        self._loader, self._known, self._options = loader, known, options
+        self._console, self._interrupted = console, interrupted
+        self._poses: dict[int, Pose] = {}
+
+    def make(self, runs: Sequence[PlannedRun], folder: SeriesFolder) -> Iterator[Made]:
+        """Makes the first of these runs.
+
+        Raises:
+            VsenseError: the lab cannot be made, or has failed.
+        """
+        run = runs[0]
+        directory = folder.of_run(run)
+        staged = StagedRun.of(self._loader.plan, run, self._known[run.cell.condition])
+        told = room_options(self._options.room, staged.told())
+        with ControlRoom(told, self._console) as room:
+            session = Session(self._setup(staged, room), directory, self._options.base)
+            try:
+                self._drive(staged, session, room, directory)
+            except VsenseError as error:
+                room.fail(error)
+                raise
+        self._console.end_progress()
+        summary = self._report(session, directory)
+        ended = session.recordings[-1].ended
+        yield run, staged.outcome(summary, ended, session.runner.control)
+
+    def _setup(self, staged: StagedRun, room: ControlRoom) -> RunSetup:
+        experiment, cell = staged.from_where(self._poses), staged.run.cell
+        port = experiment.port if self._options.port is None else self._options.port
+        code = asdict(self._loader.code.absolute(Path.cwd()))
+        return RunSetup(
+            *(experiment, cell.seed, staged.planned.condition.blind),
+            *((experiment.host, port), LinkTrust(keys.make())),
+            *(self._console, self._interrupted, room, staged.made(code)),
+            staged.starts if self._poses else None,
+        )
+
+    def _drive(
+        self, staged: StagedRun, session: Session, room: ControlRoom, directory: Path
+    ) -> None:
+        """Carries the run out, and notes where everybody is then."""
+        plan, run = staged.plan, staged.run
+        newest: list[Step] = []
+
+        def observe(step: Step) -> None:
+            staged.witness.observe(step, session.runner.robots)
+            newest[:] = [step]
+            time_s = step.run_timestep * session.experiment.timestep_s
+            self._console.progress(
+                f"{run.name} of {plan.runs} ({run.in_words()})"
+                f" {time_s:5.1f}/{session.experiment.length_s:g} s"
+            )
+
+        with session:
+            room.begin_run(session.environment, directory)
+            session.wait_patiently(plan.robots.ready_s)
+            staged.homing = session.home()
+            staged.begin()
+            session.run(directory, observe)
+            room.recorders.end_run()
+        for step in newest:
+            rows = step.state.robots
+            for tag, x_m, y_m, yaw_rad in zip(
+                *(rows[name].tolist() for name in ("tag", "x_m", "y_m", "yaw_rad"))
+            ):
+                self._poses[tag] = Pose(x_m, y_m, yaw_rad)
+
+    def _report(self, session: Session, directory: Path) -> dict[str, Any]:
+        measured = report.gather(session, session.recordings[-1])
+        summary = report.summarise(session, len(session.recordings), measured)
+        run_directory.write_summary(directory, summary, False)
+        if not summary["unlogged_timesteps"]:
+            path = directory / f"{session.experiment.name}.png"
+            report.draw(session, session.recordings[-1], measured, path)
+        return summary

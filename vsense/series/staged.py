@@ -1,0 +1,122 @@
+"""What runs in the lab and with real robots share: where robots are, the control room, the row."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from vsense.config.placement import settle
+from vsense.config.specs import Experiment, Pose
+from vsense.homing.homing import Homing
+from vsense.run.control import Control, State
+from vsense.run.homecoming import Starts
+from vsense.run.runs_csv import row_of, utc
+from vsense.series.criteria import Evidence
+from vsense.series.order import PlannedRun
+from vsense.series.parts import PlannedExperiment
+from vsense.series.plan import Plan
+from vsense.series.series import Outcome
+from vsense.series.witness import Witness
+from vsense.ui.room import RoomOptions
+
+
+@dataclass(slots=True)
+class StagedRun:
+    """One run while it is made.
+
+    Attributes:
+        experiment: with the robots at their starts, and all that is distributed in its place.
+        homing: how the robots drove to their starts; None: they did not.
+        began_s: when the run began, by the clock.
+    """
+
+    plan: Plan
+    run: PlannedRun
+    planned: PlannedExperiment
+    experiment: Experiment
+    witness: Witness
+    homing: Homing | None = None
+    began_s: float = 0.0
+
+    @classmethod
+    def of(cls, plan: Plan, run: PlannedRun, planned: PlannedExperiment) -> StagedRun:
+        """Puts everything at the start of a run; ConfigError, UsageError where it does not fit."""
+        experiment = plan.start(run.cell.start).places.settled(planned.experiment)
+        names = {robot.tag: robot.id for robot in experiment.robots}
+        return cls(plan, run, planned, experiment, Witness(names))
+
+    def begin(self) -> None:
+        """The run begins now."""
+        self.began_s = time.time()
+
+    @property
+    def starts(self) -> Starts | None:
+        """Where robots drive before the run; None: they stay where they are."""
+        rules = self.plan.robots
+        return Starts(self.experiment, rules.virtual_walls) if rules.home else None
+
+    def from_where(self, poses: Mapping[int, Pose]) -> Experiment:
+        """The experiment with robots where they stand, of those that stand elsewhere."""
+        robots = tuple(
+            replace(robot, pose=poses.get(robot.tag, robot.pose))
+            for robot in self.experiment.robots
+        )
+        return settle(replace(self.experiment, robots=robots), self.run.cell.seed)
+
+    def made(self, code: Mapping[str, Any]) -> dict[str, Any]:
+        """How the experiment was read, for recordings; see `vsense.recording.resense`."""
+        plan, experiment = self.plan, self.experiment
+        places = plan.start(self.run.cell.start).places
+        return {
+            "path": str(experiment.path.absolute()),
+            "stage": experiment.stage.value,
+            "length_s": plan.duration_s,
+            "settings": dict(self.planned.settings),
+            "virtual_devices": False,
+            "robots": plan.count,
+            "seed": places.seed,
+            "poses": [list(pose) for pose in places.poses],
+            "code": dict(code),
+            "series": self.told(),
+        }
+
+    def told(self) -> dict[str, Any]:
+        """Which run of the series it is, for status and recordings."""
+        cell, plan = self.run.cell, self.plan
+        return {
+            "name": plan.name,
+            "run": self.run.name,
+            "number": cell.number,
+            "of": plan.runs,
+            "attempt": self.run.attempt,
+            "block": cell.block,
+            "condition": cell.condition,
+            "start": cell.start,
+            "repetition": cell.repetition,
+        }
+
+    def outcome(self, summary: Mapping[str, Any], ended: str, control: Control) -> Outcome:
+        """What the run came to, by what its summary.json has."""
+        row = row_of(summary, self.plan.mode, self.experiment, "", ended)
+        volts = self.witness.volts or row.batteries_v
+        row = replace(row, began=utc(self.began_s), uids=self.witness.uids, batteries_v=volts)
+        away = () if self.homing is None else tuple(
+            f"{a.name} ({a.trouble})" for a in self.homing.arrivals() if a.trouble
+        )  # fmt: skip
+        evidence = Evidence(ended, row.late, self.witness.lost_s, self.witness.moved_mm, away)
+        return Outcome(row, evidence, stays(ended, control))
+
+
+def stays(ended: str, control: Control) -> str:
+    """Why no other run may follow by itself: who stopped this one shall look first."""
+    if control.state is State.EMERGENCY:
+        return "an emergency stop"
+    by_somebody = ended.startswith(("interrupted", "stopped by", "reset by", "emergency"))
+    return ended if by_somebody else ""
+
+
+def room_options(options: RoomOptions, told: Mapping[str, Any]) -> RoomOptions:
+    """The control room of one run of a series."""
+    return replace(options, series=told)
