@@ -110,18 +110,21 @@ def _maker(
     interrupted: Interruption,
 ) -> RunMaker:
     """Who makes the runs."""
-    mode, common = loader.plan.mode, (loader, known, console, interrupted)
+    mode = loader.plan.mode
     if mode == "sim":
         from vsense.series.simulated import SimulatedRuns
 
         jobs = options.jobs or len(os.sched_getaffinity(0))
-        return SimulatedRuns(*common, jobs, options.record)
+        return SimulatedRuns(loader, known, console, interrupted, jobs, options.record)
+    from vsense.series.cast import SeriesCast
     from vsense.series.rendered import LabOptions, LabRuns
 
     room = arguments.fill(
         RoomOptions, options, web=arguments.web_of(options), hold=False, runs=1, series=None
     )
-    return LabRuns(*common, LabOptions(options.base, options.port, room))
+    roster = rosters.roster_of(options, found=mode == "run")
+    cast = SeriesCast(loader, known, roster, console)
+    return LabRuns(loader, cast, console, interrupted, LabOptions(options.base, options.port, room))
 
 
 def _carry_out(

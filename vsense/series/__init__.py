@@ -1,1 +1,1 @@
-"""`vsense series`: many runs by a plan, without hands: simulated, in the lab, or with real robots."""
+"""`vsense series`: many runs by a plan, without hands: in sim, in the lab or with robots."""

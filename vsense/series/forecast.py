@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 from typing import Any
 
 from vsense.run.runs_csv import RunRow
@@ -48,7 +49,7 @@ class Forecast:
         whole_s = sum(self._length_s(run) + each_s for run in todo)
         if plan.mode == "run":
             drives = [self._programs(run) for run in todo]
-            whole_s += BRINGING_S * sum(a != b for a, b in zip(drives, drives[1:]))
+            whole_s += BRINGING_S * sum(a != b for a, b in pairwise(drives))
         return whole_s
 
     def facts(self) -> dict[str, Any]:
@@ -84,7 +85,8 @@ class Forecast:
             [
                 *aligned([head, *lines]),
                 "",
-                f"{plan.name}: {len(todo)} of {plan.runs} runs follow ({plan.mode}), {self._lasts()}",
+                f"{plan.name}: {len(todo)} of {plan.runs} runs follow ({plan.mode}),"
+                f" {self._lasts()}",
                 f"a run is void if {' or '.join(void)}; it is repeated up to {plan.again} times",
             ]
         )

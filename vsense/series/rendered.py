@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,9 +16,10 @@ from vsense.link.robots.keys import LinkTrust
 from vsense.live.session import RunSetup
 from vsense.run import directory as run_directory
 from vsense.run.runtime import Step
+from vsense.series.cast import SeriesCast
 from vsense.series.folder import SeriesFolder
 from vsense.series.order import PlannedRun
-from vsense.series.parts import PlanLoader, PlannedExperiment
+from vsense.series.parts import PlanLoader
 from vsense.series.series import Made
 from vsense.series.staged import StagedRun, room_options
 from vsense.terminal import Console, Interruption
@@ -46,12 +47,12 @@ class LabRuns:
     def __init__(
         self,
         loader: PlanLoader,
-        known: Mapping[str, PlannedExperiment],
+        cast: SeriesCast,
         console: Console,
         interrupted: Interruption,
         options: LabOptions,
     ) -> None:
-        self._loader, self._known, self._options = loader, known, options
+        self._loader, self._cast, self._options = loader, cast, options
         self._console, self._interrupted = console, interrupted
         self._poses: dict[int, Pose] = {}
 
@@ -63,7 +64,7 @@ class LabRuns:
         """
         run = runs[0]
         directory = folder.of_run(run)
-        staged = StagedRun.of(self._loader.plan, run, self._known[run.cell.condition])
+        staged = StagedRun.of(self._loader.plan, run, self._cast.known[run.cell.condition])
         told = room_options(self._options.room, staged.told())
         with ControlRoom(told, self._console) as room:
             session = Session(self._setup(staged, room), directory, self._options.base)
@@ -76,6 +77,8 @@ class LabRuns:
         summary = self._report(session, directory)
         ended = session.recordings[-1].ended
         yield run, staged.outcome(summary, ended, session.runner.control)
+        lost = "was lost when the run ended"
+        self._cast.put_in_for(dict.fromkeys(staged.witness.gone, lost))
 
     def _setup(self, staged: StagedRun, room: ControlRoom) -> RunSetup:
         experiment, cell = staged.from_where(self._poses), staged.run.cell
