@@ -56,6 +56,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="simulated runs at the same time (default: one per processor)",
     )
+    arguments.flag(
+        parser,
+        "--lenient",
+        "go on where a controller asks for a sensor or actuator that nobody offers, or is told a"
+        " parameter that it does not read",
+    )
     arguments.add_code(parser)
     rosters.add_casting(parser, found=True)
     _add_room(parser)
@@ -84,7 +90,8 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError("expected a plan: vsense series --example > plan.toml makes one")
     plan = plans.read(options.plan, options.mode)
     casting = rosters.casting_of(options, found=plan.mode == "run")
-    loader = PlanLoader(plan, arguments.code_of(options), casting)
+    code = arguments.code_of(options)
+    loader = PlanLoader(plan, code, casting, lenient=options.lenient)
     known = loader.load_all()
     path = options.output or plan.path.parent / f"{plan.name}-{plan.mode}"
     if options.dry:

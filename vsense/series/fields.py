@@ -123,15 +123,17 @@ class PlanText:
         found = 1
         for place, line in enumerate(self._lines, 1):
             head = re.match(r"\s*\[+\s*([\w.]+)\s*\]+", line)
-            if head is not None:
+            if head is not None and not table:
+                if head[1] == key:
+                    return place
+                inside = False
+            elif head is not None:
                 seen += head[1] == table
                 below = inside and head[1].startswith(f"{table}.")
                 inside = below or (head[1] == table and seen == (number or 0))
                 found = place if inside and not below else found
             elif inside and key and re.match(rf"\s*['\"]?{re.escape(key)}['\"]?\s*=", line):
                 return place
-            elif not table and line.strip().startswith("["):
-                break
         return found
 
     def error(self, table: str, number: int | None, key: str, words: str) -> ConfigError:

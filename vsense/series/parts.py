@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from vsense.config.casting import Casting
@@ -38,12 +38,14 @@ class PlanLoader:
         code: where controllers' sources are.
         casting: which robots play.
         virtual_devices: as `load` has it.
+        lenient: a controller may ask for what nobody offers, or be told what it does not read.
     """
 
     plan: Plan
     code: CodeOptions = field(default_factory=CodeOptions)
     casting: Casting = field(default_factory=Casting)
     virtual_devices: bool = False
+    lenient: bool = False
 
     def load_all(self) -> dict[str, PlannedExperiment]:
         """Loads and checks all conditions; every start has to fit every one of them.
@@ -73,22 +75,21 @@ class PlanLoader:
         settings = dict(condition.settings)
         experiment = self._load(condition, settings, casting)
         if condition.controller:
-            driving = {robot.controller for robot in experiment.robots}
-            if len(driving) > 1:
-                names = ", ".join(sorted(driving))
+            labels = {experiment.controller_of(robot).label for robot in experiment.robots}
+            if len(labels) > 1 or len(experiment.controllers) > 1:
+                names = ", ".join(sorted(labels))
                 raise UsageError(
                     f"controller: {experiment.file} has several ({names}): name one with"
-                    ' settings, such as "ID.library" = "FILE"'
+                    ' settings, such as "ELEMENT.library" = "FILE"'
                 )
             path = Path(condition.controller)
             file = str(path.absolute()) if path.is_file() else condition.controller
-            settings[f"{driving.pop()}.library"] = file
+            settings[f"{labels.pop()}.library"] = file  # last: it renames what others may set
             experiment = self._load(condition, settings, casting)
         if not experiment.timesteps:
             raise UsageError(f"{experiment.file}: has no length: add duration_s to the plan")
-        if self.plan.mode == "run":
-            experiment = replace(experiment, stage=Stage.RUN)
-        asked.check(experiment)
+        if not self.lenient:
+            asked.check(experiment)
         return PlannedExperiment(condition, experiment, settings)
 
     def _load(

@@ -229,7 +229,9 @@ def _texts(source: PlanText, table: str, number: int | None, given: Any) -> dict
             value = "true" if value else "false"
         if not isinstance(value, str | int | float) or "." not in key:
             words = f'settings: expected "ELEMENT.attribute" = value, got {key} = {value!r}'
-            raise source.error(table, number, key, words[:200])
+            named = source.line(table, number, key) != source.line(table, number)
+            place = key if named else "settings"  # in one line with the table that it is of
+            raise source.error(table, number, place, words[:200])
         found[key] = str(value)
     return found
 
