@@ -112,7 +112,7 @@ def run(options: argparse.Namespace) -> int:
     if opened is None:
         return 0
     opened = replace(opened, markers=hardware.markers_of(options))
-    opened = _with_tracker(opened, options.tracker)
+    opened = with_tracker(opened, options.tracker)
     require_source(opened, options.tracking)
     trust = experiments.trust_of(options)
     host = opened.host if options.host is None else options.host
@@ -145,7 +145,7 @@ def _run_leased(
         return RunCommand(options, setup, directory, log, series, rows).run()
 
 
-def _with_tracker(experiment: Experiment, where: tuple[str, int] | None) -> Experiment:
+def with_tracker(experiment: Experiment, where: tuple[str, int] | None) -> Experiment:
     """The experiment with the tracker of `--tracker`, None: its own."""
     if where is None:
         return experiment

@@ -27,7 +27,7 @@ from vsense.run.changing import HANDS, Ground
 from vsense.run.control import Control
 from vsense.run.environment import Environment
 from vsense.run.homecoming import Starts, tell_end
-from vsense.run.robots import make_server
+from vsense.run.robots import Readiness, make_server
 from vsense.run.runner import Runner
 from vsense.run.runtime import Runtime, Step
 from vsense.run.watch import ArenaSource
@@ -155,9 +155,9 @@ class ExperimentSession(ABC):
         if step is not None and step.run_timestep >= 0:
             self._batteries.update(step.run_timestep, robots)
 
-    def wait_patiently(self, limit_s: float) -> None:
+    def wait_patiently(self, limit_s: float) -> Readiness:
         """Waits for all robots, at the longest so long; whoever is missing then may come later."""
-        self.runner.wait(limit_s)
+        return self.runner.wait(limit_s)
 
     def home(self) -> Homing | None:
         """Has the robots drive to the starts of the present run, where that is wanted.

@@ -48,26 +48,25 @@ class SeriesCast:
             gone: by tag, why each cannot go on.
 
         Returns:
-            The spares that play from now on.
+            Those for whom there is no spare.
 
         Raises:
-            VsenseError: an experiment cannot be played by them.
+            VsenseError: an experiment cannot be played by the spares.
         """
-        casting, put = self._casting, []
+        casting, spares, still = self._casting, self.spares(), []
         for tag, why in gone.items():
-            spares = [spare for spare in self.spares() if spare not in put]
             if not spares:
                 self._console.say(f"robot {tag} {why}; there is no spare for it", "warning")
+                still.append(tag)
                 continue
-            casting = casting.with_replaced((tag, spares[0]))
-            put.append(spares[0])
+            spare = spares.pop(0)
+            casting = casting.with_replaced((tag, spare))
             self._out.add(tag)
-            self._console.say(
-                f"robot {tag} {why}: robot {spares[0]} plays its part from now on", "warning"
-            )
-        if put:
+            text = f"robot {tag} {why}: robot {spare} plays its part from now on"
+            self._console.say(text, "warning")
+        if len(still) < len(gone):
             self._recast(casting)
-        return put
+        return still
 
     def _recast(self, casting: Casting) -> None:
         """Loads all conditions anew, as somebody else plays in them."""

@@ -10,6 +10,7 @@ import fcntl
 import hashlib
 import json
 import os
+import shutil
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -18,7 +19,7 @@ from typing import Any
 from vsense import __version__
 from vsense.errors import UsageError, VsenseError, failing_as
 from vsense.files import read_text
-from vsense.run.directory import DirectoryError, make_new
+from vsense.run.directory import TIMESTEPS, DirectoryError, make_new
 from vsense.run.runs_csv import RUNS, RunRow, RunsFile
 from vsense.series.order import PlannedRun
 from vsense.series.plan import Plan
@@ -77,11 +78,13 @@ class SeriesFolder:
         """Makes the folder of a run; DirectoryError where it cannot be made."""
         wanted = self.path / run.name
         with failing_as(DirectoryError, f"cannot make {wanted}"):
+            if wanted.is_dir() and not self.cut(run):
+                shutil.rmtree(wanted)  # of a run that was waited for, and never began
             return make_new(wanted)
 
     def cut(self, run: PlannedRun) -> bool:
         """Whether a run of this name began, and nobody wrote down how it ended."""
-        return (self.path / run.name).is_dir()
+        return (self.path / run.name / TIMESTEPS).exists()
 
     def _lock(self) -> None:
         file = self._stack.enter_context((self.path / _LOCK).open("a+"))

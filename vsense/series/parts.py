@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -38,6 +38,7 @@ class PlanLoader:
         code: where controllers' sources are.
         casting: which robots play.
         virtual_devices: as `load` has it.
+        finish: completes what was loaded, as with a tracker.
         lenient: a controller may ask for what nobody offers, or be told what it does not read.
     """
 
@@ -46,6 +47,7 @@ class PlanLoader:
     casting: Casting = field(default_factory=Casting)
     virtual_devices: bool = False
     lenient: bool = False
+    finish: Callable[[Experiment], Experiment] = lambda experiment: experiment
 
     def load_all(self) -> dict[str, PlannedExperiment]:
         """Loads and checks all conditions; every start has to fit every one of them.
@@ -90,7 +92,7 @@ class PlanLoader:
             raise UsageError(f"{experiment.file}: has no length: add duration_s to the plan")
         if not self.lenient:
             asked.check(experiment)
-        return PlannedExperiment(condition, experiment, settings)
+        return PlannedExperiment(condition, self.finish(experiment), settings)
 
     def _load(
         self, condition: Condition, settings: Mapping[str, str], casting: Casting | None

@@ -57,7 +57,7 @@ class LabRuns:
         self._poses: dict[int, Pose] = {}
 
     def make(self, runs: Sequence[PlannedRun], folder: SeriesFolder) -> Iterator[Made]:
-        """Makes the first of these runs.
+        """Makes the first of these runs; none where the user ends it before.
 
         Raises:
             VsenseError: the lab cannot be made, or has failed.
@@ -74,8 +74,14 @@ class LabRuns:
                 room.fail(error)
                 raise
         self._console.end_progress()
-        summary = self._report(session, directory)
-        ended = session.recordings[-1].ended
+        if not session.recordings:
+            return
+        notes = session.recordings[-1]
+        ended, summary = notes.ended, None
+        if len(notes.steps):
+            summary = self._report(session, directory)
+        elif self._interrupted.is_set():
+            return
         yield run, staged.outcome(summary, ended, session.runner.control)
         lost = "was lost when the run ended"
         self._cast.put_in_for(dict.fromkeys(staged.witness.gone, lost))
@@ -84,12 +90,10 @@ class LabRuns:
         experiment, cell = staged.from_where(self._poses), staged.run.cell
         port = experiment.port if self._options.port is None else self._options.port
         code = asdict(self._loader.code.absolute(Path.cwd()))
-        return RunSetup(
-            *(experiment, cell.seed, staged.planned.condition.blind),
-            *((experiment.host, port), LinkTrust(keys.make())),
-            *(self._console, self._interrupted, room, staged.made(code)),
-            staged.starts if self._poses else None,
-        )
+        starts = staged.starts if self._poses else None
+        who = (experiment.host, port), LinkTrust(keys.make()), self._console, self._interrupted
+        blind = staged.planned.condition.blind
+        return RunSetup(experiment, cell.seed, blind, *who, room, staged.made(code), starts)
 
     def _drive(
         self, staged: StagedRun, session: Session, room: ControlRoom, directory: Path
@@ -111,6 +115,8 @@ class LabRuns:
             room.begin_run(session.environment, directory)
             session.wait_patiently(plan.robots.ready_s)
             staged.homing = session.home()
+            if self._interrupted.is_set():
+                return
             staged.begin()
             session.run(directory, observe)
             room.recorders.end_run()

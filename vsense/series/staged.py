@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment, Pose
+from vsense.errors import UsageError
 from vsense.homing.homing import Homing
+from vsense.link.robots.status import RobotStatus
 from vsense.run.control import Control, State
 from vsense.run.homecoming import Starts
-from vsense.run.runs_csv import row_of, utc
+from vsense.run.robots import Readiness
+from vsense.run.runs_csv import RunRow, row_of, utc
 from vsense.series.criteria import Evidence
 from vsense.series.order import PlannedRun
 from vsense.series.parts import PlannedExperiment
@@ -41,15 +44,42 @@ class StagedRun:
     began_s: float = 0.0
 
     @classmethod
-    def of(cls, plan: Plan, run: PlannedRun, planned: PlannedExperiment) -> StagedRun:
-        """Puts everything at the start of a run; ConfigError, UsageError where it does not fit."""
+    def of(
+        cls,
+        plan: Plan,
+        run: PlannedRun,
+        planned: PlannedExperiment,
+        left_out: Collection[int] = (),
+    ) -> StagedRun:
+        """Puts everything at the start of a run; robots with tags in `left_out` do not play.
+
+        Raises:
+            ConfigError: there is no place for all.
+            UsageError: poses do not fit, or what pollutes would be left out.
+        """
         experiment = plan.start(run.cell.start).places.settled(planned.experiment)
+        experiment = without(experiment, left_out)
         names = {robot.tag: robot.id for robot in experiment.robots}
         return cls(plan, run, planned, experiment, Witness(names))
 
     def begin(self) -> None:
         """The run begins now."""
         self.began_s = time.time()
+
+    def missing(self, readiness: Readiness) -> dict[int, str]:
+        """By tag, which robots cannot begin, and why."""
+        absent, unseen = set(readiness.absent), set(readiness.unseen)
+        whys = dict.fromkeys(unseen, "is not seen") | dict.fromkeys(absent, "is not connected")
+        return {r.tag: whys[r.id] for r in self.experiment.robots if r.id in whys}
+
+    def low(self, robots: Mapping[int, RobotStatus]) -> dict[int, str]:
+        """By tag, which robots have too little in their batteries for this run."""
+        limit_v, found = self.plan.robots.battery_v, {}
+        for tag, status in robots.items():
+            volts = 0.0 if status.telemetry is None else status.telemetry.battery_mv / 1e3
+            if 0.0 < volts < limit_v:
+                found[tag] = f"has {volts:.2f} V left, and drove home"
+        return found
 
     @property
     def starts(self) -> Starts | None:
@@ -97,9 +127,13 @@ class StagedRun:
             "repetition": cell.repetition,
         }
 
-    def outcome(self, summary: Mapping[str, Any], ended: str, control: Control) -> Outcome:
-        """What the run came to, by what its summary.json has."""
-        row = row_of(summary, self.plan.mode, self.experiment, "", ended)
+    def outcome(self, summary: Mapping[str, Any] | None, ended: str, control: Control) -> Outcome:
+        """What the run came to, by what its summary.json has; None: nothing was measured."""
+        mode, name = self.plan.mode, self.experiment.name
+        if summary is None:
+            row = RunRow(run="", mode=mode, experiment=name, condition="")
+            return Outcome(row, Evidence(ended), stays(ended, control))
+        row = row_of(summary, mode, self.experiment, "", ended)
         volts = self.witness.volts or row.batteries_v
         row = replace(row, began=utc(self.began_s), uids=self.witness.uids, batteries_v=volts)
         away = () if self.homing is None else tuple(
@@ -107,6 +141,16 @@ class StagedRun:
         )  # fmt: skip
         evidence = Evidence(ended, row.late, self.witness.lost_s, self.witness.moved_mm, away)
         return Outcome(row, evidence, stays(ended, control))
+
+
+def without(experiment: Experiment, tags: Collection[int]) -> Experiment:
+    """An experiment without some of its robots; UsageError where what pollutes is among them."""
+    if not tags:
+        return experiment
+    if polluting := {source.tag for source in experiment.sources} & set(tags):
+        raise UsageError(f"{experiment.file}: robot {polluting.pop()} pollutes: not without it")
+    kept = replace(experiment, robots=tuple(r for r in experiment.robots if r.tag not in tags))
+    return replace(kept, controllers=tuple(c for c in kept.controllers if kept.driven_by(c)))
 
 
 def stays(ended: str, control: Control) -> str:
@@ -117,6 +161,6 @@ def stays(ended: str, control: Control) -> str:
     return ended if by_somebody else ""
 
 
-def room_options(options: RoomOptions, told: Mapping[str, Any]) -> RoomOptions:
+def room_options(options: RoomOptions, told: dict[str, Any]) -> RoomOptions:
     """The control room of one run of a series."""
     return replace(options, series=told)
