@@ -39,7 +39,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     experiments.add_experiment(parser, Stage.RUN)
     experiments.add_settings(parser)
-    _add_ends(parser)
+    add_ends(parser)
+    experiments.add_legacy_port(parser)
     parser.add_argument(
         "--start-after",
         type=arguments.seconds,
@@ -61,7 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     experiments.add_room(parser)
 
 
-def _add_ends(parser: argparse.ArgumentParser) -> None:
+def add_ends(parser: argparse.ArgumentParser) -> None:
     """Declares where the arena state comes from, and where the robots connect to."""
     eyes = parser.add_mutually_exclusive_group()
     eyes.add_argument(
@@ -90,7 +91,6 @@ def _add_ends(parser: argparse.ArgumentParser) -> None:
         help="TCP and UDP port; 0 takes a free one (default: the file's vss_port)",
     )
     experiments.add_trust(parser)
-    experiments.add_legacy_port(parser)
 
 
 PATIENCE_S = 10.0

@@ -6,9 +6,11 @@ import argparse
 import json
 import os
 from collections.abc import Mapping
+from contextlib import ExitStack
 from pathlib import Path
 
-from vsense.commands import arguments, rosters
+from vsense import recording
+from vsense.commands import arguments, rosters, series_robots
 from vsense.errors import UsageError
 from vsense.lab.links import BASES
 from vsense.run.runs_csv import MODES, RUNS, read_runs
@@ -16,6 +18,7 @@ from vsense.series import plan as plans
 from vsense.series.folder import SeriesFolder
 from vsense.series.forecast import Forecast
 from vsense.series.parts import PlanLoader, PlannedExperiment
+from vsense.series.plan import Plan
 from vsense.series.series import RunMaker, SeriesLoop
 from vsense.shipped import documents
 from vsense.sim.outcome import Interrupted
@@ -64,17 +67,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     arguments.add_code(parser)
     rosters.add_casting(parser, found=True)
+    series_robots.add_arguments(parser)
     _add_room(parser)
 
 
 def _add_room(parser: argparse.ArgumentParser) -> None:
-    """Declares how runs in the lab and with robots are made, seen and kept."""
-    arguments.add_bases(parser, BASES)
-    arguments.option(
-        *(parser, "--port", arguments.port, "P"),
-        "TCP and UDP port for robots; 0 takes a free one (default: the experiment's)",
-    )
-    arguments.add_web(parser)
+    """Declares how runs in the lab and with robots are seen and kept."""
+    arguments.add_bases(parser.add_argument_group("lab"), BASES)
+    arguments.add_web(parser, insecure=False)
     arguments.add_foxglove(parser)
     group = parser.add_argument_group("control room")
     arguments.add_locked(group)
@@ -89,9 +89,7 @@ def run(options: argparse.Namespace) -> int:
     if options.plan is None:
         raise UsageError("expected a plan: vsense series --example > plan.toml makes one")
     plan = plans.read(options.plan, options.mode)
-    casting = rosters.casting_of(options, found=plan.mode == "run")
-    code = arguments.code_of(options)
-    loader = PlanLoader(plan, code, casting, lenient=options.lenient)
+    loader = _loader(options, plan)
     known = loader.load_all()
     path = options.output or plan.path.parent / f"{plan.name}-{plan.mode}"
     if options.dry:
@@ -103,35 +101,70 @@ def run(options: argparse.Namespace) -> int:
     for warning in {text for one in known.values() for text in one.experiment.warnings}:
         console.say(f"vsense: {warning}")
     files = {Path(one.experiment.path) for one in known.values()}
-    with interruption() as interrupted, SeriesFolder(path, plan, sorted(files)) as folder:
-        maker = _maker(options, loader, known, console, interrupted)
+    with (
+        interruption() as interrupted,
+        SeriesFolder(path, plan, sorted(files)) as folder,
+        ExitStack() as stack,
+    ):
+        common = loader, known, console, interrupted
+        if plan.mode == "sim":
+            maker = _simulated(options, *common)
+        elif plan.mode == "lab":
+            maker = _rendered(options, *common)
+        else:
+            maker = series_robots.maker(options, *common, _room(options), stack)
         loop = SeriesLoop(plan, folder, maker, console, interrupted)
         return _carry_out(options, loop, console, interrupted)
 
 
-def _maker(
+def _loader(options: argparse.Namespace, plan: Plan) -> PlanLoader:
+    """What loads the plan's experiments."""
+    real = plan.mode == "run"
+    casting, code = rosters.casting_of(options, found=real), arguments.code_of(options)
+    loader = PlanLoader(plan, code, casting, lenient=options.lenient)
+    return series_robots.complete(loader, options) if real else loader
+
+
+def _room(options: argparse.Namespace) -> RoomOptions:
+    """How runs are seen and kept; every run is a series' and begins by itself."""
+    web = arguments.web_of(options)
+    if options.record or options.record_images:
+        recording.require()
+    return arguments.fill(RoomOptions, options, web=web, hold=False, runs=1, series=None)
+
+
+def _simulated(
     options: argparse.Namespace,
     loader: PlanLoader,
     known: Mapping[str, PlannedExperiment],
     console: Console,
     interrupted: Interruption,
 ) -> RunMaker:
-    """Who makes the runs."""
-    mode = loader.plan.mode
-    if mode == "sim":
-        from vsense.series.simulated import SimulatedRuns
+    """Who simulates runs."""
+    from vsense.series.simulated import SimulatedRuns
 
-        jobs = options.jobs or len(os.sched_getaffinity(0))
-        return SimulatedRuns(loader, known, console, interrupted, jobs, options.record)
+    if options.record_images:
+        raise UsageError("--record-images: a simulation has no cameras")
+    if options.record:
+        recording.require()
+    jobs = options.jobs or len(os.sched_getaffinity(0))
+    return SimulatedRuns(loader, known, console, interrupted, jobs, options.record)
+
+
+def _rendered(
+    options: argparse.Namespace,
+    loader: PlanLoader,
+    known: Mapping[str, PlannedExperiment],
+    console: Console,
+    interrupted: Interruption,
+) -> RunMaker:
+    """Who makes runs in the lab."""
     from vsense.series.cast import SeriesCast
     from vsense.series.rendered import LabOptions, LabRuns
 
-    room = arguments.fill(
-        RoomOptions, options, web=arguments.web_of(options), hold=False, runs=1, series=None
-    )
-    roster = rosters.roster_of(options, found=mode == "run")
-    cast = SeriesCast(loader, known, roster, console)
-    return LabRuns(loader, cast, console, interrupted, LabOptions(options.base, options.port, room))
+    cast = SeriesCast(loader, known, rosters.roster_of(options, found=False), console)
+    lab = LabOptions(options.base, options.firmware_watchdog, options.port, _room(options))
+    return LabRuns(loader, cast, console, interrupted, lab)
 
 
 def _carry_out(

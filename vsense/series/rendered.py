@@ -32,12 +32,14 @@ class LabOptions:
 
     Attributes:
         base: what robots are based on, as `vsense lab --base`.
+        watchdog: their firmware has one.
         port: for robots; None: the experiment's.
         room: how runs are seen and kept.
     """
 
     base: str
-    port: int | None = 0
+    watchdog: bool = False
+    port: int | None = None
     room: RoomOptions = field(default_factory=RoomOptions)
 
 
@@ -67,7 +69,8 @@ class LabRuns:
         staged = StagedRun.of(self._loader.plan, run, self._cast.known[run.cell.condition])
         told = room_options(self._options.room, staged.told())
         with ControlRoom(told, self._console) as room:
-            session = Session(self._setup(staged, room), directory, self._options.base)
+            base = self._options.base, self._options.watchdog
+            session = Session(self._setup(staged, room), directory, *base)
             try:
                 self._drive(staged, session, room, directory)
             except VsenseError as error:
