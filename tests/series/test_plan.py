@@ -13,7 +13,7 @@ from vsense.run.runs_csv import RunRow
 from vsense.series.criteria import Evidence, VoidCriteria, why_void
 from vsense.series.folder import differences
 from vsense.series.order import CUT, VoidLimit, cells, pending
-from vsense.series.plan import Plan, read
+from vsense.series.plan import SeriesPlan, read
 
 TEXT = """
 name = "gradient"
@@ -41,13 +41,13 @@ lost_s = 5
 """
 
 
-def plan_of(tmp_path: Path, text: str = TEXT) -> Plan:
+def plan_of(tmp_path: Path, text: str = TEXT) -> SeriesPlan:
     path = tmp_path / "plan.toml"
     path.write_text(text)
     return read(path)
 
 
-def row(cell_of: Plan, number: int, verdict: str = "valid", why: str = "") -> RunRow:
+def row(cell_of: SeriesPlan, number: int, verdict: str = "valid", why: str = "") -> RunRow:
     cell = cells(cell_of)[number - 1]
     return RunRow(
         run=f"run-{number}",

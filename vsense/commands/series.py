@@ -18,11 +18,12 @@ from vsense.series import plan as plans
 from vsense.series.folder import SeriesFolder
 from vsense.series.forecast import Forecast
 from vsense.series.parts import PlanLoader, PlannedExperiment
-from vsense.series.plan import Plan
+from vsense.series.plan import SeriesPlan
 from vsense.series.series import RunMaker, SeriesLoop
 from vsense.shipped import documents
 from vsense.sim.outcome import Interrupted
 from vsense.terminal import Console, Interruption, interruption, print_data
+from vsense.ui.access import make_tokens
 from vsense.ui.room import RoomOptions
 
 DESCRIPTION = (
@@ -117,7 +118,7 @@ def run(options: argparse.Namespace) -> int:
         return _carry_out(options, loop, console, interrupted)
 
 
-def _loader(options: argparse.Namespace, plan: Plan) -> PlanLoader:
+def _loader(options: argparse.Namespace, plan: SeriesPlan) -> PlanLoader:
     """What loads the plan's experiments."""
     real = plan.mode == "run"
     casting, code = rosters.casting_of(options, found=real), arguments.code_of(options)
@@ -130,7 +131,10 @@ def _room(options: argparse.Namespace) -> RoomOptions:
     web = arguments.web_of(options)
     if options.record or options.record_images:
         recording.require()
-    return arguments.fill(RoomOptions, options, web=web, hold=False, runs=1, series=None)
+    others = {"hold": False, "runs": 1, "series": None}
+    # One address of the page for all runs.
+    tokens = None if web is None else make_tokens()
+    return arguments.fill(RoomOptions, options, web=web, tokens=tokens, **others)
 
 
 def _simulated(
@@ -143,8 +147,8 @@ def _simulated(
     """Who simulates runs."""
     from vsense.series.simulated import SimulatedRuns
 
-    if options.record_images:
-        raise UsageError("--record-images: a simulation has no cameras")
+    if options.record_images or options.web or options.foxglove:
+        raise UsageError("--record-images, --web, --foxglove: in the lab and with robots only")
     if options.record:
         recording.require()
     jobs = options.jobs or len(os.sched_getaffinity(0))

@@ -1,4 +1,7 @@
-"""Where a run begins, whatever its own seed is: a draw of its own, or poses that somebody wrote."""
+"""Where a run begins, whatever its own seed is: a draw of its own, or poses that somebody wrote.
+
+So runs of several conditions begin alike, and repetitions of one differ in all else that is drawn.
+"""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ from vsense.files import read_text
 from vsense.run.directory import TIMESTEPS, DirectoryError, make_new
 from vsense.run.runs_csv import RUNS, RunRow, RunsFile
 from vsense.series.order import PlannedRun
-from vsense.series.plan import Plan
+from vsense.series.plan import SeriesPlan
 
 SERIES = "series.json"
 """What the plan said when the series began, and digests of the files that it names."""
@@ -41,7 +41,7 @@ class SeriesFolder:
 
     table: RunsFile
 
-    def __init__(self, path: Path, plan: Plan, files: Sequence[Path]) -> None:
+    def __init__(self, path: Path, plan: SeriesPlan, files: Sequence[Path]) -> None:
         """`files` are those of users that results depend on."""
         self.path, self._plan = path, plan
         self._digests = {str(file): _digest(file) for file in files}

@@ -10,7 +10,7 @@ from typing import Any
 from vsense.run.runs_csv import RunRow
 from vsense.series.order import PlannedRun, pending
 from vsense.series.parts import PlannedExperiment
-from vsense.series.plan import Plan
+from vsense.series.plan import SeriesPlan
 from vsense.terminal import aligned
 
 OPENING_S = 6.0
@@ -30,7 +30,7 @@ class Forecast:
         rows: the runs that were made.
     """
 
-    plan: Plan
+    plan: SeriesPlan
     known: Mapping[str, PlannedExperiment]
     rows: Sequence[RunRow]
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from vsense.errors import VsenseError
 from vsense.run.runs_csv import RunRow
-from vsense.series.plan import Plan
+from vsense.series.plan import SeriesPlan
 
 CUT = "cut off"
 """How `why` of a run begins that nobody judged: vsense or the machine ended in it."""
@@ -58,7 +58,7 @@ class PlannedRun:
         return f"{cell.condition}, start {cell.start}, repetition {cell.repetition}{again}"
 
 
-def cells(plan: Plan) -> list[Cell]:
+def cells(plan: SeriesPlan) -> list[Cell]:
     """All cells of a plan in their order."""
     found: list[Cell] = []
     for block in range(1, plan.repetitions + 1):
@@ -76,7 +76,7 @@ def run_seed(seed: int, start: str, repetition: int) -> int:
     return int.from_bytes(digest, "big") % (2**32 - 1) + 1
 
 
-def pending(plan: Plan, rows: Sequence[RunRow]) -> list[PlannedRun]:
+def pending(plan: SeriesPlan, rows: Sequence[RunRow]) -> list[PlannedRun]:
     """The runs that are missing, in their order, as far as it is known now.
 
     Raises:

@@ -12,7 +12,7 @@ from vsense.config.specs import Experiment, Stage
 from vsense.errors import ConfigError, UsageError
 from vsense.robot.programs import CodeOptions
 from vsense.run import asked
-from vsense.series.plan import Condition, Plan
+from vsense.series.plan import Condition, SeriesPlan
 
 STAGES = {"sim": Stage.SIM, "lab": Stage.LAB, "run": Stage.RUN}
 
@@ -42,7 +42,7 @@ class PlanLoader:
         lenient: a controller may ask for what nobody offers, or be told what it does not read.
     """
 
-    plan: Plan
+    plan: SeriesPlan
     code: CodeOptions = field(default_factory=CodeOptions)
     casting: Casting = field(default_factory=Casting)
     virtual_devices: bool = False

@@ -75,7 +75,7 @@ class RobotRules:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class SeriesPlan:
     """A series.
 
     Attributes:
@@ -125,7 +125,7 @@ class Plan:
         return next(start for start in self.starts if start.name == name)
 
 
-def read(path: Path, mode: str | None = None) -> Plan:
+def read(path: Path, mode: str | None = None) -> SeriesPlan:
     """Reads a plan; `mode` takes the place of its own.
 
     Raises:
@@ -149,7 +149,7 @@ def read(path: Path, mode: str | None = None) -> Plan:
     named = {name: told[name] for name in ("repetitions", "seed", "duration_s") if name in told}
     rules = source.table("robots", None, told.get("robots", {}), fields.ROBOTS)
     count = rules.pop("count", None)
-    plan = Plan(
+    plan = SeriesPlan(
         path,
         told.get("name", path.stem),
         told["mode"],

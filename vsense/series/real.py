@@ -18,7 +18,7 @@ from vsense.series.cast import SeriesCast
 from vsense.series.folder import SeriesFolder
 from vsense.series.order import PlannedRun
 from vsense.series.parts import PlanLoader
-from vsense.series.series import Made, Outcome
+from vsense.series.series import Made, RunOutcome
 from vsense.series.staged import StagedRun, room_options
 from vsense.terminal import Console, Interruption
 from vsense.ui.room import ControlRoom, RoomOptions
@@ -107,7 +107,7 @@ class RealRuns:
 
     def _attempt(
         self, staged: StagedRun, directory: Path, log: RunLog
-    ) -> tuple[dict[int, str], Outcome | None]:
+    ) -> tuple[dict[int, str], RunOutcome | None]:
         """Tries to make a run; gives by tag who cannot play, and why, or what the run came to."""
         told = room_options(self._options.room, staged.told())
         self._options.lease([robot.tag for robot in staged.experiment.robots])
@@ -133,11 +133,12 @@ class RealRuns:
         directory: Path,
         readiness: Readiness,
         log: RunLog,
-    ) -> Outcome:
+    ) -> RunOutcome:
         def observe(step: Step) -> None:
-            staged.witness.observe(step, session.runner.robots)
+            staged.witness.observe(step.state, session.runner.robots)
 
-        log.say(f"{staged.run.name} of {staged.plan.runs}: {staged.run.in_words()}")
+        run = staged.run
+        log.say(f"run {run.cell.number} of {staged.plan.runs}: {run.in_words()}")
         log.begin_run(directory, session.experiment.timestep_s)
         one = OneRun(session, directory, readiness, log, observe)
         staged.begin()

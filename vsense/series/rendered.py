@@ -106,11 +106,11 @@ class LabRuns:
         newest: list[Step] = []
 
         def observe(step: Step) -> None:
-            staged.witness.observe(step, session.runner.robots)
+            staged.witness.observe(step.state, session.runner.robots)
             newest[:] = [step]
             time_s = step.run_timestep * session.experiment.timestep_s
             self._console.progress(
-                f"{run.name} of {plan.runs} ({run.in_words()})"
+                f"run {run.cell.number} of {plan.runs} ({run.in_words()})"
                 f" {time_s:5.1f}/{session.experiment.length_s:g} s"
             )
 

@@ -10,12 +10,12 @@ from vsense.run.runs_csv import VALID, VOID, RunRow
 from vsense.series.criteria import Evidence, why_void
 from vsense.series.folder import SeriesFolder
 from vsense.series.order import CUT, PlannedRun, pending
-from vsense.series.plan import Plan
+from vsense.series.plan import SeriesPlan
 from vsense.terminal import Console, Interruption
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class RunOutcome:
     """What a run came to.
 
     Attributes:
@@ -29,7 +29,7 @@ class Outcome:
     stays: str = ""
 
 
-Made = tuple[PlannedRun, Outcome]
+Made = tuple[PlannedRun, RunOutcome]
 
 
 class RunMaker(Protocol):
@@ -53,7 +53,7 @@ class SeriesLoop:
 
     def __init__(
         self,
-        plan: Plan,
+        plan: SeriesPlan,
         folder: SeriesFolder,
         maker: RunMaker,
         console: Console,
@@ -124,7 +124,7 @@ class SeriesLoop:
         self._write(run, row, f"{CUT}: vsense was ended in it")
         return True
 
-    def _add(self, run: PlannedRun, outcome: Outcome) -> None:
+    def _add(self, run: PlannedRun, outcome: RunOutcome) -> None:
         evidence = outcome.evidence
         if evidence.ended == "interrupted":
             why = f"{CUT}: interrupted"

@@ -12,8 +12,8 @@ from vsense.run.runs_csv import RunRow, versions
 from vsense.series.folder import SeriesFolder
 from vsense.series.order import PlannedRun
 from vsense.series.parts import PlanLoader, PlannedExperiment
-from vsense.series.plan import Plan
-from vsense.series.series import Made, Outcome
+from vsense.series.plan import SeriesPlan
+from vsense.series.series import Made, RunOutcome
 from vsense.sim.job import Job, Setup
 from vsense.sim.outcome import Task
 from vsense.sim.watch import WorkerProcess, simulate_all
@@ -87,7 +87,7 @@ class SimulatedRuns:
         label = f"{run.name} ({run.in_words()})"
         return Task(Job(setup, run.cell.seed, libraries, recording=kept), experiment, label)
 
-    def _outcome(self, task: Task, result: Mapping[str, Any]) -> Outcome:
+    def _outcome(self, task: Task, result: Mapping[str, Any]) -> RunOutcome:
         experiment = task.experiment
         swarm = result["swarm"] if experiment.sources else {}
         tags = [robot.tag for robot in experiment.robots]
@@ -102,7 +102,7 @@ class SimulatedRuns:
             versions=(*versions(), *programs_of(task.job.libraries)),
             measures={**swarm, **result["measures"]},
         )
-        return Outcome(row)
+        return RunOutcome(row)
 
 
 def programs_of(built: Mapping[str, str]) -> list[str]:
@@ -110,7 +110,7 @@ def programs_of(built: Mapping[str, str]) -> list[str]:
     return [f"{name}={Path(path).parent.name[:12]}" for name, path in sorted(built.items())]
 
 
-def simulated_s(plan: Plan, known: Mapping[str, PlannedExperiment]) -> float:
+def simulated_s(plan: SeriesPlan, known: Mapping[str, PlannedExperiment]) -> float:
     """How long all runs of a plan last by their own clocks."""
     each = plan.runs // len(plan.conditions)
     return sum(each * planned.experiment.length_s for planned in known.values())

@@ -19,8 +19,8 @@ from vsense.run.runs_csv import RunRow, row_of, utc
 from vsense.series.criteria import Evidence
 from vsense.series.order import PlannedRun
 from vsense.series.parts import PlannedExperiment
-from vsense.series.plan import Plan
-from vsense.series.series import Outcome
+from vsense.series.plan import SeriesPlan
+from vsense.series.series import RunOutcome
 from vsense.series.witness import Witness
 from vsense.ui.room import RoomOptions
 
@@ -35,7 +35,7 @@ class StagedRun:
         began_s: when the run began, by the clock.
     """
 
-    plan: Plan
+    plan: SeriesPlan
     run: PlannedRun
     planned: PlannedExperiment
     experiment: Experiment
@@ -46,7 +46,7 @@ class StagedRun:
     @classmethod
     def of(
         cls,
-        plan: Plan,
+        plan: SeriesPlan,
         run: PlannedRun,
         planned: PlannedExperiment,
         left_out: Collection[int] = (),
@@ -127,20 +127,28 @@ class StagedRun:
             "repetition": cell.repetition,
         }
 
-    def outcome(self, summary: Mapping[str, Any] | None, ended: str, control: Control) -> Outcome:
+    def outcome(
+        self, summary: Mapping[str, Any] | None, ended: str, control: Control
+    ) -> RunOutcome:
         """What the run came to, by what its summary.json has; None: nothing was measured."""
         mode, name = self.plan.mode, self.experiment.name
         if summary is None:
             row = RunRow(run="", mode=mode, experiment=name, condition="")
-            return Outcome(row, Evidence(ended), stays(ended, control))
+            return RunOutcome(row, Evidence(ended), stays(ended, control))
         row = row_of(summary, mode, self.experiment, "", ended)
-        volts = self.witness.volts or row.batteries_v
-        row = replace(row, began=utc(self.began_s), uids=self.witness.uids, batteries_v=volts)
+        witness = self.witness
+        row = replace(
+            row,
+            began=utc(self.began_s),
+            uids=witness.uids,
+            batteries_v=witness.volts or row.batteries_v,
+            versions=(*row.versions, *witness.programs),
+        )
         away = () if self.homing is None else tuple(
             f"{a.name} ({a.trouble})" for a in self.homing.arrivals() if a.trouble
         )  # fmt: skip
-        evidence = Evidence(ended, row.late, self.witness.lost_s, self.witness.moved_mm, away)
-        return Outcome(row, evidence, stays(ended, control))
+        evidence = Evidence(ended, row.late, witness.lost_s, witness.moved_mm, away)
+        return RunOutcome(row, evidence, stays(ended, control))
 
 
 def without(experiment: Experiment, tags: Collection[int]) -> Experiment:

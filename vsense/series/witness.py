@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from vsense.arena import ArenaState
 from vsense.link.robots.status import RobotStatus
-from vsense.run.runtime import Step
 from vsense.world.entities import BODY_RADIUS_M
 
 FASTEST_M_S = 0.16
@@ -36,6 +36,7 @@ class _Watched:
         stands_ns: since when it tells that its wheels stand; None: they turn, or nobody knows.
         anchor, anchor_ns: where and when it was seen first while it stood alone.
         moved_m: the farthest that somebody moved it.
+        millivolts, uid, program: as last told.
     """
 
     name: str
@@ -49,6 +50,7 @@ class _Watched:
     moved_m: float = 0.0
     millivolts: int = 0
     uid: str = ""
+    program: str = ""
 
 
 class Witness:
@@ -62,9 +64,9 @@ class Witness:
         self._robots = {tag: _Watched(name) for tag, name in robots.items()}
         self._newest_ns: int | None = None
 
-    def observe(self, step: Step, robots: Mapping[int, RobotStatus]) -> None:
-        """Takes a timestep of the run, and the status of every robot by tag."""
-        now_ns, rows = step.state.capture_ns, step.state.robots
+    def observe(self, state: ArenaState, robots: Mapping[int, RobotStatus]) -> None:
+        """Takes the arena state of a timestep of the run, and the status of every robot by tag."""
+        now_ns, rows = state.capture_ns, state.robots
         seen = rows[rows["seen"]]
         places = {
             int(tag): (float(x), float(y))
@@ -97,11 +99,6 @@ class Witness:
         return [tag for tag, robot in self._robots.items() if robot.well_ns != self._newest_ns]
 
     @property
-    def places(self) -> dict[int, Point]:
-        """Where robots were seen last, by tag."""
-        return {tag: r.place for tag, r in self._robots.items() if r.place is not None}
-
-    @property
     def volts(self) -> list[float]:
         """Their batteries as last told, of those that told."""
         return [r.millivolts / 1e3 for r in self._robots.values() if r.millivolts]
@@ -111,9 +108,16 @@ class Witness:
         """Who they are, of those that were there."""
         return [robot.uid for robot in self._robots.values() if robot.uid]
 
+    @property
+    def programs(self) -> list[str]:
+        """What they run: name, and hash of the source, as a run's versions have it."""
+        return sorted({robot.program for robot in self._robots.values() if robot.program})
+
     def _note_link(self, robot: _Watched, status: RobotStatus, now_ns: int) -> None:
         said = status.telemetry
         robot.uid = robot.uid if status.uid is None else status.uid.hex()
+        if status.connected and status.controller:
+            robot.program = f"{status.controller}={status.hash}"
         turns = said is None or (said.left_steps_s, said.right_steps_s) != (0, 0)
         if said is not None:
             robot.millivolts = said.battery_mv or robot.millivolts
