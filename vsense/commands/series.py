@@ -101,7 +101,7 @@ def run(options: argparse.Namespace) -> int:
     console = Console()
     for warning in {text for one in known.values() for text in one.experiment.warnings}:
         console.say(f"vsense: {warning}")
-    files = {Path(one.experiment.path) for one in known.values()}
+    files = {path for one in known.values() for path in one.files}
     with (
         interruption() as interrupted,
         SeriesFolder(path, plan, sorted(files)) as folder,

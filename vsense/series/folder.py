@@ -122,8 +122,8 @@ class SeriesFolder:
         ]
 
     def _begin(self, path: Path) -> None:
-        if (self.path / RUNS).exists():
-            raise UsageError(f"{self.path}: holds runs, but of no series: choose another folder")
+        if any(entry.name != _LOCK for entry in self.path.iterdir()):
+            raise UsageError(f"{self.path}: is not empty, and of no series: choose a new folder")
         facts = {"plan": self._plan.facts(), "files": self._digests, "version": __version__}
         with failing_as(DirectoryError, f"cannot write to {self.path}"):
             part = path.with_name(f".{SERIES}.part")

@@ -29,6 +29,13 @@ class PlannedExperiment:
     experiment: Experiment
     settings: Mapping[str, str]
 
+    @property
+    def files(self) -> set[Path]:
+        """The experiment's file, and those of its controllers and loop functions."""
+        experiment, loop = self.experiment, self.experiment.loop_functions
+        sources = {path for spec in experiment.controllers for path in spec.sources}
+        return {experiment.path, *sources, *(() if loop is None else (loop.path,))}
+
 
 @dataclass(frozen=True, slots=True)
 class PlanLoader:

@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from vsense.config.specs import Experiment
-from vsense.errors import VsenseError
 from vsense.link.robots.keys import LinkTrust
 from vsense.live.run import OneRun
 from vsense.live.session import RunSession, RunSetup
@@ -19,17 +18,13 @@ from vsense.series.folder import SeriesFolder
 from vsense.series.order import PlannedRun
 from vsense.series.parts import PlanLoader
 from vsense.series.series import Made, RunOutcome
-from vsense.series.staged import StagedRun, room_options
+from vsense.series.staged import NotEnoughRobots, StagedRun, room_options
 from vsense.terminal import Console, Interruption
 from vsense.ui.room import ControlRoom, RoomOptions
 
 Bring = Callable[[Experiment, Collection[int]], Mapping[int, str]]
 """Brings robots with these tags what they run in an experiment; gives whom it did not reach, with
 why."""
-
-
-class NotEnoughRobots(VsenseError):
-    """A run cannot begin with who is there; the message names who is not."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,7 +21,7 @@ from vsense.series.folder import SeriesFolder
 from vsense.series.order import PlannedRun
 from vsense.series.parts import PlanLoader
 from vsense.series.series import Made
-from vsense.series.staged import StagedRun, room_options
+from vsense.series.staged import NotEnoughRobots, StagedRun, room_options
 from vsense.terminal import Console, Interruption
 from vsense.ui.room import ControlRoom, RoomOptions
 
@@ -116,7 +116,12 @@ class LabRuns:
 
         with session:
             room.begin_run(session.environment, directory)
-            session.wait_patiently(plan.robots.ready_s)
+            readiness = session.wait_patiently(plan.robots.ready_s)
+            if not readiness.complete and not self._interrupted.is_set():
+                logs = f"the robots' logs are in {directory / 'robots'}"
+                raise NotEnoughRobots(
+                    f"{run.name} cannot begin: {readiness.missing_text()} ({logs})"
+                )
             staged.homing = session.home()
             if self._interrupted.is_set():
                 return

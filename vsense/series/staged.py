@@ -9,7 +9,7 @@ from typing import Any
 
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment, Pose
-from vsense.errors import UsageError
+from vsense.errors import UsageError, VsenseError
 from vsense.homing.homing import Homing
 from vsense.link.robots.status import RobotStatus
 from vsense.run.control import Control, State
@@ -23,6 +23,10 @@ from vsense.series.plan import SeriesPlan
 from vsense.series.series import RunOutcome
 from vsense.series.witness import Witness
 from vsense.ui.room import RoomOptions
+
+
+class NotEnoughRobots(VsenseError):
+    """A run cannot begin with who is there; the message names who is not."""
 
 
 @dataclass(slots=True)
