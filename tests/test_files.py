@@ -16,19 +16,19 @@ from vsense.calibration.views import read_table
 from vsense.cameras.camera import Camera, CameraError
 from vsense.cameras.picture import read_picture
 from vsense.cameras.recordings import read_timestamps
-from vsense.config import experiment, resources
+from vsense.config import battery_history, experiment, resources, roster
 from vsense.errors import VsenseError
 from vsense.files import parse_json, read_bytes, read_text
 from vsense.markers.families import load_family
 from vsense.recording.reader import open_recording
-from vsense.robot import hosts
 from vsense.ui.access import read_tokens
 
 READERS: dict[str, Callable[[Path], object]] = {
     "x.argos": experiment.load,
     "resources.xml": resources.load,
     "tokens": read_tokens,
-    "hosts": hosts.read,
+    "robots.toml": roster.read,
+    "robots.battery.csv": battery_history.read,
     "times.csv": lambda path: read_timestamps(path, False),
     "views.csv": lambda path: read_table(path, ["x"]),
     "picture.png": read_picture,

@@ -87,7 +87,14 @@ def test_what_is_not_supported_stands_at_the_end() -> None:
 
 def options(**changes: object) -> argparse.Namespace:
     plain = {"experiment": "pollutant", "duration": None, "set": [], "dry": False, "strict": False}
-    plain |= {"lenient": False, "json": False, "sources": [], "include": []}
+    plain |= {
+        "lenient": False,
+        "roster": None,
+        "replace": [],
+        "json": False,
+        "sources": [],
+        "include": [],
+    }
     return argparse.Namespace(**{**plain, **changes})
 
 

@@ -102,6 +102,11 @@ ROBOT = '[[robot]]\ntag = 1\nhost = "a"\n'
         ('[[robot]]\ntag = "23"\n', 2, "tag: expected a whole number from 0 to 65535; got '23'"),
         (f"{ROBOT}speed = 3\n", 4, "'speed' is nothing that a robot has; is 'spare'"),
         (f"{ROBOT}outoforder = 'x'\n", 4, "'outoforder' is nothing that a robot has; is 'out_of_o"),
+        (
+            f"{ROBOT}x_mm = 1\n",
+            4,
+            "'x_mm' is nothing that a robot has; it stands in [robot",
+        ),
         (f"{ROBOT}spare = 1\n", 4, "spare: expected true or false; got 1"),
         (f"{ROBOT}out_of_order = ''\n", 4, "out_of_order: expected why in a line, such as"),
         (f"{ROBOT}name = '$(reboot)'\n", 4, "name: expected a text without blanks of at most 31"),

@@ -16,12 +16,12 @@ from tests.fuzz import mutate
 from vsense.calibration.views import read_corners
 from vsense.cameras.camera import Camera, CameraError
 from vsense.cameras.recordings import read_timestamps
-from vsense.config import experiment, placement, tracking_session
+from vsense.config import battery_history, experiment, placement, roster, tracking_session
 from vsense.config import resources as resources_file
 from vsense.config.description import describe
 from vsense.link.robots import keys
 from vsense.markers.families import MarkerFamily, known_families, load_family
-from vsense.robot import hosts, key_holders
+from vsense.robot import key_holders
 from vsense.tracking.kernel import Kernel
 from vsense.ui.access import read_tokens
 
@@ -163,10 +163,15 @@ def family(random: Random, scene: FamilyScene) -> None:
 
 
 _LISTS: Mapping[str, tuple[str, Callable[[Path], object]]] = {
-    "hosts": (
-        "# robots\nroot@192.168.1.30  tag=23  base=argos:/dev/ttyS0\n"
-        "pi@192.168.1.31 tag=24 base=gctronic:/dev/i2c-12 name=left wheel-ratio=1.01\n",
-        hosts.read,
+    "roster": (
+        '# ours\n[defaults]\nbase = "overo"\n[[robot]]\ntag = 23\nhost = "root@192.168.1.30"\n'
+        '[robot.calibration]\nwheel_ratio = 1.01\nground_scale = "210:880"\nwhen = 2026-11-23\n'
+        "[[robot]]\ntag = 24\nspare = true\nmarker = { x_mm = 1.5, yaw_deg = -2.1 }\n",
+        roster.read,
+    ),
+    "batteries": (
+        "time,tag,uid,begin_v,end_v,duration_s\n2026-11-23T10:00:00+01:00,23,,4.1,3.9,60.0\n",
+        battery_history.read,
     ),
     "holders": (
         f"# keys\n1 {'ab' * 16} 23 2026-11-23 root@192.168.1.30\n2 {'cd' * 16} 24 2026-11-23 b\n",

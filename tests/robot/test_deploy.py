@@ -23,14 +23,16 @@ from types import SimpleNamespace
 import pytest
 
 from tests.conftest import require_tool
+from tests.robot import rosters
 from vsense import cli
+from vsense.commands.rosters import board_of
+from vsense.config import roster
 from vsense.config.experiment import load
 from vsense.config.placement import settle
-from vsense.errors import ConfigError, UsageError
 from vsense.lab.microcontrollers import Microcontrollers
 from vsense.link.robots.keys import INSECURE
 from vsense.link.robots.server import LinkEvent, VirtualSensorServer
-from vsense.robot import deploying, hosts
+from vsense.robot import deploying
 from vsense.robot.programs import Program
 from vsense.run.environment import Environment
 from vsense.run.robots import make_server
@@ -43,8 +45,8 @@ case "$1" in
         [ ! -e "$VSENSED_ROOT/sick" ] || { echo "base     BAD  no answer"; exit 1; }
         echo "base     ok   it answers" ;;
     --identify)
-        if grep -q "^wheel-diameter = 80" "$3"; then
-            echo "vsensed: $3:5: wheel-diameter: expected 30..50 mm, got '80'" >&2
+        if grep -q "^watchdog = /dev/none" "$3"; then
+            echo "vsensed: $3:5: watchdog: no such device" >&2
             exit 2
         fi
         uid=$(sed -n 's/^uid = //p' "$3")
@@ -108,8 +110,8 @@ def is_gone(pid: int) -> bool:
 
 
 def deploy(tmp_path: Path, lines: str, *words: str) -> int:
-    (tmp_path / "robots.txt").write_text(lines)
-    common = ["--hosts", "robots.txt", "--host", "10.0.0.1", "--base", "argos:/dev/ttyS0"]
+    rosters.write(tmp_path, lines)
+    common = ["--host", "10.0.0.1", "--base", "argos:/dev/ttyS0"]
     secure = [] if "--key" in words else ["--insecure"]
     return cli.main(["robot", "deploy", *common, *secure, *words])
 
@@ -124,7 +126,7 @@ def test_every_robot_gets_its_own_settings(
     boards: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     left, right = systemd(boards, "root@left"), systemd(boards, "pi@right")
-    lines = "# ours\nroot@left tag=23\n\npi@right tag=24 base=york:/dev/i2c-12 port=4060 # b\n"
+    lines = "root@left tag=23\npi@right tag=24 base=york:/dev/i2c-12 port=4060\n"
     assert deploy(tmp_path, lines) == 0
     assert "host = 10.0.0.1\nport = 4050\nbase = argos:/dev/ttyS0\ntag = 23\n" in (
         (left / "etc/vsensed.conf").read_text()
@@ -184,12 +186,12 @@ def test_settings_that_the_daemon_refuses_replace_nothing(
 ) -> None:
     """It would end at every start, and the service start it again for ever."""
     board = systemd(boards, "a")
-    assert deploy(tmp_path, "a tag=1 wheel-diameter=41\n") == 0
+    assert deploy(tmp_path, "a tag=1 watchdog=/dev/watchdog\n") == 0
     before = {p: p.read_bytes() for p in board.rglob("*") if p.is_file()}
     (tmp_path / "vsensed").write_text((tmp_path / "vsensed").read_text() + "# another one\n")
     capsys.readouterr()
-    assert deploy(tmp_path, "a tag=1 wheel-diameter=80\n", *words) == 1
-    said = "its settings cannot be used: wheel-diameter: expected 30..50 mm, got '80'"
+    assert deploy(tmp_path, "a tag=1 watchdog=/dev/none\n", *words) == 1
+    said = "its settings cannot be used: watchdog: no such device"
     assert said in capsys.readouterr().out
     assert {p: p.read_bytes() for p in board.rglob("*") if p.is_file()} == before
 
@@ -289,8 +291,8 @@ def test_rollback_brings_the_last_daemon_and_its_settings_back(
     for content, tag, version in ((first, "1", "9.9"), (second, "2", "10.0")):
         capsys.readouterr()
         # Neither a daemon nor its settings are needed for that.
-        (tmp_path / "robots.txt").write_text("board tag=1\n")
-        assert cli.main(["robot", "deploy", "--hosts", "robots.txt", "--rollback"]) == 0
+        rosters.write(tmp_path, "board tag=1\n")
+        assert cli.main(["robot", "deploy", "--rollback"]) == 0
         assert f"systemd: vsensed {version}," in capsys.readouterr().out
         assert binary.read_bytes() == content and settings(board)["tag"] == tag
         assert binary.stat().st_mode & 0o777 == 0o755
@@ -308,9 +310,9 @@ def test_a_controller_alone_is_replaced(
         return SimpleNamespace(path=output)
 
     monkeypatch.setattr("vsense.commands.robot.boards.build", build)
-    (tmp_path / "robots.txt").write_text("board tag=1\n")
+    rosters.write(tmp_path, "board tag=1\n")
     (tmp_path / "mine.c").write_text("")
-    words = ["robot", "deploy", "--hosts", "robots.txt", "--controller", "mine.c"]
+    words = ["robot", "deploy", "--controller", "mine.c"]
     board = systemd(boards, "board")
     assert cli.main(words) == 1
     assert "has no settings yet: deploy to it once" in capsys.readouterr().out
@@ -367,9 +369,9 @@ def test_an_experiment_brings_each_robot_its_own_program(
         assert deploy(tmp_path, lines.splitlines()[1], *words, "--force") == 0
         both = r": prey_7488_0 runs 'predator' \(\w+\), expected 'prey' \(\w+\)"
         assert re.search(both, wait("refused", prey).text)
-        lines = f"left tag={predator}\nright tag=5\n"
-        assert deploy(tmp_path, lines, *words, "--experiment", "predator_prey") == 2
-        assert "robots.txt:2: tag 5 is no robot of predator_prey" in capsys.readouterr().err
+        words += ["--experiment", "predator_prey"]
+        assert deploy(tmp_path, "right tag=5 spare=true\n", *words) == 2
+        assert "has no part for 5: --replace TAG=5 brings one's; its" in capsys.readouterr().err
     finally:
         bases.close()
 
@@ -544,11 +546,11 @@ def test_unit_never_gives_up() -> None:
 
 
 def test_ctrl_c_ends_all_connections(boards: Path, tmp_path: Path) -> None:
-    (tmp_path / "robots.txt").write_text("slow tag=1\n")
+    rosters.write(tmp_path, "slow tag=1\n")
     os.mkfifo(boards / "slow.pid")
     slow = os.open(boards / "slow.pid", os.O_RDWR)
     shutil.copy2("/bin/true", tmp_path / "real")
-    words = ["--hosts", "robots.txt", "--host", "10.0.0.1", "--base", "argos:x"]
+    words = ["--host", "10.0.0.1", "--base", "argos:x"]
     words += ["--binary", "real", "--insecure"]
     process = subprocess.Popen(
         [sys.executable, "-m", "vsense", "robot", "deploy", *words],
@@ -566,63 +568,53 @@ def test_ctrl_c_ends_all_connections(boards: Path, tmp_path: Path) -> None:
     assert is_gone(ssh)
 
 
-def test_what_one_robot_needs_goes_into_its_settings(tmp_path: Path) -> None:
-    file = tmp_path / "robots.txt"
+def test_what_is_known_of_a_robot_goes_into_its_settings(tmp_path: Path) -> None:
     spans = "80:1500,81:1400,82:1450,83:1500,84:1500,85:1500,86:1500,87:1500"
-    more = "wheel-ratio=1.004 axle-length=53.4 battery-stop-mv=3400 watchdog=/dev/watchdog"
-    file.write_text(f"a tag=1 proximity-scale={spans} {more}\n")
-    (robot,) = hosts.read(file)
-    lines = deploying.settings_text(robot.settings).splitlines()
-    assert lines[2:] == [
-        f"proximity-scale = {spans}",
-        "wheel-ratio = 1.004",
-        "axle-length = 53.4",
+    own = "tag=1 name=left battery_stop_mv=3400 watchdog=/dev/watchdog run_host=10.0.0.9"
+    path = rosters.write(tmp_path, f"a {own}\n")
+    path.write_text(
+        f"{path.read_text()}[robot.calibration]\nwheel_ratio = 1.004\naxle_length_mm = 53.4\n"
+        f'proximity_scale = "{spans}"\nwhen = 2026-11-23\n'
+    )
+    (robot,) = roster.read(path).robots
+    lines = deploying.settings_text(board_of(robot).settings).splitlines()
+    assert set(lines[1:]) == {
+        "tag = 1",
+        "name = left",
+        "host = 10.0.0.9",
         "battery-stop-mv = 3400",
         "watchdog = /dev/watchdog",
-    ]
+        "wheel-ratio = 1.004",
+        "axle-length = 53.4",
+        f"proximity-scale = {spans}",
+    }
 
 
-@pytest.mark.parametrize(
-    ("lines", "line", "words"),
-    [
-        ("a tag=1\nb\n", 2, "expected tag=0..65535, got no tag"),
-        ("a tag=70000\n", 1, "expected tag=0..65535, got 70000"),
-        (f"a tag={'1' * 5000}\n", 1, "expected tag=0..65535, got 1111"),
-        ("a tag=1 speed=3\n", 1, "expected one of tag=VALUE, base=VALUE, name=VALUE"),
-        ("a tag=1 tag=2\n", 1, "tag= is there twice"),
-        ("a tag=1 name=$(reboot)\n", 1, "expected one of"),
-        ("-oProxyCommand=x tag=1\n", 1, "expected [user@]host, got '-oProxyCommand=x'"),
-        ("a;b tag=1\n", 1, "expected [user@]host, got 'a;b'"),
-        ("a tag=1\n\nb tag=01\n", 3, "tag 1 is in line 1, too"),
-        ("a tag=1\na tag=2\n", 2, "a is in line 1, too"),
-        ("a tag=1 uid=0aB\nb tag=2 uid=0Ab\n", 2, "uid 0ab is in line 1, too"),
-    ],
-)
-def test_lists_that_are_wrong(tmp_path: Path, lines: str, line: int, words: str) -> None:
-    file = tmp_path / "robots.txt"
-    file.write_text(lines)
-    with pytest.raises(ConfigError) as caught:
-        hosts.read(file)
-    assert str(caught.value).startswith(f"{file}:{line}: {words}")
-
-
-def test_a_list_without_robots(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="No such file"):
-        hosts.read(tmp_path / "robots.txt")
-    (tmp_path / "robots.txt").write_text("# none\n")
-    with pytest.raises(UsageError, match="names no robot"):
-        hosts.read(tmp_path / "robots.txt")
+def test_robots_that_are_out_of_order_are_left_out_unless_they_are_named(
+    boards: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("a", "b"):
+        systemd(boards, name)
+    lines = "a tag=1 spare=true\nb tag=2 out_of_order=no~wheel\n"
+    assert deploy(tmp_path, lines) == 0
+    said = capsys.readouterr()
+    assert "robot 2 is left out: out of order: no wheel (--tags 2 brings it in)" in said.err
+    assert [row.split()[:2] for row in said.out.splitlines()[1:]] == [["a", "1"]]
+    assert deploy(tmp_path, lines, "--tags", "2") == 0
+    assert [row.split()[:2] for row in capsys.readouterr().out.splitlines()[1:]] == [["b", "2"]]
+    assert deploy(tmp_path, lines, "--tags", "3") == 2
+    assert "--tags 3: robots.toml has 1, 2" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (["--base", "x"], "robots.txt:1: no host for this robot: add host=..., or give --host"),
-        (["--host", "h", "--base", "x"], "host: expected a numeric IPv4 address, got 'h'"),
-        (["--host", "10.0.0.1"], "robots.txt:1: no base for this robot"),
-        (["--host", "10.0.0.1", "--base", "x", "--port", "0"], "port: expected 1 to 65535"),
+        (["--base", "x"], "robots.toml:1: no host for this robot: add run_host = "),
+        (["--host", "h", "--base", "x"], "--host: expected a numeric IPv4 address, got 'h'"),
+        (["--host", "10.0.0.1"], "robots.toml:1: no base for this robot"),
+        (["--host", "10.0.0.1", "--base", "x", "--port", "0"], "--port: expected 1 to 65535"),
         (["--host", "10.0.0.1", "--base", "x", "--binary", "no"], "make it with: vsense robot"),
-        (["--host", "10.0.0.1", "--base", "x", "--binary", "robots.txt"], "is no program"),
+        (["--host", "10.0.0.1", "--base", "x", "--binary", "robots.toml"], "is no program"),
     ],
 )
 def test_what_is_missing_is_told_before_anything_is_sent(
@@ -633,9 +625,9 @@ def test_what_is_missing_is_told_before_anything_is_sent(
     text: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "robots.txt").write_text("a tag=1\n")
+    rosters.write(tmp_path, "a tag=1\n")
     shutil.copy2("/bin/true", tmp_path / "vsensed")
-    assert cli.main(["robot", "deploy", "--hosts", "robots.txt", *words]) == 2
+    assert cli.main(["robot", "deploy", *words]) == 2
     assert text in capsys.readouterr().err
 
 

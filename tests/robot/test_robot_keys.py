@@ -9,15 +9,15 @@ from pathlib import Path
 
 import pytest
 
+from tests.robot import rosters
 from tests.robot.test_deploy import boards, deploy, program
 from vsense import cli
 from vsense.commands import robot_keys
 from vsense.errors import ConfigError, VsenseError
 from vsense.link.robots import keys
 from vsense.link.robots.keys import LinkTrust, SwarmKeys
-from vsense.robot import hosts, key_holders
-from vsense.robot.deploying import Outcome, Part, Plan
-from vsense.robot.hosts import RobotHost
+from vsense.robot import key_holders
+from vsense.robot.deploying import Outcome, Part, Plan, RobotHost
 from vsense.sharing import NotMember
 
 __all__ = ["boards"]
@@ -94,9 +94,9 @@ def test_a_new_key_names_whom_it_did_not_reach_and_locks_nobody_out(
     ask("--key", str(file), "--new-key")
     assert deploy(tmp_path, FOUR, "--key", str(file)) == 0
     before = {name: key_of(boards / f"root@{name}") for name in "ab"}
-    (tmp_path / "robots.txt").write_text("root@a tag=1\nroot@off tag=2\n")
+    rosters.write(tmp_path, "root@a tag=1\nroot@off tag=2\n")
     capsys.readouterr()
-    assert ask("--key", str(file), "--new-key", "--hosts", "robots.txt") == 1
+    assert ask("--key", str(file), "--new-key", "--roster", "robots.toml") == 1
     out = capsys.readouterr().out
     assert "keys 1, 2; robots are given 2" in out
     assert "root@off, tag 2: ssh: connect to host root@off port 22: No route to host" in out
@@ -109,8 +109,8 @@ def test_a_new_key_names_whom_it_did_not_reach_and_locks_nobody_out(
     roots = [(number, root) for number, root in LinkTrust(swarm).roots(uid) if number is not None]
     assert [number for number, _ in roots] == [2, 1]
     assert roots[1][1].hex() == before["b"]["key"]
-    (tmp_path / "robots.txt").write_text(FOUR)
-    assert ask("--key", str(file), "--hosts", "robots.txt", "--json") == 0
+    rosters.write(tmp_path, FOUR)
+    assert ask("--key", str(file), "--roster", "robots.toml", "--json") == 0
     facts = json.loads(capsys.readouterr().out)
     assert facts["newest"] == 2 and [robot["key"] for robot in facts["robots"]] == [2] * 4
     assert facts["forgotten"] == [1], "nobody has it any more"
@@ -125,8 +125,8 @@ def test_a_robot_that_was_away_is_renewed_by_the_next_deploy_of_anything(
     ask("--key", str(file), "--new-key")
     assert deploy(tmp_path, "root@a tag=1\nroot@b tag=2\n", "--key", str(file)) == 0
     before = key_of(boards / "root@b")
-    (tmp_path / "robots.txt").write_text("root@a tag=1\n")
-    assert ask("--key", str(file), "--new-key", "--hosts", "robots.txt") == 0
+    rosters.write(tmp_path, "root@a tag=1\n")
+    assert ask("--key", str(file), "--new-key", "--roster", "robots.toml") == 0
     assert "robot 2 (root@b) was not reached with key 2" in capsys.readouterr().out
     trust = key_holders.trust(key_holders.file_of(file), keys.read(file))
     assert trust.notes == (
@@ -139,8 +139,7 @@ def test_a_robot_that_was_away_is_renewed_by_the_next_deploy_of_anything(
     assert not trust.is_former(reached, None), "without a key: another's to judge"
     plan = Plan(binaries={"root@b": (tmp_path / "vsensed").read_bytes()}, part=Part.DAEMON)
     options = argparse.Namespace(key=file)
-    (tmp_path / "both.txt").write_text("root@b tag=2\n")
-    robots = hosts.read(tmp_path / "both.txt")
+    robots = [RobotHost("root@b", {"tag": "2"}, 1)]
     plan = robot_keys.renewing(plan, options, robots)
     robot_keys.note(options, swarm := keys.read(file), robot_keys.deploy_all(plan, robots))
     now = key_of(boards / "root@b")
@@ -190,8 +189,8 @@ def test_a_key_in_the_labs_folder_is_its_members(
 def test_a_board_without_a_key_is_not_given_one_alone(
     file: Path, boards: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (tmp_path / "robots.txt").write_text("root@a tag=1\n")
-    assert ask("--key", str(file), "--new-key", "--hosts", "robots.txt") == 1
+    rosters.write(tmp_path, "root@a tag=1\n")
+    assert ask("--key", str(file), "--new-key", "--roster", "robots.toml") == 1
     assert "has no key yet: bring it one with vsense robot deploy" in capsys.readouterr().out
     assert not (boards / "root@a/etc/vsensed.key").exists()
 
@@ -200,8 +199,8 @@ def test_without_a_swarm_key_deploy_says_what_to_do(
     file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
-    (tmp_path / "robots.txt").write_text("root@a tag=1\n")
-    words = ["--hosts", "robots.txt", "--host", "10.0.0.1", "--base", "argos:/dev/ttyS0"]
+    rosters.write(tmp_path, "root@a tag=1\n")
+    words = ["--host", "10.0.0.1", "--base", "argos:/dev/ttyS0"]
     assert cli.main(["robot", "deploy", *words]) == 2
     assert "'vsense robot keys --new-key' makes it" in capsys.readouterr().err
     ask("--new-key")

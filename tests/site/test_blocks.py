@@ -24,7 +24,7 @@ ELSEWHERE = {
     r"(source|\.) \.venv/bin/activate": "the test's own environment is active",
     r"scripts/(demo|test|docs|bench)\b": "has tests of its own, and takes minutes",
     r"vsense run (?!--help|.*--tracker lines)": "needs robots: tests/live, tests/system",
-    r"vsense robot (deploy|status|keys --hosts|keys --new-key --hosts)": "needs robots",
+    r"vsense robot (deploy|status|keys --roster|keys --new-key --roster)": "needs robots",
     r"vsense robot build": "cross-compiles: tests/robot/test_building.py",
     r"vsense robot keys --forget": "needs two keys: tests/robot",
     r"vsensed |iw |ping ": "runs on a robot",

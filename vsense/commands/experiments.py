@@ -13,7 +13,7 @@ from contextlib import AbstractContextManager, ExitStack, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vsense.commands import arguments
+from vsense.commands import arguments, rosters
 from vsense.config.description import as_json, describe
 from vsense.config.experiment import first_robots, load
 from vsense.config.placement import settle
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from vsense.ui.room import RoomOptions
 
 
-def add_experiment(parser: argparse.ArgumentParser) -> None:
+def add_experiment(parser: argparse.ArgumentParser, stage: Stage) -> None:
     """Declares what all commands that run an experiment have in common."""
     arguments.add_experiment_name(parser)
     parser.add_argument(
@@ -50,6 +50,8 @@ def add_experiment(parser: argparse.ArgumentParser) -> None:
     )
     arguments.add_code(parser)
     _add_run(parser)
+    # Real robots are those of the lab; what is made up here goes on where the lab has too few.
+    rosters.add_casting(parser, found=stage is Stage.RUN)
 
 
 def _add_run(parser: argparse.ArgumentParser) -> None:
@@ -325,7 +327,8 @@ def open_experiment(
     if settings is None:
         settings = dict(options.set)
     virtual, code = getattr(options, "virtual_devices", False), arguments.code_of(options)
-    experiment = load(options.experiment, options.duration, settings, stage, virtual, code)
+    how = options.duration, settings, stage, virtual, code
+    experiment = load(options.experiment, *how, rosters.casting_of(options, stage is Stage.RUN))
     if options.dry:
         told = json.dumps(as_json(experiment), indent=2) if options.json else describe(experiment)
         print_data(told)
@@ -339,9 +342,10 @@ def open_experiment(
 
 
 def say_warnings(console: Console, experiment: Experiment) -> None:
-    """Says what of the experiment's file is not supported."""
+    """Says what of the experiment's file is not supported, and who plays for whom."""
     for warning in experiment.warnings:
         console.say(f"vsense: {warning}")
+    rosters.say_casting(experiment, console.say)
 
 
 def prepare(

@@ -6,12 +6,9 @@ import argparse
 import math
 import re
 from contextlib import suppress
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vsense.commands import arguments
-from vsense.config import roster
-from vsense.config.roster import FILE_NAME
+from vsense.commands import arguments, rosters
 from vsense.config.roster_fields import MarkerOffset
 from vsense.config.specs import Experiment
 
@@ -42,9 +39,8 @@ def add_errors(parser: Any, usual: bool = False) -> None:
 
 
 def add_robots(parser: argparse.ArgumentParser) -> None:
-    """Declares what robots of `vsense lab` differ in, and what is known of it."""
+    """Declares what robots of `vsense lab` differ in; its `--roster` says what is known of it."""
     add_errors(parser)
-    add_roster(parser, found=False)
 
 
 def errors_of(options: argparse.Namespace) -> HardwareErrors:
@@ -66,33 +62,17 @@ def robots_of(options: argparse.Namespace, experiment: Experiment) -> LabRobots:
 
     tags = [robot.tag for robot in experiment.robots]
     drawn = draw_all(tags, errors_of(options))
-    if options.roster is None:
+    known = rosters.roster_of(options, found=False)
+    if known is None:
         return LabRobots(drawn)
-    known = roster.read(options.roster)
     settings = {robot.tag: robot.calibration.settings for robot in known.robots}
     return LabRobots(drawn, known.markers, settings)
 
 
-def add_roster(parser: argparse.ArgumentParser, found: bool = True) -> None:
-    """Declares the roster that says where markers sit; `found`: it need not be named."""
-    here = f" (default: {FILE_NAME} in the current folder, where there is one)" if found else ""
-    arguments.option(
-        *(parser, "--roster", Path, "FILE"),
-        f"the lab's robots: where it says how a marker sits on one, poses are the robot's{here}",
-    )
-
-
 def markers_of(options: argparse.Namespace) -> dict[int, MarkerOffset]:
-    """Where markers sit on their robots, as the roster has it that is named or in this folder.
-
-    Raises:
-        UsageError: it cannot be read.
-        ConfigError: something in it is wrong.
-    """
-    path = options.roster
-    if path is None and not Path(FILE_NAME).exists():
-        return {}
-    return roster.read(path or Path(FILE_NAME)).markers
+    """Where markers sit on their robots, as the roster has it; raises as `rosters.roster_of`."""
+    known = rosters.roster_of(options)
+    return {} if known is None else known.markers
 
 
 def _marker(text: str) -> tuple[float, float]:

@@ -40,7 +40,7 @@ DESCRIPTION = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
-    experiments.add_experiment(parser)
+    experiments.add_experiment(parser, Stage.LAB)
     experiments.add_settings(parser)
     arguments.add_bases(parser, BASES)
     parser.add_argument(

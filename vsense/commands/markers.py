@@ -11,6 +11,7 @@ from typing import Any
 from vsense.camera_setup import photographs
 from vsense.camera_setup.photographs import FindOptions
 from vsense.commands import arguments
+from vsense.config import roster
 from vsense.errors import UsageError, failing_as
 from vsense.markers import codes, paper, sheet
 from vsense.markers.families import load_family
@@ -64,6 +65,10 @@ def _add_which(which: Any) -> None:
         metavar="IDS",
         help="1-20, or 3,7,20-22, or auto:20 for 20 numbers that stay apart under blur; robots of"
         " an experiment without tags wear the same ones",
+    )
+    arguments.option(
+        *(which, "--roster", Path, "FILE"),
+        "the markers of a lab's robots, spares included, with their names: robots.toml",
     )
     which.add_argument(
         "--for",
@@ -123,15 +128,18 @@ def run(options: argparse.Namespace) -> int:
 
 def _print(options: argparse.Namespace) -> int:
     output: Path | None = options.output
-    if output is None or (options.ids is None and options.wearer is None):
+    if output is None or (options.ids is options.wearer is options.roster is None):
         raise UsageError(
-            "expected -o and --ids or --for for sheets, or the action find; see --help"
+            "expected -o and --ids, --roster or --for for sheets, or the action find; see --help"
         )
     if output.suffix.lower() not in (".pdf", ".png"):
         raise UsageError(f"{output}: expected a name that ends in .pdf or .png")
     wanted, names = _FAMILY, dict[int, str]()
     if options.wearer is not None:
         wanted, names = _worn(options.wearer)
+    elif options.roster is not None:
+        robots = roster.read(options.roster).robots
+        names = {robot.tag: robot.name or robot.host for robot in robots}
     family = load_family(options.family or wanted)
     chosen = list(names) if names else codes.parse_tags(options.ids, family)
     size_mm = options.size or family.disc_diameter_mm

@@ -18,21 +18,25 @@ from vsense.commands import (
     robot_calibrate,
     robot_emulate,
     robot_keys,
+    robot_list,
+    rosters,
 )
+from vsense.config.casting import Casting
 from vsense.config.experiment import load
+from vsense.config.roster import Roster
 from vsense.config.specs import Experiment
-from vsense.errors import ConfigError, UsageError
-from vsense.robot import boards, deploying, finding, hosts, key_holders
+from vsense.errors import UsageError
+from vsense.robot import boards, deploying, finding, key_holders
 from vsense.robot.boards import Built
 from vsense.robot.build import cache_directory, source_tree
-from vsense.robot.deploying import Outcome, Part, Plan
-from vsense.robot.hosts import RobotHost
+from vsense.robot.deploying import Outcome, Part, Plan, RobotHost
 from vsense.robot.programs import Program, folders, stem_of
 from vsense.terminal import Console, aligned, patience
 
 DESCRIPTION = (
     "What a lab does with its robots' boards. 'build' makes the daemon vsensed with a controller"
-    " in it, one static file for a kind of board. 'deploy' copies it to all robots of a list with"
+    " in it, one static file for a kind of board. 'list' shows the lab's robots, as the roster"
+    " robots.toml has them. 'deploy' copies it to all of them with"
     " ssh, each its own where an experiment has several, writes each robot's settings, gives each a"
     " key of its own, so that nobody else moves it, and has it start with the board. 'keys' makes"
     " the swarm's key that theirs are made of, and says who has which. 'status' tells who is"
@@ -48,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True, dest="action")
     add = partial(arguments.add_action, actions)
     _add_build(add("build", "build vsensed with a controller for a board"))
-    _add_deploy(add("deploy", "copy vsensed to all robots of a list"))
+    _add_deploy(add("deploy", "copy vsensed to the robots of the roster"))
     robot_keys.add_arguments(add("keys", "make the swarm's key, and see which robots have which"))
     robot_emulate.add_arguments(
         add("emulate", "emulate robots with their bases, and a tracker, for a vsense run")
@@ -56,6 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     robot_calibrate.add_arguments(
         add("calibrate", "measure robots' wheels and markers with the overhead cameras")
     )
+    robot_list.add_arguments(add("list", "show the lab's robots: the roster"))
     status = add("status", "show the robots of the running experiment")
     orders.add_process(status)
     status.add_argument("--json", action="store_true", help="print the table as JSON")
@@ -98,15 +103,13 @@ def _add_code(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_deploy(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--hosts",
-        required=True,
-        type=Path,
-        metavar="FILE",
-        help="one robot in a line: what ssh is told, tag=TAG, and if they differ from robot to"
-        " robot base=BASE, name=NAME, host=, port=, uid=, battery-stop-mv=, watchdog=, and what was"
-        " measured of it, such as wheel-diameter=40.8; a line may be: root@192.168.1.30 tag=23",
+    rosters.add_roster(
+        parser,
+        "the lab's robots, a table [[robot]] each with tag = 23 and host = what ssh is told; what"
+        " was measured of one becomes its settings",
     )
+    rosters.add_tags(parser)
+    rosters.add_replace(parser, "with --experiment: bring 37 the controller that 23 runs")
     _add_what(parser)
     _add_code(parser)
     parser.add_argument(
@@ -186,6 +189,7 @@ def run(options: argparse.Namespace) -> int:
         "keys": robot_keys.run,
         "emulate": robot_emulate.run,
         "calibrate": robot_calibrate.run,
+        "list": robot_list.run,
         "status": orders.robots,
     }
     return actions[options.action](options)
@@ -245,12 +249,13 @@ def _programs(
 
 
 def deploy(options: argparse.Namespace) -> int:
-    """Brings `vsensed` to all robots of a list; prints a table of the outcomes."""
-    robots = hosts.read(options.hosts)
+    """Brings `vsensed` to the robots of a roster; prints a table of the outcomes."""
+    known = rosters.wanted_roster(options)
+    robots = rosters.boards(known, options.tags, Console().say)
     with tempfile.TemporaryDirectory(prefix="vsense-") as folder:
-        plan = _plan(options, robots, Path(folder))
+        plan, robots = _plan(options, known, robots, Path(folder))
     if plan.part is Part.ALL:
-        deploying.check(plan, robots, str(options.hosts))
+        deploying.check(plan, robots, str(known.path))
         if not options.insecure:
             keys = experiments.trust_of(options).keys
             holders = key_holders.read(robot_keys.holders_of(options))
@@ -267,8 +272,10 @@ def deploy(options: argparse.Namespace) -> int:
 _WHAT = ("binary", "controller", "experiment", "rollback")
 
 
-def _plan(options: argparse.Namespace, robots: Sequence[RobotHost], folder: Path) -> Plan:
-    """What the options say; a daemon that is built first is built in the folder."""
+def _plan(
+    options: argparse.Namespace, known: Roster, robots: list[RobotHost], folder: Path
+) -> tuple[Plan, list[RobotHost]]:
+    """What the options say, and for whom; a daemon that is built first is built in the folder."""
     chosen = [f"--{name}" for name in _WHAT if vars(options)[name]]
     if len(chosen) > 1:
         raise UsageError(f"{' and '.join(chosen)}: expected one of them")
@@ -282,35 +289,55 @@ def _plan(options: argparse.Namespace, robots: Sequence[RobotHost], folder: Path
         ssh_options=tuple(options.ssh_option),
     )
     if options.rollback:
-        return replace(plan, part=Part.BACK)
+        return replace(plan, part=Part.BACK), robots
     if options.experiment is not None:
         part = Part.DAEMON if options.host is None else Part.ALL
-        return replace(plan, binaries=_binaries(options, robots, folder / "vsensed"), part=part)
+        binaries = _binaries(options, known, robots, folder / "vsensed")
+        played = [robot for robot in robots if robot.destination in binaries]
+        return replace(plan, binaries=binaries, part=part), played
     if options.controller is None:
         binary, part = boards.load(options.binary or Path("vsensed")), Part.ALL
     else:
         built = _compiled(_program(options), options.target, folder / "vsensed")
         binary, part = boards.load(built.path), Part.DAEMON
-    return replace(plan, binaries={r.destination: binary for r in robots}, part=part)
+    return replace(plan, binaries={r.destination: binary for r in robots}, part=part), robots
 
 
 def _binaries(
-    options: argparse.Namespace, robots: Sequence[RobotHost], output: Path
+    options: argparse.Namespace, known: Roster, robots: Sequence[RobotHost], output: Path
 ) -> dict[str, bytes]:
-    """Builds what each robot runs in an experiment, by its destination."""
-    experiment = load(options.experiment, code=arguments.code_of(options))
-    known = {robot.tag: robot.controller for robot in experiment.robots}
-    driven = {}
+    """Builds what each robot runs in an experiment, by its destination.
+
+    Where all of them run the same, whoever has no part in it, as a spare, is brought that, too.
+    """
+    casting = Casting.of(known, options.replace)
+    code = arguments.code_of(options)
+    experiment = load(options.experiment, code=code, casting=casting)
+    parts = {robot.tag: robot.controller for robot in experiment.robots}
+    alike = set(parts.values())
+    driven, idle = {}, []
     for robot in robots:
         tag = int(robot.settings["tag"])
-        if tag not in known:
-            expected = ", ".join(map(str, known))
-            text = f"tag {tag} is no robot of {experiment.file}; expected: {expected}"
-            raise ConfigError(str(options.hosts), robot.line, text)
-        driven[robot.destination] = known[tag]
+        controller = parts.get(tag, *alike) if len(alike) == 1 else parts.get(tag)
+        if controller is None:
+            idle.append(tag)
+        else:
+            driven[robot.destination] = controller
+    if idle:
+        _say_idle(experiment, idle, driven)
     built = _programs(experiment, set(driven.values()), options.target, output)
     contents = {name: boards.load(each.path) for name, each in built.items()}
     return {destination: contents[name] for destination, name in driven.items()}
+
+
+def _say_idle(experiment: Experiment, idle: Sequence[int], driven: Collection[str]) -> None:
+    """Says who is brought nothing, and how a spare is brought a part's controller."""
+    tags = " ".join(map(str, idle))
+    text = f"{experiment.file} has no part for {tags}: --replace TAG={idle[0]} brings one's"
+    if not driven:
+        expected = ", ".join(str(robot.tag) for robot in experiment.robots)
+        raise UsageError(f"{text}; its robots are {expected}")
+    Console().say(text)
 
 
 def table(outcomes: list[Outcome]) -> str:

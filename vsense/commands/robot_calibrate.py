@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from vsense import clock
-from vsense.commands import arguments, experiments, hardware
+from vsense.commands import arguments, experiments, hardware, rosters
 from vsense.config import roster
+from vsense.config.casting import Casting
 from vsense.config.experiment import first_robots, load
 from vsense.config.placement import settle
 from vsense.config.roster import Roster
@@ -42,9 +43,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar=("RESOURCES", "SESSION"),
         help="the overhead cameras: these two files of `vsense track`",
     )
-    arguments.option(
-        *(parser, "--roster", Path, "FILE"),
+    rosters.add_roster(
+        parser,
         "the lab's robots: what is found is written into it (default: it is only shown)",
+        found=False,
     )
     arguments.option(
         parser, "--robots", arguments.positive, "N", "take only the first N robots of the file"
@@ -95,9 +97,10 @@ def run(options: argparse.Namespace) -> int:
     Returns:
         0; 1 where a robot was left out; 130 after Ctrl-C, 143 after SIGTERM.
     """
-    known = None if options.roster is None else roster.read(options.roster)
+    known = rosters.roster_of(options, found=False)
     stage = Stage.LAB if options.lab else Stage.RUN
-    original = first_robots(load(options.experiment, stage=stage), options.robots)
+    casting = Casting.of(known, limit=options.robots)
+    original = first_robots(load(options.experiment, stage=stage, casting=casting), options.robots)
     if not options.lab:
         require_source(original, options.tracking)
     elif options.tracking is not None:

@@ -7,7 +7,7 @@ import shlex
 from contextlib import closing
 from pathlib import Path
 
-from vsense.commands import arguments, experiments
+from vsense.commands import arguments, experiments, rosters
 from vsense.config.experiment import first_robots, load
 from vsense.config.framework import LINES_PORT
 from vsense.config.placement import settle
@@ -38,6 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f" .argos file (default: {DEFAULT})",
     )
     arguments.add_code(parser)
+    rosters.add_casting(parser, found=True)
     _add_ends(parser)
     arguments.add_bases(parser, BASES)
     experiments.add_key(parser)
@@ -76,7 +77,9 @@ def _add_ends(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Emulates robots until Ctrl-C or SIGTERM; returns 130 or 143."""
-    loaded = load(options.experiment, stage=Stage.LAB, code=arguments.code_of(options))
+    casting = rosters.casting_of(options, found=True)
+    code = arguments.code_of(options)
+    loaded = load(options.experiment, stage=Stage.LAB, code=code, casting=casting)
     if (options.robots or 0) > len(loaded.robots):
         raise UsageError(f"{options.robots} robots: {loaded.file} has {len(loaded.robots)}")
     experiment = first_robots(loaded, options.robots)
@@ -116,6 +119,9 @@ def _command(options: argparse.Namespace, port: int, lines_port: int) -> str:
     words = ["vsense", "run", options.experiment]
     words += ["--tracker", "lines" if lines_port == LINES_PORT else f"lines:{lines_port}"]
     words += [] if options.port is None else ["--port", str(port)]
+    words += [] if options.roster is None else ["--roster", str(options.roster)]
+    for out, new in options.replace:
+        words += ["--replace", f"{out}={new}"]
     words += [] if options.robots is None else ["--robots", str(options.robots)]
     words += [] if options.key is None else ["--key", str(options.key)]
     return shlex.join(words + (["--insecure"] if options.insecure else []))

@@ -9,13 +9,12 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from vsense.commands import arguments, experiments
+from vsense.commands import arguments, experiments, rosters
 from vsense.errors import UsageError
 from vsense.link.robots import keys as swarm_keys
 from vsense.link.robots.keys import SwarmKeys
-from vsense.robot import deploying, hosts, key_holders
-from vsense.robot.deploying import Outcome, Part, Plan
-from vsense.robot.hosts import RobotHost
+from vsense.robot import deploying, key_holders
+from vsense.robot.deploying import Outcome, Part, Plan, RobotHost
 from vsense.robot.key_holders import Holder
 from vsense.terminal import Console, aligned
 
@@ -28,14 +27,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="make a swarm key: the first one, or one that follows it. Robots that it does not"
         " reach keep their older one, which the host still takes, and are named",
     )
-    arguments.option(
+    rosters.add_roster(
         parser,
-        "--hosts",
-        Path,
-        "FILE",
-        "bring the newest key to the robots of this list, as for `vsense robot deploy`, whose"
-        " daemons have a key already; their wheels stop for a moment",
+        "bring the newest key to the robots of this roster whose daemons have a key already; their"
+        " wheels stop for a moment (default: bring it nowhere)",
+        found=False,
     )
+    rosters.add_tags(parser)
     parser.add_argument(
         "--forget",
         type=arguments.positive,
@@ -117,7 +115,7 @@ def run(options: argparse.Namespace) -> int:
             raise UsageError(f"--forget: expected one of several keys, there are: {numbers}")
         known = known.without(options.forget)
         swarm_keys.write(path, known)
-    outcomes = [] if options.hosts is None else _bring(options, known)
+    outcomes = [] if options.roster is None else _bring(options, known)
     holders = key_holders.note(holders_of(options), known.newest, outcomes)
     known, forgotten = key_holders.forget(path, known, holders, [one.robot for one in outcomes])
     facts = {**_key_facts(path, known, holders), "forgotten": forgotten}
@@ -129,7 +127,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _bring(options: argparse.Namespace, known: SwarmKeys) -> list[Outcome]:
     """Brings the newest key to the robots of a list."""
-    robots = hosts.read(options.hosts)
+    robots = rosters.boards(rosters.wanted_roster(options), options.tags, Console().say)
     plan = Plan(
         sudo=options.sudo,
         force=options.force,
@@ -169,7 +167,7 @@ def key_table(
             lines.append(
                 f"robot {holder.tag} ({holder.destination}) was not reached with key"
                 f" {known.newest}: the host {taken} its key {holder.key}, until"
-                " 'vsense robot keys --hosts FILE' or 'vsense robot deploy' brings it"
+                " 'vsense robot keys --roster FILE' or 'vsense robot deploy' brings it"
             )
     return "\n".join(lines)
 

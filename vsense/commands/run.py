@@ -11,7 +11,7 @@ from typing import Any
 from vsense.calibration.checked import told_of
 from vsense.commands import arguments, experiments, hardware
 from vsense.config.framework import LINES_PORT
-from vsense.config.specs import Experiment, JsonLinesTracker, TrackerAddress
+from vsense.config.specs import Experiment, JsonLinesTracker, Stage, TrackerAddress
 from vsense.errors import VsenseError, failing_as
 from vsense.link.robots.keys import LinkTrust
 from vsense.live.run import OneRun
@@ -37,10 +37,9 @@ DESCRIPTION = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
-    experiments.add_experiment(parser)
+    experiments.add_experiment(parser, Stage.RUN)
     experiments.add_settings(parser)
     _add_ends(parser)
-    hardware.add_roster(parser)
     parser.add_argument(
         "--start-after",
         type=arguments.seconds,

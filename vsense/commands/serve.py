@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from vsense.commands import arguments, hardware
+from vsense.commands import arguments, hardware, rosters
 from vsense.live import serve
 
 DESCRIPTION = (
@@ -17,7 +17,7 @@ DESCRIPTION = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     arguments.add_tracking_files(parser)
-    hardware.add_roster(parser)
+    rosters.add_roster(parser, rosters.MARKERS)
     parser.add_argument(
         "--host",
         default="127.0.0.1",

@@ -30,7 +30,7 @@ DESCRIPTION = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
-    experiments.add_experiment(parser)
+    experiments.add_experiment(parser, Stage.SIM)
     parser.add_argument(
         "-o",
         "--output",
@@ -115,7 +115,7 @@ def run(options: argparse.Namespace) -> int:
         return 0
     setup = Setup(
         *(options.experiment, options.duration, options.robots, options.blind, settings),
-        arguments.code_of(options),
+        *(arguments.code_of(options), experiment.casting),
     )
     experiment = setup.fit(experiment)
     console = Console()

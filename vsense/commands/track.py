@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from vsense.commands import arguments, hardware
+from vsense.commands import arguments, hardware, rosters
 from vsense.live import track
 from vsense.live.track import TrackOptions
 
@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "folder for what runs leave: figures, and recordings (default: none; where something is"
         " recorded, runs/...)",
     )
-    hardware.add_roster(parser)
+    rosters.add_roster(parser, rosters.MARKERS)
     arguments.add_web(parser)
     arguments.add_foxglove(parser)
     group = arguments.add_hold(

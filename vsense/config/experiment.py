@@ -12,17 +12,27 @@ from typing import NamedTuple
 from vsense.config import argos
 from vsense.config.arena import DISTRIBUTE, read_arena
 from vsense.config.argos import USING_SETTINGS
+from vsense.config.casting import Casting
 from vsense.config.controllers import read_controller, used_controllers
 from vsense.config.devices import read_devices
 from vsense.config.devices import virtual_devices as names_of_virtual
 from vsense.config.framework import read_loop_functions, read_rest, read_run, read_tracker
+from vsense.config.parts import cast
 from vsense.config.placement import overlapping
 from vsense.config.population import populate
 from vsense.config.programs import check_sources
 from vsense.config.programs import read as read_program
-from vsense.config.robots import ArenaContents, give_tags
+from vsense.config.robots import ArenaContents
 from vsense.config.settings import apply, check_used
-from vsense.config.specs import ControllerSpec, Experiment, MarkerSpec, ObjectSpec, RobotSpec, Stage
+from vsense.config.specs import (
+    ControllerSpec,
+    Experiment,
+    LoopSpec,
+    MarkerSpec,
+    ObjectSpec,
+    RobotSpec,
+    Stage,
+)
 from vsense.config.things import Media, read_media
 from vsense.errors import ConfigError, UsageError, instead
 from vsense.files import read_bytes
@@ -68,6 +78,7 @@ def load(
     stage: Stage = Stage.RUN,
     virtual_devices: bool = False,
     code: CodeOptions | None = None,
+    casting: Casting | None = None,
 ) -> Experiment:
     """Loads a shipped experiment by its name, or the `.argos` file at a path.
 
@@ -80,6 +91,7 @@ def load(
             the robots' own; in the lab and in simulation they are.
         code: where the sources of its controllers and loop functions are, besides where they are
             found.
+        casting: which robots play its parts; None: those of its tags, or any.
 
     Raises:
         UsageError: there is no such experiment, its file cannot be read, or a setting fits nothing
@@ -91,7 +103,7 @@ def load(
         data = read_bytes(path)
     except OSError as error:
         raise UsageError(f"{file}: cannot be read: {error.strerror}") from None
-    return read(data, file, path, length_s, settings, stage, virtual_devices, code)
+    return read(data, file, path, length_s, settings, stage, virtual_devices, code, casting)
 
 
 def read(
@@ -103,6 +115,7 @@ def read(
     stage: Stage = Stage.RUN,
     virtual_devices: bool = False,
     code: CodeOptions | None = None,
+    casting: Casting | None = None,
 ) -> Experiment:
     """Reads an experiment from the bytes of the file at `path`; see `load`."""
     root = parse(data, file, of_argos=True)
@@ -110,7 +123,7 @@ def read(
         raise root.error("is the outermost element, expected <argos-configuration>")
     applied = apply(root, settings or {}, names_of_virtual())
     serves = _Serves(stage, virtual_devices or stage is not Stage.RUN, code or CodeOptions())
-    experiment = _read_understood(root, path, length_s, serves)
+    experiment = _read_understood(root, path, length_s, serves, casting or Casting())
     read_rest(root)
     root.check_all_read()
     check_used(root, applied)
@@ -128,21 +141,19 @@ class _Serves(NamedTuple):
 
 
 def _read_understood(
-    root: Element, path: Path, length_s: float | None, serves: _Serves
+    root: Element, path: Path, length_s: float | None, serves: _Serves, casting: Casting
 ) -> Experiment:
     run = read_run(root, length_s, serves.stage)
-    marker = _read_marker(root)
-    media = read_media(root)
-    arena, folder = root.child("arena"), path.parent
-    bodies = read_arena(arena, folder, media, 1.0 / run.ticks_per_second, serves.stage)
+    marker, media = _read_marker(root), read_media(root)
+    arena = root.child("arena")
+    bodies = read_arena(arena, path.parent, media, 1.0 / run.ticks_per_second, serves.stage)
     check_sources(root, serves.code)
-    loop_functions = read_loop_functions(root, folder, serves.code)
+    loop_functions = read_loop_functions(root, path.parent, serves.code)
     populate(root.document, loop_functions, bodies, run.seed)
     if not bodies.robots:
         raise arena.error(_no_robot(root, arena))
-    give_tags(bodies, marker.family)
-    scope = _scope(bodies, round(run.length_s * run.ticks_per_second))
-    scope.watched = loop_functions is not None and loop_functions.looks_at_leds
+    cast(bodies, marker.family, casting)
+    scope = _scope(bodies, round(run.length_s * run.ticks_per_second), loop_functions)
     used = used_controllers(root.child("controllers"), bodies)
     controllers = _read_controllers(used, bodies, scope, media, serves)
     _check_objects(bodies, scope)
@@ -166,6 +177,8 @@ def _read_understood(
         loop_functions=loop_functions,
         tracker=read_tracker(root),
         stage=serves.stage,
+        casting=casting,
+        taken=tuple(bodies.taken),
     )
 
 
@@ -184,10 +197,10 @@ def _read_controllers(
     return tuple(read_controller(*some) for some in zip(controllers, programs, devices))
 
 
-def _scope(bodies: ArenaContents, timesteps: int) -> Scope:
+def _scope(bodies: ArenaContents, timesteps: int, loop: LoopSpec | None) -> Scope:
     """Makes what devices may refer to."""
     fields = [field.id for field in bodies.fields]
-    return Scope(
+    scope = Scope(
         bodies.tags,
         timesteps,
         bodies.timestep_s,
@@ -196,6 +209,8 @@ def _scope(bodies: ArenaContents, timesteps: int) -> Scope:
         bodies.folder,
         most=len(bodies.controllers),
     )
+    scope.watched = loop is not None and loop.looks_at_leds
+    return scope
 
 
 def _settings(controller: Element, bodies: ArenaContents) -> RobotSettings:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import islice
@@ -38,6 +39,7 @@ class ArenaContents:
         crowds: how many `<distribute>` were read.
         unseen: boxes and cylinders that only virtual sensors notice.
         untagged: elements of bodies without a tag, with the bodies' ids.
+        taken: tags that were taken out of a roster.
         lines, lines_of_tags: by id or tag the line of its element.
     """
 
@@ -58,6 +60,7 @@ class ArenaContents:
     crowds: int = 0
     unseen: list[Element] = field(default_factory=list)
     untagged: list[tuple[Element, list[str]]] = field(default_factory=list)
+    taken: list[int] = field(default_factory=list)
     lines: dict[str, int] = field(default_factory=dict)
     lines_of_tags: dict[int, int] = field(default_factory=dict)
 
@@ -184,17 +187,24 @@ def add_crowd(crowd: Crowd, bodies: ArenaContents) -> None:
         bodies.untagged.append((crowd.entity, names))
 
 
-def give_tags(bodies: ArenaContents, family: str) -> None:
-    """Gives a free tag of a marker family to every body without one in the file, and warns."""
+def give_tags(
+    bodies: ArenaContents, family: str, owned: Collection[int] = (), idle: Collection[str] = ()
+) -> None:
+    """Gives a free tag of a marker family to every body without one in the file, and warns.
+
+    Nobody is given one that is `owned`: it is that of a robot. Of who is `idle` nothing is said.
+    """
     names = [name for _, group in bodies.untagged for name in group]
     if not names:
         return
-    free = _free_tags(family, len(names), frozenset(bodies.lines_of_tags))
+    free = _free_tags(family, len(names), frozenset(bodies.lines_of_tags) | frozenset(owned))
     if len(free) < len(names):
         element = bodies.untagged[-1][0]
         raise element.error(f"has no tag, and the marker family {family!r} has none left for it")
     given = dict(zip(names, free))
-    for element, group in bodies.untagged:
+    for element, some in bodies.untagged:
+        if not (group := [name for name in some if name not in idle]):
+            continue
         key = "vs:tags" if element.name == "entity" else "vs:tag"
         last = f" to {group[-1]!r}" if len(group) > 1 else ""
         element.warn(

@@ -79,6 +79,11 @@ class RosterRobot:
         """Whether an experiment that asks for any robot may take it."""
         return not self.spare and not self.out_of_order
 
+    @property
+    def why_not(self) -> str:
+        """Why no experiment takes it by itself; "": it may."""
+        return f"out of order: {self.out_of_order}" if self.out_of_order else "a spare" * self.spare
+
     def __str__(self) -> str:
         return f"robot {self.tag}{f' ({self.name})' if self.name else ''}"
 
@@ -102,6 +107,10 @@ class Roster:
     def of_uid(self, uid: str) -> RosterRobot | None:
         """The robot with a uid of 32 hexadecimal digits; None: there is none."""
         return next((r for r in self.robots if uid and r.uid == uid.lower()), None)
+
+    def error(self, robot: RosterRobot, words: str) -> ConfigError:
+        """The error that something of a robot's cannot be."""
+        return ConfigError(str(self.path), robot.line, words)
 
     @property
     def tags(self) -> tuple[int, ...]:

@@ -77,6 +77,12 @@ class MarkerOffset:
         )
 
     @property
+    def text(self) -> str:
+        """For people: x and y in mm, and the heading in degrees."""
+        x_mm, y_mm, yaw_deg = self.x_m * 1e3, self.y_m * 1e3, math.degrees(self.yaw_rad)
+        return f"{x_mm:+.1f} {y_mm:+.1f} mm {yaw_deg:+.1f}°"
+
+    @property
     def values(self) -> dict[str, float | str]:
         """Makes a roster's values of it."""
         numbers: dict[str, float | str] = {
@@ -243,7 +249,9 @@ def read_fields(
     read = {}
     for name, value in table.items():
         if name not in known:
-            words = f"{name!r} is nothing that {where} has; {instead(name, [*known, *also])}"
+            part_of = next((f"[robot.{p}]" for p in also if name in PARTS[p]), "")
+            hint = f"it stands in {part_of}" if part_of else instead(name, [*known, *also])
+            words = f"{name!r} is nothing that {where} has; {hint}"
             raise Wrong(f"{part}{name}", words)
         try:
             read[name] = known[name](value)

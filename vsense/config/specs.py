@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from vsense.actuators.base import MountedActuator
+from vsense.config.casting import Casting
 from vsense.config.distribute import DistributedSpec, Distribution
 from vsense.config.roster_fields import MarkerOffset
 from vsense.errors import ConfigError
@@ -292,6 +293,7 @@ class Experiment:
         tracker: where the arena state comes from, None: from cameras of our own.
         stage: what it was loaded for.
         markers: by tag, where markers sit on their robots, as far as it was measured.
+        casting: who was to play the parts; `taken` are those that were taken out of a roster.
     """
 
     name: str
@@ -317,6 +319,8 @@ class Experiment:
     tracker: TrackerAddress | JsonLinesTracker | None = None
     stage: Stage = Stage.RUN
     markers: Mapping[int, MarkerOffset] = field(default_factory=dict)
+    casting: Casting = Casting()  # noqa: RUF009 (frozen)
+    taken: tuple[int, ...] = ()
 
     @property
     def boxes(self) -> tuple[Box, ...]:

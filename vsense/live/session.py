@@ -12,12 +12,14 @@ from vsense.calibration.checked import of_tracking
 from vsense.cameras.camera import Camera
 from vsense.cameras.grabber import Troubles
 from vsense.config.specs import Experiment
+from vsense.errors import VsenseError
 from vsense.files import read_bytes
 from vsense.link.legacy.server import MixedServer
 from vsense.link.robots.keys import LinkTrust
 from vsense.link.robots.server import LinkEvent, VirtualSensorServer
 from vsense.link.robots.status import EventKind, RobotStatus
 from vsense.link.robots.wire import GoodbyeCause
+from vsense.live.batteries import RunBatteries
 from vsense.live.sources import SteadySource, open_source
 from vsense.run.changes import Changes
 from vsense.run.changing import HANDS, Ground
@@ -88,6 +90,8 @@ class ExperimentSession(ABC):
             legacy_port,
         )
         self._stack, self._over = ExitStack(), False
+        roster = setup.experiment.casting.roster
+        self._batteries = RunBatteries(roster, setup.experiment.timestep_s)
 
     def __enter__(self) -> None:
         try:
@@ -147,6 +151,8 @@ class ExperimentSession(ABC):
     def _observe(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
         """Is called after every timestep; see `vsense.run.runner.Observer`."""
         self.setup.room.update(step, robots)
+        if step is not None and step.run_timestep >= 0:
+            self._batteries.update(step.run_timestep, robots)
 
     def wait_patiently(self, limit_s: float) -> None:
         """Waits for all robots, at the longest so long; whoever is missing then may come later."""
@@ -175,6 +181,10 @@ class ExperimentSession(ABC):
         # From here on silence is expected and not reported.
         self._over = True
         self.runner.stop()
+        try:
+            self._batteries.end()
+        except VsenseError as error:
+            self.setup.console.say(f"the batteries' history: {error}", "trouble")
 
     def doubts(self) -> list[str]:
         """How other machines could move robots without showing who they are."""

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 import vsense
 from vsense.arena import POSE, ArenaState
+from vsense.config.casting import Casting
 from vsense.config.experiment import first_robots, read
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment, Stage
@@ -161,7 +162,8 @@ class Resensing:
         how = made["length_s"], made["settings"], stage, made["virtual_devices"]
         try:
             code = CodeOptions(**made.get("code", {}))  # older recordings have none
-            experiment = read(text.encode(), path.name, path, *how, code)
+            casting = Casting.read(made.get("casting", {}))
+            experiment = read(text.encode(), path.name, path, *how, code, casting)
             experiment = first_robots(experiment, made["robots"])
         except VsenseError as error:
             hint = "" if self._path else "; say where its file is with --experiment FILE"

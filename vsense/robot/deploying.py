@@ -29,7 +29,6 @@ from queue import SimpleQueue
 from vsense.errors import ConfigError, VsenseError
 from vsense.link.robots.keys import SwarmKeys, robot_file
 from vsense.robot import ssh
-from vsense.robot.hosts import RobotHost
 from vsense.robot.ssh import SSH
 from vsense.terminal import printable
 
@@ -61,6 +60,21 @@ _SSH_FAILED = 255
 
 class DeployError(VsenseError):
     """Nothing can be deployed from here."""
+
+
+@dataclass(frozen=True, slots=True)
+class RobotHost:
+    """A robot's board.
+
+    Attributes:
+        destination: what `ssh` is told.
+        settings: those of its vsensed by their names; "tag" is one of them.
+        line: where it stands in the roster.
+    """
+
+    destination: str
+    settings: Mapping[str, str]
+    line: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,6 +180,10 @@ class Plan:
         return f"{_RECEIVE} && {install} {' '.join(filter(None, words))}"
 
 
+_ADD = {"host": 'add run_host = "..."', "base": 'add base = "..."'}
+"""How a roster says it."""
+
+
 def check(plan: Plan, robots: Iterable[RobotHost], file: str) -> None:
     """Looks whether every robot has the settings that it needs.
 
@@ -176,16 +194,16 @@ def check(plan: Plan, robots: Iterable[RobotHost], file: str) -> None:
         settings = plan.settings_of(robot)
         for name, option in (("host", "--host ADDRESS"), ("base", "--base BASE")):
             if name not in settings:
-                text = f"no {name} for this robot: add {name}=..., or give {option} for all"
+                text = f"no {name} for this robot: {_ADD[name]}, or give {option} for all"
                 raise ConfigError(file, robot.line, text)
         try:
             ipaddress.IPv4Address(settings["host"])
         except ValueError:
-            text = f"host: expected a numeric IPv4 address, got {settings['host']!r}"
+            text = f"--host: expected a numeric IPv4 address, got {settings['host']!r}"
             raise ConfigError(file, robot.line, text) from None
         port = settings.get("port", "")
         if not (port.isascii() and port.isdigit() and 0 < int(port) < 65536):
-            raise ConfigError(file, robot.line, f"port: expected 1 to 65535, got {port!r}")
+            raise ConfigError(file, robot.line, f"--port: expected 1 to 65535, got {port!r}")
 
 
 def deploy(

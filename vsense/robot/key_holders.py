@@ -16,8 +16,7 @@ from vsense.errors import ConfigError, VsenseError
 from vsense.files import read_text
 from vsense.link.robots import keys as swarm_keys
 from vsense.link.robots.keys import LinkTrust, SwarmKeys, write_private
-from vsense.robot.deploying import Outcome
-from vsense.robot.hosts import RobotHost
+from vsense.robot.deploying import Outcome, RobotHost
 
 UID_BYTES = 16
 _HEAD = "# Which robot has which swarm key: key, uid, tag, since, destination. By vsense robot.\n"

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, field
 from itertools import product
 from typing import Any
 
+from vsense.config.casting import Casting
 from vsense.config.experiment import first_robots, load
 from vsense.config.specs import Experiment, Stage
 from vsense.errors import UsageError
@@ -25,6 +26,7 @@ class Setup:
         blind: hold the virtual sensors at 0.
         settings: values by `ELEMENT.attribute` instead of the file's.
         code: where the controllers' sources are.
+        casting: which robots play.
     """
 
     experiment: str
@@ -33,6 +35,7 @@ class Setup:
     blind: bool = False
     settings: Mapping[str, str] = field(default_factory=dict)
     code: CodeOptions = field(default_factory=CodeOptions)
+    casting: Casting = field(default_factory=Casting)
 
     def load(self) -> Experiment:
         """Loads the experiment.
@@ -41,9 +44,8 @@ class Setup:
             UsageError: it is not there, has no length, or not so many robots.
             ConfigError: its file is wrong.
         """
-        return self.fit(
-            load(self.experiment, self.duration_s, self.settings, Stage.SIM, code=self.code)
-        )
+        how = self.duration_s, self.settings, Stage.SIM
+        return self.fit(load(self.experiment, *how, code=self.code, casting=self.casting))
 
     def fit(self, experiment: Experiment) -> Experiment:
         """Reduces a loaded experiment to its wanted robots; raises as `load`."""
@@ -96,10 +98,10 @@ class Job:
         """Reads what `to_line` gave."""
         fields: dict[str, Any] = json.loads(line)
         setup: dict[str, Any] = fields.pop("setup")
-        code = CodeOptions(**setup.pop("code"))
+        code, casting = CodeOptions(**setup.pop("code")), Casting.read(setup.pop("casting"))
         if fields["origin"] is not None:
             fields["origin"] = Origin(**fields["origin"])
-        return cls(Setup(**setup, code=code), **fields)
+        return cls(Setup(**setup, code=code, casting=casting), **fields)
 
 
 @dataclass(frozen=True, slots=True)

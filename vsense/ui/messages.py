@@ -19,7 +19,7 @@ import numpy as np
 import vsense
 from vsense.cameras.camera import Camera
 from vsense.cameras.grabber import Troubles
-from vsense.config.specs import ControllerSpec
+from vsense.config.specs import ControllerSpec, Experiment
 from vsense.link.robots.table import Direction, Entry
 from vsense.pictures.camera_view import as_they_hang
 from vsense.recording.form import Data, ExperimentMessage
@@ -171,7 +171,7 @@ def experiment(facts: ExperimentFacts, environment: Environment) -> Data:
         blind=facts.blind,
         version=vsense.__version__,
         file_text=facts.file_text,
-        made=facts.made,
+        made=_made(facts, spec),
         timestep_s=spec.timestep_s,
         length_s=spec.length_s or None,
         arena={"size_m": list(arena.size_m), "centre_m": list(arena.centre_m)},
@@ -185,6 +185,14 @@ def experiment(facts: ExperimentFacts, environment: Environment) -> Data:
         calibration=facts.calibration,
         body_radius_m=BODY_RADIUS_M,
     ).data()
+
+
+def _made(facts: ExperimentFacts, spec: Experiment) -> Data:
+    """How the experiment was read; with who plays, where that does not follow from its file."""
+    casting = spec.casting
+    if not facts.made or not (casting.roster or casting.replaced):
+        return facts.made
+    return {**facts.made, "casting": dataclasses.asdict(casting)}
 
 
 def _controller(spec: ControllerSpec, equipment: Equipment) -> Data:

@@ -1,0 +1,164 @@
+"""The option `--roster` and what goes with it: who plays, and which boards are meant."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Collection
+from pathlib import Path
+
+from vsense.commands import arguments
+from vsense.config import roster
+from vsense.config.casting import Casting, Pair, pair
+from vsense.config.roster import FILE_NAME, Roster, RosterRobot
+from vsense.config.specs import Experiment
+from vsense.errors import UsageError
+from vsense.robot.deploying import RobotHost
+
+_HERE = f"(default: {FILE_NAME} in the current folder, where there is one)"
+
+
+MARKERS = "the lab's robots: where it says how a marker sits on one, poses are the robot's"
+
+
+def add_roster(parser: argparse.ArgumentParser, text: str, found: bool = True) -> None:
+    """Declares `--roster`; with `found` it need not be named where it is in the current folder."""
+    arguments.option(parser, "--roster", Path, "FILE", f"{text} {_HERE if found else ''}".strip())
+
+
+def roster_of(options: argparse.Namespace, found: bool = True) -> Roster | None:
+    """Reads the roster that is meant; None: none is.
+
+    Raises:
+        UsageError: it cannot be read, or names no robot.
+        ConfigError: something in it is wrong.
+    """
+    if options.roster is not None:
+        return roster.read(options.roster)
+    path = Path(FILE_NAME)
+    return roster.read(path) if found and path.exists() else None
+
+
+def wanted_roster(options: argparse.Namespace) -> Roster:
+    """Reads the roster, which there has to be; raises as `roster_of`, and where there is none."""
+    known = roster_of(options)
+    if known is None:
+        raise UsageError(
+            f"no roster: expected --roster FILE, or {FILE_NAME} here, with a table [[robot]] for"
+            " each robot: see 'vsense docs robot'"
+        )
+    return known
+
+
+def add_casting(parser: argparse.ArgumentParser, found: bool) -> None:
+    """Declares who plays: `--roster` and `--replace`; for `found` see `add_roster`."""
+    add_roster(
+        parser,
+        f"{MARKERS}, and those that work and are no spares, in their order, play the parts to"
+        " which the experiment gives no tags",
+        found,
+    )
+    add_replace(parser, "23=37: robot 37 plays the part of 23, with its controller, start and name")
+
+
+def add_replace(parser: argparse.ArgumentParser, text: str) -> None:
+    """Declares `--replace`."""
+    parser.add_argument(
+        "--replace",
+        type=_pair,
+        action="append",
+        default=[],
+        metavar="TAG=TAG",
+        help=f"{text}; may be given again",
+    )
+
+
+def _pair(text: str) -> Pair:
+    try:
+        return pair(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def casting_of(options: argparse.Namespace, found: bool) -> Casting:
+    """Who plays; raises as `roster_of`."""
+    limit = getattr(options, "robots", None)
+    return Casting.of(roster_of(options, found), options.replace, limit)
+
+
+def say_casting(experiment: Experiment, say: Callable[[str], None]) -> None:
+    """Says who was taken out of a roster, who plays for whom, and who of them is out of order."""
+    casting = experiment.casting
+    playing = {robot.tag for robot in experiment.robots}
+    taken = [tag for tag in experiment.taken if tag in playing]
+    others = dict(casting.others)
+    if taken:
+        left = [f"{tag} is {why}" for tag, why in others.items() if tag not in playing]
+        less = f"; not taken: {', '.join(left)}" if left else ""
+        say(f"{casting.roster}: robots {' '.join(map(str, taken))} play{less}")
+    for out, new in casting.replaced:
+        name = next((robot.id for robot in experiment.robots if robot.tag == new), "")
+        say(f"robot {new} plays the part of {out}{f' ({name})' if name else ''}")
+    for tag, why in others.items():
+        if tag in playing and why.startswith("out of order"):
+            say(f"robot {tag} is {why}: --replace {tag}=TAG has another one play its part")
+
+
+def add_tags(parser: argparse.ArgumentParser) -> None:
+    """Declares which robots of a roster are meant."""
+    parser.add_argument(
+        "--tags",
+        type=arguments.numbers,
+        metavar="TAGS",
+        help="these robots of the roster only, such as 23,30-34 (default: all but those that are"
+        " out of order)",
+    )
+
+
+def chosen(
+    known: Roster, tags: Collection[int] | None, say: Callable[[str], None]
+) -> list[RosterRobot]:
+    """The robots that `--tags` names, or all that are not out of order, of which the rest is told.
+
+    Raises:
+        UsageError: the roster has no robot of such a tag, or all are out of order.
+    """
+    if tags is not None:
+        for tag in tags:
+            if tag not in known.tags:
+                there = ", ".join(map(str, known.tags))
+                raise UsageError(f"--tags {tag}: {known.path} has {there}")
+        return [robot for robot in known.robots if robot.tag in tags]
+    for robot in known.robots:
+        if robot.out_of_order:
+            say(f"{robot} is left out: {robot.why_not} (--tags {robot.tag} brings it in)")
+    working = [robot for robot in known.robots if not robot.out_of_order]
+    if not working:
+        raise UsageError(f"{known.path}: all robots are out of order; --tags names some")
+    return working
+
+
+def board_of(robot: RosterRobot) -> RobotHost:
+    """What `vsense robot deploy` knows of a robot: how it is reached, and vsensed's settings."""
+    board = {_SETTINGS.get(name, name): value for name, value in robot.board.items()}
+    own = {"tag": str(robot.tag), "name": robot.name, "uid": robot.uid}
+    settings = {name: value for name, value in own.items() if value}
+    return RobotHost(robot.host, {**settings, **board, **robot.calibration.settings}, robot.line)
+
+
+_SETTINGS = {"run_host": "host", "battery_stop_mv": "battery-stop-mv"}
+"""Settings of vsensed that have another name in a roster."""
+
+
+def boards(
+    known: Roster, tags: Collection[int] | None, say: Callable[[str], None]
+) -> list[RobotHost]:
+    """The boards of the `chosen` robots.
+
+    Raises:
+        UsageError: as `chosen`; or the roster does not say how one is reached.
+    """
+    robots = chosen(known, tags, say)
+    for robot in robots:
+        if not robot.host:
+            raise known.error(robot, 'no host for this robot: add host = "root@ADDRESS"')
+    return [board_of(robot) for robot in robots]

@@ -1,0 +1,81 @@
+"""Which real robots play the parts of an experiment: tags out of a roster, and spares put in.
+
+A part is what an experiment's file has: a controller, a start, a name. A robot that has no tag in
+the file is played by the next robot of the roster that works and is no spare; a robot that has one
+by that robot. `--replace 23=37` has 37 play the part of 23.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from vsense.config.roster import Roster
+
+Pair = tuple[int, int]
+"""A tag, and that of the robot that plays in its place."""
+
+
+@dataclass(frozen=True, slots=True)
+class Casting:
+    """Who plays.
+
+    Attributes:
+        roster: what errors call the roster; "": there is none, and robots without a tag are given
+            any that is free.
+        free: the roster's robots that may be taken, in their order.
+        others: tags of its other robots, each with why it is not taken.
+        limit: only the first so many robots of the file play, None: all.
+        replaced: who plays in whose place.
+    """
+
+    roster: str = ""
+    free: tuple[int, ...] = ()
+    others: tuple[tuple[int, str], ...] = ()
+    limit: int | None = None
+    replaced: tuple[Pair, ...] = ()
+
+    @classmethod
+    def of(
+        cls, roster: Roster | None, replaced: Iterable[Pair] = (), limit: int | None = None
+    ) -> Casting:
+        """Casts from a roster, None: there is none."""
+        if roster is None:
+            return cls(limit=limit, replaced=tuple(replaced))
+        free = tuple(robot.tag for robot in roster.robots if robot.is_ready)
+        others = tuple((r.tag, r.why_not) for r in roster.robots if not r.is_ready)
+        return cls(str(roster.path), free, others, limit, tuple(replaced))
+
+    @classmethod
+    def read(cls, data: Mapping[str, Any]) -> Casting:
+        """Reads what `dataclasses.asdict` made of one, also from JSON."""
+        pairs = {name: tuple(map(tuple, data.get(name, ()))) for name in ("others", "replaced")}
+        free, limit = tuple(data.get("free", ())), data.get("limit")
+        return cls(str(data.get("roster", "")), free, limit=limit, **pairs)
+
+    def with_replaced(self, pair: Pair) -> Casting:
+        """The same with another robot put in: for one that was put in itself, or a first one."""
+        out, new = pair
+        first = {plays: tag for tag, plays in self.replaced}.get(out, out)
+        kept = tuple(some for some in self.replaced if some[0] != first)
+        return replace(self, replaced=kept if first == new else (*kept, (first, new)))
+
+
+SPARE = "a spare"
+
+
+def pair(text: str) -> Pair:
+    """Reads "23=37".
+
+    Raises:
+        ValueError: it is no such pair; the message says what was expected.
+    """
+    out, _, new = text.partition("=")
+    words = out.strip(), new.strip()
+    tags = [
+        int(t) for t in words if t.isascii() and t.isdigit() and len(t) < 6 and int(t) < 1 << 16
+    ]
+    if len(tags) != 2 or tags[0] == tags[1]:
+        raise ValueError(f"expected two tags, such as 23=37, got {text[:40]!r}")
+    return tags[0], tags[1]
