@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from statistics import median
+
 import pytest
 
 from tests.ui.browser import Browser, Page
@@ -437,7 +439,9 @@ def test_a_hundred_robots_do_not_pile_up(served: Serve, opened: Open) -> None:
         drawn = page.value("vsense.arena.drawn.count")
         page.until(f"vsense.arena.drawn.count > {drawn} + 2")
         behind.append(puppet.total - page.value("vsense.arena.drawn.timestep"))
-    assert sorted(behind)[len(behind) // 2] <= 5, "the newest is drawn; nothing waits in a line"
+    # Where drawing is slower than the run a picture is late, and the next one no later: what waited
+    # in a line would come later and later.
+    assert median(behind[5:]) - median(behind[:5]) <= 10, f"behind by {behind} timesteps"
 
 
 @pytest.mark.parametrize("dark", [False, True])
