@@ -132,7 +132,13 @@ def test_the_page_moves_the_frame_once(cameras: Path) -> None:
             place = solved["expected"][click["camera"]][begun["points"].index(click["point"])]
             assert place == pytest.approx([click["x"], click["y"]], abs=0.05)
             assert solved["outline"][click["camera"]]
-        for wrong in ([{"camera": "x"}], [{**put[0], "x": 1e9}], [{**put[0], "point": "?"}], 3):
+        for wrong in (
+            [{"camera": "x"}],
+            [{**put[0], "x": 1e9}],
+            [{**put[0], "x": 10**400}],
+            [{**put[0], "point": "?"}],
+            3,
+        ):
             status, answer = ask("solve", wrong)
             assert status == 400 and json.loads(answer)["error"]
         assert ask("save", put[:1])[0] == 400 and not saved
