@@ -163,7 +163,10 @@ class Runner:
             return
         self._runtime.guide = homecoming.guide(homing, self._server, control)
         try:
-            while not (self._interrupted.is_set() or homing.done) and control.state in HOMING:
+            # Whoever paused them when the last one arrived still has to say that it goes on.
+            while not self._interrupted.is_set() and control.state in HOMING:
+                if homing.done and control.state == State.HOMING:
+                    break
                 self._step()
                 homecoming.tell(homing, self._console)
         finally:
