@@ -119,9 +119,10 @@ def replace_text(path: Path, text: str, mode: int, encoding: str = "utf-8") -> N
         with os.fdopen(opened, "w", encoding=encoding) as file:
             file.write(text)
             file.flush()
-            os.fchmod(file.fileno(), mode)
+            # The group first: no other one may read it even for a moment.
             if path.exists() and mode != 0o600:
                 os.fchown(file.fileno(), -1, path.stat().st_gid)
+            os.fchmod(file.fileno(), mode)
             os.fsync(file.fileno())
         os.replace(new, path)
     except OSError:

@@ -139,7 +139,7 @@ def _check(folder: Path, found: os.stat_result) -> None:
 def _stranger(folder: Path, gid: int) -> str:
     """Why this account may not enter, and what makes it a member."""
     group, user = group_name(gid), user_name()
-    if user in members(gid):
+    if _joined(user, gid):
         return (
             f"{folder} is for group '{group}', which {user} has joined since this login began:"
             " log in again"
@@ -148,6 +148,15 @@ def _stranger(folder: Path, gid: int) -> str:
         f"{folder} is for group '{group}', and {user} is not in it:"
         f" sudo usermod -aG {group} {user}   # then log in again"
     )
+
+
+def _joined(user: str, gid: int) -> bool:
+    """Whether the system has an account in a group; without a list of all accounts: that of a
+    university takes longer than anybody waits for a stop."""
+    try:
+        return gid in os.getgrouplist(user, pwd.getpwuid(os.getuid()).pw_gid)
+    except (KeyError, OSError):
+        return False
 
 
 def shares(folder: Path) -> bool:
@@ -181,9 +190,10 @@ def write_shared(path: Path, mode: int, flags: int = 0) -> int:
     with failing_as(SharingError, str(path)):
         opened = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC | flags, mode)
     found = os.fstat(opened)
-    if not stat.S_ISREG(found.st_mode):
+    if not stat.S_ISREG(found.st_mode) or found.st_nlink != 1:
+        # Another name of it may be that of a file of this account's own.
         os.close(opened)
-        raise SharingError(f"{path}: expected a plain file")
+        raise SharingError(f"{path}: expected a plain file that has no other name")
     if found.st_uid == os.getuid() and stat.S_IMODE(found.st_mode) != mode:
         os.fchmod(opened, mode)  # whatever this account's umask is
     return opened

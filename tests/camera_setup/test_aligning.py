@@ -73,6 +73,14 @@ def test_clicks_bring_the_frame_back_and_undo_puts_it_off_again(
         assert camera.rotation == pytest.approx(true.rotation, abs=1e-4)
         assert (camera.fx_px, camera.distortion) == (true.fx_px, true.distortion)
     assert json.loads((cameras / "report" / "align.json").read_text())["clicks"] == found["clicks"]
+    moved = sorted(cameras.glob("*.json"))[1]
+    kept, anew = moved.read_text(), json.loads(moved.read_text())
+    anew["position_m"][0] += 0.001
+    moved.write_text(json.dumps(anew))
+    assert main(["arena", "align", "--undo", "--cameras", str(cameras)]) == 2
+    assert "made anew since" in capsys.readouterr().err
+    assert json.loads(moved.read_text()) == anew, "a calibration is not lost by an undo"
+    moved.write_text(kept)
     assert main(["arena", "align", "--undo", "--cameras", str(cameras)]) == 0
     assert {path.name: path.read_bytes() for path in cameras.glob("*.json")} == before
     assert main(["arena", "align", "--undo", "--cameras", str(cameras)]) == 2
@@ -132,7 +140,13 @@ def test_the_page_moves_the_frame_once(cameras: Path) -> None:
             place = solved["expected"][click["camera"]][begun["points"].index(click["point"])]
             assert place == pytest.approx([click["x"], click["y"]], abs=0.05)
             assert solved["outline"][click["camera"]]
-        for wrong in ([{"camera": "x"}], [{**put[0], "x": 1e9}], [{**put[0], "point": "?"}], 3):
+        for wrong in (
+            [{"camera": "x"}],
+            [{**put[0], "x": 1e9}],
+            [{**put[0], "x": 10**400}],
+            [{**put[0], "point": "?"}],
+            3,
+        ):
             status, answer = ask("solve", wrong)
             assert status == 400 and json.loads(answer)["error"]
         assert ask("save", put[:1])[0] == 400 and not saved

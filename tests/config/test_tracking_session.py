@@ -246,6 +246,7 @@ def test_a_misspelt_attribute_is_no_default(
         (1, ' opt_square', ' opt_mask="0,0 1,0 x,1" opt_square', 3, "'x,1' is no corner, expected"),
         (1, ' opt_square', ' opt_mask="0,0 1,0" opt_square', 3, "2 corners, expected 3 or more"),
         (1, ' opt_square', ' opt_mask="0,0 1,1 2,2" opt_square', 3, "enclose nothing"),
+        (1, ' opt_square', ' opt_mask="0,0 200,0 0,150" opt_square', 3, "'200,0': expected m, not"),
         (1, ' opt_square', ' opt_mask_margin="5" opt_square', 3, "without 'opt_mask'"),
         (1, "arena_tracking", "arena_tracking_system", 2, "expected <arena_tracking>"),
         (1, "<experiment_record", "<experiment_record /><experiment_record", 7, "appears twice"),

@@ -88,7 +88,7 @@ def test_who_is_in_no_such_group_is_told_which(lab: Path, monkeypatch: pytest.Mo
     group = grp.getgrgid(lab.stat().st_gid).gr_name
     with pytest.raises(NotMember, match=f"for group '{group}', and carl is not in it: sudo user"):
         sharing.lab()
-    monkeypatch.setattr(sharing, "members", lambda gid: ["carl"])
+    monkeypatch.setattr(os, "getgrouplist", lambda user, gid: [gid, lab.stat().st_gid])
     with pytest.raises(NotMember, match="carl has joined since this login began: log in again"):
         sharing.lab()
 
@@ -106,6 +106,12 @@ def test_a_shared_file_follows_no_link_and_has_its_mode(lab: Path) -> None:
         sharing.write_shared(lab / "b", 0o660)
     with pytest.raises(SharingError, match="c: expected a plain file"):
         sharing.write_shared(lab / "c", 0o660)
+    mine = lab.parent / "mine"
+    mine.touch(0o600)
+    os.link(mine, lab / "d")
+    with pytest.raises(SharingError, match="d: expected a plain file that has no other name"):
+        sharing.write_shared(lab / "d", 0o660)
+    assert stat.S_IMODE(mine.stat().st_mode) == 0o600
 
 
 def test_the_command_says_what_root_types(

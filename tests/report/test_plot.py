@@ -180,3 +180,21 @@ def test_latex_gets_what_it_needs(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
             plot.encode(figure, "png")
     with pytest.raises(UsageError), plot.styled(str(tmp_path)):
         pass
+
+
+@pytest.mark.parametrize(
+    ("text", "letters", "lines"),
+    [
+        ("sensor.noise=0.2", 9, ["sensor.", "noise=0.2"]),
+        ("sensor.noise=0.25, robots=-12", 9, ["sensor.", "noise=", "0.25,", "robots=", "-12"]),
+        ("blind", 9, ["blind"]),
+        ("wholly blind", 9, ["wholly", "blind"]),
+        ("proximities=1", 9, ["proximities=", "1"]),
+        ("a" * 20, 9, ["a" * 13, "a" * 7]),
+        ("", 9, [""]),
+    ],
+)
+def test_names_of_conditions_break_where_people_read_a_pause(
+    text: str, letters: int, lines: list[str]
+) -> None:
+    assert plot.wrapped(text, letters).splitlines() == [line for line in lines if line]

@@ -215,3 +215,14 @@ def test_the_least_p_is_that_of_the_most_extreme_runs() -> None:
     assert rank_sum_tails(ranks, 3, 6.0) == pytest.approx((0.1, 0.1))
     assert rank_sum_tails(ranks, 3, 10.0)[1] == pytest.approx(0.1)
     assert signed_rank_tails(midranks(np.arange(4.0)), 0.0) == (0.125, 0.125)
+
+
+def test_ties_of_decimals_are_ties() -> None:
+    """0.3 - 0.2 is not 0.2 - 0.1 in floating point: without care V would be 8 and p 0.5."""
+    found = rank_tests.signed_rank(np.array([0.3, 0.2, 0.7, 0.9]), np.array([0.2, 0.1, 0.6, 1.0]))
+    assert (found.value, found.p) == (7.5, 0.625)
+
+
+def test_no_run_has_no_difference() -> None:
+    found = rank_tests.equivalence(np.zeros(0), np.ones(3), 1.0, False)
+    assert found.difference is None and found.reason == "0 runs, at least 2 needed"

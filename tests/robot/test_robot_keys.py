@@ -116,6 +116,12 @@ def test_a_new_key_names_whom_it_did_not_reach_and_locks_nobody_out(
     assert facts["forgotten"] == [1], "nobody has it any more"
     assert keys.read(file).keys.keys() == {2}
     assert ask("--key", str(file), "--forget", "2") == 2
+    assert ask("--key", str(file), "--new-key") == 0
+    capsys.readouterr()
+    assert ask("--key", str(file), "--forget", "3") == 2
+    # Another key 3 would pass for the one that robots were brought.
+    assert "a key that another follows, there are: 2; the newest is 3" in capsys.readouterr().err
+    assert keys.read(file).keys.keys() == {2, 3}
 
 
 def test_a_robot_that_was_away_is_renewed_by_the_next_deploy_of_anything(

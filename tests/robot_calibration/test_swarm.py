@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -141,3 +142,17 @@ def test_a_robot_without_room_waits_and_is_named_in_the_end() -> None:
     swarm = arena.run()
     assert "has no room" in swarm.failed[middle]
     assert set(swarm.failed) == set(arena.tags)
+
+
+@pytest.mark.parametrize("lacks", [{"pose": None}, {"connected": False}])
+def test_who_makes_room_unseen_or_unheard_does_not_drive_on(lacks: dict) -> None:
+    """Two that stand close: one drives away before it turns."""
+    arena = Arena([(0.0, 0.0), (0.085, 0.0)])
+
+    def hide(tag: int, timestep: int, moment: Moment) -> Moment:
+        away = arena.swarm.routines[tag].doing == "making room"
+        return replace(moment, **lacks) if away else moment
+
+    arena.change = hide
+    failed = arena.run().failed.values()
+    assert any("for 1 s while it was making room" in why for why in failed), failed

@@ -152,6 +152,9 @@ def test_a_run_whose_robots_another_has_is_refused_before_its_port_is_open(
         assert cli.main([*run, "--host", "0.0.0.0"]) == 1
         said = capsys.readouterr().err
         assert said.startswith(f"vsense: robot {first} is in use: ") and "foraging" in said
+        calibrate = ["robot", "calibrate", "aggregation", "--tracking", "r.json", "s.json"]
+        assert cli.main([*calibrate, "--insecure", "--host", "0.0.0.0"]) == 1
+        assert capsys.readouterr().err == said, "what else moves real robots"
         with experiments.lease_robots(options, experiment, "127.0.0.1"):
             assert list(leases.holders(folder)) == [first]
         process.kill()

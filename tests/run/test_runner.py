@@ -9,9 +9,12 @@ import pytest
 from tests.run.stage import DT_NS, MS, S, Stage, experiment
 from vsense.cameras.grabber import NoMorePictures
 from vsense.errors import VsenseError
+from vsense.homing.floor import DrivingFloor
+from vsense.homing.homing import Homing
 from vsense.link.robots.status import RobotStatus
 from vsense.link.robots.wire import Telemetry, Wanted
 from vsense.link.trackers.client import TrackerEnded
+from vsense.run.control import State
 from vsense.run.orders import Order, OrderKind
 
 
@@ -232,3 +235,42 @@ def test_a_robot_that_goes_on_after_stop_is_said_before_the_run_is_over(
         stage.terminal.getvalue()
     )
     assert stage.done == ["stop", "hush"]
+
+
+def test_a_pause_when_the_last_robot_arrives_does_not_lose_the_run(stage: Stage) -> None:
+    homing = Homing({}, {}, {}, DrivingFloor.of(stage.experiment, False))
+    control = stage.runner.control
+
+    def arrive_paused() -> None:
+        homing.done = True
+        control.give(Order(OrderKind.PAUSE, "Ada"))
+
+    def go_on() -> None:
+        assert control.state is State.HOMING_PAUSED and stage.done == ["HOME", "PAUSE"]
+        control.home(lambda: stage.done.append("HOME"))
+
+    stage.acts = {2: arrive_paused, 5: go_on}
+    stage.runner.home(homing)
+    assert stage.calls == 5 and stage.done == ["HOME", "PAUSE", "HOME", "IDLE"]
+    assert [step.run_timestep for step in stage.runner.timesteps()] == [0, 1, 2, 3, 4]
+
+
+@pytest.mark.parametrize("kind", [OrderKind.EMERGENCY, OrderKind.STOP, None])
+def test_what_ends_the_way_home_lets_no_robot_drive_again(
+    stage: Stage, kind: OrderKind | None
+) -> None:
+    homing = Homing({}, {}, {}, DrivingFloor.of(stage.experiment, False))
+    control = stage.runner.control
+    give = stage.interrupted.set if kind is None else lambda: control.give(Order(kind, "Ada"))
+    stage.acts = {3: give}
+    stage.runner.home(homing)
+    assert stage.calls == 3 and stage.done == ["HOME", "IDLE" if kind is None else "STOP"]
+    assert list(stage.runner.timesteps()) == [] and "start" not in stage.done
+
+
+def test_a_tracker_that_ends_on_the_way_home_has_the_robots_stand(stage: Stage) -> None:
+    homing = Homing({}, {}, {}, DrivingFloor.of(stage.experiment, False))
+    stage.acts = {3: failing(TrackerEnded("the tracker has ended"))}  # type: ignore[dict-item]
+    with pytest.raises(VsenseError, match="has ended"):
+        stage.runner.home(homing)
+    assert stage.done == ["HOME", "IDLE"]

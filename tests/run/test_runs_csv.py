@@ -98,6 +98,63 @@ def test_a_full_disk_costs_no_row_that_was_there(
     assert table.rows == [FULL]
 
 
+def plain(run: str, **others: Any) -> RunRow:
+    return RunRow(run=run, mode="lab", experiment="x", condition="c", **others)
+
+
+def test_measures_that_are_called_like_columns_get_their_own(tmp_path: Path) -> None:
+    table = RunsFile(tmp_path / RUNS)
+    measures = {"late": 4.0, "measure_late": 5.0, "": 6.0, "items": 7.0}
+    table.append(plain("1", late=0.5, measures=measures))
+    table.append(plain("2", late=0.5, measures=measures))
+    first, second = read_runs(tmp_path / RUNS)
+    assert first.late == 0.5 and first.measures == second.measures
+    assert first.measures == {
+        "measure_measure_late": 4.0, "measure_late": 5.0, "measure_": 6.0, "items": 7.0
+    }  # fmt: skip
+
+
+def test_what_people_change_between_two_runs_stays(tmp_path: Path) -> None:
+    """A column moved, a run made void, a note: the next row finds its columns nevertheless."""
+    path = tmp_path / RUNS
+    table = RunsFile(path)
+    table.append(plain("1", measures={"items": 1.0}))
+    with open(path, newline="") as file:
+        (cells,) = csv.DictReader(file)
+    cells = {**dict(reversed(list(cells.items()))), "verdict": "void", "note": "it fell"}
+    path.write_text(f"{','.join(cells)}\n{','.join(cells.values())}\n")
+    table.append(plain("2", measures={"items": 2.0}))
+    told = [(row.run, row.verdict, row.note, row.measures["items"]) for row in read_runs(path)]
+    assert told == [("1", "void", "it fell", 1.0), ("2", "valid", "", 2.0)]
+    path.unlink()
+    table.append(plain("3", measures={"items": 3.0}))
+    assert [row.run for row in read_runs(path)] == ["1", "2", "3"]
+
+
+def test_half_a_row_is_no_run_and_what_is_no_table_is_not_cut(tmp_path: Path) -> None:
+    path = tmp_path / RUNS
+    RunsFile(path).append(plain("1", measures={"items": 1.0}))
+    whole = path.read_text()
+    path.write_text(f"{whole}2,series,la")
+    assert [row.run for row in read_runs(path)] == ["1"]
+    assert path.read_text() == f"{whole}2,series,la", "who only reads changes nothing"
+    table = RunsFile(path)
+    assert table.repaired and path.read_text() == whole
+    path.write_text(f"{whole}2,series,la\n")
+    with pytest.raises(UsageError, match=r"runs\.csv:3: 3 values, expected 22"):
+        read_runs(path)
+    for text in ("somebody's notes", "a,b\n1,2"):
+        path.write_text(text)
+        with pytest.raises(UsageError, match=r"is no runs\.csv"):
+            RunsFile(path)
+        assert path.read_text() == text
+
+
+def test_an_argument_that_is_no_text_costs_no_row(tmp_path: Path) -> None:
+    RunsFile(tmp_path / RUNS).append(plain("1", note="a\udcffb"))
+    assert read_runs(tmp_path / RUNS)[0].note == "a\\udcffb"
+
+
 def summary(run: int, **others: Any) -> dict[str, Any]:
     return {
         "experiment": "foraging", "run": run, "seed": 4 + run, "blind": False, "robots": 2,

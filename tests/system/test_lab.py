@@ -188,7 +188,8 @@ def test_a_mixed_swarm_on_mixed_bases(directory: Path) -> None:
 
 @pytest.mark.paced
 def test_blind_robots_hold_zero(directory: Path) -> None:
-    lab = start(directory, "--duration", "3", "--blind")
+    lab = start(directory, "--duration", "3", "--blind", "--home")
+    lab.wait_for("3 of 3 robots stand at their starts after ")
     assert lab.end() == 0, "".join(lab.said)
     held = set()
     for trace in (directory / "robots").glob("*.trace"):

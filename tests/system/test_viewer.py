@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import pwd
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,6 +18,9 @@ from vsense.recording.reader import open_recording
 from vsense.report.findings import read_findings
 
 pytestmark = pytest.mark.system
+
+BY = f"{pwd.getpwuid(os.getuid()).pw_name} (terminal)"
+"""Who gives orders: the system says it, not who asks."""
 
 PICTURES = 80
 
@@ -56,7 +61,7 @@ def test_runs_are_begun_suspended_ended_recorded_and_tracked_again(
     paused = viewer.until(lambda run: run["state"] == "paused" and not run["recording"]["on"])
     stood = viewer.until(lambda run: run["timestep"] == paused["run"]["timestep"])
     count = len(viewer.printed())
-    viewer.until(lambda run: run["by"] == "terminal (me)" and run["silent_s"] < 1.0)
+    viewer.until(lambda run: run["by"] == BY and run["silent_s"] < 1.0)
     assert len(viewer.printed()) == count == stood["run"]["timestep"] + 1
     viewer.order("start")
     viewer.until(lambda run: run["timestep"] >= count + 4)
@@ -76,7 +81,7 @@ def test_runs_are_begun_suspended_ended_recorded_and_tracked_again(
 def _look_at(viewer: Viewer, out: Path, first: Path) -> None:
     """What is left: figures of both runs, and a recording that says what it lacks."""
     runs = json.loads((out / "series.json").read_text())["runs"]
-    assert [run["ended"] for run in runs] == ["stopped by terminal (me)", "interrupted"]
+    assert [run["ended"] for run in runs] == [f"stopped by {BY}", "interrupted"]
     assert sum(run["timesteps"] for run in runs) == len(viewer.printed())
     assert json.loads((out / "run-1" / "summary.json").read_text()) == runs[0]
     assert runs[0]["recording"]["bytes"] == first.stat().st_size

@@ -30,7 +30,7 @@ class Viewer:
             )  # fmt: skip
 
     def order(self, kind: str) -> str:
-        return str(ask({"order": kind, "by": "terminal (me)"})["text"])
+        return str(ask({"order": kind, "by": "terminal"})["text"])
 
     def until(self, holds: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
         """Asks how it is until that is so."""

@@ -12,6 +12,7 @@ import stat
 import sys
 import threading
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -20,6 +21,7 @@ from vsense import cli
 from vsense.commands import orders as terminal
 from vsense.errors import UsageError
 from vsense.run.orders import Order, OrderError, OrderKind
+from vsense.ui import control_socket
 from vsense.ui.control_socket import TIMEOUT_S, TRACKER, ControlSocket, ControlSocketError, folder
 
 STATUS = {
@@ -84,6 +86,50 @@ def test_a_refusal_is_one_line_and_exit_code_1(
 ) -> None:
     assert cli.main(["start"]) == 1
     assert capsys.readouterr().err == "vsense: run 2 is going on already\n"
+
+
+def test_a_lab_folder_that_breaks_holds_up_no_emergency_stop(
+    bell: ControlSocket, desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its disk fails between two looks at it."""
+    usual, broken = Path.glob, Path("/broken/lab")
+
+    def glob(place: Path, pattern: str) -> Iterator[Path]:
+        if place == broken:
+            raise OSError(errno.ESTALE, "Stale file handle")
+        return iter(list(usual(place, pattern)))
+
+    places = terminal.folders()[0]
+    monkeypatch.setattr(terminal, "folders", lambda: ([broken, *places], []))
+    monkeypatch.setattr(Path, "glob", glob)
+    assert cli.main(["stop", "--emergency"]) == 0
+    assert cli.main(["stop", "--emergency", "--all"]) == 1, "there may be others that move"
+    assert [order.kind for order in desk.orders] == [OrderKind.EMERGENCY] * 2
+
+
+def test_what_talks_without_end_is_not_heard_to_the_end(place: Path) -> None:
+    place.mkdir(mode=0o700)
+    path = place / "1.sock"
+    with socket.create_server(str(path), family=socket.AF_UNIX) as server:
+
+        def talk() -> None:
+            line, _ = server.accept()
+            with line, suppress(OSError):
+                while True:
+                    line.sendall(b" " * 65536)
+
+        threading.Thread(target=talk, daemon=True).start()
+        with pytest.raises(ValueError, match="its answer has no end"):
+            terminal.exchange(path, b"{}\n")
+
+
+def test_a_link_in_a_sockets_place_opens_no_file(tmp_path: Path) -> None:
+    """A member of the lab may put one there between two steps of ours."""
+    (tmp_path / "mine").touch(0o600)
+    (tmp_path / "1.new").symlink_to(tmp_path / "mine")
+    with pytest.raises(OSError, match="is not the socket"):
+        control_socket._set_mode(tmp_path / "1.new", 0o660)
+    assert stat.S_IMODE((tmp_path / "mine").stat().st_mode) == 0o600
 
 
 def test_the_status_shows_the_run_and_its_robots(

@@ -437,7 +437,9 @@ def test_a_hundred_robots_do_not_pile_up(served: Serve, opened: Open) -> None:
         drawn = page.value("vsense.arena.drawn.count")
         page.until(f"vsense.arena.drawn.count > {drawn} + 2")
         behind.append(puppet.total - page.value("vsense.arena.drawn.timestep"))
-    assert sorted(behind)[len(behind) // 2] <= 5, "the newest is drawn; nothing waits in a line"
+    # Where drawing is slower than the run a picture is late, and the next one no later: what waited
+    # in a line would come later and later.
+    assert min(behind[5:]) - min(behind[:5]) <= 5, f"behind by {behind} timesteps"
 
 
 @pytest.mark.parametrize("dark", [False, True])

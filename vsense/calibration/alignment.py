@@ -9,6 +9,7 @@ that a rotation leaves.
 from __future__ import annotations
 
 import json
+import math
 import os
 import shutil
 from collections.abc import Mapping, Sequence
@@ -25,6 +26,7 @@ from vsense.calibration.frame import FrameShift
 from vsense.calibration.session import cameras_of
 from vsense.cameras.camera import Camera, Floats
 from vsense.errors import UsageError, failing_as
+from vsense.files import parse_json
 from vsense.terminal import aligned
 
 CORNERS = ("sw", "se", "ne", "nw")
@@ -35,6 +37,8 @@ BEFORE = Path("report", "before-align")
 FAR_M = 0.01
 """A corner that is farther off than this after the shift was clicked wrongly, or is not where the
 experiment says."""
+_SAME = 1e-5
+"""What the rounding of a shift in `FILE` may change: in m, and of a rotation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +104,7 @@ def apply(folder: Path, found: Alignment) -> list[Path]:
     files = {Camera.from_json(path.read_text()).id: path for path in sorted(folder.glob("*.json"))}
     with failing_as(UsageError, f"{folder}: cannot be written"):
         (folder / BEFORE).mkdir(parents=True, exist_ok=True)
+        (folder / FILE).unlink(missing_ok=True)  # of an earlier time; it stands for whole moves
         for path in files.values():
             shutil.copyfile(path, folder / BEFORE / path.name)
         for id, path in files.items():
@@ -109,16 +114,46 @@ def apply(folder: Path, found: Alignment) -> list[Path]:
 
 
 def undo(folder: Path) -> list[Path]:
-    """Puts the camera files back that `apply` has kept; UsageError where there are none."""
+    """Puts the camera files back that `apply` has kept.
+
+    UsageError where there are none, or where the cameras were calibrated anew since.
+    """
     kept = sorted((folder / BEFORE).glob("*.json"))
     if not kept:
         raise UsageError(f"{folder / BEFORE}: nothing was aligned here, or it was undone")
+    for path in kept:
+        if not _is_moved(path, folder / path.name, folder / FILE):
+            raise UsageError(
+                f"{folder / path.name}: is not what was aligned, it was made anew since; what was"
+                f" before that is in {folder / BEFORE}"
+            )
     with failing_as(UsageError, f"{folder}: cannot be written"):
         for path in kept:
             _replace(folder / path.name, path.read_text(encoding="utf-8"))
         shutil.rmtree(folder / BEFORE)
         (folder / FILE).unlink(missing_ok=True)
     return [folder / path.name for path in kept]
+
+
+def _is_moved(before: Path, after: Path, file: Path) -> bool:
+    """Whether a camera file is another one moved as a file of `apply` says, as far as that tells.
+
+    Where files were moved by halves, as they were is right, too.
+    """
+    try:
+        told = parse_json(file.read_text(encoding="utf-8"))["shift"] if file.exists() else None
+        old, now = (Camera.from_json(path.read_text()) for path in (before, after))
+    except (OSError, ValueError, KeyError, TypeError):
+        return True
+    if told is None:
+        return True
+    yaw_rad = math.radians(told["yaw_deg"])
+    moved = FrameShift(1e-3 * told["x_mm"], 1e-3 * told["y_mm"], yaw_rad).moved(old)
+    return now == old or (
+        np.allclose(now.position_m, moved.position_m, rtol=0.0, atol=_SAME)
+        and np.allclose(now.rotation, moved.rotation, rtol=0.0, atol=_SAME)
+        and now.fx_px == old.fx_px
+    )
 
 
 def as_json(found: Alignment) -> dict[str, Any]:

@@ -105,7 +105,7 @@ class AlignTask:
             try:
                 camera, point = str(click["camera"]), str(click["point"])
                 pixel = np.array((float(click["x"]), float(click["y"])))
-            except (TypeError, KeyError, ValueError):
+            except (TypeError, KeyError, ValueError, OverflowError):
                 raise UsageError("a click: expected camera, point, x and y") from None
             if camera not in self._cameras or point not in self._points:
                 raise UsageError(f"a click on {point[:40]!r} in {camera[:40]!r}: not known here")

@@ -6,6 +6,7 @@ import argparse
 import json
 import socket
 import stat
+import time
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -53,6 +54,7 @@ def add_process(parser: argparse.ArgumentParser) -> None:
 
 
 PATIENCE_S = 5.0
+_MOST_BYTES = 1 << 24
 BRIEF_S = 0.5
 """For who is asked what it is, while somebody wants to stop it."""
 
@@ -170,7 +172,12 @@ def _sockets(kind: str = "") -> tuple[dict[int, Path], list[str]]:
     places, reasons = folders()
     sockets: dict[int, Path] = {}
     for place in places:
-        for path in place.glob("*.sock"):
+        try:
+            paths = list(place.glob("*.sock"))
+        except OSError as error:  # the others' runs are to be stopped nevertheless
+            reasons.append(f"{place}: {error.strerror}")
+            continue
+        for path in paths:
             number = path.name.removesuffix(f"{kind}.sock")
             with suppress(OSError):  # its process has just ended
                 if number.isdigit() and stat.S_ISSOCK(path.lstat().st_mode):
@@ -245,9 +252,12 @@ def exchange(path: Path, question: bytes, patience_s: float = PATIENCE_S) -> dic
         line.settimeout(patience_s)
         line.connect(str(path))
         line.sendall(question)
-        data = b""
+        data, end_s = b"", time.monotonic() + patience_s
         while chunk := line.recv(65536):
             data += chunk
+            # Of one that only goes on talking nobody waits for the end.
+            if len(data) > _MOST_BYTES or time.monotonic() > end_s:
+                raise ValueError("its answer has no end")
     answer = json.loads(data)
     if not isinstance(answer, dict):
         raise ValueError("its answer makes no sense")

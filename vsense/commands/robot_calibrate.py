@@ -101,6 +101,18 @@ def run(options: argparse.Namespace) -> int:
     stage = Stage.LAB if options.lab else Stage.RUN
     casting = Casting.of(known, limit=options.robots)
     original = first_robots(load(options.experiment, stage=stage, casting=casting), options.robots)
+    host = original.host if options.host is None else options.host
+    if options.lab:
+        return _run_leased(options, original, host, known)
+    with experiments.lease_robots(options, original, host):
+        return _run_leased(options, original, host, known)
+
+
+def _run_leased(
+    options: argparse.Namespace, original: Experiment, host: str, known: Roster | None
+) -> int:
+    """As `run`, with the robots that nobody else has."""
+    port = original.port if options.port is None else options.port
     if not options.lab:
         require_source(original, options.tracking)
     elif options.tracking is not None:
@@ -114,8 +126,6 @@ def run(options: argparse.Namespace) -> int:
     console = Console()
     if options.lab:
         clock.slow(round(options.pace * 1000))
-    host = original.host if options.host is None else options.host
-    port = original.port if options.port is None else options.port
     room_options = RoomOptions(web=arguments.web_of(options))
     with interruption() as interrupted, ControlRoom(room_options, console) as room:
         address = (host, 0 if options.lab and options.port is None else port)
@@ -162,12 +172,17 @@ def _calibrate(
             raise VsenseError("interrupted before anything was measured")
         swarm = driving.drive(session, wheels, directory, console.progress)
     console.end_progress()
+    ended = session.runner.ended
+    cut = "it was interrupted"
+    if ended not in ("time", "interrupted"):
+        cut = f"the calibration ended before its time: {ended}"
+        console.say(cut, "warning")
     return [
         RobotResult(
             robot.tag,
             robot.id,
             swarm.found.get(robot.tag),
-            swarm.failed.get(robot.tag, "it was interrupted"),
+            swarm.failed.get(robot.tag, cut),
             robots.hardware.get(robot.tag),
             None if known is None else known.get(robot.tag),
         )

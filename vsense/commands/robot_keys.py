@@ -115,9 +115,15 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError(f"no swarm key ({path}): --new-key makes one")
     known = swarm_keys.read(path)
     if options.forget is not None:
-        if options.forget not in known.keys or len(known.keys) == 1:
-            numbers = ", ".join(map(str, sorted(known.keys)))
-            raise UsageError(f"--forget: expected one of several keys, there are: {numbers}")
+        former = sorted(known.keys.keys() - {known.newest})
+        if options.forget not in former:
+            # A key that follows would get the number of the newest: who was brought that could
+            # not be told from who was brought the other.
+            numbers = ", ".join(map(str, former)) or "none"
+            raise UsageError(
+                f"--forget: expected a key that another follows, there are: {numbers}; the newest"
+                f" is {known.newest}: --new-key makes one that follows it"
+            )
         known = known.without(options.forget)
         swarm_keys.write(path, known)
     outcomes = [] if options.roster is None else _bring(options, known)

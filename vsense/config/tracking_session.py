@@ -36,6 +36,8 @@ PICTURES_OF = "pictures of "
 ARENA = "arena"
 """A mask's outline that is the experiment's arena."""
 
+_FAR_M = 20.0
+"""A corner so far from the origin is in another unit."""
 _MAX_PERIOD = 10_000
 _MAX_SQUARE_CM = 1000.0
 
@@ -159,6 +161,8 @@ def _read_mask(tracker: Element) -> MaskSpec | None:
         if not (math.isfinite(x) and math.isfinite(y)):
             expected = f"'{ARENA}', or corners in m such as '-1,-1 1,-1 1,1 -1,1'"
             raise tracker.error(f"{corner[:40]!r} is no corner, expected {expected}", "opt_mask")
+        if max(abs(x), abs(y)) > _FAR_M:
+            raise tracker.error(f"{corner[:40]!r}: expected m, not cm or mm", "opt_mask")
         corners.append((x, y))
     spec = MaskSpec(None if text == ARENA else tuple(corners), margin_m, tracker.line)
     if spec.outline_m is not None:

@@ -30,7 +30,7 @@ from vsense.robot import build
 from vsense.run.changing import Ground
 from vsense.run.directory import RunTables, step_row
 from vsense.run.figures import Figures
-from vsense.run.robots import Readiness
+from vsense.run.robots import Readiness, shorten
 from vsense.run.runtime import Step
 from vsense.tracking.arena_tracker import ArenaTracker
 from vsense.tracking.camera_tracking import CameraTracking
@@ -184,9 +184,12 @@ class Session(ExperimentSession):
     def wait_until_ready(self) -> None:
         """Handles timesteps until every robot is connected and every tag is seen.
 
+        Later runs of a series start without those that are missing after `READY_TIMEOUT_S`.
+
         Raises:
-            LabError: a daemon has ended, or a robot or tag is still missing after
-                `READY_TIMEOUT_S`; the message names them.
+            LabError: before the first run a daemon has ended, or a robot or tag is still missing
+                after `READY_TIMEOUT_S`, or before any run no robot is there; the message names
+                them.
         """
         try:
             readiness = self.runner.wait(READY_TIMEOUT_S)
@@ -195,7 +198,13 @@ class Session(ExperimentSession):
             raise
         self._ready = True
         started = self.setup.interrupted.is_set() or self.runner.control.asked
-        if not readiness.complete and not started:
+        if readiness.complete or started:
+            return
+        missing = readiness.missing
+        if self.runner.control.run > 1 and {r.id for r in self.experiment.robots} - set(missing):
+            words = f"starting without {shorten(missing)}; {readiness.missing_text()}"
+            self.setup.console.say(words, "warning")
+        else:
             logs = f" (the robots' logs are in {self.directory / 'robots'})"
             raise LabError(
                 f"the swarm is not ready after {READY_TIMEOUT_S:.0f} s;"

@@ -297,7 +297,7 @@ def _ends(members: Sequence[Group], name: str, file: str) -> Drawing:
         axes.plot(place - 0.12 + offsets, values, "o", color=colour, ms=4, alpha=0.8, clip_on=False)
         if found.spread is not None:
             axes.errorbar(place + 0.12, found.mean, spread, fmt="_", color=ink, ms=9, capsize=3)
-        words = textwrap.fill(plot.label(group.condition), max(36 // len(members), 12))
+        words = plot.wrapped(plot.label(group.condition), max(36 // len(members), 12))
         labels.append(f"{words}\n(n = {len(values)})")
         limits += [*values, found.mean - spread, found.mean + spread]
     plot.from_zero(axes, limits)

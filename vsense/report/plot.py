@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import logging
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 
 MOST_PLACES = 800
 """Places across a chart that can be told apart."""
+_BREAKS = re.compile(r"(?<=[\s=/])|(?<=[._])(?![\d\s])")
+"""Where a condition's words may break: in "sensor.noise=0.2" twice, in a number nowhere."""
 _NO_SHEET = "expected a Matplotlib style sheet, or a name in matplotlib.style.available"
 _WIDE = 7.16 / 3.5
 """A page's width in columns; IEEE's are 3.5 inches wide, and two with their gap 7.16 inches."""
@@ -192,6 +195,20 @@ def label(text: str) -> str:
     """Text made safe for drawing."""
     text = text.encode("utf-8", "replace").decode()
     return text.translate(_TEX) if setting("text.usetex") else text
+
+
+def wrapped(text: str, letters: int) -> str:
+    """Text in lines of about so many letters; names of settings break at '=', '.' and '_'.
+
+    Half a word says little: what has no such place may be half as long again in one line.
+    """
+    most, lines = 3 * letters // 2, [""]
+    for word in _BREAKS.split(text):
+        for piece in (word[at : at + most] for at in range(0, len(word), most)):
+            if len(lines[-1]) + len(piece.rstrip()) > letters and lines[-1]:
+                lines.append("")
+            lines[-1] += piece
+    return "\n".join(line.strip() for line in lines)
 
 
 def measure_label(name: str) -> str:

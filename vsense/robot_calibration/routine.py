@@ -118,7 +118,7 @@ class MotionRoutine:
             self._floor.places[self.tag] = moment.pose[:2]
         if moment.connected:
             self._heard_s = moment.time_s
-        begun = self.stretches or self.doing == "turning"
+        begun = self.stretches or self.doing != "waiting"
         for since, words in ((self._seen_s, "was not seen"), (self._heard_s, "did not answer")):
             if begun and moment.time_s - since > UNSEEN_S:
                 raise RobotFailed(f"{words} for {UNSEEN_S:g} s while it was {self.doing}")

@@ -20,7 +20,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from vsense import sharing
-from vsense.errors import VsenseError
+from vsense.errors import VsenseError, failing_as
 from vsense.files import parse_json
 from vsense.sharing import user_name
 from vsense.terminal import printable
@@ -185,7 +185,9 @@ def _holder(descriptor: int) -> Lease | None:
     """Who has locked a file; None: nobody."""
     for _ in range(_READ_AGAIN):
         asked = _FLOCK.pack(fcntl.F_WRLCK, os.SEEK_SET, 0, 0, 0)
-        kind, _, _, _, process = _FLOCK.unpack(fcntl.fcntl(descriptor, fcntl.F_GETLK, asked))
+        with failing_as(sharing.SharingError, "the lab's folder keeps no locks"):
+            answer = fcntl.fcntl(descriptor, fcntl.F_GETLK, asked)
+        kind, _, _, _, process = _FLOCK.unpack(answer)
         if kind == fcntl.F_UNLCK:
             return None
         lease = _read(descriptor)

@@ -108,8 +108,7 @@ class Runner:
         self.control = control or Control(server.command, console.say)
         self._clock = clock
         self._heard_ns: int | None = None
-        self._silent, self._run_timestep = False, -1
-        self._end_ns = self._sessions = 0
+        self._silent, self._run_timestep, self._end_ns, self._sessions = False, -1, 0, 0
         self._seen: frozenset[int] = frozenset()
 
     @property
@@ -163,7 +162,9 @@ class Runner:
             return
         self._runtime.guide = homecoming.guide(homing, self._server, control)
         try:
-            while not (self._interrupted.is_set() or homing.done) and control.state in HOMING:
+            while not self._interrupted.is_set() and control.state in HOMING:
+                if homing.done and control.state == State.HOMING:
+                    break  # but a pause that came with the last arrival waits for its start
                 self._step()
                 homecoming.tell(homing, self._console)
         finally:

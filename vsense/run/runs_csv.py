@@ -40,6 +40,8 @@ _NUMBERS: Mapping[str, Callable[[str], Any]] = {
     "seed": int, "duration_s": float, "robots": int, "light_level": float, "late": float,
 }  # fmt: skip
 _LISTS: Mapping[str, Callable[[str], Any]] = {"tags": int, "uids": str, "batteries_v": float}
+_WRITTEN: Mapping[str, Any] = {"newline": "", "encoding": "utf-8", "errors": "backslashreplace"}
+"""How files are opened: an argument that is no UTF-8 costs no row."""
 _KINDS = {int: "a whole number", float: "a number"}
 
 
@@ -129,29 +131,51 @@ class RunsFile:
         self.rows: list[RunRow] = []
         self.measures: list[str] = []
         self.repaired = False
-        text = self._text()
-        if text:
-            self.rows, self.measures = _parse(path, text)
+        self._in_order, self._seen = False, self._stamp()
+        self._read()
 
     def append(self, row: RunRow) -> None:
         """Adds a row; measures that are new become columns, empty in the rows before.
 
+        A measure that is called like a fixed column gets one of its own, `measure_` before its
+        name. What somebody has changed in the file since stays.
+
         VsenseError if it cannot be written; the file is then as it was, or ends in half a row.
         """
+        if self._stamp() != self._seen:
+            self._read()
+        row = replace(row, measures=_columns_of(row.measures))
         new = [name for name in row.measures if name not in self.measures]
         rows, measures = [*self.rows, row], [*self.measures, *new]
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            if self.rows and not new:
+            if self.rows and not new and self._in_order:
                 self._add(_line(_cells(row, measures)))
             else:
                 self._replace(_text_of(rows, measures))
+                self._in_order = True
         except OSError as error:
             raise VsenseError(f"{self.path}: cannot be written: {error.strerror}") from None
-        self.rows, self.measures = rows, measures
+        self.rows, self.measures, self._seen = rows, measures, self._stamp()
+
+    def _read(self) -> None:
+        text, self._in_order = self._text(), False
+        if text:
+            self.rows, names = _parse(self.path, text)
+            self.measures = [name for name in names if name not in COLUMNS]
+            # A spreadsheet may have moved columns: rows in our order do not fit below them.
+            self._in_order = names == [*COLUMNS, *self.measures]
+
+    def _stamp(self) -> tuple[int, ...]:
+        """What is another one where somebody has changed the file."""
+        try:
+            found = self.path.stat()
+        except OSError:
+            return ()
+        return found.st_ino, found.st_size, found.st_mtime_ns
 
     def _add(self, text: str) -> None:
-        with open(self.path, "a", newline="", encoding="utf-8") as file:
+        with open(self.path, "a", **_WRITTEN) as file:
             file.write(text)
             file.flush()
             os.fsync(file.fileno())
@@ -160,7 +184,7 @@ class RunsFile:
         """Writes a whole file in the place of the old one: no row is lost on a full disk."""
         part = self.path.with_name(f".{self.path.name}.part")
         try:
-            with open(part, "w", newline="", encoding="utf-8") as file:
+            with open(part, "w", **_WRITTEN) as file:
                 file.write(text)
                 file.flush()
                 os.fsync(file.fileno())
@@ -174,10 +198,12 @@ class RunsFile:
         try:
             data = read_bytes(self.path, _MOST_BYTES)
             whole = data[: data.rfind(b"\n") + 1]
+            text = whole.decode("utf-8-sig")
             if len(whole) < len(data):
+                _parse(self.path, text)  # Of what is no runs.csv nothing is cut off.
                 os.truncate(self.path, len(whole))
                 self.repaired = True
-            return whole.decode("utf-8-sig")
+            return text
         except FileNotFoundError:
             return ""
         except OSError as error:
@@ -255,6 +281,8 @@ def row_of(
 def read_runs(path: Path) -> list[RunRow]:
     """Reads a runs.csv, which may be written by hand; it is not changed.
 
+    Half a row at its end, where a run was ended while it wrote, is left out.
+
     Raises:
         UsageError: it is none, or a value is wrong; the message names line and column.
         OSError: it cannot be read.
@@ -271,18 +299,23 @@ def are_columns(names: Iterable[str]) -> bool:
 
 
 def _parse(path: Path, text: str) -> tuple[list[RunRow], list[str]]:
+    """The rows, and the names of all columns in their order."""
     lines = csv.reader(io.StringIO(text, newline=""))
     try:
         names = next(lines, [])
         _check(path, names)
         rows = []
         for cells in lines:
+            if not cells:
+                continue
+            if len(cells) < len(names) and not text.endswith("\n") and not any(lines):
+                break
             if len(cells) != len(names):
                 raise csv.Error(f"{len(cells)} values, expected {len(names)}")
             rows.append(_row(dict(zip(names, cells))))
     except (csv.Error, ValueError) as error:
         raise UsageError(f"{path}:{max(lines.line_num, 1)}: {error}") from None
-    return rows, [name for name in names if name not in COLUMNS]
+    return rows, names
 
 
 def _check(path: Path, names: Sequence[str]) -> None:
@@ -297,6 +330,17 @@ def _check(path: Path, names: Sequence[str]) -> None:
         raise csv.Error(f"lacks the columns {', '.join(missing)}")
     if len(set(names)) < len(names) or "" in names:
         raise csv.Error("has columns without a name, or two of the same name")
+
+
+def _columns_of(measures: Mapping[str, float | None]) -> dict[str, float | None]:
+    """Measures by the names of their columns, which are no fixed column's and not empty."""
+    found: dict[str, float | None] = {}
+    for measure, value in measures.items():
+        name = measure
+        while name in ("", *COLUMNS) or (name != measure and name in measures):
+            name = f"measure_{name}"
+        found[name] = value
+    return found
 
 
 def _row(cells: Mapping[str, str]) -> RunRow:

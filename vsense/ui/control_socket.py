@@ -8,6 +8,7 @@ members find each other's (`vsense.sharing`). One line of JSON asks, one line an
 
 from __future__ import annotations
 
+import errno
 import json
 import math
 import os
@@ -137,7 +138,7 @@ class ControlSocket:
         try:
             unnamed.unlink(missing_ok=True)  # of an earlier process with our number
             server = socketserver.ThreadingUnixStreamServer(str(unnamed), Handler)
-            os.chmod(unnamed, mode)
+            _set_mode(unnamed, mode)
             os.replace(unnamed, self.path)
         except OSError as error:
             raise ControlSocketError(f"{self.path}: {error.strerror or error}") from None
@@ -179,6 +180,18 @@ def _order(asked: dict[str, Any], by: str) -> Order:
     if not math.isfinite(value):
         raise ValueError
     return Order(OrderKind(asked["order"]), by, value)
+
+
+def _set_mode(path: Path, mode: int) -> None:
+    """Of a socket of ours: a member who puts a link in its place opens none of our files."""
+    opened = os.open(path, os.O_PATH | os.O_NOFOLLOW | os.O_CLOEXEC)
+    try:
+        found = os.fstat(opened)
+        if not stat.S_ISSOCK(found.st_mode) or found.st_uid != os.getuid():
+            raise OSError(errno.EPERM, "is not the socket that was just made")
+        os.chmod(f"/proc/self/fd/{opened}", mode)
+    finally:
+        os.close(opened)
 
 
 def _uid_of(line: socket.socket) -> int:

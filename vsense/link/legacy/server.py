@@ -245,12 +245,15 @@ class MixedServer(VirtualSensorServer):
         """See `VirtualSensorServer.command`.
 
         Robots with the original client start when the first timestep has come, and know no other
-        state: anything but a run is the end to them.
+        state: anything but a run is the end to them, except what is told before it: that others
+        drive home, and stand there.
         """
         super().command(wanted, from_timestep)
         with self._legacy_lock:
             if wanted == Wanted.RUN:
                 self._first_timestep = from_timestep
+            elif self._first_timestep is None and wanted in (Wanted.HOME, Wanted.IDLE):
+                return
             elif self._legacy is not None:
                 self._first_timestep = None
                 self._legacy.end()

@@ -43,7 +43,7 @@ def _drawing(result: StudyResult, found: MeasureResult, file: str) -> Drawing:
     count = len(found.values)
     upright = count <= _MOST_UPRIGHT
     labels = [
-        textwrap.fill(plot.label(arm.label), _LETTERS if not upright else max(30 // count, 9))
+        plot.wrapped(plot.label(arm.label), _LETTERS if not upright else max(44 // count, 9))
         + f"\n(n = {len(values)})"
         for arm, values in zip(result.study.arms, found.values)
     ]

@@ -25,6 +25,8 @@ FEWEST = 2
 """Runs of a condition, or pairs, that a test needs."""
 ALPHA = 0.05
 """Where the least possible p lies above it, a test cannot find anything; for intervals, too."""
+_DIGITS = 12
+"""Of differences, relative to the values, that are looked at: runs.csv has as many."""
 EXACT, NORMAL, CHI_SQUARED = "exact", "normal approximation", "chi-squared approximation"
 
 
@@ -59,7 +61,7 @@ class Equivalence:
     """Two one-sided t-tests of means against a margin (Schuirmann 1987; Lakens 2017).
 
     Attributes:
-        difference: of the means, first minus second.
+        difference: of the means, first minus second; None: a condition has no run.
         low, high: its 90 % confidence interval.
         lower_t, upper_t: against -margin and +margin.
         p: the greater of both; None: not tested, and `reason` says why.
@@ -68,7 +70,7 @@ class Equivalence:
     name: str
     n: Sequence[int]
     margin: float
-    difference: float
+    difference: float | None
     low: float | None = None
     high: float | None = None
     lower_t: float | None = None
@@ -107,7 +109,9 @@ def signed_rank(first: Floats, second: Floats) -> RankTest:
     apart = (first - second)[first != second]
     if not len(apart):
         return RankTest(name, n, reason="both runs of every pair gave the same")
-    ranks = midranks(np.abs(apart))
+    # 0.3 - 0.2 and 0.2 - 0.1 are a tie, whatever halves of last digits say.
+    scale = max(float(np.abs(first).max()), float(np.abs(second).max()))
+    ranks = midranks(np.round(np.abs(apart) / scale, _DIGITS))
     found = float(ranks[apart > 0.0].sum())
     if len(apart) <= MOST_EXACT:
         p, least_p = signed_rank_tails(ranks, found)
@@ -173,10 +177,11 @@ def equivalence(first: Floats, second: Floats, margin: float, paired: bool) -> E
 
     name = f"two one-sided {'paired t-tests' if paired else 'Welch t-tests'}"
     n = (len(first),) if paired else (len(first), len(second))
-    difference = float(np.mean(first) - np.mean(second)) if min(n) else float("nan")
     if min(n) < FEWEST:
         few = f"{_count(min(n), 'pair' if paired else 'run')}, at least {FEWEST} needed"
-        return Equivalence(name, n, margin, difference, reason=few)
+        apart = float(np.mean(first) - np.mean(second)) if min(n) else None
+        return Equivalence(name, n, margin, apart, reason=few)
+    difference = float(np.mean(first) - np.mean(second))
     parts = [first - second] if paired else [first, second]
     variances = [float(np.var(part, ddof=1)) / len(part) for part in parts]
     error = float(np.sqrt(sum(variances)))

@@ -1,0 +1,53 @@
+"""A robot that is missing before a run in the lab: the first is refused, later ones go on."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from vsense.lab.session import Session
+from vsense.lab.shared import LabError
+from vsense.run.robots import Readiness
+
+ROBOTS = {1: "left", 2: "right"}
+
+
+def session(run: int, connected: set[int]) -> tuple[Session, list[str]]:
+    """A lab before its run of this number, with nothing in it but who is connected."""
+    made, said = object.__new__(Session), list[str]()
+    readiness = Readiness.of(ROBOTS, {}, connected, frozenset(connected), {})
+    control = SimpleNamespace(run=run, asked=False)
+    made.runner = SimpleNamespace(wait=lambda limit_s: readiness, control=control)
+    console = SimpleNamespace(say=lambda text, level: said.append(f"{level}: {text}"))
+    made.setup = SimpleNamespace(interrupted=threading.Event(), console=console)
+    made.experiment = SimpleNamespace(robots=[SimpleNamespace(id=n) for n in ROBOTS.values()])
+    made.directory = Path("lab")
+    return made, said
+
+
+def test_the_first_run_needs_all_robots() -> None:
+    made, _ = session(1, {1})
+    with pytest.raises(LabError, match="not ready after 20 s; not connected: right"):
+        made.wait_until_ready()
+
+
+def test_a_later_run_goes_on_without_who_is_missing() -> None:
+    made, said = session(2, {1})
+    made.wait_until_ready()
+    assert len(said) == 1
+    assert said[0].startswith("warning: starting without right; not connected: right")
+
+
+def test_no_run_goes_on_without_anybody() -> None:
+    made, _ = session(2, set())
+    with pytest.raises(LabError, match="not ready"):
+        made.wait_until_ready()
+
+
+def test_who_is_there_is_not_waited_for() -> None:
+    made, said = session(2, {1, 2})
+    made.wait_until_ready()
+    assert said == []
