@@ -105,18 +105,18 @@ class SeriesFolder:
         path = self.path / SERIES
         try:
             before = json.loads(read_text(path))
+            written, known = before["plan"], dict(before["files"])
         except FileNotFoundError:
             self._begin(path)
             return
-        except (OSError, ValueError) as error:
-            raise VsenseError(f"{path}: cannot be read: {error}") from None
-        different = list(differences(before["plan"], self._plan.facts()))
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise VsenseError(f"{path}: cannot be read: {error!r}") from None
+        different = differences(written, self._plan.facts())
         if different:
             raise UsageError(
                 f"{self._plan.path}: the plan has changed since the series in {self.path} began:"
                 f" {'; '.join(different[:5])}. Change it back, or begin another series with -o"
             )
-        known = before["files"]
         self.changed = [
             file for file, digest in self._digests.items() if known.get(file, digest) != digest
         ]
