@@ -57,6 +57,7 @@ class SeriesFolder:
         """
         try:
             with failing_as(DirectoryError, f"cannot write to {self.path}"):
+                self._refuse_others()
                 self.path.mkdir(parents=True, exist_ok=True)
                 self._lock()
             self._compare()
@@ -100,6 +101,13 @@ class SeriesFolder:
         file.write(str(os.getpid()))
         file.flush()
 
+    def _refuse_others(self) -> None:
+        """Leaves folders alone that are of something else."""
+        if not self.path.is_dir() or (self.path / SERIES).exists():
+            return
+        if any(entry.name != _LOCK for entry in self.path.iterdir()):
+            raise UsageError(f"{self.path}: is not empty, and of no series: choose a new folder")
+
     def _compare(self) -> None:
         """Compares the plan with that of before, or keeps it."""
         path = self.path / SERIES
@@ -122,8 +130,6 @@ class SeriesFolder:
         ]
 
     def _begin(self, path: Path) -> None:
-        if any(entry.name != _LOCK for entry in self.path.iterdir()):
-            raise UsageError(f"{self.path}: is not empty, and of no series: choose a new folder")
         facts = {"plan": self._plan.facts(), "files": self._digests, "version": __version__}
         with failing_as(DirectoryError, f"cannot write to {self.path}"):
             part = path.with_name(f".{SERIES}.part")

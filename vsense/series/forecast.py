@@ -87,7 +87,7 @@ class Forecast:
                 "",
                 f"{plan.name}: {len(todo)} of {plan.runs} runs follow ({plan.mode}),"
                 f" {self._lasts()}",
-                f"a run is void if {' or '.join(void)}; it is repeated up to {plan.again} times",
+                f"a run is void if {', or '.join(void)}: it is repeated up to {plan.again} times",
             ]
         )
 
