@@ -93,7 +93,7 @@ def maker(
         leases = RobotLeases(experiments.lease_folder(), options.command, loader.plan.name)
         real = replace(real, lease=stack.enter_context(leases).take)
     if _programs(known) > 1 and not options.no_deploy:
-        real = replace(real, bring=_bringer(options, roster, console))
+        real = replace(real, bring=bringer(options, roster, console))
     return RealRuns(loader, SeriesCast(loader, known, roster, console), console, interrupted, real)
 
 
@@ -107,7 +107,7 @@ def _programs(known: Mapping[str, PlannedExperiment]) -> int:
     return max(map(len, parts.values()), default=0)
 
 
-def _bringer(options: argparse.Namespace, roster: Roster | None, console: Console) -> Bring:
+def bringer(options: argparse.Namespace, roster: Roster | None, console: Console) -> Bring:
     """What brings robots their controllers; UsageError: nobody says how they are reached."""
     from vsense.commands.robot import build_programs
 
