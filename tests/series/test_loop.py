@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -148,6 +149,20 @@ def test_one_process_at_a_time_and_no_folder_of_something_else(plan: SeriesPlan)
         other.__enter__()
     with pytest.raises(UsageError, match="is not empty, and of no series"):
         SeriesFolder(plan.path.parent, plan, []).__enter__()
+
+
+def test_a_plan_may_try_more_often_and_not_less(plan: SeriesPlan) -> None:
+    assert "void 2 times" in carried_out(plan, LOST, outcome_of(Evidence()), LOST)[2]
+    plan.path.write_text(PLAN.replace("again = 1", "again = 2\nrepetitions = 2"))
+    more = read(plan.path)
+    _, made, said = carried_out(more)
+    assert "again: 1 before, now 2" in said and "repetitions: 1 before, now 2" in said
+    assert made == ["run-001-3", "run-003", "run-004"]
+    noted = json.loads((plan.path.parent / "walks" / "series.json").read_text())
+    assert len(noted["changes"]) == 1 and len(noted["changes"][0]["what"]) == 2
+    assert "before, now" not in carried_out(more)[2], "it is told once"
+    with pytest.raises(UsageError, match="repetitions: 2 before, now 1"):
+        carried_out(plan)
 
 
 def test_files_that_have_changed_are_told(plan: SeriesPlan) -> None:

@@ -11,6 +11,7 @@ import hashlib
 import json
 import os
 import shutil
+import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -20,7 +21,7 @@ from vsense import __version__
 from vsense.errors import UsageError, VsenseError, failing_as
 from vsense.files import read_text
 from vsense.run.directory import TIMESTEPS, DirectoryError, make_new
-from vsense.run.runs_csv import RUNS, RunRow, RunsFile
+from vsense.run.runs_csv import RUNS, RunRow, RunsFile, utc
 from vsense.series.order import PlannedRun
 from vsense.series.plan import SeriesPlan
 
@@ -28,6 +29,8 @@ SERIES = "series.json"
 """What the plan said when the series began, and digests of the files that it names."""
 
 _LOCK = ".lock"
+_FREE = ("again", "repetitions", "robots")
+"""What may change while a series goes on; of repetitions there may be more."""
 
 
 class SeriesFolder:
@@ -37,6 +40,7 @@ class SeriesFolder:
         path: where it is.
         table: its runs.csv.
         changed: files that are others than when the series began.
+        told: what has changed in the plan that may change.
     """
 
     table: RunsFile
@@ -46,6 +50,7 @@ class SeriesFolder:
         self.path, self._plan = path, plan
         self._digests = {str(file): _digest(file) for file in files}
         self.changed: list[str] = []
+        self.told: list[str] = []
         self._stack = ExitStack()
 
     def __enter__(self) -> SeriesFolder:
@@ -119,23 +124,39 @@ class SeriesFolder:
             return
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise VsenseError(f"{path}: cannot be read: {error!r}") from None
-        different = differences(written, self._plan.facts())
-        if different:
+        now = self._plan.facts()
+        refused = differences(_binding(written), _binding(now))
+        if refused or now["repetitions"] < written.get("repetitions", 0):
+            words = refused or differences(
+                written["repetitions"], now["repetitions"], "repetitions"
+            )
             raise UsageError(
                 f"{self._plan.path}: the plan has changed since the series in {self.path} began:"
-                f" {'; '.join(different[:5])}. Change it back, or begin another series with -o"
+                f" {'; '.join(words[:5])}. Change it back, or begin another series with -o"
             )
+        self.told = differences(written, now)
+        if self.told:
+            changes = [*before.get("changes", ()), {"when": utc(time.time()), "what": self.told}]
+            self._write(path, {**before, "plan": now, "changes": changes})
         self.changed = [
             file for file, digest in self._digests.items() if known.get(file, digest) != digest
         ]
 
     def _begin(self, path: Path) -> None:
         facts = {"plan": self._plan.facts(), "files": self._digests, "version": __version__}
+        self._write(path, facts)
+
+    def _write(self, path: Path, facts: Mapping[str, Any]) -> None:
         with failing_as(DirectoryError, f"cannot write to {self.path}"):
             part = path.with_name(f".{SERIES}.part")
             part.write_text(f"{json.dumps(facts, indent=2)}\n", encoding="utf-8")
             part.replace(path)
             (self.path / "plan.toml").write_bytes(self._plan.path.read_bytes())
+
+
+def _binding(plan: Mapping[str, Any]) -> dict[str, Any]:
+    """What of a plan has to stay: neither how often is tried, nor what becomes of robots."""
+    return {name: value for name, value in plan.items() if name not in _FREE}
 
 
 def differences(before: Any, now: Any, name: str = "") -> list[str]:

@@ -112,6 +112,8 @@ class SeriesLoop:
             say(f"{folder.table.path}: its last row was cut short: that run is made again")
         if folder.rows:
             say(f"{self.in_words()}; it goes on from there")
+        for text in folder.told:
+            say(f"the plan has changed since this series began: {text}", "warning")
         for file in folder.changed:
             say(f"{file} has changed since this series began: runs differ by more than", "warning")
             say("their conditions; begin another series with -o, or change it back", "warning")
