@@ -11,7 +11,7 @@ from pathlib import Path
 
 from vsense import recording
 from vsense.commands import arguments, rosters, series_robots
-from vsense.errors import UsageError
+from vsense.errors import CutShort, UsageError
 from vsense.lab.links import BASES
 from vsense.run.runs_csv import MODES, RUNS, read_runs
 from vsense.series import plan as plans
@@ -177,7 +177,7 @@ def _carry_out(
     """Makes the runs, and says how the series stands, also where one has failed."""
     try:
         loop.run()
-    except Interrupted:
+    except (Interrupted, CutShort):
         loop.why = "interrupted"
     finally:
         console.end_progress()

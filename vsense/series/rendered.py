@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from vsense.config.specs import Pose
-from vsense.errors import VsenseError
+from vsense.errors import CutShort, VsenseError
 from vsense.lab import report
 from vsense.lab.session import Session
 from vsense.link.robots import keys
@@ -82,7 +83,8 @@ class LabRuns:
         notes = session.recordings[-1]
         ended, summary = notes.ended, None
         if len(notes.steps):
-            summary = self._report(session, directory)
+            with suppress(CutShort), self._interrupted.in_time():
+                summary = self._report(session, directory)
         elif self._interrupted.is_set():
             return
         yield run, staged.outcome(summary, ended, session.runner.control)
