@@ -102,11 +102,7 @@ def run(options: argparse.Namespace) -> int:
     for warning in {text for one in known.values() for text in one.experiment.warnings}:
         console.say(f"vsense: {warning}")
     files = {path for one in known.values() for path in one.files}
-    with (
-        interruption() as interrupted,
-        SeriesFolder(path, plan, sorted(files)) as folder,
-        ExitStack() as stack,
-    ):
+    with interruption() as interrupted, ExitStack() as stack:
         common = loader, known, console, interrupted
         if plan.mode == "sim":
             maker = _simulated(options, *common)
@@ -114,6 +110,7 @@ def run(options: argparse.Namespace) -> int:
             maker = _rendered(options, *common)
         else:
             maker = series_robots.maker(options, *common, _room(options), stack)
+        folder = stack.enter_context(SeriesFolder(path, plan, sorted(files)))
         loop = SeriesLoop(plan, folder, maker, console, interrupted)
         return _carry_out(options, loop, console, interrupted)
 
