@@ -60,8 +60,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="folder for picture and logs (default: runs/...)",
     )
     _add_cameras(parser)
+    add_pace(parser)
+    hardware.add_robots(parser)
+    experiments.add_room(parser)
+
+
+def add_pace(group: Any) -> None:
+    """Declares how fast the lab's clocks go."""
     arguments.option(
-        parser,
+        group,
         "--pace",
         hardware.pace,
         "P",
@@ -69,19 +76,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " cannot keep up with more (default: 1)",
         1.0,
     )
-    hardware.add_robots(parser)
-    experiments.add_room(parser)
 
 
-def _add_cameras(parser: argparse.ArgumentParser) -> None:
+def add_cameras(group: Any) -> None:
+    """Declares how many cameras the lab has."""
     arguments.option(
-        parser,
+        group,
         "--cameras",
         _grid,
         "CxR",
         "so many columns and rows of cameras, up to 8x8; they hang so high, and have so many"
         " pixels, that they see the whole arena (default: as many as it takes, 2x2 at least)",
     )
+
+
+def _add_cameras(parser: argparse.ArgumentParser) -> None:
+    add_cameras(parser)
     arguments.flag(
         parser,
         "--calibrate",
@@ -110,7 +120,7 @@ def run(options: argparse.Namespace) -> int:
     if opened is None:
         return 0
     port = _port(options, opened)
-    _set_pace(options.pace, opened.host)
+    set_pace(options.pace, opened.host)
     starts = experiments.starts_of(options, opened)
     experiment, seed, directory = experiments.prepare(options, opened)
     console = Console()
@@ -169,7 +179,8 @@ def _calibrated(
     return rig
 
 
-def _set_pace(pace: float, host: str) -> None:
+def set_pace(pace: float, host: str) -> None:
+    """Has all clocks go at a pace; UsageError where robots on other machines could come."""
     if pace != 1.0 and not host.startswith("127."):
         raise UsageError(
             "--pace: the robots of a slow lab are on this machine only: expected a vss_host of"

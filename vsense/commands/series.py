@@ -7,10 +7,11 @@ import json
 import os
 from collections.abc import Mapping
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 
 from vsense import recording
-from vsense.commands import arguments, rosters, series_robots
+from vsense.commands import arguments, hardware, lab, rosters, series_robots
 from vsense.errors import CutShort, UsageError
 from vsense.lab.links import BASES
 from vsense.run.runs_csv import MODES, RUNS, read_runs
@@ -74,7 +75,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _add_room(parser: argparse.ArgumentParser) -> None:
     """Declares how runs in the lab and with robots are seen and kept."""
-    arguments.add_bases(parser.add_argument_group("lab"), BASES)
+    group = parser.add_argument_group("lab")
+    arguments.add_bases(group, BASES)
+    lab.add_cameras(group)
+    lab.add_pace(group)
+    hardware.add_errors(group)
     arguments.add_web(parser, insecure=False)
     arguments.add_foxglove(parser)
     group = parser.add_argument_group("control room")
@@ -163,9 +168,17 @@ def _rendered(
     from vsense.series.cast import SeriesCast
     from vsense.series.rendered import LabOptions, LabRuns
 
+    for planned in known.values():
+        lab.set_pace(options.pace, planned.experiment.host)
+    made = arguments.fill(
+        LabOptions,
+        options,
+        watchdog=options.firmware_watchdog,
+        room=_room(options),
+        robots=partial(hardware.robots_of, options),
+    )
     cast = SeriesCast(loader, known, rosters.roster_of(options, found=False), console)
-    lab = LabOptions(options.base, options.firmware_watchdog, options.port, _room(options))
-    return LabRuns(loader, cast, console, interrupted, lab)
+    return LabRuns(loader, cast, console, interrupted, made)
 
 
 def _carry_out(

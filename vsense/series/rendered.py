@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from vsense.config.specs import Pose
+from vsense.arena import ArenaState
+from vsense.config.specs import Experiment, Pose
 from vsense.errors import CutShort, VsenseError
 from vsense.lab import report
+from vsense.lab.camera_spec import CameraGrid
+from vsense.lab.hardware import NOMINAL, LabRobots, told_all
 from vsense.lab.session import Session
 from vsense.link.robots import keys
 from vsense.link.robots.keys import LinkTrust
@@ -35,13 +38,17 @@ class LabOptions:
         base: what robots are based on, as `vsense lab --base`.
         watchdog: their firmware has one.
         port: for robots; None: the experiment's.
+        cameras: columns and rows of them; None: as many as it takes.
         room: how runs are seen and kept.
+        robots: what an experiment's robots differ in.
     """
 
     base: str
     watchdog: bool = False
     port: int | None = None
+    cameras: CameraGrid | None = None
     room: RoomOptions = field(default_factory=RoomOptions)
+    robots: Callable[[Experiment], LabRobots] = lambda experiment: NOMINAL
 
 
 class LabRuns:
@@ -70,8 +77,7 @@ class LabRuns:
         staged = StagedRun.of(self._loader.plan, run, self._cast.known[run.cell.condition])
         told = room_options(self._options.room, staged.told())
         with ControlRoom(told, self._console) as room:
-            base = self._options.base, self._options.watchdog
-            session = Session(self._setup(staged, room), directory, *base)
+            session = self._session(staged, room, directory)
             try:
                 self._drive(staged, session, room, directory)
             except VsenseError as error:
@@ -91,25 +97,31 @@ class LabRuns:
         lost = "was lost when the run ended"
         self._cast.put_in_for(dict.fromkeys(staged.witness.gone, lost))
 
-    def _setup(self, staged: StagedRun, room: ControlRoom) -> RunSetup:
+    def _session(self, staged: StagedRun, room: ControlRoom, directory: Path) -> Session:
+        options, robots = self._options, self._options.robots(staged.experiment)
+        base = options.base, options.watchdog, None, options.cameras, None, robots
+        made = staged.made(asdict(self._loader.code.absolute(Path.cwd())))
+        setup = self._setup(staged, room, made | told_all(robots.hardware))
+        return Session(setup, directory, *base)
+
+    def _setup(self, staged: StagedRun, room: ControlRoom, made: Mapping[str, Any]) -> RunSetup:
         experiment, cell = staged.from_where(self._poses), staged.run.cell
         port = experiment.port if self._options.port is None else self._options.port
-        code = asdict(self._loader.code.absolute(Path.cwd()))
         starts = staged.starts if self._poses else None
         who = (experiment.host, port), LinkTrust(keys.make()), self._console, self._interrupted
         blind = staged.planned.condition.blind
-        return RunSetup(experiment, cell.seed, blind, *who, room, staged.made(code), starts)
+        return RunSetup(experiment, cell.seed, blind, *who, room, made, starts)
 
     def _drive(
         self, staged: StagedRun, session: Session, room: ControlRoom, directory: Path
     ) -> None:
         """Carries the run out, and notes where everybody is then."""
         plan, run = staged.plan, staged.run
-        newest: list[Step] = []
+        newest: list[ArenaState] = []
 
         def observe(step: Step) -> None:
             staged.witness.observe(step.state, session.runner.robots)
-            newest[:] = [step]
+            newest[:] = [step.state]  # not its pictures, which are lent
             time_s = step.run_timestep * session.experiment.timestep_s
             self._console.progress(
                 f"run {run.cell.number} of {plan.runs} ({run.in_words()})"
@@ -130,8 +142,8 @@ class LabRuns:
             staged.begin()
             session.run(directory, observe)
             room.recorders.end_run()
-        for step in newest:
-            rows = step.state.robots
+        for state in newest:
+            rows = state.robots
             for tag, x_m, y_m, yaw_rad in zip(
                 *(rows[name].tolist() for name in ("tag", "x_m", "y_m", "yaw_rad"))
             ):
