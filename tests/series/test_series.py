@@ -14,7 +14,7 @@ from vsense.run.runs_csv import read_runs
 PLAN = """
 mode = "sim"
 experiment = "foraging"
-duration_s = 2
+duration_s = 1
 repetitions = 2
 
 [robots]
@@ -69,9 +69,9 @@ def test_a_series_goes_on_where_it_was_and_gives_the_same_table(
     assert series(plan) == 0
     assert "its last row was cut short" in capsys.readouterr().err
     assert table.read_bytes() == whole
-    plan.write_text(PLAN.replace("duration_s = 2", "duration_s = 3"))
+    plan.write_text(PLAN.replace("duration_s = 1", "duration_s = 3"))
     assert series(plan) == 2
-    assert "duration_s: 2.0 before, now 3.0" in capsys.readouterr().err
+    assert "duration_s: 1.0 before, now 3.0" in capsys.readouterr().err
     assert table.read_bytes() == whole
 
 
