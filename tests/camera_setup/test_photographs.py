@@ -247,6 +247,5 @@ def test_candidates_are_the_same_in_one_part_and_in_many(monkeypatch: pytest.Mon
 
 def test_sheets_want_numbers_and_a_file(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["markers", "--ids", "1-3"]) == 2
-    assert (
-        "expected -o and --ids or --for for sheets, or the action find" in capsys.readouterr().err
-    )
+    said = capsys.readouterr().err
+    assert "expected -o and --ids, --roster or --for for sheets, or the action find" in said

@@ -40,11 +40,15 @@ def ask(program: Path, *arguments: str) -> tuple[int, str]:
     return done.returncode, done.stderr
 
 
+KEYED, HOME = 1, 2
+"""Capabilities: PROTOCOL.md, section 3."""
+
+
 def test_a_robot_obeys_the_host_that_has_its_key(rig: Rig) -> None:
     rig.host.root = KEY
     rig.run()
     hello = rig.host.hellos[0]
-    assert (hello.uid, hello.tag, hello.capabilities) == (UID, TAG, 1)
+    assert (hello.uid, hello.tag, hello.capabilities) == (UID, TAG, KEYED | HOME)
     assert KEY.hex() not in rig.daemon.said
 
 
@@ -113,7 +117,7 @@ def test_a_robot_without_a_key_does_not_obey_a_host_that_uses_one(program: Path)
     try:
         one.start()
         one.wait_for(lambda: one.host.hellos, "a greeting")
-        assert one.host.hellos[0].capabilities == 0 and one.host.root == PUBLISHED
+        assert one.host.hellos[0].capabilities == HOME and one.host.root == PUBLISHED
         one.host.drop()
         one.host.answer = KEY
         one.wait_for(lambda: len(one.host.hellos) > 2, "greetings that are answered in vain")

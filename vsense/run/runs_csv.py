@@ -200,7 +200,10 @@ class RunsFile:
             whole = data[: data.rfind(b"\n") + 1]
             text = whole.decode("utf-8-sig")
             if len(whole) < len(data):
-                _parse(self.path, text)  # Of what is no runs.csv nothing is cut off.
+                # Of what is no runs.csv nothing is cut off; half a heading may be one's own.
+                half, heading = data.decode(errors="replace"), ",".join(COLUMNS)
+                if whole or not (half.startswith(heading) or heading.startswith(half)):
+                    _parse(self.path, text)
                 os.truncate(self.path, len(whole))
                 self.repaired = True
             return text
