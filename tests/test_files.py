@@ -21,6 +21,7 @@ from vsense.errors import VsenseError
 from vsense.files import parse_json, read_bytes, read_text
 from vsense.markers.families import load_family
 from vsense.recording.reader import open_recording
+from vsense.series import plan
 from vsense.ui.access import read_tokens
 
 READERS: dict[str, Callable[[Path], object]] = {
@@ -28,6 +29,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     "resources.xml": resources.load,
     "tokens": read_tokens,
     "robots.toml": roster.read,
+    "plan.toml": plan.read,
     "robots.battery.csv": battery_history.read,
     "times.csv": lambda path: read_timestamps(path, False),
     "views.csv": lambda path: read_table(path, ["x"]),

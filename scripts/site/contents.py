@@ -35,6 +35,7 @@ SECTIONS: dict[str, tuple[str, ...]] = {
         "reference/tracking_files.md",
         "vsense/robot_calibration/README.md",
         "vsense/live/README.md",
+        "vsense/series/README.md",
         "vsense/live/SHARING.md",
         "vsense/ui/README.md",
     ),

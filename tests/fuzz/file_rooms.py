@@ -22,6 +22,7 @@ from vsense.config.description import describe
 from vsense.link.robots import keys
 from vsense.markers.families import MarkerFamily, known_families, load_family
 from vsense.robot import key_holders
+from vsense.series import plan
 from vsense.tracking.kernel import Kernel
 from vsense.ui.access import read_tokens
 
@@ -176,6 +177,13 @@ _LISTS: Mapping[str, tuple[str, Callable[[Path], object]]] = {
     "holders": (
         f"# keys\n1 {'ab' * 16} 23 2026-11-23 root@192.168.1.30\n2 {'cd' * 16} 24 2026-11-23 b\n",
         key_holders.read,
+    ),
+    "plan": (
+        'mode = "sim"\nexperiment = "foraging"\nrepetitions = 3\n[settings]\n"a.b" = 1\n'
+        '[[condition]]\nname = "x"\nsettings = { "c.d" = "e" }\n[[condition]]\nblind = true\n'
+        "[[start]]\nseed = 7\n[[start]]\nposes = [[0.5, -0.5, 90]]\n[void]\nlost_s = 5\n"
+        "[robots]\nleast = 2\n",
+        lambda path: plan.read(path).facts(),
     ),
     "keys": (f"# Swarm keys\n2 = {'0f' * 32}\n1 = {'e1' * 32}\n", keys.read),
     "tokens": ("look=a-long-token\ncontrol=another-token\n", read_tokens),

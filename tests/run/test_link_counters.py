@@ -45,6 +45,16 @@ def test_restarted_daemon_adds_to_what_the_first_had_received() -> None:
     assert counters.sessions == 2
 
 
+def test_what_a_daemon_received_of_an_earlier_server_does_not_count() -> None:
+    counters = LinkCounters()
+    counters.update({7: status(3, received=1812, old=9)})
+    assert (counters.received, counters.dropped) == (3, 0)
+    counters.update({7: status(100, received=1908, old=10)})
+    assert (counters.received, counters.dropped) == (98, 1)
+    counters.update({7: status(150, sessions=2, received=40)})
+    assert (counters.received, counters.dropped) == (138, 1)
+
+
 def test_replaced_guard_is_told_once_and_again_after_a_restart() -> None:
     counters = LinkCounters()
     assert counters.update({7: status(1, received=1)}) == []

@@ -33,6 +33,7 @@ def test_what_people_write_by_is_listed() -> None:
     assert {"foraging.argos", "foraging.c", "controller.h", "walk.h", "resources.xsd"} <= names
     assert {
         "foxglove-layout.json",
+        "plan.toml",
         "resources.xml",
         "sensors/leds.py",
         "actuators/leds.py",

@@ -55,6 +55,8 @@ def shorter(command: str, port: int = 4050, lines: int = 4041) -> str:
         command += " --duration 2"
     if command.startswith("vsense lab "):
         command += " --port 0"
+    if command.startswith("vsense series ") and "--mode lab" in command:
+        command += " --dry"
     if "--tracker lines" in command:
         command = command.replace("--tracker lines", f"--tracker lines:{lines} --port {port}")
     if command.startswith("vsense robot emulate "):  # the reader has another terminal for it

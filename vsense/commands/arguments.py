@@ -345,7 +345,7 @@ def add_action(actions: Any, name: str, text: str) -> argparse.ArgumentParser:
     return parser
 
 
-def add_bases(parser: argparse.ArgumentParser, bases: Sequence[str]) -> None:
+def add_bases(parser: Any, bases: Sequence[str]) -> None:
     """Declares what emulated robots are based on, the first of `bases` by default."""
     parser.add_argument(
         "--base",

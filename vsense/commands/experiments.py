@@ -232,7 +232,8 @@ def room_of(options: argparse.Namespace) -> RoomOptions:
     """Returns what `add_room` declares."""
     from vsense.ui.room import RoomOptions
 
-    return arguments.fill(RoomOptions, options, web=arguments.web_of(options))
+    others = {"series": None, "tokens": None}
+    return arguments.fill(RoomOptions, options, web=arguments.web_of(options), **others)
 
 
 def lease_robots(

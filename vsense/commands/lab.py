@@ -14,7 +14,7 @@ from vsense import clock
 from vsense.commands import arguments, experiments, hardware
 from vsense.config.specs import Experiment, Stage
 from vsense.errors import CutShort, UsageError, VsenseError
-from vsense.lab import calibrated, metrics, report
+from vsense.lab import calibrated, report
 from vsense.lab.calibrated import CalibratedRig
 from vsense.lab.camera_spec import CameraGrid, cameras_above
 from vsense.lab.hardware import told_all
@@ -60,8 +60,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="folder for picture and logs (default: runs/...)",
     )
     _add_cameras(parser)
+    add_pace(parser)
+    hardware.add_robots(parser)
+    experiments.add_room(parser)
+
+
+def add_pace(group: Any) -> None:
+    """Declares how fast the lab's clocks go."""
     arguments.option(
-        parser,
+        group,
         "--pace",
         hardware.pace,
         "P",
@@ -69,19 +76,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " cannot keep up with more (default: 1)",
         1.0,
     )
-    hardware.add_robots(parser)
-    experiments.add_room(parser)
 
 
-def _add_cameras(parser: argparse.ArgumentParser) -> None:
+def add_cameras(group: Any) -> None:
+    """Declares how many cameras the lab has."""
     arguments.option(
-        parser,
+        group,
         "--cameras",
         _grid,
         "CxR",
         "so many columns and rows of cameras, up to 8x8; they hang so high, and have so many"
         " pixels, that they see the whole arena (default: as many as it takes, 2x2 at least)",
     )
+
+
+def _add_cameras(parser: argparse.ArgumentParser) -> None:
+    add_cameras(parser)
     arguments.flag(
         parser,
         "--calibrate",
@@ -110,7 +120,7 @@ def run(options: argparse.Namespace) -> int:
     if opened is None:
         return 0
     port = _port(options, opened)
-    _set_pace(options.pace, opened.host)
+    set_pace(options.pace, opened.host)
     starts = experiments.starts_of(options, opened)
     experiment, seed, directory = experiments.prepare(options, opened)
     console = Console()
@@ -169,7 +179,8 @@ def _calibrated(
     return rig
 
 
-def _set_pace(pace: float, host: str) -> None:
+def set_pace(pace: float, host: str) -> None:
+    """Has all clocks go at a pace; UsageError where robots on other machines could come."""
     if pace != 1.0 and not host.startswith("127."):
         raise UsageError(
             "--pace: the robots of a slow lab are on this machine only: expected a vss_host of"
@@ -284,20 +295,7 @@ def _report(session: Session, number: int, on_stdout: bool, console: Console) ->
     """Measures, writes, prints, and draws last."""
     recording = session.recordings[number - 1]
     measured = report.gather(session, recording)
-    summary = {
-        "experiment": session.experiment.name,
-        "run": number,
-        "seed": recording.seed,
-        "blind": session.setup.blind,
-        "robots": len(session.experiment.robots),
-        "cameras": len(session.cameras),
-        "pace": clock.pace(),
-        "calibration": None if session.known is None else session.known.figures,
-        **metrics.figures(measured),
-        "vision": session.tracking.figures(),
-        "measures": recording.measures,
-    }
-    summary |= told_all(session.robots.hardware)
+    summary = report.summarise(session, number, measured)
     console.say(report.table(summary))
     run_directory.write_summary(recording.directory, summary, on_stdout)
     if summary["unlogged_timesteps"]:

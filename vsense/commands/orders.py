@@ -272,11 +272,21 @@ def table(answer: Mapping[str, Any]) -> str:
     latency = now["latency_ms"]
     sent = "" if latency is None else f", capture to sent {latency['p50']:.0f} ms"
     silent = f"\nno arena state for {now['silent_s']:.1f} s" if now["silent_s"] else ""
-    head = f"{answer['name']}{_whose(answer)}: run {now['run']} is {now['state']}"
+    which = _of_series(answer["series"]) if "series" in answer else f"run {now['run']}"
+    head = f"{answer['name']}{_whose(answer)}: {which} is {now['state']}"
     return (
         f"{head}, {now['time_s']:.1f}{length} s,"
         f" timestep {now['timestep']}{late}; {now['rate_hz']:.1f} Hz{sent}{silent}{_kept(now)}\n\n"
         f"{seen_table(rows) if answer['command'] == 'track' else robot_table(rows)}"
+    )
+
+
+def _of_series(told: Mapping[str, Any]) -> str:
+    """Which run of a series by plan it is."""
+    again = f", attempt {told['attempt']}" if told["attempt"] > 1 else ""
+    return (
+        f"run {told['number']} of {told['of']} of the series {told['name']} ({told['condition']},"
+        f" start {told['start']}, repetition {told['repetition']}{again})"
     )
 
 

@@ -202,7 +202,7 @@ def build(options: argparse.Namespace) -> int:
     else:
         experiment = load(options.experiment, code=arguments.code_of(options))
         driving = {robot.controller for robot in experiment.robots}
-        built = list(_programs(experiment, driving, options.target, options.output).values())
+        built = list(build_programs(experiment, driving, options.target, options.output).values())
     facts = [asdict(b) | {"path": str(b.path), "controller": str(b.controller)} for b in built]
     if options.json:
         print(json.dumps(facts[0] if options.experiment is None else facts, indent=2))
@@ -235,7 +235,7 @@ def _program(options: argparse.Namespace) -> Program:
     return program
 
 
-def _programs(
+def build_programs(
     experiment: Experiment, driving: Collection[str], target: str, output: Path
 ) -> dict[str, Built]:
     """Builds the daemons of the controllers that are `driving`, by their ids."""
@@ -325,7 +325,7 @@ def _binaries(
             driven[robot.destination] = controller
     if idle:
         _say_idle(experiment, idle, driven)
-    built = _programs(experiment, set(driven.values()), options.target, output)
+    built = build_programs(experiment, set(driven.values()), options.target, output)
     contents = {name: boards.load(each.path) for name, each in built.items()}
     return {destination: contents[name] for destination, name in driven.items()}
 

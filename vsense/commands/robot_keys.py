@@ -45,12 +45,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def add_reach(parser: argparse.ArgumentParser) -> None:
     """Declares how robots are reached, and how what became of them is printed."""
-    parser.add_argument("--sudo", action="store_true", help="become root on the robots with sudo")
+    add_ssh(parser)
     parser.add_argument(
         "--force",
         action="store_true",
         help="replace it on robots that are in a running experiment, too; their wheels stop",
     )
+    parser.add_argument("--json", action="store_true", help="print the results as JSON")
+
+
+def add_ssh(parser: Any) -> None:
+    """Declares how robots are reached."""
+    parser.add_argument("--sudo", action="store_true", help="become root on the robots with sudo")
     parser.add_argument(
         "--ssh-option",
         action="append",
@@ -59,7 +65,6 @@ def add_reach(parser: argparse.ArgumentParser) -> None:
         help="what ssh is told with -o, such as HostKeyAlgorithms=+ssh-rsa for an old board; may"
         " be given several times",
     )
-    parser.add_argument("--json", action="store_true", help="print the results as JSON")
 
 
 def deploy_all(plan: Plan, robots: Sequence[RobotHost]) -> list[Outcome]:

@@ -39,7 +39,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     experiments.add_experiment(parser, Stage.RUN)
     experiments.add_settings(parser)
-    _add_ends(parser)
+    add_ends(parser)
+    experiments.add_legacy_port(parser)
     parser.add_argument(
         "--start-after",
         type=arguments.seconds,
@@ -61,7 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     experiments.add_room(parser)
 
 
-def _add_ends(parser: argparse.ArgumentParser) -> None:
+def add_ends(parser: argparse.ArgumentParser) -> None:
     """Declares where the arena state comes from, and where the robots connect to."""
     eyes = parser.add_mutually_exclusive_group()
     eyes.add_argument(
@@ -90,7 +91,6 @@ def _add_ends(parser: argparse.ArgumentParser) -> None:
         help="TCP and UDP port; 0 takes a free one (default: the file's vss_port)",
     )
     experiments.add_trust(parser)
-    experiments.add_legacy_port(parser)
 
 
 PATIENCE_S = 10.0
@@ -112,7 +112,7 @@ def run(options: argparse.Namespace) -> int:
     if opened is None:
         return 0
     opened = replace(opened, markers=hardware.markers_of(options))
-    opened = _with_tracker(opened, options.tracker)
+    opened = with_tracker(opened, options.tracker)
     require_source(opened, options.tracking)
     trust = experiments.trust_of(options)
     host = opened.host if options.host is None else options.host
@@ -145,7 +145,7 @@ def _run_leased(
         return RunCommand(options, setup, directory, log, series, rows).run()
 
 
-def _with_tracker(experiment: Experiment, where: tuple[str, int] | None) -> Experiment:
+def with_tracker(experiment: Experiment, where: tuple[str, int] | None) -> Experiment:
     """The experiment with the tracker of `--tracker`, None: its own."""
     if where is None:
         return experiment

@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense import clock
 from vsense.config.specs import Experiment, RobotSpec
 from vsense.lab import metrics
+from vsense.lab.hardware import told_all
 from vsense.lab.metrics import SwarmTruth
 from vsense.lab.microcontrollers import read_actuations
 from vsense.lab.optics import vignetting
@@ -117,6 +119,25 @@ def _within(trace: NDArray[np.void], steps: NDArray[np.void]) -> NDArray[np.void
     first, last = steps["timestep"][0], steps["timestep"][-1]
     during: NDArray[np.bool_] = (trace["timestep"] >= first) & (trace["timestep"] <= last)
     return np.asarray(trace[during])
+
+
+def summarise(session: Session, number: int, measured: metrics.MeasuredRun) -> dict[str, Any]:
+    """Gives the figures of a run, counted from 1, under the names that scripts rely on."""
+    recording = session.recordings[number - 1]
+    summary = {
+        "experiment": session.experiment.name,
+        "run": number,
+        "seed": recording.seed,
+        "blind": session.setup.blind,
+        "robots": len(session.experiment.robots),
+        "cameras": len(session.cameras),
+        "pace": clock.pace(),
+        "calibration": None if session.known is None else session.known.figures,
+        **metrics.figures(measured),
+        "vision": session.tracking.figures(),
+        "measures": recording.measures,
+    }
+    return summary | told_all(session.robots.hardware)
 
 
 def draw(session: Session, recording: RunNotes, run: metrics.MeasuredRun, path: Path) -> None:

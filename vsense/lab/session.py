@@ -30,7 +30,7 @@ from vsense.robot import build
 from vsense.run.changing import Ground
 from vsense.run.directory import RunTables, step_row
 from vsense.run.figures import Figures
-from vsense.run.robots import shorten
+from vsense.run.robots import Readiness, shorten
 from vsense.run.runtime import Step
 from vsense.tracking.arena_tracker import ArenaTracker
 from vsense.tracking.camera_tracking import CameraTracking
@@ -211,10 +211,10 @@ class Session(ExperimentSession):
                 f" {readiness.missing_text()}{logs if readiness.absent else ''}"
             )
 
-    def wait_patiently(self, limit_s: float) -> None:
+    def wait_patiently(self, limit_s: float) -> Readiness:
         """See `ExperimentSession`; a daemon that ends is told from now on, and the rest goes on."""
         self._ready = True
-        super().wait_patiently(limit_s)
+        return super().wait_patiently(limit_s)
 
     def _observe(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
         """Checks cameras and daemons; LabError where one has ended before all were ready."""

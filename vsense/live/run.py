@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,15 +22,23 @@ class OneRun:
     """Carries out a run and reports about it; `failure` is what has ended it before its time."""
 
     def __init__(
-        self, session: RunSession, directory: Path, readiness: Readiness, log: RunLog
+        self,
+        session: RunSession,
+        directory: Path,
+        readiness: Readiness,
+        log: RunLog,
+        observe: Callable[[Step], None] = lambda step: None,
     ) -> None:
-        """The robots of `session` have been waited for; `directory` exists."""
+        """The robots of `session` have been waited for; `directory` exists.
+
+        `observe` is called after every timestep of the run.
+        """
         self.failure: VsenseError | None = None
         self._session = session
         self._experiment = session.experiment
         self._directory = directory
         self._readiness = readiness
-        self._log = log
+        self._log, self._observe = log, observe
         self._figures = Figures(session.experiment)
         own = session.source.own
         cameras = () if own is None else own.tracking.tracker.cameras
@@ -58,6 +67,7 @@ class OneRun:
             self._log.timestep(step, counts, world.results)
             lost = [status.name for status in robots.values() if not status.connected]
             self._log.progress(self._line(step, moment, lost))
+            self._observe(step)
             # Lent pictures go back during a pause.
             del step
 

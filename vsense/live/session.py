@@ -14,6 +14,7 @@ from vsense.cameras.grabber import Troubles
 from vsense.config.specs import Experiment
 from vsense.errors import VsenseError
 from vsense.files import read_bytes
+from vsense.homing.homing import Homing
 from vsense.link.legacy.server import MixedServer
 from vsense.link.robots.keys import LinkTrust
 from vsense.link.robots.server import LinkEvent, VirtualSensorServer
@@ -26,7 +27,7 @@ from vsense.run.changing import HANDS, Ground
 from vsense.run.control import Control
 from vsense.run.environment import Environment
 from vsense.run.homecoming import Starts, tell_end
-from vsense.run.robots import make_server
+from vsense.run.robots import Readiness, make_server
 from vsense.run.runner import Runner
 from vsense.run.runtime import Runtime, Step
 from vsense.run.watch import ArenaSource
@@ -154,18 +155,22 @@ class ExperimentSession(ABC):
         if step is not None and step.run_timestep >= 0:
             self._batteries.update(step.run_timestep, robots)
 
-    def wait_patiently(self, limit_s: float) -> None:
+    def wait_patiently(self, limit_s: float) -> Readiness:
         """Waits for all robots, at the longest so long; whoever is missing then may come later."""
-        self.runner.wait(limit_s)
+        return self.runner.wait(limit_s)
 
-    def home(self) -> None:
-        """Has the robots drive to the starts of the present run, where that is wanted."""
+    def home(self) -> Homing | None:
+        """Has the robots drive to the starts of the present run, where that is wanted.
+
+        Gives how it went; None where they stay where they are.
+        """
         starts, seed = self.setup.starts, self.environment.seed
         if starts is None:
-            return
+            return None
         homing = starts.homing(self.environment.experiment, seed)
         self.runner.home(homing)
         tell_end(homing, self.setup.console)
+        return homing
 
     def next_run(self) -> None:
         """Goes back to before the start of the next run, whose seed is one more."""

@@ -22,6 +22,7 @@ from vsense.config.casting import Casting
 from vsense.config.experiment import first_robots, read
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment, Stage
+from vsense.config.starting import StartPlaces
 from vsense.errors import VsenseError
 from vsense.link.robots.table import Direction
 from vsense.message_bus import Message
@@ -165,6 +166,8 @@ class Resensing:
             casting = Casting.read(made.get("casting", {}))
             experiment = read(text.encode(), path.name, path, *how, code, casting)
             experiment = first_robots(experiment, made["robots"])
+            places = StartPlaces.read({"poses": made.get("poses", ()), "seed": made["seed"]})
+            experiment = places.put(experiment)
         except VsenseError as error:
             hint = "" if self._path else "; say where its file is with --experiment FILE"
             raise self._error(f"its experiment cannot be read again: {error}{hint}") from None

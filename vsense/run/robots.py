@@ -227,8 +227,8 @@ class _LinkCounts:
 class LinkCounters:
     """Counters of STATE packets, from the server's start or from `anew`.
 
-    A daemon counts from its own start. Of one that was killed the last telemetry is known; what it
-    received after that is counted as lost.
+    A daemon counts from its own start, which may be before the server's. Of one that was killed the
+    last telemetry is known; what it received after that is counted as lost.
 
     Attributes:
         sent: packets made by the host.
@@ -249,7 +249,7 @@ class LinkCounters:
         replaced = []
         for tag, status in robots.items():
             known = self._robots.setdefault(tag, _LinkCounts())
-            if status.telemetry is not None and _add(known, status.telemetry):
+            if status.telemetry is not None and _add(known, status.telemetry, status.sent):
                 replaced.append(status)
         sent, received, dropped = self._earlier
         self.sent = sum(status.sent for status in robots.values()) - sent
@@ -271,9 +271,12 @@ class LinkCounters:
         return sum(getattr(robot, counter) for robot in self._robots.values())
 
 
-def _add(known: _LinkCounts, now: Telemetry) -> bool:
-    """Adds a telemetry; True where it reports a new guard."""
+def _add(known: _LinkCounts, now: Telemetry, sent: int) -> bool:
+    """Adds a telemetry of a robot that was sent so much; True where it reports a new guard."""
     before = known.newest
+    if before is None and (more := _taken(now) - sent) > 0:
+        # It was on before this server was, and has counted what others sent.
+        known.received, known.dropped = -more, -_dropped(now)
     if before is not None and now.received < before.received:
         known.received += _taken(before)
         known.dropped += _dropped(before)

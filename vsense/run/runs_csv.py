@@ -240,35 +240,45 @@ class RunRows:
         Returns:
             Why it cannot be written, in words; "": it is.
         """
+        condition = condition_of(summary["blind"], self._settings)
         try:
-            self._file.append(self._row(summary, ended))
+            row = row_of(summary, self._mode, self._experiment, condition, ended)
+            name, began = f"run-{summary['run']}", utc(self._began[summary["run"]])
+            self._file.append(replace(row, run=name, series=self._series, began=began))
         except VsenseError as error:
             return f"vsense: the table of runs lacks run {summary['run']}: {error}"
         return ""
 
-    def _row(self, summary: Mapping[str, Any], ended: str) -> RunRow:
-        steps = summary["timesteps"] + summary["left_out_timesteps"]
-        whole = ended == "time" or not self._experiment.timesteps
-        swarm = {name: n for name, n in summary.get("swarm", {}).items() if n is not None}
-        volts = [robot["battery_mv"] for robot in summary.get("per_robot", ())]
-        return RunRow(
-            run=f"run-{summary['run']}",
-            series=self._series,
-            mode=self._mode,
-            experiment=summary["experiment"],
-            condition=condition_of(summary["blind"], self._settings),
-            seed=summary["seed"],
-            began=utc(self._began[summary["run"]]),
-            duration_s=summary["duration_s"],
-            robots=summary["robots"],
-            tags=[robot.tag for robot in self._experiment.robots],
-            batteries_v=[mv / 1000.0 for mv in volts if mv],
-            late=summary["late_timesteps"] / steps if steps else None,
-            versions=versions(),
-            verdict=VALID if whole else VOID,
-            why="" if whole else f"{ended or 'failed'} before its end",
-            measures={**swarm, **summary.get("measures", summary.get("results", {}))},
-        )
+
+def row_of(
+    summary: Mapping[str, Any], mode: str, experiment: Experiment, condition: str, ended: str
+) -> RunRow:
+    """The row of a run in the lab or with robots, without what it is called and when it began.
+
+    Args:
+        summary: what its summary.json has.
+        ended: why it ended, "time" for its end.
+    """
+    steps = summary["timesteps"] + summary["left_out_timesteps"]
+    whole = ended == "time" or not experiment.timesteps
+    swarm = {name: n for name, n in summary.get("swarm", {}).items() if n is not None}
+    volts = [robot["battery_mv"] for robot in summary.get("per_robot", ())]
+    return RunRow(
+        run="",
+        mode=mode,
+        experiment=summary["experiment"],
+        condition=condition,
+        seed=summary["seed"],
+        duration_s=summary["duration_s"],
+        robots=summary["robots"],
+        tags=[robot.tag for robot in experiment.robots],
+        batteries_v=[mv / 1000.0 for mv in volts if mv],
+        late=summary["late_timesteps"] / steps if steps else None,
+        versions=versions(),
+        verdict=VALID if whole else VOID,
+        why="" if whole else f"{ended or 'failed'} before its end",
+        measures={**swarm, **summary.get("measures", summary.get("results", {}))},
+    )
 
 
 def read_runs(path: Path) -> list[RunRow]:

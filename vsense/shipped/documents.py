@@ -33,7 +33,7 @@ _GROUPS = (
     ("headers for controllers", "robot/", (".h",)),
     ("virtual sensors", "vsense/sensors/", (".py",)),
     ("virtual actuators", "vsense/actuators/", (".py",)),
-    ("files to begin with", "vsense/config/examples/", (".xml",)),
+    ("files to begin with", "vsense/config/examples/", (".xml", ".toml")),
     ("layouts for Foxglove", "vsense/foxglove/", (".json",)),
     ("schemas for editors", "vsense/config/schema/", (".xsd",)),
 )
@@ -42,7 +42,20 @@ _GROUPS = (
 _HEADERS = ("controller.h", "walk.h")
 """What controllers include: all other headers of the daemon are its own."""
 
-_SUFFIXES = (".md", ".c", ".cpp", ".h", ".hpp", ".py", ".argos", ".xml", ".xsd", ".json", ".txt")
+_SUFFIXES = (
+    ".md",
+    ".c",
+    ".cpp",
+    ".h",
+    ".hpp",
+    ".py",
+    ".argos",
+    ".xml",
+    ".xsd",
+    ".json",
+    ".toml",
+    ".txt",
+)
 _LAYOUT = "to import into Foxglove: the arena in 3-D, the cameras, measures, the log"
 _LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)\s]+)\)")
 _TITLE_MAX = 100
@@ -80,6 +93,8 @@ class ShippedFile:
         if self.path.suffix == ".py":
             text = ast.get_docstring(ast.parse(text)) or ""
             return text.partition("\n")[0]
+        if self.path.suffix == ".toml":
+            return text.partition("\n")[0].lstrip("# ").rstrip(".:")
         if self.path.suffix == ".json":  # has no place for a comment
             return _LAYOUT
         if self.path.suffix in (".c", ".h"):

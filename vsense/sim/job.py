@@ -11,6 +11,7 @@ from typing import Any
 from vsense.config.casting import Casting
 from vsense.config.experiment import first_robots, load
 from vsense.config.specs import Experiment, Stage
+from vsense.config.starting import StartPlaces
 from vsense.errors import UsageError
 from vsense.robot.programs import CodeOptions
 
@@ -27,6 +28,7 @@ class Setup:
         settings: values by `ELEMENT.attribute` instead of the file's.
         code: where the controllers' sources are.
         casting: which robots play.
+        start: where everything is when the run begins; None: where the run's seed has it.
     """
 
     experiment: str
@@ -36,6 +38,7 @@ class Setup:
     settings: Mapping[str, str] = field(default_factory=dict)
     code: CodeOptions = field(default_factory=CodeOptions)
     casting: Casting = field(default_factory=Casting)
+    start: StartPlaces | None = None
 
     def load(self) -> Experiment:
         """Loads the experiment.
@@ -51,7 +54,8 @@ class Setup:
         """Reduces a loaded experiment to its wanted robots; raises as `load`."""
         if not experiment.timesteps:
             raise UsageError(f"{experiment.file}: has no length: give one with --duration")
-        return first_robots(experiment, self.robots)
+        experiment = first_robots(experiment, self.robots)
+        return experiment if self.start is None else self.start.settled(experiment)
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,9 +103,11 @@ class Job:
         fields: dict[str, Any] = json.loads(line)
         setup: dict[str, Any] = fields.pop("setup")
         code, casting = CodeOptions(**setup.pop("code")), Casting.read(setup.pop("casting"))
+        start = setup.pop("start")
         if fields["origin"] is not None:
             fields["origin"] = Origin(**fields["origin"])
-        return cls(Setup(**setup, code=code, casting=casting), **fields)
+        places = None if start is None else StartPlaces.read(start)
+        return cls(Setup(**setup, code=code, casting=casting, start=places), **fields)
 
 
 @dataclass(frozen=True, slots=True)

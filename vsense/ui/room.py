@@ -6,7 +6,7 @@ import os
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -52,6 +52,8 @@ class RoomOptions:
         locked: nobody may change the world while it runs.
         web: where the page is served, None: nowhere.
         foxglove: where Foxglove is served, None: nowhere.
+        series: which run of a series by plan it is; None: of none.
+        tokens: of the page, where its file has none; None: they are drawn.
     """
 
     hold: bool = False
@@ -61,6 +63,8 @@ class RoomOptions:
     locked: bool = False
     web: WebAddress | None = None
     foxglove: FoxgloveAddress | None = None
+    series: Data | None = None
+    tokens: Tokens | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,6 +157,8 @@ class ControlRoom:
         Raises as `page_access`.
         """
         self._access = None if options.web is None else page_access(options.web)
+        if self._access is not None and self._access.tokens is None:
+            self._access = replace(self._access, tokens=options.tokens)
         self.bus = MessageBus()
         self.holds, self.locked = options.hold, options.locked
         self.doubts: Sequence[str] = ()
@@ -247,6 +253,7 @@ class ControlRoom:
             "directory": str(self._directory),
             "port": self._server.port,
             "run": publisher.run_data(),
+            **({} if self._options.series is None else {"series": self._options.series}),
             "robots": publisher.robots_data(self._server.robots()),
         }
 

@@ -1,0 +1,176 @@
+"""A series that somebody else makes the runs of: what is repeated, what ends it, what is kept."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import pytest
+
+from vsense.errors import UsageError, VsenseError
+from vsense.run.directory import TIMESTEPS
+from vsense.run.runs_csv import RunRow, read_runs
+from vsense.series.criteria import Evidence
+from vsense.series.folder import SeriesFolder
+from vsense.series.order import PlannedRun, VoidLimit, cells
+from vsense.series.plan import SeriesPlan, read
+from vsense.series.series import Made, RunOutcome, SeriesLoop
+from vsense.terminal import Console, Interruption
+
+PLAN = """
+name = "walks"
+mode = "lab"
+experiment = "foraging"
+again = 1
+[[condition]]
+name = "a"
+[[condition]]
+name = "b"
+[[start]]
+name = "s"
+seed = 7
+[void]
+lost_s = 5
+"""
+
+
+class Script:
+    """Makes runs as a script says: the evidence of one after the other, then good ones."""
+
+    def __init__(self, *script: RunOutcome | None, interrupted: Interruption) -> None:
+        self.made: list[str] = []
+        self._script = list(script)
+        self._interrupted = interrupted
+
+    def make(self, runs: Sequence[PlannedRun], folder: SeriesFolder) -> Iterator[Made]:
+        outcome = self._script.pop(0) if self._script else outcome_of(Evidence())
+        self.made.append(runs[0].name)
+        directory = folder.of_run(runs[0])
+        (directory / TIMESTEPS).touch()
+        if outcome is None:
+            raise VsenseError("the lamp is broken")
+        if outcome.evidence.ended == "interrupted":
+            self._interrupted.set()
+        yield runs[0], outcome
+
+
+def outcome_of(evidence: Evidence, stays: str = "") -> RunOutcome:
+    row = RunRow(run="", mode="lab", experiment="foraging", condition="", measures={"food": 3.0})
+    return RunOutcome(row, evidence, stays)
+
+
+LOST = outcome_of(Evidence(lost_s={"seven": 6.0}))
+
+
+@pytest.fixture
+def plan(tmp_path: Path) -> SeriesPlan:
+    path = tmp_path / "plan.toml"
+    path.write_text(PLAN)
+    return read(path)
+
+
+def carried_out(plan: SeriesPlan, *script: RunOutcome | None) -> tuple[SeriesLoop, list[str], str]:
+    """One call of the command: the loop, the runs that were made, and what was said."""
+    said, interrupted = io.StringIO(), Interruption()
+    maker = Script(*script, interrupted=interrupted)
+    with SeriesFolder(plan.path.parent / "walks", plan, [plan.path]) as folder:
+        loop = SeriesLoop(plan, folder, maker, Console(said), interrupted)
+        try:
+            loop.run()
+        except VsenseError as error:
+            said.write(f"failed: {error}")
+    return loop, maker.made, said.getvalue()
+
+
+def rows(plan: SeriesPlan) -> list[tuple[str, str]]:
+    return [(r.run, r.why) for r in read_runs(plan.path.parent / "walks" / "runs.csv")]
+
+
+def test_void_runs_are_kept_named_and_repeated(plan: SeriesPlan) -> None:
+    loop, made, said = carried_out(plan, LOST)
+    assert made == ["run-001", "run-002", "run-001-2"]
+    why = "seven lost for 6.0 s"
+    assert rows(plan) == [("run-001", why), ("run-002", ""), ("run-001-2", "")]
+    assert f"is void: {why}" in said and (loop.why, loop.valid) == ("", 2)
+    assert loop.facts()["void"] == [{"run": "run-001", "why": why}]
+    assert carried_out(plan)[1] == [], "all is done"
+
+
+def test_too_many_void_runs_end_it_with_every_why(plan: SeriesPlan) -> None:
+    _, made, said = carried_out(plan, LOST, outcome_of(Evidence()), LOST)
+    assert made == ["run-001", "run-002", "run-001-2"]
+    assert "failed: " in said and "void 2 times" in said
+    assert "run-001: seven lost for 6.0 s; run-001-2: seven lost" in said
+    with SeriesFolder(plan.path.parent / "walks", plan, []) as folder, pytest.raises(VoidLimit):
+        SeriesLoop(plan, folder, Script(interrupted=Interruption()), Console(io.StringIO()),
+                   Interruption()).run()  # fmt: skip
+
+
+def test_who_stops_a_run_ends_the_series_and_it_goes_on_later(plan: SeriesPlan) -> None:
+    by = "stopped by ben (terminal)"
+    loop, made, _ = carried_out(plan, outcome_of(Evidence(by), stays=by))
+    assert (loop.why, made) == (by, ["run-001"])
+    assert carried_out(plan)[1] == ["run-002", "run-001-2"]
+
+
+def test_what_is_cut_off_is_told_and_counts_for_nothing(plan: SeriesPlan) -> None:
+    cut = outcome_of(Evidence("interrupted"))
+    for attempt in ("run-001", "run-002", "run-001-2"):
+        loop, made, _ = carried_out(plan, cut)
+        assert (loop.why, made) == ("interrupted", [attempt])
+    # As a killed process leaves it: a folder with timesteps, and no row.
+    _, _, said = carried_out(plan, None)
+    assert "failed: the lamp is broken" in said
+    _, made, _ = carried_out(plan)
+    assert made == ["run-001-3", "run-002-3"]
+    assert dict(rows(plan))["run-002-2"] == "cut off: vsense was ended in it"
+
+
+def test_a_run_that_was_only_waited_for_leaves_no_trace(plan: SeriesPlan) -> None:
+    folder = plan.path.parent / "walks"
+    carried_out(plan)
+    with SeriesFolder(folder, plan, []) as taken:
+        run = PlannedRun(cells(plan)[0], 5)
+        waited = taken.of_run(run)
+        (waited / "log.txt").touch()
+        assert not taken.cut(run)
+        assert taken.of_run(run) == waited and not any(waited.iterdir())
+
+
+def test_one_process_at_a_time_and_no_folder_of_something_else(plan: SeriesPlan) -> None:
+    folder = plan.path.parent / "walks"
+    other = SeriesFolder(folder, plan, [])
+    with (
+        SeriesFolder(folder, plan, []),
+        pytest.raises(UsageError, match="carries this series out already"),
+    ):
+        other.__enter__()
+    with pytest.raises(UsageError, match="is not empty, and of no series"):
+        SeriesFolder(plan.path.parent, plan, []).__enter__()
+
+
+def test_a_plan_may_try_more_often_and_not_less(plan: SeriesPlan) -> None:
+    assert "void 2 times" in carried_out(plan, LOST, outcome_of(Evidence()), LOST)[2]
+    plan.path.write_text(PLAN.replace("again = 1", "again = 2\nrepetitions = 2"))
+    more = read(plan.path)
+    _, made, said = carried_out(more)
+    assert "again: 1 before, now 2" in said and "repetitions: 1 before, now 2" in said
+    assert made == ["run-001-3", "run-003", "run-004"]
+    noted = json.loads((plan.path.parent / "walks" / "series.json").read_text())
+    assert len(noted["changes"]) == 1 and len(noted["changes"][0]["what"]) == 2
+    assert "before, now" not in carried_out(more)[2], "it is told once"
+    with pytest.raises(UsageError, match="repetitions: 2 before, now 1"):
+        carried_out(plan)
+
+
+def test_files_that_have_changed_are_told(plan: SeriesPlan) -> None:
+    program = plan.path.with_name("walk.c")
+    program.write_text("one")
+    folder = plan.path.parent / "walks"
+    with SeriesFolder(folder, plan, [program]) as first:
+        assert first.changed == []
+    program.write_text("two")
+    with SeriesFolder(folder, plan, [program]) as again:
+        assert again.changed == [str(program)]

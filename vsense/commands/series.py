@@ -1,0 +1,200 @@
+"""`vsense series`: many runs by a plan, without hands."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+from collections.abc import Mapping
+from contextlib import ExitStack
+from functools import partial
+from pathlib import Path
+
+from vsense import recording
+from vsense.commands import arguments, hardware, lab, rosters, series_robots
+from vsense.errors import CutShort, UsageError
+from vsense.lab.links import BASES
+from vsense.run.runs_csv import MODES, RUNS, read_runs
+from vsense.series import plan as plans
+from vsense.series.folder import SeriesFolder
+from vsense.series.forecast import Forecast
+from vsense.series.parts import PlanLoader, PlannedExperiment
+from vsense.series.plan import SeriesPlan
+from vsense.series.series import RunMaker, SeriesLoop
+from vsense.shipped import documents
+from vsense.sim.outcome import Interrupted
+from vsense.terminal import Console, Interruption, interruption, print_data
+from vsense.ui.access import make_tokens
+from vsense.ui.room import RoomOptions
+
+DESCRIPTION = (
+    "Makes many runs by a plan, without hands: conditions at the same starts, in an order that is"
+    " shuffled block by block, simulated, in the lab or with real robots. Between runs robots drive"
+    " to their starts. A run is valid or void by criteria that the plan has; void ones are kept,"
+    " named and repeated. Every run is a row of runs.csv. Ctrl-C costs the run that goes on; the"
+    " same command goes on from there, also on another day."
+)
+
+EXAMPLE = "plan.toml"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declares the command's arguments."""
+    parser.add_argument(
+        "plan", nargs="?", type=Path, metavar="PLAN", help="a file such as plan.toml"
+    )
+    arguments.flag(parser, "--example", "print a plan whose lines are explained, and end")
+    arguments.flag(
+        parser, "--dry", "only say which runs follow, in which order, and how long they take"
+    )
+    parser.add_argument("--mode", choices=MODES, help="make the runs there (default: the plan's)")
+    parser.add_argument(
+        *("-o", "--output"),
+        type=Path,
+        metavar="DIR",
+        help="folder of the series (default: NAME-MODE beside the plan)",
+    )
+    arguments.flag(parser, "--json", "print how the series stands in the end as one JSON object")
+    parser.add_argument(
+        *("-j", "--jobs"),
+        type=arguments.positive,
+        metavar="N",
+        help="simulated runs at the same time (default: one per processor)",
+    )
+    arguments.flag(
+        parser,
+        "--lenient",
+        "go on where a controller asks for a sensor or actuator that nobody offers, or is told a"
+        " parameter that it does not read",
+    )
+    arguments.add_code(parser)
+    rosters.add_casting(parser, found=True)
+    series_robots.add_arguments(parser)
+    _add_room(parser)
+
+
+def _add_room(parser: argparse.ArgumentParser) -> None:
+    """Declares how runs in the lab and with robots are seen and kept."""
+    group = parser.add_argument_group("lab")
+    arguments.add_bases(group, BASES)
+    lab.add_cameras(group)
+    lab.add_pace(group)
+    hardware.add_errors(group)
+    arguments.add_web(parser, insecure=False)
+    arguments.add_foxglove(parser)
+    group = parser.add_argument_group("control room")
+    arguments.add_locked(group)
+    arguments.add_recording(group)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Carries a series out; 0, or 130 after Ctrl-C, 143 after SIGTERM."""
+    if options.example:
+        print_data(documents.find(EXAMPLE).text().rstrip())
+        return 0
+    if options.plan is None:
+        raise UsageError("expected a plan: vsense series --example > plan.toml makes one")
+    plan = plans.read(options.plan, options.mode)
+    loader = _loader(options, plan)
+    known = loader.load_all()
+    path = options.output or plan.path.parent / f"{plan.name}-{plan.mode}"
+    if options.dry:
+        table = path / RUNS
+        forecast = Forecast(plan, known, read_runs(table) if table.exists() else ())
+        print_data(json.dumps(forecast.facts(), indent=2) if options.json else forecast.table())
+        return 0
+    console = Console()
+    for warning in {text for one in known.values() for text in one.experiment.warnings}:
+        console.say(f"vsense: {warning}")
+    files = {path for one in known.values() for path in one.files}
+    with interruption() as interrupted, ExitStack() as stack:
+        common = loader, known, console, interrupted
+        if plan.mode == "sim":
+            maker = _simulated(options, *common)
+        elif plan.mode == "lab":
+            maker = _rendered(options, *common)
+        else:
+            maker = series_robots.maker(options, *common, _room(options), stack)
+        folder = stack.enter_context(SeriesFolder(path, plan, sorted(files)))
+        loop = SeriesLoop(plan, folder, maker, console, interrupted)
+        return _carry_out(options, loop, console, interrupted)
+
+
+def _loader(options: argparse.Namespace, plan: SeriesPlan) -> PlanLoader:
+    """What loads the plan's experiments."""
+    real = plan.mode == "run"
+    casting, code = rosters.casting_of(options, found=real), arguments.code_of(options)
+    loader = PlanLoader(plan, code, casting, lenient=options.lenient)
+    return series_robots.complete(loader, options) if real else loader
+
+
+def _room(options: argparse.Namespace) -> RoomOptions:
+    """How runs are seen and kept; every run is a series' and begins by itself."""
+    web = arguments.web_of(options)
+    if options.record or options.record_images:
+        recording.require()
+    others = {"hold": False, "runs": 1, "series": None}
+    # One address of the page for all runs.
+    tokens = None if web is None else make_tokens()
+    return arguments.fill(RoomOptions, options, web=web, tokens=tokens, **others)
+
+
+def _simulated(
+    options: argparse.Namespace,
+    loader: PlanLoader,
+    known: Mapping[str, PlannedExperiment],
+    console: Console,
+    interrupted: Interruption,
+) -> RunMaker:
+    """Who simulates runs."""
+    from vsense.series.simulated import SimulatedRuns
+
+    if options.record_images or options.web or options.foxglove:
+        raise UsageError("--record-images, --web, --foxglove: in the lab and with robots only")
+    if options.record:
+        recording.require()
+    jobs = options.jobs or len(os.sched_getaffinity(0))
+    return SimulatedRuns(loader, known, console, interrupted, jobs, options.record)
+
+
+def _rendered(
+    options: argparse.Namespace,
+    loader: PlanLoader,
+    known: Mapping[str, PlannedExperiment],
+    console: Console,
+    interrupted: Interruption,
+) -> RunMaker:
+    """Who makes runs in the lab."""
+    from vsense.series.cast import SeriesCast
+    from vsense.series.rendered import LabOptions, LabRuns
+
+    for planned in known.values():
+        lab.set_pace(options.pace, planned.experiment.host)
+    made = arguments.fill(
+        LabOptions,
+        options,
+        watchdog=options.firmware_watchdog,
+        room=_room(options),
+        robots=partial(hardware.robots_of, options),
+    )
+    cast = SeriesCast(loader, known, rosters.roster_of(options, found=False), console)
+    return LabRuns(loader, cast, console, interrupted, made)
+
+
+def _carry_out(
+    options: argparse.Namespace, loop: SeriesLoop, console: Console, interrupted: Interruption
+) -> int:
+    """Makes the runs, and says how the series stands, also where one has failed."""
+    try:
+        loop.run()
+    except (Interrupted, CutShort):
+        loop.why = "interrupted"
+    finally:
+        console.end_progress()
+        console.say(loop.in_words())
+        if options.json:
+            print_data(json.dumps(loop.facts(), indent=2))
+    if not loop.why:
+        return 0
+    console.say(f"{loop.why}: the same command goes on from there")
+    return interrupted.code if interrupted.is_set() else 1

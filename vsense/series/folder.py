@@ -1,0 +1,184 @@
+"""The folder of a series: its plan as it was begun with, its table of runs, a folder for each run.
+
+What is done stands in runs.csv and nowhere else. A run's folder without a row is of a run that was
+cut off.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import os
+import shutil
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from vsense import __version__
+from vsense.errors import UsageError, VsenseError, failing_as
+from vsense.files import read_text
+from vsense.run.directory import TIMESTEPS, DirectoryError, make_new
+from vsense.run.runs_csv import RUNS, RunRow, RunsFile, utc
+from vsense.series.order import PlannedRun
+from vsense.series.plan import SeriesPlan
+
+SERIES = "series.json"
+"""What the plan said when the series began, and digests of the files that it names."""
+
+_LOCK = ".lock"
+_FREE = ("again", "repetitions", "robots")
+"""What may change while a series goes on; of repetitions there may be more."""
+
+
+class SeriesFolder:
+    """The folder, which one process at a time has; a context that gives it back.
+
+    Attributes:
+        path: where it is.
+        table: its runs.csv.
+        changed: files that are others than when the series began.
+        told: what has changed in the plan that may change.
+    """
+
+    table: RunsFile
+
+    def __init__(self, path: Path, plan: SeriesPlan, files: Sequence[Path]) -> None:
+        """`files` are those of users that results depend on."""
+        self.path, self._plan = path, plan
+        self._digests = {str(file): _digest(file) for file in files}
+        self.changed: list[str] = []
+        self.told: list[str] = []
+        self._stack = ExitStack()
+
+    def __enter__(self) -> SeriesFolder:
+        """Takes the folder, and makes it where there is none.
+
+        Raises:
+            UsageError: it is that of another plan, or another process has it.
+            VsenseError: it cannot be written.
+        """
+        try:
+            with failing_as(DirectoryError, f"cannot write to {self.path}"):
+                self._refuse_others()
+                self.path.mkdir(parents=True, exist_ok=True)
+                self._lock()
+            self._compare()
+            self.table = RunsFile(self.path / RUNS)
+        except BaseException:
+            self._stack.close()
+            raise
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._stack.close()
+
+    @property
+    def rows(self) -> Sequence[RunRow]:
+        """The runs so far."""
+        return self.table.rows
+
+    def of_run(self, run: PlannedRun) -> Path:
+        """Makes the folder of a run; DirectoryError where it cannot be made."""
+        wanted = self.path / run.name
+        with failing_as(DirectoryError, f"cannot make {wanted}"):
+            if wanted.is_dir() and not self.cut(run):
+                shutil.rmtree(wanted)  # of a run that was waited for, and never began
+            return make_new(wanted)
+
+    def cut(self, run: PlannedRun) -> bool:
+        """Whether a run of this name began, and nobody wrote down how it ended."""
+        return (self.path / run.name / TIMESTEPS).exists()
+
+    def _lock(self) -> None:
+        file = self._stack.enter_context((self.path / _LOCK).open("a+"))
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            file.seek(0)
+            who = file.read(40).strip()
+            raise UsageError(
+                f"{self.path}: process {who} carries this series out already"
+            ) from None
+        file.truncate(0)
+        file.write(str(os.getpid()))
+        file.flush()
+
+    def _refuse_others(self) -> None:
+        """Leaves folders alone that are of something else."""
+        if not self.path.is_dir() or (self.path / SERIES).exists():
+            return
+        if any(entry.name != _LOCK for entry in self.path.iterdir()):
+            raise UsageError(f"{self.path}: is not empty, and of no series: choose a new folder")
+
+    def _compare(self) -> None:
+        """Compares the plan with that of before, or keeps it."""
+        path = self.path / SERIES
+        try:
+            before = json.loads(read_text(path))
+            written, known = before["plan"], dict(before["files"])
+        except FileNotFoundError:
+            self._begin(path)
+            return
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise VsenseError(f"{path}: cannot be read: {error!r}") from None
+        now = self._plan.facts()
+        refused = differences(_binding(written), _binding(now))
+        if refused or now["repetitions"] < written.get("repetitions", 0):
+            words = refused or differences(
+                written["repetitions"], now["repetitions"], "repetitions"
+            )
+            raise UsageError(
+                f"{self._plan.path}: the plan has changed since the series in {self.path} began:"
+                f" {'; '.join(words[:5])}. Change it back, or begin another series with -o"
+            )
+        self.told = differences(written, now)
+        if self.told:
+            changes = [*before.get("changes", ()), {"when": utc(time.time()), "what": self.told}]
+            self._write(path, {**before, "plan": now, "changes": changes})
+        self.changed = [
+            file for file, digest in self._digests.items() if known.get(file, digest) != digest
+        ]
+
+    def _begin(self, path: Path) -> None:
+        facts = {"plan": self._plan.facts(), "files": self._digests, "version": __version__}
+        self._write(path, facts)
+
+    def _write(self, path: Path, facts: Mapping[str, Any]) -> None:
+        with failing_as(DirectoryError, f"cannot write to {self.path}"):
+            part = path.with_name(f".{SERIES}.part")
+            part.write_text(f"{json.dumps(facts, indent=2)}\n", encoding="utf-8")
+            part.replace(path)
+            (self.path / "plan.toml").write_bytes(self._plan.path.read_bytes())
+
+
+def _binding(plan: Mapping[str, Any]) -> dict[str, Any]:
+    """What of a plan has to stay: neither how often is tried, nor what becomes of robots."""
+    return {name: value for name, value in plan.items() if name not in _FREE}
+
+
+def differences(before: Any, now: Any, name: str = "") -> list[str]:
+    """What is not the same in two plans, in words."""
+    if isinstance(before, Mapping) and isinstance(now, Mapping):
+        found = []
+        for key in dict.fromkeys((*before, *now)):
+            inner = f"{name}.{key}" if name else str(key)
+            found += differences(before.get(key), now.get(key), inner)
+        return found
+    if isinstance(before, list) and isinstance(now, list) and len(before) == len(now):
+        return [text for n, pair in enumerate(zip(before, now), 1)
+                for text in differences(*pair, f"{name} {n}")]  # fmt: skip
+    if before == now:
+        return []
+    if isinstance(before, list) and isinstance(now, list):
+        return [f"{name}: {len(before)} before, now {len(now)}"]
+    return [f"{name}: {before!r} before, now {now!r}"]
+
+
+def _digest(file: Path) -> str:
+    try:
+        return hashlib.sha256(file.read_bytes()).hexdigest()
+    except OSError as error:
+        raise VsenseError(f"{file}: cannot be read: {error.strerror}") from None

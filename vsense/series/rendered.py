@@ -1,0 +1,159 @@
+"""The runs of a series in the lab: each in processes of its own, robots where they stood."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from vsense.arena import ArenaState
+from vsense.config.specs import Experiment, Pose
+from vsense.errors import CutShort, VsenseError
+from vsense.lab import report
+from vsense.lab.camera_spec import CameraGrid
+from vsense.lab.hardware import NOMINAL, LabRobots, told_all
+from vsense.lab.session import Session
+from vsense.link.robots import keys
+from vsense.link.robots.keys import LinkTrust
+from vsense.live.session import RunSetup
+from vsense.run import directory as run_directory
+from vsense.run.runtime import Step
+from vsense.series.cast import SeriesCast
+from vsense.series.folder import SeriesFolder
+from vsense.series.order import PlannedRun
+from vsense.series.parts import PlanLoader
+from vsense.series.series import Made
+from vsense.series.staged import NotEnoughRobots, StagedRun, room_options
+from vsense.terminal import Console, Interruption
+from vsense.ui.room import ControlRoom, RoomOptions
+
+
+@dataclass(frozen=True, slots=True)
+class LabOptions:
+    """How the lab of a series is made.
+
+    Attributes:
+        base: what robots are based on, as `vsense lab --base`.
+        watchdog: their firmware has one.
+        port: for robots; None: the experiment's.
+        cameras: columns and rows of them; None: as many as it takes.
+        room: how runs are seen and kept.
+        robots: what an experiment's robots differ in.
+    """
+
+    base: str
+    watchdog: bool = False
+    port: int | None = None
+    cameras: CameraGrid | None = None
+    room: RoomOptions = field(default_factory=RoomOptions)
+    robots: Callable[[Experiment], LabRobots] = lambda experiment: NOMINAL
+
+
+class LabRuns:
+    """Runs in the lab; see `RunMaker`."""
+
+    def __init__(
+        self,
+        loader: PlanLoader,
+        cast: SeriesCast,
+        console: Console,
+        interrupted: Interruption,
+        options: LabOptions,
+    ) -> None:
+        self._loader, self._cast, self._options = loader, cast, options
+        self._console, self._interrupted = console, interrupted
+        self._poses: dict[int, Pose] = {}
+
+    def make(self, runs: Sequence[PlannedRun], folder: SeriesFolder) -> Iterator[Made]:
+        """Makes the first of these runs; none where the user ends it before.
+
+        Raises:
+            VsenseError: the lab cannot be made, or has failed.
+        """
+        run = runs[0]
+        directory = folder.of_run(run)
+        staged = StagedRun.of(self._loader.plan, run, self._cast.known[run.cell.condition])
+        told = room_options(self._options.room, staged.told())
+        with ControlRoom(told, self._console) as room:
+            session = self._session(staged, room, directory)
+            try:
+                self._drive(staged, session, room, directory)
+            except VsenseError as error:
+                room.fail(error)
+                raise
+        self._console.end_progress()
+        if not session.recordings:
+            return
+        notes = session.recordings[-1]
+        ended, summary = notes.ended, None
+        if len(notes.steps):
+            with suppress(CutShort), self._interrupted.in_time():
+                summary = self._report(session, directory)
+        elif self._interrupted.is_set():
+            return
+        yield run, staged.outcome(summary, ended, session.runner.control)
+        lost = "was lost when the run ended"
+        self._cast.put_in_for(dict.fromkeys(staged.witness.gone, lost))
+
+    def _session(self, staged: StagedRun, room: ControlRoom, directory: Path) -> Session:
+        options, robots = self._options, self._options.robots(staged.experiment)
+        base = options.base, options.watchdog, None, options.cameras, None, robots
+        made = staged.made(asdict(self._loader.code.absolute(Path.cwd())))
+        setup = self._setup(staged, room, made | told_all(robots.hardware))
+        return Session(setup, directory, *base)
+
+    def _setup(self, staged: StagedRun, room: ControlRoom, made: Mapping[str, Any]) -> RunSetup:
+        experiment, cell = staged.from_where(self._poses), staged.run.cell
+        port = experiment.port if self._options.port is None else self._options.port
+        starts = staged.starts if self._poses else None
+        who = (experiment.host, port), LinkTrust(keys.make()), self._console, self._interrupted
+        blind = staged.planned.condition.blind
+        return RunSetup(experiment, cell.seed, blind, *who, room, made, starts)
+
+    def _drive(
+        self, staged: StagedRun, session: Session, room: ControlRoom, directory: Path
+    ) -> None:
+        """Carries the run out, and notes where everybody is then."""
+        plan, run = staged.plan, staged.run
+        newest: list[ArenaState] = []
+
+        def observe(step: Step) -> None:
+            staged.witness.observe(step.state, session.runner.robots)
+            newest[:] = [step.state]  # not its pictures, which are lent
+            time_s = step.run_timestep * session.experiment.timestep_s
+            self._console.progress(
+                f"run {run.cell.number} of {plan.runs} ({run.in_words()})"
+                f" {time_s:5.1f}/{session.experiment.length_s:g} s"
+            )
+
+        with session:
+            room.begin_run(session.environment, directory)
+            readiness = session.wait_patiently(plan.robots.ready_s)
+            if not readiness.complete and not self._interrupted.is_set():
+                logs = f"the robots' logs are in {directory / 'robots'}"
+                raise NotEnoughRobots(
+                    f"{run.name} cannot begin: {readiness.missing_text()} ({logs})"
+                )
+            staged.homing = session.home()
+            if self._interrupted.is_set():
+                return
+            staged.begin()
+            session.run(directory, observe)
+            room.recorders.end_run()
+        for state in newest:
+            rows = state.robots
+            for tag, x_m, y_m, yaw_rad in zip(
+                *(rows[name].tolist() for name in ("tag", "x_m", "y_m", "yaw_rad"))
+            ):
+                self._poses[tag] = Pose(x_m, y_m, yaw_rad)
+
+    def _report(self, session: Session, directory: Path) -> dict[str, Any]:
+        measured = report.gather(session, session.recordings[-1])
+        summary = report.summarise(session, len(session.recordings), measured)
+        run_directory.write_summary(directory, summary, False)
+        if not summary["unlogged_timesteps"]:
+            path = directory / f"{session.experiment.name}.png"
+            report.draw(session, session.recordings[-1], measured, path)
+        return summary

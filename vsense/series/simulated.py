@@ -1,0 +1,116 @@
+"""The runs of a series in simulation: several at a time, their rows in the order of the plan."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from vsense.recording import SUFFIX
+from vsense.run.programs import shared_objects
+from vsense.run.runs_csv import RunRow, versions
+from vsense.series.folder import SeriesFolder
+from vsense.series.order import PlannedRun
+from vsense.series.parts import PlanLoader, PlannedExperiment
+from vsense.series.plan import SeriesPlan
+from vsense.series.series import Made, RunOutcome
+from vsense.sim.job import Job, Setup
+from vsense.sim.outcome import Task
+from vsense.sim.watch import WorkerProcess, simulate_all
+from vsense.terminal import Console, Interruption
+
+
+class SimulatedRuns:
+    """Simulates; see `RunMaker`.
+
+    Args:
+        known: what each condition runs.
+        jobs: runs at the same time.
+        record: every run has a recording, in a folder of its own.
+    """
+
+    def __init__(
+        self,
+        loader: PlanLoader,
+        known: Mapping[str, PlannedExperiment],
+        console: Console,
+        interrupted: Interruption,
+        jobs: int = 1,
+        record: bool = False,
+    ) -> None:
+        self._plan, self._loader, self._known = loader.plan, loader, known
+        self._console, self._interrupted = console, interrupted
+        self._jobs, self._record = jobs, record
+        self._libraries: dict[str, dict[str, str]] = {}
+
+    def make(self, runs: Sequence[PlannedRun], folder: SeriesFolder) -> Iterator[Made]:
+        """Simulates all of these runs; raises as `simulate_all`."""
+        todo = [self._task(run, folder) for run in runs]
+        place = {id(task): n for n, task in enumerate(todo)}
+        finished: dict[int, dict[str, Any]] = {}
+        written = 0
+
+        def show(workers: Sequence[WorkerProcess[Task]]) -> None:
+            self._console.progress(
+                f"{self._plan.name}: {written + len(finished)} of {len(runs)} runs simulated"
+            )
+
+        for task, result in simulate_all(todo, self._jobs, self._interrupted, show):
+            finished[place[id(task)]] = result
+            while written in finished:
+                yield runs[written], self._outcome(todo[written], finished.pop(written))
+                written += 1
+        self._console.end_progress()
+
+    def _task(self, run: PlannedRun, folder: SeriesFolder) -> Task:
+        planned = self._known[run.cell.condition]
+        plan, condition = self._plan, planned.condition
+        experiment = planned.experiment
+        libraries = self._libraries.get(condition.name)
+        if libraries is None:
+            built = shared_objects(experiment)
+            libraries = {name: str(path) for name, path in built.items()}
+            self._libraries[condition.name] = libraries
+        setup = Setup(
+            condition.experiment,
+            plan.duration_s,
+            plan.count,
+            condition.blind,
+            planned.settings,
+            self._loader.code,
+            self._loader.casting,
+            plan.start(run.cell.start).places,
+        )
+        kept = None
+        if self._record:
+            kept = str(folder.of_run(run) / f"{experiment.name}{SUFFIX}")
+        label = f"{run.name} ({run.in_words()})"
+        return Task(Job(setup, run.cell.seed, libraries, recording=kept), experiment, label)
+
+    def _outcome(self, task: Task, result: Mapping[str, Any]) -> RunOutcome:
+        experiment = task.experiment
+        swarm = result["swarm"] if experiment.sources else {}
+        tags = [robot.tag for robot in experiment.robots]
+        row = RunRow(
+            run="",
+            mode="sim",
+            experiment=experiment.name,
+            condition="",
+            duration_s=float(result["timesteps"] * result["timestep_s"]),
+            robots=len(tags),
+            tags=tags,
+            versions=(*versions(), *programs_of(task.job.libraries)),
+            measures={**swarm, **result["measures"]},
+        )
+        return RunOutcome(row)
+
+
+def programs_of(built: Mapping[str, str]) -> list[str]:
+    """The controllers of a run as its versions name them: id, and digest of what was built."""
+    return [f"{name}={Path(path).parent.name[:12]}" for name, path in sorted(built.items())]
+
+
+def simulated_s(plan: SeriesPlan, known: Mapping[str, PlannedExperiment]) -> float:
+    """How long all runs of a plan last by their own clocks."""
+    each = plan.runs // len(plan.conditions)
+    return sum(each * planned.experiment.length_s for planned in known.values())
