@@ -18,7 +18,7 @@ from vsense.cameras.picture import read_picture
 from vsense.cameras.recordings import read_timestamps
 from vsense.config import battery_history, experiment, resources, roster
 from vsense.errors import VsenseError
-from vsense.files import parse_json, read_bytes, read_text
+from vsense.files import parse_json, read_bytes, read_text, replace_text
 from vsense.markers.families import load_family
 from vsense.recording.reader import open_recording
 from vsense.series import plan
@@ -107,3 +107,21 @@ def test_a_camera_of_infinite_focal_length_is_none() -> None:
     text = json.dumps({"id": "a", "width_px": 640, "height_px": 480, "fx_px": 500.0})
     with pytest.raises(CameraError, match="line 1: fx_px is 1e400, expected a finite number"):
         Camera.from_json(text.replace("500.0", "1e400"))
+
+
+@pytest.mark.parametrize(("mode", "found"), [(None, 0o640), (0o600, 0o600)])
+def test_a_file_is_replaced_whole_and_keeps_its_mode(
+    tmp_path: Path, mode: int | None, found: int
+) -> None:
+    path = tmp_path / "plan"
+    replace_text(path, "first\n")
+    mask = os.umask(0)
+    os.umask(mask)
+    assert path.stat().st_mode & 0o777 == 0o666 & ~mask
+    path.chmod(0o640)
+    replace_text(path, "second\n", mode)
+    assert (path.read_text(), path.stat().st_mode & 0o777) == ("second\n", found)
+    with pytest.raises(UnicodeEncodeError):
+        replace_text(path, "\udc80", mode)
+    assert [p.name for p in tmp_path.iterdir()] == ["plan"], "nothing is left of half a file"
+    assert path.read_text() == "second\n"

@@ -105,27 +105,39 @@ def read_text(path: Path, encoding: str = "utf-8", most_bytes: int = MOST_BYTES)
     return read_bytes(path, most_bytes).decode(encoding)
 
 
-def replace_text(path: Path, text: str, mode: int, encoding: str = "utf-8") -> None:
+def replace_text(
+    path: Path,
+    text: str,
+    mode: int | None = None,
+    encoding: str = "utf-8",
+    errors: str = "strict",
+) -> None:
     """Writes a file whole, in place of the one that may be there: readers see the one or the other.
 
     Nobody but those of its mode can ever read it; a group that the old file had stays its group.
+    Without a mode it is as the old one was, or for a new one as the umask says.
 
     Raises:
         OSError: it cannot be written; what was there is there still.
     """
+    old = path.stat() if path.exists() else None
+    if mode is None and old is not None:
+        mode = stat.S_IMODE(old.st_mode)
     new = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
-    opened = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    begun = 0o666 if mode is None else 0o600
+    opened = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, begun)
     try:
-        with os.fdopen(opened, "w", encoding=encoding) as file:
+        with os.fdopen(opened, "w", encoding=encoding, errors=errors) as file:
             file.write(text)
             file.flush()
             # The group first: no other one may read it even for a moment.
-            if path.exists() and mode != 0o600:
-                os.fchown(file.fileno(), -1, path.stat().st_gid)
-            os.fchmod(file.fileno(), mode)
+            if old is not None and mode != 0o600:
+                os.fchown(file.fileno(), -1, old.st_gid)
+            if mode is not None:
+                os.fchmod(file.fileno(), mode)
             os.fsync(file.fileno())
         os.replace(new, path)
-    except OSError:
+    except BaseException:
         new.unlink(missing_ok=True)
         raise
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -26,7 +25,7 @@ from vsense.calibration.frame import FrameShift
 from vsense.calibration.session import cameras_of
 from vsense.cameras.camera import Camera, Floats
 from vsense.errors import UsageError, failing_as
-from vsense.files import parse_json
+from vsense.files import parse_json, replace_text
 from vsense.terminal import aligned
 
 CORNERS = ("sw", "se", "ne", "nw")
@@ -108,7 +107,7 @@ def apply(folder: Path, found: Alignment) -> list[Path]:
         for path in files.values():
             shutil.copyfile(path, folder / BEFORE / path.name)
         for id, path in files.items():
-            _replace(path, found.shift.moved(cameras[id]).to_json() + "\n")
+            replace_text(path, found.shift.moved(cameras[id]).to_json() + "\n")
         (folder / FILE).write_text(json.dumps(as_json(found), indent=2) + "\n", encoding="utf-8")
     return list(files.values())
 
@@ -129,7 +128,7 @@ def undo(folder: Path) -> list[Path]:
             )
     with failing_as(UsageError, f"{folder}: cannot be written"):
         for path in kept:
-            _replace(folder / path.name, path.read_text(encoding="utf-8"))
+            replace_text(folder / path.name, path.read_text(encoding="utf-8"))
         shutil.rmtree(folder / BEFORE)
         (folder / FILE).unlink(missing_ok=True)
     return [folder / path.name for path in kept]
@@ -202,9 +201,3 @@ def stale_check(folder: Path) -> str:
     if not (folder / CHECK).exists():
         return ""
     return "the calibration was checked before it was moved: vsense calibrate check again"
-
-
-def _replace(path: Path, text: str) -> None:
-    new = path.with_name(f".{path.name}.new")
-    new.write_text(text, encoding="utf-8")
-    os.replace(new, path)

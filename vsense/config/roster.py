@@ -19,7 +19,6 @@ from __future__ import annotations
 
 import fcntl
 import os
-import stat
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -39,7 +38,7 @@ from vsense.config.roster_fields import (
 )
 from vsense.config.roster_text import Lines, parse
 from vsense.errors import ConfigError, UsageError, instead
-from vsense.files import MOST_BYTES, read_text, replace_text
+from vsense.files import MOST_BYTES, read_bytes, replace_text
 
 FILE_NAME = "robots.toml"
 
@@ -131,12 +130,10 @@ def read(path: Path) -> Roster:
         ConfigError: something in it is wrong; the message has its line.
     """
     try:
-        text = read_text(path)
+        data = read_bytes(path)
     except OSError as error:
         raise UsageError(f"cannot read {path}: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise UsageError(f"cannot read {path}: it is no text") from None
-    return _read(path, text)
+    return _read(path, _decoded(path, data))
 
 
 def update(path: Path, changes: Mapping[int, Mapping[str, Any]]) -> Roster:
@@ -172,7 +169,7 @@ def update(path: Path, changes: Mapping[int, Mapping[str, Any]]) -> Roster:
         text = tomlkit.dumps(document)
         after = _read(path, text)
         try:
-            replace_text(path, text, stat.S_IMODE(os.fstat(file.fileno()).st_mode))
+            replace_text(path, text)
         except OSError as error:
             raise UsageError(f"cannot write {path}: {error.strerror}") from None
     return after

@@ -17,7 +17,7 @@ import numpy as np
 from vsense import __version__
 from vsense.config.specs import Experiment
 from vsense.errors import UsageError, VsenseError
-from vsense.files import read_bytes
+from vsense.files import read_bytes, replace_text
 
 RUNS = "runs.csv"
 """Its name in the folder of a run or of several."""
@@ -40,8 +40,8 @@ _NUMBERS: Mapping[str, Callable[[str], Any]] = {
     "seed": int, "duration_s": float, "robots": int, "light_level": float, "late": float,
 }  # fmt: skip
 _LISTS: Mapping[str, Callable[[str], Any]] = {"tags": int, "uids": str, "batteries_v": float}
-_WRITTEN: Mapping[str, Any] = {"newline": "", "encoding": "utf-8", "errors": "backslashreplace"}
-"""How files are opened: an argument that is no UTF-8 costs no row."""
+_WRITTEN: Mapping[str, Any] = {"encoding": "utf-8", "errors": "backslashreplace"}
+"""How the file is written: an argument that is no UTF-8 costs no row."""
 _KINDS = {int: "a whole number", float: "a number"}
 
 
@@ -152,7 +152,7 @@ class RunsFile:
             if self.rows and not new and self._in_order:
                 self._add(_line(_cells(row, measures)))
             else:
-                self._replace(_text_of(rows, measures))
+                replace_text(self.path, _text_of(rows, measures), **_WRITTEN)
                 self._in_order = True
         except OSError as error:
             raise VsenseError(f"{self.path}: cannot be written: {error.strerror}") from None
@@ -179,19 +179,6 @@ class RunsFile:
             file.write(text)
             file.flush()
             os.fsync(file.fileno())
-
-    def _replace(self, text: str) -> None:
-        """Writes a whole file in the place of the old one: no row is lost on a full disk."""
-        part = self.path.with_name(f".{self.path.name}.part")
-        try:
-            with open(part, "w", **_WRITTEN) as file:
-                file.write(text)
-                file.flush()
-                os.fsync(file.fileno())
-            part.replace(self.path)
-        except OSError:
-            part.unlink(missing_ok=True)
-            raise
 
     def _text(self) -> str:
         """The whole rows of the file; cuts off half a row at its end."""
