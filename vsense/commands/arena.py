@@ -49,13 +49,8 @@ def _add_align(step: Any) -> None:
         nargs="?",
         help="whose arena it is: a shipped experiment's name, or the path of a .argos file",
     )
-    step.add_argument(
-        "--cameras",
-        type=Path,
-        default=Path("cameras"),
-        metavar="DIR",
-        help="folder with the camera files in use (default: cameras)",
-    )
+    text = "folder with the camera files in use (default: cameras)"
+    arguments.option(step, "--cameras", Path, "DIR", text, Path("cameras"))
     step.add_argument(
         "--pictures",
         type=Path,

@@ -143,13 +143,8 @@ def _add_check(steps: Any) -> None:
         " against a second board on the floor; prints how far off each camera is, and keeps that"
         " beside the camera files: later runs, recordings and reports tell it.",
     )
-    step.add_argument(
-        "--cameras",
-        type=Path,
-        default=Path("cameras"),
-        metavar="DIR",
-        help="folder with the camera files in use (default: cameras)",
-    )
+    text = "folder with the camera files in use (default: cameras)"
+    arguments.option(step, "--cameras", Path, "DIR", text, Path("cameras"))
     _add_measured(step)
     _add_second_board(step)
     step.add_argument("--pictures", type=Path, nargs="+", metavar="PATH", help=_PICTURES)

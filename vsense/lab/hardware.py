@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from vsense.config.roster_fields import MarkerOffset
 from vsense.physics.motion import AXLE_M, STEP_M
+from vsense.tracking.marker_offsets import turned
 
 Floats = NDArray[np.float64]
 
@@ -134,9 +135,5 @@ NOMINAL = LabRobots()
 
 def to_markers(poses: Floats, offsets: Floats) -> Floats:
     """Poses (n, 3) of markers from those of their bodies, with offsets (n, 3) in their frames."""
-    cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    moved: Floats = poses.copy()
-    moved[:, 0] += cos * offsets[:, 0] - sin * offsets[:, 1]
-    moved[:, 1] += sin * offsets[:, 0] + cos * offsets[:, 1]
-    moved[:, 2] += offsets[:, 2]
-    return moved
+    arm_x, arm_y = turned(offsets, poses[:, 2])
+    return np.column_stack((poses[:, 0] + arm_x, poses[:, 1] + arm_y, poses[:, 2] + offsets[:, 2]))

@@ -54,7 +54,7 @@ class MarkerOffsets:
             return views
         moved: NDArray[np.void] = views.copy()
         yaw_rad = wrap_angle(views["yaw_rad"][rows] - places[:, 2])
-        arm_x, arm_y = _turned(places, yaw_rad)
+        arm_x, arm_y = turned(places, yaw_rad)
         moved["x_m"][rows] -= arm_x
         moved["y_m"][rows] -= arm_y
         moved["yaw_rad"][rows] = yaw_rad
@@ -67,7 +67,7 @@ class MarkerOffsets:
         if len(rows) == 0:
             return poses
         moved: NDArray[np.void] = poses.copy()
-        arm_x, arm_y = _turned(places, poses["yaw_rad"][rows])
+        arm_x, arm_y = turned(places, poses["yaw_rad"][rows])
         moved["x_m"][rows] += arm_x
         moved["y_m"][rows] += arm_y
         moved["yaw_rad"][rows] = wrap_angle(poses["yaw_rad"][rows] + places[:, 2])
@@ -83,8 +83,8 @@ class MarkerOffsets:
         return rows, self._places[place[rows]]
 
 
-def _turned(places: Floats, yaw_rad: Floats) -> tuple[Floats, Floats]:
-    """The markers' places (k, 3) in the arena's directions: (k,) x and y [m] from the robots."""
+def turned(places: Floats, yaw_rad: Floats) -> tuple[Floats, Floats]:
+    """Markers' places (k, 3) in the arena's directions: (k,) x and y [m] from their robots."""
     cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
     return cos * places[:, 0] - sin * places[:, 1], sin * places[:, 0] + cos * places[:, 1]
 
