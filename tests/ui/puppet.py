@@ -46,6 +46,7 @@ class Puppet:
         bus: where it publishes.
         state: that of the run.
         orders: all that were given, with who gave them.
+        made: how the experiment was read, and of which series its run is.
         trouble: what is wrong with robots: tag -> words.
         stopped: publishes no arena states any more, as a run without cameras.
         silent: publishes nothing at all.
@@ -58,6 +59,7 @@ class Puppet:
         self.mode = mode
         self.state = "ended" if mode == "replay" else "ready"
         self.orders: list[Order] = []
+        self.made: dict[str, Any] = {}
         self.trouble: dict[int, str] = {}
         self.camera_trouble: dict[int, tuple[str, str]] = {}
         self.by: str | None = None
@@ -158,7 +160,8 @@ class Puppet:
             self.position_s = min(self.position_s + STEP_S * self.speed, REPLAY_S)
         if self._known != self.bus.joined:
             self._known = self.bus.joined
-            self.publish("/experiment", play.experiment(self.swarm, self.cameras, self.mode))
+            experiment = play.experiment(self.swarm, self.cameras, self.mode)
+            self.publish("/experiment", experiment | {"made": self.made})
             self.publish("/world", self.world)
             self.publish("/settings", self.settings())
             self.publish("/run", self.run_message())

@@ -51,7 +51,7 @@ def add_experiment(parser: argparse.ArgumentParser, stage: Stage) -> None:
     arguments.add_code(parser)
     _add_run(parser)
     # Real robots are those of the lab; what is made up here goes on where the lab has too few.
-    rosters.add_casting(parser, found=stage is Stage.RUN)
+    rosters.add_casting(parser, rosters.HERE if stage is Stage.RUN else "")
 
 
 def _add_run(parser: argparse.ArgumentParser) -> None:

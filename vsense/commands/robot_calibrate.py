@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     rosters.add_roster(
         parser,
         "the lab's robots: what is found is written into it (default: it is only shown)",
-        found=False,
+        default="",
     )
     arguments.option(
         parser, "--robots", arguments.positive, "N", "take only the first N robots of the file"

@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f" .argos file (default: {DEFAULT})",
     )
     arguments.add_code(parser)
-    rosters.add_casting(parser, found=True)
+    rosters.add_casting(parser)
     _add_ends(parser)
     arguments.add_bases(parser, BASES)
     experiments.add_key(parser)

@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser,
         "bring the newest key to the robots of this roster whose daemons have a key already; their"
         " wheels stop for a moment (default: bring it nowhere)",
-        found=False,
+        default="",
     )
     rosters.add_tags(parser)
     parser.add_argument(

@@ -14,15 +14,15 @@ from vsense.config.specs import Experiment
 from vsense.errors import UsageError
 from vsense.robot.deploying import RobotHost
 
-_HERE = f"(default: {FILE_NAME} in the current folder, where there is one)"
+HERE = f"(default: {FILE_NAME} in the current folder, where there is one)"
 
 
 MARKERS = "the lab's robots: where it says how a marker sits on one, poses are the robot's"
 
 
-def add_roster(parser: argparse.ArgumentParser, text: str, found: bool = True) -> None:
-    """Declares `--roster`; with `found` it need not be named where it is in the current folder."""
-    arguments.option(parser, "--roster", Path, "FILE", f"{text} {_HERE if found else ''}".strip())
+def add_roster(parser: argparse.ArgumentParser, text: str, default: str = HERE) -> None:
+    """Declares `--roster`; `default` says which one it is where none is named."""
+    arguments.option(parser, "--roster", Path, "FILE", f"{text} {default}".strip())
 
 
 def roster_of(options: argparse.Namespace, found: bool = True) -> Roster | None:
@@ -49,13 +49,13 @@ def wanted_roster(options: argparse.Namespace) -> Roster:
     return known
 
 
-def add_casting(parser: argparse.ArgumentParser, found: bool) -> None:
-    """Declares who plays: `--roster` and `--replace`; for `found` see `add_roster`."""
+def add_casting(parser: argparse.ArgumentParser, default: str = HERE) -> None:
+    """Declares who plays: `--roster` and `--replace`; for `default` see `add_roster`."""
     add_roster(
         parser,
         f"{MARKERS}, and those that work and are no spares, in their order, play the parts to"
         " which the experiment gives no tags",
-        found,
+        default,
     )
     add_replace(parser, "23=37: robot 37 plays the part of 23, with its controller, start and name")
 

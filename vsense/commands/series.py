@@ -12,6 +12,7 @@ from pathlib import Path
 
 from vsense import recording
 from vsense.commands import arguments, hardware, lab, rosters, series_robots
+from vsense.config.roster import FILE_NAME
 from vsense.errors import CutShort, UsageError
 from vsense.lab.links import BASES
 from vsense.run.runs_csv import MODES, RUNS, read_runs
@@ -68,7 +69,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " parameter that it does not read",
     )
     arguments.add_code(parser)
-    rosters.add_casting(parser, found=True)
+    default = f"(default: with real robots {FILE_NAME} in the current folder, otherwise none)"
+    rosters.add_casting(parser, default)
     series_robots.add_arguments(parser)
     _add_room(parser)
 

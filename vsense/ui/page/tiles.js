@@ -6,9 +6,20 @@ import { chartable } from "./series.js";
 
 const DISK_LOW = 2e9;
 
-// After a reset there may be more runs than were asked for.
-function ofRuns({ run, runs }) {
+/** Which run of a series by plan it is, or null. */
+const planned = (experiment) => experiment?.made?.series ?? null;
+
+// After a reset there may be more runs than were asked for; a plan knows its own.
+function ofRuns({ run, runs }, experiment) {
+  const series = planned(experiment);
+  if (series) return `${series.number} of ${series.of}`;
   return runs && run <= runs ? `${run} of ${runs}` : `${run}`;
+}
+
+/** What a plan says of a run, in words. */
+function ofPlan({ name, condition, start, repetition, attempt }) {
+  const again = attempt > 1 ? `, attempt ${attempt}` : "";
+  return `series ${name}: ${condition}, start ${start}, repetition ${repetition}${again}`;
 }
 
 // A simulation has no latencies.
@@ -16,7 +27,7 @@ const measured = (experiment) => experiment?.command !== "sim";
 
 /** [name, what it shows: [figure, small print, "bad" | "warn" | ""], of which experiments] */
 const TILES = [
-  ["run", ({ run }) => [ofRuns(run), run.by ? `last: ${run.by}` : ""]],
+  ["run", ({ run, experiment }) => [ofRuns(run, experiment), run.by ? `last: ${run.by}` : (planned(experiment)?.name ?? "")]],
   ["timestep", ({ now, experiment }) => [now.timestep < 0 ? "–" : String(now.timestep), experiment?.timestep_s ? `${Math.round(1000 * experiment.timestep_s)} ms each` : ""]],
   ["time", ({ run, now }) => [clock(now.time_s), run.length_s ? `of ${clock(run.length_s, 0)}` : "without end"]],
   ["rate", ({ run, experiment }) => {
@@ -105,7 +116,9 @@ export class Tiles {
 
   #what(experiment, run) {
     const parts = [];
-    if (run) parts.push(`run ${ofRuns(run)}`);
+    const series = planned(experiment);
+    if (run) parts.push(`run ${ofRuns(run, experiment)}`);
+    if (series) parts.push(ofPlan(series));
     parts.push(`${experiment.robots.length} robots`);
     if (experiment.seed !== null) parts.push(`seed ${experiment.seed}`);
     if (experiment.blind) parts.push("blind");
