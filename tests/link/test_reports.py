@@ -131,7 +131,7 @@ def test_the_server_gives_the_reports_of_its_robots_and_of_its_run(
     assert still.server.reports() == {}
     one.say(Telemetry(control_step=6, payload=b"\5\0\0\0"))
     one.until(lambda: still.server.reports().get(1) is not None)
-    run = still.server.new_run()
+    run = still.server.new_run(1)
     assert still.server.reports() == {}, "what was said in another run does not count"
     one.until(lambda: one.session.c.run == run)
     one.say(Telemetry(control_step=7, payload=b"\0\0\0\0"))

@@ -44,6 +44,27 @@ def test_every_robot_has_a_seed_of_its_own_and_the_same_each_time(
         again.close()
 
 
+def test_each_run_carries_its_own_seed_to_the_robots(
+    server: Server, robot: MakeRobot, clock: Callable[[], int]
+) -> None:
+    one = robot(server).join()
+    first = one.session.c.seed
+    server.server.new_run(1)
+    assert server.server.robots()[1].connected, "the same seed: nothing is renewed"
+    server.server.new_run(2)
+    assert not server.server.robots()[1].connected, "it has not the run's seed yet"
+    one.event(Event.GOODBYE)
+    assert one.session.notice.code == GoodbyeCause.RENEW
+    again = Server(clock, seed=2)
+    try:
+        expected = robot(again).join().session.c.seed
+    finally:
+        again.close()
+    assert first != one.join().session.c.seed == expected
+    one.until(lambda: server.server.robots()[1].connected)
+    assert server.kinds(1) == ["connected"], "nobody is told of what was asked for"
+
+
 def test_a_host_that_died_leaves_no_run_to_its_successor(
     robot: MakeRobot, clock: Callable[[], int]
 ) -> None:
@@ -55,7 +76,7 @@ def test_a_host_that_died_leaves_no_run_to_its_successor(
             host.server.publish(1, clock(), {1: reading(1.0, clock())})
             one.timestep(1)
             runs.append(one.session.c.run)
-            assert host.server.new_run() == runs[-1] + 1
+            assert host.server.new_run(1) == runs[-1] + 1
         finally:
             host.close()
     assert runs[1] > runs[0] + 1
@@ -126,7 +147,7 @@ def test_a_new_run_leaves_at_once_with_nothing_measured(still: Server, robot: Ma
     one = robot(still).join()
     still.server.publish(1, still.clock(), {1: reading(1.0, still.clock())})
     still.server.command(Wanted.RUN)
-    run = still.server.new_run()
+    run = still.server.new_run(1)
     one.until(lambda: one.session.c.run == run)
     assert one.session.c.wanted == Wanted.IDLE
     assert one.session.value("pollutant") is None

@@ -185,7 +185,7 @@ class Runtime:
         self._count = 0
         if self.changes is not None:
             self.changes.carried = 0
-        return self._server.new_run()
+        return self._server.new_run(environment.seed)
 
     def step(self, timeout_s: float = 2 * WATCH_TIMEOUT_S) -> Step:
         """Runs one timestep: waits for its arena state and has the readings sent.

@@ -141,8 +141,8 @@ class Connections:
         """Closes connections past their deadline, and listens again after a pause."""
         for connection in list(self._all.values()):
             if (robot := connection.robot) is not None:
-                if robot.peer.worn:
-                    self._dismiss(connection, GoodbyeCause.RENEW, "sequence numbers used up")
+                if robot.outworn:
+                    self._dismiss(connection, GoodbyeCause.RENEW, robot.outworn)
                 elif robot.deaf:
                     text = f"{robot.label}: {DEAF}"
                     self._dismiss(connection, GoodbyeCause.RENEW, DEAF)

@@ -68,6 +68,27 @@ SEQUENCE_RESERVE = 1000
 """Sequence numbers that are kept for the time between noticing that they run out and the end."""
 
 
+@dataclass(frozen=True, slots=True)
+class Greeting:
+    """A HELLO whose tag was right.
+
+    Attributes:
+        packet: the whole HELLO.
+        root: what the session's keys are made of.
+        key: number of the swarm key that this is made of; None: the robot has no key.
+        origin: where the robot is, for people.
+        note: what else to say of the robot once it is there.
+    """
+
+    packet: bytes
+    header: Header
+    hello: Hello
+    root: bytes
+    key: int | None
+    origin: str
+    note: str = ""
+
+
 class Peer:
     """One robot's bookkeeping over all its sessions; its counters never go down.
 

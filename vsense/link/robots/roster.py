@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from vsense.link.robots.keys import LinkTrust
-from vsense.link.robots.peer import Orders
-from vsense.link.robots.session import Address, Greeting, HostSession, PendingSession
+from vsense.link.robots.peer import Greeting, Orders
+from vsense.link.robots.session import Address, HostSession, PendingSession
 from vsense.link.robots.status import LinkEvent, cut_text
 from vsense.link.robots.table import Table
 from vsense.link.robots.wire import (
@@ -146,6 +146,13 @@ class SessionTable:
             header = Header(PacketType.WELCOME, session=1, table_hash=robot.table.hash)
             encode(header, self._welcome(tag))
 
+    def new_run(self, seed: int) -> None:
+        """No reading of the new run is measured yet; sessions with another seed are over."""
+        for robot in self.robots.values():
+            robot.forget()
+            robot.reseeded = robot.open and seed != self._seed
+        self._seed = seed
+
     def of_session(self, session: int) -> HostSession | None:
         """The robot whose open session has this number."""
         robot = self._by_session.get(session)
@@ -218,7 +225,8 @@ class SessionTable:
         farewell = b""
         if robot.open:
             farewell = robot.goodbye(GoodbyeCause.TAKEN_OVER, TAKEN_OVER, run, now_ns)
-        events = [robot.adopt(pending, now_ns)]
+        events = robot.adopt(pending, now_ns)
+        robot.reseeded = pending.seed != robot_seed(self._seed, robot.tag)
         self._by_session = {r.peer.session: r for r in self.robots.values() if r.open}
         return Proved(farewell, b"", events + robot.take(*heard, source, now_ns))
 

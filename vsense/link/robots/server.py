@@ -142,16 +142,16 @@ class VirtualSensorServer:
             self._order(orders)
         self._send_orders(network, repeat=wanted == Wanted.STOP)
 
-    def new_run(self) -> int:
+    def new_run(self, seed: int) -> int:
         """Begins a new run, all robots idle, no reading measured yet; returns its number.
 
-        Raises LinkError as `publish` does.
+        Where its seed is another one, robots are asked to come back for their controllers' seeds,
+        and are not connected until then. Raises LinkError as `publish` does.
         """
         network = self._running()
         with self._lock:
             self._order(Orders(self._roster.orders.run + 1))
-            for robot in self._roster.robots.values():
-                robot.forget()
+            self._roster.new_run(seed)
         self._send_orders(network)
         return self._roster.orders.run
 

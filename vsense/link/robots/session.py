@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from vsense.link.robots.peer import STAY, Change, Goal, Orders, Peer, Presence
+from vsense.link.robots.peer import STAY, Change, Goal, Greeting, Orders, Peer, Presence
 from vsense.link.robots.status import (
     EventKind,
     LinkEvent,
@@ -55,27 +55,6 @@ renewed: somebody has made the host believe in a sequence or a run that the robo
 _OUT_OF_ORDER = frozenset({lib.VS_ERR_OLDER, lib.VS_ERR_JUMP, lib.VS_ERR_RUN})
 
 
-@dataclass(frozen=True, slots=True)
-class Greeting:
-    """A HELLO whose tag was right.
-
-    Attributes:
-        packet: the whole HELLO.
-        root: what the session's keys are made of.
-        key: number of the swarm key that this is made of; None: the robot has no key.
-        origin: where the robot is, for people.
-        note: what else to say of the robot once it is there.
-    """
-
-    packet: bytes
-    header: Header
-    hello: Hello
-    root: bytes
-    key: int | None
-    origin: str
-    note: str = ""
-
-
 @dataclass(eq=False, slots=True)
 class PendingSession:
     """A session that was offered to a robot.
@@ -87,6 +66,7 @@ class PendingSession:
     robot: HostSession
     greeting: Greeting
     peer: Peer
+    seed: int
 
 
 class HostSession:
@@ -103,6 +83,8 @@ class HostSession:
         unsent: STATE packets that the kernel refused on their only way.
         reporter: what the robot's virtual actuators say.
         refused: why a robot with this tag has been turned away since the last session, or "".
+        reseeded: the next run has another seed than the session: it is renewed, and until then the
+            robot counts as not connected.
     """
 
     def __init__(self, tag: int, name: str, table: Table) -> None:
@@ -116,6 +98,7 @@ class HostSession:
         self.superseded = 0
         self.unsent = 0
         self.refused = ""
+        self.reseeded = False
         self._table = table
         self._uid: bytes | None = None
         self._hello = _NO_HELLO
@@ -168,13 +151,18 @@ class HostSession:
         peer.open(number, self._table, greeting.header.send_ns, now_ns)
         header = self._header(PacketType.WELCOME, run)
         packet = peer.welcome(greeting.root, greeting.packet, header, welcome, now_ns)
-        return PendingSession(self, greeting, peer), packet
+        return PendingSession(self, greeting, peer, welcome.seed), packet
 
-    def adopt(self, proved: PendingSession, now_ns: int) -> LinkEvent:
-        """Goes on with a session that was proved to be the robot's, in place of the open one."""
+    def adopt(self, proved: PendingSession, now_ns: int) -> list[LinkEvent]:
+        """Goes on with a session that was proved to be the robot's, in place of the open one.
+
+        Gives what there is to say; nothing of a robot that was asked to come back.
+        """
         greeting = proved.greeting
         hello = greeting.hello
-        event = self._greeting(greeting, now_ns)
+        is_asked = self.reseeded and hello.uid == self._uid
+        events = [] if is_asked else [self._greeting(greeting, now_ns)]
+        self.reseeded = False
         self.peer.adopt(proved.peer)
         self._uid, self._hello, self.refused = hello.uid, hello, ""
         self._origin, self._key = greeting.origin, greeting.key
@@ -185,7 +173,7 @@ class HostSession:
         self._astray_ns = None
         self.due_ns = now_ns
         self.address = self.copied = None
-        return event
+        return events
 
     def _greeting(self, greeting: Greeting, now_ns: int) -> LinkEvent:
         """What to say of a robot whose session opens."""
@@ -349,6 +337,13 @@ class HostSession:
             self._astray_ns = first_ns, now_ns
 
     @property
+    def outworn(self) -> str:
+        """Why the session must be renewed; "" if it need not be."""
+        if self.reseeded:
+            return "the next run has another seed"
+        return "sequence numbers used up" if self.peer.worn else ""
+
+    @property
     def deaf(self) -> bool:
         """Whether only packets out of their order have come for so long that no other will."""
         return self._astray_ns is not None and self._astray_ns[1] - self._astray_ns[0] >= DEAF_NS
@@ -367,7 +362,7 @@ class HostSession:
         """A snapshot."""
         udp = self.open and self.address is not None and not self.peer.over_tcp(now_ns)
         hello, counters = self._hello, self.peer.counters
-        connected = self.open and not self._presence.lost
+        connected = self.open and not self._presence.lost and not self.reseeded
         return RobotStatus(
             tag=self.tag,
             name=self.name,
