@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import stat
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -256,3 +257,10 @@ def test_keys_are_never_shown() -> None:
     swarm = SwarmKeys({1: b"secret" * 5 + b"!!"})
     assert "secret" not in repr(swarm) + str(swarm) + repr(LinkTrust(swarm))
     assert swarm.robot_key(bytes(16)).hex() == "06d08521cb6b33fe28846a13acd533a9"
+
+
+def test_keys_that_members_make_at_once_are_all_kept(tmp_path: Path) -> None:
+    path = tmp_path / "lab" / keys.NAME
+    with ThreadPoolExecutor(8) as pool:
+        newest = [made.newest for made in pool.map(keys.follow, [path] * 8)]
+    assert sorted(newest) == sorted(keys.read(path).keys) == list(range(1, 9))

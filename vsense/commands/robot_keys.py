@@ -109,23 +109,10 @@ def run(options: argparse.Namespace) -> int:
     """Makes, brings and forgets swarm keys; then says which robots have which."""
     path = experiments.key_path(options)
     if options.new_key:
-        known = swarm_keys.read(path).followed() if path.exists() else swarm_keys.make()
-        swarm_keys.write(path, known)
+        swarm_keys.follow(path)
     if not path.exists():
         raise UsageError(f"no swarm key ({path}): --new-key makes one")
-    known = swarm_keys.read(path)
-    if options.forget is not None:
-        former = sorted(known.keys.keys() - {known.newest})
-        if options.forget not in former:
-            # A key that follows would get the number of the newest: who was brought that could
-            # not be told from who was brought the other.
-            numbers = ", ".join(map(str, former)) or "none"
-            raise UsageError(
-                f"--forget: expected a key that another follows, there are: {numbers}; the newest"
-                f" is {known.newest}: --new-key makes one that follows it"
-            )
-        known = known.without(options.forget)
-        swarm_keys.write(path, known)
+    known = swarm_keys.read(path) if options.forget is None else _forget(path, options.forget)
     outcomes = [] if options.roster is None else _bring(options, known)
     holders = key_holders.note(holders_of(options), known.newest, outcomes)
     known, forgotten = key_holders.forget(path, known, holders, [one.robot for one in outcomes])
@@ -134,6 +121,24 @@ def run(options: argparse.Namespace) -> int:
     text += "".join(f"\n{line}" for line in said_of(forgotten, known))
     print(json.dumps(facts, indent=2) if options.json else text)
     return 0 if all(outcome.ok for outcome in outcomes) else 1
+
+
+def _forget(path: Path, number: int) -> SwarmKeys:
+    """Takes a former key out of the file; gives those that are left."""
+    with swarm_keys.changing(path):
+        known = swarm_keys.read(path)
+        former = sorted(known.keys.keys() - {known.newest})
+        if number not in former:
+            # A key that follows would get the number of the newest: who was brought that could
+            # not be told from who was brought the other.
+            numbers = ", ".join(map(str, former)) or "none"
+            raise UsageError(
+                f"--forget: expected a key that another follows, there are: {numbers}; the newest"
+                f" is {known.newest}: --new-key makes one that follows it"
+            )
+        known = known.without(number)
+        swarm_keys.write(path, known)
+    return known
 
 
 def _bring(options: argparse.Namespace, known: SwarmKeys) -> list[Outcome]:

@@ -93,20 +93,21 @@ def note(path: Path, key: int, outcomes: Iterable[Outcome]) -> list[Holder]:
         VsenseError: the file cannot be read or written.
         ConfigError: a line of it is wrong.
     """
-    holders = {(each.destination, each.tag): each for each in read(path)}
-    today = date.today().isoformat()
-    for one in outcomes:
-        if one.keyed:
-            tag, destination = int(one.robot.settings["tag"]), one.robot.destination
-            # A board that had another name or marker has no second key.
-            holders = {who: each for who, each in holders.items() if each.uid != one.uid}
-            holders[destination, tag] = Holder(key, one.uid, tag, today, destination)
-    rows = sorted(holders.values(), key=lambda each: (each.tag, each.destination))
-    text = "".join(f"{h.key} {h.uid} {h.tag} {h.since} {h.destination}\n" for h in rows)
-    try:
-        write_private(path, _HEAD + text, swarm_keys.mode_in(path.parent))
-    except OSError as error:
-        raise VsenseError(f"{path}: cannot be written: {error.strerror}") from None
+    with swarm_keys.changing(path):
+        holders = {(each.destination, each.tag): each for each in read(path)}
+        today = date.today().isoformat()
+        for one in outcomes:
+            if one.keyed:
+                tag, destination = int(one.robot.settings["tag"]), one.robot.destination
+                # A board that had another name or marker has no second key.
+                holders = {who: each for who, each in holders.items() if each.uid != one.uid}
+                holders[destination, tag] = Holder(key, one.uid, tag, today, destination)
+        rows = sorted(holders.values(), key=lambda each: (each.tag, each.destination))
+        text = "".join(f"{h.key} {h.uid} {h.tag} {h.since} {h.destination}\n" for h in rows)
+        try:
+            write_private(path, _HEAD + text, swarm_keys.mode_in(path.parent))
+        except OSError as error:
+            raise VsenseError(f"{path}: cannot be written: {error.strerror}") from None
     return rows
 
 
@@ -167,11 +168,12 @@ def forget(
         return known, []
     if any(each.key != known.newest for each in rows):
         return known, []
-    # Read again: somebody may have made another key since.
-    left = swarm_keys.read(path)
-    former = sorted(number for number in left.keys if number < known.newest)
-    for number in former:
-        left = left.without(number)
-    if former:
-        swarm_keys.write(path, left)
+    with swarm_keys.changing(path):
+        # Read again: somebody may have made another key since.
+        left = swarm_keys.read(path)
+        former = sorted(number for number in left.keys if number < known.newest)
+        for number in former:
+            left = left.without(number)
+        if former:
+            swarm_keys.write(path, left)
     return left, former

@@ -13,12 +13,14 @@ where it has reached all, the older one is forgotten: no former key is good for 
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import os
 import re
 import secrets
 import stat
 from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -146,6 +148,37 @@ def read(path: Path) -> SwarmKeys:
     if not numbers:
         raise VsenseError(f"{path}: holds no key")
     return SwarmKeys(numbers)
+
+
+@contextmanager
+def changing(path: Path) -> Iterator[None]:
+    """Nobody else changes a file of keys, or that of their holders beside it, meanwhile.
+
+    Raises:
+        VsenseError: their folder cannot be made or read.
+    """
+    with ExitStack() as stack:
+        try:
+            path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+            stack.callback(os.close, folder)
+            fcntl.flock(folder, fcntl.LOCK_EX)
+        except OSError as error:
+            raise VsenseError(f"{path.parent}: {error.strerror}") from None
+        yield
+
+
+def follow(path: Path) -> SwarmKeys:
+    """Makes a key that follows those of a file, or the file with the first one; gives all.
+
+    Raises:
+        VsenseError: the file cannot be read or written.
+        ConfigError: a line is wrong.
+    """
+    with changing(path):
+        known = read(path).followed() if path.exists() else make()
+        write(path, known)
+    return known
 
 
 def write(path: Path, keys: SwarmKeys) -> None:
