@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import json
 
+import numpy as np
+
 from tests.run.stage import Stage, experiment
+from vsense.arena import Frame
 from vsense.link.robots.wire import StopCause, Telemetry
-from vsense.run.figures import Figures, table
+from vsense.run.figures import Figures, light_of, table
 
 
 def played(stage: Stage) -> dict:
@@ -41,8 +44,17 @@ def test_everything_is_counted() -> None:
     assert summary["latency_ms"]["capture_to_arena"] == {"p50": 15.0, "p99": 15.0, "max": 15.0}
     assert summary["latency_ms"]["capture_to_sent"]["max"] == 20.0
     assert summary["latency_ms"]["picture_to_arena"]["p50"] is None, "there are no pictures"
+    assert summary["light_level"] is None
     assert summary["link"] == {"sent": 30, "received": 30, "dropped": 0, "reconnects": 0}
     assert summary["results"] == {"cleaned": 12.5}
+
+
+def test_the_room_is_as_light_as_its_pictures() -> None:
+    dark, half = np.full((48, 64), 51, np.uint8), np.full((32, 32), 51, np.uint8)
+    half[:, 16:] = 255
+    frames = [Frame(name, image, 0, 0, 0) for name, image in (("a", dark), ("b", half))]
+    assert light_of(frames[:1]) == 0.2
+    assert light_of(frames) == 0.4, "cameras count alike, whatever their size"
 
 
 def test_what_a_silence_leaves_out_is_late() -> None:

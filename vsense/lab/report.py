@@ -132,6 +132,7 @@ def summarise(session: Session, number: int, measured: metrics.MeasuredRun) -> d
         "robots": len(session.experiment.robots),
         "cameras": len(session.cameras),
         "pace": clock.pace(),
+        "light_level": recording.light_level,
         "calibration": None if session.known is None else session.known.figures,
         **metrics.figures(measured),
         "vision": session.tracking.figures(),

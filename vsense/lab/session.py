@@ -77,6 +77,7 @@ class RunNotes:
         pictures: the cameras' pictures at chosen timesteps of the run.
         link: `sent`, `received`, `dropped` packets with readings, `reconnects`.
         lateness_ms: the canary's ticks.
+        light_level: how light the first pictures were, 0 to 1.
     """
 
     samples: RunSamples
@@ -91,6 +92,7 @@ class RunNotes:
         default_factory=lambda: dict.fromkeys((*LINK_COUNTERS, "reconnects"), 0)
     )
     lateness_ms: list[float] = field(default_factory=list)
+    light_level: float | None = None
 
 
 class Session(ExperimentSession):
@@ -283,6 +285,7 @@ class Session(ExperimentSession):
                     pictures[step.run_timestep] = copy_frames(step.frames)
                 observe(step)
         finally:
+            notes.light_level = counted.light_level
             tables.close()
             samples.end(self.environment.world)
             if step is not None:

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.arena import Frame
 from vsense.config.specs import Experiment
 from vsense.link.robots.status import RobotStatus
 from vsense.link.robots.wire import StopCause
 from vsense.run.robots import Readiness
 from vsense.run.runner import Runner
 from vsense.run.runtime import Step
+
+_LIGHT_PX = 16
+"""Every so many rows and columns tell how light a picture is: it must not cost time."""
 
 
 @dataclass(slots=True)
@@ -39,14 +43,18 @@ class TimestepSample:
 
 
 class Figures:
-    """Counts what happens in the timesteps of one run, in bounded memory per timestep."""
+    """Counts what happens in the timesteps of one run, in bounded memory per timestep.
+
+    Attributes:
+        light_level: how light the first pictures were, see `light_of`; None: there were none.
+    """
 
     def __init__(self, experiment: Experiment) -> None:
         self._experiment = experiment
         self._dt_ns = experiment.timestep_ns
         self._robots = {robot.tag: _Robot() for robot in experiment.robots}
         self._last_run_timestep = -1
-        self._pictures = False
+        self.light_level: float | None = None
         # Of each timestep: capture, pictures ready, arena state done, readings sent.
         self._times_ns = array("q")
 
@@ -58,7 +66,8 @@ class Figures:
     def observe(self, step: Step, robots: Mapping[int, RobotStatus]) -> TimestepSample:
         """Counts a timestep; `robots` are the links' statuses by tag."""
         self._last_run_timestep = step.run_timestep
-        self._pictures |= len(step.frames) > 0
+        if self.light_level is None and step.frames:
+            self.light_level = light_of(step.frames)
         self._times_ns.extend((step.capture_ns, step.ready_ns, step.arena_ns, step.sent_ns))
         seen = set(step.state.robots["tag"][step.state.robots["seen"]].tolist())
         stale = 0
@@ -98,6 +107,7 @@ class Figures:
             "left_out_timesteps": wanted - self.timesteps,
             "duration_s": round(wanted * self._dt_ns / 1e9, 3),
             "missing_at_start": list(readiness.missing),
+            "light_level": self.light_level,
             "arena": {
                 "seen_mean": _share(sum(c.seen for c in counts), self.timesteps),
                 "silences": [
@@ -136,10 +146,18 @@ class Figures:
         return {
             "capture_to_arena": _spread_ms(arena - capture),
             # Of another tracker the pictures are not known.
-            "picture_to_arena": _spread_ms((arena - ready)[: None if self._pictures else 0]),
+            "picture_to_arena": _spread_ms(
+                (arena - ready)[: 0 if self.light_level is None else None]
+            ),
             "arena_to_sent": _spread_ms(sent - arena),
             "capture_to_sent": _spread_ms(sent - capture),
         }
+
+
+def light_of(frames: Sequence[Frame]) -> float:
+    """The mean of pictures, 0 black to 1 white: with one exposure it tells the room's light."""
+    step = slice(None, None, _LIGHT_PX)
+    return round(float(np.mean([frame.image[step, step].mean() for frame in frames])) / 255.0, 4)
 
 
 def _share(count: int, of: int) -> float | None:

@@ -57,7 +57,7 @@ class RunRow:
         block, repetition, start: runs of two conditions that agree in all three are a pair.
         began: UTC, as ISO 8601.
         tags, uids, batteries_v: of its robots; volts as last told, of those that told.
-        light_level: of the room, in the cameras' own units.
+        light_level: of the room: the mean of the first pictures, 0 black to 1 white.
         late: share of the timesteps that were late or left out, 0..1.
         versions: of software: words such as vsense=1.2.
         verdict: `VALID` or `VOID`.
@@ -260,6 +260,7 @@ def row_of(
         robots=summary["robots"],
         tags=[robot.tag for robot in experiment.robots],
         batteries_v=[mv / 1000.0 for mv in volts if mv],
+        light_level=summary.get("light_level"),
         late=summary["late_timesteps"] / steps if steps else None,
         versions=versions(),
         verdict=VALID if whole else VOID,
