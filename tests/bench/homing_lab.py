@@ -29,7 +29,7 @@ from tests.faults.relay import LOOP_NET, Relay, Weather
 from vsense import clock
 from vsense.arena import ArenaState, Frame
 from vsense.bench import homing as table
-from vsense.bench.homing import LOSS, UNSEEN_S, WHEELS, Contacts, Floats, HomingRow
+from vsense.bench.homing import LOSS, UNSEEN_S, WHEELS, ContactTimes, Floats, HomingRow
 from vsense.cameras.camera import Camera
 from vsense.config import experiment as files
 from vsense.config.placement import settle
@@ -128,7 +128,7 @@ class FarSession(Session):
 
     def __init__(self, setup: RunSetup, directory: Path, robots: LabRobots) -> None:
         super().__init__(setup, directory, "mixed", robots=robots)
-        self.contacts: Contacts | None = None
+        self.contacts: ContactTimes | None = None
         self._looked_ns = 0
 
     def true_poses(self, time_ns: int) -> Floats:
@@ -156,7 +156,7 @@ class FarSession(Session):
         """Kills a robot and drives the others home; gives how it went, and all true poses."""
         dead = self.experiment.robots[-1].tag
         os.kill(self.swarm._processes[dead].pid, signal.SIGKILL)
-        self.contacts = Contacts()
+        self.contacts = ContactTimes()
         self.hand.begun_ns = clock.host_ns()
         return self.home(), self.true_poses(self._truth.newest_ns())
 

@@ -86,7 +86,7 @@ class HomingRow:
         return self.home == self.able and near and self.contact_s <= CONTACT_S
 
 
-class Contacts:
+class ContactTimes:
     """How long robots touch each other, by their true places at every tick of the physics."""
 
     def __init__(self) -> None:
@@ -135,7 +135,7 @@ class HomingField:
             DrivingFloor(arena, walls),
             HomingLimits(all_s=_LIMIT_S, hindered_s=5.0),
         )
-        self.contacts = Contacts()
+        self.contacts = ContactTimes()
         self._mail: list[tuple[int, int, int, int, Goal]] = []
 
     def _draw(self) -> Any:
@@ -206,7 +206,7 @@ def row_of(
     time_s: float,
     homes: Floats,
     poses: Floats,
-    contacts: Contacts,
+    contacts: ContactTimes,
     costs: Sequence[float],
 ) -> HomingRow:
     """The row of a seed.

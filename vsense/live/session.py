@@ -197,9 +197,9 @@ class ExperimentSession(ABC):
         starts, homing = self.setup.starts, None
         if starts is not None:
             homing = starts.homing(self.environment.experiment, self.environment.seed)
-            homing = homing if self.runner.home(homing) else None
-        if homing is not None:
-            tell_end(homing, self.setup.console)
+            self.runner.home(homing)
+            if homing.done or homing.spent_s:  # else somebody has ended it before it began
+                tell_end(homing, self.setup.console)
         self._leave_out_low()
         return homing
 

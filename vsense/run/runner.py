@@ -155,14 +155,11 @@ class Runner:
         there = readiness.progress(self._heard_ns is not None)
         return f"{word.get(state, 'waiting')}: {there}"
 
-    def home(self, homing: Homing) -> bool:
-        """Drives the robots to their starts, before `timesteps`; orders pause and end it.
-
-        False: nobody was told to drive, because an order or an interruption came before.
-        """
+    def home(self, homing: Homing) -> None:
+        """Drives the robots to their starts, before `timesteps`; orders pause and end it."""
         control, order = self.control, self._server.command
         if self._interrupted.is_set() or not control.home(partial(order, Wanted.HOME)):
-            return False
+            return
         self._runtime.guide = homecoming.guide(homing, self._server, control)
         try:
             while not self._interrupted.is_set() and control.state in HOMING:
@@ -173,7 +170,6 @@ class Runner:
         finally:
             self._runtime.guide = None
             control.arrive(partial(order, Wanted.IDLE))
-        return True
 
     def timesteps(self) -> Iterator[Step]:
         """Starts all robots together; yields the run's timesteps, of which some may be missed."""
