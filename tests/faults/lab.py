@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 
-from tests.faults.relay import address
+from tests.faults.relay import NET, address
 from vsense.cli import main
 from vsense.lab import swarm
 
@@ -15,9 +15,11 @@ from vsense.lab import swarm
 class FarSwarm(swarm.Swarm):
     """The robots of the lab, far from it."""
 
+    net = NET
+
     def _command(self, robot: swarm.Robot) -> list[str]:
         words = super()._command(robot)
-        words[words.index("--host") + 1] = address(self.robots.index(robot))
+        words[words.index("--host") + 1] = address(self.robots.index(robot), self.net)
         return words
 
 

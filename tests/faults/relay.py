@@ -20,8 +20,11 @@ import threading
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from pathlib import Path
 
 NET = "10.99.0"
+LOOP_NET = "127.99.0"
+"""Where robots with slow clocks find their host: `vsensed` lets these be on one machine only."""
 HOST = f"{NET}.1"
 TCP, UDP = 6, 17
 
@@ -29,6 +32,7 @@ _TUNSETIFF = 0x400454CA
 _IFF_TUN, _IFF_NO_PI = 0x0001, 0x1000
 _MOST_BYTES = 65536
 _ECHO_S = 0.02
+_LOOP = (("del", 8), ("add", 16))
 
 
 @dataclass(frozen=True)
@@ -52,16 +56,21 @@ class Weather:
 CALM = Weather()
 
 
-def address(place: int) -> str:
+def address(place: int, net: str = NET) -> str:
     """Where the robot of this place reaches the host."""
-    return f"{NET}.{10 + place}"
+    return f"{net}.{10 + place}"
 
 
-def open_tun() -> int:
+def open_tun(net: str = NET) -> int:
     """Makes the device in this namespace, and brings it up."""
     tun = os.open("/dev/net/tun", os.O_RDWR)
     fcntl.ioctl(tun, _TUNSETIFF, struct.pack("16sH22x", b"air", _IFF_TUN | _IFF_NO_PI))
-    for words in (f"addr add {HOST}/24 dev air", "link set air up", "link set lo up"):
+    done = [f"addr add {net}.1/24 dev air", "link set air up", "link set lo up"]
+    if net == LOOP_NET:
+        # Of the addresses of this machine only those below 127.1 stay where they are.
+        Path("/proc/sys/net/ipv4/conf/all/route_localnet").write_text("1")
+        done += [f"route {what} table local local 127.0.0.0/{bits} dev lo" for what, bits in _LOOP]
+    for words in done:
         subprocess.run(["ip", *words.split()], check=True)
     return tun
 
@@ -72,18 +81,19 @@ class Relay:
     Args:
         port: the host's; what comes from it goes down to a robot, all else goes up.
         seed: of what is drawn.
+        net: the host's address is the first one in it.
 
     Attributes:
         ears: each is called with every packet as it came, by the relay's thread.
         passed: how many packets came.
     """
 
-    def __init__(self, port: int, seed: int) -> None:
+    def __init__(self, port: int, seed: int, net: str = NET) -> None:
         self.ears: list[Callable[[bytes], None]] = []
         self.passed = 0
         self._port = port
         self._random = random.Random(seed)
-        self._tun = open_tun()
+        self._tun = open_tun(net)
         self._weather: dict[int, tuple[Weather, Weather]] = {}
         self._waiting: list[tuple[float, int, bytes]] = []
         self._ended = False

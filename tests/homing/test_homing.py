@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from vsense.homing.floor import DrivingFloor
 from vsense.homing.homing import Homing
 from vsense.homing.robots import HomingLimits, Trouble
 from vsense.link.robots.peer import STAY
-from vsense.world.entities import Arena
+from vsense.world.entities import BODY_RADIUS_M, Arena
 
 ARENA = Arena((2.0, 2.0, 1.0), (0.0, 0.0, 0.0))
 WALL = (0.0, 0.0, 0.0, 0.04, 1.2)
@@ -79,13 +80,14 @@ def test_a_robot_that_does_not_move_is_freed_then_left_and_named() -> None:
 
 
 @pytest.mark.parametrize(
-    ("trouble", "words"), [(Trouble.NO_LINK, "no link"), (Trouble.TOO_OLD, "deploy")]
+    ("trouble", "words"),
+    [(Trouble.NO_LINK, "no link"), (Trouble.TOO_OLD, "deploy"), (Trouble.HELD, "battery")],
 )
 def test_who_cannot_be_told_is_named_and_waited_for_in_vain(trouble: Trouble, words: str) -> None:
     homes = {1: Pose(0.5, 0.0, 0.0), 2: Pose(-0.5, 0.0, 0.0)}
     planned = homing(homes, hindered_s=2.0)
     there = {1: homes[1], 2: Pose(0.0, 0.5, 0.0)}
-    for number in range(30):
+    for number in range(60):
         planned.step(state(number, there), {2: trouble})
     assert planned.done
     assert words in planned.news[0]
@@ -102,6 +104,18 @@ def test_who_is_not_seen_stands_until_it_is_and_nobody_else_does() -> None:
     assert "not seen" in planned.news[0]
     assert planned.step(state(7, there), {})[1] != STAY
     assert "drives on" in planned.news[1]
+
+
+def test_who_stays_unseen_is_left_where_it_was_and_named() -> None:
+    homes = {1: Pose(0.8, 0.0, 0.0), 2: Pose(-0.8, 0.0, 0.0), 3: Pose(0.0, 0.8, 0.0)}
+    planned = homing(homes, hindered_s=2.0)
+    for number in range(60):
+        seen = {1: homes[1], 3: Pose(0.0, 0.3, 0.0)} if number < 3 else {1: homes[1]}
+        planned.step(state(number, seen), {})
+    assert planned.done
+    assert "robot 3 (epuck_3) is left where it is, 0.50 m from its start: not seen" in planned.news
+    assert "robot 2 (epuck_2) is left where it is: not seen" in planned.news, "it never was seen"
+    assert {a.tag: a.trouble for a in planned.arrivals()} == {1: "", 2: "not seen", 3: "not seen"}
 
 
 def test_ways_lead_around_walls_and_there_may_be_none() -> None:
@@ -143,3 +157,23 @@ def test_the_planner_foretells_what_the_daemon_does() -> None:
     poses = np.array([[0.0, 0.0, 0.0]])
     ahead = motion.foretell(poses, np.zeros((1, 1)), np.full((1, 1), 0.12), np.array([0.2]))
     assert ahead[0, 0, 3, 0] == pytest.approx(0.12) and ahead[0, 0, -1, 0] == pytest.approx(0.2)
+
+
+def test_ways_lead_around_tagged_objects_and_robots_that_do_not_play() -> None:
+    """The polluter of the thesis stands in the arena, and spares may: bodies that nobody drives."""
+    planned = homing({1: Pose(0.5, 0.0, 0.0), 2: Pose(0.0, 0.5, 0.0)})
+    there = {1: Pose(-0.5, 0.0, 0.0), 2: Pose(0.0, 0.5, 0.0), 99: Pose(0.0, 0.0, 0.0)}
+    goals = planned.step(state(0, there), {})
+    assert set(goals) == {1, 2}
+    way = [there[1][:2], *planned.robots[1].way]
+    line = np.concatenate([np.linspace(*ends, 50) for ends in pairwise(way)])
+    assert np.hypot(line[:, 0], line[:, 1]).min() > 2.0 * BODY_RADIUS_M
+    assert [arrival.tag for arrival in planned.arrivals()] == [1, 2]
+
+
+def test_a_home_that_is_taken_goes_to_nobody_who_could_have_another() -> None:
+    homes = {1: Pose(0.5, 0.0, 0.0), 2: Pose(-0.5, 0.0, 0.0)}
+    planned = homing(homes)
+    dead = {1: Pose(0.0, 0.3, 0.0), 2: Pose(0.5, 0.0, 0.0)}
+    planned.step(state(0, dead), {2: Trouble.NO_LINK})
+    assert planned.robots[1].home == homes[2]

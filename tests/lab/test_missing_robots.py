@@ -8,9 +8,12 @@ from types import SimpleNamespace
 
 import pytest
 
+from tests.run.stage import status
 from vsense.lab.session import Session
 from vsense.lab.shared import LabError
-from vsense.run.robots import Readiness
+from vsense.link.robots.wire import Telemetry
+from vsense.live.session import NobodyThere
+from vsense.run.robots import BATTERY_LOW, Readiness
 
 ROBOTS = {1: "left", 2: "right"}
 
@@ -43,8 +46,29 @@ def test_a_later_run_goes_on_without_who_is_missing() -> None:
 
 def test_no_run_goes_on_without_anybody() -> None:
     made, _ = session(2, set())
-    with pytest.raises(LabError, match="not ready"):
+    with pytest.raises(NobodyThere, match="no robot is there; not connected: left, right"):
         made.wait_until_ready()
+
+
+@pytest.mark.parametrize(
+    ("limit_v", "resting"), [(0.0, set()), (3.5, {1, 2}), (3.3, {2}), (3.4, {2})]
+)
+def test_who_has_too_little_in_its_battery_is_named_and_rests(
+    limit_v: float, resting: set[int]
+) -> None:
+    made, said = session(2, {1, 2})
+    told = {1: Telemetry(battery_mv=3400), 2: Telemetry(battery_low=BATTERY_LOW), 3: Telemetry()}
+    made.runner.robots = {tag: status(tag, f"epuck_{tag}", telemetry=t) for tag, t in told.items()}
+    rested = list[set[int]]()
+    made.server = SimpleNamespace(rest=lambda tags: rested.append(set(tags)))
+    made.setup.starts, made.setup.battery_v = None, limit_v
+    assert made.home() is None
+    assert rested == [resting]
+    words = {1: "has 3.40 V left", 2: "has a low battery"}
+    assert said == [
+        f"warning: robot {tag} (epuck_{tag}) {words[tag]}: it stands in this run"
+        for tag in sorted(resting)
+    ]
 
 
 def test_who_is_there_is_not_waited_for() -> None:

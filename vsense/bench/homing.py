@@ -3,7 +3,8 @@
 The planner of `vsense/homing/` and the walk of `robot/homing.c`, which is compiled into this
 process with the daemon's own runtime; wheels and contacts are those of lab and simulation. Poses
 come late and are wrong by a little, packets are lost, wheels are not what they should be, one robot
-is dead, and one is not seen for a while.
+is dead, and one is not seen for a while. The same in the lab, with cameras, tracker, network and
+daemons, is `tests/bench/homing_lab.py`.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsense.arena import POSE, ArenaState, wrap_angle
 from vsense.config.specs import Pose
@@ -52,6 +54,7 @@ _LIMIT_S = 120.0
 _CONTACT_M = 2.0 * BODY_RADIUS_M + 0.0005
 
 Say = Callable[[str], None]
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +86,30 @@ class HomingRow:
         return self.home == self.able and near and self.contact_s <= CONTACT_S
 
 
+class ContactTimes:
+    """How long robots touch each other, by their true places at every tick of the physics."""
+
+    def __init__(self) -> None:
+        self._touching = dict[tuple[int, int], int]()
+        self._longest_ns = 0
+
+    @property
+    def longest_s(self) -> float:
+        """The longest contact of two robots up to now."""
+        return max([self._longest_ns, *self._touching.values()]) / 1e9
+
+    def tick(self, poses: Floats) -> None:
+        """The next tick: (n, 2 or more) x_m, y_m of everybody."""
+        places = poses[:, :2]
+        apart = np.hypot(*(places[:, np.newaxis] - places).transpose(2, 0, 1))
+        rows, columns = np.nonzero(np.triu(apart < _CONTACT_M, 1))
+        now = set(zip(rows.tolist(), columns.tolist()))
+        for pair in now:
+            self._touching[pair] = self._touching.get(pair, 0) + TICK_NS
+        for pair in self._touching.keys() - now:
+            self._longest_ns = max(self._longest_ns, self._touching.pop(pair))
+
+
 class HomingField:
     """One seed's robots in their arena."""
 
@@ -108,8 +135,7 @@ class HomingField:
             DrivingFloor(arena, walls),
             HomingLimits(all_s=_LIMIT_S, hindered_s=5.0),
         )
-        self._touching = dict[tuple[int, int], int]()
-        self.contact_ns = 0
+        self.contacts = ContactTimes()
         self._mail: list[tuple[int, int, int, int, Goal]] = []
 
     def _draw(self) -> Any:
@@ -136,22 +162,14 @@ class HomingField:
             self._deliver()
             self.now_ns += TICK_NS
             self.physics.tick(self.now_ns)
-            self._touch()
+            self.contacts.tick(self.physics.poses)
         return self._row(seed, (self.now_ns - begun_ns) / 1e9, costs)
 
     def _row(self, seed: int, time_s: float, costs: Sequence[float]) -> HomingRow:
-        able = [r for r in self.homing.robots.values() if r.tag != self.dead]
-        errors = []
-        for robot in able:
-            x, y, yaw = self.physics.poses[robot.tag]
-            away_m = math.hypot(robot.home.x_m - x, robot.home.y_m - y)
-            turned = abs(float(wrap_angle(robot.home.yaw_rad - yaw)))
-            errors.append((away_m * 1e3, math.degrees(turned)))
-        home = sum(mm <= HOME_M * 1e3 and deg <= HOME_DEG for mm, deg in errors)
-        worst_mm, worst_deg = (max(column) for column in zip(*errors))
-        contact_s = max([self.contact_ns, *self._touching.values()]) / 1e9
-        cost = float(np.median(costs)), max(costs)
-        return HomingRow(seed, time_s, home, len(able), worst_mm, worst_deg, contact_s, *cost)
+        able = [tag for tag in self.homing.robots if tag != self.dead]
+        poses = self.physics.poses[able]
+        homes = [self.homing.robots[tag].home for tag in able]
+        return row_of(seed, time_s, np.array(homes), poses, self.contacts, costs)
 
     def _troubles(self) -> dict[int, Trouble]:
         return {self.dead: Trouble.NO_LINK}
@@ -182,15 +200,27 @@ class HomingField:
             left, right = np.rint(mind.wheels_steps_s[0] * self.factors[tag]).astype(int)
             self.physics.drive(tag, int(left), int(right), self.now_ns)
 
-    def _touch(self) -> None:
-        places = self.physics.poses[:, :2]
-        apart = np.hypot(*(places[:, np.newaxis] - places).transpose(2, 0, 1))
-        rows, columns = np.nonzero(np.triu(apart < _CONTACT_M, 1))
-        now = set(zip(rows.tolist(), columns.tolist()))
-        for pair in now:
-            self._touching[pair] = self._touching.get(pair, 0) + TICK_NS
-        for pair in self._touching.keys() - now:
-            self.contact_ns = max(self.contact_ns, self._touching.pop(pair))
+
+def row_of(
+    seed: int,
+    time_s: float,
+    homes: Floats,
+    poses: Floats,
+    contacts: ContactTimes,
+    costs: Sequence[float],
+) -> HomingRow:
+    """The row of a seed.
+
+    Args:
+        homes, poses: (n, 3) of those that could drive: where they shall be, and where they are.
+        costs: of each step of the planner [ms].
+    """
+    away_mm = 1e3 * np.hypot(*(homes - poses)[:, :2].T)
+    turned_deg = np.degrees(np.abs(wrap_angle(homes[:, 2] - poses[:, 2])))
+    home = (away_mm <= HOME_M * 1e3) & (turned_deg <= HOME_DEG)
+    worst = float(away_mm.max()), float(turned_deg.max())
+    cost = float(np.median(costs)), max(costs)
+    return HomingRow(seed, time_s, int(home.sum()), len(homes), *worst, contacts.longest_s, *cost)
 
 
 def run(say: Say, seeds: int = SEEDS) -> dict[str, Any]:
@@ -203,7 +233,17 @@ def run(say: Say, seeds: int = SEEDS) -> dict[str, Any]:
     rows = []
     for seed in range(1, seeds + 1):
         rows.append(HomingField(seed).run(seed))
-        say(f"seed {seed}: {rows[-1].home} of {rows[-1].able} home after {rows[-1].time_s:.1f} s")
+        say(told(rows[-1]))
+    return report_of(rows)
+
+
+def told(row: HomingRow) -> str:
+    """A seed's line while others are still to come."""
+    return f"seed {row.seed}: {row.home} of {row.able} home after {row.time_s:.1f} s"
+
+
+def report_of(rows: Sequence[HomingRow]) -> dict[str, Any]:
+    """The report of all seeds; see `run`."""
     times = [row.time_s for row in rows]
     return {
         "rows": [asdict(row) for row in rows],

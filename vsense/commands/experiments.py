@@ -13,7 +13,7 @@ from contextlib import AbstractContextManager, ExitStack, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vsense.commands import arguments, rosters
+from vsense.commands import arguments, homes, rosters
 from vsense.config.description import as_json, describe
 from vsense.config.experiment import first_robots, load
 from vsense.config.placement import settle
@@ -26,7 +26,6 @@ from vsense.terminal import Console, print_data
 if TYPE_CHECKING:
     from vsense.link.robots.keys import LinkTrust
     from vsense.link.robots.server import VirtualSensorServer
-    from vsense.run.homecoming import Starts
     from vsense.ui.room import RoomOptions
 
 
@@ -199,33 +198,9 @@ def add_room(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="a series of N runs; the seed of each is the one before plus 1 (default: 1)",
     )
-    arguments.flag(
-        group,
-        "--home",
-        "before each run the robots drive to their starts by themselves: where the file places"
-        " them, or the run's seed; robots with the same controller exchange places",
-    )
-    arguments.flag(
-        group,
-        "--home-virtual-walls",
-        "as --home, and on their ways they keep clear of virtual walls, too",
-    )
+    homes.add_home(group)
     arguments.add_locked(group)
     arguments.add_recording(group)
-
-
-def starts_of(options: argparse.Namespace, experiment: Experiment) -> Starts | None:
-    """Where robots drive before each run of an experiment of which nothing is placed yet.
-
-    None: they stay where they are. ConfigError: there is no place for all.
-    """
-    if not (options.home or options.home_virtual_walls):
-        return None
-    from vsense.run.homecoming import Starts
-
-    starts = Starts(first_robots(experiment, options.robots), options.home_virtual_walls)
-    starts.of(1)
-    return starts
 
 
 def room_of(options: argparse.Namespace) -> RoomOptions:

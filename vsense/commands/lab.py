@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from vsense import clock
-from vsense.commands import arguments, experiments, hardware
+from vsense.commands import arguments, experiments, hardware, homes
 from vsense.config.specs import Experiment, Stage
 from vsense.errors import CutShort, UsageError, VsenseError
 from vsense.lab import calibrated, report
@@ -121,7 +121,7 @@ def run(options: argparse.Namespace) -> int:
         return 0
     port = _port(options, opened)
     set_pace(options.pace, opened.host)
-    starts = experiments.starts_of(options, opened)
+    starts = homes.starts_of(options, opened)
     experiment, seed, directory = experiments.prepare(options, opened)
     console = Console()
     _warn(console, experiment)
@@ -133,7 +133,7 @@ def run(options: argparse.Namespace) -> int:
         robots = hardware.robots_of(options, experiment)
         made = experiments.made_of(options, experiment, seed) | told_all(robots.hardware)
         who = (experiment.host, port), trust, console, interrupted, room
-        setup = RunSetup(experiment, seed, options.blind, *who, made, starts)
+        setup = RunSetup(experiment, seed, options.blind, *who, made, starts, options.battery)
         base = options.base, options.firmware_watchdog, options.legacy_port
         session = Session(setup, directory, *base, options.cameras, known, robots)
         series = Series(directory, options.runs, room.holds, interrupted)

@@ -9,17 +9,17 @@ from pathlib import Path
 from typing import Any
 
 from vsense.calibration.checked import told_of
-from vsense.commands import arguments, experiments, hardware
+from vsense.commands import arguments, experiments, hardware, homes
 from vsense.config.framework import LINES_PORT
 from vsense.config.specs import Experiment, JsonLinesTracker, Stage, TrackerAddress
 from vsense.errors import VsenseError, failing_as
 from vsense.link.robots.keys import LinkTrust
 from vsense.live.run import OneRun
-from vsense.live.session import RunSession, RunSetup
+from vsense.live.session import PATIENCE_S, RunSession, RunSetup
 from vsense.live.sources import require_source
 from vsense.run import directory as run_directory
 from vsense.run.directory import RunLog
-from vsense.run.robots import Readiness, shorten
+from vsense.run.robots import Readiness
 from vsense.run.runner import Series
 from vsense.run.runs_csv import RunRows
 from vsense.terminal import interruption, print_data
@@ -93,14 +93,6 @@ def add_ends(parser: argparse.ArgumentParser) -> None:
     experiments.add_trust(parser)
 
 
-PATIENCE_S = 10.0
-"""In a series, every run but the first waits this long for robots, then starts without them."""
-
-
-class RunError(VsenseError):
-    """The run cannot begin."""
-
-
 def run(options: argparse.Namespace) -> int:
     """Runs an experiment with real robots and reports about every run, also after a failure.
 
@@ -138,7 +130,8 @@ def _run_leased(
         made = experiments.made_of(options, experiment, seed)
         setup = RunSetup(
             *(experiment, seed, options.blind, (host, port), trust, log, interrupted, room, made),
-            experiments.starts_of(options, opened),
+            homes.starts_of(options, opened),
+            options.battery,
         )
         series = Series(directory, options.runs, room.holds, interrupted)
         rows = RunRows(directory, "run", dict(options.set), experiment)
@@ -244,20 +237,11 @@ class RunCommand:
     def _wait(self, session: RunSession, number: int) -> Readiness:
         """Waits until all are there, for the time that is set, or until a START.
 
-        Raises:
-            RunError: not one robot is there.
+        Raises as `ExperimentSession.wait_for_some`.
         """
         if number > 1:
             self.log.say(f"run {number}, seed {session.environment.seed}")
         limit_s = self.options.start_after
         if limit_s is None and number > 1:
             limit_s = PATIENCE_S
-        readiness = session.runner.wait(limit_s)
-        if readiness.complete or self.setup.interrupted.is_set():
-            return readiness
-        if not {robot.id for robot in self.setup.experiment.robots} - set(readiness.missing):
-            raise RunError(f"no robot is there; {readiness.missing_text()}")
-        self.log.say(
-            f"starting without {shorten(readiness.missing)}; {readiness.missing_text()}", "warning"
-        )
-        return readiness
+        return session.wait_for_some(limit_s)

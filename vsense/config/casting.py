@@ -28,6 +28,7 @@ class Casting:
         others: tags of its other robots, each with why it is not taken.
         limit: only the first so many robots of the file play, None: all.
         replaced: who plays in whose place.
+        types: the kind of base of each robot that has one in the roster, such as "argos".
     """
 
     roster: str = ""
@@ -35,6 +36,7 @@ class Casting:
     others: tuple[tuple[int, str], ...] = ()
     limit: int | None = None
     replaced: tuple[Pair, ...] = ()
+    types: tuple[tuple[int, str], ...] = ()
 
     @classmethod
     def of(
@@ -45,12 +47,14 @@ class Casting:
             return cls(limit=limit, replaced=tuple(replaced))
         free = tuple(robot.tag for robot in roster.robots if robot.is_ready)
         others = tuple((r.tag, r.why_not) for r in roster.robots if not r.is_ready)
-        return cls(str(roster.path), free, others, limit, tuple(replaced))
+        types = tuple((r.tag, r.base.partition(":")[0]) for r in roster.robots if r.base)
+        return cls(str(roster.path), free, others, limit, tuple(replaced), types)
 
     @classmethod
     def read(cls, data: Mapping[str, Any]) -> Casting:
         """Reads what `dataclasses.asdict` made of one, also from JSON."""
-        pairs = {name: tuple(map(tuple, data.get(name, ()))) for name in ("others", "replaced")}
+        names = ("others", "replaced", "types")
+        pairs = {name: tuple(map(tuple, data.get(name, ()))) for name in names}
         free, limit = tuple(data.get("free", ())), data.get("limit")
         return cls(str(data.get("roster", "")), free, limit=limit, **pairs)
 

@@ -82,8 +82,8 @@ class Homing:
         self._dealt: frozenset[int] | None = None
         self._hindered_ns = dict[int, int]()
         self._round = 0
-        count = len(homes)
-        self._headings, self._driven = np.zeros(count), np.zeros(count)
+        self._others = dict[int, Traveller]()
+        self._headings, self._driven = np.zeros(len(homes)), np.zeros(len(homes))
         self._rank = dict.fromkeys(homes, 0)
 
     def step(self, state: ArenaState, troubles: Mapping[int, Trouble]) -> dict[int, Goal]:
@@ -117,6 +117,12 @@ class Homing:
             robot.tag: self._goal(robot, row, crowd, decision)
             for row, robot in enumerate(self.robots.values())
         }
+
+    @property
+    def _all(self) -> list[Traveller]:
+        """The robots, then whatever else bears a marker and stands in their way: tagged objects,
+        robots that do not play."""
+        return [*self.robots.values(), *self._others.values()]
 
     @property
     def spent_s(self) -> float:
@@ -154,9 +160,15 @@ class Homing:
         for tag, x_m, y_m, yaw_rad in zip(
             *(rows[name].tolist() for name in ("tag", "x_m", "y_m", "yaw_rad"))
         ):
-            robot = self.robots.get(tag)
-            if robot is not None:
-                robot.look(Pose(x_m, y_m, yaw_rad), now_ns)
+            pose = Pose(x_m, y_m, yaw_rad)
+            robot = self.robots.get(tag) or self._others.get(tag)
+            if robot is None:
+                robot = self._others[tag] = Traveller(tag, "", pose, pose, given_up=True)
+                self._headings, self._driven = (
+                    np.append(done, 0.0) for done in (self._headings, self._driven)
+                )
+                self._dealt = None
+            robot.look(pose, now_ns)
 
     def _judge(self, robot: Traveller, told: Trouble, now_ns: int) -> None:
         """Finds out what hinders a robot, and says what has changed."""
@@ -203,7 +215,8 @@ class Homing:
         if standing == self._dealt:
             return
         self._dealt = standing
-        fixed = [r for r in self.robots.values() if r.tag in standing and r.pose is not None]
+        stand = {*standing, *self._others}
+        fixed = [r for r in self._all if r.tag in stand and r.pose is not None]
         places = {r.tag: r.pose for r in self.robots.values() if r.pose and r.tag not in standing}
         homes = {robot.tag: robot.own for robot in self.robots.values()}
         found = assign(places, homes, self._kinds, self._way_m(fixed))
@@ -249,7 +262,7 @@ class Homing:
         self.news.append(f"{robot.label} is left where it is{far}: {why.value}")
 
     def _crowd(self, now_ns: int) -> Travellers:
-        robots = list(self.robots.values())
+        robots = self._all
         self._round += 1
         poses = np.array([r.pose or (1e3 + r.tag, 1e3, 0.0) for r in robots])
         discs = self._discs(now_ns)
@@ -276,7 +289,7 @@ class Homing:
 
     def _precedence(self, robot: Traveller) -> tuple[bool, int, int]:
         """Who is at home makes way for all; else who has waited, then who had the longest way."""
-        return robot.near, -robot.pushed, self._rank[robot.tag]
+        return robot.near, -robot.pushed, self._rank.get(robot.tag, 0)
 
     @staticmethod
     def _apart_m(robots: list[Traveller], ends: Floats) -> Floats:
@@ -296,7 +309,7 @@ class Homing:
         wide_m = APART_M + STANDING_M - ROOM_M + 0.01
         rows = [
             (*r.pose[:2], wide_m)
-            for r in self.robots.values()
+            for r in self._all
             if r.pose is not None and r is not but and (not r.moves or (but and r.near))
         ]
         return np.array(rows, dtype=np.float64).reshape(-1, 3)

@@ -23,14 +23,14 @@ from vsense.lab.shared import LabError
 from vsense.lab.swarm import Swarm
 from vsense.lab.truth import TruthReader, make_ring
 from vsense.link.robots.status import RobotStatus
-from vsense.live.session import ExperimentSession, RunSetup
+from vsense.live.session import PATIENCE_S, ExperimentSession, RunSetup
 from vsense.markers.families import load_family
 from vsense.pictures.run_samples import RunSamples
 from vsense.robot import build
 from vsense.run.changing import Ground
 from vsense.run.directory import RunTables, step_row
 from vsense.run.figures import Figures
-from vsense.run.robots import Readiness, shorten
+from vsense.run.robots import Readiness
 from vsense.run.runtime import Step
 from vsense.tracking.arena_tracker import ArenaTracker
 from vsense.tracking.camera_tracking import CameraTracking
@@ -186,13 +186,16 @@ class Session(ExperimentSession):
     def wait_until_ready(self) -> None:
         """Handles timesteps until every robot is connected and every tag is seen.
 
-        Later runs of a series start without those that are missing after `READY_TIMEOUT_S`.
+        Later runs of a series start without those that are missing after `PATIENCE_S`.
 
         Raises:
             LabError: before the first run a daemon has ended, or a robot or tag is still missing
-                after `READY_TIMEOUT_S`, or before any run no robot is there; the message names
-                them.
+                after `READY_TIMEOUT_S`; the message names them.
+            NobodyThere: before a later run no robot is there.
         """
+        if self.runner.control.run > 1:
+            self.wait_for_some(PATIENCE_S)
+            return
         try:
             readiness = self.runner.wait(READY_TIMEOUT_S)
         except VsenseError:
@@ -200,23 +203,21 @@ class Session(ExperimentSession):
             raise
         self._ready = True
         started = self.setup.interrupted.is_set() or self.runner.control.asked
-        if readiness.complete or started:
-            return
-        missing = readiness.missing
-        if self.runner.control.run > 1 and {r.id for r in self.experiment.robots} - set(missing):
-            words = f"starting without {shorten(missing)}; {readiness.missing_text()}"
-            self.setup.console.say(words, "warning")
-        else:
+        if not readiness.complete and not started:
             logs = f" (the robots' logs are in {self.directory / 'robots'})"
             raise LabError(
                 f"the swarm is not ready after {READY_TIMEOUT_S:.0f} s;"
                 f" {readiness.missing_text()}{logs if readiness.absent else ''}"
             )
 
-    def wait_patiently(self, limit_s: float) -> Readiness:
+    def wait_patiently(self, limit_s: float | None) -> Readiness:
         """See `ExperimentSession`; a daemon that ends is told from now on, and the rest goes on."""
         self._ready = True
-        return super().wait_patiently(limit_s)
+        try:
+            return super().wait_patiently(limit_s)
+        except VsenseError:
+            self.floor.check()
+            raise
 
     def _observe(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
         """Checks cameras and daemons; LabError where one has ended before all were ready."""

@@ -27,7 +27,7 @@ from vsense.run.changing import HANDS, Ground
 from vsense.run.control import Control
 from vsense.run.environment import Environment
 from vsense.run.homecoming import Starts, tell_end
-from vsense.run.robots import Readiness, make_server
+from vsense.run.robots import Readiness, battery_words, low_batteries, make_server, shorten
 from vsense.run.runner import Runner
 from vsense.run.runtime import Runtime, Step
 from vsense.run.watch import ArenaSource
@@ -37,6 +37,13 @@ from vsense.tracking.opening import masks_px
 from vsense.ui.access import is_loopback
 from vsense.ui.messages import ExperimentFacts
 from vsense.ui.room import ControlRoom
+
+PATIENCE_S = 10.0
+"""In a series, every run but the first waits this long for robots, then starts without them."""
+
+
+class NobodyThere(VsenseError):
+    """A run cannot begin: not one robot is there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +59,8 @@ class RunSetup:
         room: where the runs are seen and steered.
         made: how the experiment was read, for recordings; see `vsense.recording.resense`.
         starts: where robots drive before each run; None: they stay where they are.
+        battery_v: who has less before a run, when it has driven to its start, rests in it; 0:
+            nobody does.
     """
 
     experiment: Experiment
@@ -64,6 +73,7 @@ class RunSetup:
     room: ControlRoom
     made: Mapping[str, Any] = field(default_factory=dict)
     starts: Starts | None = None
+    battery_v: float = 0.0
 
 
 class ExperimentSession(ABC):
@@ -155,22 +165,52 @@ class ExperimentSession(ABC):
         if step is not None and step.run_timestep >= 0:
             self._batteries.update(step.run_timestep, robots)
 
-    def wait_patiently(self, limit_s: float) -> Readiness:
-        """Waits for all robots, at the longest so long; whoever is missing then may come later."""
+    def wait_patiently(self, limit_s: float | None) -> Readiness:
+        """Waits for all robots, at the longest so long, None: for ever.
+
+        Whoever is missing then may come later.
+        """
         return self.runner.wait(limit_s)
+
+    def wait_for_some(self, limit_s: float | None) -> Readiness:
+        """As `wait_patiently`, and says without whom the run starts.
+
+        Raises:
+            NobodyThere: not one robot is there.
+        """
+        readiness = self.wait_patiently(limit_s)
+        if readiness.complete or self.setup.interrupted.is_set():
+            return readiness
+        missing = readiness.missing
+        if not {robot.id for robot in self.experiment.robots} - set(missing):
+            raise NobodyThere(f"no robot is there; {readiness.missing_text()}")
+        words = f"starting without {shorten(missing)}; {readiness.missing_text()}"
+        self.setup.console.say(words, "warning")
+        return readiness
 
     def home(self) -> Homing | None:
         """Has the robots drive to the starts of the present run, where that is wanted.
 
-        Gives how it went; None where they stay where they are.
+        Gives how it went; None where they stay where they are. Who has too little in its battery
+        by then rests in the run.
         """
-        starts, seed = self.setup.starts, self.environment.seed
-        if starts is None:
-            return None
-        homing = starts.homing(self.environment.experiment, seed)
-        self.runner.home(homing)
-        tell_end(homing, self.setup.console)
+        starts, homing = self.setup.starts, None
+        if starts is not None:
+            homing = starts.homing(self.environment.experiment, self.environment.seed)
+            self.runner.home(homing)
+            if homing.done or homing.spent_s:  # else somebody has ended it before it began
+                tell_end(homing, self.setup.console)
+        self._leave_out_low()
         return homing
+
+    def _leave_out_low(self) -> None:
+        """Has those whose batteries are low rest in the run, and says who they are."""
+        low = low_batteries(self.runner.robots, self.setup.battery_v)
+        for tag, volts in low.items():
+            name = self.runner.robots[tag].name
+            words = f"robot {tag} ({name}) {battery_words(volts)}: it stands in this run"
+            self.setup.console.say(words, "warning")
+        self.server.rest(low)
 
     def next_run(self) -> None:
         """Goes back to before the start of the next run, whose seed is one more."""

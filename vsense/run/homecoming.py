@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass
 from functools import partial
 
@@ -50,8 +50,21 @@ class Starts:
         robots = settle(self.experiment, seed).robots
         return {robot.tag: robot.pose for robot in robots if robot.pose is not None}
 
+    def kinds(self) -> dict[int, Hashable]:
+        """By tag, what robots that may exchange their starts have in common.
+
+        That is the controller, with its devices and settings, the type of robot as the roster has
+        it, and whether it pollutes.
+        """
+        types = dict(self.experiment.casting.types)
+        polluting = {source.tag for source in self.experiment.sources}
+        return {
+            robot.tag: (robot.controller, types.get(robot.tag, ""), robot.tag in polluting)
+            for robot in self.experiment.robots
+        }
+
     def homing(self, settled: Experiment, seed: int) -> Homing:
-        """What brings the robots there; those with the same controller exchange places.
+        """What brings the robots there; those of the same kind exchange places.
 
         Args:
             settled: the experiment with everything in its place.
@@ -60,7 +73,7 @@ class Starts:
         return Homing(
             self.of(seed),
             {robot.tag: robot.id for robot in settled.robots},
-            {robot.tag: robot.controller for robot in settled.robots},
+            self.kinds(),
             DrivingFloor.of(settled, self.virtual_walls),
             self.limits,
         )

@@ -203,6 +203,27 @@ class RobotAlarms:
         return lines
 
 
+def low_batteries(robots: Mapping[int, RobotStatus], limit_v: float) -> dict[int, float]:
+    """Whose batteries are low, by tag: the voltage, 0: only the base says so, and not how low.
+
+    `limit_v` is what they should have at least; 0: no battery is too low.
+    """
+    found = dict[int, float]()
+    for tag, status in robots.items():
+        told = status.telemetry
+        if told is None or limit_v <= 0.0:
+            continue
+        volts = told.battery_mv / 1e3
+        if volts < limit_v if volts else told.battery_low == BATTERY_LOW:
+            found[tag] = volts
+    return found
+
+
+def battery_words(volts: float) -> str:
+    """How low a battery of `low_batteries` is: what follows a robot's name."""
+    return f"has {volts:.2f} V left" if volts else "has a low battery"
+
+
 def _troubles(telemetry: Telemetry) -> list[tuple[str, str, bool]]:
     """Words for each trouble, words for its end, and whether it is present."""
     base_lost = telemetry.stop_cause == StopCause.BASE

@@ -14,7 +14,7 @@ from vsense.homing.homing import Homing
 from vsense.link.robots.status import RobotStatus
 from vsense.run.control import Control, State
 from vsense.run.homecoming import Starts
-from vsense.run.robots import Readiness
+from vsense.run.robots import Readiness, battery_words, low_batteries
 from vsense.run.runs_csv import RunRow, row_of, utc
 from vsense.series.criteria import Evidence
 from vsense.series.order import PlannedRun
@@ -78,12 +78,8 @@ class StagedRun:
 
     def low(self, robots: Mapping[int, RobotStatus]) -> dict[int, str]:
         """By tag, which robots have too little in their batteries for this run."""
-        limit_v, found = self.plan.robots.battery_v, {}
-        for tag, status in robots.items():
-            volts = 0.0 if status.telemetry is None else status.telemetry.battery_mv / 1e3
-            if 0.0 < volts < limit_v:
-                found[tag] = f"has {volts:.2f} V left, and drove home"
-        return found
+        found = low_batteries(robots, self.plan.robots.battery_v)
+        return {tag: f"{battery_words(volts)}, and drove home" for tag, volts in found.items()}
 
     @property
     def starts(self) -> Starts | None:

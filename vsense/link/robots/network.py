@@ -184,7 +184,7 @@ class ServerThread:
         if self.hushed:
             robot.plan(now_ns)
             return
-        packet = robot.state(self._shared.roster.orders, now_ns)
+        packet = robot.state(self._shared.roster.orders.of(robot.tag), now_ns)
         by_tcp = surely or robot.by_tcp(now_ns)
         for way in robot.ways(now_ns):
             try:
@@ -242,7 +242,7 @@ class ServerThread:
         """The first STATE, which follows the WELCOME; b"": none leaves any more."""
         if self.hushed:
             return b""
-        orders = self._shared.roster.orders
+        orders = self._shared.roster.orders.of(pending.robot.tag)
         return pending.robot.first_state(pending, orders, self._shared.clock())
 
     def _opened(self) -> None:

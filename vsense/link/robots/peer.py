@@ -7,7 +7,7 @@ distinguishes them. A robot that was just welcomed may try UDP for a second befo
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from vsense.link.robots.status import EventKind
@@ -56,12 +56,18 @@ class Orders:
     """What the host wants of all robots, repeated in every STATE.
 
     `run` is the run's number, which never goes down. With RUN, `from_timestep` is the first
-    timestep in which the robots run.
+    timestep in which the robots run; those of `resting` stand meanwhile.
     """
 
     run: int = 1
     wanted: Wanted = Wanted.IDLE
     from_timestep: int = 0
+    resting: frozenset[int] = frozenset()
+
+    def of(self, tag: int) -> Orders:
+        """What the robot with a tag is told."""
+        stands = self.wanted == Wanted.RUN and tag in self.resting
+        return replace(self, wanted=Wanted.IDLE) if stands else self
 
 
 SEQUENCE_RESERVE = 1000

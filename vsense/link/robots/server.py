@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 
 from vsense.clock import host_ns
@@ -142,6 +142,14 @@ class VirtualSensorServer:
             self._order(orders)
         self._send_orders(network, repeat=wanted == Wanted.STOP)
 
+    def rest(self, tags: Collection[int]) -> None:
+        """Has robots with these tags stand while others run, and nobody else, until the next run.
+
+        They drive home as the others do.
+        """
+        with self._lock:
+            self._roster.orders = replace(self._roster.orders, resting=frozenset(tags))
+
     def new_run(self, seed: int) -> int:
         """Begins a new run, all robots idle, no reading measured yet; returns its number.
 
@@ -169,7 +177,7 @@ class VirtualSensorServer:
         for tag, robot in self._roster.robots.items():
             with self._lock:
                 status = robot.status(self._clock())
-                wanted, ordered_ns = self._roster.orders.wanted, self._ordered_ns
+                wanted, ordered_ns = self._roster.orders.of(tag).wanted, self._ordered_ns
             found[tag] = replace(status, wanted=wanted, ordered_ns=ordered_ns)
         return found
 

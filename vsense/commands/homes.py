@@ -1,0 +1,61 @@
+"""Options that say where robots drive before a run, and who does not play in it."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, Any
+
+from vsense.commands import arguments
+from vsense.config.experiment import first_robots
+from vsense.config.specs import Experiment
+
+if TYPE_CHECKING:
+    from vsense.run.homecoming import Starts
+
+MOST_VOLTS = 10.0
+
+
+def add_home(group: Any) -> None:
+    """Declares them."""
+    arguments.flag(
+        group,
+        "--home",
+        "before each run the robots drive to their starts by themselves: where the file places"
+        " them, or the run's seed; robots of the same kind (controller, base) exchange places",
+    )
+    arguments.flag(
+        group,
+        "--home-virtual-walls",
+        "as --home, and on their ways they keep clear of virtual walls, too",
+    )
+    arguments.option(
+        *(group, "--battery", _volts, "VOLTS"),
+        "before each run: robots with less in their batteries, or whose bases say only that it is"
+        " low, are named, drive to their starts and rest there while the others run, until they"
+        " have another one (default: 0, nobody rests)",
+        0.0,
+    )
+
+
+def starts_of(options: argparse.Namespace, experiment: Experiment) -> Starts | None:
+    """Where robots drive before each run of an experiment of which nothing is placed yet.
+
+    None: they stay where they are. ConfigError: there is no place for all.
+    """
+    if not (options.home or options.home_virtual_walls):
+        return None
+    from vsense.run.homecoming import Starts
+
+    starts = Starts(first_robots(experiment, options.robots), options.home_virtual_walls)
+    starts.of(1)
+    return starts
+
+
+def _volts(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0.0 <= value <= MOST_VOLTS:
+        raise argparse.ArgumentTypeError(f"'{text}': expected 0 to {MOST_VOLTS:g} V, such as 3.5")
+    return value
