@@ -55,6 +55,13 @@ def test_what_a_daemon_received_of_an_earlier_server_does_not_count() -> None:
     assert (counters.received, counters.dropped) == (138, 1)
 
 
+def test_no_more_is_received_than_was_sent() -> None:
+    counters = LinkCounters()
+    counters.update({7: status(3, received=1811)})
+    counters.update({7: status(100, received=1909)})
+    assert (counters.sent, counters.received) == (100, 100), "two of the three were on their way"
+
+
 def test_replaced_guard_is_told_once_and_again_after_a_restart() -> None:
     counters = LinkCounters()
     assert counters.update({7: status(1, received=1)}) == []

@@ -276,7 +276,9 @@ class LinkCounters:
         self.sent = sum(status.sent for status in robots.values()) - sent
         self.sessions = sum(status.sessions for status in robots.values())
         heard = [r.newest for r in self._robots.values() if r.newest is not None]
-        self.received = self._before("received") + sum(_taken(t) for t in heard) - received
+        taken = self._before("received") + sum(_taken(t) for t in heard) - received
+        # Of who was on before, what was on its way to it when it was first heard is not known.
+        self.received = min(taken, self.sent)
         self.dropped = self._before("dropped") + sum(_dropped(t) for t in heard) - dropped
         return replaced
 
