@@ -64,6 +64,7 @@ def test_who_has_too_little_in_its_battery_is_named_and_rests(
     made.setup.starts, made.setup.battery_v = None, limit_v
     assert made.home() is None
     assert rested == [resting]
+    assert made.resting == tuple(f"epuck_{tag}" for tag in sorted(resting))
     words = {1: "has 3.40 V left", 2: "has a low battery"}
     assert said == [
         f"warning: robot {tag} (epuck_{tag}) {words[tag]}: it stands in this run"

@@ -168,7 +168,7 @@ def test_runs_of_lab_and_run_become_rows(tmp_path: Path) -> None:
     for number, (ended, more) in enumerate(
         [
             ("time", {"per_robot": [{"battery_mv": 3900}, {"battery_mv": None}]}),
-            ("stopped by keyboard", {"blind": True}),
+            ("stopped by keyboard", {"blind": True, "resting": [experiment().robots[0].id]}),
             ("", {"swarm": {"in_cone_before_turn": 4, "lit_after_turn": None}}),
         ],
         start=1,
@@ -180,6 +180,8 @@ def test_runs_of_lab_and_run_become_rows(tmp_path: Path) -> None:
     assert (first.condition, first.batteries_v, first.late) == ("sensor.noise=0.2", (3.9,), 0.08)
     assert (second.condition, second.verdict) == ("blind, sensor.noise=0.2", "void")
     assert second.why == "stopped by keyboard before its end"
+    tags = tuple(robot.tag for robot in experiment().robots)
+    assert (first.robots, first.tags, second.robots, second.tags) == (2, tags, 1, tags[1:])
     assert third.measures == {"in_cone_before_turn": 4.0, "items_home": 3.0}
     assert third.why == "failed before its end"
     endless = RunRows(tmp_path / "b", "lab", {}, experiment(timesteps=0))

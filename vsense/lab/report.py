@@ -130,6 +130,7 @@ def summarise(session: Session, number: int, measured: metrics.MeasuredRun) -> d
         "seed": recording.seed,
         "blind": session.setup.blind,
         "robots": len(session.experiment.robots),
+        "resting": list(recording.resting),
         "cameras": len(session.cameras),
         "pace": clock.pace(),
         "light_level": recording.light_level,

@@ -69,6 +69,7 @@ class RunNotes:
 
     Attributes:
         directory: where the run's figures go.
+        resting: robots that were not in it, as `ExperimentSession.resting`.
         ended: what ended it, as `Runner.ended`.
         steps: the run's timesteps.
         tracking: what was read of the markers, against the truth.
@@ -84,6 +85,7 @@ class RunNotes:
     tracking: TrackingTally
     seed: int
     directory: Path
+    resting: tuple[str, ...] = ()
     ended: str = ""
     measures: dict[str, float] = field(default_factory=dict)
     steps: StepTimes = field(default_factory=StepTimes)
@@ -245,6 +247,7 @@ class Session(ExperimentSession):
         tracking = TrackingTally(self._tags)
         seed = self.environment.seed
         notes = RunNotes(RunSamples(self.experiment), tracking, seed, directory)
+        notes.resting = self.resting
         self.recordings.append(notes)
         canary = Canary()
         self._stack.callback(canary.close)

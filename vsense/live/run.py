@@ -104,6 +104,7 @@ class OneRun:
             "seed": environment.seed,
             "blind": environment.blind,
             "robots": len(self._experiment.robots),
+            "resting": list(session.resting),
             "source": session.source.figures(),
             **self._figures.summary(session.runner, self._readiness, self._results),
         }

@@ -82,10 +82,12 @@ class ExperimentSession(ABC):
     Attributes:
         environment: the virtual world of the present run.
         runner: waits for the robots and carries out the runs.
+        resting: robots that are not in the present run, by name: their batteries are low.
         quiet: kinds of link events that are not printed.
     """
 
     quiet: frozenset[EventKind] = frozenset()
+    resting: tuple[str, ...] = ()
 
     def __init__(self, setup: RunSetup, legacy_port: int | None = None) -> None:
         """Makes the first world; `legacy_port` is for robots with the original's client."""
@@ -210,6 +212,7 @@ class ExperimentSession(ABC):
             name = self.runner.robots[tag].name
             words = f"robot {tag} ({name}) {battery_words(volts)}: it stands in this run"
             self.setup.console.say(words, "warning")
+        self.resting = tuple(self.runner.robots[tag].name for tag in low)
         self.server.rest(low)
 
     def next_run(self) -> None:

@@ -250,6 +250,7 @@ def row_of(
     whole = ended == "time" or not experiment.timesteps
     swarm = {name: n for name, n in summary.get("swarm", {}).items() if n is not None}
     volts = [robot["battery_mv"] for robot in summary.get("per_robot", ())]
+    resting = summary.get("resting", ())
     return RunRow(
         run="",
         mode=mode,
@@ -257,8 +258,8 @@ def row_of(
         condition=condition,
         seed=summary["seed"],
         duration_s=summary["duration_s"],
-        robots=summary["robots"],
-        tags=[robot.tag for robot in experiment.robots],
+        robots=summary["robots"] - len(resting),
+        tags=[robot.tag for robot in experiment.robots if robot.id not in resting],
         batteries_v=[mv / 1000.0 for mv in volts if mv],
         light_level=summary.get("light_level"),
         late=summary["late_timesteps"] / steps if steps else None,

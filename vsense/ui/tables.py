@@ -171,7 +171,7 @@ def shown(values: Shown) -> dict[str, float | str | None]:
     }
 
 
-_STATES = {state.value: state.name.lower() for state in Wanted}
+_STATES = {state.value: state.name.lower() for state in Wanted} | {Wanted.HOME.value: "homing"}
 
 _TOLD = (
     *("state", "stop_cause", "battery_mv", "battery_low", "leds", "left_steps_s"),
