@@ -99,6 +99,8 @@ class ExpectedRobot:
         params: lines "key=value\\n" for its controller.
         program: its controller, None: not known.
         strict: one that calls itself otherwise is turned away even where all robots have this one.
+        exact: so is one whose controller is made of another source than the file's and than those
+            of all others that have this one: it was not there when they were deployed.
     """
 
     name: str
@@ -106,6 +108,7 @@ class ExpectedRobot:
     params: str = ""
     program: ToldProgram | None = None
     strict: bool = False
+    exact: bool = False
 
 
 class SessionTable:
@@ -119,7 +122,7 @@ class SessionTable:
         draw: source of session numbers: uniform 32-bit numbers.
 
     Attributes:
-        robots: every expected robot by its tag; never changes.
+        robots: every expected robot by its tag; `recast` replaces it as a whole.
 
     Raises:
         WireError: params or timestep do not fit a WELCOME.
@@ -142,7 +145,10 @@ class SessionTable:
         self._trust = trust
         self._by_session: dict[int, HostSession] = {}
         self._pending: dict[int, PendingSession] = {}
-        for tag, robot in expected.items():
+        self._check_welcomes()
+
+    def _check_welcomes(self) -> None:
+        for tag, robot in self._expected.items():
             header = Header(PacketType.WELCOME, session=1, table_hash=robot.table.hash)
             encode(header, self._welcome(tag))
 
@@ -150,8 +156,24 @@ class SessionTable:
         """No reading of the new run is measured yet; sessions with another seed are over."""
         for robot in self.robots.values():
             robot.forget()
-            robot.reseeded = robot.open and seed != self._seed
+            robot.reseeded = robot.open and (robot.reseeded or seed != self._seed)
         self._seed = seed
+
+    def recast(self, expected: Mapping[int, ExpectedRobot]) -> list[HostSession]:
+        """Expects other robots from now on; those that stay keep their sessions.
+
+        Gives those that have left, whose sessions the caller ends. Raises as the constructor does.
+        """
+        before, self._expected = self.robots, dict(expected)
+        self._check_welcomes()
+        self.robots = {
+            tag: before.get(tag) or HostSession(tag, robot.name, robot.table)
+            for tag, robot in expected.items()
+        }
+        gone = [robot for tag, robot in before.items() if tag not in expected]
+        self._pending = {n: p for n, p in self._pending.items() if p.robot not in gone}
+        self._by_session = {r.peer.session: r for r in self.robots.values() if r.open}
+        return gone
 
     def of_session(self, session: int) -> HostSession | None:
         """The robot whose open session has this number."""
@@ -189,7 +211,7 @@ class SessionTable:
             return refuse(RefuseCode.ROOM, text)
         expected = self._expected[hello.tag]
         runs, wanted = ToldProgram(hello.controller, hello.hash), expected.program
-        if wanted is not None and self._is_anothers(runs, wanted, expected.strict):
+        if wanted is not None and self._is_refused(expected, runs, wanted):
             robot.refused = f"runs {runs}, expected {wanted}"
             text = f"{robot.name} {robot.refused}: see vsense robot deploy"
             return refuse(RefuseCode.CONTROLLER, text)
@@ -211,6 +233,8 @@ class SessionTable:
         """
         heard = pending.peer.receive_telemetry(packet, source is not None, now_ns)
         if heard is None:
+            return None
+        if self._pending.get(pending.peer.session) is not pending:
             return None
         self.withdraw(pending)
         robot, hello, run = pending.robot, pending.greeting.hello, self.orders.run
@@ -283,6 +307,16 @@ class SessionTable:
     def _turn_away(self, greeting: Greeting, now_ns: int, code: RefuseCode, text: str) -> Answer:
         tag, packet = greeting.hello.tag, greeting.packet
         return self.refuse(code, text, greeting.origin, now_ns, tag, packet, greeting.root)
+
+    def _is_refused(self, expected: ExpectedRobot, runs: ToldProgram, wanted: ToldProgram) -> bool:
+        """Whether a robot runs what it must not."""
+        if self._is_anothers(runs, wanted, expected.strict or expected.exact):
+            return True
+        if not expected.exact or runs.is_same(wanted):
+            return False
+        told = {tag: robot.runs for tag, robot in self.robots.items() if robot.open}
+        fellows = [told[t] for t, r in self._expected.items() if t in told and r.program == wanted]
+        return not any(runs.is_same(ToldProgram(*fellow)) for fellow in fellows)
 
     def _is_anothers(self, runs: ToldProgram, wanted: ToldProgram, strict: bool) -> bool:
         """Whether a robot runs a program that its sensor table is not for.
