@@ -31,6 +31,7 @@ from vsense.link.robots.wire import (
     session_keys,
 )
 from vsense.native import WireError, ffi, lib
+from vsense.run.robots import Readiness
 
 S = 1_000_000_000
 TABLE = Table([Entry(1, "pollutant", "f4")])
@@ -314,8 +315,10 @@ def test_who_is_put_in_has_the_files_controller_or_that_of_its_fellows() -> None
     ours.recast({5: robots[5], 37: replace(robots[6], exact=True)})
     for runs in (ToldProgram("ant", "other"), ToldProgram("bee", "new2")):
         event, _ = join(ours, running(37, runs), "c:1", S)
-        assert event.kind == "refused" and "see vsense robot deploy" in event.text
-        assert ours.robots[37].refused.startswith(f"runs '{runs.name}' ({runs.hash}), expected")
+        assert event.kind == "refused" and "with 'vsense robot deploy'" in event.text
+        why = ours.robots[37].refused
+        assert why.startswith(f"runs '{runs.name}' ({runs.hash}), expected 'ant' (new): bring")
+        assert Readiness.of({37: "b"}, {}, (), (), {37: why}).away == {"b": "robot 37: deploy"}
     for number, runs in enumerate((older, file)):
         event, _ = join(ours, running(37, runs), "c:1", (3 + number) * S)
         assert event.kind in ("connected", "reconnected", "takeover"), event.text

@@ -35,6 +35,7 @@ TAKEN_OVER = "the same robot opened a newer session"
 
 BRING = "'vsense robot deploy'"
 DEPLOY = f"bring it one with {BRING}"
+DEPLOY_IT = f"bring it that with {BRING}"
 FORMER = f"start its vsensed anew, or bring it the newest with {BRING}"
 OLDER = f"runs an older vsensed: bring it this one with {BRING}"
 
@@ -99,8 +100,8 @@ class ExpectedRobot:
         params: lines "key=value\\n" for its controller.
         program: its controller, None: not known.
         strict: one that calls itself otherwise is turned away even where all robots have this one.
-        exact: so is one whose controller is made of another source than the file's and than those
-            of all others that have this one: it was not there when they were deployed.
+        exact: it runs what the file has, or another robot with the same controller; any other is
+            turned away: it may not have been there when they were deployed.
     """
 
     name: str
@@ -145,10 +146,7 @@ class SessionTable:
         self._trust = trust
         self._by_session: dict[int, HostSession] = {}
         self._pending: dict[int, PendingSession] = {}
-        self._check_welcomes()
-
-    def _check_welcomes(self) -> None:
-        for tag, robot in self._expected.items():
+        for tag, robot in expected.items():
             header = Header(PacketType.WELCOME, session=1, table_hash=robot.table.hash)
             encode(header, self._welcome(tag))
 
@@ -162,10 +160,10 @@ class SessionTable:
     def recast(self, expected: Mapping[int, ExpectedRobot]) -> list[HostSession]:
         """Expects other robots from now on; those that stay keep their sessions.
 
-        Gives those that have left, whose sessions the caller ends. Raises as the constructor does.
+        A part's table and params are those of before. Gives the robots that have left, whose
+        sessions the caller ends.
         """
         before, self._expected = self.robots, dict(expected)
-        self._check_welcomes()
         self.robots = {
             tag: before.get(tag) or HostSession(tag, robot.name, robot.table)
             for tag, robot in expected.items()
@@ -213,7 +211,9 @@ class SessionTable:
         runs, wanted = ToldProgram(hello.controller, hello.hash), expected.program
         if wanted is not None and self._is_refused(expected, runs, wanted):
             robot.refused = f"runs {runs}, expected {wanted}"
-            text = f"{robot.name} {robot.refused}: see vsense robot deploy"
+            robot.refused += f": {DEPLOY_IT}" if expected.exact else ""
+            way_out = "" if expected.exact else ": see vsense robot deploy"
+            text = f"{robot.name} {robot.refused}{way_out}"
             return refuse(RefuseCode.CONTROLLER, text)
         notes = [self._key_note(found.key)]
         if wanted is not None and not runs.is_same(wanted):
@@ -310,13 +310,11 @@ class SessionTable:
 
     def _is_refused(self, expected: ExpectedRobot, runs: ToldProgram, wanted: ToldProgram) -> bool:
         """Whether a robot runs what it must not."""
-        if self._is_anothers(runs, wanted, expected.strict or expected.exact):
-            return True
-        if not expected.exact or runs.is_same(wanted):
-            return False
-        told = {tag: robot.runs for tag, robot in self.robots.items() if robot.open}
+        if not expected.exact:
+            return self._is_anothers(runs, wanted, expected.strict)
+        told = {tag: ToldProgram(*robot.runs) for tag, robot in self.robots.items() if robot.open}
         fellows = [told[t] for t, r in self._expected.items() if t in told and r.program == wanted]
-        return not any(runs.is_same(ToldProgram(*fellow)) for fellow in fellows)
+        return not any(runs.is_same(program) for program in (wanted, *fellows))
 
     def _is_anothers(self, runs: ToldProgram, wanted: ToldProgram, strict: bool) -> bool:
         """Whether a robot runs a program that its sensor table is not for.
