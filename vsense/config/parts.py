@@ -135,6 +135,13 @@ def parts_of(experiment: Experiment) -> dict[int, int]:
 
 def spares_for(experiment: Experiment) -> list[int]:
     """The roster's robots that work and do not play, spares first."""
-    casting, playing = experiment.casting, {robot.tag for robot in experiment.robots}
-    spares = [tag for tag, why in casting.others if why == SPARE]
-    return [tag for tag in (*spares, *casting.free) if tag not in playing]
+    playing = {robot.tag for robot in experiment.robots}
+    free = (tag for tag in experiment.casting.free if tag not in playing)
+    return [*only_spares(experiment), *free]
+
+
+def only_spares(experiment: Experiment) -> list[int]:
+    """The roster's spares that work and do not play."""
+    playing = {robot.tag for robot in experiment.robots}
+    others = experiment.casting.others
+    return [tag for tag, why in others if why == SPARE and tag not in playing]

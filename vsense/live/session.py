@@ -12,7 +12,7 @@ from vsense.calibration.checked import of_tracking
 from vsense.cameras.camera import Camera
 from vsense.cameras.grabber import Troubles
 from vsense.config.casting import Pair
-from vsense.config.parts import parts_of, recast, spares_for
+from vsense.config.parts import only_spares, parts_of, recast, spares_for
 from vsense.config.specs import Experiment
 from vsense.errors import VsenseError
 from vsense.files import read_bytes
@@ -29,6 +29,7 @@ from vsense.run.changing import HANDS, Ground
 from vsense.run.control import Control, State
 from vsense.run.environment import Environment
 from vsense.run.homecoming import Starts, tell_end
+from vsense.run.orders import OrderError
 from vsense.run.recasting import Recasting
 from vsense.run.robots import (
     Readiness,
@@ -118,6 +119,7 @@ class ExperimentSession(ABC):
         lease = lambda tag: setup.lease([tag])  # noqa: E731
         self._recasting = Recasting(lambda: self.experiment, lease, self._unable)
         self._put_in: set[int] = set()
+        self._emptied: set[int] = set()
         roster = setup.experiment.casting.roster
         self._batteries = RunBatteries(roster, setup.experiment.timestep_s)
 
@@ -264,6 +266,19 @@ class ExperimentSession(ABC):
             text = f"robot {new} plays {whose} ({name}) from run {run} on"
             self.setup.console.say(f"{wish.by}: {text}", "warning")
 
+    def _put_in_spares(self) -> None:
+        """Has the roster's spares play for robots whose batteries are low, while there are some."""
+        if isinstance(self.server, MixedServer):
+            return
+        low = low_batteries(self.runner.robots, self.setup.battery_v)
+        spares = [t for t in only_spares(self.experiment) if t not in self._emptied | low.keys()]
+        for (tag, volts), spare in zip(low.items(), spares):
+            self._emptied.add(tag)
+            try:
+                self._recasting.ask((tag, spare), f"robot {tag} {battery_words(volts)}")
+            except OrderError as error:
+                self.setup.console.say(f"no spare for robot {tag}: {error}", "warning")
+
     def _recast(self, pair: Pair) -> None:
         experiment, settled = recast(self.experiment, pair), self.environment.experiment
         environment = self.environment.recast(recast(settled, pair))
@@ -280,6 +295,7 @@ class ExperimentSession(ABC):
 
     def next_run(self) -> None:
         """Goes back to before the start of the next run, whose seed is one more."""
+        self._put_in_spares()
         self._between()
         self.environment = self.environment.following()
         self.runner.next_run(self.environment)
