@@ -6,6 +6,7 @@ import ctypes
 import importlib.util
 import os
 import shutil
+import subprocess
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NoReturn
@@ -137,6 +138,14 @@ def require_zig() -> None:
     """Skips the test (under CI: fails it) where the pinned cross compiler is not installed."""
     if importlib.util.find_spec("ziglang") is None:
         lack(f"needs ziglang: {pip_line('ziglang')}")
+
+
+def require_own_network() -> None:
+    """Skips the test (under CI: fails it) where nobody may make a network of one's own."""
+    unshare = require_tool("unshare", "util-linux")
+    allowed = subprocess.run([unshare, "--net", "--mount", "true"], capture_output=True, text=True)
+    if allowed.returncode != 0 or not os.access("/dev/net/tun", os.R_OK | os.W_OK):
+        lack(f"no network namespaces or no /dev/net/tun here: {allowed.stderr.strip()}")
 
 
 def lack(text: str) -> NoReturn:

@@ -45,7 +45,6 @@ SHORT = {
         f"vsense.commands.{name}": "one file per command"
         for name in ("docs", "doctor", "new", "serve")
     },
-    "vsense.run.orders": "needs nothing, for the emergency stop",
 }
 """Modules below `PYTHON_MIN` lines, and why. Every `__init__` may be short, and so may the examples
 in `vsense/experiments/` and every kind of virtual sensor or actuator: one file each."""

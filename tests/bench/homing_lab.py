@@ -13,7 +13,6 @@ import argparse
 import json
 import os
 import signal
-import subprocess
 import sys
 import time
 from collections.abc import Mapping
@@ -231,7 +230,11 @@ def main(words: list[str] | None = None) -> int:
         return inside(options)
     command = ["unshare", "--net", sys.executable, "-m", "tests.bench.homing_lab", *words]
     environment = {**os.environ, INSIDE: "1", "PYTHONPATH": str(CHECKOUT)}
-    return subprocess.run(command, cwd=CHECKOUT, env=environment).returncode
+    os.chdir(CHECKOUT)
+    try:
+        os.execvpe(command[0], command, environment)
+    except OSError as error:
+        raise SystemExit(f"unshare (package util-linux): {error.strerror}") from None
 
 
 if __name__ == "__main__":

@@ -61,7 +61,6 @@ def test_a_roster_is_read(lab: Path) -> None:
     assert found.tags == (23, 24, 25) and [robot.line for robot in found.robots] == [6, 22, 29]
     assert (left.host, left.name, left.base) == ("root@192.168.1.30", "left", "argos:/dev/ttyS0")
     assert left.uid == "0f3a0000000000000000000000000001"
-    assert found.of_uid(left.uid.upper()) is left and found.of_uid("") is None
     assert found.get(24) is spare and found.get(1) is None
     assert [robot.is_ready for robot in found.robots] == [True, False, False]
     assert spare.board == {

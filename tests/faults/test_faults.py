@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import sys
@@ -13,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.conftest import lack, require_tool
+from tests.conftest import require_own_network
 from tests.faults.faults import Fault
 from tests.faults.judge import Wheels, Window, judge, judge_end, judge_kill
 from vsense.lab.microcontrollers import ACTUATION
@@ -24,10 +23,7 @@ BEGUN, ENDED, UNTIL = 1000 * MS, 2000 * MS, 5000 * MS
 
 
 def test_six_faults_break_no_promise() -> None:
-    unshare = require_tool("unshare", "util-linux")
-    allowed = subprocess.run([unshare, "--net", "--mount", "true"], capture_output=True, text=True)
-    if allowed.returncode != 0 or not os.access("/dev/net/tun", os.R_OK | os.W_OK):
-        lack(f"no network namespaces or no /dev/net/tun here: {allowed.stderr.strip()}")
+    require_own_network()
     command = [sys.executable, "-m", "tests.faults.campaign", "--seeds", "6", "--seed", "1"]
     done = subprocess.run(command, cwd=Path(__file__).parents[2], capture_output=True, text=True)
     print(done.stdout)

@@ -21,7 +21,7 @@ from vsense.clock import host_ns
 from vsense.lab.backdrop import Block
 from vsense.lab.bodies import Body
 from vsense.lab.camera_spec import LabCameraSpec, rig
-from vsense.lab.cameras import SAMPLES
+from vsense.lab.cameras import SAMPLES, Input
 from vsense.lab.grabber import LabGrabber
 from vsense.lab.optics import sample_times_ns
 from vsense.lab.renderer import Studio
@@ -275,3 +275,15 @@ def test_rig_refuses_an_arena_that_is_too_large() -> None:
         rig(Arena((100.0, 20.0, 1.0), (0.0, 0.0, 0.5)))
     with pytest.raises(LabError, match=r"8 x 8 m: 1 x 1 cameras would have to hang 10\.7 m high"):
         rig(Arena((8.0, 8.0, 1.0), (0.0, 0.0, 0.5)), (1, 1))
+
+
+def test_lines_are_read_while_nobody_waits_for_them() -> None:
+    source, target = os.pipe()
+    stdin = Input(source)
+    os.write(target, b'{"row": 0}\nhalf')
+    assert stdin.wait(0) and stdin.lines() == [b'{"row": 0}'] and stdin.lines() == []
+    os.write(target, b" a line\n")
+    assert stdin.wait(0) and stdin.lines() == [b"half a line"]
+    os.close(target)
+    assert not stdin.wait(0)
+    os.close(source)

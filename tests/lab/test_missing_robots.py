@@ -9,6 +9,8 @@ from types import SimpleNamespace
 import pytest
 
 from tests.run.stage import status
+from vsense.config.casting import Casting
+from vsense.config.roster import SPARE
 from vsense.lab.session import Session
 from vsense.lab.shared import LabError
 from vsense.link.robots.wire import Telemetry
@@ -64,11 +66,26 @@ def test_who_has_too_little_in_its_battery_is_named_and_rests(
     made.setup.starts, made.setup.battery_v = None, limit_v
     assert made.home() is None
     assert rested == [resting]
+    assert made.resting == tuple(f"epuck_{tag}" for tag in sorted(resting))
     words = {1: "has 3.40 V left", 2: "has a low battery"}
     assert said == [
         f"warning: robot {tag} (epuck_{tag}) {words[tag]}: it stands in this run"
         for tag in sorted(resting)
     ]
+
+
+def test_a_spare_plays_from_the_next_run_on_where_there_is_one() -> None:
+    made, _ = session(2, {1, 2})
+    low = Telemetry(battery_mv=3400)
+    made.runner.robots = {tag: status(tag, f"epuck_{tag}", telemetry=low) for tag in (1, 2)}
+    made.setup.battery_v, made._emptied, asked = 3.5, {8}, list[tuple[tuple[int, int], str]]()
+    made.server, made._recasting = None, SimpleNamespace(ask=lambda *wish: asked.append(wish))
+    playing = [SimpleNamespace(tag=tag) for tag in (1, 2)]
+    casting = Casting(others=((7, "out of order: limps"), (8, SPARE), (2, SPARE), (9, SPARE)))
+    made.experiment = SimpleNamespace(robots=playing, casting=casting)
+    made._put_in_spares()
+    assert asked == [((1, 9), "robot 1 has 3.40 V left")], "8 was low itself, 2 plays"
+    assert made._emptied == {1, 8}
 
 
 def test_who_is_there_is_not_waited_for() -> None:

@@ -286,3 +286,12 @@ def test_an_object_is_put_where_a_line_says(process: PhysicsProcess, ring: Share
                  b'{"put": 0, "x_m": NaN, "y_m": 0, "yaw_rad": 0}', b"[1]"):  # fmt: skip
         with pytest.raises(UsageError, match="put"):
             process.put(line)
+
+
+def test_another_robot_stands_where_one_stood(process: PhysicsProcess) -> None:
+    process.put(b'{"rebuild": 0, "built": [1.02, 0.97, 0.0535]}')
+    for line in (b'{"rebuild": 9, "built": [1, 1, 1]}', b'{"rebuild": -1, "built": [1, 1, 0.05]}',
+                 b'{"rebuild": 0, "built": [1, 0, 0.05]}', b'{"rebuild": 0, "built": [1, 1]}',
+                 b'{"rebuild": 0, "built": [1, 1, NaN]}', b'{"rebuild": 0}'):  # fmt: skip
+        with pytest.raises(UsageError, match="put"):
+            process.put(line)

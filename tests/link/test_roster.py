@@ -31,6 +31,7 @@ from vsense.link.robots.wire import (
     session_keys,
 )
 from vsense.native import WireError, ffi, lib
+from vsense.run.robots import Readiness
 
 S = 1_000_000_000
 TABLE = Table([Entry(1, "pollutant", "f4")])
@@ -277,3 +278,47 @@ def test_where_all_have_one_controller_another_source_is_told_and_taken() -> Non
     (same, _), (other, _) = (join(ours, greeting(5, "predator", d * 12), "here", S) for d in "13")
     assert same.text.endswith("connected from here, controller predator, without a key")
     assert "'predator' (333333333333); the file's is 'predator' (111111111111)" in other.text
+
+
+def test_other_robots_are_expected_between_runs_and_who_stays_stays() -> None:
+    ours = roster()
+    join(ours, hello(5), "a:1", S)
+    join(ours, hello(6), "b:1", S)
+    kept = ours.robots[5]
+    expected = {tag: ExpectedRobot(f"epuck_{tag}", TABLE) for tag in (5, 37)}
+    offered = ours.greet(hello(6), "b:2", S).pending
+    (gone,) = ours.recast(expected)
+    assert (gone.tag, gone.open) == (6, True), "its session is the caller's to end"
+    assert ours.robots[5] is kept and kept.open
+    assert ours.of_session(gone.peer.session) is None
+    # What was offered to who has left is offered no more.
+    assert offered is not None and ours.prove(offered, b"", None, S) is None
+    refused, _ = join(ours, hello(6), "b:1", 2 * S)
+    assert "tag 6 is not in this experiment; expected: 5, 37" in refused.text
+    event, _ = join(ours, hello(37), "c:1", 2 * S)
+    assert event.kind == "connected" and ours.robots[37].open
+
+
+def running(tag: int, program: ToldProgram) -> bytes:
+    told = Hello(b"a" * 16, tag, "name", program.name, hash=program.hash)
+    return encode(Header(PacketType.HELLO), told)
+
+
+def test_who_is_put_in_has_the_files_controller_or_that_of_its_fellows() -> None:
+    file, older = ToldProgram("ant", "new"), ToldProgram("ant", "old")
+    robots = {
+        5: ExpectedRobot("a", TABLE, program=file),
+        6: ExpectedRobot("b", TABLE, program=file),
+    }
+    ours = SessionTable(robots, 10**8, 1, INSECURE)
+    join(ours, running(5, older), "a:1", S)
+    ours.recast({5: robots[5], 37: replace(robots[6], exact=True)})
+    for runs in (ToldProgram("ant", "other"), ToldProgram("bee", "new2")):
+        event, _ = join(ours, running(37, runs), "c:1", S)
+        assert event.kind == "refused" and "with 'vsense robot deploy'" in event.text
+        why = ours.robots[37].refused
+        assert why.startswith(f"runs '{runs.name}' ({runs.hash}), expected 'ant' (new): bring")
+        assert Readiness.of({37: "b"}, {}, (), (), {37: why}).away == {"b": "robot 37: deploy"}
+    for number, runs in enumerate((older, file)):
+        event, _ = join(ours, running(37, runs), "c:1", (3 + number) * S)
+        assert event.kind in ("connected", "reconnected", "takeover"), event.text

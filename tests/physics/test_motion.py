@@ -279,3 +279,18 @@ def test_to_advance_is_to_tick_on_the_grid(seed, time_ns) -> None:
         other.tick(tick_ns)
     other.tick(time_ns)
     np.testing.assert_array_equal(one.poses, other.poses)
+
+
+def test_a_robot_that_is_put_in_drives_as_it_is_built() -> None:
+    built = (1.02, 0.97, 0.0535)
+    poses = [[0.0, 0.0, 0.3], [0.0, 0.5, 0.3]]
+    meant = Physics(poses, [], [], 0, built=np.array([built, (1.0, 1.0, AXLE_M)]))
+    nominal, rebuilt = Physics(poses, [], [], 0), Physics(poses, [], [], 0)
+    rebuilt.rebuild(0, built)
+    for physics in (meant, nominal, rebuilt):
+        for robot in range(2):
+            physics.drive(robot, 400, 300, 0)
+        for tick in range(1, 101):
+            physics.tick(tick * TICK_NS)
+    assert (rebuilt.poses == meant.poses).all()
+    assert (rebuilt.poses[0] != nominal.poses[0]).all()

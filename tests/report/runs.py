@@ -103,6 +103,9 @@ def messages(
     yield Message("/experiment", BEGIN_NS, experiment(name, blind, seed))
     yield Message("/world", BEGIN_NS, world())
     yield Message("/event", BEGIN_NS, {"text": "here <we> go", "level": "info", "by": "viewer 1"})
+    parts = {"part": [DRIVER, BLINKER], "name": ["driver", "blinker"], "tag": [DRIVER, BLINKER]}
+    yield Message("/parts", BEGIN_NS, parts | {"uid": ["a1", None], "run": 1, "timestep": -1})
+    yield Message("/parts", BEGIN_NS + 1, parts | {"uid": ["a1", "b2"], "run": 1, "timestep": -1})
     cone = {"x_m": [0.0, -0.3, -0.3], "y_m": [0.0, 0.2, -0.2]}
     lived = 0
     for timestep in range(-2, TIMESTEPS):

@@ -27,7 +27,7 @@ from vsense.message_bus import Message
 from vsense.recording.form import RecordingError
 from vsense.report.findings import Findings, as_json, read_findings
 from vsense.report.flow import FINE, LOST, STOPPED, UNSEEN, Strips
-from vsense.report.gather import IN_CONE, LIT_IN_CONE
+from vsense.report.gather import IN_CONE, LIT_IN_CONE, Gatherer
 from vsense.report.tracks import CELL_M, MOST_POINTS, RobotTrack
 
 
@@ -64,6 +64,25 @@ def test_robots_links_stops_and_batteries(found: Findings) -> None:
     assert driver.stops == {"what it hears is too old": 2} and not blinker.stops
     assert driver.battery_mv == 4000 - 19 and blinker.battery_mv is None
     assert driver.base_errors == 19.0
+
+
+def test_who_played_which_part_and_from_when_on(found: Findings) -> None:
+    told = [(row.part, row.tag, row.uid, row.time_ns) for row in found.found.parts]
+    assert told == [
+        (DRIVER, DRIVER, "a1", BEGIN_NS),
+        (BLINKER, BLINKER, "b2", BEGIN_NS + 1),
+    ], "who has not come yet is nobody, and the same again is no news"
+    handed = Message(
+        *("/parts", ZERO_NS),
+        {"part": [DRIVER], "name": ["driver"], "tag": [37], "uid": ["c3"], "run": 2},
+    )
+    gatherer = Gatherer(found.found.facts)
+    for message in (*messages(), handed, handed):
+        if message.topic == "/parts":
+            gatherer.receive(message)
+    assert [(row.part, row.tag) for row in gatherer.parts][2:] == [(DRIVER, 37)]
+    gatherer.receive(Message("/parts", ZERO_NS, {"part": "x"}))
+    assert gatherer.odd == 1
 
 
 def test_measures(found: Findings) -> None:

@@ -164,32 +164,40 @@ def summary(run: int, **others: Any) -> dict[str, Any]:
 
 
 def test_runs_of_lab_and_run_become_rows(tmp_path: Path) -> None:
-    rows = RunRows(tmp_path, "run", {"sensor.noise": "0.2"}, experiment())
+    rows = RunRows(tmp_path, "run", {"sensor.noise": "0.2"})
+    names = [robot.id for robot in experiment().robots]
+    parts = [{"name": name, "uid": f"uid{n}"} for n, name in enumerate(names)]
+    rests = {"resting": names[:1], "parts": parts}
     for number, (ended, more) in enumerate(
         [
             ("time", {"per_robot": [{"battery_mv": 3900}, {"battery_mv": None}]}),
-            ("stopped by keyboard", {"blind": True}),
-            ("", {"swarm": {"in_cone_before_turn": 4, "lit_after_turn": None}}),
+            ("stopped by keyboard", {"blind": True, "parts": [{"uid": None}, {"uid": "ab12"}]}),
+            ("", {"swarm": {"in_cone_before_turn": 4, "lit_after_turn": None}, **rests}),
         ],
         start=1,
     ):
         rows.begin(number)
-        assert rows.add(summary(number, **more), ended) == ""
+        assert rows.add(summary(number, **more), ended, experiment()) == ""
     first, second, third = read_runs(tmp_path / RUNS)
     assert (first.run, first.series, first.mode) == ("run-1", tmp_path.name, "run")
     assert (first.condition, first.batteries_v, first.late) == ("sensor.noise=0.2", (3.9,), 0.08)
     assert (second.condition, second.verdict) == ("blind, sensor.noise=0.2", "void")
     assert second.why == "stopped by keyboard before its end"
+    tags = tuple(robot.tag for robot in experiment().robots)
+    assert (first.robots, first.tags, third.robots, third.tags) == (2, tags, 1, tags[1:])
+    assert third.uids == ("uid1",), "who rests is none of the run's"
+    # In the order of tags, also where one was never there; and nothing where nobody is known.
+    assert (first.uids, second.uids) == ((), ("-", "ab12"))
     assert third.measures == {"in_cone_before_turn": 4.0, "items_home": 3.0}
     assert third.why == "failed before its end"
-    endless = RunRows(tmp_path / "b", "lab", {}, experiment(timesteps=0))
+    endless = RunRows(tmp_path / "b", "lab", {})
     endless.begin(1)
-    assert endless.add(summary(1), "stopped by keyboard") == ""
+    assert endless.add(summary(1), "stopped by keyboard", experiment(timesteps=0)) == ""
     assert read_runs(tmp_path / "b" / RUNS)[0].valid, "it has no other end"
     (tmp_path / "b" / RUNS).unlink()
     (tmp_path / "b").rmdir()
     (tmp_path / "b").write_text("")
-    assert "the table of runs lacks run 1: " in endless.add(summary(1), "time")
+    assert "the table of runs lacks run 1: " in endless.add(summary(1), "time", experiment())
 
 
 def test_conditions_have_the_words_of_reports() -> None:

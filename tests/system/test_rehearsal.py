@@ -33,7 +33,7 @@ def test_a_run_is_rehearsed_with_emulated_robots(tmp_path: Path) -> None:
         )
     try:
         run = [*VSENSE, "run", "foraging", "--tracker", f"lines:{lines}", "--port", str(port)]
-        run += ["--robots", "2", "--insecure", "--duration", "3", "--json"]
+        run += ["--robots", "2", "--insecure", "--duration", "3", "--json", "--home"]
         done = subprocess.run(
             [*run, "-o", str(tmp_path / "run")], capture_output=True, text=True, timeout=60
         )
@@ -41,6 +41,7 @@ def test_a_run_is_rehearsed_with_emulated_robots(tmp_path: Path) -> None:
         robots.send_signal(signal.SIGINT)
         assert robots.wait(20) == 130, said.read_text()
     assert done.returncode == 0, done.stderr
+    assert "2 of 2 robots stand at their starts after" in done.stderr
     summary = json.loads(done.stdout)
     assert summary["arena"]["seen_mean"] == 2.0
     assert [robot["connected_share"] for robot in summary["per_robot"]] == [1.0, 1.0]

@@ -18,12 +18,15 @@ from tests.ui.conftest import Open
 from tests.ui.test_page import PLACES, state
 from vsense.clock import host_ns
 from vsense.lab.microcontrollers import read_actuations
+from vsense.recording.reader import open_recording
+from vsense.run.runs_csv import read_runs
 
 pytestmark = pytest.mark.system
 
 LIMIT_MS = 450.0
 URL = re.compile(r"control room: (http://\S+)")
 ROBOTS = 15
+SPARE = 37
 PATIENCE_S = 60
 
 
@@ -32,7 +35,10 @@ class Lab:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+        roster = folder.parent / "robots.toml"
+        roster.write_text(f"[[robot]]\ntag = {SPARE}\nspare = true\n")
         words = ["lab", "pollutant", "--port", "0", "--web", "0", "--hold", "--record"]
+        words += ["--roster", str(roster)]
         self._said = (folder.parent / "said").open("w+")
         self.process = subprocess.Popen(
             [sys.executable, "-m", "vsense", *words, "--output", str(folder)],
@@ -113,6 +119,19 @@ def change(page: Page) -> None:
     page.until(f"Math.hypot({column}.x_m[{row}] - 0.4, {column}.y_m[{row}] - 0.3) < 0.01")
 
 
+def put_spare_in(page: Page) -> int:
+    """Has the spare play the first robot's part; gives whose part it is."""
+    part = int(page.value("vsense.store.experiment.robots[0].tag"))
+    page.value(f"vsense.choice.choose({part})")
+    page.until("!document.querySelector('#replace').hidden")
+    assert page.text("#replace_by") == f"robot {SPARE}"
+    page.click("#replace_do")
+    page.until(f"document.querySelector('#robot_note').textContent === 'tag {SPARE}'")
+    page.until(f"vsense.store.robot({SPARE})?.connected && vsense.store.robot({SPARE}).seen")
+    page.until(f"!vsense.store.robot({part})")
+    return part
+
+
 def sensed_again(path: Path) -> dict[str, int]:
     """What `vsense replay --resense` says."""
     words = [sys.executable, "-m", "vsense", "replay", str(path), "--resense", "--json"]
@@ -145,6 +164,7 @@ def test_a_lab_is_steered_from_its_page(lab: Lab, opened: Open) -> None:
     assert "EMERGENCY STOP" in page.text("#banner")
     press(page, "reset", "ready")
     assert "run 2" in page.text("#what")
+    part = put_spare_in(page)
     press(page, "start", "running")
     drive(page)
     reset_ns = press(page, "reset", "ready")
@@ -167,3 +187,14 @@ def test_a_lab_is_steered_from_its_page(lab: Lab, opened: Open) -> None:
     orders = [sensed_again(lab.folder / f"run-{n}" / "pollutant.mcap")["orders"] for n in (1, 2, 3)]
     assert orders == [2, 0, 0], "all readings are the same again, in every bit"
     assert lab.said.count("viewer 1 (127.0.0.1): run 1 is paused") == 1
+    assert f"robot {SPARE} plays the part of {part} (" in lab.said
+    rows = read_runs(lab.folder / "runs.csv")
+    assert [part in row.tags for row in rows] == [True, False, False]
+    assert [SPARE in row.tags for row in rows] == [False, True, True]
+    assert rows[0].uids[1:] == rows[1].uids[1:] and rows[0].uids[0] != rows[1].uids[0]
+    first = runs[1]["parts"][0]
+    assert (first["part"], first["tag"], first["uid"]) == (part, SPARE, rows[1].uids[0])
+    with open_recording(lab.folder / "run-2" / "pollutant.mcap") as recording:
+        told = [message.data for message in recording.messages({"/parts"})]
+    assert told[0]["tag"][0] == part, "it waited for its start when the spare came"
+    assert told[-1]["part"][0] == part and told[-1]["uid"][0] == first["uid"]

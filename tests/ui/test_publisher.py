@@ -161,7 +161,7 @@ def test_trouble_is_told_in_words() -> None:
     room.join()
     room.step()
     assert set(room.of("/robots")[-1]["trouble"]) == {""}
-    first, second, third, fourth, fifth = room.tags[:5]
+    first, second, third, fourth, fifth, sixth = room.tags[:6]
     heard = {"heard_ns": room.now_ns - 2 * S}
     base = Telemetry(state=Wanted.RUN, stop_cause=StopCause.BASE, base_errors=7, battery_mv=3700)
     room.robots_now |= {
@@ -170,6 +170,7 @@ def test_trouble_is_told_in_words() -> None:
         third: status(third, "c", telemetry=None, connected=False, heard_ns=None, sessions=0),
         fourth: status(fourth, "d", udp=False),
         fifth: status(fifth, "e", telemetry=Telemetry(battery_low=1, shown=SHOWN)),
+        sixth: status(sixth, "f", telemetry=Telemetry(state=Wanted.HOME)),
     }
     room.step()
     rows = room.of("/robots")[-1]
@@ -178,6 +179,7 @@ def test_trouble_is_told_in_words() -> None:
         "no UDP: its readings come over TCP", "battery low", "",
     ]  # fmt: skip
     assert (rows["battery_mv"][1], rows["base_errors"][1], rows["state"][1]) == (3700, 7, "run")
+    assert rows["state"][5] == "homing", "who is told to drive home may be far from it"
     assert rows["shown"][3:6] == [{}, {"state": "go", "n": 0.5, "bad": None}, {}]
     assert rows["battery_low"][5] is None and rows["heard_ms"][2] is None
 

@@ -27,6 +27,7 @@ COMMANDS = {
     "pause": ("orders", "have robots and virtual world stand still until `vsense start`"),
     "stop": ("orders", "end the run; --emergency: stop all robots now"),
     "reset": ("orders", "end the run and go back to the beginning, waiting for `vsense start`"),
+    "replace": ("orders", "between runs: have a spare robot play the part of another"),
     "handover": ("handover", "have the run that holds the robots end, and give them back"),
     "replay": ("replay", "play a recording in the page, or run the tracker on its pictures again"),
     "report": ("report", "make charts and a page from recordings; several are compared"),
@@ -49,7 +50,7 @@ COMMANDS = {
 GROUPS = {
     "an experiment": ("new", "sim", "lab", "run", "series"),
     "while it runs, from another terminal": (
-        *("status", "start", "pause", "stop", "reset", "handover"),
+        *("status", "start", "pause", "stop", "reset", "replace", "handover"),
     ),
     "what a run leaves": ("replay", "report", "export"),
     "cameras and markers": ("cameras", "markers", "calibrate", "arena", "track", "serve", "render"),

@@ -26,6 +26,7 @@ from vsense.terminal import Console, print_data
 if TYPE_CHECKING:
     from vsense.link.robots.keys import LinkTrust
     from vsense.link.robots.server import VirtualSensorServer
+    from vsense.run.leases import RobotLeases
     from vsense.ui.room import RoomOptions
 
 
@@ -213,11 +214,11 @@ def room_of(options: argparse.Namespace) -> RoomOptions:
 
 def lease_robots(
     options: argparse.Namespace, experiment: Experiment, host: str
-) -> AbstractContextManager[object]:
-    """Takes an experiment's real robots, before any of them hears of it; a context.
+) -> AbstractContextManager[RobotLeases | None]:
+    """Takes an experiment's real robots, before any hears of it; a context with their leases.
 
     Those that are on this machine, where nobody else's can connect, are emulated: any run may have
-    its own of them.
+    its own of them, and there are no leases.
 
     Args:
         options: of the command that wants them; it may take the first few only (`--robots`).

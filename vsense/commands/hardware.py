@@ -9,8 +9,10 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from vsense.commands import arguments, rosters
+from vsense.config.parts import spares_for
 from vsense.config.roster_fields import MarkerOffset
 from vsense.config.specs import Experiment
+from vsense.errors import UsageError
 
 if TYPE_CHECKING:
     from vsense.lab.hardware import HardwareErrors, LabRobots
@@ -43,6 +45,25 @@ def add_robots(parser: argparse.ArgumentParser) -> None:
     add_errors(parser)
 
 
+def add_faults(parser: Any) -> None:
+    """Declares faults that a lab's robots have."""
+    parser.add_argument(
+        "--swap-markers",
+        type=rosters.tag_pair,
+        action="append",
+        default=[],
+        metavar="TAG=TAG",
+        help="these two robots wear each other's markers; may be given again",
+    )
+    parser.add_argument(
+        "--dead-motors",
+        type=arguments.numbers,
+        default=(),
+        metavar="TAGS",
+        help="the wheels of these robots do not turn, such as 23,30",
+    )
+
+
 def errors_of(options: argparse.Namespace) -> HardwareErrors:
     """Returns what `add_errors` declares."""
     from vsense.lab.hardware import HardwareErrors
@@ -55,18 +76,24 @@ def robots_of(options: argparse.Namespace, experiment: Experiment) -> LabRobots:
     """The lab's robots: what is drawn of them, and what `--roster` knows of them.
 
     Raises:
-        UsageError: the roster cannot be read.
+        UsageError: the roster cannot be read, or no robot has the tag of a fault.
         ConfigError: something in it is wrong.
     """
     from vsense.lab.hardware import LabRobots, draw_all
 
     tags = [robot.tag for robot in experiment.robots]
-    drawn = draw_all(tags, errors_of(options))
+    dead, worn = getattr(options, "dead_motors", ()), dict[int, int]()
+    for one, other in getattr(options, "swap_markers", ()):
+        worn |= {one: worn.get(other, other), other: worn.get(one, one)}
+    if unknown := (set(dead) | worn.keys()) - set(tags):
+        there = ", ".join(map(str, tags))
+        raise UsageError(f"no robot has tag {min(unknown)}; expected some of {there}")
+    drawn = draw_all([*tags, *spares_for(experiment)], errors_of(options), dead)
     known = rosters.roster_of(options, found=False)
     if known is None:
-        return LabRobots(drawn)
+        return LabRobots(drawn, worn=worn)
     settings = {robot.tag: robot.calibration.settings for robot in known.robots}
-    return LabRobots(drawn, known.markers, settings)
+    return LabRobots(drawn, known.markers, settings, worn)
 
 
 def markers_of(options: argparse.Namespace) -> dict[int, MarkerOffset]:

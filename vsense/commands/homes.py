@@ -32,7 +32,8 @@ def add_home(group: Any) -> None:
         *(group, "--battery", _volts, "VOLTS"),
         "before each run: robots with less in their batteries, or whose bases say only that it is"
         " low, are named, drive to their starts and rest there while the others run, until they"
-        " have another one (default: 0, nobody rests)",
+        " have another one, or a spare of the roster plays for them from the next run on (default:"
+        " 0, nobody rests)",
         0.0,
     )
 

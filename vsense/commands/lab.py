@@ -25,9 +25,9 @@ from vsense.link.robots.keys import LinkTrust
 from vsense.live.session import RunSetup
 from vsense.pictures.run_figure import spoken
 from vsense.run import directory as run_directory
-from vsense.run.runner import Series
 from vsense.run.runs_csv import RunRows
 from vsense.run.runtime import Step
+from vsense.run.several import Series
 from vsense.terminal import Console, interruption
 from vsense.ui.room import ControlRoom
 
@@ -137,7 +137,7 @@ def run(options: argparse.Namespace) -> int:
         base = options.base, options.firmware_watchdog, options.legacy_port
         session = Session(setup, directory, *base, options.cameras, known, robots)
         series = Series(directory, options.runs, room.holds, interrupted)
-        rows = RunRows(directory, "lab", dict(options.set), experiment)
+        rows = RunRows(directory, "lab", dict(options.set))
         failure = _run_all(session, series, rows, room, console)
         console.end_progress()
         try:
@@ -283,7 +283,7 @@ def _report_all(
             if len(recording.steps):
                 on_stdout = options.json and not series.several
                 summaries.append(_report(session, number, on_stdout, console))
-                if lacks := rows.add(summaries[-1], recording.ended):
+                if lacks := rows.add(summaries[-1], recording.ended, recording.experiment):
                     console.say(lacks, "trouble")
             else:
                 console.say("vsense: the run ended before its first timestep: nothing was measured")

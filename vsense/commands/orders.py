@@ -1,4 +1,4 @@
-"""`vsense status`, `start`, `pause`, `stop`, `reset`: from a terminal to a running experiment."""
+"""`vsense status`, `start`, `stop`, `replace` and their like: to a running experiment."""
 
 from __future__ import annotations
 
@@ -27,10 +27,18 @@ DESCRIPTION = (
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declares the arguments of all five."""
+    """Declares the arguments of all six."""
     name = parser.prog.split()[-1]
     text = COMMANDS[name][1]
     parser.description = f"{text[:1].upper()}{text[1:]}. {DESCRIPTION}"
+    if name == "replace":
+        parser.add_argument(
+            "pair",
+            type=_tag_pair,
+            metavar="TAG=TAG",
+            help="23=37: robot 37 plays the part of 23 from the next run on, with its controller,"
+            " start and name; refused while a run goes on",
+        )
     add_process(parser)
     arguments.flag(parser, "--json", "print the answer as one JSON object")
     if name == "stop":
@@ -44,6 +52,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "--all",
             "stop every experiment on this machine that this user runs, or a member of its lab",
         )
+
+
+def _tag_pair(text: str) -> tuple[int, int]:
+    from vsense.commands.rosters import tag_pair  # which a stop must not wait for
+
+    return tag_pair(text)
 
 
 def add_process(parser: argparse.ArgumentParser) -> None:
@@ -76,7 +90,9 @@ def run(options: argparse.Namespace) -> int:
         print_data(json.dumps(answer, indent=2) if options.json else table(answer))
         return 0
     kind = "emergency" if getattr(options, "emergency", False) else options.command
-    order = {"order": kind, "by": "terminal"}
+    order: dict[str, Any] = {"order": kind, "by": "terminal"}
+    if options.command == "replace":
+        order["pair"] = list(options.pair)
     if getattr(options, "all", False):
         return _order_all(order, options)
     answer = ask(order, options.process)

@@ -14,8 +14,8 @@ from typing import Any
 from vsense.commands import (
     arguments,
     experiments,
-    orders,
     robot_calibrate,
+    robot_check,
     robot_emulate,
     robot_keys,
     robot_list,
@@ -43,7 +43,8 @@ DESCRIPTION = (
     " connected to the `vsense run` or `vsense lab` on this machine: software and controller, link,"
     " pose, battery, base errors, and what is wrong. 'emulate' stands in for robots and tracker: a"
     " `vsense run` rehearsed at a desk. 'calibrate' drives robots below the cameras, hands off, and"
-    " finds their wheels and where their markers sit."
+    " finds their wheels and where their markers sit. 'check' looks who is there and, with"
+    " --wiggle, turns one robot after the other: the marker that turns must be its own."
 )
 
 
@@ -60,10 +61,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     robot_calibrate.add_arguments(
         add("calibrate", "measure robots' wheels and markers with the overhead cameras")
     )
+    robot_check.add_arguments(
+        add("check", "look who is there, and whether each robot wears its own marker")
+    )
     robot_list.add_arguments(add("list", "show the lab's robots: the roster"))
-    status = add("status", "show the robots of the running experiment")
-    orders.add_process(status)
-    status.add_argument("--json", action="store_true", help="print the table as JSON")
+    status = add("status", "show the robots of the running experiment, or all of the roster")
+    robot_list.add_status(status)
 
 
 def _add_build(parser: argparse.ArgumentParser) -> None:
@@ -189,8 +192,9 @@ def run(options: argparse.Namespace) -> int:
         "keys": robot_keys.run,
         "emulate": robot_emulate.run,
         "calibrate": robot_calibrate.run,
+        "check": robot_check.run,
         "list": robot_list.run,
-        "status": orders.robots,
+        "status": robot_list.status,
     }
     return actions[options.action](options)
 

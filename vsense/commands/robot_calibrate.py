@@ -37,12 +37,7 @@ FILE = "calibration.json"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the action's arguments."""
     arguments.add_experiment_name(parser)
-    parser.add_argument(
-        "--tracking",
-        nargs=2,
-        metavar=("RESOURCES", "SESSION"),
-        help="the overhead cameras: these two files of `vsense track`",
-    )
+    add_tracking(parser)
     rosters.add_roster(
         parser,
         "the lab's robots: what is found is written into it (default: it is only shown)",
@@ -64,19 +59,36 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seed", type=arguments.natural, metavar="N", help="seed of the lab's places and light"
     )
-    _add_link(parser)
-    lab = parser.add_argument_group("in the lab")
-    arguments.flag(lab, "--lab", "calibrate a lab's robots, whose wheels and markers are known")
+    add_link(parser)
+    lab = add_lab(parser, "calibrate a lab's robots, whose wheels and markers are known")
     hardware.add_errors(lab, usual=True)
+
+
+def add_tracking(parser: argparse.ArgumentParser) -> None:
+    """Declares the cameras."""
+    parser.add_argument(
+        "--tracking",
+        nargs=2,
+        metavar=("RESOURCES", "SESSION"),
+        help="the overhead cameras: these two files of `vsense track`",
+    )
+
+
+def add_lab(parser: argparse.ArgumentParser, text: str) -> Any:
+    """Declares `--lab`, what it does, and of what the lab is made; gives the group of options."""
+    lab = parser.add_argument_group("in the lab")
+    arguments.flag(lab, "--lab", text)
     arguments.add_bases(parser, BASES)
     arguments.option(
         *(lab, "--pace", hardware.pace, "P"),
         "all clocks of the lab go at this share of real time, as in vsense lab (default: 1)",
         1.0,
     )
+    return lab
 
 
-def _add_link(parser: argparse.ArgumentParser) -> None:
+def add_link(parser: argparse.ArgumentParser) -> None:
+    """Declares where robots connect to, which are believed, and the page."""
     arguments.option(
         *(parser, "--host", str, "ADDRESS"),
         "interface that robots connect to, 0.0.0.0: all (default: the file's vss_host)",
@@ -101,7 +113,7 @@ def run(options: argparse.Namespace) -> int:
     stage = Stage.LAB if options.lab else Stage.RUN
     casting = Casting.of(known, limit=options.robots)
     original = first_robots(load(options.experiment, stage=stage, casting=casting), options.robots)
-    host = original.host if options.host is None else options.host
+    host = check_ends(options, original)
     if options.lab:
         return _run_leased(options, original, host, known)
     with experiments.lease_robots(options, original, host):
@@ -112,11 +124,6 @@ def _run_leased(
     options: argparse.Namespace, original: Experiment, host: str, known: Roster | None
 ) -> int:
     """As `run`, with the robots that nobody else has."""
-    port = original.port if options.port is None else options.port
-    if not options.lab:
-        require_source(original, options.tracking)
-    elif options.tracking is not None:
-        raise UsageError("--lab has cameras of its own: expected no --tracking")
     seed = experiments.choose_seed(options, original)
     original = settle(original, seed, options.lab)
     wheels = WheelsWanted()
@@ -128,12 +135,12 @@ def _run_leased(
         clock.slow(round(options.pace * 1000))
     room_options = RoomOptions(web=arguments.web_of(options))
     with interruption() as interrupted, ControlRoom(room_options, console) as room:
-        address = (host, 0 if options.lab and options.port is None else port)
+        address = address_of(options, experiment, host)
         setup = RunSetup(experiment, seed, False, address, trust, console, interrupted, room, {})
         robots = hardware.robots_of(options, original) if options.lab else LabRobots()
         # Where markers sit is what is to be found.
         robots = replace(robots, markers={})
-        session = _session(options, setup, directory, robots)
+        session = open_session(options, setup, directory, robots)
         found = _calibrate(options, session, wheels, directory, console, known, robots)
         if interrupted.is_set():
             console.say("vsense: interrupted; what was found until then is kept")
@@ -143,9 +150,25 @@ def _run_leased(
     return 0 if all(one.fit is not None for one in found) else 1
 
 
-def _session(
+def check_ends(options: argparse.Namespace, experiment: Experiment) -> str:
+    """The interface that robots connect to; UsageError where no tracker is named, or two are."""
+    if not options.lab:
+        require_source(experiment, options.tracking)
+    elif options.tracking is not None:
+        raise UsageError("--lab has cameras of its own: expected no --tracking")
+    return experiment.host if options.host is None else str(options.host)
+
+
+def address_of(options: argparse.Namespace, experiment: Experiment, host: str) -> tuple[str, int]:
+    """Where robots connect to."""
+    port = 0 if options.lab else experiment.port
+    return host, port if options.port is None else options.port
+
+
+def open_session(
     options: argparse.Namespace, setup: RunSetup, directory: Path, robots: LabRobots
 ) -> ExperimentSession:
+    """Makes the lab, or what drives real robots."""
     if options.lab:
         return Session(setup, directory, options.base, options.firmware_watchdog, robots=robots)
     return RunSession(setup, options.tracking, None)

@@ -1,17 +1,45 @@
-"""`vsense robot list`: the roster as a table."""
+"""`vsense robot list` and `robot status --roster`: the roster, and how its robots are now."""
 
 from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Mapping
+import subprocess
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import Any
 
-from vsense.commands import arguments, rosters
+from vsense.commands import arguments, orders, rosters
 from vsense.config import battery_history
 from vsense.config.battery_history import BatteryRow
 from vsense.config.roster import Roster, RosterRobot
+from vsense.robot import ssh
 from vsense.terminal import aligned, print_data
+
+EMPTY_V = 3.4
+"""Where the roster has no battery_stop_mv, an e-puck's battery is taken to be empty here."""
+ASK_S = 8.0
+_MOST_ASKED = 64
+
+
+@dataclass(frozen=True, slots=True)
+class RobotNow:
+    """How a robot is now.
+
+    Attributes:
+        text: whether it is there, in words.
+        part: what it plays in the run that goes on; "": nothing.
+        battery_v: as it tells; None: it does not.
+        trouble: what is wrong with it; "": nothing is known to be.
+        data: for programs.
+    """
+
+    text: str
+    part: str = ""
+    battery_v: float | None = None
+    trouble: str = ""
+    data: Mapping[str, Any] | None = None
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -20,38 +48,150 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     arguments.flag(parser, "--json", "print the table as JSON")
 
 
+def add_status(parser: argparse.ArgumentParser) -> None:
+    """Declares the arguments of `robot status`."""
+    orders.add_process(parser)
+    rosters.add_roster(
+        parser,
+        "show all robots of this roster: part, link and battery as the running experiment tells"
+        " them, or where none runs, whether each board answers ssh and runs vsensed; and what the"
+        " roster knows of each (default: only those of the running experiment)",
+        default="",
+    )
+    arguments.flag(parser, "--json", "print the table as JSON")
+
+
 def run(options: argparse.Namespace) -> int:
     """Prints the roster."""
-    known = rosters.wanted_roster(options)
-    batteries = battery_history.last(battery_history.read(battery_history.history_of(known.path)))
-    if options.json:
-        rows = [_facts(robot, batteries.get(robot.tag)) for robot in known.robots]
-        print_data(json.dumps(rows, indent=2))
+    return _print(rosters.wanted_roster(options), None, options.json)
+
+
+def status(options: argparse.Namespace) -> int:
+    """Prints the robots of the running experiment, or with `--roster` those of a roster."""
+    known = rosters.roster_of(options, found=False)
+    if known is None:
+        return orders.robots(options)
+    runs = orders.alive()
+    if options.process is None and not runs:
+        now = boards_now(known)
     else:
-        print_data(table(known, batteries))
+        now = run_now(orders.ask({"ask": "status"}, options.process)["robots"])
+    return _print(known, now, options.json)
+
+
+def _print(known: Roster, now: Mapping[int, RobotNow] | None, as_json: bool) -> int:
+    history = battery_history.read(battery_history.history_of(known.path))
+    if as_json:
+        print_data(json.dumps([_facts(robot, history, now) for robot in known.robots], indent=2))
+    else:
+        print_data(table(known, history, now))
     return 0
 
 
-def table(known: Roster, batteries: Mapping[int, BatteryRow]) -> str:
-    """A line for each robot: whether it plays, what was measured of it, and its last battery."""
-    head = ("tag", "name", "host", "base", "calibrated", "marker", "battery", "")
-    rows = [head]
+def run_now(columns: Mapping[str, Sequence[Any]]) -> dict[int, RobotNow]:
+    """What a running experiment tells of its robots, in the columns of `/robots`."""
+    rows = [dict(zip(columns, values)) for values in zip(*columns.values())]
+    return {row["tag"]: _now(row) for row in rows}
+
+
+def _now(row: Mapping[str, Any]) -> RobotNow:
+    heard_ms, seen = row["heard_ms"], "" if row["seen"] else ", not seen"
+    link = f"link {heard_ms:.0f} ms" if row["connected"] and heard_ms is not None else "connected"
+    there = link if row["connected"] else "link lost" if row["sessions"] else "not connected"
+    millivolts, trouble = row["battery_mv"], str(row["trouble"] or "")
+    volts = millivolts / 1e3 if millivolts else None
+    told = trouble if row["connected"] or not trouble.startswith(("not conn", "link lost")) else ""
+    return RobotNow(f"{there}{seen}", str(row["name"]), volts, told, row)
+
+
+def boards_now(
+    known: Roster, call: Callable[[Sequence[str]], tuple[int, str]] | None = None
+) -> dict[int, RobotNow]:
+    """Asks all boards at once whether they are there, and whether vsensed runs on them.
+
+    `call` runs a command, and gives its exit code and what it said; None: as a process.
+    """
+    asked = [robot for robot in known.robots if robot.host]
+    words = "pidof vsensed >/dev/null && echo runs || echo stands"
+
+    def ask(robot: RosterRobot) -> RobotNow:
+        code, said = (call or _call)(ssh.command(robot.host, (), words))
+        if code:
+            return RobotNow("no answer", trouble=ssh.advice(robot.host, said.splitlines()) or "")
+        is_on = said.split()[-1:] == ["runs"]
+        return RobotNow("on, vsensed runs" if is_on else "on, no vsensed")
+
+    with ThreadPoolExecutor(min(max(len(asked), 1), _MOST_ASKED)) as pool:
+        return dict(zip((robot.tag for robot in asked), pool.map(ask, asked)))
+
+
+def _call(command: Sequence[str]) -> tuple[int, str]:
+    try:
+        done = subprocess.run(
+            command, stdin=subprocess.DEVNULL, capture_output=True, timeout=ASK_S, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return 1, ""
+    except OSError as error:
+        return 1, f"ssh: {error.strerror}"
+    return done.returncode, (done.stdout or done.stderr).decode(errors="replace")
+
+
+def table(
+    known: Roster, history: Sequence[BatteryRow], now: Mapping[int, RobotNow] | None = None
+) -> str:
+    """A line for each robot: whether it plays, what was measured of it, and its battery.
+
+    With `now` how it is now, too: robots that are not in it play no part.
+    """
+    last = battery_history.last(history)
+    more = () if now is None else ("part", "now", "battery now", "lasts")
+    head = ("tag", "name", *more, "host", "base", "calibrated", "marker", "battery", "")
+    rows: list[tuple[str, ...]] = [head]
     for robot in known.robots:
         calibration, marker = robot.calibration, robot.marker
+        is_now = None if now is None else now.get(robot.tag, _ABSENT)
         rows.append(
             (
                 str(robot.tag),
                 robot.name or "-",
+                *(() if is_now is None else _now_cells(is_now, robot, history)),
                 robot.host or "-",
                 robot.base or "-",
                 (calibration.when or "yes") if calibration.settings else "no",
                 "-" if marker is None else f"{marker.text}{f' {marker.when}' * bool(marker.when)}",
-                _battery(batteries.get(robot.tag)),
-                robot.why_not.removeprefix("a "),
+                _battery(last.get(robot.tag)),
+                "; ".join(filter(None, (robot.why_not.removeprefix("a "), _trouble(is_now)))),
             )
         )
     ready = sum(robot.is_ready for robot in known.robots)
     return "\n".join([*aligned(rows), f"{ready} of {len(known.robots)} robots can be taken"])
+
+
+_ABSENT = RobotNow("-")
+
+
+def _trouble(now: RobotNow | None) -> str:
+    return "" if now is None else now.trouble
+
+
+def _now_cells(
+    now: RobotNow, robot: RosterRobot, history: Iterable[BatteryRow]
+) -> tuple[str, str, str, str]:
+    volts, minutes = now.battery_v, _minutes(now, robot, history)
+    lasts = "-" if minutes is None else f"{minutes:.0f} min"
+    return now.part or "-", now.text, "-" if volts is None else f"{volts:.2f} V", lasts
+
+
+def _minutes(
+    now: RobotNow | None, robot: RosterRobot, history: Iterable[BatteryRow]
+) -> float | None:
+    """How long its battery lasts, by the runs before; None: not known."""
+    if now is None or now.battery_v is None:
+        return None
+    stop_mv = int(robot.board.get("battery_stop_mv", "0"))
+    empty_v = stop_mv / 1e3 if stop_mv else EMPTY_V
+    return battery_history.minutes_left(history, robot.tag, now.battery_v, empty_v)
 
 
 def _battery(row: BatteryRow | None) -> str:
@@ -62,8 +202,23 @@ def _battery(row: BatteryRow | None) -> str:
     return f"{'?' if volts is None else f'{volts:.2f} V'} {row.time[:16].replace('T', ' ')}"
 
 
-def _facts(robot: RosterRobot, battery: BatteryRow | None) -> dict[str, Any]:
+def _facts(
+    robot: RosterRobot, history: Sequence[BatteryRow], now: Mapping[int, RobotNow] | None
+) -> dict[str, Any]:
     """A robot for programs."""
+    battery = battery_history.last(history).get(robot.tag)
+    is_now = None if now is None else now.get(robot.tag, _ABSENT)
+    minutes = _minutes(is_now, robot, history)
+    told = {} if is_now is None else {
+        "now": {
+            "text": is_now.text,
+            "part": is_now.part or None,
+            "battery_v": is_now.battery_v,
+            "battery_minutes": None if minutes is None else round(minutes, 1),
+            "trouble": is_now.trouble or None,
+            "run": is_now.data,
+        }
+    }  # fmt: skip
     return {
         "tag": robot.tag,
         "name": robot.name or None,
@@ -77,4 +232,5 @@ def _facts(robot: RosterRobot, battery: BatteryRow | None) -> dict[str, Any]:
         "battery": None
         if battery is None
         else {name: getattr(battery, name) for name in battery_history.COLUMNS},
+        **told,
     }

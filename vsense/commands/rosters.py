@@ -9,7 +9,7 @@ from pathlib import Path
 from vsense.commands import arguments
 from vsense.config import roster
 from vsense.config.casting import Casting, Pair, pair
-from vsense.config.roster import FILE_NAME, Roster, RosterRobot
+from vsense.config.roster import FILE_NAME, SPARE, Roster, RosterRobot
 from vsense.config.specs import Experiment
 from vsense.errors import UsageError
 from vsense.robot.deploying import RobotHost
@@ -64,7 +64,7 @@ def add_replace(parser: argparse.ArgumentParser, text: str) -> None:
     """Declares `--replace`."""
     parser.add_argument(
         "--replace",
-        type=_pair,
+        type=tag_pair,
         action="append",
         default=[],
         metavar="TAG=TAG",
@@ -72,7 +72,8 @@ def add_replace(parser: argparse.ArgumentParser, text: str) -> None:
     )
 
 
-def _pair(text: str) -> Pair:
+def tag_pair(text: str) -> Pair:
+    """Reads "23=37" as an option's value."""
     try:
         return pair(text)
     except ValueError as error:
@@ -99,7 +100,7 @@ def say_casting(experiment: Experiment, say: Callable[[str], None]) -> None:
         name = next((robot.id for robot in experiment.robots if robot.tag == new), "")
         say(f"robot {new} plays the part of {out}{f' ({name})' if name else ''}")
     for tag, why in others.items():
-        if tag in playing and why.startswith("out of order"):
+        if tag in playing and why != SPARE:
             say(f"robot {tag} is {why}: --replace {tag}=TAG has another one play its part")
 
 

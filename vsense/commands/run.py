@@ -19,9 +19,10 @@ from vsense.live.session import PATIENCE_S, RunSession, RunSetup
 from vsense.live.sources import require_source
 from vsense.run import directory as run_directory
 from vsense.run.directory import RunLog
+from vsense.run.leases import RobotLeases
 from vsense.run.robots import Readiness
-from vsense.run.runner import Series
 from vsense.run.runs_csv import RunRows
+from vsense.run.several import Series
 from vsense.terminal import interruption, print_data
 from vsense.ui.room import ControlRoom
 
@@ -109,13 +110,17 @@ def run(options: argparse.Namespace) -> int:
     trust = experiments.trust_of(options)
     host = opened.host if options.host is None else options.host
     port = opened.port if options.port is None else options.port
-    with experiments.lease_robots(options, opened, host):
+    with experiments.lease_robots(options, opened, host) as leases:
         experiments.check_doors(options, host, port)
-        return _run_leased(options, opened, host, port, trust)
+        return _run_leased(options, opened, (host, port), trust, leases)
 
 
 def _run_leased(
-    options: argparse.Namespace, opened: Experiment, host: str, port: int, trust: LinkTrust
+    options: argparse.Namespace,
+    opened: Experiment,
+    address: tuple[str, int],
+    trust: LinkTrust,
+    leases: RobotLeases | None,
 ) -> int:
     """As `run`, with the robots that nobody else has."""
     experiment, seed, directory = experiments.prepare(options, opened, real=False)
@@ -129,12 +134,13 @@ def _run_leased(
         experiments.say_warnings(log, experiment)
         made = experiments.made_of(options, experiment, seed)
         setup = RunSetup(
-            *(experiment, seed, options.blind, (host, port), trust, log, interrupted, room, made),
+            *(experiment, seed, options.blind, address, trust, log, interrupted, room, made),
             homes.starts_of(options, opened),
             options.battery,
+            (lambda tags: None) if leases is None else leases.take,
         )
         series = Series(directory, options.runs, room.holds, interrupted)
-        rows = RunRows(directory, "run", dict(options.set), experiment)
+        rows = RunRows(directory, "run", dict(options.set))
         return RunCommand(options, setup, directory, log, series, rows).run()
 
 
@@ -206,7 +212,7 @@ class RunCommand:
         summary = one.report()
         if summary is not None:
             summaries.append(summary)
-            if lacks := self.rows.add(summary, summary["ended"]):
+            if lacks := self.rows.add(summary, summary["ended"], session.experiment):
                 self.log.say(lacks, "trouble")
         if one.failure is not None:
             raise one.failure

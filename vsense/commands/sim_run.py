@@ -60,7 +60,7 @@ class SingleRun:
             are there all the same; as of the newest run's failure.
         """
         # These need the extra `web`.
-        from vsense.run.runner import Series
+        from vsense.run.several import Series
         from vsense.sim.room import SimRoom
         from vsense.sim.watched import WatchedRuns
         from vsense.ui.room import page_access

@@ -10,6 +10,7 @@ import csv
 import fcntl
 import io
 import os
+import statistics
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -106,3 +107,31 @@ def _row(values: list[str]) -> BatteryRow | None:
 def last(rows: Iterable[BatteryRow]) -> dict[int, BatteryRow]:
     """Each robot's newest row, by tag."""
     return {row.tag: row for row in rows}
+
+
+_LEAST_S, _LEAST_V = 60.0, 0.005
+"""Of a shorter run, or one in which the voltage fell less, it is not known how fast it falls."""
+
+
+def minutes_left(
+    rows: Iterable[BatteryRow], tag: int, now_v: float, empty_v: float
+) -> float | None:
+    """How long a robot's battery lasts where it falls as in the runs before.
+
+    Args:
+        now_v: its voltage now.
+        empty_v: at which it is empty.
+
+    Returns:
+        Minutes, of the median of its runs' falls; None where no run tells.
+    """
+    falls = [
+        (row.begin_v - row.end_v) / row.duration_s
+        for row in rows
+        if row.tag == tag
+        and row.begin_v is not None
+        and row.end_v is not None
+        and row.duration_s >= _LEAST_S
+        and row.begin_v - row.end_v >= _LEAST_V
+    ]
+    return max(now_v - empty_v, 0.0) / statistics.median(falls) / 60.0 if falls else None

@@ -66,9 +66,6 @@ class Casting:
         return replace(self, replaced=kept if first == new else (*kept, (first, new)))
 
 
-SPARE = "a spare"
-
-
 def pair(text: str) -> Pair:
     """Reads "23=37".
 

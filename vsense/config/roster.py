@@ -42,6 +42,9 @@ from vsense.files import MOST_BYTES, read_bytes, replace_text
 
 FILE_NAME = "robots.toml"
 
+SPARE = "a spare"
+"""Why no experiment takes a spare by itself."""
+
 
 @dataclass(frozen=True, slots=True)
 class RosterRobot:
@@ -81,7 +84,7 @@ class RosterRobot:
     @property
     def why_not(self) -> str:
         """Why no experiment takes it by itself; "": it may."""
-        return f"out of order: {self.out_of_order}" if self.out_of_order else "a spare" * self.spare
+        return f"out of order: {self.out_of_order}" if self.out_of_order else SPARE * self.spare
 
     def __str__(self) -> str:
         return f"robot {self.tag}{f' ({self.name})' if self.name else ''}"
@@ -102,10 +105,6 @@ class Roster:
     def get(self, tag: int) -> RosterRobot | None:
         """The robot with a tag; None: there is none."""
         return next((robot for robot in self.robots if robot.tag == tag), None)
-
-    def of_uid(self, uid: str) -> RosterRobot | None:
-        """The robot with a uid of 32 hexadecimal digits; None: there is none."""
-        return next((r for r in self.robots if uid and r.uid == uid.lower()), None)
 
     def error(self, robot: RosterRobot, words: str) -> ConfigError:
         """The error that something of a robot's cannot be."""

@@ -61,9 +61,12 @@ class Homing:
         floor: what else is in the arena.
 
     Attributes:
+        doing: what robots do, for people.
         done: nobody drives any more.
         news: lines for people, oldest first; whoever tells them takes them out.
     """
+
+    doing = "driving home"
 
     def __init__(
         self,

@@ -207,11 +207,12 @@ def spec_for(
     grid: CameraGrid | None = None,
     cameras: Sequence[Camera] | None = None,
     hardware: Mapping[int, RobotHardware] = {},
+    worn: Mapping[int, int] = {},
 ) -> LabCameraSpec:
     """The spec of an experiment's cameras; the truth ring holds the robots, then the objects.
 
     They are `cameras`, or those of `cameras_above` for a `grid` as in `rig`; `hardware` says where
-    markers sit, by tag.
+    markers sit, by tag; `worn` are the markers of robots that wear another one than their tag.
 
     Raises:
         TooLargeArena: it is too large for the cameras.
@@ -222,7 +223,7 @@ def spec_for(
         boxes=tuple(Block.of(thing) for thing in experiment.solids),
         bodies=(
             *(
-                Body(robot.tag, height_m, ROBOT, _marker(hardware.get(robot.tag)))
+                robot_body(experiment, robot.tag, hardware.get(robot.tag), worn)
                 for robot in experiment.robots
             ),
             *(Body(thing.tag, height_m, OBJECT) for thing in experiment.objects),
@@ -234,6 +235,16 @@ def spec_for(
         seed=seed,
         permille=round(clock.pace() * 1000),
     )
+
+
+def robot_body(
+    experiment: Experiment,
+    tag: int,
+    built: RobotHardware | None,
+    worn: Mapping[int, int] = {},
+) -> Body:
+    """How a robot looks from above; for `built` and `worn` see `spec_for`."""
+    return Body(worn.get(tag, tag), experiment.marker.height_m, ROBOT, _marker(built))
 
 
 def _marker(built: RobotHardware | None) -> tuple[float, float, float]:

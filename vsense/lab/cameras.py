@@ -3,8 +3,9 @@
 `python -m vsense.lab.cameras` reads two lines of JSON from standard input, first
 `{"bank": NAME, "spec": {...}}` with the frame bank and the `LabCameraSpec`. It builds the scene,
 writes `{"ready": true}`, and reads `{"epoch_ns": ...}`. From then on it writes one line of JSON per
-timestep, an `Exposure`. It ends when standard input ends, on SIGTERM, or after the last timestep;
-its parent handles Ctrl-C.
+timestep, an `Exposure`. A line `{"row": 0, "body": {...}}` has the body of a row of the truth ring
+look like this `Body` from the next timestep on. It ends when standard input ends, on SIGTERM, or
+after the last timestep; its parent handles Ctrl-C.
 
 Timestep k is triggered at epoch + k * timestep, the middle of its exposure. The empty arena is
 drawn before that, the bodies when the exposure has ended and the truth of it is known. Timesteps
@@ -28,6 +29,7 @@ import numpy as np
 from vsense import clock
 from vsense.clock import host_ns
 from vsense.errors import VsenseError
+from vsense.lab.bodies import Body
 from vsense.lab.camera_spec import Exposure, LabCameraSpec
 from vsense.lab.optics import EXPOSURE_NS, sample_times_ns
 from vsense.lab.renderer import Studio
@@ -40,6 +42,31 @@ PREPARE_NS = 15_000_000
 """Drawing the empty arena begins so long before the trigger."""
 
 _TRUTH_POLL_NS = 500_000
+
+
+class Input:
+    """Standard input, read while nobody waits for it."""
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+        self._lines: list[bytes] = []
+        self._rest = b""
+
+    def wait(self, until_ns: int) -> bool:
+        """Waits until a time on the monotonic clock; False as soon as the input has ended."""
+        while True:
+            left_s = clock.real_s(max(0, until_ns - host_ns()) / 1e9)
+            if not select.select([self._descriptor], [], [], left_s)[0]:
+                return True
+            if not (data := os.read(self._descriptor, 4096)):
+                return False
+            *whole, self._rest = (self._rest + data).split(b"\n")
+            self._lines += whole
+
+    def lines(self) -> list[bytes]:
+        """The whole lines that have come since the last call."""
+        lines, self._lines = self._lines, []
+        return lines
 
 
 class CameraProcess:
@@ -59,13 +86,15 @@ class CameraProcess:
             self._studio = Studio(spec)
             self._stack = stack.pop_all()
 
-    def run(self, epoch_ns: int, stdin: int) -> Iterator[Exposure]:
+    def run(self, epoch_ns: int, stdin: Input) -> Iterator[Exposure]:
         """Takes pictures in real time until `stdin` ends or the last timestep is done."""
         timestep = 0
         while self._spec.frames is None or timestep < self._spec.frames:
             capture_ns = epoch_ns + timestep * self._spec.timestep_ns
-            if not wait(stdin, capture_ns - PREPARE_NS):
+            if not stdin.wait(capture_ns - PREPARE_NS):
                 return
+            for line in stdin.lines():
+                self._dress(line)
             exposure = self._expose(timestep, capture_ns, stdin)
             if exposure is None:
                 return
@@ -77,13 +106,21 @@ class CameraProcess:
         """Ends the log, and releases the truth."""
         self._stack.close()
 
-    def _expose(self, timestep: int, capture_ns: int, stdin: int) -> Exposure | None:
+    def _dress(self, line: bytes) -> None:
+        try:
+            said = json.loads(line)
+            body = Body(**{**said["body"], "marker": tuple(said["body"]["marker"])})
+            self._studio.dress(int(said["row"]), body)
+        except (ValueError, KeyError, TypeError, IndexError):
+            raise LabError(f"cameras: {line[:80]!r} makes no sense") from None
+
+    def _expose(self, timestep: int, capture_ns: int, stdin: Input) -> Exposure | None:
         """Takes one timestep's pictures; None where `stdin` ended first."""
         slot = self._bank.begin(timestep)
         images = self._bank.images[slot]
         moments = sample_times_ns(capture_ns, SAMPLES)
         self._studio.prepare(timestep, images)
-        if not wait(stdin, capture_ns + EXPOSURE_NS // 2) or not self._know(moments[-1], stdin):
+        if not stdin.wait(capture_ns + EXPOSURE_NS // 2) or not self._know(moments[-1], stdin):
             return None
         known_ns = host_ns()
         truth = [self._truth.at(moment) for moment in moments]
@@ -95,22 +132,12 @@ class CameraProcess:
         self._log.append(timestep, capture_ns, ready_ns, render_ns, poses[SAMPLES // 2], leds)
         return Exposure(timestep, slot, capture_ns, ready_ns)
 
-    def _know(self, moment_ns: int, stdin: int) -> bool:
+    def _know(self, moment_ns: int, stdin: Input) -> bool:
         """Waits until the truth of a moment is known; False where `stdin` ended first."""
         while self._truth.newest_ns() < moment_ns:
-            if not wait(stdin, host_ns() + _TRUTH_POLL_NS):
+            if not stdin.wait(host_ns() + _TRUTH_POLL_NS):
                 return False
         return True
-
-
-def wait(stdin: int, until_ns: int) -> bool:
-    """Waits until a time on the monotonic clock; False as soon as `stdin` has ended."""
-    while True:
-        left_s = clock.real_s(max(0, until_ns - host_ns()) / 1e9)
-        if not select.select([stdin], [], [], left_s)[0]:
-            return True
-        if not os.read(stdin, 4096):
-            return False
 
 
 def _say(values: dict[str, Any]) -> None:
@@ -132,7 +159,7 @@ def _work() -> None:
         _say({"ready": True})
         second = sys.stdin.readline()
         if second:
-            for exposure in cameras.run(json.loads(second)["epoch_ns"], sys.stdin.fileno()):
+            for exposure in cameras.run(json.loads(second)["epoch_ns"], Input(sys.stdin.fileno())):
                 _say(asdict(exposure))
 
 

@@ -8,11 +8,13 @@ import select
 import time
 from collections import deque
 from contextlib import suppress
+from dataclasses import asdict
 
 from vsense.arena import Frame
 from vsense.cameras.camera import Camera
 from vsense.cameras.grabber import CameraEvent, GrabberError
 from vsense.clock import host_ns, real_s
+from vsense.lab.bodies import Body
 from vsense.lab.camera_spec import Exposure, LabCameraSpec
 from vsense.lab.optics import EXPOSURE_NS
 from vsense.lab.processes import describe_exit, end, start_module
@@ -78,6 +80,14 @@ class LabGrabber:
             truth.close()
         self._send(json.dumps({"epoch_ns": epoch_ns}))
         self._started = True
+
+    def dress(self, row: int, body: Body) -> None:
+        """Has the body of a row of the truth ring look otherwise from now on.
+
+        Raises:
+            GrabberError: the process has ended.
+        """
+        self._send(json.dumps({"row": row, "body": asdict(body)}))
 
     def next(self, timeout_s: float) -> list[Frame]:
         """Waits for the newest timestep's pictures, in the order of the cameras.

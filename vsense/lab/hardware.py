@@ -7,8 +7,8 @@ experiment and run, as in a real lab, until another seed buys new robots.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -104,9 +104,19 @@ def draw(tag: int, errors: HardwareErrors) -> RobotHardware:
     )
 
 
-def draw_all(tags: Sequence[int], errors: HardwareErrors) -> dict[int, RobotHardware]:
-    """Draws the robots with these tags; none where nothing is off."""
-    return {tag: draw(tag, errors) for tag in tags} if errors.any else {}
+_DEAD = 1e-6
+"""What the wheels of dead motors still do: physics divides by it."""
+
+
+def draw_all(
+    tags: Sequence[int], errors: HardwareErrors, dead: Collection[int] = ()
+) -> dict[int, RobotHardware]:
+    """Draws the robots with these tags, of which the `dead` do not move; none where all is as it
+    should be."""
+    if not errors.any and not dead:
+        return {}
+    robots = {tag: draw(tag, errors) for tag in tags}
+    return robots | {tag: replace(robots[tag], left=_DEAD, right=_DEAD) for tag in dead}
 
 
 def told_all(robots: Mapping[int, RobotHardware]) -> dict[str, Any]:
@@ -123,11 +133,13 @@ class LabRobots:
         hardware: how robots are built, by tag; empty: as they should be.
         markers: by tag, where the tracker takes markers to sit on their robots.
         settings: by tag, what `vsensed` is told that was measured of its robot.
+        worn: by tag, the markers of robots that wear another one.
     """
 
     hardware: Mapping[int, RobotHardware] = field(default_factory=dict)
     markers: Mapping[int, MarkerOffset] = field(default_factory=dict)
     settings: Mapping[int, Mapping[str, str]] = field(default_factory=dict)
+    worn: Mapping[int, int] = field(default_factory=dict)
 
 
 NOMINAL = LabRobots()

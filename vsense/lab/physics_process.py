@@ -19,14 +19,16 @@ It answers with one line of JSON, `{"bases": ["argos:/dev/pts/3", ...], "epoch_n
 daemon of every robot finds its base, in the order of the indices, and the time of the first tick.
 Then it runs in the time of that clock, 10 ms per tick, until standard input ends or on SIGTERM; its
 parent handles Ctrl-C. A line `{"put": 0, "x_m": 0.1, "y_m": 0.2, "yaw_rad": 0.0}` puts an object,
-by its place in `objects`, somewhere else. Bodies in the truth ring are the robots by index, then
-the objects. At the end it writes `physics.json` into the run directory: lateness of ticks, counters
-of the serial lines, CPU time.
+by its place in `objects`, somewhere else; `{"rebuild": 0, "built": [1.02, 0.97, 0.0535]}` has
+another robot stand where that of an index stood. Bodies in the truth ring are the robots by index,
+then the objects. At the end it writes `physics.json` into the run directory: lateness of ticks,
+counters of the serial lines, CPU time.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import os
 import select
 import signal
@@ -104,16 +106,28 @@ class PhysicsProcess:
         self._actuate(now_ns)
 
     def put(self, line: bytes) -> None:
-        """Puts an object where a line of standard input says; UsageError if it makes no sense."""
+        """Puts an object, or another robot, where a line of standard input says.
+
+        UsageError if it makes no sense.
+        """
         try:
             said = json.loads(line)
+            if "rebuild" in said:
+                self._rebuild(int(said["rebuild"]), [float(number) for number in said["built"]])
+                return
             row = int(said["put"])
-        except (ValueError, KeyError, TypeError):
+        except (ValueError, KeyError, TypeError, IndexError):
             raise UsageError(f"put: {line[:80]!r} makes no sense") from None
         if not 0 <= row < self._objects:
             raise UsageError(f"put: there is no object {row}")
         pose = [read_number(said, name, "put: ") for name in POSE]
         self._physics.poses[len(self._physics.poses) - self._objects + row] = pose
+
+    def _rebuild(self, row: int, built: list[float]) -> None:
+        robots = len(self._physics.poses) - self._objects
+        if not 0 <= row < robots or len(built) != 3 or not all(0.0 < b < math.inf for b in built):
+            raise UsageError(f"put: robot {row} cannot be built as {built}")
+        self._physics.rebuild(row, built)
 
     def report(self) -> dict[str, Any]:
         """Contents of `physics.json`: ticks, their lateness in ms, counters of the serial lines."""
@@ -250,7 +264,13 @@ class FloorProcess:
         Raises:
             LabError: the process has ended.
         """
-        line = {"put": row, "x_m": x_m, "y_m": y_m, "yaw_rad": yaw_rad}
+        self._tell({"put": row, "x_m": x_m, "y_m": y_m, "yaw_rad": yaw_rad})
+
+    def rebuild(self, row: int, built: RobotHardware) -> None:
+        """Has another robot stand where that of a row stood; raises as `put`."""
+        self._tell({"rebuild": row, "built": built.for_physics()})
+
+    def _tell(self, line: Mapping[str, object]) -> None:
         with failing_as(LabError, "the lab's physics does not listen"):
             self._stdin.write(json.dumps(line).encode() + b"\n")
             self._stdin.flush()

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.lab.backdrop import Backdrop
-from vsense.lab.bodies import BodySprites
+from vsense.lab.bodies import Body, BodySprites
 from vsense.lab.camera_spec import LabCameraSpec
 from vsense.lab.optics import Floats, Image8, RayMap, Sensor, Window, to_levels
 from vsense.lab.scene import Scene
@@ -44,7 +44,7 @@ class CameraRenderer:
     ) -> None:
         self._number = number
         self._sensor = sensor
-        self._bodies = bodies
+        self._bodies = list(bodies)
         self._empty = to_levels(backdrop.grey)
         self._painter = SpritePainter(rays, backdrop)
         self._lit: tuple[bytes, Look] | None = None
@@ -62,6 +62,11 @@ class CameraRenderer:
         """
         noise = self._sensor.noise(self._number, timestep)
         self._painter.read(self._painter.draw(self._look(leds), poses), self._sensor, noise, image)
+
+    def dress(self, row: int, body: BodySprites) -> None:
+        """Has a body look otherwise from the next picture on."""
+        self._bodies[row] = body
+        self._lit = None
 
     def get_ready(self, leds: Leds) -> None:
         """Makes what the first picture of bodies with these LED bits needs."""
@@ -116,6 +121,12 @@ class Studio:
             dark = np.zeros(len(spec.bodies), dtype=np.uint16)
             list(builders.map(lambda each: each.get_ready(dark), self._renderers))
         self._painters = ThreadPoolExecutor(_THREADS)
+        self._spec, self._family = spec, family
+
+    def dress(self, row: int, body: Body) -> None:
+        """Has a body look otherwise from the next timestep on; IndexError: there is none."""
+        for camera, renderer in zip(self._spec.cameras, self._renderers):
+            renderer.dress(row, BodySprites(body, self._family, camera))
 
     def prepare(self, timestep: int, images: Image8) -> None:
         """Draws the empty arena into images (cameras, h, w) uint8."""

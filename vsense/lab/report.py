@@ -40,7 +40,7 @@ def gather(session: Session, recording: RunNotes) -> metrics.MeasuredRun:
     Raises:
         LabError: a file is missing or broken.
     """
-    experiment, robots = session.experiment, len(session.experiment.robots)
+    experiment, robots = recording.experiment, len(recording.experiment.robots)
     times = recording.steps.columns()
     truth = _rows_of(read_truth(session.truth_log), times[0])
     steps = _timesteps(times[:, : len(truth)], truth)
@@ -58,7 +58,7 @@ def gather(session: Session, recording: RunNotes) -> metrics.MeasuredRun:
         object_poses=truth["poses"][:, robots:],
         traces=[
             _within(read_trace(robot, names, JUDGED if judge else None), steps)
-            for robot, names, judge in zip(session.swarm.robots, sensors, judged)
+            for robot, names, judge in zip(recording.robots, sensors, judged)
         ],
         sensing=[bool(names) for names in sensors],
         judged=judged,
@@ -130,6 +130,8 @@ def summarise(session: Session, number: int, measured: metrics.MeasuredRun) -> d
         "seed": recording.seed,
         "blind": session.setup.blind,
         "robots": len(session.experiment.robots),
+        "resting": list(recording.resting),
+        "parts": list(recording.parts),
         "cameras": len(session.cameras),
         "pace": clock.pace(),
         "light_level": recording.light_level,

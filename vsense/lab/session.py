@@ -6,21 +6,25 @@ from array import array
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import Frame
+from vsense.config.casting import Pair
+from vsense.config.parts import spares_for
+from vsense.config.specs import Experiment
 from vsense.errors import VsenseError
 from vsense.lab.calibrated import CalibratedRig
-from vsense.lab.camera_spec import CameraGrid, spec_for
+from vsense.lab.camera_spec import CameraGrid, robot_body, spec_for
 from vsense.lab.grabber import LabGrabber
 from vsense.lab.hardware import NOMINAL, LabRobots, to_markers
 from vsense.lab.metrics import TrackingTally
 from vsense.lab.physics_process import FloorProcess
 from vsense.lab.processes import Canary
 from vsense.lab.shared import LabError
-from vsense.lab.swarm import Swarm
+from vsense.lab.swarm import Robot, Swarm
 from vsense.lab.truth import TruthReader, make_ring
 from vsense.link.robots.status import RobotStatus
 from vsense.live.session import PATIENCE_S, ExperimentSession, RunSetup
@@ -30,6 +34,7 @@ from vsense.robot import build
 from vsense.run.changing import Ground
 from vsense.run.directory import RunTables, step_row
 from vsense.run.figures import Figures
+from vsense.run.recasting import played
 from vsense.run.robots import Readiness
 from vsense.run.runtime import Step
 from vsense.tracking.arena_tracker import ArenaTracker
@@ -69,6 +74,10 @@ class RunNotes:
 
     Attributes:
         directory: where the run's figures go.
+        resting: robots that were not in it, as `ExperimentSession.resting`.
+        experiment: with who plays in this run.
+        robots: they, in its order.
+        parts: who played which part, as in summaries.
         ended: what ended it, as `Runner.ended`.
         steps: the run's timesteps.
         tracking: what was read of the markers, against the truth.
@@ -84,6 +93,10 @@ class RunNotes:
     tracking: TrackingTally
     seed: int
     directory: Path
+    experiment: Experiment
+    robots: Sequence[Robot]
+    parts: Sequence[Mapping[str, Any]] = ()
+    resting: tuple[str, ...] = ()
     ended: str = ""
     measures: dict[str, float] = field(default_factory=dict)
     steps: StepTimes = field(default_factory=StepTimes)
@@ -143,10 +156,11 @@ class Session(ExperimentSession):
         hardware = self.robots.hardware
         true = None if self.known is None else self.known.true
         where = truth.name, seed, self.truth_log, self._grid
-        spec = spec_for(experiment, *where, true, hardware)
+        spec = spec_for(experiment, *where, true, hardware, self.robots.worn)
         self._markers = np.array([body.marker for body in spec.bodies])
         grabber = LabGrabber(spec)
         self._stack.callback(grabber.close)
+        self._grabber = grabber
         daemons = {c.id: build.daemon(c.program) for c in experiment.controllers}
         self.cameras = grabber.cameras if self.known is None else list(self.known.found)
         self.tracking = self._track(grabber)
@@ -171,7 +185,9 @@ class Session(ExperimentSession):
 
     def _track(self, grabber: LabGrabber) -> CameraTracking:
         experiment = self.experiment
-        heights = dict.fromkeys(self._tags, experiment.marker.height_m)
+        # Who may be put in between runs is known as soon as it is seen.
+        tags = (*self._tags, *spares_for(experiment))
+        heights = dict.fromkeys(tags, experiment.marker.height_m)
         family = load_family(experiment.marker.family)
         offsets = self.robots.markers
         tracker = ArenaTracker.for_family(self.cameras, family, heights, offsets=offsets)
@@ -244,7 +260,9 @@ class Session(ExperimentSession):
         """
         tracking = TrackingTally(self._tags)
         seed = self.environment.seed
-        notes = RunNotes(RunSamples(self.experiment), tracking, seed, directory)
+        who = self.experiment, tuple(self.swarm.robots)
+        notes = RunNotes(RunSamples(self.experiment), tracking, seed, directory, *who)
+        notes.resting = self.resting
         self.recordings.append(notes)
         canary = Canary()
         self._stack.callback(canary.close)
@@ -254,6 +272,7 @@ class Session(ExperimentSession):
         except VsenseError as error:
             failure = error
         self.stop()
+        notes.parts = played(self.experiment, self.runner.robots)
         notes.ended, counters = self.runner.ended, self.runner.counters
         notes.lateness_ms = canary.end()
         notes.link = {name: getattr(counters, name) for name in LINK_COUNTERS}
@@ -291,6 +310,28 @@ class Session(ExperimentSession):
             samples.end(self.environment.world)
             if step is not None:
                 pictures[step.run_timestep] = copy_frames(step.frames)
+
+    def _unable(self, tag: int) -> str:
+        """See `ExperimentSession`."""
+        family = load_family(self.experiment.marker.family)
+        if not 0 <= tag < family.tags:
+            return f"the markers {family.name} have tags from 0 to {family.tags - 1}"
+        if self.robots.hardware and tag not in self.robots.hardware:
+            return f"the lab has drawn no robot {tag}: --roster names those that it has"
+        return ""
+
+    def _make_room(self, pair: Pair, experiment: Experiment) -> None:
+        """Another robot stands where the one stood, with a marker and a daemon of its own."""
+        out, new = pair
+        row = next(n for n, robot in enumerate(self.experiment.robots) if robot.tag == out)
+        robot, built = experiment.robots[row], self.robots.hardware.get(new)
+        body = robot_body(experiment, new, built, self.robots.worn)
+        if built is not None:
+            self.floor.rebuild(row, built)
+        self._grabber.dress(row, body)
+        self._markers[row] = body.marker
+        daemon = build.daemon(experiment.controller_of(robot).program)
+        self.swarm.replace(row, daemon, new, self.robots.settings.get(new, {}))
 
     def _judge(self, step: Step, tracking: TrackingTally) -> None:
         """Compares what was read of the markers with the truth, while the ring holds it."""

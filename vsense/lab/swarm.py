@@ -80,6 +80,7 @@ class Swarm:
         self._directory.mkdir(parents=True, exist_ok=True)
         self._processes: dict[int, subprocess.Popen[bytes]] = {}
         self.robots: list[Robot] = []
+        self._ever: list[Robot] = []
 
     def start(
         self, daemon: Path, tag: int, name: str, base: str, settings: Mapping[str, str] = _NONE
@@ -88,6 +89,10 @@ class Swarm:
 
         `settings` are more options of it, by name.
         """
+        trace, again = self._directory / f"{tag}.trace", 1
+        while trace in (robot.trace for robot in self._ever):
+            again += 1
+            trace = self._directory / f"{tag}-{again}.trace"
         robot = Robot(
             daemon,
             tag,
@@ -95,10 +100,11 @@ class Swarm:
             base,
             self._random.randrange(-CLOCK_OFFSET_NS, CLOCK_OFFSET_NS),
             round(self._random.uniform(-CLOCK_DRIFT_PPM, CLOCK_DRIFT_PPM), 3),
-            self._directory / f"{tag}.trace",
+            trace,
             tuple(word for name, value in settings.items() for word in (f"--{name}", value)),
         )
         self.robots.append(robot)
+        self._ever.append(robot)
         script = self.script(tag)
         try:
             command = self._command(robot)
@@ -114,6 +120,19 @@ class Swarm:
                 command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
             )
         return robot
+
+    def replace(
+        self, row: int, daemon: Path, tag: int, settings: Mapping[str, str] = _NONE
+    ) -> None:
+        """Ends the daemon of the robot in a row, and starts that of another one in its part."""
+        gone = self.robots.pop(row)
+        process = self._processes.pop(gone.tag, None)
+        if process is not None:
+            process.terminate()
+            end(process)
+        self._key_file(gone).unlink(missing_ok=True)
+        self.start(daemon, tag, gone.name, gone.base, settings)
+        self.robots.insert(row, self.robots.pop())
 
     def script(self, tag: int) -> Path:
         """The script that starts a robot's daemon again."""
@@ -158,7 +177,7 @@ class Swarm:
 
     def _who(self, robot: Robot) -> list[str]:
         """The options that say who a robot is; writes its key's file."""
-        uid = hashlib.sha256(f"vsense lab {robot.name}".encode()).digest()[:16]
+        uid = hashlib.sha256(f"vsense lab robot {robot.tag}".encode()).digest()[:16]
         if self._keys is None:
             return ["--uid", uid.hex(), "--insecure"]
         file = self._key_file(robot)

@@ -14,6 +14,7 @@ from vsense.run import figures
 from vsense.run.directory import RunLog
 from vsense.run.figures import Figures, TimestepSample
 from vsense.run.portrait import Portrait
+from vsense.run.recasting import played
 from vsense.run.robots import Readiness, shorten
 from vsense.run.runtime import Step
 
@@ -104,6 +105,8 @@ class OneRun:
             "seed": environment.seed,
             "blind": environment.blind,
             "robots": len(self._experiment.robots),
+            "resting": list(session.resting),
+            "parts": played(self._experiment, session.runner.robots),
             "source": session.source.figures(),
             **self._figures.summary(session.runner, self._readiness, self._results),
         }

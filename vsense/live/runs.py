@@ -22,7 +22,7 @@ from vsense.recording.pictures import BackgroundRecorder, PictureRecordingError
 from vsense.run import directory as run_directory
 from vsense.run.control import Control, State
 from vsense.run.orders import Order, OrderError, OrderKind
-from vsense.run.runner import Series
+from vsense.run.several import Series
 from vsense.terminal import Console, print_data
 from vsense.tracking.camera_tracking import CameraTracking
 from vsense.ui.recorders import OFF, Recorders

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -11,6 +11,8 @@ from typing import Any
 from vsense.calibration.checked import of_tracking
 from vsense.cameras.camera import Camera
 from vsense.cameras.grabber import Troubles
+from vsense.config.casting import Pair
+from vsense.config.parts import only_spares, parts_of, recast, spares_for
 from vsense.config.specs import Experiment
 from vsense.errors import VsenseError
 from vsense.files import read_bytes
@@ -24,10 +26,19 @@ from vsense.live.batteries import RunBatteries
 from vsense.live.sources import SteadySource, open_source
 from vsense.run.changes import Changes
 from vsense.run.changing import HANDS, Ground
-from vsense.run.control import Control
+from vsense.run.control import Control, State
 from vsense.run.environment import Environment
 from vsense.run.homecoming import Starts, tell_end
-from vsense.run.robots import Readiness, battery_words, low_batteries, make_server, shorten
+from vsense.run.orders import OrderError
+from vsense.run.recasting import Recasting
+from vsense.run.robots import (
+    Readiness,
+    battery_words,
+    expected_robots,
+    low_batteries,
+    make_server,
+    shorten,
+)
 from vsense.run.runner import Runner
 from vsense.run.runtime import Runtime, Step
 from vsense.run.watch import ArenaSource
@@ -61,6 +72,7 @@ class RunSetup:
         starts: where robots drive before each run; None: they stay where they are.
         battery_v: who has less before a run, when it has driven to its start, rests in it; 0:
             nobody does.
+        lease: takes robots that are put in between runs, by their tags, before they hear of it.
     """
 
     experiment: Experiment
@@ -74,6 +86,7 @@ class RunSetup:
     made: Mapping[str, Any] = field(default_factory=dict)
     starts: Starts | None = None
     battery_v: float = 0.0
+    lease: Callable[[Collection[int]], None] = lambda tags: None
 
 
 class ExperimentSession(ABC):
@@ -82,10 +95,12 @@ class ExperimentSession(ABC):
     Attributes:
         environment: the virtual world of the present run.
         runner: waits for the robots and carries out the runs.
+        resting: robots that are not in the present run, by name: their batteries are low.
         quiet: kinds of link events that are not printed.
     """
 
     quiet: frozenset[EventKind] = frozenset()
+    resting: tuple[str, ...] = ()
 
     def __init__(self, setup: RunSetup, legacy_port: int | None = None) -> None:
         """Makes the first world; `legacy_port` is for robots with the original's client."""
@@ -101,6 +116,10 @@ class ExperimentSession(ABC):
             legacy_port,
         )
         self._stack, self._over = ExitStack(), False
+        lease = lambda tag: setup.lease([tag])  # noqa: E731
+        self._recasting = Recasting(lambda: self.experiment, lease, self._unable)
+        self._put_in: set[int] = set()
+        self._emptied: set[int] = set()
         roster = setup.experiment.casting.roster
         self._batteries = RunBatteries(roster, setup.experiment.timestep_s)
 
@@ -143,7 +162,11 @@ class ExperimentSession(ABC):
         self.runner = Runner(
             *(setup.experiment, runtime, server, setup.console, setup.interrupted),
             *(self._observe, control),
+            between=self._between,
         )
+        if not isinstance(server, MixedServer):
+            control.replace = self._recasting.ask
+            setup.room.spares = lambda: spares_for(self.experiment)
         setup.room.doubts, runner = self.doubts(), self.runner
         setup.room.alarms, setup.room.leave = lambda: runner.alarms, setup.interrupted.set
         setup.room.open(scene, self.environment, server, runtime, control)
@@ -210,10 +233,70 @@ class ExperimentSession(ABC):
             name = self.runner.robots[tag].name
             words = f"robot {tag} ({name}) {battery_words(volts)}: it stands in this run"
             self.setup.console.say(words, "warning")
+        self.resting = tuple(self.runner.robots[tag].name for tag in low)
         self.server.rest(low)
+
+    def _unable(self, tag: int) -> str:
+        """Why a robot cannot be put in; "": it can."""
+        return ""
+
+    @abstractmethod
+    def _make_room(self, pair: Pair, experiment: Experiment) -> None:
+        """Has whatever sees and moves robots know of one who is put in for another.
+
+        Raises:
+            VsenseError: that cannot be; everything is as before.
+        """
+
+    def _between(self) -> None:
+        """Puts robots in that people wish for; between runs, before a timestep."""
+        for wish in self._recasting.due():
+            out, new = wish.pair
+            try:
+                self._recast(wish.pair)
+            except VsenseError as error:
+                text = f"robot {new} is not put in for {out}: {error}"
+                self.setup.console.say(text, "trouble")
+                continue
+            name = next(robot.id for robot in self.experiment.robots if robot.tag == new)
+            part = parts_of(self.experiment)[new]
+            whose = "its own part" if part == new else f"the part of {part}"
+            control = self.runner.control
+            run = control.run + (control.state is State.ENDED)
+            text = f"robot {new} plays {whose} ({name}) from run {run} on"
+            self.setup.console.say(f"{wish.by}: {text}", "warning")
+
+    def _put_in_spares(self) -> None:
+        """Has the roster's spares play for robots whose batteries are low, while there are some."""
+        if isinstance(self.server, MixedServer):
+            return
+        low = low_batteries(self.runner.robots, self.setup.battery_v)
+        spares = [t for t in only_spares(self.experiment) if t not in self._emptied | low.keys()]
+        for (tag, volts), spare in zip(low.items(), spares):
+            self._emptied.add(tag)
+            try:
+                self._recasting.ask((tag, spare), f"robot {tag} {battery_words(volts)}")
+            except OrderError as error:
+                self.setup.console.say(f"no spare for robot {tag}: {error}", "warning")
+
+    def _recast(self, pair: Pair) -> None:
+        experiment, settled = recast(self.experiment, pair), self.environment.experiment
+        environment = self.environment.recast(recast(settled, pair))
+        self._make_room(pair, experiment)
+        self.experiment, self.environment = experiment, environment
+        starts = self.setup.starts
+        if starts is not None:
+            starts = replace(starts, experiment=recast(starts.experiment, pair))
+        self.setup = replace(self.setup, experiment=experiment, starts=starts)
+        self._put_in.add(pair[1])
+        self.server.recast(expected_robots(experiment, environment.tables, self._put_in))
+        self.runner.recast(environment)
+        self.setup.room.recast(environment)
 
     def next_run(self) -> None:
         """Goes back to before the start of the next run, whose seed is one more."""
+        self._put_in_spares()
+        self._between()
         self.environment = self.environment.following()
         self.runner.next_run(self.environment)
         self._over = False
@@ -296,6 +379,10 @@ class RunSession(ExperimentSession):
         self._stack.callback(runtime.close)
         # Closed first of all: the thread that watches the arena waits in it.
         self._stack.callback(self.source.close)
+
+    def _make_room(self, pair: Pair, experiment: Experiment) -> None:
+        """See `ExperimentSession`."""
+        self.source.expect(experiment)
 
     def doubts(self) -> list[str]:
         """See `ExperimentSession.doubts`."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
@@ -25,6 +26,9 @@ from vsense.ui.access import is_loopback
 
 Tell = Callable[[str], None]
 """Takes a line for a person, from any thread; does not wait."""
+Expect = Callable[[Experiment], None]
+"""Tells a source of an experiment's tags, from any thread; VsenseError: it can look for others
+only."""
 Clock = Callable[[], int]
 """The host's monotonic clock [ns]."""
 
@@ -51,6 +55,7 @@ class SteadySource:
         name: where the states come from, for people.
         own: None where another tracker is used.
         doubt: how other machines could move robots through it, "": they cannot.
+        expect: has it look for the tags of a changed experiment; VsenseError: it cannot.
     """
 
     def __init__(
@@ -62,8 +67,13 @@ class SteadySource:
         figures: Callable[[], Mapping[str, int]],
         own: OwnCameras | None = None,
         doubt: str = "",
+        expect: Expect = lambda experiment: None,
     ) -> None:
-        """Takes over a source with a rate of its own; `figures` gives its counters."""
+        """Takes over a source with a rate of its own.
+
+        `figures` gives its counters; `expect` tells it of other tags.
+        """
+        self.expect = expect
         self.kind = kind
         self.name = name
         self.own = own
@@ -166,7 +176,9 @@ def _own_cameras(
     kind = "cameras" if session.is_live else "recording"
     name = cameras if session.is_live else f"recordings of {cameras}"
     own = OwnCameras(session, tracking)
-    return SteadySource(kind, name, tracking, experiment.timestep_ns, tracking.figures, own)
+    expect = partial(_check_roster, session=session)
+    figures = tracking.figures
+    return SteadySource(kind, name, tracking, experiment.timestep_ns, figures, own, expect=expect)
 
 
 def _check_roster(experiment: Experiment, session: TrackingSession) -> None:
@@ -203,7 +215,11 @@ def _original(
     name, doubt = f"the tracker {client.name}", ""
     if not is_loopback(tracker.host):
         doubt = f"{name}: whoever answers in its place moves every robot"
-    return SteadySource("original", name, client, experiment.timestep_ns, figures, doubt=doubt)
+    return SteadySource(
+        *("original", name, client, experiment.timestep_ns, figures),
+        doubt=doubt,
+        expect=lambda changed: client.expect(_tags(changed)),
+    )
 
 
 def _lines(
@@ -217,7 +233,11 @@ def _lines(
     name, doubt = f"a tracker that writes lines to {tracker.host}, port {listener.port}", ""
     if not is_loopback(tracker.host):
         doubt = f"port {listener.port} on {tracker.host}: whoever writes lines moves every robot"
-    return SteadySource("lines", name, listener, experiment.timestep_ns, figures, doubt=doubt)
+    return SteadySource(
+        *("lines", name, listener, experiment.timestep_ns, figures),
+        doubt=doubt,
+        expect=lambda changed: listener.repair.expect(_tags(changed)),
+    )
 
 
 def _tags(experiment: Experiment) -> list[int]:

@@ -6,7 +6,7 @@ arena a tick takes 2 us, where NumPy took 125 us.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -145,10 +145,21 @@ class Physics:
         mobility = np.zeros(len(self.bodies))
         self._contacts = Contacts(mobility, self.near)
         self.cdata = self._make(mobility, count)
+        self._built: Floats | None = None
         if built is not None:
-            self._built = np.ascontiguousarray(built, dtype=np.float64).reshape(count, 3)
-            self.cdata.built = pointer("double", self._built)
+            self._build(np.ascontiguousarray(built, dtype=np.float64).reshape(count, 3))
         kernels.vs_physics_init(self.cdata, time_ns)
+
+    def _build(self, built: Floats) -> None:
+        self._built = built
+        self.cdata.built = pointer("double", built)
+
+    def rebuild(self, robot: int, built: Sequence[float]) -> None:
+        """Has another robot stand in a row of `poses`, which is built so; see the constructor."""
+        if self._built is None:
+            self._build(np.tile((1.0, 1.0, AXLE_M), (len(self._kept[1]), 1)))
+        assert self._built is not None
+        self._built[robot] = built
 
     def _make(self, mobility: Floats, count: int) -> Any:
         """Makes the `struct vs_physics`; its arrays live as long as this object."""

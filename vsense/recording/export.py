@@ -12,8 +12,9 @@ from typing import Any
 from vsense.errors import failing_as
 from vsense.message_bus import Message
 from vsense.recording import form
-from vsense.recording.form import EVENTS, ROBOTS, SHOWN, ExperimentMessage, RecordingError, changes
+from vsense.recording.form import EVENTS, ROBOTS, SHOWN, ExperimentMessage, RecordingError
 from vsense.recording.reader import Recording, read_gap
+from vsense.recording.senses import changes
 
 Row = list[Any]
 

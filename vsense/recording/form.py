@@ -41,7 +41,7 @@ other tools."""
 PICTURE = "/picture/"
 GAP = "/gap"
 TRACKER = "/tracker"
-DEEDS, ORDERS, SETTINGS = "/deeds", "/orders", "/settings"
+DEEDS, ORDERS, SETTINGS, PARTS = "/deeds", "/orders", "/settings", "/parts"
 NOT_RECORDED = (PICTURE, "/readings/", "/you", "/answer")
 """Live pictures are scaled and lossy, one robot's readings are in `/readings` already, the rest is
 between the server and one page."""
@@ -297,6 +297,7 @@ class RunMessage(_Message):
     disk_free_bytes: int | None = None
     doubts: list[str] = field(default_factory=list)
     alarms: list[Data] = field(default_factory=list)
+    spares: list[int] = field(default_factory=list)
 
 
 def _columns(*names: str) -> dict[str, Any]:
@@ -316,19 +317,11 @@ ROBOTS = (
 """Columns of `/robots`; beside them `actuators`, a list of lists for each robot, and `shown`, an
 object for each."""
 
+PART_COLUMNS = ("part", "name", "tag", "uid", "controller", "hash")
+"""Columns of `/parts`."""
 EVENTS = ("time_s", "level", "by", "text")
 SHOWN = ("time_s", "tag", "name", "value")
 """Columns of the tables events.csv and shown.csv."""
-
-
-def changes(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[tuple[str, Any]]:
-    """The shown values that differ; one that is shown no more is None."""
-    names = [*now, *(name for name in before if name not in now)]
-    return [
-        (name, now.get(name))
-        for name in names
-        if name not in before or now.get(name) != before[name]
-    ]
 
 
 _TOPICS: dict[str, tuple[str, Fields]] = {
@@ -367,6 +360,10 @@ _TOPICS: dict[str, tuple[str, Fields]] = {
     SETTINGS: (
         "What can be changed in the world, and how it is.",
         {"locked": _YES, "sensors": _COLUMN, "fields": _COLUMN, "params": _OBJECT},
+    ),
+    PARTS: (
+        "Which robot plays which part of the experiment, in columns; `part` is the file's tag.",
+        {"run": _INTEGER, "timestep": _INTEGER, **dict.fromkeys(PART_COLUMNS, _COLUMN)},
     ),
     "/robots": ("What is known of every robot, in columns.", dict.fromkeys(ROBOTS, _COLUMN)),
     "/cameras": ("How the cameras are.", {"cameras": _COLUMN}),

@@ -108,6 +108,8 @@ class Resensing:
         self._recording = recording
         self._path = path
         self._environment: Environment | None = None
+        self._casting: Any = None
+        self._count = self._changes = 0
         self._states: dict[int, Mapping[str, Any]] = {}
         self._readings: dict[int, Mapping[str, Any]] = {}
         self._orders: list[Mapping[str, Any]] = []
@@ -135,8 +137,7 @@ class Resensing:
         """Takes a message; gives the timestep of the run that is complete with it."""
         data = message.data
         if message.topic == "/experiment":
-            if self._environment is None:
-                self._environment = self._made(ExperimentMessage.read(data))
+            self._begin(ExperimentMessage.read(data))
         elif message.topic == form.ORDERS:
             self._orders.append(data)
         elif message.topic == form.DEEDS:
@@ -147,6 +148,14 @@ class Resensing:
             if len(kept) > _WAITING:  # the world was held
                 del kept[next(iter(kept))]
         return None
+
+    def _begin(self, told: ExperimentMessage) -> None:
+        """Makes the first world, and another one where somebody was put in before the run."""
+        casting = (told.made or {}).get("casting")
+        if self._environment is None or casting != self._casting:
+            self._environment, self._casting = self._made(told), casting
+            self._count = self._changes = 0
+            self._orders.clear()
 
     def _made(self, told: ExperimentMessage) -> Environment:
         """The virtual world as it was before the first timestep."""
@@ -178,15 +187,17 @@ class Resensing:
         given, timestep = senses.given_deeds(deeds), deeds["timestep"]
         run_timestep: int = deeds["run_timestep"]
         state, readings = self._states.pop(timestep, None), self._readings.pop(timestep, None)
-        environment, done = self._environment, self.comparison.timesteps
+        environment, done = self._environment, self._count
         if environment is None or given.count != done or state is None or readings is None:
             raise self._missing(done)
         while self._orders and self._orders[0]["timestep"] <= timestep:
             carry_out(Change.read(self._orders.pop(0)["change"]), environment, _DONE_ALREADY)
+            self._changes += 1
             self.comparison.orders += 1
-        if given.orders != self.comparison.orders:
+        if given.orders != self._changes:
             raise self._missing(done)
         now = environment.step(_arena_state(state), run_timestep, given.reports, given.senders)
+        self._count += 1
         self.comparison.timesteps += 1
         self._compare(readings, now, environment, run_timestep)
         return run_timestep

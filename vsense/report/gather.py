@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from vsense.message_bus import Message
-from vsense.recording.form import ORDERS, RunMessage
+from vsense.recording.form import ORDERS, PARTS, RunMessage
 from vsense.recording.reader import Recording
 from vsense.report.facts import MOST_ASPECT, MOST_M, Facts, clock_ns, number, read_facts
 from vsense.report.flow import FINE, UNSEEN, CameraCounts, Flow, SeenRobots, Strips
@@ -36,6 +36,17 @@ class RecordedEvent:
     text: str
 
 
+@dataclass(frozen=True, slots=True)
+class PlayedPart:
+    """Which robot plays a part from a time on: tags, the part's name, and the robot's uid."""
+
+    time_ns: int
+    part: int
+    name: str
+    tag: int
+    uid: str
+
+
 class Gatherer:
     """What was found in a recording so far.
 
@@ -52,6 +63,7 @@ class Gatherer:
         events: messages for people, the first `MOST_EVENTS`.
         more_events: how many others there were.
         changes: of the world, by people, while the run went on.
+        parts: who played which part, as far as uids were told, the first `MOST_EVENTS`.
         measures: by name, times since the run began [s] and values, (n,) each.
         latency_ns, latency_ms: capture times, and ages of pictures when the readings left, (n,).
     """
@@ -66,6 +78,7 @@ class Gatherer:
         self.state = ""
         self.events: list[RecordedEvent] = []
         self.more_events = self.changes = 0
+        self.parts: list[PlayedPart] = []
         self._going = True
         self._begin()
         self._takers: dict[str, Callable[[Message], None]] = {
@@ -77,6 +90,7 @@ class Gatherer:
             "/run": self._run,
             "/world": self._world,
             "/event": self._event,
+            PARTS: self._parts,
             ORDERS: self._order,
         }
 
@@ -190,6 +204,14 @@ class Gatherer:
 
     def _order(self, message: Message) -> None:
         self.changes += isinstance(message.data["change"], dict)
+
+    def _parts(self, message: Message) -> None:
+        newest = {row.part: (row.tag, row.uid) for row in self.parts}
+        columns = (message.data[name] for name in ("part", "name", "tag", "uid"))
+        for part, name, tag, uid in zip(*columns):
+            row = PlayedPart(message.time_ns, int(part), str(name), int(tag), str(uid or ""))
+            if row.uid and newest.get(row.part) != (row.tag, row.uid):
+                self.parts += [row] * (len(self.parts) < MOST_EVENTS)
 
     def _event(self, message: Message) -> None:
         if len(self.events) >= MOST_EVENTS:

@@ -159,6 +159,7 @@ def _run(chapter: Chapter, counter: Counter) -> Iterator[str]:
         yield f"<h3>Measures</h3>\n{tables.measures(findings, counter)}"
     if findings.robots:
         yield f"<h3>Robots</h3>\n{tables.robots(findings, counter)}"
+    yield tables.parts(findings, counter)
     yield f"<h3>Loss and gaps</h3>\n{tables.amiss(findings, counter)}"
     yield f"<h3>Events</h3>\n{tables.events(findings, counter)}"
     text = findings.found.facts.file_text

@@ -57,6 +57,24 @@ def robots(findings: Findings, counter: Counter) -> str:
     return told + _stops(findings, counter)
 
 
+def parts(findings: Findings, counter: Counter) -> str:
+    """Which robot played which part, and from when on; nothing where nobody has told it."""
+    rows = [
+        [row.name, str(row.part), str(row.tag), row.uid, f"{_time_s(row.time_ns, findings):.1f}"]
+        for row in findings.found.parts[:MOST_ROWS]
+    ]
+    if not rows:
+        return ""
+    caption = "Who plays a part by its own tag has that tag. Before the run times are below 0."
+    heads = ("part", "its tag", "robot", "uid", "from [s]")
+    return counter.table("Who played", caption, heads, rows, texts=(0, 3))
+
+
+def _time_s(time_ns: int, findings: Findings) -> float:
+    """A time since the run began [s]."""
+    return (time_ns - findings.zero_ns) / 1e9
+
+
 def _stops(findings: Findings, counter: Counter) -> str:
     """Why robots stopped; nothing where none did."""
     causes = dict.fromkeys(why for row in findings.robots for why in row.stops)
@@ -98,7 +116,7 @@ def events(findings: Findings, counter: Counter) -> str:
         return "<p>None.</p>\n"
     rows = []
     for event in told[:MOST_ROWS]:
-        time_s = (event.time_ns - findings.zero_ns) / 1e9
+        time_s = _time_s(event.time_ns, findings)
         text = event.text + (f" ({event.by})" if event.by else "")
         rows.append([f"{time_s:.1f}", event.level, text])
     caption = _shown(len(rows), len(told) + findings.found.more_events)

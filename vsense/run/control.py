@@ -31,6 +31,8 @@ class State(str, Enum):
 
 
 BEFORE = (State.WAITING, State.READY)
+BETWEEN = (*BEFORE, State.ENDED)
+"""In these states a robot can be put in for another."""
 DURING = (State.RUNNING, State.PAUSED)
 HOMING = (State.HOMING, State.HOMING_PAUSED)
 
@@ -120,6 +122,7 @@ class Control:
         begun: whether the run is past its wait.
         next_asked: whether the next run is wanted.
         record: switches the recording on or off; None where nothing can be recorded.
+        replace: has a robot put in for another, by somebody; None where none can be.
     """
 
     def __init__(
@@ -135,6 +138,7 @@ class Control:
         self.why = "interrupted"
         self._holds = holds
         self.record: Callable[[bool], str] | None = None
+        self.replace: Callable[[tuple[int, int], str], str] | None = None
         self._command = command
         self._tell = tell
         self._suspends = suspends
@@ -154,7 +158,8 @@ class Control:
             self.by = order.by
         else:
             with self._lock:
-                text = self._obey(order)
+                is_cast = order.kind == OrderKind.REPLACE
+                text = self._replace(order) if is_cast else self._obey(order)
                 self.by = order.by
         self._tell(f"{order.by}: {text}")
         return text
@@ -163,9 +168,11 @@ class Control:
     def can(self) -> tuple[OrderKind, ...]:
         """The orders that make sense now."""
         with self._lock:
-            moves = TABLE[self.state, self._asked]
+            moves, between = TABLE[self.state, self._asked], self.state in BETWEEN
         found = [kind for kind, move in zip(ORDERS, moves) if move is not None]
-        return tuple(found) if self.record is None else (*found, OrderKind.RECORD)
+        found += [OrderKind.RECORD] if self.record is not None else []
+        found += [OrderKind.REPLACE] if self.replace is not None and between else []
+        return tuple(found)
 
     @property
     def holds(self) -> bool:
@@ -182,6 +189,12 @@ class Control:
         with self._lock:
             if self.state == State.WAITING:
                 self.state = State.READY
+
+    def wait_again(self) -> None:
+        """Somebody else has to come before all are there."""
+        with self._lock:
+            if self.state == State.READY:
+                self.state = State.WAITING
 
     def begin(self, start: Callable[[], object]) -> bool:
         """Starts or resumes the run, unless an order has stopped it; says whether it did."""
@@ -259,6 +272,15 @@ class Control:
         stopped = self.state == State.ENDED and self.why.startswith("stopped by ")
         who = f": {self.why}" if stopped else ""
         return f"cannot {kind.value}: run {self.run} is {now}{who}"
+
+    def _replace(self, order: Order) -> str:
+        if self.replace is None:
+            raise OrderError("nobody can be put in for a robot here")
+        if self.state not in BETWEEN:
+            raise OrderError(
+                f"run {self.run} is {self.state.value}: robots are put in between runs only"
+            )
+        return self.replace(order.pair, order.by)
 
     def _record(self, order: Order) -> str:
         if self.record is None:

@@ -167,6 +167,10 @@ class Environment:
         """Gives the environment of the run after this one, whose seed is one more."""
         return Environment(self.experiment, self.seed % MOST_SEED + 1, self.blind, self._host)
 
+    def recast(self, experiment: Experiment) -> Environment:
+        """Gives the environment of the same run with other robots in its parts."""
+        return Environment(experiment, self.seed, self.blind, self._host)
+
     def step(
         self,
         state: ArenaState,

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from typing import Protocol
 
 from vsense.arena import ArenaState
 from vsense.config.placement import settle
@@ -25,6 +26,35 @@ from vsense.terminal import Console
 
 _HELD = (StopCause.BASE, StopCause.BATTERY)
 """For these reasons a robot that is connected may not drive."""
+
+
+class Guide(Protocol):
+    """Says where robots drive by themselves, one arena state after the other: a `Homing`.
+
+    Attributes:
+        doing: what they do, for people.
+        news: lines for people that were not told yet.
+    """
+
+    doing: str
+    news: list[str]
+
+    @property
+    def done(self) -> bool:
+        """Whether nobody has to drive any more."""
+        ...
+
+    def step(self, state: ArenaState, troubles: Mapping[int, Trouble]) -> Mapping[int, Goal]:
+        """Takes an arena state, and by tag who cannot drive; gives where robots are to drive."""
+        ...
+
+    def rest(self) -> None:
+        """All robots stand, by an order."""
+        ...
+
+    def progress(self) -> str:
+        """A line for people."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +123,7 @@ def hindered(robots: Mapping[int, RobotStatus]) -> dict[int, Trouble]:
 
 
 def guide(
-    homing: Homing, server: VirtualSensorServer, control: Control
+    homing: Guide, server: VirtualSensorServer, control: Control
 ) -> Callable[[ArenaState], Mapping[int, Goal]]:
     """What says in each timestep where robots are to drive; nowhere while they rest.
 
@@ -111,12 +141,12 @@ def guide(
     return goals
 
 
-def tell(homing: Homing, console: Console) -> None:
-    """Says what is new on the way home, and how far they are."""
+def tell(homing: Guide, console: Console) -> None:
+    """Says what is new on the way, and how far they are."""
     for line in homing.news:
         console.say(line, "warning")
     homing.news.clear()
-    console.progress(f"driving home: {homing.progress()}")
+    console.progress(f"{homing.doing}: {homing.progress()}")
 
 
 def tell_end(homing: Homing, console: Console) -> None:

@@ -30,6 +30,7 @@ class OrderKind(str, Enum):
     SPEED = "speed"
     SEEK = "seek"
     STEP = "step"
+    REPLACE = "replace"
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,11 +41,22 @@ class Order:
         by: who, for people: "viewer 2 (10.0.0.7)", "terminal", "keyboard".
         value: RECORD, PLAY: 1 on, 0 off; SPEED: times real time, of a simulation 0:
             as fast as it goes; SEEK: [s] since the beginning.
+        pair: of REPLACE: a tag, and that of the robot that plays in its place from now on.
     """
 
     kind: OrderKind
     by: str
     value: float = 0.0
+    pair: tuple[int, int] = (0, 0)
+
+
+def read_pair(said: object) -> tuple[int, int]:
+    """Reads two tags, of whom and who, as JSON has them; ValueError where they are none."""
+    tags = said if isinstance(said, list) and len(said) == 2 else [None]
+    whole = [t for t in tags if isinstance(t, int) and not isinstance(t, bool)]
+    if len(whole) != 2 or not all(0 <= tag < 1 << 16 for tag in whole):
+        raise ValueError(f"pair is two tags, not {said!r:.40}")
+    return whole[0], whole[1]
 
 
 Give = Callable[[Order], str]

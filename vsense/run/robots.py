@@ -46,7 +46,7 @@ def make_server(
         **dict(zip(("host", "port"), address)),
         "timestep_ns": experiment.timestep_ns,
         "seed": seed,
-        "expected": _expected(experiment, tables),
+        "expected": expected_robots(experiment, tables),
         "trust": trust,
         "on_event": on_event,
     }
@@ -58,13 +58,20 @@ def make_server(
     return MixedServer((address[0], legacy_port), swarm, **options)
 
 
-def _expected(experiment: Experiment, tables: Mapping[str, Table]) -> dict[int, ExpectedRobot]:
-    """The robots by tag, each with what its controller is told."""
+def expected_robots(
+    experiment: Experiment, tables: Mapping[str, Table], exact: Collection[int] = ()
+) -> dict[int, ExpectedRobot]:
+    """The robots by tag, each with what its controller is told; for `exact` see `ExpectedRobot`."""
     controllers = {robot: experiment.controller_of(robot) for robot in experiment.robots}
     programs = told_programs(experiment)
     return {
         robot.tag: ExpectedRobot(
-            robot.id, tables[c.id], c.params_for(robot.id), programs[c.id], c.strict
+            robot.id,
+            tables[c.id],
+            c.params_for(robot.id),
+            programs[c.id],
+            c.strict,
+            robot.tag in exact,
         )
         for robot, c in controllers.items()
     }

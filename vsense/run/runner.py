@@ -1,28 +1,23 @@
 """Waits for the robots, starts them together, runs the timesteps and stops them.
 
-`Series` says where each run leaves its files, and whether another one follows.
+`vsense.run.several` says where each run leaves its files, and whether another one follows.
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
-from typing import Any
 
 from vsense.arena import ArenaState
 from vsense.cameras.grabber import NoMorePictures
 from vsense.clock import host_ns, real_s
 from vsense.config.specs import Experiment, Stage
-from vsense.errors import failing_as
-from vsense.homing.homing import Homing
 from vsense.link.robots.server import VirtualSensorServer
 from vsense.link.robots.status import RobotStatus
 from vsense.link.robots.wire import Wanted
 from vsense.link.trackers.client import TrackerEnded
-from vsense.run import directory as run_directory
 from vsense.run import homecoming
 from vsense.run.control import DURING, HOMING, Control, State
 from vsense.run.environment import Environment
@@ -72,6 +67,7 @@ class Runner:
         interrupted: set to end everything.
         observe: see `Observer`.
         control: takes orders; None: there are none.
+        between: is called before every timestep between runs.
         clock: the host's monotonic clock [ns].
 
     Attributes:
@@ -91,6 +87,7 @@ class Runner:
         observe: Observer = lambda step, robots: None,
         control: Control | None = None,
         clock: Callable[[], int] = host_ns,
+        between: Callable[[], None] = lambda: None,
     ) -> None:
         self.counters, self.reconnects = LinkCounters(), 0
         self._alarms, self._obedience = RobotAlarms(), Obedience()
@@ -106,7 +103,7 @@ class Runner:
         self._server, self._console = server, console
         self._interrupted, self._observe = interrupted, observe
         self.control = control or Control(server.command, console.say)
-        self._clock = clock
+        self._clock, self._between = clock, between
         self._heard_ns: int | None = None
         self._silent, self._run_timestep, self._end_ns, self._sessions = False, -1, 0, 0
         self._seen: frozenset[int] = frozenset()
@@ -131,6 +128,7 @@ class Runner:
         """
         begun_ns = self._clock()
         while True:
+            self._between()
             readiness = self._readiness(self._step())
             waited_ns = self._clock() - begun_ns
             over = limit_s is not None and waited_ns > limit_s * 1e9
@@ -155,8 +153,8 @@ class Runner:
         there = readiness.progress(self._heard_ns is not None)
         return f"{word.get(state, 'waiting')}: {there}"
 
-    def home(self, homing: Homing) -> None:
-        """Drives the robots to their starts, before `timesteps`; orders pause and end it."""
+    def home(self, homing: homecoming.Guide) -> None:
+        """Has robots drive where they are guided, before `timesteps`; orders pause and end it."""
         control, order = self.control, self._server.command
         if self._interrupted.is_set() or not control.home(partial(order, Wanted.HOME)):
             return
@@ -223,6 +221,7 @@ class Runner:
         """
         try:
             while not self._interrupted.is_set() and not self.control.next_asked:
+                self._between()
                 self._step()
                 is_free = self.control.state != State.EMERGENCY
                 next_one = "start begins the next one" if is_free else "reset, then start"
@@ -238,6 +237,16 @@ class Runner:
         self.control.next_run()
         self.silences, self._run_timestep = [], -1
         self.counters = self.counters.anew()
+
+    def recast(self, environment: Environment) -> None:
+        """Goes on between runs with other robots, which the server expects already."""
+        self._runtime.next_run(environment)
+        self.control.wait_again()
+        self._robots = {robot.tag: robot.id for robot in environment.experiment.robots}
+        # Counts of who has left are no part of any later run's.
+        counted = LinkCounters()
+        counted.update(self._server.robots())
+        self.counters = counted.anew()
 
     def stop(self) -> None:
         """Stops all robots, and waits until their telemetry says what they received."""
@@ -338,63 +347,3 @@ class Runner:
             threading.Event().wait(0.02)
             self.counters.update(self._server.robots())
         self._server.hush(False)
-
-
-class Series:
-    """The runs of one process.
-
-    Args:
-        directory: of all runs, exists.
-        runs: so many follow by themselves.
-        holds: after them, or after a stop, an order may begin another.
-        interrupted: set to end the process.
-
-    Attributes:
-        several: there may be more than one run, and each has a directory of its own. If one run
-            was planned, only those after a reset have.
-    """
-
-    def __init__(
-        self, directory: Path, runs: int, holds: bool, interrupted: threading.Event
-    ) -> None:
-        self.several = holds or runs > 1
-        self._directory = directory
-        self._runs = runs
-        self._holds = holds
-        self._interrupted = interrupted
-
-    def directory(self, number: int) -> Path:
-        """Makes the directory of a run, numbered from 1; DirectoryError if it cannot be made."""
-        self.several |= number > 1
-        if not self.several:
-            return self._directory
-        directory = self._directory / f"run-{number}"
-        with failing_as(run_directory.DirectoryError, f"cannot make {directory}"):
-            directory.mkdir()
-        return directory
-
-    def write_summary(
-        self, name: str, summaries: Sequence[Mapping[str, Any]], on_stdout: bool
-    ) -> None:
-        """Writes the figures of all runs where there may be several, and prints them if wanted."""
-        if self.several:
-            figures = {"experiment": name, "runs": list(summaries)}
-            run_directory.write_summary(self._directory, figures, on_stdout, run_directory.SERIES)
-
-    def goes_on(self, runner: Runner) -> bool:
-        """Whether another run follows; may run on until an order wants one."""
-        control = runner.control
-        if self._interrupted.is_set():
-            return False
-        if control.next_asked or (control.why == "time" and control.run < self._runs):
-            return True
-        # After an emergency stop a person has to look first, however the run was started.
-        if not self._holds and control.state != State.EMERGENCY:
-            return False
-        return runner.rest()
-
-    def was_broken(self, control: Control) -> bool:
-        """Whether a Ctrl-C has cost anything: part of a run, or runs that were still to come."""
-        cut = control.begun and control.why == "interrupted"
-        finished = control.run if control.begun and not cut else control.run - 1
-        return self._interrupted.is_set() and (cut or finished < self._runs)

@@ -56,7 +56,8 @@ class RunRow:
         condition: what is compared, in words.
         block, repetition, start: runs of two conditions that agree in all three are a pair.
         began: UTC, as ISO 8601.
-        tags, uids, batteries_v: of its robots; volts as last told, of those that told.
+        tags, uids, batteries_v: of its robots; uids are "-" where not known; volts as last told,
+            of those that told.
         light_level: of the room: the mean of the first pictures, 0 black to 1 white.
         late: share of the timesteps that were late or left out, 0..1.
         versions: of software: words such as vsense=1.2.
@@ -209,27 +210,27 @@ class RunRows:
     who knows better may change the file.
     """
 
-    def __init__(
-        self, folder: Path, mode: str, settings: Mapping[str, str], experiment: Experiment
-    ) -> None:
+    def __init__(self, folder: Path, mode: str, settings: Mapping[str, str]) -> None:
         """Of the runs of an experiment, in a folder of their own, in a mode of `MODES`."""
         self._file, self._series, self._mode = RunsFile(folder / RUNS), folder.name, mode
-        self._settings, self._experiment = settings, experiment
+        self._settings = settings
         self._began: dict[int, float] = {}
 
     def begin(self, number: int) -> None:
         """A run begins now."""
         self._began[number] = time.time()
 
-    def add(self, summary: Mapping[str, Any], ended: str) -> str:
+    def add(self, summary: Mapping[str, Any], ended: str, experiment: Experiment) -> str:
         """Adds a run that ended for this reason, "time" for its end, by what summary.json has.
+
+        `experiment` is that of the run: others may play in the next one.
 
         Returns:
             Why it cannot be written, in words; "": it is.
         """
         condition = condition_of(summary["blind"], self._settings)
         try:
-            row = row_of(summary, self._mode, self._experiment, condition, ended)
+            row = row_of(summary, self._mode, experiment, condition, ended)
             name, began = f"run-{summary['run']}", utc(self._began[summary["run"]])
             self._file.append(replace(row, run=name, series=self._series, began=began))
         except VsenseError as error:
@@ -250,6 +251,7 @@ def row_of(
     whole = ended == "time" or not experiment.timesteps
     swarm = {name: n for name, n in summary.get("swarm", {}).items() if n is not None}
     volts = [robot["battery_mv"] for robot in summary.get("per_robot", ())]
+    resting = summary.get("resting", ())
     return RunRow(
         run="",
         mode=mode,
@@ -257,8 +259,9 @@ def row_of(
         condition=condition,
         seed=summary["seed"],
         duration_s=summary["duration_s"],
-        robots=summary["robots"],
-        tags=[robot.tag for robot in experiment.robots],
+        robots=summary["robots"] - len(resting),
+        tags=[robot.tag for robot in experiment.robots if robot.id not in resting],
+        uids=_uids_of([p for p in summary.get("parts", ()) if p.get("name") not in resting]),
         batteries_v=[mv / 1000.0 for mv in volts if mv],
         light_level=summary.get("light_level"),
         late=summary["late_timesteps"] / steps if steps else None,
@@ -267,6 +270,13 @@ def row_of(
         why="" if whole else f"{ended or 'failed'} before its end",
         measures={**swarm, **summary.get("measures", summary.get("results", {}))},
     )
+
+
+def _uids_of(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """The uids of a summary's parts in the order of its tags, "-": not known; none where all are
+    unknown."""
+    uids = [row["uid"] or "-" for row in rows]
+    return uids if any(uid != "-" for uid in uids) else []
 
 
 def read_runs(path: Path) -> list[RunRow]:

@@ -41,6 +41,15 @@ class SeriesCast:
         free = (r.tag for r in robots if r.spare and not r.out_of_order)
         return [tag for tag in free if tag not in self._out | self.tags]
 
+    def follow(self, casting: Casting) -> None:
+        """Goes on with whom people have put in while a run waited.
+
+        Raises:
+            VsenseError: an experiment cannot be played by them.
+        """
+        if casting.replaced != self._casting.replaced:
+            self._recast(casting)
+
     def put_in_for(self, gone: Mapping[int, str]) -> list[int]:
         """Puts a spare in for each of these robots, as far as there are spares, and says so.
 

@@ -111,6 +111,8 @@ class RealRuns:
             with session:
                 room.begin_run(session.environment, directory)
                 readiness = session.wait_patiently(staged.plan.robots.ready_s)
+                staged.follow(session.experiment)
+                self._cast.follow(session.experiment.casting)
                 if self._interrupted.is_set():
                     return {}, None
                 if not readiness.complete:
@@ -154,7 +156,8 @@ class RealRuns:
         who = (host, port), options.trust, log, self._interrupted, room
         made = staged.made(code) | {"virtual_devices": self._loader.virtual_devices}
         blind = staged.planned.condition.blind
-        return RunSetup(experiment, cell.seed, blind, *who, made, staged.starts)
+        lease = options.lease
+        return RunSetup(experiment, cell.seed, blind, *who, made, staged.starts, lease=lease)
 
     def _do_without(self, unable: Mapping[int, str], left_out: set[int], staged: StagedRun) -> None:
         """Puts spares in for those that cannot play, or leaves them out of this run."""

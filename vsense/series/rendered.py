@@ -131,6 +131,8 @@ class LabRuns:
         with session:
             room.begin_run(session.environment, directory)
             readiness = session.wait_patiently(plan.robots.ready_s)
+            staged.follow(session.experiment)
+            self._cast.follow(session.experiment.casting)
             if not readiness.complete and not self._interrupted.is_set():
                 logs = f"the robots' logs are in {directory / 'robots'}"
                 raise NotEnoughRobots(

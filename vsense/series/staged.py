@@ -66,6 +66,12 @@ class StagedRun:
         names = {robot.tag: robot.id for robot in experiment.robots}
         return cls(plan, run, planned, experiment, Witness(names))
 
+    def follow(self, experiment: Experiment) -> None:
+        """Somebody was put in while the run waited."""
+        if experiment.casting != self.experiment.casting:
+            self.experiment = experiment
+            self.witness = Witness({robot.tag: robot.id for robot in experiment.robots})
+
     def begin(self) -> None:
         """The run begins now."""
         self.began_s = time.time()

@@ -106,7 +106,8 @@ class Witness:
     @property
     def uids(self) -> list[str]:
         """Who they are, of those that were there."""
-        return [robot.uid for robot in self._robots.values() if robot.uid]
+        uids = [robot.uid or "-" for robot in self._robots.values()]
+        return uids if any(uid != "-" for uid in uids) else []
 
     @property
     def programs(self) -> list[str]:

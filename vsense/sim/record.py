@@ -20,7 +20,8 @@ from vsense.link.robots.wire import Shown
 from vsense.native import kernel_ffi, kernels
 from vsense.physics.motion import pointer
 from vsense.pictures.run_samples import RunSamples
-from vsense.recording.form import EVENTS, SHOWN, changes
+from vsense.recording.form import EVENTS, SHOWN
+from vsense.recording.senses import changes
 from vsense.terminal import Level
 from vsense.world.sightings import POSE_FIELDS, rows_pointer
 from vsense.world.world import World

@@ -25,7 +25,7 @@ from typing import Any
 
 from vsense import sharing
 from vsense.errors import VsenseError, failing_as
-from vsense.run.orders import Give, Order, OrderError, OrderKind
+from vsense.run.orders import Give, Order, OrderError, OrderKind, read_pair
 from vsense.terminal import printable
 
 TRACKER = ".track"
@@ -179,7 +179,7 @@ def _order(asked: dict[str, Any], by: str) -> Order:
     value = float(asked.get("value", 0))
     if not math.isfinite(value):
         raise ValueError
-    return Order(OrderKind(asked["order"]), by, value)
+    return Order(OrderKind(asked["order"]), by, value, read_pair(asked.get("pair", [0, 0])))
 
 
 def _set_mode(path: Path, mode: int) -> None:

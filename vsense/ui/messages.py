@@ -22,7 +22,7 @@ from vsense.cameras.grabber import Troubles
 from vsense.config.specs import ControllerSpec, Experiment
 from vsense.link.robots.table import Direction, Entry
 from vsense.pictures.camera_view import as_they_hang
-from vsense.recording.form import Data, ExperimentMessage
+from vsense.recording.form import PART_COLUMNS, Data, ExperimentMessage
 from vsense.run.environment import Environment, Equipment
 from vsense.sensors.base import VirtualSensor, layout_dtype
 from vsense.world.entities import BODY_RADIUS_M, Entity
@@ -185,6 +185,15 @@ def experiment(facts: ExperimentFacts, environment: Environment) -> Data:
         calibration=facts.calibration,
         body_radius_m=BODY_RADIUS_M,
     ).data()
+
+
+def parts(rows: Sequence[Data], run: int, timestep: int) -> Data:
+    """Gives /parts, of rows of `vsense.run.recasting.played`."""
+    return {
+        "run": run,
+        "timestep": timestep,
+        **{name: [row[name] for row in rows] for name in PART_COLUMNS},
+    }
 
 
 def _made(facts: ExperimentFacts, spec: Experiment) -> Data:

@@ -18,10 +18,11 @@ from typing import Any
 from aiohttp import WSMsgType, web
 
 from vsense.clock import host_ns
+from vsense.config.casting import Pair
 from vsense.errors import VsenseError
 from vsense.link.strangers import RateLimit
 from vsense.message_bus import Listener, Message, MessageBus
-from vsense.recording.form import PICTURE, SETTINGS, without_nan
+from vsense.recording.form import PARTS, PICTURE, SETTINGS, without_nan
 from vsense.run.changes import Ask
 from vsense.run.changing import Change
 from vsense.run.orders import Give, Order, OrderKind
@@ -69,7 +70,7 @@ UNDERWAY_MAX = 48
 """Frames on their way to a page that reports what it got. The rest waits here, where newer ones
 replace it, and not in the buffers of two operating systems."""
 
-IDLE = frozenset({"/experiment", "/run", "/event", "/robots", SETTINGS})
+IDLE = frozenset({"/experiment", "/run", "/event", "/robots", PARTS, SETTINGS})
 """What a hidden page, or one without refresh, still shows."""
 LIVE = IDLE | {"/arena", "/world", "/signals", "/fields", "/cameras"}
 
@@ -305,13 +306,13 @@ class WebClients:
         else:
             getattr(viewer, name)(value)
 
-    def _carry_out(self, viewer: WebClient, kind: OrderKind, value: float) -> None:
+    def _carry_out(self, viewer: WebClient, kind: OrderKind, value: float, pair: Pair) -> None:
         """Carries out an order, or says why not."""
         if self._viewers[viewer] is not Rights.CONTROL:
             self._answer(viewer, LOOKING, False)
             return
         try:
-            text = self._give(Order(kind, viewer.name, value))
+            text = self._give(Order(kind, viewer.name, value, pair))
         except VsenseError as error:
             self._answer(viewer, str(error), False)
             return

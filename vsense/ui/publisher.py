@@ -22,11 +22,12 @@ from vsense.link.robots.table import Direction
 from vsense.link.robots.wire import Values
 from vsense.message_bus import Message, MessageBus
 from vsense.recording import senses
-from vsense.recording.form import DEEDS, ORDERS, PICTURE, SETTINGS, Data, RunMessage
+from vsense.recording.form import DEEDS, ORDERS, PARTS, PICTURE, SETTINGS, Data, RunMessage
 from vsense.run.changes import CarriedOut, Changes
 from vsense.run.control import State
 from vsense.run.environment import Environment
 from vsense.run.orders import OrderKind
+from vsense.run.recasting import played
 from vsense.run.runtime import Step
 from vsense.ui import messages
 from vsense.ui.messages import ExperimentFacts
@@ -127,17 +128,21 @@ class Publisher:
         self._control = control
         self._others = others
         self._clock = clock
-        self._sensors = environment.entries(Direction.SENSOR)
-        actuators = environment.entries(Direction.ACTUATOR)
-        robots = environment.experiment.robots
-        names, controllers = {r.tag: r.id for r in robots}, {r.tag: r.controller for r in robots}
-        self._robots = RobotTable(names, controllers, actuators)
+        self._equip(environment)
         self._cameras = CameraTable(facts.cameras, facts.troubles)
         self._state: ArenaState | None = None
         self._rates = Rates(WINDOW)
         self._told: dict[str, object] = {}
         self._due_ns = self._fields_due_ns = self._late = 0
         self._run_timestep = self._joined = -1
+
+    def _equip(self, environment: Environment) -> None:
+        """Prepares the robots' table and their devices'."""
+        self._sensors = environment.entries(Direction.SENSOR)
+        actuators = environment.entries(Direction.ACTUATOR)
+        robots = environment.experiment.robots
+        names, controllers = {r.tag: r.id for r in robots}, {r.tag: r.controller for r in robots}
+        self._robots = RobotTable(names, controllers, actuators)
 
     def update(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
         """Publishes what is new: `step` is None where no arena state came for a while."""
@@ -152,6 +157,11 @@ class Publisher:
         if changes is not None:
             settings = lambda: changes.settings(self.environment)  # noqa: E731
             self._tell_once(SETTINGS, (self._control.run, changes.version), settings, now_ns)
+        uids = tuple(robot.uid for robot in robots.values())
+        numbers = self._control.run, self._run_timestep
+        cast = self.environment.experiment
+        parts = lambda: messages.parts(played(cast, robots), *numbers)  # noqa: E731
+        self._tell_once(PARTS, (self._control.run, tuple(robots), uids), parts, now_ns)
         if step is not None:
             self._tell_step(step, now_ns)
         if now_ns >= self._due_ns:
@@ -203,6 +213,12 @@ class Publisher:
     def robots_data(self, robots: Mapping[int, RobotStatus]) -> Data:
         """Gives /robots, from the status of every robot by tag; any thread."""
         return self._robots.data(robots, self._state, self._clock())
+
+    def recast(self, environment: Environment) -> None:
+        """Goes on with other robots in the parts."""
+        self.environment = environment
+        self._equip(environment)
+        self._told.clear()
 
     def begin_run(self, environment: Environment) -> None:
         """Prepares for the next run."""

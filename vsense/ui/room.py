@@ -147,8 +147,8 @@ class ControlRoom:
     """Shows and steers the runs of one process; a context that leaves no thread and no socket.
 
     `bus` takes all messages; for `holds` see `RoomOptions.hold`. `doubts` says how other machines
-    could move robots without showing who they are, `alarms` what is wrong with the run now; `leave`
-    ends the process in order, as Ctrl-C does.
+    could move robots without showing who they are, `alarms` what is wrong with the run now,
+    `spares` who may be put in for a robot; `leave` ends the process in order, as Ctrl-C does.
     """
 
     def __init__(self, options: RoomOptions, console: Console) -> None:
@@ -163,6 +163,7 @@ class ControlRoom:
         self.holds, self.locked = options.hold, options.locked
         self.doubts: Sequence[str] = ()
         self.alarms: Callable[[], Sequence[Alarm]] = tuple
+        self.spares: Callable[[], list[int]] = list
         self.leave: Callable[[], None] = lambda: None
         self._options = options
         self._console = console
@@ -205,7 +206,8 @@ class ControlRoom:
         if shortage := descriptors.shortage():
             self._warn(shortage)
         if self._access is not None:
-            server, lines = open_web(self._access, self.bus, control.give, self._warn, ask)
+            give = self._give_from_page(control)
+            server, lines = open_web(self._access, self.bus, give, self._warn, ask)
             self._stack.callback(server.close)
             for line in lines:
                 # With its tokens: neither the pages nor the log may have them.
@@ -221,6 +223,23 @@ class ControlRoom:
         if keyboard.usable():
             self._stack.callback(keyboard.Keyboard(control.give, self._console.say).close)
             self._console.say(keyboard.HELP)
+
+    def _give_from_page(self, control: Control) -> Give:
+        """Takes pages' orders: where nothing may be changed there, nobody is put in either."""
+
+        def give(order: Order) -> str:
+            if self.locked and order.kind is OrderKind.REPLACE:
+                raise OrderError(
+                    "this run is locked (--locked): a robot is put in from the terminal, with"
+                    f" vsense replace {order.pair[0]}={order.pair[1]}"
+                )
+            return control.give(order)
+
+        return give
+
+    def recast(self, environment: Environment) -> None:
+        """Goes on between runs with other robots in the parts."""
+        self._publisher.recast(environment)
 
     def begin_run(self, environment: Environment, directory: Path) -> None:
         """Prepares for a run. What cannot be recorded is reported, and the run goes on."""
@@ -283,6 +302,7 @@ class ControlRoom:
             "disk_free_bytes": free,
             "doubts": list(self.doubts),
             "alarms": [asdict(alarm) for alarm in self.alarms()],
+            "spares": [] if self.locked else self.spares(),
         }
 
     def fail(self, error: VsenseError) -> None:

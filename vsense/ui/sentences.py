@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from vsense.run.changing import Change
-from vsense.run.orders import OrderKind
+from vsense.run.orders import OrderKind, read_pair
 
 PICTURES_MAX = 256
 NAME_MAX = 200
@@ -25,7 +25,7 @@ def read(text: str) -> tuple[str, Any]:
 
     ChangeReadError where it was a change.
 
-    Gives "order" with (Kind, value), "change" with a `Change`, "look" with tags, "refresh"
+    Gives "order" with (Kind, value, pair), "change" with a `Change`, "look" with tags, "refresh"
     with a bool, "pictures" with a tuple of camera ids, or "got" with a number of frames.
     """
     try:
@@ -39,13 +39,14 @@ def read(text: str) -> tuple[str, Any]:
     raise ValueError(f"not understood: {text:.60}")
 
 
-def _order(said: dict[str, Any]) -> tuple[OrderKind, float]:
+def _order(said: dict[str, Any]) -> tuple[OrderKind, float, tuple[int, int]]:
     value = said.get("value", 0)
     plain = isinstance(value, (int, float)) and not isinstance(value, bool)
     if not plain or not abs(value) < FAR:
         raise ValueError(f"an order's value is not {value!r:.40}")
+    pair = read_pair(said.get("pair", [0, 0]))
     try:
-        return OrderKind(said["order"]), float(value)
+        return OrderKind(said["order"]), float(value), pair
     except ValueError:
         raise ValueError(f"there is no order {said['order']!r:.40}") from None
 

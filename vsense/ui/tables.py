@@ -106,7 +106,11 @@ class RobotTable:
         """Gives /robots, from the status of every robot by tag and the newest arena state."""
         twice = frozenset(() if state is None else state.duplicates)
         seen = set() if state is None else set(state.robots["tag"][state.robots["seen"]].tolist())
-        rows = [self._row(links[tag], tag in seen, tag in twice, now_ns) for tag in self._names]
+        rows = [
+            self._row(links[tag], tag in seen, tag in twice, now_ns)
+            for tag in self._names
+            if tag in links
+        ]
         keys = rows[0] if rows else {}
         return {key: [row[key] for row in rows] for key in keys}
 
@@ -171,7 +175,7 @@ def shown(values: Shown) -> dict[str, float | str | None]:
     }
 
 
-_STATES = {state.value: state.name.lower() for state in Wanted}
+_STATES = {state.value: state.name.lower() for state in Wanted} | {Wanted.HOME.value: "homing"}
 
 _TOLD = (
     *("state", "stop_cause", "battery_mv", "battery_low", "leds", "left_steps_s"),

@@ -142,10 +142,10 @@ class Connections:
         for connection in list(self._all.values()):
             if (robot := connection.robot) is not None:
                 if robot.outworn:
-                    self._dismiss(connection, GoodbyeCause.RENEW, robot.outworn)
+                    self.dismiss(robot, GoodbyeCause.RENEW, robot.outworn)
                 elif robot.deaf:
                     text = f"{robot.label}: {DEAF}"
-                    self._dismiss(connection, GoodbyeCause.RENEW, DEAF)
+                    self.dismiss(robot, GoodbyeCause.RENEW, DEAF)
                     self._shared.notify(LinkEvent("doubt", robot.tag, text, now_ns))
             elif connection.deadline_ns <= now_ns:
                 if not connection.finishing:
@@ -160,7 +160,7 @@ class Connections:
         self._pause()
         for connection in list(self._all.values()):
             if connection.robot is not None:
-                self._dismiss(connection, cause, text)
+                self.dismiss(connection.robot, cause, text)
             elif not connection.finishing:
                 self._drop(connection)
 
@@ -331,7 +331,7 @@ class Connections:
         if connection.robot is not None:
             text = f"{connection.robot.label}: broke the protocol: {error}"
             self._shared.notify(LinkEvent("protocol_error", connection.robot.tag, text, now_ns))
-            self._dismiss(connection, GoodbyeCause.PROTOCOL, str(error))
+            self.dismiss(connection.robot, GoodbyeCause.PROTOCOL, str(error))
         elif error.code == lib.VS_ERR_MAGIC:
             self._tell(connection, f"not a robot: {error}")
             self._drop(connection)
@@ -349,14 +349,14 @@ class Connections:
 
     # --- who goes
 
-    def _dismiss(self, connection: Connection, cause: GoodbyeCause, text: str) -> None:
-        robot = connection.robot
-        assert robot is not None
-        with self._shared.lock:
-            now_ns = self._shared.clock()
-            packet = robot.goodbye(cause, text, self._shared.roster.orders.run, now_ns)
-            robot.close()
-            self._part(connection, packet, now_ns)
+    def dismiss(self, robot: HostSession, cause: GoodbyeCause, text: str) -> None:
+        """Ends a robot's session, if it has one."""
+        if (connection := self._by_tag.get(robot.tag)) and connection.robot is robot:
+            with self._shared.lock:
+                now_ns = self._shared.clock()
+                packet = robot.goodbye(cause, text, self._shared.roster.orders.run, now_ns)
+                robot.close()
+                self._part(connection, packet, now_ns)
 
     def _part(self, connection: Connection, last: bytes, now_ns: int) -> None:
         """Ends a connection with one last packet; its robot no longer talks here."""

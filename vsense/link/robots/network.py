@@ -11,7 +11,8 @@ import contextlib
 import errno
 import selectors
 import socket
-from collections import Counter
+from collections import Counter, deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -168,6 +169,7 @@ class ServerThread:
         self._ports = ports
         self._due_ns = 0
         self._ending = False
+        self._parting: deque[tuple[HostSession, str]] = deque()
         self._selector = selectors.DefaultSelector()
         self._waker = Waker()
         self._selector.register(self._waker, READ, self._woken)
@@ -203,6 +205,11 @@ class ServerThread:
         if self._links.dirty:
             self.wake()
 
+    def part(self, robots: Sequence[HostSession], text: str) -> None:
+        """Ends the sessions of robots soon, with a text for each."""
+        self._parting.extend((robot, text) for robot in robots)
+        self.wake()
+
     def end(self) -> None:
         """Has `run` return soon."""
         self._ending = True
@@ -220,6 +227,9 @@ class ServerThread:
         wait_ns = min(max(self._due_ns - self._shared.clock(), 0), IDLE_NS)
         for key, mask in self._selector.select(real_s(wait_ns / 1e9)):
             key.data(mask)
+        while self._parting:
+            robot, text = self._parting.popleft()
+            self._links.dismiss(robot, GoodbyeCause.END, text)
         self._links.settle()
         if self._shared.clock() >= self._due_ns:
             self._keep_time()

@@ -35,6 +35,7 @@ TAKEN_OVER = "the same robot opened a newer session"
 
 BRING = "'vsense robot deploy'"
 DEPLOY = f"bring it one with {BRING}"
+DEPLOY_IT = f"bring it that with {BRING}"
 FORMER = f"start its vsensed anew, or bring it the newest with {BRING}"
 OLDER = f"runs an older vsensed: bring it this one with {BRING}"
 
@@ -99,6 +100,8 @@ class ExpectedRobot:
         params: lines "key=value\\n" for its controller.
         program: its controller, None: not known.
         strict: one that calls itself otherwise is turned away even where all robots have this one.
+        exact: it runs what the file has, or another robot with the same controller; any other is
+            turned away: it may not have been there when they were deployed.
     """
 
     name: str
@@ -106,6 +109,7 @@ class ExpectedRobot:
     params: str = ""
     program: ToldProgram | None = None
     strict: bool = False
+    exact: bool = False
 
 
 class SessionTable:
@@ -119,7 +123,7 @@ class SessionTable:
         draw: source of session numbers: uniform 32-bit numbers.
 
     Attributes:
-        robots: every expected robot by its tag; never changes.
+        robots: every expected robot by its tag; `recast` replaces it as a whole.
 
     Raises:
         WireError: params or timestep do not fit a WELCOME.
@@ -150,8 +154,24 @@ class SessionTable:
         """No reading of the new run is measured yet; sessions with another seed are over."""
         for robot in self.robots.values():
             robot.forget()
-            robot.reseeded = robot.open and seed != self._seed
+            robot.reseeded = robot.open and (robot.reseeded or seed != self._seed)
         self._seed = seed
+
+    def recast(self, expected: Mapping[int, ExpectedRobot]) -> list[HostSession]:
+        """Expects other robots from now on; those that stay keep their sessions.
+
+        A part's table and params are those of before. Gives the robots that have left, whose
+        sessions the caller ends.
+        """
+        before, self._expected = self.robots, dict(expected)
+        self.robots = {
+            tag: before.get(tag) or HostSession(tag, robot.name, robot.table)
+            for tag, robot in expected.items()
+        }
+        gone = [robot for tag, robot in before.items() if tag not in expected]
+        self._pending = {n: p for n, p in self._pending.items() if p.robot not in gone}
+        self._by_session = {r.peer.session: r for r in self.robots.values() if r.open}
+        return gone
 
     def of_session(self, session: int) -> HostSession | None:
         """The robot whose open session has this number."""
@@ -189,9 +209,11 @@ class SessionTable:
             return refuse(RefuseCode.ROOM, text)
         expected = self._expected[hello.tag]
         runs, wanted = ToldProgram(hello.controller, hello.hash), expected.program
-        if wanted is not None and self._is_anothers(runs, wanted, expected.strict):
+        if wanted is not None and self._is_refused(expected, runs, wanted):
             robot.refused = f"runs {runs}, expected {wanted}"
-            text = f"{robot.name} {robot.refused}: see vsense robot deploy"
+            robot.refused += f": {DEPLOY_IT}" if expected.exact else ""
+            way_out = "" if expected.exact else ": see vsense robot deploy"
+            text = f"{robot.name} {robot.refused}{way_out}"
             return refuse(RefuseCode.CONTROLLER, text)
         notes = [self._key_note(found.key)]
         if wanted is not None and not runs.is_same(wanted):
@@ -211,6 +233,8 @@ class SessionTable:
         """
         heard = pending.peer.receive_telemetry(packet, source is not None, now_ns)
         if heard is None:
+            return None
+        if self._pending.get(pending.peer.session) is not pending:
             return None
         self.withdraw(pending)
         robot, hello, run = pending.robot, pending.greeting.hello, self.orders.run
@@ -283,6 +307,14 @@ class SessionTable:
     def _turn_away(self, greeting: Greeting, now_ns: int, code: RefuseCode, text: str) -> Answer:
         tag, packet = greeting.hello.tag, greeting.packet
         return self.refuse(code, text, greeting.origin, now_ns, tag, packet, greeting.root)
+
+    def _is_refused(self, expected: ExpectedRobot, runs: ToldProgram, wanted: ToldProgram) -> bool:
+        """Whether a robot runs what it must not."""
+        if not expected.exact:
+            return self._is_anothers(runs, wanted, expected.strict)
+        told = {tag: ToldProgram(*robot.runs) for tag, robot in self.robots.items() if robot.open}
+        fellows = [told[t] for t, r in self._expected.items() if t in told and r.program == wanted]
+        return not any(runs.is_same(program) for program in (wanted, *fellows))
 
     def _is_anothers(self, runs: ToldProgram, wanted: ToldProgram, strict: bool) -> bool:
         """Whether a robot runs a program that its sensor table is not for.

@@ -76,7 +76,7 @@ class VirtualSensorServer:
         self._roster.orders = Orders(int(calendar()))
         self._lock = threading.Lock()
         self._clock = clock
-        throttle = EventThrottle(on_event, expected.keys())
+        throttle = self._throttle = EventThrottle(on_event, expected.keys())
         self._shared = ServerState(self._roster, self._lock, clock, throttle.notify, throttle.tick)
         self._goodbye = (GoodbyeCause.END, "")
         self._ordered_ns = clock()
@@ -162,6 +162,18 @@ class VirtualSensorServer:
             self._roster.new_run(seed)
         self._send_orders(network)
         return self._roster.orders.run
+
+    def recast(self, expected: Mapping[int, ExpectedRobot]) -> None:
+        """Expects other robots from now on, to be called between runs.
+
+        Who stays keeps its session; who leaves is told goodbye, and turned away from then on.
+        Raises LinkError as `publish` does, and LinkError where this server cannot do it.
+        """
+        network = self._running()
+        with self._lock:
+            gone = self._roster.recast(expected)
+        self._throttle.expect(expected.keys())
+        network.part(gone, "another robot plays its part")
 
     def hush(self, hushed: bool = True) -> None:
         """Sends no STATE any more, or again, so that telemetry can catch up.

@@ -124,6 +124,11 @@ class HostSession:
         return f"robot {self.tag} ({self.name})"
 
     @property
+    def runs(self) -> tuple[str, str]:
+        """What it called its controller in its newest session, and its source's hash."""
+        return self._hello.controller, self._hello.hash
+
+    @property
     def open(self) -> bool:
         """Whether a session is open; the robot may be silent in it."""
         return self.peer.session != 0

@@ -234,6 +234,10 @@ class EventThrottle:
         self._now_ns = 0
         self._log = StrangerLog(port, self._tell)
 
+    def expect(self, tags: Collection[int]) -> None:
+        """Other robots are the experiment's from now on."""
+        self._expected = frozenset(tags)
+
     def notify(self, event: LinkEvent) -> None:
         """Calls `on_event`, unless the event is one of too many."""
         deed, now_ns = THROTTLED.get(event.kind), event.time_ns

@@ -164,6 +164,7 @@ class ArenaClient(TrackerLink):
         super().__init__(f"{host}:{port}", tell, clock)
         self.connections = 0
         self._dialog = ArenaDialog(tags, latency_ns, origin_m)
+        self.expect = self._dialog.repair.expect
         self.counters, self.repairs = self._dialog.counters, self._dialog.repair.counters
         self._sock: socket.socket | None = None
         self._connected = False

@@ -72,6 +72,10 @@ class Repair:
         self._tags = frozenset(tags)
         self._robots: dict[int, _Robot] = {}
 
+    def expect(self, tags: Collection[int]) -> None:
+        """Other tags are the experiment's from the next state on; from any thread."""
+        self._tags = frozenset(tags)
+
     def follow(self, reports: Sequence[TrackerReport], steps: int, capture_ns: int) -> ArenaState:
         """Takes the state `steps` timesteps after the last in; its capture time never goes back."""
         self._timestep += steps
@@ -93,7 +97,7 @@ class Repair:
             if believed is not None:
                 self._see(tag, believed, capture_ns, REPAIRED if tag in duplicates else 1.0)
                 seen.add(tag)
-        named = self._name(unlisted, set(self._robots) - groups.keys(), capture_ns)
+        named = self._name(unlisted, (self._robots.keys() & self._tags) - groups.keys(), capture_ns)
         for tag, report in named.items():
             self._see(tag, report, capture_ns, REPAIRED)
         self.counters.duplicates += len(duplicates)

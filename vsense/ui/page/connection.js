@@ -36,8 +36,8 @@ export class Connection {
   }
 
   /** Sends an order; each gets one answer, in turn. */
-  order(name, value) {
-    const sent = this.say({ order: name, value });
+  order(name, value, more = {}) {
+    const sent = this.say({ order: name, value, ...more });
     if (sent) this.asked += 1;
     return sent;
   }

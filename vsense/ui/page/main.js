@@ -10,6 +10,7 @@ import { byId } from "./dom.js";
 import { Events } from "./events.js";
 import { bindKeys } from "./keys.js";
 import { Measures } from "./measures.js";
+import { Replace } from "./replace.js";
 import { Replay } from "./replay.js";
 import { Robot } from "./robot.js";
 import { Robots } from "./robots.js";
@@ -62,7 +63,7 @@ measures.changed = () => connection.say(choice.looks);
 const replay = new Replay(store, controls);
 const panels = [
   new Tiles(store, connection), controls, cameras, robots, new Robot(store, choice), new Events(store),
-  measures, replay, edit, new Simulation(store, controls),
+  new Replace(store, connection, choice, (text, ok) => controls.toast(text, ok)), measures, replay, edit, new Simulation(store, controls),
 ];
 let telling = 0;
 let pictures = "";

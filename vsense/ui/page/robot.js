@@ -66,6 +66,9 @@ export class Robot {
       ["controller", this.store.controller(this.choice.tag)?.id || "–"],
       ["program", robot ? `${robot.controller ?? "–"} ${robot.hash ?? ""}` : "–"],
     ];
+    const { part, uid } = this.store.part(this.choice.tag);
+    if (part !== undefined && part !== this.choice.tag) all.push(["plays", `the part of ${part}`]);
+    if (uid) all.push(["uid", uid]);
     for (const [name, value] of Object.entries(robot?.shown ?? {})) {
       all.push([name, value === null ? "–" : typeof value === "number" ? reading(value) : value]);
     }

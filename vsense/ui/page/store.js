@@ -6,7 +6,7 @@ const TRAIL = 80;
 const STEPS_KEPT = 24;
 const EVENTS_KEPT = 200;
 const OLD_MS = 2000;
-const PLAIN = new Set(["you", "run", "arena", "world", "signals", "fields", "robots", "cameras", "settings"]);
+const PLAIN = new Set(["you", "run", "arena", "world", "signals", "fields", "robots", "cameras", "parts", "settings"]);
 
 /** Holds everything; `changed` grows per topic, so that panels see what is new to them. */
 export class Store {
@@ -38,7 +38,7 @@ export class Store {
     this.cameras = null;
     this.readings = new Map();
     this.hadCone = this.hadLight = false;
-    this.settings = null;
+    this.settings = this.parts = null;
     /** Where the run is, by whatever told it last. */
     this.now = { timestep: -1, time_s: 0 };
     this.pictures = new Map();
@@ -70,6 +70,12 @@ export class Store {
     if (name === "robots") this.rows = new Map(data.tag.map((tag, row) => [tag, row]));
     if (name === "signals") this.#signals(data);
     this.changed[name] = (this.changed[name] ?? 0) + 1;
+  }
+
+  /** Which part a robot plays, and its uid; nothing where nobody has told it. */
+  part(tag) {
+    const row = this.parts?.tag?.indexOf(tag) ?? -1;
+    return row < 0 ? {} : { part: this.parts.part[row], uid: this.parts.uid[row] };
   }
 
   #answer(data) {

@@ -1,0 +1,125 @@
+"""A robot is put in for another between runs: who may be, when, and what then is told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from vsense.config import roster
+from vsense.config.casting import Casting
+from vsense.config.experiment import load
+from vsense.config.parts import parts_of, recast, spares_for
+from vsense.config.specs import Experiment, Stage
+from vsense.errors import UsageError
+from vsense.link.robots.status import RobotStatus
+from vsense.run.control import Control, State
+from vsense.run.orders import Order, OrderError, OrderKind, read_pair
+from vsense.run.recasting import Recasting, played
+
+ROSTER = """
+[[robot]]
+tag = 23
+[[robot]]
+tag = 24
+[[robot]]
+tag = 37
+spare = true
+[[robot]]
+tag = 40
+out_of_order = "left motor stalls"
+"""
+
+
+def foraging(folder: Path) -> Experiment:
+    """Two robots of a roster play; 37 is a spare and 40 is broken."""
+    path = folder / "robots.toml"
+    path.write_text(ROSTER)
+    two = Casting.of(roster.read(path), limit=2)
+    spec = load("foraging", stage=Stage.LAB, casting=two)
+    robots = tuple(replace(r, tag=tag) for r, tag in zip(spec.robots, (23, 24)))
+    return replace(spec, robots=robots)
+
+
+def test_a_part_stays_what_it_is_whoever_plays_it(tmp_path: Path) -> None:
+    before = foraging(tmp_path)
+    after = recast(before, (23, 37))
+    assert [robot.tag for robot in after.robots] == [37, 24]
+    assert [replace(r, tag=0) for r in after.robots] == [replace(r, tag=0) for r in before.robots]
+    assert parts_of(after) == {37: 23, 24: 24}
+    assert spares_for(before) == [37] and spares_for(after) == [23]
+    # Put back, or handed on: the part is still 23's.
+    assert recast(after, (37, 23)).robots == before.robots
+    assert parts_of(recast(after, (37, 23))) == {23: 23, 24: 24}
+    assert parts_of(recast(after, (37, 99))) == {99: 23, 24: 24}
+
+
+@pytest.mark.parametrize(
+    ("pair", "text"),
+    [
+        ((25, 37), "no robot has tag 25; expected one of 23, 24"),
+        ((23, 24), "24 is in the experiment already"),
+        ((23, 40), "40 is out of order: left motor stalls"),
+    ],
+)
+def test_who_cannot_play_is_refused_with_the_reason(
+    tmp_path: Path, pair: tuple[int, int], text: str
+) -> None:
+    with pytest.raises(UsageError, match=text):
+        recast(foraging(tmp_path), pair)
+
+
+def test_wishes_are_checked_against_those_before_them_and_carried_out_once(tmp_path: Path) -> None:
+    taken: list[int] = []
+    spec = foraging(tmp_path)
+    wishes = Recasting(lambda: spec, taken.append, lambda tag: "is no robot" if tag == 99 else "")
+    assert wishes.ask((23, 37), "ben").startswith("robot 37 is put in for 23 (")
+    for pair, text in {
+        (24, 37): "37 is in the experiment already",
+        (23, 41): "no robot has tag 23",
+        (24, 99): "is no robot",
+    }.items():
+        with pytest.raises(OrderError, match=text):
+            wishes.ask(pair, "ben")
+    assert taken == [37], "nobody is leased who does not come"
+    assert [(wish.pair, wish.by) for wish in wishes.due()] == [((23, 37), "ben")]
+    assert wishes.due() == []
+
+
+def test_only_between_runs() -> None:
+    asked: list[tuple[tuple[int, int], str]] = []
+    control = Control(lambda wanted: None, lambda text: None)
+    order = Order(OrderKind.REPLACE, "ben", pair=(23, 37))
+    with pytest.raises(OrderError, match="nobody can be put in"):
+        control.give(order)
+    assert OrderKind.REPLACE not in control.can
+    control.replace = lambda pair, by: asked.append((pair, by)) or "done"  # type: ignore[func-returns-value]
+    assert OrderKind.REPLACE in control.can and control.give(order) == "done"
+    for state in State:
+        control.state = state
+        between = state in (State.WAITING, State.READY, State.ENDED)
+        assert (OrderKind.REPLACE in control.can) == between, state
+        if not between:
+            with pytest.raises(OrderError, match=f"run 1 is {state.value}: .* between runs only"):
+                control.give(order)
+    assert asked == [((23, 37), "ben")]
+
+
+@pytest.mark.parametrize("said", [None, "23=37", [23], [23, 37, 1], [True, 2], [-1, 2], [1, 65536]])
+def test_what_is_no_pair_is_refused(said: object) -> None:
+    with pytest.raises(ValueError, match="pair is two tags"):
+        read_pair(said)
+
+
+def test_who_played_is_told_with_uid_and_program_as_far_as_it_is_known(tmp_path: Path) -> None:
+    spec = recast(foraging(tmp_path), (23, 37))
+    status = RobotStatus(
+        *(37, "a", True, bytes(range(16)), "ant", "1", "05ae"), since_ns=1, heard_ns=1, udp=True,
+        telemetry=None, sessions=1, sent=0, superseded=0, unsent=0, received=0, accepted=0,
+        dropped={},
+    )  # fmt: skip
+    first, second = played(spec, {37: status})
+    assert (first["part"], first["tag"], first["name"]) == (23, 37, spec.robots[0].id)
+    assert (first["uid"], first["hash"]) == ("000102030405060708090a0b0c0d0e0f", "05ae")
+    assert (second["part"], second["tag"], second["uid"]) == (24, 24, None)
