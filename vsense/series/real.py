@@ -130,7 +130,7 @@ class RealRuns:
         log: RunLog,
     ) -> RunOutcome:
         def observe(step: Step) -> None:
-            staged.witness.observe(step.state, session.runner.robots)
+            staged.observe(step, session.runner.robots)
 
         run = staged.run
         log.say(f"run {run.cell.number} of {staged.plan.runs}: {run.in_words()}")

@@ -120,7 +120,7 @@ class LabRuns:
         newest: list[ArenaState] = []
 
         def observe(step: Step) -> None:
-            staged.witness.observe(step.state, session.runner.robots)
+            staged.observe(step, session.runner.robots)
             newest[:] = [step.state]  # not its pictures, which are lent
             time_s = step.run_timestep * session.experiment.timestep_s
             self._console.progress(
