@@ -72,6 +72,7 @@ def test_a_series_goes_on_where_it_was_and_gives_the_same_table(
     plan.write_text(PLAN.replace("duration_s = 1", "duration_s = 3"))
     assert series(plan) == 2
     assert "duration_s: 1.0 before, now 3.0" in capsys.readouterr().err
+    assert series(plan, "--dry") == 2, "nor is it said which of its runs would follow"
     assert table.read_bytes() == whole
 
 

@@ -8,7 +8,7 @@ from itertools import pairwise
 from typing import Any
 
 from vsense.run.runs_csv import RunRow
-from vsense.series.order import PlannedRun, pending
+from vsense.series.order import PlannedRun, pending, valid
 from vsense.series.parts import PlannedExperiment
 from vsense.series.plan import SeriesPlan
 from vsense.terminal import aligned
@@ -58,7 +58,7 @@ class Forecast:
             "series": self.plan.name,
             "mode": self.plan.mode,
             "planned": self.plan.runs,
-            "valid": sum(row.valid for row in self.rows),
+            "valid": valid(self.rows),
             "wall_s": self.wall_s(),
             "void": self.plan.void.in_words(),
             "runs": [{"run": run.name, "attempt": run.attempt, **asdict(run.cell)}
