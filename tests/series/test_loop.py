@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import resource
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -180,6 +181,16 @@ def test_one_process_at_a_time_and_no_folder_of_something_else(plan: SeriesPlan)
     (folder / "series.json").write_text('{"experiment": "foraging"}')  # of lab --runs
     with pytest.raises(UsageError, match="is of no series by a plan"):
         SeriesFolder(folder, plan, []).__enter__()
+
+
+def test_a_full_disk_is_told(plan: SeriesPlan) -> None:
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, limits[1]))
+    try:
+        with pytest.raises(VsenseError, match="cannot write to .*: File too large"):
+            SeriesFolder(plan.path.parent / "walks", plan, []).__enter__()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
 
 
 def test_a_folder_that_was_only_begun_is_taken(plan: SeriesPlan) -> None:

@@ -97,18 +97,18 @@ class SeriesFolder:
         return (self.path / run.name / TIMESTEPS).exists()
 
     def _lock(self) -> None:
-        file = self._stack.enter_context((self.path / _LOCK).open("a+"))
+        # Without a buffer: what a full disk refuses is not written once more when it is closed.
+        file = self._stack.enter_context((self.path / _LOCK).open("a+b", buffering=0))
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             file.seek(0)
-            who = file.read(40).strip()
+            who = file.read(40).decode(errors="replace").strip()
             raise UsageError(
                 f"{self.path}: process {who} carries this series out already"
             ) from None
         file.truncate(0)
-        file.write(str(os.getpid()))
-        file.flush()
+        file.write(b"%d" % os.getpid())
 
     def _refuse_others(self) -> None:
         """Leaves folders alone that are of something else."""
