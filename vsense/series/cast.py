@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from vsense.config.casting import Casting
 from vsense.config.roster import Roster
@@ -29,6 +30,11 @@ class SeriesCast:
         self._loader, self._roster, self._console = loader, roster, console
         self._casting = loader.casting
         self._out: set[int] = set()
+        first = {plays: tag for tag, plays in loader.casting.replaced}
+        self._parts = {
+            name: {first.get(r.tag, r.tag) for r in planned.experiment.robots}
+            for name, planned in known.items()
+        }
 
     @property
     def tags(self) -> set[int]:
@@ -72,4 +78,7 @@ class SeriesCast:
         """Loads all conditions anew, as somebody else plays in them."""
         self._casting = casting
         for name, planned in self.known.items():
-            self.known[name] = self._loader.load(planned.condition, casting)
+            # Another condition's experiment may not have that part.
+            pairs = tuple(pair for pair in casting.replaced if pair[0] in self._parts[name])
+            own = replace(casting, replaced=pairs)
+            self.known[name] = self._loader.load(planned.condition, own)
