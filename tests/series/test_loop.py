@@ -187,7 +187,7 @@ def test_a_full_disk_is_told(plan: SeriesPlan) -> None:
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, limits[1]))
     try:
-        with pytest.raises(VsenseError, match="cannot write to .*: File too large"):
+        with pytest.raises(VsenseError, match=r"cannot write to .*: File too large"):
             SeriesFolder(plan.path.parent / "walks", plan, []).__enter__()
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
@@ -222,4 +222,25 @@ def test_files_that_have_changed_are_told(plan: SeriesPlan) -> None:
         assert first.changed == []
     program.write_text("two")
     with SeriesFolder(folder, plan, [program]) as again:
-        assert again.changed == [str(program)]
+        assert again.changed == [str(program)] and again.look() == []
+        program.write_text("one")
+        assert (again.look(), again.changed) == ([], [])
+        program.unlink()
+        assert again.look() == [str(program)]
+
+
+def test_rows_say_that_a_file_changed_while_the_series_went_on(plan: SeriesPlan) -> None:
+    def first(runs: Sequence[PlannedRun], folder: SeriesFolder) -> Iterator[Made]:
+        yield runs[0], outcome_of(Evidence())
+        plan.path.with_name("walk.c").write_text("another")
+        yield runs[1], outcome_of(Evidence())
+
+    program = plan.path.with_name("walk.c")
+    program.write_text("one")
+    said, maker, never = io.StringIO(), Script(interrupted=Interruption()), Interruption()
+    maker.make = first  # type: ignore[method-assign]
+    with SeriesFolder(plan.path.parent / "walks", plan, [program]) as folder:
+        SeriesLoop(plan, folder, maker, Console(said), never).run()
+        notes = [row.note for row in folder.rows]
+    assert notes == ["", "changed since the series began: walk.c"]
+    assert said.getvalue().count(f"{program} has changed since") == 1

@@ -82,6 +82,11 @@ def test_dry_touches_nothing_and_tells_the_order(
     assert series(plan, "--dry", "--mode", "lab") == 0
     out = capsys.readouterr().out
     assert out.count("run-") == 8 and "8 of 8 runs follow (lab)" in out
+    lasts_s = []
+    for words in ((), ("--pace", "0.5")):
+        assert series(plan, "--dry", "--mode", "lab", "--json", *words) == 0
+        lasts_s.append(json.loads(capsys.readouterr().out)["wall_s"])
+    assert lasts_s[1] == 2.0 * lasts_s[0]
     assert os.listdir(plan.parent) == ["walks.toml"]
 
 

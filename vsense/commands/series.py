@@ -103,7 +103,8 @@ def run(options: argparse.Namespace) -> int:
     if options.dry:
         allowed_changes(plan, path)
         table = path / RUNS
-        forecast = Forecast(plan, known, read_runs(table) if table.exists() else ())
+        rows = read_runs(table) if table.exists() else ()
+        forecast = Forecast(plan, known, rows, options.pace)
         print_data(json.dumps(forecast.facts(), indent=2) if options.json else forecast.table())
         return 0
     console = Console()

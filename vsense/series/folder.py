@@ -42,7 +42,6 @@ class SeriesFolder:
     Attributes:
         path: where it is.
         table: its runs.csv.
-        changed: files that are others than when the series began.
         told: what has changed in the plan that may change.
     """
 
@@ -52,8 +51,9 @@ class SeriesFolder:
         """`files` are those of users that results depend on."""
         self.path, self._plan = path, plan
         self._files = {plan.beside(str(file)): file for file in files}
+        self._stamps = {name: _stamp(file) for name, file in self._files.items()}
         self._digests = {name: _digest(file) for name, file in self._files.items()}
-        self.changed: list[str] = []
+        self._begun = self._digests
         self.told: list[str] = []
         self._stack = ExitStack()
 
@@ -83,6 +83,23 @@ class SeriesFolder:
     def rows(self) -> Sequence[RunRow]:
         """The runs so far."""
         return self.table.rows
+
+    @property
+    def changed(self) -> list[str]:
+        """Files that were others when the series began, as they were looked at last."""
+        return [
+            str(self._files[name])
+            for name, digest in self._digests.items()
+            if self._begun.get(name, digest) != digest
+        ]
+
+    def look(self) -> list[str]:
+        """Looks at the files again; gives those of `changed` that were not among them before."""
+        before = self.changed
+        stamps = {name: _stamp(file) for name, file in self._files.items()}
+        new = {n: _digest(f) for n, f in self._files.items() if stamps[n] != self._stamps[n]}
+        self._stamps, self._digests = stamps, self._digests | new
+        return [file for file in self.changed if file not in before]
 
     def of_run(self, run: PlannedRun) -> Path:
         """Makes the folder of a run; DirectoryError where it cannot be made."""
@@ -129,12 +146,7 @@ class SeriesFolder:
         if self.told:
             changes = [*before.get("changes", ()), {"when": utc(time.time()), "what": self.told}]
             self._write({**before, "plan": now, "changes": changes})
-        known = before["files"]
-        self.changed = [
-            str(self._files[name])
-            for name, digest in self._digests.items()
-            if known.get(name, digest) != digest
-        ]
+        self._begun = before["files"]
 
     def _write(self, facts: Mapping[str, Any]) -> None:
         with failing_as(DirectoryError, f"cannot write to {self.path}"):
@@ -209,7 +221,17 @@ def differences(before: Any, now: Any, name: str = "") -> list[str]:
 
 
 def _digest(file: Path) -> str:
+    """The SHA-256 of a file; "": it cannot be read, which whoever needs it will say."""
     try:
         return hashlib.sha256(file.read_bytes()).hexdigest()
-    except OSError as error:
-        raise VsenseError(f"{file}: cannot be read: {error.strerror}") from None
+    except OSError:
+        return ""
+
+
+def _stamp(file: Path) -> tuple[int, ...]:
+    """What is another one where somebody has changed a file."""
+    try:
+        found = file.stat()
+    except OSError:
+        return ()
+    return found.st_ino, found.st_size, found.st_mtime_ns

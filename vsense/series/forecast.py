@@ -28,11 +28,13 @@ class Forecast:
     Attributes:
         known: what each condition runs.
         rows: the runs that were made.
+        pace: of the lab's clocks.
     """
 
     plan: SeriesPlan
     known: Mapping[str, PlannedExperiment]
     rows: Sequence[RunRow]
+    pace: float = 1.0
 
     @property
     def todo(self) -> list[PlannedRun]:
@@ -50,7 +52,7 @@ class Forecast:
         if plan.mode == "run":
             drives = [self._programs(run) for run in todo]
             whole_s += BRINGING_S * sum(a != b for a, b in pairwise(drives))
-        return whole_s
+        return whole_s / self.pace if plan.mode == "lab" else whole_s
 
     def facts(self) -> dict[str, Any]:
         """The same for programs."""

@@ -118,9 +118,15 @@ class SeriesLoop:
             say(f"{names} are the same run and all valid: one of them has to be void", "warning")
         for text in folder.told:
             say(f"the plan has changed since this series began: {text}", "warning")
-        for file in folder.changed:
-            text = f"{file} has changed since this series began: runs differ by more than their"
-            say(f"{text} conditions; begin another series with -o, or change it back", "warning")
+        self._warn_of(folder.changed)
+
+    def _warn_of(self, files: Sequence[str]) -> None:
+        for file in files:
+            self._console.say(
+                f"{file} has changed since this series began: runs differ by more than their"
+                " conditions; begin another series with -o, or change it back",
+                "warning",
+            )
 
     def _note_cut(self, run: PlannedRun) -> bool:
         """Writes down a run that was cut off when vsense or the machine ended; says whether."""
@@ -142,6 +148,8 @@ class SeriesLoop:
 
     def _write(self, run: PlannedRun, row: RunRow, why: str) -> None:
         cell = run.cell
+        self._warn_of(self._folder.look())
+        changed = ", ".join(Path(file).name for file in self._folder.changed)
         whole = replace(
             row,
             run=run.name,
@@ -154,6 +162,7 @@ class SeriesLoop:
             seed=cell.seed,
             verdict=VOID if why else VALID,
             why=why,
+            note=f"changed since the series began: {changed}" if changed else row.note,
         )
         self._folder.table.append(whole)
         if why:
