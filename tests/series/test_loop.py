@@ -7,6 +7,7 @@ import json
 import resource
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -131,15 +132,22 @@ def test_what_was_simulated_before_it_ends_is_kept(
         raise Interrupted
 
     monkeypatch.setattr(simulated, "simulate_all", simulate)
-    monkeypatch.setattr(SimulatedRuns, "_task", lambda self, run, folder: object())
+
+    def task(maker: SimulatedRuns, run: PlannedRun, folder: SeriesFolder) -> object:
+        return SimpleNamespace(job=SimpleNamespace(recording=str(folder.of_run(run) / "a.mcap")))
+
+    monkeypatch.setattr(SimulatedRuns, "_task", task)
     monkeypatch.setattr(SimulatedRuns, "_outcome", lambda *some: outcome_of(Evidence()))
     runs = pending(plan, [])
-    maker = SimulatedRuns(PlanLoader(plan), {}, Console(io.StringIO()), Interruption())
+    never = Interruption()
+    maker = SimulatedRuns(PlanLoader(plan), {}, Console(io.StringIO()), never, record=True)
     with SeriesFolder(plan.path.parent / "walks", plan, []) as folder:
         made = maker.make(runs, folder)
         assert next(made)[0] is runs[1]
         with pytest.raises(Interrupted):
             next(made)
+        there = [run.name for run in runs if (folder.path / run.name).exists()]
+    assert there == [runs[1].name], "nor is there a folder of what never began"
 
 
 def test_what_is_cut_off_is_told_and_counts_for_nothing(plan: SeriesPlan) -> None:

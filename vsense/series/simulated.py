@@ -6,6 +6,7 @@ Where it ends before, rows of runs that were done before earlier ones come last.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -67,6 +68,7 @@ class SimulatedRuns:
         except (Interrupted, VsenseError):
             for number, result in sorted(finished.items()):
                 yield runs[number], self._outcome(todo[number], result)
+            self._clear([todo[n] for n in range(written, len(todo)) if n not in finished])
             raise
         self._console.end_progress()
 
@@ -94,6 +96,12 @@ class SimulatedRuns:
             kept = str(folder.of_run(run) / f"{experiment.name}{SUFFIX}")
         label = f"{run.name} ({run.in_words()})"
         return Task(Job(setup, run.cell.seed, libraries, recording=kept), experiment, label)
+
+    def _clear(self, tasks: Sequence[Task]) -> None:
+        """Takes the folders away of runs that have not begun."""
+        for recording in (task.job.recording for task in tasks if self._record):
+            with suppress(OSError):  # it holds what was recorded until then
+                Path(recording or "").parent.rmdir()
 
     def _outcome(self, task: Task, result: Mapping[str, Any]) -> RunOutcome:
         experiment = task.experiment
