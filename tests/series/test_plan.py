@@ -158,6 +158,8 @@ def test_a_plan_is_the_same_wherever_it_is_called(
     monkeypatch.chdir(tmp_path / "mine")
     assert read(Path("../plan.toml")).facts() == told
     assert told["conditions"][0]["experiment"] == "mine/walk.argos"
+    plan = replace(read(Path("../plan.toml")), path=tmp_path / "other" / "plan.toml")
+    assert plan.beside("walk.c") == str(tmp_path / "mine" / "walk.c")
 
 
 def test_a_condition_without_a_name_gets_one_that_tables_give_back(tmp_path: Path) -> None:

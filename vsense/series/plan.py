@@ -124,8 +124,14 @@ class SeriesPlan:
         return plain
 
     def beside(self, file: str) -> str:
-        """The name of a file as seen from the plan's folder; another name as it is."""
-        return os.path.relpath(file, self.path.parent) if os.path.isfile(file) else file
+        """A file in the plan's folder as seen from there, another one by its absolute path.
+
+        What is no file is a name, and stays.
+        """
+        if not os.path.isfile(file):
+            return file
+        inside = os.path.relpath(file, self.path.parent)
+        return os.path.abspath(file) if inside.startswith(os.pardir) else inside
 
     def condition(self, name: str) -> Condition:
         """The condition of a name."""
