@@ -63,6 +63,28 @@ def test_spares_play_in_every_condition_until_there_are_none(tmp_path: Path) -> 
         assert [robot.tag for robot in planned.experiment.robots] == [first, 62, third]
 
 
+def test_a_spare_plays_where_conditions_have_different_robots(tmp_path: Path) -> None:
+    path = tmp_path / "plan.toml"
+    text = PLAN.replace('name = "b"', 'name = "b"\nexperiment = "predator_prey"')
+    path.write_text(text.replace("count = 3", ""))
+    (tmp_path / "robots.toml").write_text("[[robot]]\ntag = 61\nspare = true\n")
+    loader = PlanLoader(read(path))
+    cast = SeriesCast(
+        loader,
+        loader.load_all(),
+        roster.read(tmp_path / "robots.toml"),
+        Console(io.StringIO()),
+    )
+    mine, others = ([r.tag for r in cast.known[name].experiment.robots] for name in "ab")
+    assert mine[-1] not in others
+    assert cast.put_in_for({mine[-1]: "was lost"}) == []
+    assert cast.tags == {61, *mine[:-1], *others}
+    # Whom people put in while a run of b waits leaves the spare of a in its part.
+    b = cast.known["b"].experiment.casting
+    cast.follow("b", b.with_replaced((others[-1], 62)))
+    assert cast.tags == {61, 62, *mine[:-1], *others[:-1]}
+
+
 def test_a_run_knows_who_cannot_begin(tmp_path: Path) -> None:
     cast, _, (first, second, third) = cast_of(tmp_path)
     plan = read(tmp_path / "plan.toml")

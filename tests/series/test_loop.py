@@ -4,19 +4,26 @@ from __future__ import annotations
 
 import io
 import json
+import resource
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from vsense.errors import UsageError, VsenseError
 from vsense.run.directory import TIMESTEPS
 from vsense.run.runs_csv import RunRow, read_runs
+from vsense.series import simulated
 from vsense.series.criteria import Evidence
 from vsense.series.folder import SeriesFolder
-from vsense.series.order import PlannedRun, VoidLimit, cells
+from vsense.series.order import PlannedRun, VoidLimit, cells, pending
+from vsense.series.parts import PlanLoader
 from vsense.series.plan import SeriesPlan, read
 from vsense.series.series import Made, RunOutcome, SeriesLoop
+from vsense.series.simulated import SimulatedRuns
+from vsense.sim.outcome import Interrupted
 from vsense.terminal import Console, Interruption
 
 PLAN = """
@@ -115,6 +122,34 @@ def test_who_stops_a_run_ends_the_series_and_it_goes_on_later(plan: SeriesPlan) 
     assert carried_out(plan)[1] == ["run-002", "run-001-2"]
 
 
+def test_what_was_simulated_before_it_ends_is_kept(
+    plan: SeriesPlan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first run takes longer than the second one, in which Ctrl-C comes."""
+
+    def simulate(todo: Sequence[Any], *rest: object) -> Iterator[tuple[Any, dict[str, Any]]]:
+        yield todo[1], {}
+        raise Interrupted
+
+    monkeypatch.setattr(simulated, "simulate_all", simulate)
+
+    def task(maker: SimulatedRuns, run: PlannedRun, folder: SeriesFolder) -> object:
+        return SimpleNamespace(job=SimpleNamespace(recording=str(folder.of_run(run) / "a.mcap")))
+
+    monkeypatch.setattr(SimulatedRuns, "_task", task)
+    monkeypatch.setattr(SimulatedRuns, "_outcome", lambda *some: outcome_of(Evidence()))
+    runs = pending(plan, [])
+    never = Interruption()
+    maker = SimulatedRuns(PlanLoader(plan), {}, Console(io.StringIO()), never, record=True)
+    with SeriesFolder(plan.path.parent / "walks", plan, []) as folder:
+        made = maker.make(runs, folder)
+        assert next(made)[0] is runs[1]
+        with pytest.raises(Interrupted):
+            next(made)
+        there = [run.name for run in runs if (folder.path / run.name).exists()]
+    assert there == [runs[1].name], "nor is there a folder of what never began"
+
+
 def test_what_is_cut_off_is_told_and_counts_for_nothing(plan: SeriesPlan) -> None:
     cut = outcome_of(Evidence("interrupted"))
     for attempt in ("run-001", "run-002", "run-001-2"):
@@ -126,6 +161,8 @@ def test_what_is_cut_off_is_told_and_counts_for_nothing(plan: SeriesPlan) -> Non
     _, made, _ = carried_out(plan)
     assert made == ["run-001-3", "run-002-3"]
     assert dict(rows(plan))["run-002-2"] == "cut off: vsense was ended in it"
+    table = read_runs(plan.path.parent / "walks" / "runs.csv")
+    assert {row.experiment for row in table} == {"foraging"}, "a report counts it with the others"
 
 
 def test_a_run_that_was_only_waited_for_leaves_no_trace(plan: SeriesPlan) -> None:
@@ -149,6 +186,26 @@ def test_one_process_at_a_time_and_no_folder_of_something_else(plan: SeriesPlan)
         other.__enter__()
     with pytest.raises(UsageError, match="is not empty, and of no series"):
         SeriesFolder(plan.path.parent, plan, []).__enter__()
+    (folder / "series.json").write_text('{"experiment": "foraging"}')  # of lab --runs
+    with pytest.raises(UsageError, match="is of no series by a plan"):
+        SeriesFolder(folder, plan, []).__enter__()
+
+
+def test_a_full_disk_is_told(plan: SeriesPlan) -> None:
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, limits[1]))
+    try:
+        with pytest.raises(VsenseError, match=r"cannot write to .*: File too large"):
+            SeriesFolder(plan.path.parent / "walks", plan, []).__enter__()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+def test_a_folder_that_was_only_begun_is_taken(plan: SeriesPlan) -> None:
+    folder = plan.path.parent / "walks"
+    folder.mkdir()
+    (folder / ".series.json.0a1b2c3d").touch()  # as a kill leaves it
+    assert carried_out(plan)[0].valid == 2
 
 
 def test_a_plan_may_try_more_often_and_not_less(plan: SeriesPlan) -> None:
@@ -173,4 +230,25 @@ def test_files_that_have_changed_are_told(plan: SeriesPlan) -> None:
         assert first.changed == []
     program.write_text("two")
     with SeriesFolder(folder, plan, [program]) as again:
-        assert again.changed == [str(program)]
+        assert again.changed == [str(program)] and again.look() == []
+        program.write_text("one")
+        assert (again.look(), again.changed) == ([], [])
+        program.unlink()
+        assert again.look() == [str(program)]
+
+
+def test_rows_say_that_a_file_changed_while_the_series_went_on(plan: SeriesPlan) -> None:
+    def first(runs: Sequence[PlannedRun], folder: SeriesFolder) -> Iterator[Made]:
+        yield runs[0], outcome_of(Evidence())
+        plan.path.with_name("walk.c").write_text("another")
+        yield runs[1], outcome_of(Evidence())
+
+    program = plan.path.with_name("walk.c")
+    program.write_text("one")
+    said, maker, never = io.StringIO(), Script(interrupted=Interruption()), Interruption()
+    maker.make = first  # type: ignore[method-assign]
+    with SeriesFolder(plan.path.parent / "walks", plan, [program]) as folder:
+        SeriesLoop(plan, folder, maker, Console(said), never).run()
+        notes = [row.note for row in folder.rows]
+    assert notes == ["", "changed since the series began: walk.c"]
+    assert said.getvalue().count(f"{program} has changed since") == 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,7 @@ from vsense.errors import ConfigError, UsageError
 from vsense.run.runs_csv import RunRow
 from vsense.series.criteria import Evidence, VoidCriteria, why_void
 from vsense.series.folder import differences
-from vsense.series.order import CUT, VoidLimit, cells, pending
+from vsense.series.order import CUT, VoidLimit, cells, pending, twice, valid
 from vsense.series.plan import SeriesPlan, read
 
 TEXT = """
@@ -50,7 +51,7 @@ def plan_of(tmp_path: Path, text: str = TEXT) -> SeriesPlan:
 def row(cell_of: SeriesPlan, number: int, verdict: str = "valid", why: str = "") -> RunRow:
     cell = cells(cell_of)[number - 1]
     return RunRow(
-        run=f"run-{number}",
+        run=f"run-{number:03d}",
         mode="sim",
         experiment="",
         condition=cell.condition,
@@ -120,6 +121,53 @@ def test_pairs_have_one_seed_and_all_others_their_own(tmp_path: Path) -> None:
     assert len({(c.seed, c.start, c.repetition) for c in order}) == 6
 
 
+def test_order_and_seeds_are_the_same_everywhere(tmp_path: Path) -> None:
+    order = cells(plan_of(tmp_path))
+    # printf 1/a/1 | b2sum -l 64: 522185cc889334e9, of which the remainder is taken.
+    seed = 0x522185CC889334E9 % (2**32 - 1) + 1
+    assert {c.seed for c in order if (c.start, c.repetition) == ("a", 1)} == {seed}
+    # As Python 3.6 to 3.13 shuffle them: a series goes on with another Python, too.
+    first = [c.condition[0] + c.start[0] for c in order[:4]]
+    assert first == ["ss", "ba", "sa", "bs"]
+
+
+def test_rows_that_somebody_has_changed(tmp_path: Path) -> None:
+    plan = plan_of(tmp_path)
+    moved = replace(row(plan, 1), start="1e5")  # as spreadsheets do
+    with pytest.raises(UsageError, match=r"run-001 is of condition .*, start '1e5', repetition"):
+        pending(plan, [moved])
+    # The row of a first attempt was taken away: names are not given twice.
+    second = replace(row(plan, 1, "void", "lost"), run="run-001-2")
+    assert "run-001-3" in [run.name for run in pending(plan, [second])]
+    again = replace(row(plan, 1), run="run-001-2")
+    rows = [row(plan, 1), again, row(plan, 2)]
+    assert (valid(rows), twice(rows)) == (2, ["run-001 and run-001-2"])
+
+
+def test_a_plan_is_the_same_wherever_it_is_called(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "mine").mkdir()
+    for name in ("mine/walk.c", "mine/walk.argos"):
+        (tmp_path / name).touch()
+    text = TEXT.replace('"foraging"', '"mine/walk.argos"')
+    text = text.replace('name = "sighted"', 'controller = "mine/walk.c"')
+    told = plan_of(tmp_path, text).facts()
+    monkeypatch.chdir(tmp_path)
+    assert read(Path("plan.toml")).facts() == told
+    monkeypatch.chdir(tmp_path / "mine")
+    assert read(Path("../plan.toml")).facts() == told
+    assert told["conditions"][0]["experiment"] == "mine/walk.argos"
+    plan = replace(read(Path("../plan.toml")), path=tmp_path / "other" / "plan.toml")
+    assert plan.beside("walk.c") == str(tmp_path / "mine" / "walk.c")
+
+
+def test_a_condition_without_a_name_gets_one_that_tables_give_back(tmp_path: Path) -> None:
+    text = TEXT.replace('"foraging.pull" = 0.5', '"foraging.word" = "two\\n words "')
+    plan = plan_of(tmp_path, f"\ufeff{text}")
+    assert plan.conditions[1].name == "blind, foraging.word=two words"
+
+
 def test_what_is_valid_is_done_and_what_is_void_comes_again_after_its_block(
     tmp_path: Path,
 ) -> None:
@@ -149,7 +197,10 @@ def test_criteria_say_why() -> None:
         "stopped by ben before its end; not at the start: c (stuck); a lost for 5.1 s;"
         " b moved by 31 mm by hand; 2.0 % of the timesteps late"
     )
-    assert why_void(VoidCriteria(ended_early=False, away_from_start=False), bad) == ""
+    lenient = VoidCriteria(ended_early=False, away_from_start=False)
+    assert why_void(lenient, bad) == ""
+    never = Evidence("emergency stop by ben", measured=False)
+    assert why_void(lenient, never) == "nothing was measured: emergency stop by ben"
 
 
 def test_what_has_changed_in_a_plan_is_named(tmp_path: Path) -> None:

@@ -72,6 +72,7 @@ def test_a_series_goes_on_where_it_was_and_gives_the_same_table(
     plan.write_text(PLAN.replace("duration_s = 1", "duration_s = 3"))
     assert series(plan) == 2
     assert "duration_s: 1.0 before, now 3.0" in capsys.readouterr().err
+    assert series(plan, "--dry") == 2, "nor is it said which of its runs would follow"
     assert table.read_bytes() == whole
 
 
@@ -81,6 +82,11 @@ def test_dry_touches_nothing_and_tells_the_order(
     assert series(plan, "--dry", "--mode", "lab") == 0
     out = capsys.readouterr().out
     assert out.count("run-") == 8 and "8 of 8 runs follow (lab)" in out
+    lasts_s = []
+    for words in ((), ("--pace", "0.5")):
+        assert series(plan, "--dry", "--mode", "lab", "--json", *words) == 0
+        lasts_s.append(json.loads(capsys.readouterr().out)["wall_s"])
+    assert lasts_s[1] == 2.0 * lasts_s[0]
     assert os.listdir(plan.parent) == ["walks.toml"]
 
 
@@ -98,6 +104,7 @@ def test_the_example_is_a_plan(tmp_path: Path, capsys: pytest.CaptureFixture[str
         ('"foraging"', '"foragin"', "walks.toml:10: sighted:"),
         ("[-0.4, -0.4, 90]", "[0.41, 0.4, 90]", "overlaps with"),
         (", [-0.4, -0.4, 90]", "", "1 poses: foraging.argos has 2 robots"),
+        ("count = 2", "count = 99", "count = 99: foraging.argos has 15 robots"),
         ("blind = true", 'controller = "nobody.c"', "nobody.c"),
         ("blind = true", 'settings = { "foraging.pul" = 1 }', "reads no parameter 'pul'"),
     ],

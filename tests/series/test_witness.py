@@ -36,7 +36,7 @@ def watched(moments: Iterable[tuple[int, float]], said: Telemetry, eight_m: floa
     """Robot 7 at x by ms, and robot 8 somewhere."""
     witness = Witness(NAMES)
     for ms, x_m in moments:
-        witness.observe(arena(ms, {7: (x_m, 0.0), 8: (eight_m, 0.0)}), both(said))
+        witness.observe(arena(ms, {7: (x_m, 0.0), 8: (eight_m, 0.0)}), both(said), ms * MS)
     return witness
 
 
@@ -45,7 +45,7 @@ def test_who_is_neither_seen_nor_connected_is_lost() -> None:
     for ms in range(0, 10_000, 100):
         unseen, unlinked = 2000 <= ms < 5000, 4000 <= ms < 7500
         places = {8: (1.0, 0.0)} if unseen else {7: (0.0, 0.0), 8: (1.0, 0.0)}
-        witness.observe(arena(ms, places), both(STANDS, connected=not unlinked))
+        witness.observe(arena(ms, places), both(STANDS, connected=not unlinked), ms * MS)
     assert witness.lost_s == pytest.approx({"seven": 5.6, "eight": 0.1})
     assert witness.gone == []
 
@@ -54,9 +54,26 @@ def test_who_was_never_there_and_who_is_gone_at_the_end() -> None:
     witness = Witness(NAMES)
     for ms in range(0, 3100, 100):
         places = {7: (0.0, 0.0)} if ms < 1000 else {}
-        witness.observe(arena(ms, places), both(STANDS))
+        witness.observe(arena(ms, places), both(STANDS), ms * MS)
     assert witness.lost_s == pytest.approx({"seven": 2.1, "eight": 3.0})
     assert witness.gone == [7, 8]
+
+
+def test_nobody_is_lost_in_a_pause_nor_by_one_timestep_at_the_end() -> None:
+    witness = Witness(NAMES)
+    for run_ms in range(0, 3100, 100):
+        ms = run_ms + (60_000 if run_ms >= 1000 else 0)
+        places = {7: (0.0, 0.0), 8: (1.0, 0.0)} if run_ms < 3000 else {8: (1.0, 0.0)}
+        witness.observe(arena(ms, places), both(STANDS), run_ms * MS)
+    assert witness.lost_s == pytest.approx({"seven": 0.1, "eight": 0.1})
+    assert witness.gone == []
+
+
+def test_who_is_moved_in_a_pause_is_moved_by_hand() -> None:
+    witness = Witness(NAMES)
+    for run_ms, ms, x_m in ((0, 0, 0.0), (100, 100, 0.0), (200, 9200, 0.3)):
+        witness.observe(arena(ms, {7: (x_m, 0.0), 8: (1.0, 0.0)}), both(DRIVES), run_ms * MS)
+    assert witness.moved_mm["seven"] == pytest.approx(300 - 16)
 
 
 def test_a_robot_that_drives_as_fast_as_it_can_is_not_moved_by_hand() -> None:
@@ -89,7 +106,7 @@ def test_who_they_are_and_what_they_run() -> None:
     told = both(
         Telemetry(battery_mv=3700), uid=b"\x01" * 16, controller="walk", hash="abc", connected=True
     )
-    witness.observe(arena(0, {}), told)
+    witness.observe(arena(0, {}), told, 0)
     assert witness.volts == [3.7]
     assert witness.uids[0] == "01" * 16
     assert "walk=abc" in witness.programs

@@ -17,7 +17,7 @@ from vsense.errors import CutShort, UsageError
 from vsense.lab.links import BASES
 from vsense.run.runs_csv import MODES, RUNS, read_runs
 from vsense.series import plan as plans
-from vsense.series.folder import SeriesFolder
+from vsense.series.folder import SeriesFolder, allowed_changes
 from vsense.series.forecast import Forecast
 from vsense.series.parts import PlanLoader, PlannedExperiment
 from vsense.series.plan import SeriesPlan
@@ -101,8 +101,10 @@ def run(options: argparse.Namespace) -> int:
     known = loader.load_all()
     path = options.output or plan.path.parent / f"{plan.name}-{plan.mode}"
     if options.dry:
+        allowed_changes(plan, path)
         table = path / RUNS
-        forecast = Forecast(plan, known, read_runs(table) if table.exists() else ())
+        rows = read_runs(table) if table.exists() else ()
+        forecast = Forecast(plan, known, rows, options.pace)
         print_data(json.dumps(forecast.facts(), indent=2) if options.json else forecast.table())
         return 0
     console = Console()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from vsense.config.casting import Casting
 from vsense.config.roster import Roster
@@ -29,6 +30,11 @@ class SeriesCast:
         self._loader, self._roster, self._console = loader, roster, console
         self._casting = loader.casting
         self._out: set[int] = set()
+        first = {plays: tag for tag, plays in loader.casting.replaced}
+        self._parts = {
+            name: {first.get(r.tag, r.tag) for r in planned.experiment.robots}
+            for name, planned in known.items()
+        }
 
     @property
     def tags(self) -> set[int]:
@@ -41,14 +47,17 @@ class SeriesCast:
         free = (r.tag for r in robots if r.spare and not r.out_of_order)
         return [tag for tag in free if tag not in self._out | self.tags]
 
-    def follow(self, casting: Casting) -> None:
-        """Goes on with whom people have put in while a run waited.
+    def follow(self, condition: str, casting: Casting) -> None:
+        """Goes on with whom people have put in while a run of a condition waited.
 
         Raises:
             VsenseError: an experiment cannot be played by them.
         """
-        if casting.replaced != self._casting.replaced:
-            self._recast(casting)
+        before = self.known[condition].experiment.casting.replaced
+        if casting.replaced != before:
+            # Those of other conditions' parts stay.
+            others = tuple(pair for pair in self._casting.replaced if pair not in before)
+            self._recast(replace(self._casting, replaced=others + casting.replaced))
 
     def put_in_for(self, gone: Mapping[int, str]) -> list[int]:
         """Puts a spare in for each of these robots, as far as there are spares, and says so.
@@ -81,4 +90,7 @@ class SeriesCast:
         """Loads all conditions anew, as somebody else plays in them."""
         self._casting = casting
         for name, planned in self.known.items():
-            self.known[name] = self._loader.load(planned.condition, casting)
+            # Another condition's experiment may not have that part.
+            pairs = tuple(pair for pair in casting.replaced if pair[0] in self._parts[name])
+            own = replace(casting, replaced=pairs)
+            self.known[name] = self._loader.load(planned.condition, own)

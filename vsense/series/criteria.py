@@ -49,6 +49,7 @@ class Evidence:
         lost_s: by robot's name, the longest time that it was lost.
         moved_mm: by robot's name, the farthest that somebody moved it.
         away: names of robots that were not at their starts, with why.
+        measured: it had a timestep at least.
     """
 
     ended: str = "time"
@@ -56,6 +57,7 @@ class Evidence:
     lost_s: Mapping[str, float] = field(default_factory=dict)
     moved_mm: Mapping[str, float] = field(default_factory=dict)
     away: tuple[str, ...] = ()
+    measured: bool = True
 
 
 def why_void(criteria: VoidCriteria, evidence: Evidence) -> str:
@@ -63,6 +65,8 @@ def why_void(criteria: VoidCriteria, evidence: Evidence) -> str:
     reasons = []
     if criteria.ended_early and evidence.ended != "time":
         reasons.append(f"{evidence.ended or 'failed'} before its end")
+    elif not evidence.measured:
+        reasons.append(f"nothing was measured: {evidence.ended or 'failed'}")
     if criteria.away_from_start and evidence.away:
         reasons.append(f"not at the start: {shorten(list(evidence.away))}")
     if (limit_s := criteria.lost_s) is not None:

@@ -8,7 +8,7 @@ from itertools import pairwise
 from typing import Any
 
 from vsense.run.runs_csv import RunRow
-from vsense.series.order import PlannedRun, pending
+from vsense.series.order import PlannedRun, pending, valid
 from vsense.series.parts import PlannedExperiment
 from vsense.series.plan import SeriesPlan
 from vsense.terminal import aligned
@@ -28,11 +28,13 @@ class Forecast:
     Attributes:
         known: what each condition runs.
         rows: the runs that were made.
+        pace: of the lab's clocks.
     """
 
     plan: SeriesPlan
     known: Mapping[str, PlannedExperiment]
     rows: Sequence[RunRow]
+    pace: float = 1.0
 
     @property
     def todo(self) -> list[PlannedRun]:
@@ -50,7 +52,7 @@ class Forecast:
         if plan.mode == "run":
             drives = [self._programs(run) for run in todo]
             whole_s += BRINGING_S * sum(a != b for a, b in pairwise(drives))
-        return whole_s
+        return whole_s / self.pace if plan.mode == "lab" else whole_s
 
     def facts(self) -> dict[str, Any]:
         """The same for programs."""
@@ -58,7 +60,7 @@ class Forecast:
             "series": self.plan.name,
             "mode": self.plan.mode,
             "planned": self.plan.runs,
-            "valid": sum(row.valid for row in self.rows),
+            "valid": valid(self.rows),
             "wall_s": self.wall_s(),
             "void": self.plan.void.in_words(),
             "runs": [{"run": run.name, "attempt": run.attempt, **asdict(run.cell)}

@@ -9,14 +9,18 @@ from __future__ import annotations
 import hashlib
 import random
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from vsense.errors import VsenseError
-from vsense.run.runs_csv import RunRow
+from vsense.errors import UsageError, VsenseError
+from vsense.run.runs_csv import RUNS, RunRow
 from vsense.series.plan import SeriesPlan
 
 CUT = "cut off"
 """How `why` of a run begins that nobody judged: vsense or the machine ended in it."""
+
+
+Key = tuple[str, str, str]
+"""Condition, start and repetition, as runs.csv has them."""
 
 
 class VoidLimit(VsenseError):
@@ -36,6 +40,11 @@ class Cell:
     start: str
     repetition: int
     seed: int
+
+    @property
+    def key(self) -> Key:
+        """What tells it from the others in runs.csv."""
+        return self.condition, self.start, str(self.repetition)
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,26 +90,56 @@ def pending(plan: SeriesPlan, rows: Sequence[RunRow]) -> list[PlannedRun]:
 
     Raises:
         VoidLimit: a run of the plan was void too often.
+        UsageError: a row is of no run of the plan.
     """
-    tried: dict[tuple[str, str, str], list[RunRow]] = {}
-    for row in rows:
-        tried.setdefault((row.condition, row.start, row.repetition), []).append(row)
+    tried, names = made(rows), {row.run for row in rows}
     todo = []
     for cell in cells(plan):
-        made = tried.get((cell.condition, cell.start, str(cell.repetition)), [])
-        if any(row.valid for row in made):
+        found = tried.pop(cell.key, [])
+        if any(row.valid for row in found):
             continue
-        judged = [row for row in made if not row.why.startswith(CUT)]
+        judged = [row for row in found if not row.why.startswith(CUT)]
         if len(judged) > plan.again:
-            raise VoidLimit(_limit(cell, judged))
-        todo.append(PlannedRun(cell, len(made) + 1))
+            raise VoidLimit(_limit(plan, cell, judged))
+        run = PlannedRun(cell, len(found) + 1)
+        while run.name in names:  # somebody has taken a row away
+            run = replace(run, attempt=run.attempt + 1)
+        todo.append(run)
+    if tried:
+        raise UsageError(_stray(next(iter(tried.values()))[0]))
     return sorted(todo, key=lambda run: (run.cell.block, run.attempt, run.cell.number))
 
 
-def _limit(cell: Cell, void: Sequence[RunRow]) -> str:
+def made(rows: Sequence[RunRow]) -> dict[Key, list[RunRow]]:
+    """The rows of each cell."""
+    found: dict[Key, list[RunRow]] = {}
+    for row in rows:
+        found.setdefault((row.condition, row.start, row.repetition), []).append(row)
+    return found
+
+
+def valid(rows: Sequence[RunRow]) -> int:
+    """How many cells have a run that counts."""
+    return sum(any(row.valid for row in found) for found in made(rows).values())
+
+
+def twice(rows: Sequence[RunRow]) -> list[str]:
+    """Names of runs that count for one cell, where there are several."""
+    counting = ([row.run for row in found if row.valid] for found in made(rows).values())
+    return [" and ".join(names) for names in counting if len(names) > 1]
+
+
+def _stray(row: RunRow) -> str:
+    return (
+        f"{RUNS}: {row.run} is of condition {row.condition!r}, start {row.start!r}, repetition"
+        f" {row.repetition!r}, which the plan does not have: has somebody changed these cells?"
+    )
+
+
+def _limit(plan: SeriesPlan, cell: Cell, void: Sequence[RunRow]) -> str:
     whys = "; ".join(f"{row.run}: {row.why}" for row in void)
     times = f"{len(void)} times" if len(void) > 1 else "once"
     return (
-        f"{PlannedRun(cell).in_words()}: void {times}, no more is wanted (again = {len(void) - 1}"
+        f"{PlannedRun(cell).in_words()}: void {times}, no more is wanted (again = {plan.again}"
         f" in the plan): {whys}"
     )

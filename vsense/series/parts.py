@@ -107,4 +107,7 @@ class PlanLoader:
         plan, stage = self.plan, STAGES[self.plan.mode]
         how = plan.duration_s, settings, stage, self.virtual_devices, self.code
         experiment = load(condition.experiment, *how, casting or self.casting)
+        there = len(experiment.robots)
+        if (plan.count or 0) > there:
+            raise UsageError(f"count = {plan.count}: {experiment.file} has {there} robots")
         return first_robots(experiment, plan.count)

@@ -7,6 +7,7 @@ checked as a whole before anything moves.
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -108,13 +109,29 @@ class SeriesPlan:
         return len(self.conditions) * len(self.starts) * self.repetitions
 
     def facts(self) -> dict[str, Any]:
-        """All that it says, by name and without its layout, for JSON."""
+        """All that it says, by name and without its layout, for JSON.
+
+        It is the same in whatever folder the command is called, and where the plan's is moved.
+        """
         told = asdict(self)
         del told["path"]
         for table in (*told["conditions"], *told["starts"]):
             del table["line"]
+        for table in told["conditions"]:
+            for name in ("experiment", "controller"):
+                table[name] = self.beside(table[name])
         plain: dict[str, Any] = json.loads(json.dumps(told))
         return plain
+
+    def beside(self, file: str) -> str:
+        """A file in the plan's folder as seen from there, another one by its absolute path.
+
+        What is no file is a name, and stays.
+        """
+        if not os.path.isfile(file):
+            return file
+        inside = os.path.relpath(file, self.path.parent)
+        return os.path.abspath(file) if inside.startswith(os.pardir) else inside
 
     def condition(self, name: str) -> Condition:
         """The condition of a name."""
@@ -133,7 +150,7 @@ def read(path: Path, mode: str | None = None) -> SeriesPlan:
         ConfigError: something in it is wrong; the message has its line.
     """
     try:
-        text = read_text(path)
+        text = read_text(path, "utf-8-sig")  # as editors of some systems write it
     except OSError as error:
         raise UsageError(f"cannot read {path}: {error.strerror}") from None
     except UnicodeDecodeError:
@@ -143,7 +160,7 @@ def read(path: Path, mode: str | None = None) -> SeriesPlan:
     if mode is not None:
         told["mode"] = mode
     if told.get("mode") not in MODES:
-        raise source.error("mode", None, "", f"no mode: expected one of {', '.join(MODES)}")
+        raise source.error("", None, "mode", f"no mode: expected one of {', '.join(MODES)}")
     conditions = _conditions(source, told, path.parent)
     starts = _starts(source, told)
     named = {name: told[name] for name in ("repetitions", "seed", "duration_s") if name in told}
@@ -162,7 +179,7 @@ def read(path: Path, mode: str | None = None) -> SeriesPlan:
         robots=RobotRules(**rules),
     )
     if plan.runs > MOST_RUNS:
-        raise source.error("repetitions", None, "", f"{plan.runs} runs: at most {MOST_RUNS}")
+        raise source.error("", None, "repetitions", f"{plan.runs} runs: at most {MOST_RUNS}")
     return plan
 
 
@@ -237,9 +254,10 @@ def _texts(source: PlanText, table: str, number: int | None, given: Any) -> dict
 
 
 def _named_by(settings: Mapping[str, str], blind: bool, number: int) -> str:
-    """The name of a condition that nobody named."""
+    """The name of a condition that nobody named; one line, as tables give it back."""
     words = [f"{key}={value}" for key, value in settings.items()]
-    return ", ".join([*(["blind"] if blind else []), *words]) or f"condition{number + 1}"
+    name = ", ".join([*(["blind"] if blind else []), *words]) or f"condition{number + 1}"
+    return " ".join(name.split())
 
 
 def _placed(name: str, folder: Path) -> str:

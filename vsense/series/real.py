@@ -112,7 +112,7 @@ class RealRuns:
                 room.begin_run(session.environment, directory)
                 readiness = session.wait_patiently(staged.plan.robots.ready_s)
                 staged.follow(session.experiment)
-                self._cast.follow(session.experiment.casting)
+                self._cast.follow(staged.run.cell.condition, session.experiment.casting)
                 if self._interrupted.is_set():
                     return {}, None
                 if not readiness.complete:
@@ -132,7 +132,7 @@ class RealRuns:
         log: RunLog,
     ) -> RunOutcome:
         def observe(step: Step) -> None:
-            staged.witness.observe(step.state, session.runner.robots)
+            staged.observe(step, session.runner.robots)
 
         run = staged.run
         log.say(f"run {run.cell.number} of {staged.plan.runs}: {run.in_words()}")

@@ -120,7 +120,7 @@ class LabRuns:
         newest: list[ArenaState] = []
 
         def observe(step: Step) -> None:
-            staged.witness.observe(step.state, session.runner.robots)
+            staged.observe(step, session.runner.robots)
             newest[:] = [step.state]  # not its pictures, which are lent
             time_s = step.run_timestep * session.experiment.timestep_s
             self._console.progress(
@@ -132,7 +132,7 @@ class LabRuns:
             room.begin_run(session.environment, directory)
             readiness = session.wait_patiently(plan.robots.ready_s)
             staged.follow(session.experiment)
-            self._cast.follow(session.experiment.casting)
+            self._cast.follow(staged.run.cell.condition, session.experiment.casting)
             if not readiness.complete and not self._interrupted.is_set():
                 logs = f"the robots' logs are in {directory / 'robots'}"
                 raise NotEnoughRobots(

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, Protocol
 
+from vsense.config.experiment import SUFFIX
 from vsense.run.runs_csv import VALID, VOID, RunRow
 from vsense.series.criteria import Evidence, why_void
 from vsense.series.folder import SeriesFolder
-from vsense.series.order import CUT, PlannedRun, pending
+from vsense.series.order import CUT, PlannedRun, pending, twice, valid
 from vsense.series.plan import SeriesPlan
 from vsense.terminal import Console, Interruption
 
@@ -83,8 +85,8 @@ class SeriesLoop:
 
     @property
     def valid(self) -> int:
-        """So many runs count."""
-        return sum(row.valid for row in self._folder.rows)
+        """So many runs of the plan have one that counts."""
+        return valid(self._folder.rows)
 
     def facts(self) -> dict[str, Any]:
         """How the series stands, for programs."""
@@ -102,7 +104,7 @@ class SeriesLoop:
 
     def in_words(self) -> str:
         """How the series stands, for people."""
-        void = len(self._folder.rows) - self.valid
+        void = sum(not row.valid for row in self._folder.rows)
         thrown = f", {void} void" if void else ""
         return f"{self._folder.table.path}: {self.valid} of {self._plan.runs} runs{thrown}"
 
@@ -112,17 +114,27 @@ class SeriesLoop:
             say(f"{folder.table.path}: its last row was cut short: that run is made again")
         if folder.rows:
             say(f"{self.in_words()}; it goes on from there")
+        for names in twice(folder.rows):
+            say(f"{names} are the same run and all valid: one of them has to be void", "warning")
         for text in folder.told:
             say(f"the plan has changed since this series began: {text}", "warning")
-        for file in folder.changed:
-            say(f"{file} has changed since this series began: runs differ by more than", "warning")
-            say("their conditions; begin another series with -o, or change it back", "warning")
+        self._warn_of(folder.changed)
+
+    def _warn_of(self, files: Sequence[str]) -> None:
+        for file in files:
+            self._console.say(
+                f"{file} has changed since this series began: runs differ by more than their"
+                " conditions; begin another series with -o, or change it back",
+                "warning",
+            )
 
     def _note_cut(self, run: PlannedRun) -> bool:
         """Writes down a run that was cut off when vsense or the machine ended; says whether."""
         if self._plan.mode == "sim" or not self._folder.cut(run):
             return False
-        row = RunRow(run="", mode=self._plan.mode, experiment="", condition="")
+        experiment = Path(self._plan.condition(run.cell.condition).experiment).name
+        name = experiment.removesuffix(SUFFIX)
+        row = RunRow(run="", mode=self._plan.mode, experiment=name, condition="")
         self._write(run, row, f"{CUT}: vsense was ended in it")
         return True
 
@@ -136,6 +148,8 @@ class SeriesLoop:
 
     def _write(self, run: PlannedRun, row: RunRow, why: str) -> None:
         cell = run.cell
+        self._warn_of(self._folder.look())
+        changed = ", ".join(Path(file).name for file in self._folder.changed)
         whole = replace(
             row,
             run=run.name,
@@ -148,6 +162,7 @@ class SeriesLoop:
             seed=cell.seed,
             verdict=VOID if why else VALID,
             why=why,
+            note=f"changed since the series began: {changed}" if changed else row.note,
         )
         self._folder.table.append(whole)
         if why:

@@ -1,21 +1,25 @@
-"""The runs of a series in simulation: several at a time, their rows in the order of the plan."""
+"""The runs of a series in simulation: several at a time, their rows in the order of the plan.
+
+Where it ends before, rows of runs that were done before earlier ones come last.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from vsense.errors import VsenseError
 from vsense.recording import SUFFIX
 from vsense.run.programs import shared_objects
 from vsense.run.runs_csv import RunRow, versions
 from vsense.series.folder import SeriesFolder
 from vsense.series.order import PlannedRun
 from vsense.series.parts import PlanLoader, PlannedExperiment
-from vsense.series.plan import SeriesPlan
 from vsense.series.series import Made, RunOutcome
 from vsense.sim.job import Job, Setup
-from vsense.sim.outcome import Task
+from vsense.sim.outcome import Interrupted, Task
 from vsense.sim.watch import WorkerProcess, simulate_all
 from vsense.terminal import Console, Interruption
 
@@ -44,7 +48,7 @@ class SimulatedRuns:
         self._libraries: dict[str, dict[str, str]] = {}
 
     def make(self, runs: Sequence[PlannedRun], folder: SeriesFolder) -> Iterator[Made]:
-        """Simulates all of these runs; raises as `simulate_all`."""
+        """Simulates all of these runs; raises as `simulate_all`, after what is done is given."""
         todo = [self._task(run, folder) for run in runs]
         place = {id(task): n for n, task in enumerate(todo)}
         finished: dict[int, dict[str, Any]] = {}
@@ -55,11 +59,17 @@ class SimulatedRuns:
                 f"{self._plan.name}: {written + len(finished)} of {len(runs)} runs simulated"
             )
 
-        for task, result in simulate_all(todo, self._jobs, self._interrupted, show):
-            finished[place[id(task)]] = result
-            while written in finished:
-                yield runs[written], self._outcome(todo[written], finished.pop(written))
-                written += 1
+        try:
+            for task, result in simulate_all(todo, self._jobs, self._interrupted, show):
+                finished[place[id(task)]] = result
+                while written in finished:
+                    yield runs[written], self._outcome(todo[written], finished.pop(written))
+                    written += 1
+        except (Interrupted, VsenseError):
+            for number, result in sorted(finished.items()):
+                yield runs[number], self._outcome(todo[number], result)
+            self._clear([todo[n] for n in range(written, len(todo)) if n not in finished])
+            raise
         self._console.end_progress()
 
     def _task(self, run: PlannedRun, folder: SeriesFolder) -> Task:
@@ -87,6 +97,12 @@ class SimulatedRuns:
         label = f"{run.name} ({run.in_words()})"
         return Task(Job(setup, run.cell.seed, libraries, recording=kept), experiment, label)
 
+    def _clear(self, tasks: Sequence[Task]) -> None:
+        """Takes the folders away of runs that have not begun."""
+        for recording in (task.job.recording for task in tasks if self._record):
+            with suppress(OSError):  # it holds what was recorded until then
+                Path(recording or "").parent.rmdir()
+
     def _outcome(self, task: Task, result: Mapping[str, Any]) -> RunOutcome:
         experiment = task.experiment
         swarm = result["swarm"] if experiment.sources else {}
@@ -108,9 +124,3 @@ class SimulatedRuns:
 def programs_of(built: Mapping[str, str]) -> list[str]:
     """The controllers of a run as its versions name them: id, and digest of what was built."""
     return [f"{name}={Path(path).parent.name[:12]}" for name, path in sorted(built.items())]
-
-
-def simulated_s(plan: SeriesPlan, known: Mapping[str, PlannedExperiment]) -> float:
-    """How long all runs of a plan last by their own clocks."""
-    each = plan.runs // len(plan.conditions)
-    return sum(each * planned.experiment.length_s for planned in known.values())

@@ -16,6 +16,7 @@ from vsense.run.control import Control, State
 from vsense.run.homecoming import Starts
 from vsense.run.robots import Readiness, battery_words, low_batteries
 from vsense.run.runs_csv import RunRow, row_of, utc
+from vsense.run.runtime import Step
 from vsense.series.criteria import Evidence
 from vsense.series.order import PlannedRun
 from vsense.series.parts import PlannedExperiment
@@ -71,6 +72,11 @@ class StagedRun:
         if experiment.casting != self.experiment.casting:
             self.experiment = experiment
             self.witness = Witness({robot.tag: robot.id for robot in experiment.robots})
+
+    def observe(self, step: Step, robots: Mapping[int, RobotStatus]) -> None:
+        """Takes a timestep of the run, and the status of every robot by tag."""
+        run_ns = step.run_timestep * self.experiment.timestep_ns
+        self.witness.observe(step.state, robots, run_ns)
 
     def begin(self) -> None:
         """The run begins now."""
@@ -140,7 +146,7 @@ class StagedRun:
         mode, name = self.plan.mode, self.experiment.name
         if summary is None:
             row = RunRow(run="", mode=mode, experiment=name, condition="")
-            return RunOutcome(row, Evidence(ended), stays(ended, control))
+            return RunOutcome(row, Evidence(ended, measured=False), stays(ended, control))
         row = row_of(summary, mode, self.experiment, "", ended)
         witness = self.witness
         row = replace(

@@ -19,6 +19,12 @@ BESIDE_M = 2.0 * BODY_RADIUS_M + 0.015
 STOPPED_NS = 500_000_000
 """A robot that has told so long that its wheels stand does stand."""
 
+GONE_NS = 1_000_000_000
+"""Who was not seen for a moment when the run ended is not gone."""
+
+PAUSE_NS = 1_000_000_000
+"""Where a timestep came so much later than its number says, the run was paused before it."""
+
 LOOK_NS = 1_000_000_000
 """How far a standing robot was moved is compared over this time: cameras drift more slowly."""
 
@@ -62,11 +68,15 @@ class Witness:
 
     def __init__(self, robots: Mapping[int, str]) -> None:
         self._robots = {tag: _Watched(name) for tag, name in robots.items()}
-        self._newest_ns: int | None = None
+        self._newest_ns = self._paused_ns = 0
+        self._before: tuple[int, int] | None = None
 
-    def observe(self, state: ArenaState, robots: Mapping[int, RobotStatus]) -> None:
-        """Takes the arena state of a timestep of the run, and the status of every robot by tag."""
-        now_ns, rows = state.capture_ns, state.robots
+    def observe(self, state: ArenaState, robots: Mapping[int, RobotStatus], run_ns: int) -> None:
+        """Takes the arena state of a timestep of the run, and the status of every robot by tag.
+
+        `run_ns` is the time of the run, without its pauses: in those nobody is lost.
+        """
+        now_ns, rows = self._without_pauses_ns(state.capture_ns, run_ns), state.robots
         seen = rows[rows["seen"]]
         places = {
             int(tag): (float(x), float(y))
@@ -96,7 +106,11 @@ class Witness:
     @property
     def gone(self) -> list[int]:
         """Tags of robots that were lost when the run ended."""
-        return [tag for tag, robot in self._robots.items() if robot.well_ns != self._newest_ns]
+        return [
+            tag
+            for tag, robot in self._robots.items()
+            if robot.well_ns is not None and self._newest_ns - robot.well_ns > GONE_NS
+        ]
 
     @property
     def volts(self) -> list[float]:
@@ -113,6 +127,14 @@ class Witness:
     def programs(self) -> list[str]:
         """What they run: name, and hash of the source, as a run's versions have it."""
         return sorted({robot.program for robot in self._robots.values() if robot.program})
+
+    def _without_pauses_ns(self, capture_ns: int, run_ns: int) -> int:
+        if self._before is not None:
+            captured_ns, ran_ns = self._before
+            more_ns = (capture_ns - captured_ns) - (run_ns - ran_ns)
+            self._paused_ns += more_ns if more_ns > PAUSE_NS else 0
+        self._before = capture_ns, run_ns
+        return capture_ns - self._paused_ns
 
     def _note_link(self, robot: _Watched, status: RobotStatus, now_ns: int) -> None:
         said = status.telemetry
