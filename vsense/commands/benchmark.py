@@ -9,18 +9,15 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from vsense import recording
-from vsense.benchmark import checking, comparing, definition, page, result
-from vsense.benchmark.comparing import own_figures
+from vsense.benchmark import definition
 from vsense.benchmark.definition import Definition
-from vsense.benchmark.result import Benchmark, LabSetup
 from vsense.commands import arguments, rosters, series
 from vsense.config.roster import Roster
 from vsense.errors import UsageError
 from vsense.pictures.run_figure import spoken
-from vsense.report.report import require_empty
 from vsense.report.study import lacking_tests
 from vsense.run.runs_csv import MODES
 from vsense.series import plan as plans
@@ -28,6 +25,9 @@ from vsense.series.forecast import Forecast
 from vsense.series.parts import PlannedExperiment
 from vsense.series.plan import SeriesPlan
 from vsense.terminal import Console, aligned, interruption, print_data
+
+if TYPE_CHECKING:
+    from vsense.benchmark.result import Benchmark
 
 DESCRIPTION = (
     "Qualifies a lab, simulated, rendered or real, by three missions that are the same everywhere:"
@@ -99,10 +99,13 @@ def _add_result(parser: argparse.ArgumentParser, name: str, text: str) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Carries the benchmark out, checks a result (1: it does not hold), or compares two."""
+    recording.require()
     if options.action == "check":
         return _check(options)
     if options.action == "compare":
         return _compare(options)
+    from vsense.benchmark.result import Benchmark
+
     known = definition.load()
     plan = _plan(options, known)
     roster = _require_robots(options, plan, known)
@@ -117,7 +120,6 @@ def run(options: argparse.Namespace) -> int:
         told = _told(benchmark) | forecast.facts()
         print_data(json.dumps(told, indent=2) if options.json else _dry(benchmark, forecast))
         return 0
-    recording.require()
     for words in benchmark.deviations:
         Console().say(f"{known.name}: {words}", "warning")
     code = series.carry_out(options, loader, planned, path, lambda facts: None)
@@ -165,9 +167,11 @@ def _require_robots(
 
 def _finish(options: argparse.Namespace, benchmark: Benchmark, roster: Roster | None) -> int:
     """Makes the result of all runs, and says where it is."""
+    from vsense.benchmark import page, result
+
     console = Console()
     with interruption() as interrupted, interrupted.at_once():
-        lab = LabSetup(options.site or socket.gethostname(), _setup(options))
+        lab = result.LabSetup(options.site or socket.gethostname(), _setup(options))
         told = result.make(benchmark, lab, roster, console.progress)
         path = result.write(benchmark, told)
         tests = not lacking_tests()
@@ -199,6 +203,8 @@ def _setup(options: argparse.Namespace) -> dict[str, Any]:
 
 def _summary(told: Mapping[str, Any]) -> Iterator[str]:
     """The result in some lines."""
+    from vsense.benchmark.comparing import own_figures
+
     counts = told["counts"]
     yield (
         f"{told['benchmark']}, {told['site']} ({told['mode']}): {counts['valid']} runs,"
@@ -246,7 +252,8 @@ def _dry(benchmark: Benchmark, forecast: Forecast) -> str:
 
 
 def _check(options: argparse.Namespace) -> int:
-    recording.require()
+    from vsense.benchmark import checking
+
     console = Console()
     with interruption() as interrupted, interrupted.at_once():
         found = checking.check(options.file, console.progress)
@@ -261,6 +268,9 @@ def _check(options: argparse.Namespace) -> int:
 
 
 def _compare(options: argparse.Namespace) -> int:
+    from vsense.benchmark import comparing, page
+    from vsense.report.report import require_empty
+
     if options.report is not None:
         require_empty(options.report)
     paths = options.first, options.second
