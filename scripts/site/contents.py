@@ -36,6 +36,7 @@ SECTIONS: dict[str, tuple[str, ...]] = {
         "vsense/robot_calibration/README.md",
         "vsense/live/README.md",
         "vsense/series/README.md",
+        "vsense/benchmark/README.md",
         "vsense/live/SHARING.md",
         "vsense/ui/README.md",
     ),

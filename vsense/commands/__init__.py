@@ -22,6 +22,7 @@ COMMANDS = {
     "lab": ("lab", "run an experiment on this machine: rendered cameras, emulated robots"),
     "run": ("run", "run an experiment with real robots and cameras, or with another tracker"),
     "series": ("series", "make many runs by a plan, without hands: sim, lab or real robots"),
+    "benchmark": ("benchmark", "qualify a lab by three fixed missions; check and compare results"),
     "status": ("orders", "show how a running experiment and its robots are"),
     "start": ("orders", "start the run that waits, let a paused one go on, or begin the next"),
     "pause": ("orders", "have robots and virtual world stand still until `vsense start`"),
@@ -48,7 +49,7 @@ COMMANDS = {
 """Each command's module and its line in the help."""
 
 GROUPS = {
-    "an experiment": ("new", "sim", "lab", "run", "series"),
+    "an experiment": ("new", "sim", "lab", "run", "series", "benchmark"),
     "while it runs, from another terminal": (
         *("status", "start", "pause", "stop", "reset", "replace", "handover"),
     ),

@@ -59,7 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="folder for picture and logs (default: runs/...)",
     )
-    _add_cameras(parser)
+    add_cameras(parser)
     add_pace(parser)
     hardware.add_robots(parser)
     experiments.add_room(parser)
@@ -79,7 +79,7 @@ def add_pace(group: Any) -> None:
 
 
 def add_cameras(group: Any) -> None:
-    """Declares how many cameras the lab has."""
+    """Declares how many cameras the lab has, and how well they are known."""
     arguments.option(
         group,
         "--cameras",
@@ -88,12 +88,8 @@ def add_cameras(group: Any) -> None:
         "so many columns and rows of cameras, up to 8x8; they hang so high, and have so many"
         " pixels, that they see the whole arena (default: as many as it takes, 2x2 at least)",
     )
-
-
-def _add_cameras(parser: argparse.ArgumentParser) -> None:
-    add_cameras(parser)
     arguments.flag(
-        parser,
+        group,
         "--calibrate",
         "hang the cameras as people do, a little off, and know them only from rendered pictures of"
         " a board, as `vsense calibrate rig` would (default: the cameras are known exactly)",

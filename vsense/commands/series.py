@@ -5,10 +5,11 @@ from __future__ import annotations
 import argparse
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from vsense import recording
 from vsense.commands import arguments, hardware, lab, rosters, series_robots
@@ -56,12 +57,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="folder of the series (default: NAME-MODE beside the plan)",
     )
     arguments.flag(parser, "--json", "print how the series stands in the end as one JSON object")
-    parser.add_argument(
-        *("-j", "--jobs"),
-        type=arguments.positive,
-        metavar="N",
-        help="simulated runs at the same time (default: one per processor)",
-    )
     arguments.flag(
         parser,
         "--lenient",
@@ -69,14 +64,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " parameter that it does not read",
     )
     arguments.add_code(parser)
+    add_making(parser)
+    group = parser.add_argument_group("control room")
+    arguments.add_locked(group)
+    arguments.add_recording(group)
+
+
+def add_making(parser: argparse.ArgumentParser) -> None:
+    """Declares who plays, and how runs are made in each mode."""
+    parser.add_argument(
+        *("-j", "--jobs"),
+        type=arguments.positive,
+        metavar="N",
+        help="simulated runs at the same time (default: one per processor)",
+    )
     default = f"(default: with real robots {FILE_NAME} in the current folder, otherwise none)"
     rosters.add_casting(parser, default)
     series_robots.add_arguments(parser)
-    _add_room(parser)
-
-
-def _add_room(parser: argparse.ArgumentParser) -> None:
-    """Declares how runs in the lab and with robots are seen and kept."""
     group = parser.add_argument_group("lab")
     arguments.add_bases(group, BASES)
     lab.add_cameras(group)
@@ -84,9 +88,6 @@ def _add_room(parser: argparse.ArgumentParser) -> None:
     hardware.add_errors(group)
     arguments.add_web(parser, insecure=False)
     arguments.add_foxglove(parser)
-    group = parser.add_argument_group("control room")
-    arguments.add_locked(group)
-    arguments.add_recording(group)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -97,17 +98,50 @@ def run(options: argparse.Namespace) -> int:
     if options.plan is None:
         raise UsageError("expected a plan: vsense series --example > plan.toml makes one")
     plan = plans.read(options.plan, options.mode)
-    loader = _loader(options, plan)
-    known = loader.load_all()
+    loader, known = load(options, plan)
     path = options.output or plan.path.parent / f"{plan.name}-{plan.mode}"
     if options.dry:
-        allowed_changes(plan, path)
-        table = path / RUNS
-        rows = read_runs(table) if table.exists() else ()
-        forecast = Forecast(plan, known, rows, options.pace)
+        forecast = forecast_of(plan, known, path, options.pace)
         print_data(json.dumps(forecast.facts(), indent=2) if options.json else forecast.table())
         return 0
-    console = Console()
+
+    def tell(facts: Mapping[str, Any]) -> None:
+        if options.json:
+            print_data(json.dumps(facts, indent=2))
+
+    return carry_out(options, loader, known, path, tell)
+
+
+def load(
+    options: argparse.Namespace, plan: SeriesPlan
+) -> tuple[PlanLoader, dict[str, PlannedExperiment]]:
+    """Loads what the conditions of a plan run; raises as `PlanLoader.load_all`."""
+    loader = _loader(options, plan)
+    return loader, loader.load_all()
+
+
+def forecast_of(
+    plan: SeriesPlan, known: Mapping[str, PlannedExperiment], path: Path, pace: float
+) -> Forecast:
+    """What is left of the series in a folder; UsageError: the plan has changed too much."""
+    allowed_changes(plan, path)
+    table = path / RUNS
+    return Forecast(plan, known, read_runs(table) if table.exists() else (), pace)
+
+
+def carry_out(
+    options: argparse.Namespace,
+    loader: PlanLoader,
+    known: Mapping[str, PlannedExperiment],
+    path: Path,
+    tell: Callable[[Mapping[str, Any]], None],
+) -> int:
+    """Makes the runs of a series in a folder; `tell` takes how it stands in the end.
+
+    Returns:
+        0 where all are there, else 130 after Ctrl-C, 143 after SIGTERM, or 1.
+    """
+    plan, console = loader.plan, Console()
     for warning in {text for one in known.values() for text in one.experiment.warnings}:
         console.say(f"vsense: {warning}")
     files = {path for one in known.values() for path in one.files}
@@ -121,7 +155,7 @@ def run(options: argparse.Namespace) -> int:
             maker = series_robots.maker(options, *common, _room(options), stack)
         folder = stack.enter_context(SeriesFolder(path, plan, sorted(files)))
         loop = SeriesLoop(plan, folder, maker, console, interrupted)
-        return _carry_out(options, loop, console, interrupted)
+        return _run_all(loop, console, interrupted, tell)
 
 
 def _loader(options: argparse.Namespace, plan: SeriesPlan) -> PlanLoader:
@@ -185,8 +219,11 @@ def _rendered(
     return LabRuns(loader, cast, console, interrupted, made)
 
 
-def _carry_out(
-    options: argparse.Namespace, loop: SeriesLoop, console: Console, interrupted: Interruption
+def _run_all(
+    loop: SeriesLoop,
+    console: Console,
+    interrupted: Interruption,
+    tell: Callable[[Mapping[str, Any]], None],
 ) -> int:
     """Makes the runs, and says how the series stands, also where one has failed."""
     try:
@@ -196,8 +233,7 @@ def _carry_out(
     finally:
         console.end_progress()
         console.say(loop.in_words())
-        if options.json:
-            print_data(json.dumps(loop.facts(), indent=2))
+        tell(loop.facts())
     if not loop.why:
         return 0
     console.say(f"{loop.why}: the same command goes on from there")

@@ -196,7 +196,7 @@ class Resensing:
             self.comparison.orders += 1
         if given.orders != self._changes:
             raise self._missing(done)
-        now = environment.step(_arena_state(state), run_timestep, given.reports, given.senders)
+        now = environment.step(arena_state(state), run_timestep, given.reports, given.senders)
         self._count += 1
         self.comparison.timesteps += 1
         self._compare(readings, now, environment, run_timestep)
@@ -244,7 +244,7 @@ class Resensing:
         return RecordingError(f"{self._recording.path}: {what}")
 
 
-def _arena_state(data: Mapping[str, Any]) -> ArenaState:
+def arena_state(data: Mapping[str, Any]) -> ArenaState:
     """What `arena_data` was made of, as far as a world sees it."""
     columns = data["robots"]
     robots = np.zeros(len(columns["tag"]), POSE)

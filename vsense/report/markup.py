@@ -7,6 +7,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
 
+from vsense import __version__
+
 DASH = "–"
 """An unknown value."""
 
@@ -72,6 +74,19 @@ class Counter:
             f"<thead>{f'<tr>{tops}</tr>' if over else ''}"
             f"<tr>{names}</tr></thead>\n<tbody>{body}</tbody></table></div>\n"
         )
+
+
+def document(title: str, lead: str, body: str, command: str) -> str:
+    """A whole page; `body` is HTML, `lead` and `title` are text, `command` made it."""
+    return (
+        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}'
+        f' – vsense {escape(command)}</title>\n<meta name="viewport"'
+        ' content="width=device-width, initial-scale=1">\n'
+        f"<style>{CSS}</style></head><body>\n<header><h1>{escape(title)}</h1>"
+        f'<p class="soft">{escape(lead)}</p></header>\n{body}'
+        f'<footer class="soft">Made by vsense {escape(__version__)},'
+        f" <code>vsense {escape(command)}</code>.</footer></body></html>\n"
+    )
 
 
 def tiles(values: Iterable[tuple[str, str]]) -> str:

@@ -6,12 +6,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
 
-from vsense import __version__
 from vsense.report import tables
 from vsense.report.charts import few
 from vsense.report.compare import Group
 from vsense.report.findings import Findings
-from vsense.report.markup import CSS, Counter, Shown, note, share_of, tiles
+from vsense.report.markup import Counter, Shown, document, note, share_of, tiles
 from vsense.report.study import section
 from vsense.report.study.results import Questions, StudyResult
 
@@ -66,15 +65,7 @@ def page(
     if studied is not None and not comparisons:
         count = studied.count + len(chapters)
     name = _counted(count) if many else chapters[0].findings.label
-    parts = [
-        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(name)}'
-        ' – vsense report</title>\n<meta name="viewport"'
-        ' content="width=device-width, initial-scale=1">\n'
-        f"<style>{CSS}</style></head><body>\n<header><h1>{escape(name)}</h1>"
-        f'<p class="soft">What {"recordings" if chapters else "runs"} of vsense say. Times are in'
-        " seconds since a run began, lengths in metres in the arena's frame.</p></header>\n"
-    ]
-    parts += [note(f"{text[0].upper()}{text[1:]}.", "warning") for text in lacking]
+    parts = [note(f"{text[0].upper()}{text[1:]}.", "warning") for text in lacking]
     if many:
         parts.append(_contents(chapters, comparisons, studied))
     if studied is not None:
@@ -85,11 +76,11 @@ def page(
         if many:
             parts.append(f'<h2 id="run-{place}">{escape(chapter.findings.label)}</h2>\n')
         parts += _run(chapter, counter)
-    parts.append(
-        f'<footer class="soft">Made by vsense {escape(__version__)}, <code>vsense report</code>.'
-        "</footer></body></html>\n"
+    lead = (
+        f"What {'recordings' if chapters else 'runs'} of vsense say. Times are in seconds since a"
+        " run began, lengths in metres in the arena's frame."
     )
-    return "".join(parts)
+    return document(name, lead, "".join(parts), "report")
 
 
 def _counted(count: int) -> str:

@@ -106,7 +106,7 @@ def make_report(
         folder.mkdir(parents=True, exist_ok=True)
         if can_draw():
             stack.enter_context(plot.styled(sheet))
-        return _write(read, tables, studies, _Charts(folder, form if can_draw() else ""))
+        return _write(read, tables, studies, Charts(folder, form if can_draw() else ""))
 
 
 def _check(folder: Path, sheet: str | None) -> None:
@@ -124,7 +124,7 @@ def require_empty(folder: Path) -> None:
         raise RecordingError(f"{folder}: is there already; expected a new or an empty folder")
 
 
-class _Charts:
+class Charts:
     """Writes charts of a form into a folder; "": there are no charts. `files` are all written."""
 
     def __init__(self, folder: Path, form: str) -> None:
@@ -156,7 +156,7 @@ def _write(
     read: Sequence[Findings],
     tables: Sequence[TableOfRuns],
     studies: tuple[Sequence[StudyResult], Questions],
-    kept: _Charts,
+    kept: Charts,
 ) -> Report:
     studied = _studied(tables, *studies, kept) if tables else None
     comparisons = []
@@ -178,7 +178,7 @@ def _write(
 
 
 def _studied(
-    tables: Sequence[TableOfRuns], found: Sequence[StudyResult], asked: Questions, kept: _Charts
+    tables: Sequence[TableOfRuns], found: Sequence[StudyResult], asked: Questions, kept: Charts
 ) -> Studied:
     """Draws the studies of tables."""
     drawn = []

@@ -12,7 +12,8 @@ from vsense.arena import ArenaState
 from vsense.config.specs import Experiment, Pose
 from vsense.errors import CutShort, VsenseError
 from vsense.lab import report
-from vsense.lab.camera_spec import CameraGrid
+from vsense.lab.calibrated import CalibratedRig, calibrate
+from vsense.lab.camera_spec import CameraGrid, cameras_above
 from vsense.lab.hardware import NOMINAL, LabRobots, told_all
 from vsense.lab.session import Session
 from vsense.link.robots import keys
@@ -28,6 +29,7 @@ from vsense.series.series import Made
 from vsense.series.staged import NotEnoughRobots, StagedRun, room_options
 from vsense.terminal import Console, Interruption
 from vsense.ui.room import ControlRoom, RoomOptions
+from vsense.world.entities import Arena
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +41,7 @@ class LabOptions:
         watchdog: their firmware has one.
         port: for robots; None: the experiment's.
         cameras: columns and rows of them; None: as many as it takes.
+        calibrate: they hang as people hang them, and are known from pictures of a board only.
         room: how runs are seen and kept.
         robots: what an experiment's robots differ in.
     """
@@ -47,6 +50,7 @@ class LabOptions:
     watchdog: bool = False
     port: int | None = None
     cameras: CameraGrid | None = None
+    calibrate: bool = False
     room: RoomOptions = field(default_factory=RoomOptions)
     robots: Callable[[Experiment], LabRobots] = lambda experiment: NOMINAL
 
@@ -65,6 +69,7 @@ class LabRuns:
         self._loader, self._cast, self._options = loader, cast, options
         self._console, self._interrupted = console, interrupted
         self._poses: dict[int, Pose] = {}
+        self._rigs: dict[tuple[Arena, float], CalibratedRig] = {}
 
     def make(self, runs: Sequence[PlannedRun], folder: SeriesFolder) -> Iterator[Made]:
         """Makes the first of these runs; none where the user ends it before.
@@ -77,7 +82,7 @@ class LabRuns:
         staged = StagedRun.of(self._loader.plan, run, self._cast.known[run.cell.condition])
         told = room_options(self._options.room, staged.told())
         with ControlRoom(told, self._console) as room:
-            session = self._session(staged, room, directory)
+            session = self._session(staged, room, directory, self._rig(staged, folder))
             try:
                 self._drive(staged, session, room, directory)
             except VsenseError as error:
@@ -97,9 +102,27 @@ class LabRuns:
         lost = "was lost when the run ended"
         self._cast.put_in_for(dict.fromkeys(staged.witness.gone, lost))
 
-    def _session(self, staged: StagedRun, room: ControlRoom, directory: Path) -> Session:
+    def _rig(self, staged: StagedRun, folder: SeriesFolder) -> CalibratedRig | None:
+        """The cameras of all runs in an arena, calibrated once; None: they are known exactly."""
+        experiment, options = staged.experiment, self._options
+        if not options.calibrate:
+            return None
+        key = experiment.arena, experiment.marker.height_m
+        if key not in self._rigs:
+            place = folder.path / f"arena-{len(self._rigs) + 1}" if self._rigs else folder.path
+            ideal, tell = cameras_above(experiment, options.cameras), self._console.progress
+            with self._interrupted.at_once():
+                found = calibrate(ideal, *key, staged.plan.seed, place, tell)
+            self._console.end_progress()
+            self._console.say(found.in_words())
+            self._rigs[key] = found
+        return self._rigs[key]
+
+    def _session(
+        self, staged: StagedRun, room: ControlRoom, directory: Path, known: CalibratedRig | None
+    ) -> Session:
         options, robots = self._options, self._options.robots(staged.experiment)
-        base = options.base, options.watchdog, None, options.cameras, None, robots
+        base = options.base, options.watchdog, None, options.cameras, known, robots
         made = staged.made(asdict(self._loader.code.absolute(Path.cwd())))
         setup = self._setup(staged, room, made | told_all(robots.hardware))
         return Session(setup, directory, *base)

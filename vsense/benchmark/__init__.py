@@ -1,0 +1,1 @@
+"""`vsense benchmark`: three fixed missions that qualify a lab, rendered or real."""
