@@ -18,6 +18,7 @@ from vsense.commands import (
     robot_calibrate,
     robot_emulate,
     robot_keys,
+    robot_link,
     robot_list,
     rosters,
 )
@@ -43,7 +44,8 @@ DESCRIPTION = (
     " connected to the `vsense run` or `vsense lab` on this machine: software and controller, link,"
     " pose, battery, base errors, and what is wrong. 'emulate' stands in for robots and tracker: a"
     " `vsense run` rehearsed at a desk. 'calibrate' drives robots below the cameras, hands off, and"
-    " finds their wheels and where their markers sit."
+    " finds their wheels and where their markers sit. 'link' loads all robots with an experiment's"
+    " traffic, standing still, and names the worst link."
 )
 
 
@@ -59,6 +61,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     robot_calibrate.add_arguments(
         add("calibrate", "measure robots' wheels and markers with the overhead cameras")
+    )
+    robot_link.add_arguments(
+        add("link", "measure the robots' links under an experiment's own traffic, standing still")
     )
     robot_list.add_arguments(add("list", "show the lab's robots: the roster"))
     status = add("status", "show the robots of the running experiment")
@@ -189,6 +194,7 @@ def run(options: argparse.Namespace) -> int:
         "keys": robot_keys.run,
         "emulate": robot_emulate.run,
         "calibrate": robot_calibrate.run,
+        "link": robot_link.run,
         "list": robot_list.run,
         "status": orders.robots,
     }

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.config.roster_fields import MarkerOffset
+from vsense.lab.radio import EmulatedRadio
 from vsense.physics.motion import AXLE_M, STEP_M
 from vsense.tracking.marker_offsets import turned
 
@@ -123,11 +124,13 @@ class LabRobots:
         hardware: how robots are built, by tag; empty: as they should be.
         markers: by tag, where the tracker takes markers to sit on their robots.
         settings: by tag, what `vsensed` is told that was measured of its robot.
+        radios: by tag, the Wi-Fi of robots that have one.
     """
 
     hardware: Mapping[int, RobotHardware] = field(default_factory=dict)
     markers: Mapping[int, MarkerOffset] = field(default_factory=dict)
     settings: Mapping[int, Mapping[str, str]] = field(default_factory=dict)
+    radios: Mapping[int, EmulatedRadio] = field(default_factory=dict)
 
 
 NOMINAL = LabRobots()

@@ -142,8 +142,8 @@ class Session(ExperimentSession):
         # The cameras build their scene while everything else starts.
         hardware = self.robots.hardware
         true = None if self.known is None else self.known.true
-        where = truth.name, seed, self.truth_log, self._grid
-        spec = spec_for(experiment, *where, true, hardware)
+        files = truth.name, seed, self.truth_log, self._grid
+        spec = spec_for(experiment, *files, true, hardware)
         self._markers = np.array([body.marker for body in spec.bodies])
         grabber = LabGrabber(spec)
         self._stack.callback(grabber.close)
@@ -155,7 +155,8 @@ class Session(ExperimentSession):
         self.floor = FloorProcess(*floor, hardware)
         self._stack.callback(self.floor.close)
         keys = self.setup.trust.keys
-        self.swarm = Swarm(experiment.host, port, seed, self.directory / "robots", keys)
+        where = experiment.host, port, seed, self.directory / "robots"
+        self.swarm = Swarm(*where, keys, self.robots.radios)
         self._stack.callback(self.swarm.end)
         for robot, base in zip(experiment.robots, self.floor.bases):
             settings = self.robots.settings.get(robot.tag, {})

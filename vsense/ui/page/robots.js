@@ -1,9 +1,10 @@
 // The table of robots: those in trouble first, then as the head of a column was clicked.
 
 import { byId, make, mark, write } from "./dom.js";
-import { count, milliseconds, reading, volts } from "./format.js";
+import { count, milliseconds, reading, signal, volts } from "./format.js";
 
 const STALE_MS = 500;
+const WEAK_DBM = -75;
 const LONG_NAME = 12;
 
 // What the experiment has for a robot: shown where not all have the same.
@@ -21,6 +22,7 @@ const COLUMNS = [
   ["state", "state", (r) => (r.connected ? r.state : "away"), (r) => `${r.connected} ${r.state}`, (r) => !r.connected],
   ["heard", "link", (r) => milliseconds(r.heard_ms), (r) => r.heard_ms ?? Infinity, (r) => r.heard_ms > STALE_MS],
   ["pose", "pose", (r) => milliseconds(r.pose_age_ms), (r) => r.pose_age_ms ?? Infinity, (r) => r.pose_age_ms > STALE_MS],
+  ["signal", "signal", (r) => signal(r.signal_dbm), (r) => r.signal_dbm ?? 0, (r) => r.signal_dbm < WEAK_DBM || r.power_saving],
   ["battery", "battery", (r) => volts(r.battery_mv), (r) => r.battery_mv ?? Infinity, (r) => r.battery_low],
   ["errors", "errors", (r) => String(r.base_errors ?? 0), (r) => -(r.base_errors ?? 0), (r) => r.base_errors > 0 && r.trouble],
 ];
@@ -36,6 +38,7 @@ export function words(robot) {
   const parts = [robot.trouble];
   if (robot.stop_cause && !(robot.trouble ?? "").includes(robot.stop_cause)) parts.push(`stopped: ${robot.stop_cause}`);
   if (robot.doubt) parts.push(`identity: ${robot.doubt}`);
+  if (robot.power_saving) parts.push("its Wi-Fi's power saving is on");
   if (robot.authenticated === false) parts.push("not authenticated: anybody can speak for it");
   return parts.filter(Boolean).join(" · ");
 }
