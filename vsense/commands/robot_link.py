@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f" file (default: {DEFAULT})",
     )
     arguments.add_code(parser)
-    rosters.add_casting(parser, found=True)
+    rosters.add_casting(parser)
     _add_link(parser)
     arguments.flag(parser, "--json", "print the figures as JSON")
 
