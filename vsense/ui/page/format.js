@@ -39,11 +39,9 @@ export function reading(value) {
   return Math.abs(value) >= 1000 || Math.abs(value) < 0.001 ? value.toExponential(1) : value.toFixed(3);
 }
 
-export const signal = (dbm) => (dbm === null || dbm === undefined ? NONE : `${dbm} dBm`);
-
 /** What a robot tells of its Wi-Fi; what it does not know is left out. */
 export function radio(robot) {
-  const parts = [signal(robot.signal_dbm)];
+  const parts = [typeof robot.signal_dbm === "number" ? `${robot.signal_dbm} dBm` : NONE];
   if (typeof robot.bit_rate_mbit_s === "number") parts.push(`${robot.bit_rate_mbit_s} Mbit/s`);
   if (robot.retries) parts.push(`${robot.retries} given up`);
   if (robot.power_saving) parts.push("power saving");
