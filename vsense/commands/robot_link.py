@@ -92,15 +92,18 @@ def run(options: argparse.Namespace) -> int:
         link.wait(options.wait, interrupted, console.progress)
         lasted_s = 0.0
         if not interrupted.is_set():
-            lasted_s = link.load(vars(options)["for"], interrupted, console.progress)
-        figures, there = link.measured(), link.robots()
+            # Where nobody has come nobody is waited for any longer.
+            there = any(status.connected for status in link.robots().values())
+            span_s = vars(options)["for"] if there else 0.0
+            lasted_s = link.load(span_s, interrupted, console.progress)
+        figures, robots_now = link.measured(), link.robots()
     console.end_progress()
     if not figures:
         console.say("vsense: interrupted before anything was measured")
         return interrupted.code
     if interrupted.is_set():
         console.say(f"vsense: interrupted after {lasted_s:.1f} s: what was measured until then")
-    verdicts = [judge(there[tag], figures[tag], experiment.timestep_s) for tag in robots]
+    verdicts = [judge(robots_now[tag], figures[tag], experiment.timestep_s) for tag in robots]
     facts = {"experiment": experiment.name, "timestep_s": experiment.timestep_s}
     told = link_verdict.as_json(verdicts, facts | {"duration_s": round(lasted_s, 3)})
     print_data(json.dumps(told, indent=2) if options.json else link_verdict.table(verdicts))
@@ -113,9 +116,10 @@ def _announce(
     experiment: Experiment, count: int, address: tuple[str, int], console: Console
 ) -> None:
     host, port = address
+    period = f"{1e3 * experiment.timestep_s:g} ms"
     console.say(
-        f"{count} robots, {experiment.name}'s packets every {1e3 * experiment.timestep_s:g} ms, on"
-        f" {host}, port {port}; wheels stand still"
+        f"{count} robot{'s' * (count > 1)}, {experiment.name}'s packets every {period}, on {host},"
+        f" port {port}; wheels stand still"
     )
     if host.startswith("127.") or host == "localhost":
         console.say("only robots on this machine reach that address; for others: --host 0.0.0.0")

@@ -70,7 +70,8 @@ def _worst_link(findings: Findings) -> str:
     worst = max(told, key=lambda row: (row.losses or 0, row.silent_ms or 0.0), default=None)
     if worst is None or not (worst.losses or (worst.silent_ms or 0.0) > QUIET_MS):
         return ""
-    lost = f"lost {worst.losses} times, " if worst.losses else ""
+    times = "once" if worst.losses == 1 else f"{worst.losses} times"
+    lost = f"lost {times}, " if worst.losses else ""
     signal = "" if worst.signal_dbm is None else f", signal {worst.signal_dbm:.0f} dBm at least"
     return (
         f" The worst link: {worst.name} (tag {worst.tag}), {lost}silent for"
