@@ -89,11 +89,9 @@ def run(options: argparse.Namespace) -> int:
         LinkLoad(robots, experiment.timestep_ns, (host, port), trust, console.say) as link,
     ):
         _announce(experiment, len(robots), (host, link.port), console)
-        link.wait(options.wait, interrupted, console.progress)
+        there = link.wait(options.wait, interrupted, console.progress)
         lasted_s = 0.0
         if not interrupted.is_set():
-            # Where nobody has come nobody is waited for any longer.
-            there = any(status.connected for status in link.robots().values())
             span_s = vars(options)["for"] if there else 0.0
             lasted_s = link.load(span_s, interrupted, console.progress)
         figures, robots_now = link.measured(), link.robots()

@@ -91,14 +91,13 @@ class LinkLoad:
             Event().wait(STILL_S)
         self._server.close(GoodbyeCause.END, "the link was measured")
 
-    def wait(self, limit_s: float, interrupted: Event, progress: Tell) -> None:
-        """Waits until all robots are connected, for so long at most."""
-        end_ns = host_ns() + round(1e9 * limit_s)
-        while host_ns() < end_ns and not interrupted.wait(0.1):
+    def wait(self, limit_s: float, interrupted: Event, progress: Tell) -> int:
+        """Waits until all robots are connected, for so long at most; gives how many are."""
+        end_ns, there = host_ns() + round(1e9 * limit_s), 0
+        while host_ns() < end_ns and there < len(self._payloads) and not interrupted.wait(0.1):
             there = sum(status.connected for status in self.robots().values())
-            if there == len(self._payloads):
-                return
             progress(f"{there} of {len(self._payloads)} robots connected")
+        return there
 
     def load(self, duration_s: float, interrupted: Event, progress: Tell) -> float:
         """Sends readings every timestep, for so long or until it is interrupted.
