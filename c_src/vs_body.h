@@ -116,7 +116,7 @@ struct vs_telemetry {
     int8_t signal_dbm;     /* [dBm] of the host's access point, 0 = unknown */
     uint8_t power_saving;  /* of the radio: 0, 1 or VS_UNKNOWN */
     uint16_t bit_rate;     /* [100 kbit/s] of the radio, 0 = unknown */
-    uint32_t retries;      /* frames that the radio sent again, VS_NEVER_US = unknown */
+    uint32_t retries;      /* frames that the radio gave up, VS_NEVER_US = unknown */
     uint32_t overruns;     /* control steps that began late (PROTOCOL.md) since the start */
     uint32_t base_resets;  /* resets of the microcontroller since the daemon started */
     uint32_t log_number;   /* of log, 1.. since the daemon started; 0 = no line */

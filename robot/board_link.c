@@ -9,25 +9,25 @@
 #include <unistd.h>
 
 #include "signals.h"
+#include "../c_src/vs_format.h"
 #include "../c_src/vs_posix.h"
 
-static const char *const hangs[VS_BOARDS] = {
-    "the ground sensors' bus hangs: going on without them",
-    "the range-and-bearing board's bus hangs: going on without it",
-    "the battery's converter's bus hangs: going on without it",
-    "the RGB LEDs' bus hangs: going on without them",
-    "the IMU's bus hangs: going on without it"};
-static const char *const moves[VS_BOARDS] = {"the ground sensors' bus moves again",
-                                             "the range-and-bearing board's bus moves again",
-                                             "the battery's converter's bus moves again",
-                                             "the RGB LEDs' bus moves again",
-                                             "the IMU's bus moves again"};
-static const char *const ended[VS_BOARDS] = {
-    "the ground sensors' process ended: starting another",
-    "the range-and-bearing board's process ended: starting another",
-    "the battery's converter's process ended: starting another",
-    "the RGB LEDs' process ended: starting another",
-    "the IMU's process ended: starting another"};
+#define NEWS_MAX 100 /* [byte] */
+
+static const char hangs[] = "bus hangs: going on without this board";
+static const char moves[] = "bus moves again";
+static const char ended[] = "process ended: starting another";
+
+/* News of a board, until the next ones. */
+static const char *tell(int board, const char *what)
+{
+    static const char *const whose[VS_BOARDS] = {"ground sensors'", "range-and-bearing board's",
+                                                 "battery's converter's", "RGB LEDs'", "IMU's"};
+    static char news[NEWS_MAX];
+
+    vs_format(news, sizeof news, "the %s %s", whose[board], what);
+    return news;
+}
 
 void vs_board_links_init(struct vs_board_links *links, struct vs_base *base,
                          struct vs_board_reading *reading)
@@ -83,7 +83,7 @@ static const char *give_up(struct vs_board_links *links, int board, uint64_t now
     link->socket = -1;
     link->again_ns = now_ns + VS_BOARD_AGAIN_NS;
     vs_boards_lose(links->reading, board);
-    return ended[board];
+    return tell(board, ended);
 }
 
 /* One that a driver holds may die at any later time. */
@@ -106,7 +106,7 @@ static const char *wait_on(struct vs_board_links *links, int board, uint64_t now
         return NULL;
     link->hangs = 1;
     vs_boards_lose(links->reading, board);
-    return hangs[board];
+    return tell(board, hangs);
 }
 
 static const char *serve(struct vs_board_links *links, int board, uint64_t now_ns)
@@ -130,7 +130,7 @@ static const char *serve(struct vs_board_links *links, int board, uint64_t now_n
         vs_calibration_sense_ground(links->calibration, answer.reading.ground);
     vs_boards_take(links->reading, &answer.reading, board);
     if (answer.news == NULL && link->hangs)
-        answer.news = moves[board];
+        answer.news = tell(board, moves);
     link->hangs = 0;
     return answer.news;
 }

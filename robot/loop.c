@@ -351,11 +351,6 @@ int vs_loop_telemetry(struct vs_loop *loop, const struct vs_instant *now,
         return 0;
     loop->telemetry_due = 0;
     loop->telemetry_ns = now->base_ns;
-    /* Nobody asks the radio. */
-    t->signal_dbm = 0;
-    t->power_saving = VS_UNKNOWN;
-    t->bit_rate = 0;
-    t->retries = VS_NEVER_US;
     t->overruns = loop->overruns;
     t->state = actual_state(loop);
     t->stop_cause = (uint8_t)vs_loop_cause(loop, now);

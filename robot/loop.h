@@ -113,8 +113,8 @@ void vs_loop_end(struct vs_loop *loop);
 /* Why the wheels are held, or VS_CAUSE_NONE. */
 enum vs_stop_cause vs_loop_cause(const struct vs_loop *loop, const struct vs_instant *now);
 
-/* 1 if telemetry is due; t is then filled but for what guard_link.h counts, what the
- * session fills in, and what of payload the table does not use. */
+/* 1 if telemetry is due; t is then filled but for what guard_link.h counts, what radio.h
+ * tells, what the session fills in, and what of payload the table does not use. */
 int vs_loop_telemetry(struct vs_loop *loop, const struct vs_instant *now,
                       struct vs_telemetry *t);
 

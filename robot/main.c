@@ -13,6 +13,7 @@
 #include "key.h"
 #include "options.h"
 #include "presets.h"
+#include "radio.h"
 #include "report.h"
 #include "uid.h"
 #include "worker.h"
@@ -85,6 +86,8 @@ static enum vs_options_result read_options(struct vs_options *options, int argc,
     result = vs_options_read(options, argc, argv, why, why_size);
 #ifdef VSENSED_SLOW_CLOCK
     vs_posix_slow(options->clock_permille);
+    if (options->radio != NULL)
+        vs_radio_emulate(options->radio);
 #endif
     return result;
 }

@@ -110,6 +110,12 @@ static int take_permille(const struct reading *r, struct vs_options *o)
     o->clock_permille = (uint32_t)permille;
     return 0;
 }
+
+static int take_radio(const struct reading *r, struct vs_options *o)
+{
+    o->radio = r->value;
+    return 0;
+}
 #endif
 
 static int take_host(const struct reading *r, struct vs_options *o)
@@ -182,6 +188,7 @@ static const struct {
     {"clock-drift-ppm", take_drift},
 #ifdef VSENSED_SLOW_CLOCK
     {"clock-permille", take_permille},
+    {"radio", take_radio},
 #endif
     {"proximity-scale", take_calibration},
     {"light-scale", take_calibration},

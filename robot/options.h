@@ -40,6 +40,7 @@ struct vs_options {
     int64_t clock_drift_ppb;
 #ifdef VSENSED_SLOW_CLOCK
     uint32_t clock_permille;          /* of the board's rate, 1000: as fast */
+    const char *radio;                /* radio.h's file of a lab, NULL: none */
 #endif
 };
 

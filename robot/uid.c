@@ -1,49 +1,26 @@
 /* SPDX-License-Identifier: MIT */
 #include "uid.h"
 
-#include <fcntl.h>
 #include <string.h>
-#include <sys/ioctl.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include "networks.h"
+
 #define DIGITS (2 * VS_UID_SIZE)
 #define MAC_SIZE 6
-#define NAME_SIZE 16 /* of a network, the zero behind it included */
 #define SIOCGIFHWADDR_LINUX 0x8927 /* linux/sockios.h; musl and glibc show it beyond POSIX only */
 
 enum { ETHERNET = 1, GIVEN_LOCALLY = 2 };
 
-/* What that ioctl reads and writes: linux/if.h's struct ifreq as far as it matters here. */
-struct hardware {
-    char name[NAME_SIZE];
-    struct sockaddr address;
-    char rest[16];
-};
-
 const char vs_uid_missing[] = "this board has no id, neither a machine-id, nor a serial number, nor "
                               "a MAC address: give --uid, 32 hexadecimal digits";
-
-/* Reads a file's beginning as text. Returns its length, 0 if it cannot be read. */
-static size_t read_text(const char *path, char *text, size_t size)
-{
-    int fd = open(path, O_RDONLY);
-    size_t len = 0;
-    ssize_t got = 0;
-
-    while (fd >= 0 && len < size - 1 && (got = read(fd, text + len, size - 1 - len)) > 0)
-        len += (size_t)got;
-    if (fd >= 0)
-        close(fd);
-    text[len] = '\0';
-    return len;
-}
 
 static int from_file(struct vs_options *options, const char *path)
 {
     char text[DIGITS + 1];
 
-    return read_text(path, text, sizeof text) == DIGITS &&
+    return vs_networks_read(path, text, sizeof text) == DIGITS &&
            strspn(text, "0") != DIGITS && vs_options_make_uid(options, text) == 0;
 }
 
@@ -80,7 +57,7 @@ static int from_serial(struct vs_options *options)
     const char *at = text;
     size_t count;
 
-    read_text("/proc/cpuinfo", text, sizeof text);
+    vs_networks_read("/proc/cpuinfo", text, sizeof text);
     while (*at != '\0' && strncmp(at, "Serial", 6) != 0) { /* strstr() has 1.4 kB */
         at += strcspn(at, "\n");
         at += strspn(at, "\n");
@@ -98,37 +75,29 @@ static int from_serial(struct vs_options *options)
 /* 1 and a network's address, if its maker gave it one. */
 static int read_mac(int fd, const char *name, size_t len, uint8_t mac[MAC_SIZE])
 {
-    struct hardware asked;
+    struct vs_network asked;
 
-    if (len == 0 || len >= sizeof asked.name)
+    if (vs_networks_ask(fd, SIOCGIFHWADDR_LINUX, name, len, &asked) != 0 ||
+        asked.is.address.sa_family != ETHERNET)
         return 0;
-    memset(&asked, 0, sizeof asked);
-    memcpy(asked.name, name, len);
-    if (ioctl(fd, SIOCGIFHWADDR_LINUX, &asked) != 0 || asked.address.sa_family != ETHERNET)
-        return 0;
-    memcpy(mac, asked.address.sa_data, MAC_SIZE);
+    memcpy(mac, asked.is.address.sa_data, MAC_SIZE);
     return (mac[0] & GIVEN_LOCALLY) == 0 && (mac[0] | mac[1] | mac[2]) != 0;
 }
 
-/* Goes through the lines "  eth0: ..." of /proc/net/dev. Returns how many were found. */
+/* Returns how many there are. */
 static int find_lowest_mac(int fd, uint8_t lowest[MAC_SIZE])
 {
     char text[4096];
     uint8_t mac[MAC_SIZE];
-    const char *line = text;
+    const char *name = text;
+    size_t len = 0;
     int found = 0;
 
-    read_text("/proc/net/dev", text, sizeof text);
-    while (line != NULL) {
-        size_t len;
-
-        line += strspn(line, "\n ");
-        len = strcspn(line, ":\n");
-        if (line[len] == ':' && read_mac(fd, line, len, mac) &&
+    vs_networks_read("/proc/net/dev", text, sizeof text);
+    while (vs_networks_next(&name, &len))
+        if (read_mac(fd, name, len, mac) &&
             (found++ == 0 || memcmp(mac, lowest, MAC_SIZE) < 0))
             memcpy(lowest, mac, MAC_SIZE);
-        line = strchr(line, '\n');
-    }
     return found;
 }
 

@@ -228,6 +228,7 @@ static void serve_host(struct vs_worker *w)
         telemetry.base_errors = w->guard.base_errors;
         telemetry.base_resets = w->base.resets;
         telemetry.guard_restarts = w->guard.restarts;
+        vs_radio_tell(&w->radio, now->base_ns, &telemetry);
         if (vs_session_telemetry(&w->session, &telemetry, now->session_ns, packet, sizeof packet,
                                  &len) == VS_OK)
             vs_net_send(&w->net, packet, len, vs_session_over_tcp(&w->session, now->session_ns));
@@ -362,8 +363,9 @@ static void open_boards(struct vs_worker *w)
     w->foreign[0] = &w->net.fds[0];
     w->foreign[1] = &w->net.fds[1];
     w->foreign[2] = &w->trace_fd;
+    w->foreign[3] = &w->radio.socket;
     for (i = 0; i < VS_BOARDS; i++)
-        w->foreign[3 + i] = &w->boards.link[i].socket;
+        w->foreign[4 + i] = &w->boards.link[i].socket;
 }
 
 int vs_worker_run(struct vs_worker *w, const struct vs_options *options)
@@ -374,6 +376,7 @@ int vs_worker_run(struct vs_worker *w, const struct vs_options *options)
     if ((status = open_session(w)) != 0 || (status = open_net(w)) != 0 ||
         (status = open_files(w)) != 0)
         return status;
+    vs_radio_start(&w->radio, w->net.host);
     open_boards(w);
     vs_watchdog_open(options->watchdog);
     if (start_guard(w, 0) != 0)

@@ -11,15 +11,17 @@
 #include "loop.h"
 #include "net.h"
 #include "options.h"
+#include "radio.h"
 #include "talk.h"
 
-#define VS_WORKER_FOREIGN (3 + VS_BOARDS)
+#define VS_WORKER_FOREIGN (4 + VS_BOARDS)
 
 struct vs_worker {
     const struct vs_options *options;
     struct vs_base base;
     struct vs_guard_link guard;
     struct vs_board_links boards;
+    struct vs_radio radio;
     struct vs_net net; /* from here on the guard uses nothing */
     struct vs_session session;
     struct vs_loop loop;

@@ -125,6 +125,21 @@ def test_who_gets_a_tag_that_was_given_before(uid: bytes, after_ns: int, kind: s
     assert (proved is None) == (kind == "refused")
 
 
+@pytest.mark.parametrize(
+    ("uptime_s", "words"),
+    [
+        (20, "robot 5 (epuck_5): was switched on again (battery swapped?), up for 20 s; reconn"),
+        (560, "robot 5 (epuck_5): reconnected from"),  # its daemon alone began anew
+    ],
+)
+def test_a_battery_swap_is_an_event(uptime_s: int, words: str) -> None:
+    ours = roster()
+    for started, up_s, now_ns in ((1, 500, S), (2, uptime_s, 61 * S)):
+        told = Hello(b"a".ljust(16), 5, "name", "test", started=started, uptime_s=up_s)
+        event, _ = join(ours, encode(Header(PacketType.HELLO), told), "there", now_ns)
+    assert event.kind == "reconnected" and event.text.startswith(words)
+
+
 def test_of_two_that_greeted_at_once_the_first_that_proves_has_the_tag() -> None:
     ours = roster()
     words = []

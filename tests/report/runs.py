@@ -89,6 +89,8 @@ def robots(timestep: int) -> dict[str, Any]:
         "tag": [DRIVER, BLINKER], "name": ["driver", "blinker"],
         "connected": [True, timestep not in LOST], "seen": [True, timestep not in UNSEEN],
         "stop_cause": [cause, ""], "battery_mv": [4000 - timestep, None],
+        "signal_dbm": [-60 - timestep, None],
+        "heard_ms": [40.0, 1700.0 if timestep in LOST else 60.0],
         "leds": [0xFF if timestep >= LIT_FROM else 0, 0x100], "base_errors": [5 + timestep, 0],
     }  # fmt: skip
 

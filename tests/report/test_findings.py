@@ -64,6 +64,8 @@ def test_robots_links_stops_and_batteries(found: Findings) -> None:
     assert driver.stops == {"what it hears is too old": 2} and not blinker.stops
     assert driver.battery_mv == 4000 - 19 and blinker.battery_mv is None
     assert driver.base_errors == 19.0
+    assert (driver.signal_dbm, driver.silent_ms) == (-79.0, 40.0)
+    assert (blinker.signal_dbm, blinker.silent_ms) == (None, 1700.0)
 
 
 def test_who_played_which_part_and_from_when_on(found: Findings) -> None:

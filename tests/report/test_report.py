@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.report.runs import messages, write, write_cut_off
+from tests.report.runs import BLINKER, messages, write, write_cut_off
 from vsense import cli
 from vsense.message_bus import Message
 from vsense.recording.form import RecordingError
@@ -66,6 +66,7 @@ def test_the_page_holds_every_section(tmp_path: Path) -> None:
     numbers = re.findall(r"<b>Figure (\d+)\.", text)
     assert numbers == [str(place + 1) for place in range(len(PICTURES))]
     assert all(source.startswith("data:image/png;base64,") for source in read.sources)
+    assert f"The worst link: blinker (tag {BLINKER}), lost once, silent for 1.7 s at most." in text
     assert "here &lt;we&gt; go (viewer 1)" in text and "<td>driver (2)</td>" in text
 
 

@@ -46,6 +46,7 @@ SUITES = {
     "robot_posix": [],
     "robot_format": [C_SRC / "vs_format.c"],
     "robot_i2c_posix": [C_SRC / "vs_format.c"],
+    "robot_radio": [*(ROBOT / f"{part}.c" for part in ("number", "signals")), C_SRC / "vs_posix.c"],
     "robot_reset": [C_SRC / "vs_format.c"],
     "robot_settings": [ROBOT / "settings.c"],
     "robot_uid": [
@@ -75,8 +76,8 @@ RUNS |= {"robot_base_i2c": "2000"}
 """How many random worlds a suite goes through."""
 
 EDGE = {"base_reset", "board_link", "board_process", "calls", "check", "guard_link"}
-EDGE |= {"guard_process", "guard_rights", "key", "main", "net", "random", "report", "restart"}
-EDGE |= {"signals", "trace", "uid", "watchdog", "worker"}
+EDGE |= {"guard_process", "guard_rights", "key", "main", "net", "networks", "radio", "random"}
+EDGE |= {"report", "restart", "signals", "trace", "uid", "watchdog", "worker"}
 """The files that talk to the operating system; all others are pure."""
 
 SYSTEM = {"errno", "fcntl", "poll", "signal", "termios", "time", "unistd", "pthread"}

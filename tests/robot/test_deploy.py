@@ -639,3 +639,33 @@ def test_no_ssh(
     monkeypatch.setenv("PATH", str(tmp_path))
     assert deploy(tmp_path, "a tag=1\n") == 1
     assert "apt install openssh-client" in capsys.readouterr().err
+
+
+def test_power_saving_is_turned_off_and_stays_off(
+    boards: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With iw (its power_save command), else iwconfig(8); a board with neither is told, no more."""
+    new, old, bare = (systemd(boards, name) for name in ("new", "old", "bare"))
+    systemd(boards, "cable")
+    for board in (new, old, bare):
+        (board / "sys/class/net/wlan97/wireless").mkdir(parents=True)
+    (new / "sys/class/net/wlan97/phy80211").mkdir()
+    (new / "etc/NetworkManager/conf.d").mkdir(parents=True)
+    program(new / "bin/iw", 'echo "$@" >>"$VSENSED_ROOT/asked"')
+    program(old / "bin/iw", "exit 237")  # a driver without nl80211
+    program(old / "bin/iwconfig", 'echo "$@" >>"$VSENSED_ROOT/asked"')
+    assert deploy(tmp_path, "new tag=1\nold tag=2\nbare tag=3\ncable tag=4\n", "--json") == 0
+    told = {row["robot"]: row for row in json.loads(capsys.readouterr().out)}
+    assert (new / "asked").read_text() == "dev wlan97 set power_save off\n"
+    assert (old / "asked").read_text() == "wlan97 power off\n"
+    for name in ("new", "old"):
+        assert "radio: power saving of wlan97 is off" in told[name]["details"]
+        assert "power saving" not in told[name]["text"]
+    assert told["bare"]["ok"] and "power saving of wlan97 stays as it is" in told["bare"]["text"]
+    assert "radio: this board has no Wi-Fi" in told["cable"]["details"]
+    # NetworkManager.conf(5) and nm-settings(5): 2 disables it at every connection.
+    kept = new / "etc/NetworkManager/conf.d/vsensed-powersave.conf"
+    assert kept.read_text() == "[connection]\nwifi.powersave = 2\n"
+    unit = (new / "etc/systemd/system/vsensed.service").read_text()
+    assert "ExecStartPre=-/bin/sh /usr/local/sbin/vsensed-radio\n" in unit
+    assert (new / "usr/local/sbin/vsensed-radio").stat().st_mode & 0o777 == 0o755

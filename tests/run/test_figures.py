@@ -9,7 +9,7 @@ import numpy as np
 from tests.run.stage import Stage, experiment
 from vsense.arena import Frame
 from vsense.link.robots.wire import StopCause, Telemetry
-from vsense.run.figures import Figures, light_of, table
+from vsense.run.figures import Figures, light_of, table, worst_links
 
 
 def played(stage: Stage) -> dict:
@@ -82,6 +82,17 @@ def test_an_interrupted_run_is_measured_up_to_there() -> None:
         0.9,
     )
     assert summary["late_timesteps"] == 0
+
+
+def test_the_worst_links_are_named() -> None:
+    good = {"longest_silence_s": 0.075, "signal_dbm": None, "power_saving": None}
+    robots = [
+        {"name": "a", **good},
+        {"name": "b", **good, "signal_dbm": -82},
+        {"name": "c", **good, "longest_silence_s": 0.61, "power_saving": True},
+        {"name": "d", **good, "signal_dbm": -60, "power_saving": False},
+    ]
+    assert worst_links(robots) == ["c (silent for 0.61 s, power saving is on)", "b (-82 dBm)"]
 
 
 def test_the_table_says_it_all() -> None:

@@ -40,6 +40,15 @@ def test_low_battery_is_told() -> None:
     assert lines([low] * 6) == ["robot epuck_7_0: its battery is low"]
 
 
+def test_power_saving_is_told_and_an_unknown_one_is_not() -> None:
+    on, off, unknown = (status(1, power_saving=value) for value in (1, 0, 255))
+    assert lines([unknown] * 6 + [on] * 6 + [off]) == [
+        "robot epuck_7_0: its Wi-Fi's power saving is on: readings come late;"
+        " 'vsense robot deploy' turns it off",
+        "robot epuck_7_0: its Wi-Fi's power saving is off",
+    ]
+
+
 def test_robot_that_is_gone_or_never_spoke_complains_of_nothing() -> None:
     gone = replace(status(1, stop_cause=StopCause.BASE), connected=False)
     silent = replace(status(1), telemetry=None)

@@ -34,7 +34,8 @@ STATUS = {
         "controller": ["pollutant", ""], "hash": ["0123456789ab", ""],
         "expected": ["wanderer", "wanderer"], "authenticated": [True, None],
         "connected": [True, False], "sessions": [1, 0], "heard_ms": [12.0, None],
-        "pose_age_ms": [40.0, None], "battery_mv": [3700, None], "battery_low": [False, None],
+        "signal_dbm": [-61, None], "pose_age_ms": [40.0, None],
+        "battery_mv": [3700, None], "battery_low": [False, None],
         "base_errors": [0, None], "state": ["run", "idle"], "trouble": ["", "not connected"],
     },
 }  # fmt: skip
@@ -141,8 +142,8 @@ def test_the_status_shows_the_run_and_its_robots(
     assert said.startswith(f"wander: {now}\n")
     rows = said.splitlines()[3:]
     assert rows[0].split() == ["epuck_23", "23", "0.1.0", "pollutant", "0123456789ab", "12", "ms",
-                               "40", "ms", "3.70", "V", "0", "run"]  # fmt: skip
-    assert rows[1].split() == ["epuck_24", "24", "-", "-", "never", "-", "-", "-", "not",
+                               "-61", "dBm", "40", "ms", "3.70", "V", "0", "run"]  # fmt: skip
+    assert rows[1].split() == ["epuck_24", "24", "-", "-", "never", "-", "-", "-", "-", "not",
                                "connected"]  # fmt: skip
     assert cli.main(["robot", "status", "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == STATUS["robots"]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 import json
 import secrets
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -230,14 +230,22 @@ def lease_robots(
         SharingError: this account may not use the lab's robots, or its folder is not safe.
         ControlSocketError: likewise this account's own folder.
     """
+    taken = first_robots(experiment, options.robots)
+    tags = [robot.tag for robot in taken.robots]
+    return lease_tags(options, experiment.name, tags, host)
+
+
+def lease_tags(
+    options: argparse.Namespace, name: str, tags: Iterable[int], host: str
+) -> AbstractContextManager[RobotLeases | None]:
+    """As `lease_robots`, of the robots with these tags, for the experiment of that name."""
     from vsense.run.leases import RobotLeases
     from vsense.ui.access import is_loopback
 
     if is_loopback(host):
         return nullcontext()
-    taken = first_robots(experiment, options.robots)
-    leases = RobotLeases(lease_folder(), options.command, experiment.name)
-    leases.take(robot.tag for robot in taken.robots)
+    leases = RobotLeases(lease_folder(), options.command, name)
+    leases.take(tags)
     return leases
 
 

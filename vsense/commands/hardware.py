@@ -16,6 +16,7 @@ from vsense.errors import UsageError
 
 if TYPE_CHECKING:
     from vsense.lab.hardware import HardwareErrors, LabRobots
+    from vsense.lab.radio import EmulatedRadio
 
 _NUMBER = r"\d+(?:\.\d+)?"
 
@@ -43,6 +44,32 @@ def add_errors(parser: Any, usual: bool = False) -> None:
 def add_robots(parser: argparse.ArgumentParser) -> None:
     """Declares what robots of `vsense lab` differ in; its `--roster` says what is known of it."""
     add_errors(parser)
+    add_radios(parser)
+
+
+def add_radios(parser: Any) -> None:
+    """Declares which emulated robots have a Wi-Fi radio, and what it tells."""
+    parser.add_argument(
+        "--radio",
+        type=_radio,
+        action="append",
+        default=[],
+        metavar="TAG=DBM[,MBIT_S][,saves]",
+        help="robot TAG tells of a Wi-Fi with this signal and bit rate, whose power saving is on"
+        " with saves: 23=-84,5.5,saves; no packet is lost for it; may be given again (default: no"
+        " robot has one)",
+    )
+
+
+def radios_of(options: argparse.Namespace, experiment: Experiment) -> dict[int, EmulatedRadio]:
+    """Returns what `add_radios` declares, by tag; UsageError: the experiment has no such robot."""
+    radios = dict(options.radio)
+    tags = [robot.tag for robot in experiment.robots]
+    for tag in radios:
+        if tag not in tags:
+            there = ", ".join(map(str, tags))
+            raise UsageError(f"--radio {tag}: {experiment.file} has {there}")
+    return radios
 
 
 def add_faults(parser: Any) -> None:
@@ -89,11 +116,12 @@ def robots_of(options: argparse.Namespace, experiment: Experiment) -> LabRobots:
         there = ", ".join(map(str, tags))
         raise UsageError(f"no robot has tag {min(unknown)}; expected some of {there}")
     drawn = draw_all([*tags, *spares_for(experiment)], errors_of(options), dead)
+    radios = radios_of(options, experiment) if "radio" in options else {}
     known = rosters.roster_of(options, found=False)
     if known is None:
-        return LabRobots(drawn, worn=worn)
+        return LabRobots(drawn, worn=worn, radios=radios)
     settings = {robot.tag: robot.calibration.settings for robot in known.robots}
-    return LabRobots(drawn, known.markers, settings, worn)
+    return LabRobots(drawn, known.markers, settings, worn, radios)
 
 
 def markers_of(options: argparse.Namespace) -> dict[int, MarkerOffset]:
@@ -107,6 +135,15 @@ def _marker(text: str) -> tuple[float, float]:
     if found is None or float(found[1]) > 20.0 or float(found[2]) > 180.0:
         raise argparse.ArgumentTypeError(f"'{text}': expected mm and degrees, such as 4,5")
     return float(found[1]) / 1000.0, math.radians(float(found[2]))
+
+
+def _radio(text: str) -> tuple[int, EmulatedRadio]:
+    from vsense.lab.radio import read_radio
+
+    try:
+        return read_radio(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def _percent(text: str) -> float:

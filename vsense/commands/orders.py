@@ -333,7 +333,10 @@ def seen_table(rows: Mapping[str, list[Any]]) -> str:
 
 def robot_table(rows: Mapping[str, list[Any]]) -> str:
     """A line for each robot."""
-    head = ("robot", "tag", "software", "controller", "link", "pose", "battery", "base errors", "")
+    head = (
+        *("robot", "tag", "software", "controller", "link", "signal", "pose", "battery"),
+        *("base errors", ""),
+    )
     robots = ({key: rows[key][n] for key in rows} for n in range(len(rows["tag"])))
     mixed = len(set(rows["expected"])) > 1
     return "\n".join(aligned([head, *(_cells(robot, mixed) for robot in robots)]))
@@ -350,10 +353,12 @@ def _cells(robot: Mapping[str, Any], mixed: bool) -> tuple[str, ...]:
         robot["version"] or "-",
         f"{robot['expected']}: {runs}" if mixed else runs,
         _age(robot["heard_ms"]) if robot["connected"] else "lost" if robot["sessions"] else "never",
+        "-" if robot.get("signal_dbm") is None else f"{robot['signal_dbm']} dBm",
         _age(robot["pose_age_ms"]),
         f"{battery_mv / 1e3:.2f} V" if battery_mv else battery,
         "-" if robot["base_errors"] is None else str(robot["base_errors"]),
         f"{robot['trouble'] or robot['state']}"
+        f"{', power saving is on' if robot.get('power_saving') else ''}"
         f"{', not authenticated' if robot['authenticated'] is False else ''}",
     )
 

@@ -18,6 +18,7 @@ from vsense.commands import (
     robot_check,
     robot_emulate,
     robot_keys,
+    robot_link,
     robot_list,
     rosters,
 )
@@ -44,7 +45,8 @@ DESCRIPTION = (
     " pose, battery, base errors, and what is wrong. 'emulate' stands in for robots and tracker: a"
     " `vsense run` rehearsed at a desk. 'calibrate' drives robots below the cameras, hands off, and"
     " finds their wheels and where their markers sit. 'check' looks who is there and, with"
-    " --wiggle, turns one robot after the other: the marker that turns must be its own."
+    " --wiggle, turns one robot after the other: the marker that turns must be its own. 'link'"
+    " loads all robots with an experiment's traffic, standing still, and names the worst link."
 )
 
 
@@ -63,6 +65,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     robot_check.add_arguments(
         add("check", "look who is there, and whether each robot wears its own marker")
+    )
+    robot_link.add_arguments(
+        add("link", "measure the robots' links under an experiment's own traffic, standing still")
     )
     robot_list.add_arguments(add("list", "show the lab's robots: the roster"))
     status = add("status", "show the robots of the running experiment, or all of the roster")
@@ -193,6 +198,7 @@ def run(options: argparse.Namespace) -> int:
         "emulate": robot_emulate.run,
         "calibrate": robot_calibrate.run,
         "check": robot_check.run,
+        "link": robot_link.run,
         "list": robot_list.run,
         "status": robot_list.status,
     }

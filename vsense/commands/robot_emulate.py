@@ -7,7 +7,7 @@ import shlex
 from contextlib import closing
 from pathlib import Path
 
-from vsense.commands import arguments, experiments, rosters
+from vsense.commands import arguments, experiments, hardware, rosters
 from vsense.config.experiment import first_robots, load
 from vsense.config.framework import LINES_PORT
 from vsense.config.placement import settle
@@ -41,6 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     rosters.add_casting(parser)
     _add_ends(parser)
     arguments.add_bases(parser, BASES)
+    hardware.add_radios(parser)
     experiments.add_key(parser)
     experiments.add_insecure(
         *(parser, "give the robots no keys: for a run that is --insecure, too"), page=False
@@ -83,6 +84,7 @@ def run(options: argparse.Namespace) -> int:
     if (options.robots or 0) > len(loaded.robots):
         raise UsageError(f"{options.robots} robots: {loaded.file} has {len(loaded.robots)}")
     experiment = first_robots(loaded, options.robots)
+    radios = hardware.radios_of(options, experiment)
     trust = experiments.trust_of(options)
     seed = experiments.choose_seed(options, experiment)
     experiment = settle(experiment, seed)
@@ -98,7 +100,8 @@ def run(options: argparse.Namespace) -> int:
             f" {directory}"
         )
         setting = (options.base, options.firmware_watchdog, address, trust.keys)
-        with closing(Rehearsal(experiment, directory, seed, *setting, tracker, console.say)) as one:
+        more = tracker, console.say, radios
+        with closing(Rehearsal(experiment, directory, seed, *setting, *more)) as one:
             console.say(f"they connect to {host}, port {address[1]}; their tracker to port {port}")
             console.say(f"in another terminal: {_command(options, address[1], port)}")
             one.run(interrupted, console.progress)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.config.roster_fields import MarkerOffset
+from vsense.lab.radio import EmulatedRadio
 from vsense.physics.motion import AXLE_M, STEP_M
 from vsense.tracking.marker_offsets import turned
 
@@ -134,12 +135,14 @@ class LabRobots:
         markers: by tag, where the tracker takes markers to sit on their robots.
         settings: by tag, what `vsensed` is told that was measured of its robot.
         worn: by tag, the markers of robots that wear another one.
+        radios: by tag, the Wi-Fi of robots that have one.
     """
 
     hardware: Mapping[int, RobotHardware] = field(default_factory=dict)
     markers: Mapping[int, MarkerOffset] = field(default_factory=dict)
     settings: Mapping[int, Mapping[str, str]] = field(default_factory=dict)
     worn: Mapping[int, int] = field(default_factory=dict)
+    radios: Mapping[int, EmulatedRadio] = field(default_factory=dict)
 
 
 NOMINAL = LabRobots()

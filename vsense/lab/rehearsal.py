@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from threading import Event
@@ -17,6 +17,7 @@ from threading import Event
 from vsense.clock import host_ns
 from vsense.config.specs import Experiment
 from vsense.lab.physics_process import FloorProcess
+from vsense.lab.radio import EmulatedRadio
 from vsense.lab.swarm import Swarm
 from vsense.lab.truth import TruthReader, make_ring
 from vsense.link.robots.keys import SwarmKeys
@@ -112,11 +113,12 @@ class Rehearsal:
         keys: SwarmKeys | None,
         tracker: LineWriter,
         tell: Tell,
+        radios: Mapping[int, EmulatedRadio],
     ) -> None:
         """Starts all robots of a settled experiment.
 
-        `directory`, `seed`, `base` and `watchdog` are those of `FloorProcess`, `address` and `keys`
-        those of `Swarm`. Raises VsenseError where something of it cannot be made.
+        `directory`, `seed`, `base` and `watchdog` are those of `FloorProcess`, `address`, `keys`
+        and `radios` those of `Swarm`. Raises VsenseError where something of it cannot be made.
         """
         self.robots = len(experiment.robots)
         self._timestep_ns = experiment.timestep_ns
@@ -132,7 +134,7 @@ class Rehearsal:
             stack.callback(self._truth.close)
             self._floor = FloorProcess(experiment, truth.name, seed, directory, base, watchdog)
             stack.callback(self._floor.close)
-            self._swarm = Swarm(*address, seed, directory / "robots", keys)
+            self._swarm = Swarm(*address, seed, directory / "robots", keys, radios)
             stack.callback(self._swarm.end)
             for robot, base_of in zip(experiment.robots, self._floor.bases):
                 self._swarm.start(daemons[robot.controller], robot.tag, robot.id, base_of)

@@ -169,7 +169,8 @@ class Session(ExperimentSession):
         self.floor = FloorProcess(*floor, hardware)
         self._stack.callback(self.floor.close)
         keys = self.setup.trust.keys
-        self.swarm = Swarm(experiment.host, port, seed, self.directory / "robots", keys)
+        place = experiment.host, port, seed, self.directory / "robots"
+        self.swarm = Swarm(*place, keys, self.robots.radios)
         self._stack.callback(self.swarm.end)
         for robot, base in zip(experiment.robots, self.floor.bases):
             settings = self.robots.settings.get(robot.tag, {})

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from vsense.clock import pace
 from vsense.lab.processes import describe_exit, end
+from vsense.lab.radio import EmulatedRadio
 from vsense.lab.shared import LabError
 from vsense.link.robots.keys import SwarmKeys, robot_file, write_private
 
@@ -30,6 +31,7 @@ CLOCK_DRIFT_PPM = 100.0
 
 
 _NONE: Mapping[str, str] = {}
+_NO_RADIOS: Mapping[int, EmulatedRadio] = {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,12 +68,20 @@ class Swarm:
     """All daemons of one run. They are in sessions of their own: Ctrl-C is the lab's to handle."""
 
     def __init__(
-        self, host: str, port: int, seed: int, directory: Path, keys: SwarmKeys | None
+        self,
+        host: str,
+        port: int,
+        seed: int,
+        directory: Path,
+        keys: SwarmKeys | None,
+        radios: Mapping[int, EmulatedRadio] = _NO_RADIOS,
     ) -> None:
         """Prepares an empty swarm; traces, logs and start scripts go into `directory`.
 
-        Each robot has a key made of `keys`; None: none has. Their files go with the swarm.
+        Each robot has a key made of `keys`; None: none has. Their files go with the swarm. Who is
+        in `radios`, by tag, tells of that; the others tell of none.
         """
+        self._radios = radios
         self._keys = keys
         self._host = host
         self._port = port
@@ -108,6 +118,8 @@ class Swarm:
         script = self.script(tag)
         try:
             command = self._command(robot)
+            if (radio := self._radios.get(tag)) is not None:
+                self.radio_file(tag).write_text(radio.file_text())
             script.write_text(
                 f"#!/bin/sh\n# Starts this robot's daemon again.\nexec {shlex.join(command)}\n"
             )
@@ -137,6 +149,10 @@ class Swarm:
     def script(self, tag: int) -> Path:
         """The script that starts a robot's daemon again."""
         return self._directory / f"{tag}.sh"
+
+    def radio_file(self, tag: int) -> Path:
+        """What a robot reads of its radio, once a second; it is there where it has one."""
+        return self._directory / f"{tag}.radio"
 
     def log(self, tag: int) -> Path:
         """The output of a robot's daemon."""
@@ -190,6 +206,8 @@ class Swarm:
             *("--host", self._host, "--port", str(self._port)),
             *("--tag", str(robot.tag), "--name", robot.name, *self._who(robot)),
             *("--base", robot.base, "--trace", str(robot.trace.resolve())),
+            # This machine's own radio is no robot's.
+            *("--radio", str(self.radio_file(robot.tag).resolve())),
             *robot.settings,
             *("--clock-offset-ns", str(robot.clock_offset_ns)),
             *("--clock-drift-ppm", str(robot.clock_drift_ppm)),

@@ -41,6 +41,8 @@ class RobotRow:
     stops: Mapping[str, int]
     battery_mv: float | None
     base_errors: float | None
+    signal_dbm: float | None = None
+    silent_ms: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,6 +207,8 @@ def _row(found: Gatherer, tag: int) -> RobotRow:
         stops=dict(health.stops),
         battery_mv=health.battery_mv,
         base_errors=health.base_errors,
+        signal_dbm=health.signal_dbm,
+        silent_ms=health.silent_ms,
     )
 
 

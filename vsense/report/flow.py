@@ -133,6 +133,8 @@ class LinkHealth:
         stops: how often its wheels were held without an order, by cause.
         battery_mv: the lowest voltage [mV]; None unknown.
         base_errors: errors of its base while looked at; None unknown.
+        signal_dbm: the weakest signal of its Wi-Fi [dBm]; None unknown.
+        silent_ms: the longest time since it was heard [ms]; None unknown.
     """
 
     def __init__(self) -> None:
@@ -140,6 +142,8 @@ class LinkHealth:
         self.stops: Counter[str] = Counter()
         self.battery_mv: float | None = None
         self.base_errors: float | None = None
+        self.signal_dbm: float | None = None
+        self.silent_ms: float | None = None
         self._cause = ""
         self._first_errors: float | None = None
 
@@ -157,6 +161,14 @@ class LinkHealth:
             if self._first_errors is None or count < self._first_errors:
                 self._first_errors = count
             self.base_errors = count - self._first_errors
+
+    def hear(self, signal: Any, silent: Any) -> None:
+        """Adds what one message says of its Wi-Fi, and how long nothing was heard."""
+        signal_dbm, silent_ms = number(signal), number(silent)
+        if signal_dbm is not None:
+            self.signal_dbm = min(signal_dbm, self.signal_dbm or signal_dbm)
+        if silent_ms is not None:
+            self.silent_ms = max(silent_ms, self.silent_ms or 0.0)
 
 
 class SeenRobots:
@@ -184,13 +196,17 @@ class SeenRobots:
         """
         tags = [int(tag) for tag in data["tag"]]
         none = [None] * len(tags)
-        names = ("connected", "stop_cause", "battery_mv", "base_errors", "leds")
+        names = (
+            *("connected", "stop_cause", "battery_mv", "base_errors", "leds"),
+            *("signal_dbm", "heard_ms"),
+        )
         columns = [data.get(name) or none for name in names]
         states: dict[int, int] = {}
         self.lit = set()
-        for tag, connected, cause, battery, errors, leds in zip(tags, *columns, strict=True):
+        for tag, connected, cause, battery, errors, leds, *air in zip(tags, *columns, strict=True):
             health = self.of.get(tag) or self.of.setdefault(tag, LinkHealth())
             health.add(bool(connected), str(cause or ""), battery, errors)
+            health.hear(*air)
             self._link(time_ns, tag, bool(connected))
             states[tag] = LOST if not connected else STOPPED if cause else FINE
             if isinstance(leds, int) and leds & 0xFF:

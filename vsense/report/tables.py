@@ -35,6 +35,8 @@ _ROBOTS: Sequence[tuple[str, Callable[[RobotRow], str]]] = (
     ("connected [%]", lambda row: share_of(row.connected)),
     ("links lost", lambda row: DASH if row.losses is None else str(row.losses)),
     ("stops", lambda row: DASH if row.losses is None else str(sum(row.stops.values()))),
+    ("silent, most [ms]", lambda row: figure_of(row.silent_ms and round(row.silent_ms))),
+    ("signal, least [dBm]", lambda row: figure_of(row.signal_dbm)),
     ("base errors", lambda row: figure_of(row.base_errors)),
     ("battery, least [V]", lambda row: figure_of(row.battery_mv and row.battery_mv / 1e3)),
 )
@@ -53,6 +55,7 @@ def robots(findings: Findings, counter: Counter) -> str:
     )
     rows = list(zip(*(cells for _, cells in columns)))
     texts = [place for place, head in enumerate(heads) if head in ("robot", "controller")]
+    caption += _worst_link(findings)
     told = counter.table("The robots", caption, heads, rows, texts=texts)
     return told + _stops(findings, counter)
 
@@ -73,6 +76,25 @@ def parts(findings: Findings, counter: Counter) -> str:
 def _time_s(time_ns: int, findings: Findings) -> float:
     """A time since the run began [s]."""
     return (time_ns - findings.zero_ns) / 1e9
+
+
+QUIET_MS = 200.0
+"""Telemetry comes each 75 ms: where nothing was heard for longer than this, some were lost."""
+
+
+def _worst_link(findings: Findings) -> str:
+    """Names the robot whose link was the worst; "" where all were good."""
+    told = [row for row in findings.robots if row.silent_ms is not None or row.losses]
+    worst = max(told, key=lambda row: (row.losses or 0, row.silent_ms or 0.0), default=None)
+    if worst is None or not (worst.losses or (worst.silent_ms or 0.0) > QUIET_MS):
+        return ""
+    times = "once" if worst.losses == 1 else f"{worst.losses} times"
+    lost = f"lost {times}, " if worst.losses else ""
+    signal = "" if worst.signal_dbm is None else f", signal {worst.signal_dbm:.0f} dBm at least"
+    return (
+        f" The worst link: {worst.name} (tag {worst.tag}), {lost}silent for"
+        f" {(worst.silent_ms or 0.0) / 1e3:.1f} s at most{signal}."
+    )
 
 
 def _stops(findings: Findings, counter: Counter) -> str:

@@ -51,9 +51,11 @@ SYSTEM_PARTS = (
     "controller_hash",
     *("guard", "guard_link", "guard_process", "guard_rights", "key", "main", "memory", "net"),
     *(
+        "networks",
         "options",
         "options_help",
         "presets",
+        "radio",
         "random",
         "report",
         "restart",

@@ -33,7 +33,7 @@ from vsense.robot.ssh import SSH
 from vsense.terminal import printable
 
 _BOARD = Path(__file__).parent / "board"
-FILES = ("install.sh", "vsensed.init", "vsensed.service")
+FILES = ("install.sh", "vsensed.init", "vsensed.radio", "vsensed.service")
 
 
 KEY_FILE = "vsensed.key"
@@ -52,6 +52,9 @@ def service_files() -> dict[str, bytes]:
 
 
 TIMEOUT_S = 120.0
+
+_RADIO_STAYS = "stays as it is"
+"""What board/vsensed.radio says of a radio whose power saving it cannot turn off."""
 
 _RECEIVE = 'd=$(mktemp -d /tmp/vsensed.XXXXXX) && tar -xf - -C "$d"'
 _MOST = 16
@@ -352,6 +355,9 @@ def _judge(robot: RobotHost, status: int, out: list[str], err: list[str]) -> Out
         if status != 0:
             bad = [line for line in details if " BAD " in line] or ["the check has failed"]
             text = f"{text}, but {bad[0]}"
+        # That power saving could not be turned off is no failure, and has to be known.
+        stays = [line.removeprefix("radio: ") for line in details if _RADIO_STAYS in line]
+        text = "; ".join([text, *stays])
         return Outcome(robot, status == 0, text, details, "".join(uids))
     text = err[-1] if err else f"ssh ended with {status}"
     way_out = ssh.advice(robot.destination, err) if status == _SSH_FAILED else None

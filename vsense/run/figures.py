@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vsense.arena import Frame
 from vsense.config.specs import Experiment
-from vsense.link.robots.status import RobotStatus
+from vsense.link.robots.status import RadioStatus, RobotStatus
 from vsense.link.robots.wire import StopCause
 from vsense.run.robots import Readiness
 from vsense.run.runner import Runner
@@ -31,6 +31,15 @@ class _Robot:
     stale: int = 0
     sessions: int = 0
     battery_mv: int = 0
+    silent_ns: int = 0
+    signal_dbm: int | None = None
+    saves_power: bool = False
+
+    def tell(self, radio: RadioStatus) -> None:
+        """Takes what the robot tells of its Wi-Fi."""
+        if radio.signal_dbm is not None:
+            self.signal_dbm = min(radio.signal_dbm, self.signal_dbm or 0)
+        self.saves_power |= radio.power_saving is True
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +85,10 @@ class Figures:
             counted.seen += tag in seen
             counted.connected += status.connected
             counted.sessions = status.sessions
+            if status.heard_ns is not None:
+                counted.silent_ns = max(counted.silent_ns, step.sent_ns - status.heard_ns)
             if status.telemetry is not None:
+                counted.tell(RadioStatus.of(status.telemetry))
                 held = status.connected and status.telemetry.stop_cause == StopCause.STALE
                 counted.stale += held
                 stale += held
@@ -136,6 +148,9 @@ class Figures:
             "stale_share": _share(counted.stale, self.timesteps),
             "sessions": counted.sessions,
             "battery_mv": counted.battery_mv or None,
+            "longest_silence_s": round(counted.silent_ns / 1e9, 3),
+            "signal_dbm": counted.signal_dbm,
+            "power_saving": counted.saves_power or None,
         }
 
     def _columns_ns(self) -> NDArray[np.int64]:
@@ -213,7 +228,29 @@ def table(summary: Mapping[str, Any]) -> str:
         battery_mv = robot["battery_mv"]
         volts = "-" if battery_mv is None else f"{battery_mv / 1000.0:.2f} V"
         lines.append(f"{'':<10}{robot['name']:<32}{cells}{volts:>10}")
+    if worst := worst_links(summary["per_robot"]):
+        lines.append(f"{'':<10}worst links: {'; '.join(worst)}")
     return "\n".join(lines)
+
+
+QUIET_S, WEAK_DBM = 0.2, -75
+"""A link is worth a word where nothing was heard for this long (telemetry comes each 75 ms), or its
+signal was weaker at some time."""
+
+MOST_LINKS = 3
+
+
+def worst_links(robots: Sequence[Mapping[str, Any]]) -> list[str]:
+    """The robots of a summary whose links were the worst, and why; none where all were good."""
+    bad = [(robot["longest_silence_s"], robot) for robot in robots]
+    told = []
+    for silent_s, robot in sorted(bad, key=lambda pair: pair[0], reverse=True):
+        signal_dbm = robot["signal_dbm"]
+        why = [f"silent for {silent_s:.2f} s"] if silent_s > QUIET_S else []
+        why += [f"{signal_dbm} dBm"] if signal_dbm is not None and signal_dbm < WEAK_DBM else []
+        why += ["power saving is on"] if robot["power_saving"] else []
+        told += [f"{robot['name']} ({', '.join(why)})"] if why else []
+    return told[:MOST_LINKS]
 
 
 def link_row(link: Mapping[str, Any]) -> tuple[str, str]:

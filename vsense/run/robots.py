@@ -176,7 +176,9 @@ def shorten(names: Iterable[str]) -> str:
 PATIENCE_NS = 1_000_000_000
 """A daemon that has just started looks for its base for a moment: that is no trouble yet."""
 
-BATTERY_LOW = 1
+BATTERY_LOW = SAVES_POWER = 1
+
+SLEEPS = f"its Wi-Fi's power saving is on: readings come late; {BRING} turns it off"
 
 
 class RobotAlarms:
@@ -235,9 +237,11 @@ def _troubles(telemetry: Telemetry) -> list[tuple[str, str, bool]]:
     """Words for each trouble, words for its end, and whether it is present."""
     base_lost = telemetry.stop_cause == StopCause.BASE
     battery_low = telemetry.battery_low == BATTERY_LOW
+    power_saving = telemetry.power_saving == SAVES_POWER
     return [
         ("its base does not answer: its wheels are held", "its base answers again", base_lost),
         ("its battery is low", "its battery is no longer low", battery_low),
+        (SLEEPS, "its Wi-Fi's power saving is off", power_saving),
     ]
 
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 from vsense.arena import ArenaState, Frame
 from vsense.cameras.camera import Camera
 from vsense.cameras.grabber import Troubles
-from vsense.link.robots.status import RobotStatus
+from vsense.link.robots.status import RadioStatus, RobotStatus
 from vsense.link.robots.table import Entry
 from vsense.link.robots.wire import Shown, StopCause, Wanted
 from vsense.native import lib
@@ -162,6 +163,7 @@ class RobotTable:
             "base_resets": told.base_resets,
             "overruns": told.overruns,
             "guard_restarts": told.guard_restarts,
+            **asdict(RadioStatus.of(told)),
             "actuators": numbers(self._actuators[link.tag], told.payload),
             "shown": shown(told.shown),
         }
@@ -180,7 +182,7 @@ _STATES = {state.value: state.name.lower() for state in Wanted} | {Wanted.HOME.v
 _TOLD = (
     *("state", "stop_cause", "battery_mv", "battery_low", "leds", "left_steps_s"),
     *("right_steps_s", "base_errors", "base_resets", "overruns", "guard_restarts", "actuators"),
-    "shown",
+    *("signal_dbm", "bit_rate_mbit_s", "retries", "power_saving", "shown"),
 )
 
 

@@ -250,6 +250,11 @@ class Peer:
         return int(self._peer.session)
 
     @property
+    def sent(self) -> int:
+        """STATE packets that were sent so far."""
+        return int(self._peer.counters.sent)
+
+    @property
     def udp_heard(self) -> bool:
         """Whether a datagram of the open session has come."""
         return bool(self._peer.udp_heard)

@@ -15,6 +15,7 @@ from vsense.clock import host_ns
 from vsense.link.robots import network as ports
 from vsense.link.robots.keys import LinkTrust
 from vsense.link.robots.links import ServerState
+from vsense.link.robots.meter import LinkFigures, LinkMeter
 from vsense.link.robots.network import ServerThread
 from vsense.link.robots.peer import STAY, Goal, Orders
 from vsense.link.robots.roster import ExpectedRobot, SessionTable
@@ -192,6 +193,19 @@ class VirtualSensorServer:
                 wanted, ordered_ns = self._roster.orders.of(tag).wanted, self._ordered_ns
             found[tag] = replace(status, wanted=wanted, ordered_ns=ordered_ns)
         return found
+
+    def measure(self) -> None:
+        """Begins to measure the links of all robots, from now on."""
+        with self._lock:
+            for robot in self._roster.robots.values():
+                robot.meter = LinkMeter()
+
+    def measured(self) -> dict[int, LinkFigures]:
+        """What the links were since `measure`, by tag; none before it."""
+        with self._lock:
+            now_ns, robots = self._clock(), self._roster.robots.items()
+            meters = {tag: robot.meter for tag, robot in robots if robot.meter is not None}
+            return {tag: meter.figures(now_ns) for tag, meter in meters.items()}
 
     def reports(self) -> dict[int, ActuatorReport]:
         """What the robots' virtual actuators report in the present run, by tag.

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from vsense.link.robots.meter import LinkMeter
 from vsense.link.robots.peer import STAY, Change, Goal, Greeting, Orders, Peer, Presence
 from vsense.link.robots.status import (
     EventKind,
@@ -17,6 +18,7 @@ from vsense.link.robots.status import (
     Reporter,
     RobotStatus,
     cut_text,
+    switched_on_again,
 )
 from vsense.link.robots.table import Direction, Table
 from vsense.link.robots.wire import (
@@ -82,6 +84,7 @@ class HostSession:
         superseded: STATE packets that a newer one replaced in a slow TCP stream.
         unsent: STATE packets that the kernel refused on their only way.
         reporter: what the robot's virtual actuators say.
+        meter: measures the link; None: nobody wants that.
         refused: why a robot with this tag has been turned away since the last session, or "".
         reseeded: the next run has another seed than the session: it is renewed, and until then the
             robot counts as not connected.
@@ -95,8 +98,7 @@ class HostSession:
         self.copied: Address | None = None
         self._copied_ns = 0
         self.due_ns = 0
-        self.superseded = 0
-        self.unsent = 0
+        self.superseded = self.unsent = 0
         self.refused = ""
         self.reseeded = False
         self._table = table
@@ -108,9 +110,9 @@ class HostSession:
         self._sessions = 0
         self._presence = Presence()
         self.reporter = Reporter()
+        self.meter: LinkMeter | None = None
         self._log = LogLines()
-        self._repeats = 0
-        self._repeat_ns = 0
+        self._repeats = self._repeat_ns = 0
         self._telemetry: Telemetry | None = None
         self._timestep = 0
         self._capture_ns, self._goal = 0, STAY
@@ -195,7 +197,10 @@ class HostSession:
             old = "the old one" if origin == self._origin else f"the old one, from {self._origin},"
             text = f"opened a new session {where}{note}; {old} is closed"
             return self._event("takeover", text, now_ns)
-        return self._event("reconnected", f"reconnected {where}{note}", now_ns)
+        since_ns = self._presence.since_ns
+        assert since_ns is not None
+        again = switched_on_again(self._hello, hello, (now_ns - since_ns) / 1e9)
+        return self._event("reconnected", f"{again}reconnected {where}{note}", now_ns)
 
     def goodbye(self, cause: GoodbyeCause, text: str, run: int, now_ns: int) -> bytes:
         """The packet that ends the robot's session; `close` must follow."""
@@ -303,6 +308,8 @@ class HostSession:
         self._astray_ns = None
         self._telemetry = telemetry
         self.reporter.receive(header, telemetry, now_ns)
+        if self.meter is not None:
+            self.meter.hear(header, telemetry, self.peer.sent, now_ns)
         events = []
         if source is not None and source != self.address:
             events += self._moved(source, now_ns)

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 from vsense.errors import VsenseError
-from vsense.link.robots.wire import TEXT_MAX, Header, Telemetry, Wanted
+from vsense.link.robots.wire import NEVER_US, TEXT_MAX, Header, Hello, Telemetry, Wanted
 from vsense.link.strangers import StrangerLog
+from vsense.native import lib
 
 LIFE_NS = 1_000_000_000
 """A report counts while its robot's controller acts: this long after the newest control step that
@@ -89,6 +90,33 @@ class LogLines:
         lost, self.heard = number - self.heard - 1, number
         said = [f"logged: {text}"]
         return [f"{lost} of its log lines are lost", *said] if lost else said
+
+
+@dataclass(frozen=True, slots=True)
+class RadioStatus:
+    """What a robot tells of its Wi-Fi, as of at most some seconds ago; None is unknown.
+
+    Attributes:
+        signal_dbm: strength of the access point's signal.
+        bit_rate_mbit_s: that the radio sends with.
+        retries: frames that it gave up after its last try, since its driver began to count.
+        power_saving: whether the radio sleeps between beacons: what is sent to it waits meanwhile.
+    """
+
+    signal_dbm: int | None = None
+    bit_rate_mbit_s: float | None = None
+    retries: int | None = None
+    power_saving: bool | None = None
+
+    @classmethod
+    def of(cls, told: Telemetry) -> RadioStatus:
+        """What a robot's telemetry tells."""
+        return cls(
+            told.signal_dbm or None,
+            told.bit_rate / 10 or None,
+            None if told.retries == NEVER_US else told.retries,
+            None if told.power_saving == lib.VS_UNKNOWN else bool(told.power_saving),
+        )
 
 
 EventKind = Literal[
@@ -268,3 +296,19 @@ def cut_text(text: str) -> str:
     """Shortens a line to what REFUSE and GOODBYE can carry."""
     data = text.encode()
     return text if len(data) <= TEXT_MAX else data[:TEXT_MAX].decode(errors="ignore")
+
+
+UPTIME_SLACK_S, UPTIME_DRIFT = 3.0, 0.002
+"""A board's uptime may lag behind the host's clock by so much and by this share, and is the same
+start's: clocks that nobody slews drift by 250 ppm at most, and HELLO has whole seconds."""
+
+
+def switched_on_again(before: Hello, now: Hello, span_s: float) -> str:
+    """Whether a robot's board was switched on again between two greetings, for people; "": no.
+
+    So it is when its battery is swapped. `span_s` is the time between them by the host's clock.
+    """
+    least_s = (before.uptime_s + span_s) * (1.0 - UPTIME_DRIFT) - UPTIME_SLACK_S
+    if before.started == now.started or now.uptime_s >= least_s:
+        return ""
+    return f"was switched on again (battery swapped?), up for {now.uptime_s} s; "

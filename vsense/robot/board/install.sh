@@ -18,6 +18,7 @@ fail() { echo "$1" >&2; exit 1; }
 told() { case $words in *" $1 "*) ;; *) return 1 ;; esac; }
 [ "$(id -u)" -eq 0 ] || fail "needs root: log in as root, or give --sudo"
 binary=/usr/local/bin/vsensed conf=/etc/vsensed.conf key=/etc/vsensed.key
+radio=/usr/local/sbin/vsensed-radio
 copy() { # copy FILE PLACE MODE
     mkdir -p "$(dirname "$root$2")"
     (umask 077 && cp "$1" "$root$2.new") # nobody else reads a key, not even for a moment
@@ -84,6 +85,15 @@ put_daemon() {
     put vsensed $binary 755
 }
 
+# NetworkManager sets a radio's power saving whenever it connects: 2 has it turned off.
+put_radio() {
+    put vsensed.radio $radio 755
+    if [ -d "$root/etc/NetworkManager/conf.d" ]; then
+        printf '[connection]\nwifi.powersave = 2\n' >"$from/powersave"
+        put powersave /etc/NetworkManager/conf.d/vsensed-powersave.conf 644
+    fi
+}
+
 # With a key comes who the robot is.
 put_key() {
     [ ! -f "$from/vsensed.key" ] || put vsensed.key $key 600
@@ -135,6 +145,7 @@ else
         try "$from/vsensed" "$from/vsensed.conf"
         put_daemon
         put vsensed.conf $conf 644
+        put_radio
         install_service
     fi
 fi
@@ -146,5 +157,6 @@ if told check; then
     "$root$binary" --check --config "$root$conf" || well=1
 fi
 service start
+[ ! -f "$root$radio" ] || sh "$root$radio"
 echo "$kind: $version"
 exit $well

@@ -39,6 +39,15 @@ export function reading(value) {
   return Math.abs(value) >= 1000 || Math.abs(value) < 0.001 ? value.toExponential(1) : value.toFixed(3);
 }
 
+/** What a robot tells of its Wi-Fi; what it does not know is left out. */
+export function radio(robot) {
+  const parts = [typeof robot.signal_dbm === "number" ? `${robot.signal_dbm} dBm` : NONE];
+  if (typeof robot.bit_rate_mbit_s === "number") parts.push(`${robot.bit_rate_mbit_s} Mbit/s`);
+  if (robot.retries) parts.push(`${robot.retries} given up`);
+  if (robot.power_saving) parts.push("power saving");
+  return parts.join(" · ");
+}
+
 export const volts = (mv) => (mv === null || mv === undefined ? NONE : `${(mv / 1000).toFixed(2)} V`);
 /** 0.25 -> "0.25", 97.31 -> "97" */
 export const times = (value) => (value < 10 ? String(Math.round(100 * value) / 100) : value.toFixed(0));

@@ -3,7 +3,7 @@
 import { rayColour, rays, ringLeds, BODY_LED } from "./arena_robots.js";
 import { glow } from "./arena_things.js";
 import { byId, fit, make, mark, write } from "./dom.js";
-import { degrees, milliseconds, reading, volts } from "./format.js";
+import { degrees, milliseconds, radio, reading, volts } from "./format.js";
 import { words } from "./robots.js";
 import { chartable } from "./series.js";
 import * as theme from "./theme.js";
@@ -17,6 +17,7 @@ const CHARTS = {
   heading: { label: "speed", unit: "m/s", now: (row, pose) => [pose.speed] },
   wheels: { unit: "steps/s", now: (row) => [row.left_steps_s, row.right_steps_s] },
   link: { unit: "ms", now: (row) => [row.heard_ms] },
+  "Wi-Fi": { label: "signal", unit: "dBm", now: (row) => [row.signal_dbm] },
   battery: { unit: "V", now: (row) => [typeof row.battery_mv === "number" ? row.battery_mv / 1000 : null] },
 };
 
@@ -62,6 +63,7 @@ export class Robot {
       ["heading", pose ? `${degrees(pose.yaw)} · ${(100 * (pose.speed ?? 0)).toFixed(0)} cm/s` : "–"],
       ["wheels", wheels],
       ["link", robot ? `${milliseconds(robot.heard_ms)}${robot.udp === false ? " · no UDP" : ""}` : "–"],
+      ["Wi-Fi", robot ? radio(robot) : "–"],
       ["battery", robot ? volts(robot.battery_mv) : "–"],
       ["controller", this.store.controller(this.choice.tag)?.id || "–"],
       ["program", robot ? `${robot.controller ?? "–"} ${robot.hash ?? ""}` : "–"],

@@ -4,13 +4,19 @@ import { byId, make, mark, write } from "./dom.js";
 import { count, milliseconds, reading, volts } from "./format.js";
 
 const STALE_MS = 500;
-const LONG_NAME = 12;
+const WEAK_DBM = -75;
+// Of a name, beside the column of signals and without it.
+const LONG_NAME = { radio: 6, wide: 12 };
+let longName = LONG_NAME.wide;
 
 // What the experiment has for a robot: shown where not all have the same.
 const RUNS = "runs";
+// Of its Wi-Fi, as the robot hears it: shown where one tells it.
+const SIGNAL = "signal";
 const TEXTS = ["name", RUNS, "state"];
 
 function align(name) {
+  if (name === SIGNAL) return "n signal";
   return name === RUNS ? RUNS : TEXTS.includes(name) ? "" : "n";
 }
 
@@ -21,6 +27,7 @@ const COLUMNS = [
   ["state", "state", (r) => (r.connected ? r.state : "away"), (r) => `${r.connected} ${r.state}`, (r) => !r.connected],
   ["heard", "link", (r) => milliseconds(r.heard_ms), (r) => r.heard_ms ?? Infinity, (r) => r.heard_ms > STALE_MS],
   ["pose", "pose", (r) => milliseconds(r.pose_age_ms), (r) => r.pose_age_ms ?? Infinity, (r) => r.pose_age_ms > STALE_MS],
+  [SIGNAL, "dBm", (r) => r.signal_dbm ?? "–", (r) => r.signal_dbm ?? 0, (r) => r.signal_dbm < WEAK_DBM || r.power_saving],
   ["battery", "battery", (r) => volts(r.battery_mv), (r) => r.battery_mv ?? Infinity, (r) => r.battery_low],
   ["errors", "errors", (r) => String(r.base_errors ?? 0), (r) => -(r.base_errors ?? 0), (r) => r.base_errors > 0 && r.trouble],
 ];
@@ -28,7 +35,7 @@ const COLUMNS = [
 // A long name is cut off where two of them may still look the same.
 function label({ tag, name }) {
   if (!name) return String(tag);
-  return name.length > LONG_NAME ? `${tag} ${name}` : name;
+  return name.length > longName ? `${tag} ${name}` : name;
 }
 
 /** What is to be said about a robot beyond its row; "" where all is well. */
@@ -36,6 +43,7 @@ export function words(robot) {
   const parts = [robot.trouble];
   if (robot.stop_cause && !(robot.trouble ?? "").includes(robot.stop_cause)) parts.push(`stopped: ${robot.stop_cause}`);
   if (robot.doubt) parts.push(`identity: ${robot.doubt}`);
+  if (robot.power_saving) parts.push("its Wi-Fi's power saving is on");
   if (robot.authenticated === false) parts.push("not authenticated: anybody can speak for it");
   return parts.filter(Boolean).join(" · ");
 }
@@ -82,6 +90,9 @@ export class Robots {
     this.table.closest(".card").hidden = !robots && experiment?.mode === "track";
     if (!robots) return;
     mark(this.table, "mixed", (experiment?.controllers?.length ?? 0) > 1);
+    const radio = robots.signal_dbm?.some((dbm) => dbm !== null);
+    longName = radio ? LONG_NAME.radio : LONG_NAME.wide;
+    mark(this.table, "radio", radio);
     this.sorted = [...rows.keys()].map((tag) => this.store.robot(tag)).sort((a, b) => this.#compare(a, b));
     this.heads.forEach((head, column) => {
       const sorted = column === this.sort.column ? (this.sort.down ? "descending" : "ascending") : "none";

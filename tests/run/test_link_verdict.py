@@ -1,0 +1,73 @@
+"""Verdict and advice on a link, and what people are shown of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from tests.run.test_link_counters import status
+from vsense.link.robots.meter import LinkFigures
+from vsense.run.link_verdict import as_json, judge, table, worst
+
+GOOD = LinkFigures(
+    heard_s=60.0,
+    packets=1200,
+    loss_up=0.0,
+    loss_down=0.01,
+    round_trip_p50_ms=2.0,
+    round_trip_p99_ms=9.0,
+    jitter_ms=1.0,
+    gap_ms=80.0,
+    late=0.0,
+    signal_dbm=-55.0,
+    weakest_dbm=-58,
+    bit_rate_mbit_s=54.0,
+    retries=0,
+    power_saving=False,
+    sessions=1,
+)
+THERE = replace(status(1), connected=True, udp=True)
+
+
+@pytest.mark.parametrize(
+    ("change", "holds", "verdict", "advice"),
+    [
+        ({}, True, "holds 100 ms", ""),
+        ({"power_saving": True}, True, "holds 100 ms", "vsense robot deploy turns it off"),
+        ({"signal_dbm": -82.0}, True, "holds 100 ms", "-82 dBm is weak"),
+        ({"loss_down": 0.2}, True, "holds 100 ms", "another channel"),
+        ({"gap_ms": 400.0}, False, "nothing heard for 0.4 s", "another channel"),
+        ({"gap_ms": 900.0, "power_saving": True}, False, "nothing heard for 0.9 s", "power saving"),
+        ({"stale": 1}, False, "would have stopped once", "another channel"),
+        ({"round_trip_p99_ms": 140.0}, False, "the timestep of 100 ms", "packets wait somewhere"),
+        ({"late": 0.02}, False, "2.0 % of its control steps began late", "the board is late"),
+        ({"packets": 0}, False, "not connected", "is it on"),
+    ],
+)
+def test_verdicts(change: dict[str, float], holds: bool, verdict: str, advice: str) -> None:
+    one = judge(THERE, replace(GOOD, **change), 0.1)  # type: ignore[arg-type]
+    assert one.holds == holds
+    assert verdict in one.verdict
+    assert advice in one.advice and bool(advice) == bool(one.advice)
+
+
+def test_who_was_turned_away_and_who_has_no_udp() -> None:
+    old = replace(THERE, refused="runs an older vsensed: bring it this one with ...")
+    one = judge(old, LinkFigures(), 0.1)
+    assert (one.verdict, one.advice) == ("turned away", old.refused)
+    blocked = judge(replace(THERE, udp=False), GOOD, 0.1)
+    assert blocked.holds and blocked.advice.startswith("no UDP gets through")
+
+
+def test_the_worst_is_named_and_all_is_in_the_table() -> None:
+    good = judge(THERE, GOOD, 0.1)
+    weak = judge(replace(THERE, tag=8, name="b"), replace(GOOD, gap_ms=700.0), 0.1)
+    gone = judge(replace(THERE, tag=9, name="c"), LinkFigures(), 0.1)
+    assert worst([good, weak]) is weak and worst([gone, weak, good]) is gone and worst([]) is None
+    text = table([good, weak, gone]).splitlines()
+    assert "-55" in text[1] and text[1].endswith("holds 100 ms")
+    assert text[-2] == "the worst link: 9 c: not connected"
+    assert text[-1] == "1 of 3 robots would hold the experiment"
+    told = as_json([good, weak], {"experiment": "foraging"})
+    assert (told["holds"], told["worst"], told["robots"][0]["gap_ms"]) == (False, 8, 80.0)

@@ -1,0 +1,165 @@
+"""`vsense robot link`: how good the robots' links are under an experiment's own traffic."""
+
+from __future__ import annotations
+
+import argparse
+import json
+
+from vsense.commands import arguments, experiments, rosters
+from vsense.config.experiment import load
+from vsense.config.specs import Experiment, Stage
+from vsense.errors import UsageError
+from vsense.link.robots.roster import ExpectedRobot
+from vsense.link.robots.table import Table
+from vsense.run import link_verdict
+from vsense.run.link_load import LinkLoad, traffic_of
+from vsense.run.link_verdict import judge
+from vsense.terminal import Console, interruption, print_data
+
+DEFAULT = "foraging"
+"""Whose traffic it is where no experiment is named."""
+
+FOR_S, WAIT_S = 60.0, 10.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declares the action's arguments."""
+    parser.add_argument(
+        "robots",
+        nargs="?",
+        type=arguments.numbers,
+        metavar="TAGS",
+        help="these robots, such as 23,30-34 (default: the experiment's; without --experiment"
+        " those of the roster that work and are no spares)",
+    )
+    arguments.option(
+        *(parser, "--for", arguments.seconds, "S"),
+        f"measure for so long (default: {FOR_S:g})",
+        FOR_S,
+    )
+    parser.add_argument(
+        "--experiment",
+        metavar="NAME",
+        help="whose packets and timestep: a shipped experiment's name, or the path of a .argos"
+        f" file (default: {DEFAULT})",
+    )
+    arguments.add_code(parser)
+    rosters.add_casting(parser)
+    _add_link(parser)
+    arguments.flag(parser, "--json", "print the figures as JSON")
+
+
+def _add_link(parser: argparse.ArgumentParser) -> None:
+    arguments.option(
+        *(parser, "--wait", arguments.seconds, "S"),
+        f"begin after S s at the latest, without robots that are missing (default: {WAIT_S:g})",
+        WAIT_S,
+    )
+    arguments.option(
+        *(parser, "--host", str, "ADDRESS"),
+        "interface that robots connect to, 0.0.0.0: all (default: the file's vss_host)",
+    )
+    arguments.option(
+        parser, "--port", arguments.port, "P", "TCP and UDP port (default: the file's vss_port)"
+    )
+    experiments.add_key(parser)
+    experiments.add_insecure(
+        *(parser, "take robots that have no key, too: whoever reaches the port can be one"),
+        page=False,
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Loads the links and judges them.
+
+    Returns:
+        0; 1 where a robot would not hold the experiment's timestep; 130 after Ctrl-C, 143 after
+        SIGTERM, with what was measured by then.
+    """
+    experiment = _experiment(options)
+    robots = _robots(options, experiment)
+    host = experiment.host if options.host is None else options.host
+    port = experiment.port if options.port is None else options.port
+    trust = experiments.trust_of(options)
+    console = Console()
+    experiments.say_trust(trust, console.say)
+    with (
+        interruption() as interrupted,
+        experiments.lease_tags(options, experiment.name, robots, host),
+        LinkLoad(robots, experiment.timestep_ns, (host, port), trust, console.say) as link,
+    ):
+        _announce(experiment, len(robots), (host, link.port), console)
+        there = link.wait(options.wait, interrupted, console.progress)
+        lasted_s = 0.0
+        if not interrupted.is_set():
+            span_s = vars(options)["for"] if there else 0.0
+            lasted_s = link.load(span_s, interrupted, console.progress)
+        figures, robots_now = link.measured(), link.robots()
+    console.end_progress()
+    if not figures:
+        console.say("vsense: interrupted before anything was measured")
+        return interrupted.code
+    if interrupted.is_set():
+        console.say(f"vsense: interrupted after {lasted_s:.1f} s: what was measured until then")
+    verdicts = [judge(robots_now[tag], figures[tag], experiment.timestep_s) for tag in robots]
+    facts = {"experiment": experiment.name, "timestep_s": experiment.timestep_s}
+    told = link_verdict.as_json(verdicts, facts | {"duration_s": round(lasted_s, 3)})
+    print_data(json.dumps(told, indent=2) if options.json else link_verdict.table(verdicts))
+    if interrupted.is_set():
+        return interrupted.code
+    return 0 if told["holds"] else 1
+
+
+def _announce(
+    experiment: Experiment, count: int, address: tuple[str, int], console: Console
+) -> None:
+    host, port = address
+    period = f"{1e3 * experiment.timestep_s:g} ms"
+    console.say(
+        f"{count} robot{'s' * (count > 1)}, {experiment.name}'s packets every {period}, on {host},"
+        f" port {port}; wheels stand still"
+    )
+    if host.startswith("127.") or host == "localhost":
+        console.say("only robots on this machine reach that address; for others: --host 0.0.0.0")
+
+
+def _experiment(options: argparse.Namespace) -> Experiment:
+    """Whose traffic it is; only where it is named do the roster's robots play its parts."""
+    code = arguments.code_of(options)
+    if options.experiment is None:
+        if options.replace:
+            raise UsageError("--replace: expected --experiment, whose parts they play")
+        return load(DEFAULT, stage=Stage.RUN, code=code)
+    chosen, options.robots = options.robots, None  # it is no number of robots
+    casting = rosters.casting_of(options, found=True)
+    options.robots = chosen
+    return load(options.experiment, stage=Stage.RUN, code=code, casting=casting)
+
+
+def _robots(options: argparse.Namespace, experiment: Experiment) -> dict[int, ExpectedRobot]:
+    """The robots that are loaded, by tag, with their names and tables.
+
+    Raises:
+        UsageError: nobody says which, or the experiment has no such robot.
+    """
+    tables = {c.id: traffic_of(c) for c in experiment.controllers}
+    if options.experiment is not None:
+        own = {r.tag: (r.id, tables[experiment.controller_of(r).id]) for r in experiment.robots}
+        wanted = list(own) if options.robots is None else options.robots
+        for tag in wanted:
+            if tag not in own:
+                there = ", ".join(map(str, own))
+                raise UsageError(f"robot {tag}: {experiment.file} has {there}")
+        return {tag: ExpectedRobot(*own[tag]) for tag in wanted}
+    known = rosters.roster_of(options)
+    names = {} if known is None else {robot.tag: robot.name for robot in known.robots}
+    wanted = options.robots
+    if wanted is None and known is not None:
+        wanted = [robot.tag for robot in known.robots if robot.is_ready]
+    if not wanted:
+        raise UsageError(
+            "which robots? expected TAGS such as 23,30-34, --experiment NAME, or a roster:"
+            " --roster FILE"
+        )
+    table: Table = next(iter(tables.values()))
+    return {tag: ExpectedRobot(names.get(tag) or "robot", table) for tag in wanted}

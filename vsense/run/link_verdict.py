@@ -1,0 +1,178 @@
+"""Whether a robot's link would hold an experiment, why not, and what helps: in a line each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from vsense.link.robots.meter import LinkFigures
+from vsense.link.robots.status import RobotStatus
+from vsense.terminal import aligned
+
+SILENCE_MS = 400.0
+"""Wheels stop after this long without fresh readings (`c_src/PROTOCOL.md`, section 5)."""
+
+LATE_SHARE = 0.01
+"""So many control steps may begin late."""
+
+WEAK_DBM = -75.0
+"""Below it radios fall back to their slowest rates, and lose frames at these."""
+
+LOSS_SHARE = 0.1
+"""More loss than this is worth a word, also where packets come often enough."""
+
+DEPLOY = "vsense robot deploy"
+
+
+@dataclass(frozen=True, slots=True)
+class LinkVerdict:
+    """One robot's link.
+
+    Attributes:
+        holds: it would hold the experiment's timestep.
+        verdict: why not, or that it does.
+        advice: what helps; "": nothing is to be done.
+        uid: 32 hexadecimal digits; "": not known.
+        udp: readings go by UDP.
+    """
+
+    tag: int
+    name: str
+    holds: bool
+    verdict: str
+    advice: str
+    uid: str
+    udp: bool
+    figures: LinkFigures
+
+    @property
+    def badness(self) -> tuple[float, ...]:
+        """What sorts the worst link last."""
+        f = self.figures
+        numbers = (f.stale, f.gap_ms, f.round_trip_p99_ms, f.late, f.loss_down)
+        return (not self.holds, not f.packets, *(value or 0.0 for value in numbers))
+
+    def as_json(self) -> dict[str, Any]:
+        """For programs."""
+        names = ("tag", "name", "uid", "holds", "verdict", "advice", "udp")
+        return {name: getattr(self, name) for name in names} | asdict(self.figures)
+
+
+def judge(status: RobotStatus, figures: LinkFigures, timestep_s: float) -> LinkVerdict:
+    """Judges one robot's link.
+
+    Args:
+        status: how it is at the end.
+        figures: what was measured.
+        timestep_s: of the experiment.
+    """
+    period_ms = 1e3 * timestep_s
+    wrong = _wrong(status, figures, period_ms)
+    uid = "" if status.uid is None else status.uid.hex()
+    return LinkVerdict(
+        tag=status.tag,
+        name=status.name,
+        holds=not wrong,
+        verdict=wrong or f"holds {period_ms:g} ms",
+        advice=_advice(status, figures, bool(wrong)),
+        uid=uid,
+        udp=status.udp,
+        figures=figures,
+    )
+
+
+def _wrong(status: RobotStatus, f: LinkFigures, period_ms: float) -> str:
+    """Why it would not hold a timestep; "": it would."""
+    if not f.packets:
+        return "turned away" if status.refused else "not connected"
+    if (f.gap_ms or 0.0) >= SILENCE_MS:
+        return f"nothing heard for {(f.gap_ms or 0.0) / 1e3:.1f} s: its wheels would have stopped"
+    if f.stale:
+        times = "once" if f.stale == 1 else f"{f.stale} times"
+        return f"readings came too late: its wheels would have stopped {times}"
+    if (f.round_trip_p99_ms or 0.0) > period_ms:
+        return f"1 of 100 round trips takes longer than the timestep of {period_ms:g} ms"
+    if (f.late or 0.0) > LATE_SHARE:
+        return f"{100 * (f.late or 0.0):.1f} % of its control steps began late"
+    return ""
+
+
+def _advice(status: RobotStatus, f: LinkFigures, fails: bool) -> str:
+    """What helps first."""
+    if not f.packets:
+        near = "is it on, in this network, and told this address and port?"
+        return status.refused or f"{near} {DEPLOY} --check"
+    if f.power_saving:
+        return f"power saving is on: {DEPLOY} turns it off"
+    if f.signal_dbm is not None and f.signal_dbm < WEAK_DBM:
+        return f"{f.signal_dbm:.0f} dBm is weak: bring the access point nearer, or above the arena"
+    if not status.udp and status.connected:
+        return "no UDP gets through: let UDP of the same port in, at firewall and access point"
+    lossy = max(f.loss_up or 0.0, f.loss_down or 0.0) > LOSS_SHARE
+    if lossy or (fails and ((f.gap_ms or 0.0) >= SILENCE_MS or f.stale)):
+        return "the air is busy, or something is in the way: another channel, 5 GHz, fewer users"
+    if fails and (f.late or 0.0) > LATE_SHARE:
+        return "the board is late: end what else runs on it (top), or take a longer timestep"
+    if fails:
+        return "packets wait somewhere: nothing else on this access point, no repeater, no VPN"
+    return ""
+
+
+def worst(verdicts: Sequence[LinkVerdict]) -> LinkVerdict | None:
+    """The worst link; None where there is none."""
+    return max(verdicts, key=lambda one: one.badness, default=None)
+
+
+HEADS = (
+    *("robot", "loss to/from", "round trip", "p99", "jitter", "gap", "signal", "Mbit/s"),
+    *("given up", "sleeps", "late", "verdict"),
+)
+
+
+def table(verdicts: Sequence[LinkVerdict]) -> str:
+    """A line for each robot, below them what helps, and the worst one's name."""
+    lines = aligned([HEADS, *(_cells(one) for one in verdicts)])
+    for one in verdicts:
+        if one.advice:
+            lines.append(f"{one.tag} {one.name}: {one.advice}")
+    last = worst(verdicts)
+    if last is not None and len(verdicts) > 1:
+        lines.append(f"the worst link: {last.tag} {last.name}: {last.verdict}")
+    bad = sum(not one.holds for one in verdicts)
+    lines.append(f"{len(verdicts) - bad} of {len(verdicts)} robots would hold the experiment")
+    return "\n".join(lines)
+
+
+def _cells(one: LinkVerdict) -> tuple[str, ...]:
+    f = one.figures
+    loss = f"{_figure(f.loss_down, ' / ', 1, 100.0)}{_figure(f.loss_up, ' %', 1, 100.0)}"
+    return (
+        f"{one.tag} {one.name}",
+        loss if f.packets else "-",
+        _figure(f.round_trip_p50_ms, " ms", 1),
+        _figure(f.round_trip_p99_ms, " ms", 1),
+        _figure(f.jitter_ms, " ms", 1),
+        _figure(f.gap_ms, " ms", 0),
+        _figure(f.signal_dbm, " dBm", 0),
+        _figure(f.bit_rate_mbit_s, "", 1),
+        _figure(f.retries, "", 0),
+        {True: "YES", False: "no", None: "-"}[f.power_saving],
+        _figure(f.late, " %", 1, 100.0),
+        f"{'' if one.holds else 'FAILS: '}{one.verdict}",
+    )
+
+
+def _figure(value: float | None, unit: str, digits: int, scale: float = 1.0) -> str:
+    return "-" if value is None else f"{scale * value:.{digits}f}{unit}"
+
+
+def as_json(verdicts: Sequence[LinkVerdict], facts: Mapping[str, Any]) -> dict[str, Any]:
+    """The whole report for programs; `facts` say what was measured how."""
+    last = worst(verdicts)
+    return {
+        **facts,
+        "holds": all(one.holds for one in verdicts),
+        "worst": None if last is None else last.tag,
+        "robots": [one.as_json() for one in verdicts],
+    }
