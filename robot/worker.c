@@ -359,6 +359,7 @@ static void open_boards(struct vs_worker *w)
 
     vs_board_links_init(&w->boards, &w->base, &w->loop.robot.base.boards);
     w->boards.calibration = &w->options->calibration;
+    w->boards.raw = &w->loop.robot.raw;
     w->foreign[0] = &w->net.fds[0];
     w->foreign[1] = &w->net.fds[1];
     w->foreign[2] = &w->trace_fd;
