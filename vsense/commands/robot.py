@@ -43,7 +43,7 @@ DESCRIPTION = (
     " connected to the `vsense run` or `vsense lab` on this machine: software and controller, link,"
     " pose, battery, base errors, and what is wrong. 'emulate' stands in for robots and tracker: a"
     " `vsense run` rehearsed at a desk. 'calibrate' drives robots below the cameras, hands off, and"
-    " finds their wheels and where their markers sit."
+    " finds their wheels, where their markers sit, and what their own sensors read."
 )
 
 
@@ -58,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         add("emulate", "emulate robots with their bases, and a tracker, for a vsense run")
     )
     robot_calibrate.add_arguments(
-        add("calibrate", "measure robots' wheels and markers with the overhead cameras")
+        add("calibrate", "measure robots' wheels, markers and sensors with the overhead cameras")
     )
     robot_list.add_arguments(add("list", "show the lab's robots: the roster"))
     status = add("status", "show the robots of the running experiment")
