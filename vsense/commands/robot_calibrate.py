@@ -158,6 +158,16 @@ def _session(
     return RunSession(setup, options.tracking, None)
 
 
+def _wait(session: ExperimentSession, limit_s: float) -> None:
+    """Waits for robots; VsenseError where none is there."""
+    there = session.wait_patiently(limit_s)
+    if session.setup.interrupted.is_set():
+        raise VsenseError("interrupted before anything was measured")
+    if {robot.id for robot in session.experiment.robots} <= set(there.missing):
+        # Without a tracker no timestep would ever come to leave them out.
+        raise VsenseError(f"nobody can be calibrated: {there.missing_text()}")
+
+
 def _calibrate(
     options: argparse.Namespace,
     session: ExperimentSession,
@@ -175,12 +185,7 @@ def _calibrate(
         f" where there is no room for all; files in {directory}"
     )
     with session:
-        there = session.wait_patiently(options.wait)
-        if session.setup.interrupted.is_set():
-            raise VsenseError("interrupted before anything was measured")
-        if {robot.id for robot in experiment.robots} <= set(there.missing):
-            # Without a tracker no timestep would ever come to leave them out.
-            raise VsenseError(f"nobody can be calibrated: {there.missing_text()}")
+        _wait(session, options.wait)
         swarm = driving.drive(session, wheels, directory, console.progress, sensing)
     console.end_progress()
     ended = session.runner.ended
