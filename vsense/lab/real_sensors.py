@@ -108,8 +108,9 @@ def read_sensors(given: Any, count: int) -> list[SensorHardware]:
     sizes = {"gains": RING, "biases": RING, "black": GROUND, "white": GROUND}
     try:
         read = [SensorHardware(**{n: [float(v) for v in one[n]] for n in sizes}) for one in given]
-        right = all(len(getattr(one, n)) == size for one in read for n, size in sizes.items())
-    except (TypeError, KeyError, ValueError):
+        rows = [(getattr(one, n), size) for one in read for n, size in sizes.items()]
+        right = all(len(row) == size and np.isfinite(row).all() for row, size in rows)
+    except (TypeError, KeyError, ValueError, OverflowError):
         right = False
     if not right or len(read) != count:
         wanted = ", ".join(f"{size} {name}" for name, size in sizes.items())
