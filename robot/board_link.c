@@ -126,7 +126,7 @@ static const char *serve(struct vs_board_links *links, int board, uint64_t now_n
     if (len != (ssize_t)sizeof answer)
         return give_up(links, board, now_ns);
     link->waiting = 0;
-    if (board == VS_BOARD_GROUND && links->calibration != NULL)
+    if (board == VS_BOARD_GROUND && links->calibration != NULL && !*links->raw)
         vs_calibration_sense_ground(links->calibration, answer.reading.ground);
     vs_boards_take(links->reading, &answer.reading, board);
     if (answer.news == NULL && link->hangs)

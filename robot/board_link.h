@@ -30,6 +30,7 @@ struct vs_board_links {
     struct vs_base *base;
     struct vs_board_reading *reading; /* of all boards, for the controller */
     const struct vs_calibration *calibration; /* of the ground board; NULL: none */
+    const uint8_t *raw; /* 1: it does not count; where there is one */
     int end; /* 0: the robot has no boards, else VS_BOARDS */
     uint8_t rgb[EPUCK_RGB_LEDS][3]; /* what the RGB LEDs were asked for last */
     struct vs_board_link link[VS_BOARDS];

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "number.h"
+#include "robot.h"
 
 #define SPAN_MIN 16            /* a sensor that tells no more than this apart is broken */
 #define NOMINAL_MM 41.0
@@ -157,6 +158,11 @@ static void rescale(const struct vs_calibration *c, int which, int16_t *raw)
     }
 }
 
+void vs_robot_sense_raw(struct vs_robot *robot)
+{
+    robot->raw = 1;
+}
+
 /* Rounded to the nearest. */
 static int32_t combine(const int32_t row[2], int32_t left, int32_t right)
 {
@@ -164,14 +170,16 @@ static int32_t combine(const int32_t row[2], int32_t left, int32_t right)
 }
 
 void vs_calibration_sense(const struct vs_calibration *calibration,
-                          struct vs_base_reading *reading)
+                          struct vs_base_reading *reading, int raw)
 {
     const struct vs_calibration *c = calibration;
     int32_t left = reading->steps[0];
 
-    rescale(c, VS_CAL_PROXIMITY, reading->prox);
-    rescale(c, VS_CAL_LIGHT, reading->light);
-    rescale(c, VS_CAL_GROUND, reading->ground);
+    if (!raw) {
+        rescale(c, VS_CAL_PROXIMITY, reading->prox);
+        rescale(c, VS_CAL_LIGHT, reading->light);
+        rescale(c, VS_CAL_GROUND, reading->ground);
+    }
     if (!c->has_wheels)
         return;
     /* The counts since the start, so that what is rounded off does not add up. */

@@ -49,9 +49,10 @@ const char *vs_calibration_take(struct vs_calibration *calibration, const char *
 const char *vs_calibration_name(enum vs_calibrated which);
 
 /* What the nominal e-puck would measure where this one measured *reading, ground of the base's
- * own included, but for its boards; and where its ground board measured ground[3]. */
+ * own included, but for its boards; and where its ground board measured ground[3]. raw: the ways
+ * of the wheels only. */
 void vs_calibration_sense(const struct vs_calibration *calibration,
-                          struct vs_base_reading *reading);
+                          struct vs_base_reading *reading, int raw);
 void vs_calibration_sense_ground(const struct vs_calibration *calibration, int16_t ground[3]);
 
 /* What makes this robot move as *command moves the nominal e-puck. Where a wheel would have to

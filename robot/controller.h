@@ -13,27 +13,26 @@
  *     const struct vs_controller vs_controller =
  *         {"follower", sizeof(struct follower), init, step, NULL};
  *
- * Sensors are known by name, and a controller need not know which are virtual: a
- * name in the host's sensor table wins over the robot's own sensor of that name, and
- * "+NAME" there is fused with it: number by number the larger of the two, so that a
- * virtual wall turns a robot like a real one. Where the virtual part is unknown or
- * stale the real one counts alone, and where the real one is unknown nothing does.
- * The robot's own, calibrated where its settings hold what was measured of it: "proximity" and
- * "light", 8 numbers each, ps0..ps7 at vs_robot_sensor_angle_rad, raw 0..4096 (higher is nearer,
- * brighter); "battery_low" (0 or 1) and "battery", its voltage in mV where base or board can tell
- * it; "wheels", the way [cm] of the left and the right wheel since the daemon began, where the
- * base counts steps; "accelerometer", raw x, y, z, and "microphones", raw, where the base's
- * firmware reads them (IRIDIA's: the newest sample of right, left and back; GCtronic's for the
- * e-puck2: the loudness of its four); "distance" [mm] ahead, of an e-puck2 with asercom, far above
- * its 2 m where it sees nothing; with boards on I2C (`vsensed --help`) "ground", 3 numbers from 0
- * black to 1 white, and "range_and_bearing", laid out as the virtual one with 5 places. Its own
- * actuator, with that board: "message", the length and 4 bytes. "gyroscope" [rad/s], of an e-puck2
- * with asercom or with `imu=BUS`: x, y, z, limited to 4.36. z is upwards, so turning left is
- * positive; where x and y point the firmwares' sources contradict each other. With `imu=BUS` it has
- * an offset: what it says at rest.
+ * Sensors are known by name, and a controller need not know which are virtual: a name in the host's
+ * sensor table wins over the robot's own sensor of that name, and "+NAME" there is fused with it:
+ * number by number the larger of the two, so that a virtual wall turns a robot like a real one.
+ * Where the virtual part is unknown or stale the real one counts alone, and where the real one is
+ * unknown nothing does. The robot's own, calibrated where its settings hold what was measured of
+ * it: "proximity" and "light", 8 numbers each, ps0..ps7 at vs_robot_sensor_angle_rad, raw 0..4096
+ * (higher is nearer, brighter); "battery_low" (0 or 1) and "battery", its voltage in mV where base
+ * or board can tell it; "wheels", the way [cm] of the left and the right wheel since the daemon
+ * began, where the base counts steps; "accelerometer", raw x, y, z, and "microphones", raw, where
+ * the base's firmware reads them (IRIDIA's: the newest sample of right, left and back; GCtronic's
+ * for the e-puck2: the loudness of its four); "distance" [mm] ahead, of an e-puck2 with asercom,
+ * far above its 2 m where it sees nothing; with boards on I2C (`vsensed --help`) "ground", 3
+ * numbers from 0 black to 1 white, and "range_and_bearing", laid out as the virtual one with 5
+ * places. Its own actuator, with that board: "message", the length and 4 bytes. "gyroscope"
+ * [rad/s], of an e-puck2 with asercom or with `imu=BUS`: x, y, z, limited to 4.36. z is upwards, so
+ * turning left is positive; where x and y point the firmwares' sources contradict each other. With
+ * `imu=BUS` it has an offset: what it says at rest.
  *
- * All that a controller remembers belongs into its state, never into a static
- * variable: one process may run many robots. No function here fails or blocks.
+ * All that a controller remembers belongs into its state, never into a static variable: one process
+ * may run many robots. No function here fails or blocks.
  */
 #ifndef VS_CONTROLLER_H
 #define VS_CONTROLLER_H
@@ -91,10 +90,9 @@ int vs_robot_values(const struct vs_robot *robot, int sensor, double *values, in
 /* Binds a virtual actuator by name; for init. Always gives a handle. */
 int vs_robot_actuator(struct vs_robot *robot, const char *name);
 
-/* Sets number index of a virtual actuator, a level or a cumulative counter; stays
- * until set again. Clipped to the actuator's type, NaN counts as 0; nobody's actuator:
- * no effect. A level must be meant for as long as it stays, 0 is off; a counter only
- * grows, from 0 in init. */
+/* Sets number index of a virtual actuator, a level or a cumulative counter; stays until set again.
+ * Clipped to the actuator's type, NaN counts as 0; nobody's actuator: no effect. A level must be
+ * meant for as long as it stays, 0 is off; a counter only grows, from 0 in init. */
 void vs_robot_actuate(struct vs_robot *robot, int actuator, int index, double value);
 
 /* Parameter of the experiment, fallback if it names none or no number. */
@@ -117,11 +115,13 @@ void vs_robot_show_text(struct vs_robot *robot, const char *name, const char *te
  * through; of more than 8 that wait the oldest are lost, which the host says. */
 void vs_robot_log(struct vs_robot *robot, const char *line);
 
+/* In this run "proximity", "light" and "ground" are not calibrated: for who measures the robot. */
+void vs_robot_sense_raw(struct vs_robot *robot);
+
 /* Uniform in [0, 1): a generator of this robot's own, seeded by the experiment. */
 double vs_robot_random(struct vs_robot *robot);
 
-/* [step/s], positive forwards; stays until set again. Limited to what its motors can do:
- * +-1000, an e-puck2's +-1100. */
+/* [step/s], forwards; stays until set again. Its motors' limit: +-1000, an e-puck2's +-1100. */
 void vs_robot_set_wheels(struct vs_robot *robot, int left_steps_s, int right_steps_s);
 
 /* Lit ones: VS_ROBOT_LED_*, bit n of the ring = LED n; stays until set again. */

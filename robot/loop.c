@@ -201,7 +201,7 @@ void vs_loop_reply(struct vs_loop *loop, const struct vs_guard_reply *reply,
         memcpy(&loop->robot.base, &reply->reading, VS_BASE_OWN);
         loop->robot.base_ns = reply->reading_ns;
         if (loop->calibration != NULL)
-            vs_calibration_sense(loop->calibration, &loop->robot.base);
+            vs_calibration_sense(loop->calibration, &loop->robot.base, loop->robot.raw);
         vs_battery_look(&loop->battery, vs_base_battery_mv(&loop->robot.base),
                         vs_base_battery_low(&loop->robot.base), now->base_ns);
     }

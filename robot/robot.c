@@ -38,6 +38,7 @@ void vs_robot_begin(struct vs_robot *robot, const struct vs_session *session)
     vs_robot_forget(robot);
     robot->random = (uint64_t)session->seed << 16 | session->config.tag;
     robot->bound = 0;
+    robot->raw = 0;
     robot->failure[0] = '\0';
     robot->heard_until = robot->base.boards.heard_count;
     memset(robot->asked, 0, sizeof robot->asked);

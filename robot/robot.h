@@ -24,6 +24,7 @@ struct vs_robot {
     uint64_t base_ns;       /* base's clock: when that came, 0 = never */
     struct vs_base_command command;
     uint8_t actuators[VS_ACTUATOR_BYTES]; /* virtual ones, as TELEMETRY carries them */
+    uint8_t raw;                 /* 1: the robot's own readings are left as they are measured */
     uint8_t show_failed;         /* which was complained of */
     uint8_t shown_len;
     uint8_t shown[VS_SHOWN_MAX]; /* vs_shown.h */

@@ -335,8 +335,7 @@ static int open_files(struct vs_worker *w)
 static void say_goodbye(struct vs_worker *w)
 {
     vs_report("end: %s", w->why);
-    if (vs_session_goodbye(&w->session, w->status == 0 ? VS_BYE_END : VS_BYE_BASE, w->why) ==
-        VS_OK)
+    if (vs_session_goodbye(&w->session, w->status ? VS_BYE_BASE : VS_BYE_END, w->why) == VS_OK)
         vs_net_finish(&w->net, &w->session, w->now.session_ns);
 }
 
@@ -360,6 +359,7 @@ static void open_boards(struct vs_worker *w)
 
     vs_board_links_init(&w->boards, &w->base, &w->loop.robot.base.boards);
     w->boards.calibration = &w->options->calibration;
+    w->boards.raw = &w->loop.robot.raw;
     w->foreign[0] = &w->net.fds[0];
     w->foreign[1] = &w->net.fds[1];
     w->foreign[2] = &w->trace_fd;

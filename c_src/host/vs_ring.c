@@ -2,6 +2,7 @@
 #include "vs_ring.h"
 
 #include <math.h>
+#include <stddef.h>
 
 #include "vs_math.h"
 
@@ -157,13 +158,17 @@ void vs_ring_readings(const struct vs_ring *ring, const double *distances_m, uin
 void vs_rings_read(const struct vs_rings *rings, const double *poses, const double *noise)
 {
     uint32_t n = rings->near->robots * rings->ring->sensors;
+    double nothing = rings->ring->table_raw[rings->ring->points - 1];
     uint32_t i;
 
     vs_ring_distances(rings->ring, rings->near, poses, rings->distances_m);
     vs_ring_readings(rings->ring, rings->distances_m, n, rings->clean);
     for (i = 0; i < n; i++) {
-        double value = rings->clean[i] + noise[i];
+        double value = rings->clean[i];
 
+        if (rings->gain != NULL)
+            value = nothing + (value - nothing) * rings->gain[i] + rings->bias[i];
+        value += noise[i];
         value = vs_least(vs_most(value, 0.0), VS_RING_RAW_MAX);
         rings->raw[i] = (int16_t)((value + EVEN) - EVEN);
     }

@@ -43,6 +43,9 @@ void vs_ring_readings(const struct vs_ring *ring, const double *distances_m, uin
 struct vs_rings {
     const struct vs_ring *ring;
     const struct vs_near *near;
+    const double *gain;  /* [robots * sensors] what each makes of a reflection, 1: as the table
+                            says; NULL: all are 1 */
+    const double *bias;  /* [robots * sensors] added to its reading; NULL where gain is */
     double *distances_m; /* [robots * sensors * rays] scratch */
     double *clean;       /* [robots * sensors] scratch */
     int16_t *raw;        /* [robots * sensors] 0..VS_RING_RAW_MAX, higher is nearer */

@@ -45,7 +45,7 @@ static struct vs_base_reading make_reading(void)
 
 static void sense(const struct vs_calibration *c, struct vs_base_reading *reading)
 {
-    vs_calibration_sense(c, reading);
+    vs_calibration_sense(c, reading, 0);
     vs_calibration_sense_ground(c, reading->boards.ground);
 }
 
@@ -102,6 +102,9 @@ static void test_what_was_measured_reads_as_nominal(void)
     reading.boards.ground[0] = 200;
     reading.boards.ground[1] = 900;
     reading.boards.ground[2] = 1023;
+    vs_calibration_sense(&c, &reading, 1);
+    for (i = 0; i < 8; i++)
+        CHECK(reading.prox[i] == c.spans[VS_CAL_PROXIMITY][i].low && reading.light[i] == 300);
     sense(&c, &reading);
     for (i = 0; i < 8; i++)
         CHECK(reading.prox[i] == 67 && reading.light[i] == 0);
@@ -110,7 +113,7 @@ static void test_what_was_measured_reads_as_nominal(void)
     reading.prox[1] = 1010;
     reading.prox[7] = 4000;
     reading.light[7] = 3900;
-    vs_calibration_sense(&c, &reading);
+    vs_calibration_sense(&c, &reading, 0);
     CHECK(reading.prox[1] == 1466 && reading.prox[7] == 1466 && reading.light[7] == 4095);
 }
 
@@ -223,7 +226,7 @@ static void test_ways_are_those_of_the_nominal_robot(void)
         build(&body);
         move(body.diameter_mm, body.axle_mm, reading.steps[0], reading.steps[1], &ahead[0],
              &turn[0]);
-        vs_calibration_sense(&body.calibration, &reading);
+        vs_calibration_sense(&body.calibration, &reading, 0);
         CHECK(reading.step_nm == 128805);
         move(nominal_mm, 53.0, reading.steps[0], reading.steps[1], &ahead[1], &turn[1]);
         CHECK(fabs(ahead[0] - ahead[1]) < 0.065 + 1e-5 * fabs(ahead[0]));
@@ -267,7 +270,7 @@ static void test_one_setting_changes_nothing_else(void)
 
     memset(&c, 0, sizeof c);
     CHECK(take(&c, VS_CAL_AXLE, "58.3") == NULL);
-    vs_calibration_sense(&c, &reading);
+    vs_calibration_sense(&c, &reading, 0);
     CHECK(memcmp(reading.prox, before.prox, sizeof reading.prox) == 0);
     CHECK(reading.step_nm == before.step_nm);
     CHECK(abs(reading.steps[0] + reading.steps[1] - before.steps[0] - before.steps[1]) <= 1);

@@ -300,6 +300,31 @@ static void test_speed_limit_is_the_base_s(void)
     }
 }
 
+/* Who measures a robot would apply what was measured twice. */
+static void test_raw_readings_are_those_of_the_base_until_the_run_ends(void)
+{
+    struct vs_calibration measured;
+    struct world w;
+
+    memset(&measured, 0, sizeof measured);
+    CHECK(vs_calibration_take(&measured, "proximity-scale", "-100:900") == NULL);
+    begin(&w, 4);
+    w.loop.calibration = &measured;
+    open_session(&w);
+    wish(&w, VS_RUN);
+    good_host(&w, 500 * MS);
+    CHECK(w.loop.robot.base.prox[0] == 207); /* 67 + 1399 / 10 for the base's 0 */
+    vs_robot_sense_raw(&w.loop.robot);
+    good_host(&w, 200 * MS);
+    CHECK(w.loop.robot.base.prox[0] == 0);
+    wish(&w, VS_STOP);
+    good_host(&w, 200 * MS);
+    w.session.run++;
+    wish(&w, VS_RUN);
+    good_host(&w, 500 * MS);
+    CHECK(w.loop.robot.base.prox[0] == 207);
+}
+
 int main(int argc, char *argv[])
 {
     uint32_t lives = argc > 1 ? (uint32_t)strtoul(argv[1], NULL, 10) : 50;
@@ -316,6 +341,7 @@ int main(int argc, char *argv[])
     test_actuators_end_with_their_experiment();
     test_ping_delays_no_step();
     test_speed_limit_is_the_base_s();
+    test_raw_readings_are_those_of_the_base_until_the_run_ends();
     for (seed = 1; seed <= lives; seed++) {
         test_random_life(seed, TIMESTEP_NS, seed % 2 ? 0 : 40);
         test_random_life(seed, 10 * MS, seed % 2 ? 0 : 40);

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import select
 import signal
@@ -141,6 +142,13 @@ def test_it_wakes_for_bytes_in_flight_and_else_for_ticks(process: PhysicsProcess
     [
         (("robots",), None, "spec: robots: expected a list of objects, not None"),
         (
+            ("sensors",),
+            [{}, {}],
+            "spec: sensors: expected 8 gains, 8 biases, 3 black, 3 white of 2",
+        ),
+        (("black",), [[0, 0]], "spec: black: expected a list of x_m, y_m, radius_m"),
+        (("black",), [[0, 0, "1"]], r"spec: black\[0\].radius_m: expected a finite number"),
+        (
             ("robots", 0, "x_m"),
             "abc",
             r"spec: robots\[0\].x_m: expected a finite number, not 'abc'",
@@ -183,6 +191,38 @@ def test_any_spec_is_read_or_refused_with_one_line(line: bytes) -> None:
     with pytest.raises(UsageError) as caught:
         PhysicsSpec.parse(line)
     assert "\n" not in str(caught.value)
+
+
+def test_sensors_read_what_they_are_and_where_they_stand(spec: dict[str, Any]) -> None:
+    nominal = {"gains": [1.0] * 8, "biases": [0.0] * 8, "black": [200.0] * 3, "white": [700.0] * 3}
+    mine = {**nominal, "gains": [0.8] * 8, "biases": [30.0] * 8, "black": [300.0, 310.0, 320.0]}
+    # Robot 0 faces a wall whose face is 1 cm ahead of ps0's direction, and has its ground sensors,
+    # 3 cm ahead, over a black disc.
+    spec["boxes"] = [{"x_m": 0.2, "y_m": 0, "yaw_rad": 0, "size_x_m": 0.2, "size_y_m": 1}]
+    spec["robots"][1] |= {"x_m": 0.1 - 0.01 - 0.0316147, "yaw_rad": math.radians(17.2)}
+    parsed = PhysicsSpec.parse(
+        json.dumps(
+            {
+                **spec,
+                "bases": ["gctronic", "gctronic"],
+                "sensors": [mine, nominal],
+                "black": [[0.095, 0.009, 0.02]],
+            }
+        ).encode()
+    )
+    process = PhysicsProcess(parsed, EPOCH_NS)
+    try:
+        near, away = (link.program.proximity for link in process.controllers.links)
+        # Webots' table: 67 of nothing, 1466 of a wall 1 cm ahead.
+        assert near[0] == pytest.approx(67 + 30 + 0.8 * (1466 - 67), abs=45)
+        assert near[3] == pytest.approx(67 + 30, abs=45)
+        assert away == pytest.approx(np.full(8, 67), abs=45)
+        black, white = (list(link.ground.ground) for link in process.controllers.links)
+        assert black == pytest.approx([300, 310, 320], abs=20)
+        assert white == pytest.approx([700] * 3, abs=20)
+        assert [base[-7:] for base in process.controllers.bases] == [",ground"] * 2
+    finally:
+        process.close()
 
 
 def test_a_log_that_cannot_be_written_is_one_clear_error(spec: dict[str, Any]) -> None:

@@ -288,6 +288,33 @@ def test_a_robot_with_the_program_of_others_is_refused_with_both_names(
         assert ours.robots[5].status(S).refused == ""
 
 
+@pytest.mark.parametrize(
+    ("name", "digest", "taken"),
+    [
+        ("calibrate", "1" * 12, True),
+        ("calibrate", "3" * 12, True),
+        ("renamed", "1" * 12, True),
+        ("foraging", "4" * 12, False),
+        ("foraging", "", False),
+    ],
+)
+def test_strict_robots_run_what_is_expected_though_all_have_one_controller(
+    name: str, digest: str, taken: bool
+) -> None:
+    program = ToldProgram("calibrate", "1" * 12)
+    for strict in (True, False):
+        expected = {5: ExpectedRobot("epuck_5", TABLE, program=program, strict=strict)}
+        ours = SessionTable(expected, 10**8, 1, INSECURE)
+        packet = greeting(5, name, digest)
+        answer = ours.greet(packet, "here", S)
+        assert (answer.pending is not None) == (taken or not strict)
+        if answer.pending is None:
+            _, notice = decode(answer.packet, answer_key(PUBLISHED, packet))
+            assert isinstance(notice, Notice) and notice.code == RefuseCode.CONTROLLER
+            assert "epuck_5 runs 'foraging'" in notice.text
+            assert "expected 'calibrate' (111111111111)" in notice.text
+
+
 def test_where_all_have_one_controller_another_source_is_told_and_taken() -> None:
     ours = mixed(PREDATOR, PREDATOR)
     (same, _), (other, _) = (join(ours, greeting(5, "predator", d * 12), "here", S) for d in "13")

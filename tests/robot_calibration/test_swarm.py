@@ -3,82 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from vsense.config.experiment import load
-from vsense.config.specs import Pose, Stage
-from vsense.lab.hardware import HardwareErrors, RobotHardware, draw, to_markers
-from vsense.physics.motion import Physics, obstacles
-from vsense.robot_calibration.areas import FreeFloor
-from vsense.robot_calibration.commanding import WheelsWanted, commanded
+from tests.robot_calibration.arena import Arena
 from vsense.robot_calibration.routine import Moment
-from vsense.robot_calibration.swarm import SwarmCalibration
-
-ERRORS = HardwareErrors(0.004, math.radians(5.0), 0.05)
-TIMESTEP_NS = 100_000_000
-DELAY = 2
-"""Timesteps between a picture and what robots are told because of it."""
-
-
-class Arena:
-    """The foraging experiment's arena with robots at places of the test's own."""
-
-    def __init__(self, places: list[tuple[float, float]]) -> None:
-        experiment = load("foraging", stage=Stage.LAB)
-        robots = experiment.robots[: len(places)]
-        self.experiment = commanded(experiment, WheelsWanted())
-        self.tags = [robot.tag for robot in robots]
-        self.poses = [Pose(*place, 0.7 * number) for number, place in enumerate(places)]
-        self.built: list[RobotHardware] = [draw(tag, ERRORS) for tag in self.tags]
-        self.change: Callable[[int, int, Moment], Moment] = lambda tag, timestep, moment: moment
-        self.nearest_m = math.inf
-        self.swarm = SwarmCalibration(self.tags, FreeFloor(self.experiment))
-
-    def run(self, most: int = 3000) -> SwarmCalibration:
-        """Drives until all robots are done."""
-        boxes, posts = obstacles(self.experiment.boxes, self.experiment.cylinders)
-        wheels = np.array([(one.left, one.right, one.axle_m) for one in self.built])
-        physics = Physics(self.poses, [], boxes, 0, posts, wheels)
-        offsets = np.array(
-            [(one.marker.x_m, one.marker.y_m, one.marker.yaw_rad) for one in self.built]
-        )
-        told = [dict.fromkeys(self.tags, (0, 0))] * DELAY
-        for timestep in range(most):
-            if self.swarm.is_over:
-                return self.swarm
-            for row, tag in enumerate(self.tags):
-                physics.drive(row, *told[-DELAY].get(tag, (0, 0)), timestep * TIMESTEP_NS)
-            markers = to_markers(physics.poses, offsets).tolist()
-            moments = {
-                tag: self.change(
-                    tag,
-                    timestep,
-                    Moment(timestep / 10.0, tuple(pose), told[-DELAY].get(tag, (0, 0)), True),
-                )
-                for tag, pose in zip(self.tags, markers)
-            }
-            told.append(self.swarm.step(moments))
-            physics.advance((timestep + 1) * TIMESTEP_NS)
-            self._measure(physics.poses)
-        raise AssertionError(self.swarm.progress())
-
-    def _measure(self, poses: np.ndarray) -> None:
-        between = poses[:, None, :2] - poses[None, :, :2]
-        far = np.hypot(between[..., 0], between[..., 1]) + 9.0 * np.eye(len(poses))
-        self.nearest_m = min(self.nearest_m, float(far.min()))
-
-    def check(self, tag: int) -> None:
-        """A robot is known as well as the issue wants it."""
-        found, true = self.swarm.found[tag], self.built[self.tags.index(tag)]
-        off_m = math.hypot(found.marker.x_m - true.marker.x_m, found.marker.y_m - true.marker.y_m)
-        assert off_m < 0.001
-        assert abs(found.marker.yaw_rad - true.marker.yaw_rad) < math.radians(0.5)
-        assert found.wheel_diameter_mm == pytest.approx(true.wheel_diameter_mm, rel=0.01)
-        assert found.wheel_ratio == pytest.approx(true.wheel_ratio, rel=0.01)
 
 
 def test_robots_are_calibrated_at_once_and_touch_nobody() -> None:

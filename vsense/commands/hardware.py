@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import re
+from collections.abc import Callable
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
@@ -23,16 +24,22 @@ _NUMBER = r"\d+(?:\.\d+)?"
 
 def add_errors(parser: Any, usual: bool = False) -> None:
     """Declares what is drawn; nothing by default, or `usual` errors."""
-    marker, wheel = ("4,5", "5") if usual else ("0,0", "0")
+    marker, wheel, sensor = ("4,5", "5", "20") if usual else ("0,0", "0", "0")
     arguments.option(
         *(parser, "--marker-errors", _marker, "MM,DEG"),
         f"each robot's marker sits up to so many mm and degrees off its middle (default: {marker})",
         _marker(marker),
     )
     arguments.option(
-        *(parser, "--wheel-errors", _percent, "PERCENT"),
+        *(parser, "--wheel-errors", _percent(9), "PERCENT"),
         f"each wheel and axle is up to so much larger or smaller, 0 to 9 (default: {wheel})",
-        _percent(wheel),
+        _percent(9)(wheel),
+    )
+    arguments.option(
+        *(parser, "--sensor-errors", _percent(50), "PERCENT"),
+        "each proximity and ground sensor is up to so much more or less sensitive, 0 to 50, and"
+        f" reads something else of nothing (default: {sensor})",
+        _percent(50)(sensor),
     )
     arguments.option(
         *(parser, "--robots-seed", arguments.natural, "N"),
@@ -96,7 +103,8 @@ def errors_of(options: argparse.Namespace) -> HardwareErrors:
     from vsense.lab.hardware import HardwareErrors
 
     marker_m, marker_rad = options.marker_errors
-    return HardwareErrors(marker_m, marker_rad, options.wheel_errors, options.robots_seed)
+    wheel, sensor = options.wheel_errors, options.sensor_errors
+    return HardwareErrors(marker_m, marker_rad, wheel, options.robots_seed, sensor)
 
 
 def robots_of(options: argparse.Namespace, experiment: Experiment) -> LabRobots:
@@ -146,10 +154,15 @@ def _radio(text: str) -> tuple[int, EmulatedRadio]:
         raise argparse.ArgumentTypeError(str(error)) from None
 
 
-def _percent(text: str) -> float:
-    if not re.fullmatch(_NUMBER, text) or float(text) > 9.0:
-        raise argparse.ArgumentTypeError(f"'{text}': expected a percentage from 0 to 9, such as 5")
-    return float(text) / 100.0
+def _percent(most: int) -> Callable[[str], float]:
+    def read(text: str) -> float:
+        if not re.fullmatch(_NUMBER, text) or float(text) > most:
+            raise argparse.ArgumentTypeError(
+                f"'{text}': expected a percentage from 0 to {most}, such as 5"
+            )
+        return float(text) / 100.0
+
+    return read
 
 
 def pace(text: str) -> float:

@@ -44,8 +44,9 @@ DESCRIPTION = (
     " connected to the `vsense run` or `vsense lab` on this machine: software and controller, link,"
     " pose, battery, base errors, and what is wrong. 'emulate' stands in for robots and tracker: a"
     " `vsense run` rehearsed at a desk. 'calibrate' drives robots below the cameras, hands off, and"
-    " finds their wheels and where their markers sit. 'check' looks who is there and, with"
-    " --wiggle, turns one robot after the other: the marker that turns must be its own. 'link'"
+    " finds their wheels, where their markers sit, and what their own sensors read. 'check'"
+    " looks who is there and, with --wiggle, turns one robot after the other: the marker that turns"
+    " must be its own. 'link'"
     " loads all robots with an experiment's traffic, standing still, and names the worst link."
 )
 
@@ -61,7 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         add("emulate", "emulate robots with their bases, and a tracker, for a vsense run")
     )
     robot_calibrate.add_arguments(
-        add("calibrate", "measure robots' wheels and markers with the overhead cameras")
+        add("calibrate", "measure robots' wheels, markers and sensors with the overhead cameras")
     )
     robot_check.add_arguments(
         add("check", "look who is there, and whether each robot wears its own marker")

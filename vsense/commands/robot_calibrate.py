@@ -1,15 +1,16 @@
-"""`vsense robot calibrate`: wheels and markers of robots, measured by the overhead cameras."""
+"""`vsense robot calibrate`: wheels, markers and sensors, measured with the overhead cameras."""
 
 from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from vsense import clock
-from vsense.commands import arguments, experiments, hardware, rosters
+from vsense.commands import arguments, experiments, hardware, robot_sensors, rosters
 from vsense.config import roster
 from vsense.config.casting import Casting
 from vsense.config.experiment import first_robots, load
@@ -25,8 +26,9 @@ from vsense.link.robots.keys import LinkTrust
 from vsense.live.session import ExperimentSession, RunSession, RunSetup
 from vsense.live.sources import require_source
 from vsense.robot_calibration import driving, results
-from vsense.robot_calibration.commanding import CONTROLLER, WheelsWanted, commanded
+from vsense.robot_calibration.commanding import CONTROLLER, SENSORS, WheelsWanted, commanded
 from vsense.robot_calibration.results import RobotResult
+from vsense.robot_calibration.sensing import Sensing
 from vsense.run import directory as run_directory
 from vsense.terminal import Console, interruption, print_data
 from vsense.ui.room import ControlRoom, RoomOptions
@@ -60,7 +62,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--seed", type=arguments.natural, metavar="N", help="seed of the lab's places and light"
     )
     add_link(parser)
-    lab = add_lab(parser, "calibrate a lab's robots, whose wheels and markers are known")
+    robot_sensors.add_arguments(parser)
+    lab = add_lab(parser, "calibrate a lab's robots, of which all is known")
     hardware.add_errors(lab, usual=True)
 
 
@@ -126,8 +129,8 @@ def _run_leased(
     """As `run`, with the robots that nobody else has."""
     seed = experiments.choose_seed(options, original)
     original = settle(original, seed, options.lab)
-    wheels = WheelsWanted()
-    experiment = commanded(original, wheels)
+    wheels, sensing = WheelsWanted(), robot_sensors.sensing_of(options, original)
+    experiment = commanded(original, wheels, None if sensing is None else sensing.readings)
     trust = LinkTrust(keys.make()) if options.lab else experiments.trust_of(options)
     directory = run_directory.make(options.output, experiment.name, seed)
     console = Console()
@@ -139,15 +142,15 @@ def _run_leased(
         setup = RunSetup(experiment, seed, False, address, trust, console, interrupted, room, {})
         robots = hardware.robots_of(options, original) if options.lab else LabRobots()
         # Where markers sit is what is to be found.
-        robots = replace(robots, markers={})
+        robots = robot_sensors.with_floor(replace(robots, markers={}), sensing)
         session = open_session(options, setup, directory, robots)
-        found = _calibrate(options, session, wheels, directory, console, known, robots)
+        found = _calibrate(options, session, wheels, sensing, directory, console, known, robots)
         if interrupted.is_set():
             console.say("vsense: interrupted; what was found until then is kept")
         _report(options, experiment, found, directory, console, known)
         if interrupted.is_set():
             return interrupted.code
-    return 0 if all(one.fit is not None for one in found) else 1
+    return 0 if all(one.is_whole for one in found) else 1
 
 
 def check_ends(options: argparse.Namespace, experiment: Experiment) -> str:
@@ -174,10 +177,21 @@ def open_session(
     return RunSession(setup, options.tracking, None)
 
 
+def _wait(session: ExperimentSession, limit_s: float) -> None:
+    """Waits for robots; VsenseError where none is there."""
+    there = session.wait_patiently(limit_s)
+    if session.setup.interrupted.is_set():
+        raise VsenseError("interrupted before anything was measured")
+    if {robot.id for robot in session.experiment.robots} <= set(there.missing):
+        # Without a tracker no timestep would ever come to leave them out.
+        raise VsenseError(f"nobody can be calibrated: {there.missing_text()}")
+
+
 def _calibrate(
     options: argparse.Namespace,
     session: ExperimentSession,
     wheels: WheelsWanted,
+    sensing: Sensing | None,
     directory: Path,
     console: Console,
     known: Roster | None,
@@ -190,10 +204,8 @@ def _calibrate(
         f" where there is no room for all; files in {directory}"
     )
     with session:
-        session.wait_patiently(options.wait)
-        if session.setup.interrupted.is_set():
-            raise VsenseError("interrupted before anything was measured")
-        swarm = driving.drive(session, wheels, directory, console.progress)
+        _wait(session, options.wait)
+        swarm = driving.drive(session, wheels, directory, console.progress, sensing)
     console.end_progress()
     ended = session.runner.ended
     cut = "it was interrupted"
@@ -208,6 +220,7 @@ def _calibrate(
             swarm.failed.get(robot.tag, cut),
             robots.hardware.get(robot.tag),
             None if known is None else known.get(robot.tag),
+            *swarm.sensors_of(robot.tag, cut),
         )
         for robot in experiment.robots
     ]
@@ -232,10 +245,7 @@ def _report(
     if not options.json:
         print_data(results.table(found))
     if worst:
-        console.say(
-            f"largest errors: marker {worst['marker_mm']:.2f} mm, {worst['marker_deg']:.2f}"
-            f" degrees; distance {100 * worst['distance']:.2f} %, turn {100 * worst['turn']:.2f} %"
-        )
+        console.say(_errors(worst))
     done = [one for one in found if one.fit is not None]
     if known is None or not done:
         return
@@ -247,5 +257,17 @@ def _report(
             console.say(f"{known.path} has no robot with tag {one.tag}: not written", "warning")
     console.say(
         f"written to {known.path}: {len(listed)} robots. Their markers count from the next run on;"
-        f" 'vsense robot deploy' brings the wheels' factors to the robots"
+        f" 'vsense robot deploy' brings the wheels' factors and scales to the robots"
+    )
+
+
+def _errors(worst: Mapping[str, float]) -> str:
+    """The largest errors in a line."""
+    return (
+        f"largest errors: marker {worst['marker_mm']:.2f} mm, {worst['marker_deg']:.2f}"
+        f" degrees; distance {100 * worst['distance']:.2f} %, turn {100 * worst['turn']:.2f} %"
+    ) + "".join(
+        f"; {name} {worst[f'{name}_low']:.1f} raw and {100 * worst[f'{name}_width']:.1f} %"
+        for name in SENSORS
+        if f"{name}_low" in worst
     )

@@ -1,4 +1,4 @@
-"""What the lab's robots differ in: wheels, axles, and markers that were put on by hand.
+"""What the lab's robots differ in: wheels, axles, sensors, and markers that were put on by hand.
 
 Each is drawn by its tag and a seed of its own: the robot with a marker is the same one in every
 experiment and run, as in a real lab, until another seed buys new robots.
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from vsense.config.roster_fields import MarkerOffset
 from vsense.lab.radio import EmulatedRadio
+from vsense.lab.real_sensors import SensorHardware, draw_sensors
 from vsense.physics.motion import AXLE_M, STEP_M
 from vsense.tracking.marker_offsets import turned
 
@@ -35,6 +36,7 @@ class HardwareErrors:
     Attributes:
         marker_m, marker_rad: a marker's centre, in any direction, and its heading.
         wheel: each wheel's diameter, and the axle's length, as a share.
+        sensor: each sensor's sensitivity, as a share; see `draw_sensors`.
         seed: of the draw.
     """
 
@@ -42,11 +44,12 @@ class HardwareErrors:
     marker_rad: float = 0.0
     wheel: float = 0.0
     seed: int = 0
+    sensor: float = 0.0
 
     @property
     def any(self) -> bool:
         """Whether anything is drawn."""
-        return max(self.marker_m, self.marker_rad, self.wheel) > 0.0
+        return max(self.marker_m, self.marker_rad, self.wheel, self.sensor) > 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,12 +59,14 @@ class RobotHardware:
     Attributes:
         left, right: way of a wheel over that of the nominal one.
         axle_m: distance of the wheels.
+        sensors: how they are; None: nominal.
     """
 
     marker: MarkerOffset
     left: float
     right: float
     axle_m: float
+    sensors: SensorHardware | None = None
 
     @property
     def wheel_diameter_mm(self) -> float:
@@ -80,11 +85,20 @@ class RobotHardware:
             "wheel_ratio": round(self.wheel_ratio, 6),
             "axle_length_mm": round(1000.0 * self.axle_m, 4),
             "marker": self.marker.values,
+            **({} if self.sensors is None else scales(self.sensors.spans)),
         }
 
     def for_physics(self) -> list[float]:
         """What the lab's physics process is told."""
         return [self.left, self.right, self.axle_m]
+
+
+def scales(spans: Mapping[str, Floats]) -> dict[str, str]:
+    """Spans (n, 2) of raw readings as the roster has them: "67:1466,..."."""
+    return {
+        name: ",".join(f"{low:.0f}:{high:.0f}" for low, high in rows)
+        for name, rows in spans.items()
+    }
 
 
 def draw(tag: int, errors: HardwareErrors) -> RobotHardware:
@@ -96,12 +110,14 @@ def draw(tag: int, errors: HardwareErrors) -> RobotHardware:
     yaw_rad = errors.marker_rad * random.uniform(-1.0, 1.0)
     left, right, axle = 1.0 + errors.wheel * random.uniform(-1.0, 1.0, 3)
     right = float(np.clip(right, left / _MOST_RATIO, left * _MOST_RATIO))
+    sensors = draw_sensors(random, errors.sensor) if errors.sensor > 0.0 else None
     x_m, y_m = away_m * math.cos(bearing_rad), away_m * math.sin(bearing_rad)
     return RobotHardware(
         MarkerOffset(x_m, y_m, float(yaw_rad)),
         float(left),
         right,
         float(AXLE_M * axle),
+        sensors,
     )
 
 
@@ -136,6 +152,7 @@ class LabRobots:
         settings: by tag, what `vsensed` is told that was measured of its robot.
         worn: by tag, the markers of robots that wear another one.
         radios: by tag, the Wi-Fi of robots that have one.
+        black: x, y, radius [m] of black discs on the floor, which ground sensors see.
     """
 
     hardware: Mapping[int, RobotHardware] = field(default_factory=dict)
@@ -143,6 +160,7 @@ class LabRobots:
     settings: Mapping[int, Mapping[str, str]] = field(default_factory=dict)
     worn: Mapping[int, int] = field(default_factory=dict)
     radios: Mapping[int, EmulatedRadio] = field(default_factory=dict)
+    black: Sequence[tuple[float, float, float]] = ()
 
 
 NOMINAL = LabRobots()

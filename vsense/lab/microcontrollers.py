@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.lab.links import Link, make_link
+from vsense.lab.links import Bus, Link, make_link
 from vsense.lab.shared import LabError, LogFile, file_errors
 from vsense.native import lib
 
@@ -56,13 +56,16 @@ class Microcontrollers:
         due_ns: when `advance` is due again, None while all lines are idle.
     """
 
-    def __init__(self, kinds: Sequence[str], watchdog: bool = False) -> None:
+    def __init__(
+        self, kinds: Sequence[str], watchdog: bool = False, grounded: bool = False
+    ) -> None:
         """Powers one on for each of `kinds`, of `vsense.lab.links.KINDS`.
 
         Args:
             kinds: of each robot.
             watchdog: their firmware stops the motors when its host falls silent, as
                 `firmware_bridge/fw_watchdog.h` does and stock firmware does not.
+            grounded: those on a bus have a ground board, and their daemons are told.
 
         Raises:
             LabError: no such kind, or there are not that many pseudo-terminals or sockets.
@@ -85,7 +88,10 @@ class Microcontrollers:
             raise
         for link in self.links:
             link.program.state.body.watchdog_us = WATCHDOG_US if watchdog else 0
-        self.bases = [f"{kind}:{link.device}" for kind, link in zip(kinds, self.links)]
+        self.bases = [
+            f"{kind}:{link.device}{',ground' if grounded and isinstance(link, Bus) else ''}"
+            for kind, link in zip(kinds, self.links)
+        ]
 
     @property
     def devices(self) -> list[str]:
@@ -125,6 +131,12 @@ class Microcontrollers:
         """Sets the raw values (count, 8) of the proximity sensors ps0..ps7 from now on."""
         for link, raw in zip(self.links, prox_raw):
             link.program.proximity[:] = raw
+
+    def sense_ground(self, raw: NDArray[np.int16]) -> None:
+        """Sets what ground boards measure, (count, 3): left, centre, right."""
+        for link, values in zip(self.links, raw.tolist()):
+            if isinstance(link, Bus):
+                link.ground.ground = values
 
     def wake(self) -> None:
         """Makes the next `advance` run every microcontroller, as after a change of its state."""

@@ -10,10 +10,13 @@
      "truth": "name of the truth ring", "log": "path of the actuation log",
      "directory": "run directory", "seed": 1, "watchdog": false, "permille": 1000,
      "wheels": [null, {"relative": [0.05, 0.05], ...}, ...],
-     "built": [[1.02, 0.97, 0.0535], ...]}
+     "built": [[1.02, 0.97, 0.0535], ...],
+     "sensors": [{"gains": [1.1, ...], ...}, ...], "black": [[0.5, 0.2, 0.05], ...]}
 
 `wheels` are `WheelNoise` by index, null: none; `built` how robots are built, as `Physics` takes it,
-by index; there may be neither list. `permille` is the clock's pace, as in `vsense.clock.slow`.
+by index; `sensors` are `SensorHardware` by index, `black` discs on the floor: x, y, radius; with
+them robots on a bus have ground boards. There may be none of these lists. `permille` is the clock's
+pace, as in `vsense.clock.slow`.
 
 It answers with one line of JSON, `{"bases": ["argos:/dev/pts/3", ...], "epoch_ns": ...}`: where the
 daemon of every robot finds its base, in the order of the indices, and the time of the first tick.
@@ -34,7 +37,7 @@ import select
 import signal
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -51,6 +54,7 @@ from vsense.lab.links import bases_of
 from vsense.lab.microcontrollers import ActuationLog, Microcontrollers
 from vsense.lab.physics_spec import BOX, CYLINDER, POSE, PhysicsSpec, read_number
 from vsense.lab.processes import Lateness, describe_exit, end, read_line, start_module
+from vsense.lab.real_sensors import NOMINAL_SENSORS, RealGround
 from vsense.lab.shared import LabError, LogFile
 from vsense.lab.truth import TruthWriter
 from vsense.physics.motion import TICK_NS, Physics, obstacles
@@ -70,11 +74,15 @@ class PhysicsProcess:
         Raises:
             LabError: no terminals or sockets, no truth ring, or a log that cannot be written.
         """
-        self.controllers = Microcontrollers(spec.bases, spec.watchdog)
+        self.controllers = Microcontrollers(spec.bases, spec.watchdog, bool(spec.black))
         self._physics = Physics(
             spec.robots, spec.objects, spec.boxes, now_ns, spec.cylinders, spec.built
         )
-        self._rings = ProximityRing(self._physics.near, spec.seed)
+        sensors = spec.sensors or [NOMINAL_SENSORS] * len(spec.robots)
+        built = [np.array([getattr(s, n) for s in sensors]) for n in ("gains", "biases")]
+        given = built if spec.sensors else []
+        self._rings = ProximityRing(self._physics.near, spec.seed, *given)
+        self._ground = RealGround(spec.black, sensors, spec.seed) if spec.black else None
         self._wheels = NoisyWheels(spec.wheels, spec.seed)
         self._leds = np.zeros(len(self._physics.poses), dtype=np.uint16)
         self._log = ActuationLog(spec.log)
@@ -160,6 +168,9 @@ class PhysicsProcess:
     def _publish(self) -> None:
         self._truth.write(self._tick_ns, self._physics.poses, self._leds)
         self.controllers.sense(self._rings.read(self._physics.bodies))
+        if self._ground is not None:
+            robots = self._physics.poses[: len(self.controllers.links)]
+            self.controllers.sense_ground(self._ground.read(robots))
         if self._ticks % FLUSH_TICKS == 0:
             self._log.flush()
 
@@ -226,6 +237,7 @@ class FloorProcess:
         base: str,
         watchdog: bool = False,
         hardware: Mapping[int, RobotHardware] = {},
+        black: Sequence[tuple[float, float, float]] = (),
     ) -> None:
         """Starts the process with robots, objects and walls of a settled experiment.
 
@@ -234,17 +246,16 @@ class FloorProcess:
             seed: of the proximity sensors' noise.
             directory: of the log.
             base: of all robots, of `vsense.lab.links.BASES`.
-            watchdog, hardware: as in `Microcontrollers` and `LabRobots`.
+            watchdog, hardware, black: as in `Microcontrollers` and `LabRobots`.
 
         Raises:
             LabError: the process has failed.
         """
         self.log = directory / "actuations.bin"
         self._process, self._stdin, self._stdout = start_module("vsense.lab.physics_process")
-        spec = _spec(experiment, truth, seed, self.log, hardware)
+        spec = _spec(experiment, truth, seed, self.log, hardware, black)
         spec["bases"] = bases_of(base, len(experiment.robots))
-        spec["watchdog"] = watchdog
-        spec["permille"] = round(clock.pace() * 1000)
+        spec |= {"watchdog": watchdog, "permille": round(clock.pace() * 1000)}
         try:
             self._stdin.write(json.dumps(spec).encode() + b"\n")
             self._stdin.flush()
@@ -294,10 +305,13 @@ def _spec(
     seed: int,
     log: Path,
     hardware: Mapping[int, RobotHardware] = {},
+    black: Sequence[tuple[float, float, float]] = (),
 ) -> dict[str, object]:
     """The process's spec; see the module."""
     boxes, cylinders = obstacles(experiment.boxes, experiment.cylinders)
-    built = [hardware[robot.tag].for_physics() for robot in experiment.robots if hardware]
+    ours = [hardware[robot.tag] for robot in experiment.robots if hardware]
+    built = [one.for_physics() for one in ours]
+    sensors = [asdict(one.sensors) for one in ours if one.sensors is not None]
     return {
         "robots": [
             {"index": i, "tag": robot.tag, **_pose(robot)}
@@ -310,8 +324,10 @@ def _spec(
         "log": str(log),
         "directory": str(log.parent),
         "seed": seed,
+        "black": [list(disc) for disc in black],
         "wheels": [None if noise is None else asdict(noise) for noise in experiment.wheel_noises],
         **({"built": built} if built else {}),
+        **({"sensors": sensors} if sensors else {}),
     }
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from vsense.config.specs import WheelNoise
 from vsense.errors import UsageError
+from vsense.lab.real_sensors import SensorHardware, read_sensors
 
 POSE = ("x_m", "y_m", "yaw_rad")
 BOX = (*POSE, "size_x_m", "size_y_m")
@@ -40,6 +42,8 @@ class PhysicsSpec:
     wheels: tuple[WheelNoise | None, ...] = ()
     permille: int = 1000
     built: NDArray[np.float64] | None = None
+    sensors: Sequence[SensorHardware] = ()
+    black: Sequence[Sequence[float]] = ()
 
     @classmethod
     def parse(cls, line: bytes) -> PhysicsSpec:
@@ -75,6 +79,8 @@ class PhysicsSpec:
             _wheels(spec, len(robots)),
             int(read_number(spec, "permille", "spec: ")) if "permille" in spec else 1000,
             _built(spec, len(robots)),
+            read_sensors(spec["sensors"], len(robots)) if "sensors" in spec else (),
+            _black(spec),
         )
 
 
@@ -109,6 +115,16 @@ def _built(spec: dict[str, Any], count: int) -> NDArray[np.float64] | None:
     if (table <= 0.0).any():
         raise UsageError("spec: built: expected numbers above 0")
     return table
+
+
+def _black(spec: dict[str, Any]) -> list[list[float]]:
+    """Discs, as numbers: x_m, y_m, radius_m."""
+    rows = spec.get("black", [])
+    if not isinstance(rows, list) or not all(isinstance(r, list) and len(r) == 3 for r in rows):
+        raise UsageError(f"spec: black: expected a list of x_m, y_m, radius_m, not {rows!r}")
+    entries = [dict(zip(CYLINDER, row)) for row in rows]
+    discs: list[list[float]] = _rows({"black": entries}, "black", CYLINDER).tolist()
+    return discs
 
 
 def _rows(spec: dict[str, Any], name: str, fields: tuple[str, ...]) -> NDArray[np.float64]:

@@ -166,7 +166,7 @@ class Session(ExperimentSession):
         self.tracking = self._track(grabber)
         self._stack.callback(self.tracking.close)
         floor = experiment, truth.name, seed, self.directory, self._base, self._watchdog
-        self.floor = FloorProcess(*floor, hardware)
+        self.floor = FloorProcess(*floor, hardware, self.robots.black)
         self._stack.callback(self.floor.close)
         keys = self.setup.trust.keys
         place = experiment.host, port, seed, self.directory / "robots"

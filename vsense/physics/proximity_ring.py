@@ -36,6 +36,8 @@ MAX_RAW: int = kernels.VS_RING_RAW_MAX
 NOISE_RAW = 8.0
 """Standard deviation of the additive noise: between Webots's 4 near and 25 far along the table."""
 
+_NONE = np.zeros((0, 8))
+
 _NOISE_BLOCK = 64
 """Noise of so many readings is drawn at once: that takes half the time."""
 
@@ -81,8 +83,16 @@ class ProximityRing:
         cdata: the `struct vs_rings *`.
     """
 
-    def __init__(self, near: Neighbourhood, seed: int) -> None:
-        """Rings that detect the bodies in `near`; `seed` decides the noise."""
+    def __init__(
+        self, near: Neighbourhood, seed: int, gains: Floats | None = None, biases: Floats = _NONE
+    ) -> None:
+        """Rings that detect the bodies in `near`; `seed` decides the noise.
+
+        Args:
+            near, seed: what is detected, and chance.
+            gains: (m, 8) what each sensor makes of what comes back; None: they are nominal.
+            biases: (m, 8) by how much more each reads, whatever comes back.
+        """
         self._random = np.random.Generator(np.random.PCG64(seed))
         self._noise = np.zeros((0, near.robots, len(POSITIONS_M)))
         self._used = 0
@@ -95,6 +105,10 @@ class ProximityRing:
         self.cdata.distances_m = pointer("double", self._distances_m)
         self.cdata.clean = pointer("double", self._clean)
         self.cdata.raw = pointer("int16_t", self._raw)
+        if gains is not None:
+            built = [np.ascontiguousarray(array, dtype=np.float64) for array in (gains, biases)]
+            self.cdata.gain, self.cdata.bias = (pointer("double", array) for array in built)
+            self._kept = built
         self.near = near
 
     @property

@@ -113,6 +113,25 @@ class FreeFloor:
         near_m = STANDING_M + BODY_RADIUS_M
         return any(here.distance_m(other) < near_m for other in self._others(tag))
 
+    def is_alone(self, tag: int, place: tuple[float, float], radius_m: float) -> bool:
+        """Whether nobody else stands, or may move, so near to a place."""
+        there = Area(np.array([place]), radius_m)
+        return all(
+            there.distance_m(other) >= radius_m + other.radius_m for other in self._others(tag)
+        )
+
+    def is_blocked(self, tag: int, near_m: float, ahead_rad: float | None) -> bool:
+        """Whether another body's middle is so near, and ahead of the robot where that is given."""
+        x_m, y_m = self.places[tag]
+        for other, (east, north) in self.places.items():
+            away_m = math.hypot(east - x_m, north - y_m)
+            if other == tag or away_m >= near_m:
+                continue
+            bearing = math.atan2(north - y_m, east - x_m)
+            if ahead_rad is None or math.cos(bearing - ahead_rad) > 0.0:
+                return True
+        return False
+
     def give(self, tag: int, area: Area) -> None:
         """Gives a robot an area in place of the one that it had."""
         self._given[tag] = area

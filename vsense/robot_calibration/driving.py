@@ -6,7 +6,7 @@ are told to stand, and where nobody tells them anything any more they stand by t
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ from vsense.live.session import ExperimentSession
 from vsense.robot_calibration.areas import FreeFloor
 from vsense.robot_calibration.commanding import WheelsWanted
 from vsense.robot_calibration.routine import Moment
+from vsense.robot_calibration.sensing import Sensing
 from vsense.robot_calibration.swarm import SwarmCalibration
 
 PATIENCE_S = 20.0
@@ -28,14 +29,15 @@ def drive(
     wheels: WheelsWanted,
     directory: Path,
     progress: Callable[[str], None],
+    sensing: Sensing | None = None,
 ) -> SwarmCalibration:
     """Calibrates all robots of an open session, and has them stand.
 
     Args:
-        session: the robots have been waited for.
-        wheels: the sensor that its controllers obey.
+        session: the robots have been waited for; its controllers obey `wheels`.
         directory: of the session's files.
         progress: takes a line for people, in every timestep.
+        sensing: what is measured of sensors; None: nothing.
 
     Raises:
         VsenseError: something else than a robot has failed.
@@ -43,16 +45,16 @@ def drive(
     experiment, runner = session.experiment, session.runner
     floor = FreeFloor(experiment)
     tags = [robot.tag for robot in experiment.robots]
-    swarm = SwarmCalibration(tags, floor)
+    swarm = SwarmCalibration(tags, floor, sensing)
     objects = [thing.tag for thing in experiment.objects]
     session.setup.room.begin_run(session.environment, directory)
     try:
         for step in runner.timesteps():
             seen = _seen(step.state.robots)
             floor.places.update({tag: pose[1][:2] for tag, pose in seen.items() if tag in objects})
-            moments = {
-                tag: _moment(step.capture_ns, seen.get(tag), runner.robots[tag]) for tag in tags
-            }
+            told = {} if sensing is None else sensing.readings.newest
+            now, robots = step.capture_ns, runner.robots
+            moments = {t: _moment(now, seen.get(t), robots[t], told.get(t, {})) for t in tags}
             wheels.speeds = _step(swarm, moments, session)
             progress(swarm.progress())
             if swarm.is_over:
@@ -90,10 +92,15 @@ def _seen(robots: NDArray[np.void]) -> dict[int, tuple[float, _Pose]]:
     }
 
 
-def _moment(now_ns: int, seen: tuple[float, _Pose] | None, status: RobotStatus) -> Moment:
+def _moment(
+    now_ns: int,
+    seen: tuple[float, _Pose] | None,
+    status: RobotStatus,
+    readings: Mapping[str, NDArray[np.float64]],
+) -> Moment:
     time_s, pose = (now_ns * 1e-9, None) if seen is None else seen
     telemetry = status.telemetry
     if telemetry is None:
         return Moment(time_s, pose, (0, 0), False)
     motors = telemetry.left_steps_s, telemetry.right_steps_s
-    return Moment(time_s, pose, motors, status.connected)
+    return Moment(time_s, pose, motors, status.connected, readings)

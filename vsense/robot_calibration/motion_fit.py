@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 from vsense.arena import wrap_angle
 from vsense.config.roster_fields import MarkerOffset
 from vsense.errors import VsenseError
+from vsense.lab.hardware import DIAMETER_MM
 from vsense.physics.motion import AXLE_M, STEP_M
 
 Floats = NDArray[np.float64]
@@ -105,7 +106,7 @@ class MotionFit:
     @property
     def wheel_diameter_mm(self) -> float:
         """The mean of both wheels."""
-        return 1e6 * STEP_M / math.pi * (self.left + self.right) / 2.0
+        return DIAMETER_MM * (self.left + self.right) / 2.0
 
     @property
     def wheel_ratio(self) -> float:
@@ -116,7 +117,7 @@ class MotionFit:
     def sigmas(self) -> dict[str, float]:
         """Standard deviations of what the roster holds, by its names."""
         own = np.sqrt(np.diag(self.covariance))
-        mean = np.array([0.5, 0.5, 0.0, 0.0, 0.0, 0.0]) * 1e6 * STEP_M / math.pi
+        mean = np.array([0.5, 0.5, 0.0, 0.0, 0.0, 0.0]) * DIAMETER_MM
         ratio = np.zeros(_COMMON)
         ratio[:2] = -self.wheel_ratio / self.left, 1.0 / self.left
         return {

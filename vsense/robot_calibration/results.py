@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from vsense.config.roster import RosterRobot
-from vsense.lab.hardware import RobotHardware
+from vsense.lab.hardware import RobotHardware, scales
+from vsense.robot_calibration import sensor_results
 from vsense.robot_calibration.motion_fit import PARAMETERS, MotionFit
+from vsense.robot_calibration.sensor_fit import Floats, SensorFit
+from vsense.robot_calibration.sensor_results import scale_name
 from vsense.terminal import aligned
 
 _NUMBERS: Mapping[str, tuple[str, int]] = {
@@ -35,6 +38,8 @@ class RobotResult:
         why: it was left out.
         truth: what the lab knows of it; None: it is no lab's, or is as it should be.
         before: what the roster held; None: it has no such robot.
+        sensors: what was found of them, by name.
+        troubles: what was to be found of them and was not, and why, by name.
     """
 
     tag: int
@@ -43,6 +48,13 @@ class RobotResult:
     why: str = ""
     truth: RobotHardware | None = None
     before: RosterRobot | None = None
+    sensors: Mapping[str, SensorFit] = field(default_factory=dict)
+    troubles: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether all was found that was to be."""
+        return self.fit is not None and not self.troubles
 
     @property
     def found(self) -> dict[str, float]:
@@ -51,15 +63,37 @@ class RobotResult:
 
     @property
     def changes(self) -> dict[str, float]:
-        """What was found of wheels and axle over what the roster held, by its names."""
+        """What was found of wheels, axle and sensors over what the roster held, by its names.
+
+        Of a scale's spans that counts which has changed most.
+        """
         if self.before is None:
             return {}
         held = self.before.calibration
-        return {
+        ratios = {
             name: value / old
             for name, value in self.found.items()
             if name not in _MARKER and (old := getattr(held, name)) is not None
         }
+        for name, fit in self.sensors.items():
+            if (text := getattr(held, scale_name(name))) is not None:
+                ratios[scale_name(name)] = sensor_results.over(fit, text)
+        return ratios
+
+    @property
+    def _true_spans(self) -> Mapping[str, Floats]:
+        built = None if self.truth is None else self.truth.sensors
+        return {} if built is None else built.spans
+
+    def sensor_rows(self) -> list[list[str]]:
+        """Its rows of the sensors' table."""
+        rows = sensor_results.rows(self.sensors, self._true_spans)
+        heads = [[str(self.tag), self.name], *([["", ""]] * len(rows))]
+        return [[*head, *row] for head, row in zip(heads, rows)]
+
+    def sensor_errors(self) -> dict[str, float]:
+        """How far its sensors are from the lab's truth."""
+        return sensor_results.errors(self.sensors, self._true_spans)
 
     def as_json(self) -> dict[str, Any]:
         """All of it; numbers by the roster's names."""
@@ -72,7 +106,8 @@ class RobotResult:
         told |= {"poses": fit.poses, "rms_mm": round(1000.0 * fit.rms_m, 4)}
         told["rms_deg"] = round(math.degrees(fit.rms_rad), 4)
         if self.truth is not None:
-            told["truth"] = _rounded(_true(self.truth), 6)
+            told["truth"] = _rounded(_numbers(self.truth), 6)
+        told |= sensor_results.as_json(self.sensors, self.troubles, self._true_spans)
         if self.changes:
             told["over_roster"] = _rounded(self.changes, 6)
         return told
@@ -82,6 +117,8 @@ class RobotResult:
         found = _rounded(self.found, 4)
         parts = {n: "marker" if n in _MARKER else "calibration" for n in found}
         values: dict[str, Any] = {f"{parts[n]}.{n}": value for n, value in found.items()}
+        spans = {scale_name(name): fit.spans for name, fit in self.sensors.items()}
+        values |= {f"calibration.{name}": text for name, text in scales(spans).items()}
         return values | {"marker.when": today, "calibration.when": today}
 
 
@@ -95,9 +132,18 @@ def table(results: list[RobotResult]) -> str:
         rest = f"{1000.0 * fit.rms_m:.2f} mm {math.degrees(fit.rms_rad):.2f} deg"
         rows.append([str(one.tag), one.name, *_cells(one.found), rest, str(fit.poses)])
         if one.truth is not None:
-            rows.append(["", "  truth", *_cells(_true(one.truth)), "", ""])
+            rows.append(["", "  truth", *_cells(_numbers(one.truth)), "", ""])
     lines = aligned(rows, 2) if len(rows) > 1 else []
+    rows = [row for one in results for row in one.sensor_rows()]
+    if rows:
+        lines += ["", *aligned([["tag", "robot", *sensor_results.HEAD], *rows], 2)]
     lines += [f"{one.tag} {one.name}: left out: {one.why}" for one in results if one.fit is None]
+    lines += [
+        f"{one.tag} {one.name}: {name}: {why}"
+        for one in results
+        if one.fit is not None
+        for name, why in one.troubles.items()
+    ]
     return "\n".join(lines)
 
 
@@ -105,12 +151,12 @@ def worst(results: list[RobotResult]) -> dict[str, float]:
     """The largest errors against a lab's truth; empty where there is none.
 
     `marker_mm`, `marker_deg`; `distance` and `turn`: shares of a way straight ahead, and of a turn
-    on the spot.
+    on the spot; and those of `sensor_results.errors`.
     """
     known = [one for one in results if one.fit is not None and one.truth is not None]
     errors: dict[str, float] = {}
     for one in known:
-        found, true = one.found, _true(one.truth)  # type: ignore[arg-type]
+        found, true = one.found, _numbers(one.truth)  # type: ignore[arg-type]
         off = math.hypot(found["x_mm"] - true["x_mm"], found["y_mm"] - true["y_mm"])
         way = found["wheel_diameter_mm"] / true["wheel_diameter_mm"]
         own = {
@@ -119,30 +165,23 @@ def worst(results: list[RobotResult]) -> dict[str, float]:
             "distance": abs(way - 1.0),
             "turn": abs(way * true["axle_length_mm"] / found["axle_length_mm"] - 1.0),
         }
-        errors = {name: max(value, errors.get(name, 0.0)) for name, value in own.items()}
+        own |= one.sensor_errors()
+        errors |= {name: max(value, errors.get(name, 0.0)) for name, value in own.items()}
     return errors
 
 
-def _numbers(fit: MotionFit) -> dict[str, float]:
+def _numbers(of: MotionFit | RobotHardware) -> dict[str, float]:
+    """What was found or is true, by the roster's names."""
     wheels = {
-        "wheel_diameter_mm": fit.wheel_diameter_mm,
-        "wheel_ratio": fit.wheel_ratio,
-        "axle_length_mm": 1000.0 * fit.axle_m,
+        "wheel_diameter_mm": of.wheel_diameter_mm,
+        "wheel_ratio": of.wheel_ratio,
+        "axle_length_mm": 1000.0 * of.axle_m,
     }
-    return wheels | {name: float(fit.marker.values[name]) for name in _MARKER}
-
-
-def _true(built: RobotHardware) -> dict[str, float]:
-    wheels = {
-        "wheel_diameter_mm": built.wheel_diameter_mm,
-        "wheel_ratio": built.wheel_ratio,
-        "axle_length_mm": 1000.0 * built.axle_m,
-    }
-    return wheels | {name: float(built.marker.values[name]) for name in _MARKER}
+    return wheels | {name: float(of.marker.values[name]) for name in _MARKER}
 
 
 def _rounded(values: Mapping[str, float], digits: int) -> dict[str, float]:
-    return {name: round(value, digits) for name, value in values.items()}
+    return {name: round(value, digits) + 0.0 for name, value in values.items()}  # no "-0.0"
 
 
 def _cells(values: Mapping[str, float]) -> list[str]:

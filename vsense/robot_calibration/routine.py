@@ -8,10 +8,11 @@ before each, and stands again in the end about where it stood.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator
-from dataclasses import dataclass
+from collections.abc import Callable, Generator, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsense.arena import wrap_angle
 from vsense.errors import VsenseError
@@ -43,6 +44,10 @@ REACH_S = 15.0
 
 _STILL: Speeds = (0, 0)
 
+NO_ROOM = (
+    "has no room: it needs a free circle of 6 cm, and a way of 10 cm beside it; move it, or others"
+)
+
 
 class RobotFailed(VsenseError):
     """A robot cannot be calibrated; the message says why, without its name."""
@@ -57,12 +62,14 @@ class Moment:
         pose: its marker's x, y [m] and yaw [rad]; None: not seen in this timestep.
         motors: what its motors were told last, as its telemetry says [steps/s].
         connected: whether it answers.
+        readings: what its own sensors measure, raw, by their names.
     """
 
     time_s: float
     pose: tuple[float, float, float] | None
     motors: Speeds
     connected: bool
+    readings: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
 
 
 Acting = Generator[Speeds, Moment, None]
@@ -75,6 +82,7 @@ class MotionRoutine:
         doing: what it does, in a word.
         stretches: what was measured so far.
         waits: whether it waits for room.
+        needs: what it lacks then, for people.
         result: what was found, once `run` has ended.
     """
 
@@ -82,7 +90,7 @@ class MotionRoutine:
         self.tag = tag
         self.doing = "waiting"
         self.stretches: list[Stretch] = []
-        self.waits = False
+        self.waits, self.needs = False, NO_ROOM
         self.result: MotionFit | None = None
         self._floor = floor
         self._moment = Moment(0.0, None, _STILL, False)

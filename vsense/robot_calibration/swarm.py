@@ -14,13 +14,11 @@ from vsense.robot_calibration.routine import (
     RobotFailed,
     Speeds,
 )
+from vsense.robot_calibration.sensing import Sensing, SensorRoutine
+from vsense.robot_calibration.sensor_fit import SensorFit
 
 STUCK_S = 20.0
 """Where everybody waits for room for so long, nobody will ever have it."""
-
-NO_ROOM = (
-    "has no room: it needs a free circle of 6 cm, and a way of 10 cm beside it; move it, or others"
-)
 
 
 class SwarmCalibration:
@@ -31,9 +29,17 @@ class SwarmCalibration:
         routines: of all robots, by tag.
     """
 
-    def __init__(self, tags: Sequence[int], floor: FreeFloor) -> None:
+    def __init__(
+        self, tags: Sequence[int], floor: FreeFloor, sensing: Sensing | None = None
+    ) -> None:
+        """Robots on a floor; `sensing`: their sensors are measured, too."""
         self.failed: dict[int, str] = {}
-        self.routines = {tag: MotionRoutine(tag, floor) for tag in tags}
+        self.routines: dict[int, MotionRoutine] = {
+            tag: MotionRoutine(tag, floor)
+            if sensing is None
+            else SensorRoutine(tag, floor, sensing)
+            for tag in tags
+        }
         self._acting: dict[int, Acting] = {tag: r.run() for tag, r in self.routines.items()}
         for acting in self._acting.values():
             next(acting)
@@ -48,6 +54,15 @@ class SwarmCalibration:
     def found(self) -> dict[int, MotionFit]:
         """What was found, by tag."""
         return {t: r.result for t, r in self.routines.items() if r.result is not None}
+
+    def sensors_of(self, tag: int, cut: str) -> tuple[Mapping[str, SensorFit], Mapping[str, str]]:
+        """What was found of a robot's sensors, and what was not and why; `cut`: all were ended."""
+        routine = self.routines[tag]
+        if not isinstance(routine, SensorRoutine):
+            return {}, {}
+        missing = set(routine.wanted) - routine.sensors.keys() - routine.troubles.keys()
+        why = self.failed.get(tag, cut)
+        return routine.sensors, routine.troubles | dict.fromkeys(sorted(missing), why)
 
     def step(self, moments: Mapping[int, Moment]) -> dict[int, Speeds]:
         """Takes a timestep; gives the speeds of all wheels that shall turn."""
@@ -72,7 +87,8 @@ class SwarmCalibration:
         doing = Counter(self.routines[tag].doing for tag in self._acting)
         parts = [f"{count} {what}" for what, count in sorted(doing.items())]
         parts += [f"{len(self.failed)} left out"] if self.failed else []
-        return f"{len(self.found)} of {len(self.routines)} calibrated  {'  '.join(parts)}"
+        done = len(self.routines) - len(self._acting) - len(self.failed)
+        return f"{done} of {len(self.routines)} calibrated  {'  '.join(parts)}"
 
     def _end(self, tag: int) -> None:
         self.routines[tag].stop()
@@ -85,4 +101,4 @@ class SwarmCalibration:
             self._busy_s = now_s
         elif now_s - self._busy_s > STUCK_S:
             for tag in waiting:
-                self.leave_out(tag, NO_ROOM)
+                self.leave_out(tag, self.routines[tag].needs)
