@@ -23,6 +23,7 @@ from vsense.lab.session import Session
 from vsense.link.robots import keys
 from vsense.link.robots.keys import LinkTrust
 from vsense.live.session import RunSetup
+from vsense.packages import origin
 from vsense.pictures.run_figure import spoken
 from vsense.run import directory as run_directory
 from vsense.run.runner import Series
@@ -125,6 +126,7 @@ def run(options: argparse.Namespace) -> int:
     experiment, seed, directory = experiments.prepare(options, opened)
     console = Console()
     _warn(console, experiment)
+    origin.keep(directory, "lab", [experiment], console.say)
     with interruption() as interrupted, ControlRoom(experiments.room_of(options), console) as room:
         with interrupted.at_once():
             known = _calibrated(options, experiment, seed, directory, console)
