@@ -61,7 +61,9 @@ def copy(
         writer = RecordingWriter(into, recording.begin_ns, recording.utc_shift_ns)
         copy_messages(recording, writer, tell, change)
         experiment = ExperimentMessage.read(recording.experiment)
-        lacks = [f"{gap.why}: a gap" for gap in recording.gaps]
+        lacks = []
+        if gaps := recording.gaps:
+            lacks.append(f"has {len(gaps)} gaps ({gaps[0].why})")
         if not recording.complete:
             lacks.append("was cut off: its last second may be missing")
         if recording.damaged:

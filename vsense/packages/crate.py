@@ -134,8 +134,14 @@ def describe(
     return f"{text}\n".encode()
 
 
-def _ids(entities: Sequence[Entity]) -> list[Entity]:
-    return [{"@id": entity["@id"]} for entity in entities]
+def _refs(ids: Sequence[str]) -> Entity | list[Entity]:
+    """Links to entities; a single one stands by itself, as RO-Crate 1.1 wants it."""
+    links = [{"@id": id} for id in ids]
+    return links[0] if len(links) == 1 else links
+
+
+def _ids(entities: Sequence[Entity]) -> list[str]:
+    return [entity["@id"] for entity in entities]
 
 
 def _id(name: str) -> str:
@@ -160,11 +166,11 @@ def _root(title: Title, files: Sequence[Described], actions: Sequence[Entity]) -
         "description": title.about,
         "datePublished": title.date,
         "license": {"@id": title.license or _NO_LICENSE},
-        "hasPart": [{"@id": _id(each.name)} for each in files],
-        "mentions": _ids(actions),
+        "hasPart": _refs([_id(each.name) for each in files]),
+        "mentions": _refs(_ids(actions)),
     }
     if title.authors:
-        root["author"] = [{"@id": one.id} for one in title.authors]
+        root["author"] = _refs([one.id for one in title.authors])
     return root
 
 
@@ -211,7 +217,7 @@ def _software(origins: Mapping[str, Origin]) -> list[Entity]:
             needs.append(_program("C compiler", compiler, ""))
         own = _program("vsense", kept.machine.get("vsense", ""), "")
         own["description"] = "Virtual sensing for real robot swarms, and its simulation."
-        own["softwareRequirements"] = _ids(needs)
+        own["softwareRequirements"] = _refs(_ids(needs))
         if system := kept.about.get("system"):
             own["operatingSystem"] = system
         found |= {each["@id"]: each for each in needs}
@@ -246,14 +252,15 @@ def _action(
         "@type": "CreateAction",
         "name": f"{len(series.runs)} runs of {', '.join(experiments)} ({', '.join(modes)})",
         "description": f"The runs of {series.name}, made with vsense {', '.join(modes)}.",
-        "object": [{"@id": _id(name)} for name in sources],
-        "result": [{"@id": _id(name)} for name in inside if name not in sources],
-        "instrument": _ids([each for each in software if each["name"] == "vsense"]),
+        "object": _refs([_id(name) for name in sources]),
+        "result": _refs([_id(name) for name in inside if name not in sources]),
+        "instrument": _refs(_ids([each for each in software if each["name"] == "vsense"])),
     }
+    action = {name: value for name, value in action.items() if value}
     if began:
         action["startTime"] = began[0]
     if title.authors:
-        action["agent"] = [{"@id": one.id} for one in title.authors]
+        action["agent"] = _refs([one.id for one in title.authors])
     return action
 
 

@@ -145,9 +145,13 @@ class Simulating:
         """Notes once why results may differ here."""
         if sources in self._machines:
             return
-        self._machines[sources] = words = fingerprint.difference(machine)
+        here = fingerprint.of_machine()
+        other = [name for name, value in machine.items() if here.get(name, value) != value]
+        self._machines[sources] = words = ", ".join(
+            f"{name} was {machine[name]}, is {here[name]}" for name in other
+        )
         if words:
-            self._findings.notes.append(f"{sources}: this machine {words}")
+            self._findings.notes.append(f"{sources} was made elsewhere: {words}")
 
     def _libraries(self, run: PackedRun, experiment: Experiment) -> dict[str, str]:
         key = f"{run.sources} {run.key}"
