@@ -125,8 +125,7 @@ def run(options: argparse.Namespace) -> int:
     starts = homes.starts_of(options, opened)
     experiment, seed, directory = experiments.prepare(options, opened)
     console = Console()
-    _warn(console, experiment)
-    origin.keep(directory, "lab", [experiment], console.say)
+    _warn(console, experiment, directory)
     with interruption() as interrupted, ControlRoom(experiments.room_of(options), console) as room:
         with interrupted.at_once():
             known = _calibrated(options, experiment, seed, directory, console)
@@ -216,8 +215,10 @@ def _run_all(
             return error
 
 
-def _warn(console: Console, experiment: Experiment) -> None:
+def _warn(console: Console, experiment: Experiment, directory: Path) -> None:
+    """Says what will not be as somebody may expect, and keeps what the runs are made from."""
     experiments.say_warnings(console, experiment)
+    origin.keep(directory, "lab", [experiment], console.say)
     if experiment.tracker is not None:
         place = f"{experiment.file}:{experiment.tracker.line}"
         console.say(f"vsense: {place}: its tracker is left alone: the lab has its own cameras")

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from vsense.message_bus import Message
 from vsense.packages.scrub import Scrubber
-from vsense.recording.reader import open_recording
 
 _MOST_CELL = 40
 _OF_THE_CLOCK = ("/run", "/experiment", "/event")
@@ -97,7 +96,13 @@ def pictures(before: bytes, now: bytes) -> str:
 
 
 def recordings(before: Path, now: Path) -> str:
-    """Compares two recordings of a simulation, message by message; RecordingError."""
+    """Compares two recordings of a simulation, message by message.
+
+    Raises:
+        RecordingError: one cannot be read.
+    """
+    from vsense.recording.reader import open_recording  # needs the extra `record`
+
     with open_recording(before) as old, open_recording(now) as new:
         pairs = zip_longest(_told(old.messages()), _told(new.messages()))
         for number, (was, is_) in enumerate(pairs):

@@ -13,6 +13,7 @@ from vsense.packages.archive import wrong_name
 from vsense.run.runs_csv import MODES
 
 CONTENTS = "vsense-package.json"
+NO_RECORDING = "there is no recording of it"
 FORMAT = 1
 """Rises when an older vsense can no longer reproduce what is written."""
 MADE = "made.json"
@@ -40,7 +41,7 @@ class PackedRun:
     folder: str = ""
     sources: str = ""
     key: str = ""
-    recordings: Sequence[str] = ()
+    recordings: tuple[str, ...] = ()
 
     @property
     def title(self) -> str:
@@ -49,7 +50,7 @@ class PackedRun:
 
 
 @dataclass(frozen=True, slots=True)
-class Contents:
+class PackageContents:
     """A package.
 
     Attributes:
@@ -73,7 +74,7 @@ class Contents:
         return f"{json.dumps({'format': FORMAT, **asdict(self)}, indent=1)}\n".encode()
 
     @classmethod
-    def read(cls, data: bytes, names: Sequence[str]) -> Contents:
+    def read(cls, data: bytes, names: Sequence[str]) -> PackageContents:
         """Reads what `to_bytes` gave.
 
         Args:
@@ -86,7 +87,10 @@ class Contents:
             told = parse_json(data.decode())
             if told.pop("format") != FORMAT:
                 raise ValueError(f"another format than {FORMAT}: another vsense made it")
-            runs = [PackedRun(**run) for run in told.pop("runs")]
+            runs = [
+                PackedRun(**{**run, "recordings": tuple(run["recordings"])})
+                for run in told.pop("runs")
+            ]
             found = cls(runs=runs, **told)
             _check(found, set(names))
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
@@ -94,7 +98,7 @@ class Contents:
         return found
 
 
-def _check(contents: Contents, names: set[str]) -> None:
+def _check(contents: PackageContents, names: set[str]) -> None:
     """Raises ValueError or TypeError where something is not what it is said to be."""
     for run in contents.runs:
         texts = (run.series, run.name, run.mode, run.table, run.folder, run.sources, run.key)
@@ -109,6 +113,8 @@ def _check(contents: Contents, names: set[str]) -> None:
         for folder in filter(None, (run.folder, run.sources)):
             if wrong_name(folder):
                 raise ValueError(f"{folder!r} is no folder")
+    if len(set(contents.runs)) < len(contents.runs):
+        raise ValueError("it has a run twice")
     _check_files(contents.report, names)
     if not isinstance(contents.asked, dict) or not isinstance(contents.version, str):
         raise TypeError("its members are of another kind")

@@ -6,7 +6,7 @@ what the tracker is made from.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from vsense.packages.scrub import Scrubber
 from vsense.recording import form
 from vsense.recording.form import ExperimentMessage
 from vsense.recording.foxglove_export import copy_messages
-from vsense.recording.reader import open_recording
+from vsense.recording.reader import Recording, open_recording
 from vsense.recording.writer import RecordingWriter
 
 
@@ -60,23 +60,28 @@ def copy(
     with open_recording(path) as recording, failing_as(PackageError, f"{into}: cannot be written"):
         writer = RecordingWriter(into, recording.begin_ns, recording.utc_shift_ns)
         copy_messages(recording, writer, tell, change)
-        experiment = ExperimentMessage.read(recording.experiment)
-        lacks = []
-        if gaps := recording.gaps:
-            lacks.append(f"has {len(gaps)} gaps ({gaps[0].why})")
-        if not recording.complete:
-            lacks.append("was cut off: its last second may be missing")
-        if recording.damaged:
-            lacks.append(f"{len(recording.damaged)} parts of it are damaged")
-    if not experiment.robots or experiment.mode == "sim" or form.DEEDS not in topics:
-        return CopiedRecording(left_out, lacks)
+        lacks = _lacks(recording, topics, left_out)
+    return CopiedRecording(left_out, lacks)
+
+
+def _lacks(recording: Recording, topics: Collection[str], left_out: bool) -> list[str]:
+    """What a recording lacks, that was read with these topics."""
+    experiment, lacks = ExperimentMessage.read(recording.experiment), []
+    if gaps := recording.gaps:
+        lacks.append(f"has {len(gaps)} gaps ({gaps[0].why})")
+    if not recording.complete:
+        lacks.append("was cut off: its last second may be missing")
+    if recording.damaged:
+        lacks.append(f"{len(recording.damaged)} parts of it are damaged")
+    if experiment.mode == "sim" or form.DEEDS not in topics:
+        return lacks
     if experiment.made is None:
         lacks.append("does not say how its experiment was read: readings cannot be made anew")
     if left_out:
         lacks.append("its pictures were left out (--pictures): poses cannot be tracked again")
     elif form.TRACKER not in topics:
         lacks.append("has no pictures (--record-images): poses cannot be tracked again")
-    return CopiedRecording(left_out, lacks)
+    return lacks
 
 
 def _scrubbed(message: Message, scrubber: Scrubber) -> Message:

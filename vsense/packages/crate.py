@@ -13,9 +13,9 @@ from typing import Any
 from urllib.parse import quote
 
 from vsense.errors import UsageError
-from vsense.packages.contents import Contents
+from vsense.packages.contents import PackageContents
 from vsense.packages.gathering import FoundSeries
-from vsense.packages.origin import Origin
+from vsense.packages.origin import RunOrigin
 
 METADATA = "ro-crate-metadata.json"
 _CONTEXT = "https://w3id.org/ro/crate/1.1/context"
@@ -107,7 +107,7 @@ def license_of(text: str) -> str:
 def describe(
     title: Title,
     files: Sequence[Described],
-    origins: Mapping[str, Origin],
+    origins: Mapping[str, RunOrigin],
     found: Sequence[FoundSeries],
 ) -> bytes:
     """The description.
@@ -205,7 +205,7 @@ def _file(file: Described) -> Entity:
     }
 
 
-def _software(origins: Mapping[str, Origin]) -> list[Entity]:
+def _software(origins: Mapping[str, RunOrigin]) -> list[Entity]:
     """What made the runs, each version once."""
     found: dict[str, Entity] = {}
     for kept in origins.values():
@@ -264,7 +264,7 @@ def _action(
     return action
 
 
-def readme(name: str, told: Contents, found: Sequence[FoundSeries]) -> str:
+def readme(name: str, told: PackageContents, found: Sequence[FoundSeries]) -> str:
     """A package in words, for whoever opens it without vsense."""
     lines = [f"# {name}", "", "Runs of robot swarms, packed by vsense. In it:", ""]
     for series in found:

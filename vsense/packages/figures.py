@@ -12,10 +12,10 @@ from pathlib import Path
 from tempfile import NamedTemporaryFile
 from typing import Any
 
-from vsense.errors import VsenseError, failing_as
+from vsense.errors import UsageError, VsenseError, failing_as
 from vsense.packages.archive import PackageError
+from vsense.recording import require
 from vsense.report import can_draw, lacking
-from vsense.report.report import make_report
 from vsense.report.study import lacking_tests
 from vsense.report.study.results import Questions
 
@@ -47,6 +47,8 @@ def make(
     Raises:
         VsenseError: it cannot be made of them.
     """
+    from vsense.report.report import make_report  # needs the extra `record`
+
     with _own_style():
         made = make_report(
             [root / name for name in files],
@@ -67,6 +69,10 @@ def make(
 
 def cannot() -> str:
     """Why there are no figures, or no tests, on this machine; "": there are."""
+    try:
+        require()
+    except UsageError as error:
+        return str(error)
     return lacking_tests() if can_draw() else lacking()
 
 

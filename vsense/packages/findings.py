@@ -15,7 +15,7 @@ _SAID = {"same": "same", "differs": "DIFFERS", "cannot": "cannot be made anew"}
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class ReproducedThing:
     """One thing.
 
     Attributes:
@@ -33,27 +33,27 @@ class Finding:
 
 
 @dataclass(slots=True)
-class Findings:
+class Reproduction:
     """All of a package, in the order in which it was made anew.
 
     Attributes:
         notes: what explains differences, such as other versions.
     """
 
-    each: list[Finding] = field(default_factory=list)
+    each: list[ReproducedThing] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
     def same(self, thing: str, words: str = "") -> None:
         """It is the same."""
-        self.each.append(Finding(thing, "same", words))
+        self.each.append(ReproducedThing(thing, "same", words))
 
     def differs(self, thing: str, words: str) -> None:
         """It is another one."""
-        self.each.append(Finding(thing, "differs", words))
+        self.each.append(ReproducedThing(thing, "differs", words))
 
     def cannot(self, thing: str, why: str) -> None:
         """It cannot be made anew."""
-        self.each.append(Finding(thing, "cannot", why))
+        self.each.append(ReproducedThing(thing, "cannot", why))
 
     def judge(self, thing: str, difference: str, words: str = "") -> None:
         """It is the same where there is no difference; `words` then say of what."""
@@ -62,7 +62,7 @@ class Findings:
         else:
             self.same(thing, words)
 
-    def of(self, verdict: Verdict) -> Sequence[Finding]:
+    def of(self, verdict: Verdict) -> Sequence[ReproducedThing]:
         """Those of a verdict."""
         return [one for one in self.each if one.verdict == verdict]
 

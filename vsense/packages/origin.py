@@ -45,7 +45,7 @@ _DATE = (1980, 1, 1, 0, 0, 0)
 
 
 @dataclass(frozen=True, slots=True)
-class Origin:
+class RunOrigin:
     """What some runs were made from.
 
     Attributes:
@@ -118,7 +118,7 @@ def kept_in(folder: Path, stem: str = MADE) -> list[tuple[int, Path]]:
     return sorted(found)
 
 
-def read(path: Path) -> Origin:
+def read(path: Path) -> RunOrigin:
     """Reads what `keep` wrote; VsenseError if it is damaged."""
     try:
         with zipfile.ZipFile(io.BytesIO(read_bytes(path, 1 << 30))) as archive:
@@ -126,7 +126,7 @@ def read(path: Path) -> Origin:
             files = {name: archive.read(name) for name in archive.namelist() if name != FACTS}
         machine, about, setups = (dict(facts[name]) for name in ("machine", "about", "setups"))
         paths = {name: str(facts["paths"][name]) for name in files}
-        return Origin(str(facts["mode"]), machine, about, setups, files, paths)
+        return RunOrigin(str(facts["mode"]), machine, about, setups, files, paths)
     except OSError as error:
         raise VsenseError(f"{path}: cannot be read: {error.strerror}") from None
     except Exception as error:  # zipfile raises anything

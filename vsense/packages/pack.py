@@ -11,13 +11,13 @@ from tempfile import TemporaryDirectory
 from vsense import __version__
 from vsense.errors import VsenseError, failing_as
 from vsense.files import read_bytes
-from vsense.packages import archive, contents, copying, crate, figures, kinds, origin
+from vsense.packages import archive, contents, crate, figures, kinds, origin
 from vsense.packages.archive import MANIFEST, PackageError
-from vsense.packages.contents import CONTENTS, Contents, PackedRun
+from vsense.packages.contents import CONTENTS, PackageContents, PackedRun
 from vsense.packages.crate import Described, Person, Title
 from vsense.packages.gathering import FoundRun, FoundSeries, gather
 from vsense.packages.kinds import FileKind
-from vsense.packages.origin import Origin
+from vsense.packages.origin import RunOrigin
 from vsense.packages.scrub import PACKAGE, VSENSE, Scrubber, folders_of
 from vsense.recording import SUFFIX, require
 from vsense.report.study.results import Questions
@@ -106,7 +106,7 @@ class Packing:
     ) -> None:
         self.entries: dict[str, bytes | Path] = {}
         self._stage, self._options, self._found, self._show = stage, options, found, show
-        self._origins: dict[Path, tuple[str, Origin]] = {}
+        self._origins: dict[Path, tuple[str, RunOrigin]] = {}
         self._described: list[Described] = []
         self._lacks: list[str] = []
         self._out: dict[str, int] = {}
@@ -123,7 +123,7 @@ class Packing:
             self._add_series(series)
         report = self._add_report()
         counts = {**self._scrubber.counts, **self._out}
-        told = Contents(
+        told = PackageContents(
             __version__,
             self._runs,
             report,
@@ -162,7 +162,7 @@ class Packing:
             pairs += folders_of(named).items()
         return pairs
 
-    def _add_origin(self, path: Path, name: str, kept: Origin) -> None:
+    def _add_origin(self, path: Path, name: str, kept: RunOrigin) -> None:
         """Adds what runs were made from."""
         for file, data in kept.files.items():
             whole = f"{name}/{file}"
@@ -211,7 +211,7 @@ class Packing:
             folder=where,
             sources=name,
             key="" if made is None else _key(made, run),
-            recordings=[name for name in recordings if name in self.entries],
+            recordings=tuple(name for name in recordings if name in self.entries),
         )
         self._runs.append(packed)
         if run.facts.mode != "sim" and not packed.recordings:
@@ -281,6 +281,8 @@ class Packing:
     def _copied(self, name: str, path: Path) -> Path:
         """A recording as others may have it."""
         require()
+        from vsense.packages import copying  # these need the extra `record`
+
         into = self._stage / f"{len(self.entries)}{SUFFIX}"
         pictures = self._options.pictures
         tell = lambda share: self._show(f"copying {path}: {100 * share:.0f} %")  # noqa: E731
@@ -365,7 +367,7 @@ def _kind(name: str) -> FileKind:
     return kind
 
 
-def _key(made: Origin, run: FoundRun) -> str:
+def _key(made: RunOrigin, run: FoundRun) -> str:
     """The key of a simulated run's setup; "": it has none."""
     row = run.facts
     keys = [origin.key_of(row.condition, row.start), origin.key_of(row.condition)]

@@ -23,7 +23,7 @@ class Untrusted(VsenseError):
         super().__init__(UNTRUSTED)
 
 
-class Places:
+class PackagePlaces:
     """The folders of a package that is made anew.
 
     Attributes:

@@ -14,9 +14,9 @@ from typing import Any
 
 from vsense.errors import VsenseError
 from vsense.packages import comparing
-from vsense.packages.contents import PackedRun
-from vsense.packages.findings import Findings
-from vsense.packages.places import Places, Untrusted, is_own
+from vsense.packages.contents import NO_RECORDING, PackedRun
+from vsense.packages.findings import Reproduction
+from vsense.packages.places import PackagePlaces, Untrusted, is_own
 from vsense.recording import form
 from vsense.recording.form import ExperimentMessage
 from vsense.recording.reader import Recording, open_recording
@@ -26,16 +26,14 @@ from vsense.run.directory import MEASURES, TIMESTEPS
 from vsense.sim.outcome import Interrupted
 from vsense.sim.watch import Flag
 
-_NO_RECORDING = "there is no recording of it"
-
 
 class RecordedRuns:
     """The recorded runs of a package; for the arguments see `Simulating`."""
 
     def __init__(
         self,
-        places: Places,
-        findings: Findings,
+        places: PackagePlaces,
+        findings: Reproduction,
         trusted: bool,
         interrupted: Flag,
         show: Callable[[str], None],
@@ -46,7 +44,7 @@ class RecordedRuns:
     def make(self, run: PackedRun) -> None:
         """Makes anew what follows from the recordings of a run."""
         if not run.recordings:
-            self._findings.cannot(f"{run.title}: readings and poses", _NO_RECORDING)
+            self._findings.cannot(f"{run.title}: readings and poses", NO_RECORDING)
             return
         for name in run.recordings:
             for make in (self._track, self._sense):

@@ -12,10 +12,9 @@ from vsense import __version__
 from vsense.errors import VsenseError, failing_as
 from vsense.packages import comparing, figures
 from vsense.packages.archive import Package, PackageError
-from vsense.packages.contents import CONTENTS, Contents
-from vsense.packages.findings import Findings
-from vsense.packages.places import UNTRUSTED, Places
-from vsense.packages.recorded import RecordedRuns
+from vsense.packages.contents import CONTENTS, NO_RECORDING, PackageContents
+from vsense.packages.findings import Reproduction
+from vsense.packages.places import UNTRUSTED, PackagePlaces
 from vsense.packages.simulating import Simulating
 from vsense.recording import require
 from vsense.sim.watch import Flag
@@ -48,7 +47,7 @@ def reproduce(
     interrupted: Flag,
     say: Callable[[str], None],
     show: Callable[[str], None],
-) -> Findings:
+) -> Reproduction:
     """Makes a package anew.
 
     Args:
@@ -61,12 +60,12 @@ def reproduce(
         VsenseError: it cannot be unpacked.
         Interrupted: `interrupted` was set.
     """
-    findings = Findings()
+    findings = Reproduction()
     with Package(path) as package:
         package.verify(lambda name, share: show(f"checking {100 * share:.0f} %"))
         say(f"{path}: {len(package.names)} files are what was packed")
         try:
-            told = Contents.read(package.read(CONTENTS, _MOST_CONTENTS), package.names)
+            told = PackageContents.read(package.read(CONTENTS, _MOST_CONTENTS), package.names)
         except VsenseError as error:
             raise PackageError(f"{path}: {error}") from None
         if options.only_check:
@@ -75,7 +74,7 @@ def reproduce(
         with _folder(options.output) as folder:
             show(f"unpacking {package.size >> 20} MB")
             package.unpack(folder / PACKAGE)
-            again = _Again(Places(folder / PACKAGE, folder / ANEW), told, findings, options)
+            again = _Again(PackagePlaces(folder / PACKAGE, folder / ANEW), told, findings, options)
             again.make(interrupted, show)
     if any(UNTRUSTED in one.words for one in findings.each):
         findings.notes.append(f"some of it was left alone: {UNTRUSTED}")
@@ -101,9 +100,9 @@ def _folder(output: Path | None) -> Iterator[Path]:
 class _Again:
     """A package that was unpacked, and is made anew."""
 
-    places: Places
-    told: Contents
-    findings: Findings
+    places: PackagePlaces
+    told: PackageContents
+    findings: Reproduction
     options: ReproduceOptions
 
     def make(self, interrupted: Flag, show: Callable[[str], None]) -> None:
@@ -113,16 +112,27 @@ class _Again:
             findings.notes.append(f"vsense was {told.version}, now {__version__}")
         self.places.anew.mkdir(exist_ok=True)
         simulated = [run for run in told.runs if run.mode == "sim"]
-        common = self.places, findings, options.trusted
-        Simulating(*common, options.jobs, interrupted, show).make(simulated)
-        if any(run.recordings for run in told.runs):
+        if any(run.recordings for run in simulated):
             require()
-        recorded = RecordedRuns(*common, interrupted, show)
-        for run in told.runs:
-            if run.mode != "sim":
-                recorded.make(run)
+        common = self.places, findings, options.trusted, options.jobs
+        Simulating(*common, interrupted, show).make(simulated)
+        self._recorded(interrupted, show)
         if told.report:
             self._report(show)
+
+    def _recorded(self, interrupted: Flag, show: Callable[[str], None]) -> None:
+        """Makes anew what follows from recordings."""
+        runs = [run for run in self.told.runs if run.mode != "sim"]
+        if not any(run.recordings for run in self.told.runs):
+            for run in runs:
+                self.findings.cannot(f"{run.title}: readings and poses", NO_RECORDING)
+            return
+        require()
+        from vsense.packages.recorded import RecordedRuns  # these need the extra `record`
+
+        recorded = RecordedRuns(self.places, self.findings, self.options.trusted, interrupted, show)
+        for run in runs:
+            recorded.make(run)
 
     def _report(self, show: Callable[[str], None]) -> None:
         """Makes the report again, and compares each of its files."""

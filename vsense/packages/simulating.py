@@ -13,8 +13,8 @@ from vsense.errors import VsenseError
 from vsense.files import MOST_TABLE_BYTES, parse_json, read_text
 from vsense.packages import comparing
 from vsense.packages.contents import MADE, PackedRun
-from vsense.packages.findings import Findings
-from vsense.packages.places import Places
+from vsense.packages.findings import Reproduction
+from vsense.packages.places import PackagePlaces
 from vsense.run.directory import MEASURES, SUMMARY, TIMESTEPS
 from vsense.run.programs import shared_objects
 from vsense.sim import fingerprint
@@ -50,8 +50,8 @@ class Simulating:
 
     def __init__(
         self,
-        places: Places,
-        findings: Findings,
+        places: PackagePlaces,
+        findings: Reproduction,
         trusted: bool,
         jobs: int,
         interrupted: Flag,
@@ -64,24 +64,24 @@ class Simulating:
 
     def make(self, runs: Sequence[PackedRun]) -> None:
         """Simulates runs, and compares; raises `Interrupted` where `interrupted` is set."""
-        prepared = []
+        prepared, found = [], {run: Reproduction() for run in runs}
         for run in runs:
             try:
                 prepared.append(self._prepare(run))
             except VsenseError as error:
-                self._findings.cannot(f"{run.title}: simulation", self._places.public(error))
-        waiting = {id(one): one for one in prepared}
+                found[run].cannot(f"{run.title}: simulation", self._places.public(error))
         lost = ""
         for one, answer in self._answers(prepared):
-            del waiting[id(one)]
             try:
-                self._compare(one, one.task.result(answer))
+                self._compare(one, one.task.result(answer), found[one.run])
             except VsenseError as error:
                 lost = self._places.public(error)
-                self._findings.differs(f"{one.run.title}: simulation", f"it failed: {lost}")
-        for one in waiting.values():
-            why = f"not tried: the process that simulates was lost ({lost})"
-            self._findings.cannot(f"{one.run.title}: simulation", why)
+                found[one.run].differs(f"{one.run.title}: simulation", f"it failed: {lost}")
+        for run, findings in found.items():  # in the order of the package
+            if not findings.each:
+                why = f"not tried: the process that simulates was lost ({lost})"
+                findings.cannot(f"{run.title}: simulation", why)
+            self._findings.each += findings.each
 
     def _answers(
         self, prepared: Sequence[PreparedRun]
@@ -164,9 +164,9 @@ class Simulating:
     def _has(self, run: PackedRun, name: str) -> bool:
         return bool(run.folder) and (self._places.package / run.folder / name).is_file()
 
-    def _compare(self, one: PreparedRun, result: Mapping[str, Any]) -> None:
+    def _compare(self, one: PreparedRun, result: Mapping[str, Any], findings: Reproduction) -> None:
         """Compares all that a run has left."""
-        run, findings, places = one.run, self._findings, self._places
+        run, places = one.run, self._places
         measures = self._measures(one, result)
         if run.row is not None and run.table:
             before = comparing.row_of(places.package / run.table, run.row)
