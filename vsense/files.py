@@ -87,7 +87,10 @@ def read_bytes(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
 def read_open(file: BinaryIO, path: Path, most_bytes: int = MOST_BYTES) -> bytes:
     """Reads an open file whole; OSError if it has more than `most_bytes`."""
     size = os.fstat(file.fileno()).st_size
-    data = b"" if size > most_bytes else file.read(most_bytes + 1)
+    # No more memory is asked for than the file has bytes; it may have grown, or not know its size.
+    data = b"" if size > most_bytes else file.read(size + 1)
+    if len(data) > size:
+        data += file.read(most_bytes + 1 - len(data))
     if size > most_bytes or len(data) > most_bytes:
         least = max(size, len(data)) / (1 << 20)
         words = f"has {least:.0f} MB, expected at most {most_bytes >> 20} MB"

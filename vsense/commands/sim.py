@@ -6,6 +6,7 @@ import argparse
 import os
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from vsense import recording
@@ -133,8 +134,8 @@ def run(options: argparse.Namespace) -> int:
             files = {"output": output, "drawing": drawing}
             jobs = options.jobs or len(os.sched_getaffinity(0))
             asked = arguments.fill(Campaign, options, sweep=sweep, setup=setup, jobs=jobs, **files)
-            _keep_origin(asked, experiment, console)
-            campaign.run(asked, console, interrupted)
+            begin = partial(_keep_origin, asked, experiment, console)
+            campaign.run(asked, console, interrupted, begin=begin)
             return 0
         except Interrupted:
             console.end_progress()

@@ -6,6 +6,8 @@ import csv
 import io
 import json
 import math
+import zipfile
+import zlib
 from collections.abc import Iterator, Sequence
 from itertools import zip_longest
 from pathlib import Path
@@ -18,7 +20,13 @@ from numpy.typing import NDArray
 from vsense.message_bus import Message
 from vsense.packages.scrub import Scrubber
 
-_MOST_CELL = 40
+DAMAGED = (
+    *(KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError, EOFError),
+    *(OSError, csv.Error, zipfile.BadZipFile, zlib.error, cv2.error),
+)
+"""What reading a file raises that is not what its name says."""
+
+_MOST_CELL, _MOST_ARRAYS = 40, 4 << 30
 _OF_THE_CLOCK = ("/run", "/experiment", "/event")
 """Topics of a simulated recording that tell of the command, not only of the run."""
 
@@ -31,13 +39,16 @@ def files(before: Path, now: Path, scrubber: Scrubber) -> str:
     if old == new:
         return ""
     kind = before.suffix
-    if kind == ".csv":
-        text = scrubber.text(new.decode(errors="replace"))
-        return tables(old.decode(errors="replace"), text)
-    if kind == ".npz":
-        return arrays(before, now)
-    if kind == ".png":
-        return pictures(old, new)
+    try:
+        if kind == ".csv":
+            text = scrubber.text(new.decode(errors="replace"))
+            return tables(old.decode(errors="replace"), text)
+        if kind == ".npz":
+            return arrays(before, now)
+        if kind == ".png":
+            return pictures(old, new)
+    except DAMAGED as error:
+        return f"it is damaged: {error!r}"
     return f"other bytes ({len(old)} before, now {len(new)})"
 
 
@@ -63,7 +74,10 @@ def tables(before: str, now: str) -> str:
 
 
 def arrays(before: Path, now: Path) -> str:
-    """Compares two .npz files array by array."""
+    """Compares two .npz files array by array; raises one of `DAMAGED`."""
+    with zipfile.ZipFile(before) as whole:
+        if sum(info.file_size for info in whole.infolist()) > _MOST_ARRAYS:
+            raise ValueError("more numbers than any run has")
     with np.load(before, allow_pickle=False) as old, np.load(now, allow_pickle=False) as new:
         if set(old.files) != set(new.files):
             return f"other arrays: {sorted(set(old.files) ^ set(new.files))}"
@@ -156,7 +170,7 @@ def _text(message: Message) -> str:
 
 
 def row_of(path: Path, number: int) -> dict[str, str]:
-    """A row of a table by its columns; empty: there is none."""
+    """A row of a table by its columns; empty: there is none. Raises one of `DAMAGED`."""
     with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
         rows: Sequence[dict[str, str]] = [row for row in csv.DictReader(file) if any(row.values())]
     found = rows[number] if number < len(rows) else {}

@@ -41,6 +41,7 @@ OWN = "vsense/"
 
 _SECRET = re.compile(rb"\A# Swarm keys of vsense|-----BEGIN [A-Z ]*PRIVATE KEY-----")
 _SECRETS = (".key", ".pem")
+_MOST_KEPT = 1 << 30
 _DATE = (1980, 1, 1, 0, 0, 0)
 
 
@@ -99,7 +100,7 @@ def keep(
     try:
         data = _packed(mode, list(experiments), setups or {}, map(Path, others))
         there = kept_in(folder, stem)
-        if there and read_bytes(there[-1][1], 1 << 40) == data:
+        if there and read_bytes(there[-1][1], _MOST_KEPT) == data:
             return
         name = f"{stem}-{rows}.zip" if there else f"{stem}.zip"
         replace_bytes(folder / name, data)
@@ -121,7 +122,7 @@ def kept_in(folder: Path, stem: str = MADE) -> list[tuple[int, Path]]:
 def read(path: Path) -> RunOrigin:
     """Reads what `keep` wrote; VsenseError if it is damaged."""
     try:
-        with zipfile.ZipFile(io.BytesIO(read_bytes(path, 1 << 30))) as archive:
+        with zipfile.ZipFile(io.BytesIO(read_bytes(path, _MOST_KEPT))) as archive:
             facts = json.loads(archive.read(FACTS))
             files = {name: archive.read(name) for name in archive.namelist() if name != FACTS}
         machine, about, setups = (dict(facts[name]) for name in ("machine", "about", "setups"))

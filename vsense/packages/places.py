@@ -66,6 +66,8 @@ class PackagePlaces:
             raise Untrusted
         try:
             setup = Setup.read(self.real(told))
+            if not all(isinstance(text, str) for pair in setup.settings.items() for text in pair):
+                raise TypeError("a setting is no text")
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise VsenseError(f"its set-up is damaged: {error!r}") from None
         self.make_folders(setup.code.includes)

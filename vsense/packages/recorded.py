@@ -51,7 +51,7 @@ class RecordedRuns:
                 try:
                     with open_recording(self._places.package / name) as recording:
                         make(run, name, recording)
-                except VsenseError as error:
+                except (VsenseError, *comparing.DAMAGED) as error:
                     thing = "poses" if make == self._track else "readings"
                     why = self._places.public(error).removeprefix(f"@package/{name}: ")
                     self._findings.cannot(f"{name}: {thing}", why)

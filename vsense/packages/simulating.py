@@ -68,7 +68,7 @@ class Simulating:
         for run in runs:
             try:
                 prepared.append(self._prepare(run))
-            except VsenseError as error:
+            except (VsenseError, *comparing.DAMAGED) as error:
                 found[run].cannot(f"{run.title}: simulation", self._places.public(error))
         lost = ""
         for one, answer in self._answers(prepared):
@@ -77,6 +77,8 @@ class Simulating:
             except VsenseError as error:
                 lost = self._places.public(error)
                 found[one.run].differs(f"{one.run.title}: simulation", f"it failed: {lost}")
+            except comparing.DAMAGED as error:
+                found[one.run].differs(f"{one.run.title}: files", f"one is damaged: {error!r}")
         for run, findings in found.items():  # in the order of the package
             if not findings.each:
                 why = f"not tried: the process that simulates was lost ({lost})"
