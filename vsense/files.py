@@ -87,7 +87,10 @@ def read_bytes(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
 def read_open(file: BinaryIO, path: Path, most_bytes: int = MOST_BYTES) -> bytes:
     """Reads an open file whole; OSError if it has more than `most_bytes`."""
     size = os.fstat(file.fileno()).st_size
-    data = b"" if size > most_bytes else file.read(most_bytes + 1)
+    # No more memory is asked for than the file has bytes; it may have grown, or not know its size.
+    data = b"" if size > most_bytes else file.read(size + 1)
+    if len(data) > size:
+        data += file.read(most_bytes + 1 - len(data))
     if size > most_bytes or len(data) > most_bytes:
         least = max(size, len(data)) / (1 << 20)
         words = f"has {least:.0f} MB, expected at most {most_bytes >> 20} MB"
@@ -112,6 +115,11 @@ def replace_text(
     encoding: str = "utf-8",
     errors: str = "strict",
 ) -> None:
+    """Writes a file of text whole; as `replace_bytes`."""
+    replace_bytes(path, text.encode(encoding, errors), mode)
+
+
+def replace_bytes(path: Path, data: bytes, mode: int | None = None) -> None:
     """Writes a file whole, in place of the one that may be there: readers see the one or the other.
 
     Nobody but those of its mode can ever read it; a group that the old file had stays its group.
@@ -127,8 +135,8 @@ def replace_text(
     begun = 0o666 if mode is None else 0o600
     opened = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, begun)
     try:
-        with os.fdopen(opened, "w", encoding=encoding, errors=errors) as file:
-            file.write(text)
+        with os.fdopen(opened, "wb") as file:
+            file.write(data)
             file.flush()
             # The group first: no other one may read it even for a moment.
             if old is not None and mode != 0o600:

@@ -44,6 +44,7 @@ SECTIONS: dict[str, tuple[str, ...]] = {
         "vsense/run/OUTPUT.md",
         "vsense/recording/README.md",
         "vsense/report/README.md",
+        "vsense/packages/README.md",
     ),
     "Protocols": (
         "c_src/PROTOCOL.md",

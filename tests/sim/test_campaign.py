@@ -92,7 +92,7 @@ def test_without_matplotlib_a_campaign_lacks_its_picture_only(
     said = capsys.readouterr()
     assert said.err.count("pip install 'matplotlib>=3.8'") == 1
     assert json.loads(said.out)["file"] == str(path)
-    assert list(tmp_path.iterdir()) == [path]
+    assert sorted(tmp_path.iterdir()) == [tmp_path / "r-made.zip", path]
 
 
 def test_a_campaign_goes_on_where_it_stopped(pollutant, tmp_path: Path, capsys) -> None:

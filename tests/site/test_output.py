@@ -68,7 +68,9 @@ def test_a_campaigns_table_and_the_pages_python(tmp_path: Path) -> None:
     vsense(tmp_path, "sim foraging --duration 1 -o first")
     sweep = "--runs 1 --set foraging.release=0,1 --duration 1 -o release.csv"
     vsense(tmp_path, f"sim foraging {sweep}")
-    assert {p.name for p in tmp_path.iterdir()} == {"first", "release.csv", "release.png"}
+    assert {p.name for p in tmp_path.iterdir()} == {
+        *("first", "release.csv", "release.png", "release-made.zip")
+    }
     columns = (tmp_path / "release.csv").read_text().partition("\n")[0].split(",")
     assert columns == [*COLUMNS, "items_home", "robots_carrying"]
     assert {*COLUMNS} <= FILES

@@ -33,6 +33,8 @@ COMMANDS = {
     "replay": ("replay", "play a recording in the page, or run the tracker on its pictures again"),
     "report": ("report", "make charts and a page from recordings; several are compared"),
     "export": ("export", "write what a recording holds as tables"),
+    "pack": ("pack", "put runs and all that they were made from into one file for others"),
+    "reproduce": ("reproduce", "make everything in a package anew, and say what differs"),
     "cameras": ("cameras", "find cameras, look through them, set them up"),
     "markers": ("markers", "draw markers to print and cut out, or find them in pictures"),
     "calibrate": ("calibrate", "from pictures of a board to camera files; check the ones in use"),
@@ -53,7 +55,7 @@ GROUPS = {
     "while it runs, from another terminal": (
         *("status", "start", "pause", "stop", "reset", "replace", "handover"),
     ),
-    "what a run leaves": ("replay", "report", "export"),
+    "what a run leaves": ("replay", "report", "export", "pack", "reproduce"),
     "cameras and markers": ("cameras", "markers", "calibrate", "arena", "track", "serve", "render"),
     "robots": ("robot",),
     "this machine, and help": ("share", "doctor", "docs", "completion", "bench"),

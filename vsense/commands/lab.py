@@ -23,6 +23,7 @@ from vsense.lab.session import Session
 from vsense.link.robots import keys
 from vsense.link.robots.keys import LinkTrust
 from vsense.live.session import RunSetup
+from vsense.packages import origin
 from vsense.pictures.run_figure import spoken
 from vsense.run import directory as run_directory
 from vsense.run.runs_csv import RunRows
@@ -120,7 +121,7 @@ def run(options: argparse.Namespace) -> int:
     starts = homes.starts_of(options, opened)
     experiment, seed, directory = experiments.prepare(options, opened)
     console = Console()
-    _warn(console, experiment)
+    _warn(console, experiment, directory)
     with interruption() as interrupted, ControlRoom(experiments.room_of(options), console) as room:
         with interrupted.at_once():
             known = _calibrated(options, experiment, seed, directory, console)
@@ -210,8 +211,10 @@ def _run_all(
             return error
 
 
-def _warn(console: Console, experiment: Experiment) -> None:
+def _warn(console: Console, experiment: Experiment, directory: Path) -> None:
+    """Says what will not be as somebody may expect, and keeps what the runs are made from."""
     experiments.say_warnings(console, experiment)
+    origin.keep(directory, "lab", [experiment], console.say)
     if experiment.tracker is not None:
         place = f"{experiment.file}:{experiment.tracker.line}"
         console.say(f"vsense: {place}: its tracker is left alone: the lab has its own cameras")

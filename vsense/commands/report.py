@@ -48,10 +48,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     arguments.add_charts(parser)
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")
-    _add_questions(parser)
+    add_questions(parser)
 
 
-def _add_questions(parser: argparse.ArgumentParser) -> None:
+def add_questions(parser: argparse.ArgumentParser) -> None:
     """Declares what can be asked of tables of runs."""
     group = parser.add_argument_group("tables of runs")
     arguments.option(
@@ -146,6 +146,11 @@ def _asked(options: argparse.Namespace, files: Sequence[Path]) -> Questions:
     named += ["--unpaired"] if options.unpaired else []
     if named and not any(file.suffix == SUFFIX for file in files):
         raise UsageError(f"{', '.join(named)}: tables of runs (.csv) only, and none is named")
+    return questions_of(options)
+
+
+def questions_of(options: argparse.Namespace) -> Questions:
+    """What is asked of tables, as `add_questions` declares it."""
     from vsense.report.study.results import Questions
 
     return Questions(

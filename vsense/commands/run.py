@@ -17,6 +17,7 @@ from vsense.link.robots.keys import LinkTrust
 from vsense.live.run import OneRun
 from vsense.live.session import PATIENCE_S, RunSession, RunSetup
 from vsense.live.sources import require_source
+from vsense.packages import origin
 from vsense.run import directory as run_directory
 from vsense.run.directory import RunLog
 from vsense.run.leases import RobotLeases
@@ -132,6 +133,7 @@ def _run_leased(
         ControlRoom(experiments.room_of(options), log) as room,
     ):
         experiments.say_warnings(log, experiment)
+        origin.keep(directory, "run", [experiment], log.say, others=options.tracking or ())
         made = experiments.made_of(options, experiment, seed)
         setup = RunSetup(
             *(experiment, seed, options.blind, address, trust, log, interrupted, room, made),

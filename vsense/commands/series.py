@@ -16,6 +16,7 @@ from vsense.commands import arguments, hardware, lab, rosters, series_robots
 from vsense.config.roster import FILE_NAME
 from vsense.errors import CutShort, UsageError
 from vsense.lab.links import BASES
+from vsense.packages import origin
 from vsense.run.runs_csv import MODES, RUNS, read_runs
 from vsense.series import plan as plans
 from vsense.series.folder import SeriesFolder, allowed_changes
@@ -154,8 +155,25 @@ def carry_out(
         else:
             maker = series_robots.maker(options, *common, _room(options), stack)
         folder = stack.enter_context(SeriesFolder(path, plan, sorted(files)))
+        _keep_origin(options, loader, known, folder, console)
         loop = SeriesLoop(plan, folder, maker, console, interrupted)
         return _run_all(loop, console, interrupted, tell)
+
+
+def _keep_origin(
+    options: argparse.Namespace,
+    loader: PlanLoader,
+    known: Mapping[str, PlannedExperiment],
+    folder: SeriesFolder,
+    console: Console,
+) -> None:
+    """Keeps what the runs are made from, as it is now."""
+    plan, setups = loader.plan, {}
+    for name, planned in known.items():
+        for start in plan.starts if plan.mode == "sim" else ():
+            setups[origin.key_of(name, start.name)] = loader.setup(planned, start)
+    made, others = [one.experiment for one in known.values()], options.tracking or ()
+    origin.keep(folder.path, plan.mode, made, console.say, setups, others, rows=len(folder.rows))
 
 
 def _loader(options: argparse.Namespace, plan: SeriesPlan) -> PlanLoader:

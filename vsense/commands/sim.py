@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import argparse
 import os
+from contextlib import suppress
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from vsense import recording
 from vsense.commands import arguments, experiments
 from vsense.commands.sim_run import SingleRun
-from vsense.config.specs import Stage
-from vsense.errors import UsageError
+from vsense.config.specs import Experiment, Stage
+from vsense.errors import UsageError, VsenseError
+from vsense.packages import origin
+from vsense.run.runs_csv import condition_of, read_runs
 from vsense.sim import campaign
 from vsense.sim.campaign import Campaign
 from vsense.sim.dask_cluster import require_dask
@@ -129,11 +134,27 @@ def run(options: argparse.Namespace) -> int:
             files = {"output": output, "drawing": drawing}
             jobs = options.jobs or len(os.sched_getaffinity(0))
             asked = arguments.fill(Campaign, options, sweep=sweep, setup=setup, jobs=jobs, **files)
-            campaign.run(asked, console, interrupted)
+            begin = partial(_keep_origin, asked, experiment, console)
+            campaign.run(asked, console, interrupted, begin=begin)
             return 0
         except Interrupted:
             console.end_progress()
             return interrupted.code
+
+
+def _keep_origin(asked: Campaign, experiment: Experiment, console: Console) -> None:
+    """Keeps what a campaign's runs are made from, beside its table."""
+    setups, table = {}, asked.output
+    for settings in asked.sweep.combinations():
+        one = replace(asked.setup, settings=settings)
+        setups[origin.key_of(condition_of(one.blind, settings))] = one
+    made = [experiment]
+    if any(key.endswith(".library") for key in asked.sweep.values):
+        made = [one.load() for one in setups.values()]
+    with suppress(OSError, VsenseError):  # what is wrong with the table is told by the campaign
+        rows = len(read_runs(table)) if table.exists() else 0
+        stem = f"{table.stem}-{origin.MADE}"
+        origin.keep(table.parent, "sim", made, console.say, setups, (), stem, rows)
 
 
 def _check(options: argparse.Namespace, sweep: Sweep) -> None:

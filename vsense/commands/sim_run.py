@@ -13,6 +13,7 @@ from vsense.commands import arguments, experiments
 from vsense.config.specs import Experiment
 from vsense.errors import VsenseError
 from vsense.lab.metrics import swarm_rows
+from vsense.packages import origin
 from vsense.recording import SUFFIX, size_line
 from vsense.run import directory as run_directory
 from vsense.run.environment import MOST_SEED
@@ -131,6 +132,8 @@ class SingleRun:
             directory = run_directory.make(self.options.output, name, seed)
         assert seed is not None and libraries is not None
         kept = str(directory / f"{name}{SUFFIX}") if self.options.record else None
+        setups = {origin.key_of(): self.setup}
+        origin.keep(directory, "sim", [self.experiment], self.console.say, setups)
         return Job(self.setup, seed, libraries, str(directory), kept)
 
     def _announce(self, job: Job) -> None:

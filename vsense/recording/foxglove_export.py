@@ -1,4 +1,4 @@
-"""A recording once more with Foxglove's channels beside ours, and a layout that fits it.
+"""A recording once more: as it is or changed, with Foxglove's channels, and a layout that fits it.
 
 New recordings have these channels already; older ones, and those of an older form, get them here.
 """
@@ -13,6 +13,7 @@ from typing import Any
 from vsense.errors import failing_as
 from vsense.foxglove.channels import Channels
 from vsense.foxglove.layout import as_text, layout
+from vsense.message_bus import Message
 from vsense.recording.form import PICTURE, ExperimentMessage, RecordingError
 from vsense.recording.reader import Recording
 from vsense.recording.writer import RecordingWriter
@@ -41,7 +42,7 @@ def export_foxglove(
     writer = RecordingWriter(path, recording.begin_ns, recording.utc_shift_ns)
     try:
         with failing_as(RecordingError, f"{path}: cannot be written"):
-            _copy(recording, writer, tell)
+            copy_messages(recording, writer, tell)
         with failing_as(RecordingError, f"{beside}: cannot be written"):
             beside.write_text(as_text(_layout(recording)), encoding="utf-8")
     except BaseException:
@@ -51,14 +52,27 @@ def export_foxglove(
     return {str(one): one.stat().st_size for one in (path, beside)}
 
 
-def _copy(recording: Recording, writer: RecordingWriter, tell: Callable[[float], None]) -> None:
-    """Adds every message and what follows from it."""
+def copy_messages(
+    recording: Recording,
+    writer: RecordingWriter,
+    tell: Callable[[float], None] = lambda share: None,
+    change: Callable[[Message], Message | None] = lambda message: message,
+) -> None:
+    """Adds every message and what follows from it, and closes the writer.
+
+    `tell`: see `export_foxglove`; `change` gives what is written in place of a message, None:
+    nothing. OSError if the disk does not take it.
+    """
     pictures = recording.newest(lambda topic: topic.startswith(PICTURE))
-    channels = Channels(recording.utc_shift_ns, full_size=bool(pictures))
+    full_size = any(change(picture) is not None for picture in pictures.values())
+    channels = Channels(recording.utc_shift_ns, full_size=full_size)
     begun_ns = recording.begin_ns
     length_ns = max(1e9 * recording.duration_s, 1.0)
     try:
-        for message in recording.messages():
+        for found in recording.messages():
+            message = change(found)
+            if message is None:
+                continue
             writer.add(message)
             for derived in channels.convert(message):
                 writer.add_derived(derived)

@@ -8,7 +8,7 @@ same loop functions the readings are the same in every bit.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -101,12 +101,18 @@ class Resensing:
     Args:
         recording: of `vsense lab` or `vsense run`, from the run's beginning.
         path: where the experiment's file is, None: where it was; what it names is taken from there.
+        change: gives what is read in place of what the recording says of its experiment.
     """
 
-    def __init__(self, recording: Recording, path: Path | None = None) -> None:
+    def __init__(
+        self,
+        recording: Recording,
+        path: Path | None = None,
+        change: Callable[[ExperimentMessage], ExperimentMessage] = lambda told: told,
+    ) -> None:
         self.comparison = ResenseComparison()
         self._recording = recording
-        self._path = path
+        self._path, self._change = path, change
         self._environment: Environment | None = None
         self._casting: Any = None
         self._count = self._changes = 0
@@ -133,11 +139,21 @@ class Resensing:
             raise self._error("holds no deeds of robots: it was recorded by an older vsense, or is"
                               " none of vsense lab or vsense run")  # fmt: skip
 
+    @property
+    def measures(self) -> dict[str, float]:
+        """The experiment's measures after the newest timestep."""
+        environment = self._environment
+        return {} if environment is None else dict(environment.world.results)
+
+    def end(self) -> dict[str, float]:
+        """Ends the run as it ended then; gives its results."""
+        return {} if self._environment is None else self._environment.end()
+
     def _take(self, message: Message) -> int | None:
         """Takes a message; gives the timestep of the run that is complete with it."""
         data = message.data
         if message.topic == "/experiment":
-            self._begin(ExperimentMessage.read(data))
+            self._begin(self._change(ExperimentMessage.read(data)))
         elif message.topic == form.ORDERS:
             self._orders.append(data)
         elif message.topic == form.DEEDS:

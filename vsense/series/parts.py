@@ -12,7 +12,8 @@ from vsense.config.specs import Experiment, Stage
 from vsense.errors import ConfigError, UsageError
 from vsense.robot.programs import CodeOptions
 from vsense.run import asked
-from vsense.series.plan import Condition, SeriesPlan
+from vsense.series.plan import Condition, PlannedStart, SeriesPlan
+from vsense.sim.job import Setup
 
 STAGES = {"sim": Stage.SIM, "lab": Stage.LAB, "run": Stage.RUN}
 
@@ -100,6 +101,12 @@ class PlanLoader:
         if not self.lenient:
             asked.check(experiment)
         return PlannedExperiment(condition, self.finish(experiment), settings)
+
+    def setup(self, planned: PlannedExperiment, start: PlannedStart) -> Setup:
+        """What a simulated run of it is made from."""
+        plan, condition = self.plan, planned.condition
+        how = plan.duration_s, plan.count, condition.blind, planned.settings
+        return Setup(condition.experiment, *how, self.code, self.casting, start.places)
 
     def _load(
         self, condition: Condition, settings: Mapping[str, str], casting: Casting | None

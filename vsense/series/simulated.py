@@ -18,7 +18,7 @@ from vsense.series.folder import SeriesFolder
 from vsense.series.order import PlannedRun
 from vsense.series.parts import PlanLoader, PlannedExperiment
 from vsense.series.series import Made, RunOutcome
-from vsense.sim.job import Job, Setup
+from vsense.sim.job import Job
 from vsense.sim.outcome import Interrupted, Task
 from vsense.sim.watch import WorkerProcess, simulate_all
 from vsense.terminal import Console, Interruption
@@ -74,23 +74,14 @@ class SimulatedRuns:
 
     def _task(self, run: PlannedRun, folder: SeriesFolder) -> Task:
         planned = self._known[run.cell.condition]
-        plan, condition = self._plan, planned.condition
+        condition = planned.condition
         experiment = planned.experiment
         libraries = self._libraries.get(condition.name)
         if libraries is None:
             built = shared_objects(experiment)
             libraries = {name: str(path) for name, path in built.items()}
             self._libraries[condition.name] = libraries
-        setup = Setup(
-            condition.experiment,
-            plan.duration_s,
-            plan.count,
-            condition.blind,
-            planned.settings,
-            self._loader.code,
-            self._loader.casting,
-            plan.start(run.cell.start).places,
-        )
+        setup = self._loader.setup(planned, self._plan.start(run.cell.start))
         kept = None
         if self._record:
             kept = str(folder.of_run(run) / f"{experiment.name}{SUFFIX}")

@@ -59,7 +59,11 @@ class Campaign:
 
 
 def run(
-    campaign: Campaign, console: Console, interrupted: Interruption, engine: Engine | None = None
+    campaign: Campaign,
+    console: Console,
+    interrupted: Interruption,
+    engine: Engine | None = None,
+    begin: Callable[[], None] = lambda: None,
 ) -> None:
     """Does all runs that the file does not hold yet, and compares the settings.
 
@@ -67,6 +71,7 @@ def run(
 
     Args:
         engine: does the runs, on other machines; None: as `Campaign.on` says.
+        begin: is called when all is checked, before the first run.
 
     Raises:
         Interrupted: the user has ended it; the rows until then are in the file.
@@ -81,13 +86,17 @@ def run(
         if campaign.on is not None and engine is None:
             cluster = dask_cluster.connected(campaign.on, console, interrupted)
             engine = stack.enter_context(cluster)
-        results = _complete(campaign, engine, console, interrupted)
+        results = _complete(campaign, engine, console, interrupted, begin)
     with interrupted.in_time():
         _report(campaign, results, console)
 
 
 def _complete(
-    campaign: Campaign, engine: Engine | None, console: Console, interrupted: Interruption
+    campaign: Campaign,
+    engine: Engine | None,
+    console: Console,
+    interrupted: Interruption,
+    begin: Callable[[], None],
 ) -> CampaignResults:
     """Does the runs that are missing; raises as `run`."""
     sweep, path = campaign.sweep, campaign.output
@@ -100,6 +109,7 @@ def _complete(
         console.say(f"{path}: its last row was cut short: that run is done again")
     if len(todo) < len(tasks):
         console.say(f"{path}: {len(tasks) - len(todo)} of {len(tasks)} runs are there already")
+    begin()
     simulate = partial(simulate_all, processes=campaign.jobs) if engine is None else engine.simulate
     try:
         told = set(tasks[0].experiment.warnings)

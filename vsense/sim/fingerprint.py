@@ -47,7 +47,7 @@ def of_campaign(task: Task) -> str:
     """
     setup = task.job.setup
     digest = hashlib.sha256()
-    for file in _named(task.experiment.path):
+    for file in named_files(task.experiment.path):
         digest.update(bytes.fromhex(of_file(file)))
     built = [Path(library).parent.name for library in task.job.libraries.values()]
     loop_functions = loop_object(task.experiment)
@@ -80,7 +80,7 @@ def of_files(task: Task) -> dict[str, str]:
     """
     experiment = task.experiment
     programs = [controller.program for controller in experiment.controllers]
-    files = dict.fromkeys(_named(experiment.path))
+    files = dict.fromkeys(named_files(experiment.path))
     if experiment.loop_functions is not None:
         files[experiment.loop_functions.path] = None
         programs += [p for p in [experiment.loop_functions.program] if p is not None]
@@ -102,7 +102,7 @@ _QUOTED = re.compile(r"\"([^\"<]*)\"|'([^'<]*)'")
 _IMPORT = re.compile(r"^\s*(?:from|import)\s+(\w+)", re.M)
 
 
-def _named(path: Path) -> list[Path]:
+def named_files(path: Path) -> list[Path]:
     """An experiment's file, every file that an attribute in it names, and what Python among them
     imports from beside it.
 

@@ -40,6 +40,15 @@ class Setup:
     casting: Casting = field(default_factory=Casting)
     start: StartPlaces | None = None
 
+    @classmethod
+    def read(cls, data: Mapping[str, Any]) -> Setup:
+        """Reads what `dataclasses.asdict` made of one, also from JSON."""
+        fields, start = dict(data), data["start"]
+        fields["code"] = CodeOptions(**fields["code"])
+        fields["casting"] = Casting.read(fields["casting"])
+        fields["start"] = None if start is None else StartPlaces.read(start)
+        return cls(**fields)
+
     def load(self) -> Experiment:
         """Loads the experiment.
 
@@ -101,13 +110,10 @@ class Job:
     def from_line(cls, line: bytes) -> Job:
         """Reads what `to_line` gave."""
         fields: dict[str, Any] = json.loads(line)
-        setup: dict[str, Any] = fields.pop("setup")
-        code, casting = CodeOptions(**setup.pop("code")), Casting.read(setup.pop("casting"))
-        start = setup.pop("start")
+        setup = Setup.read(fields.pop("setup"))
         if fields["origin"] is not None:
             fields["origin"] = Origin(**fields["origin"])
-        places = None if start is None else StartPlaces.read(start)
-        return cls(Setup(**setup, code=code, casting=casting, start=places), **fields)
+        return cls(setup, **fields)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,65 @@
+"""`vsense reproduce`: everything in a package made anew, and compared."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+from pathlib import Path
+
+from vsense.commands import arguments
+from vsense.packages.reproduce import ReproduceOptions, reproduce
+from vsense.sim.outcome import Interrupted
+from vsense.terminal import Console, interruption, print_data
+
+DESCRIPTION = (
+    "Makes a package of vsense pack anew and says for each thing whether it is the same, what"
+    " differs, or why it cannot be made anew. First all checksums are compared. Then simulated runs"
+    " are simulated again, recordings of the lab and of real robots tracked and sensed again, and"
+    " tables and figures made of them. Exit code: 0 when all is the same in every bit, 1 when"
+    " something differs, 3 when something could not be made anew."
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declares the command's arguments."""
+    parser.add_argument("package", type=Path, help="the package (.zip)")
+    parser.add_argument(
+        *("-o", "--output"),
+        type=Path,
+        metavar="FOLDER",
+        help="a new folder for what is unpacked and made anew (default: nothing stays)",
+    )
+    arguments.flag(
+        parser,
+        "--trust",
+        "compile and run code of the package: controllers and loop functions are programs of"
+        " whoever packed it, and can do what you can",
+    )
+    arguments.flag(parser, "--check", "only compare the checksums")
+    arguments.flag(parser, "--json", "print what was found as one JSON object")
+    parser.add_argument(
+        *("-j", "--jobs"),
+        type=arguments.positive,
+        metavar="N",
+        help="simulated runs at the same time (default: one per processor)",
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Makes a package anew; for the exit code see `DESCRIPTION`, or 130 after Ctrl-C."""
+    console = Console()
+    jobs = options.jobs or len(os.sched_getaffinity(0))
+    wanted = ReproduceOptions(options.output, options.trust, options.check, jobs)
+    with interruption() as interrupted:
+        try:
+            found = reproduce(options.package, wanted, interrupted, console.say, console.progress)
+        except Interrupted:
+            console.end_progress()
+            return interrupted.code
+    console.end_progress()
+    if options.json:
+        print_data(json.dumps(found.as_json(), indent=2))
+    else:
+        print_data("\n".join(found.lines()))
+    return found.exit_code

@@ -1,0 +1,1 @@
+"""Packages of runs: `vsense pack` makes them, `vsense reproduce` makes everything in them anew."""
