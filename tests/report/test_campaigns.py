@@ -115,6 +115,20 @@ def test_a_folder_of_runs_stands_for_its_recordings_where_it_has_some(tmp_path: 
     assert (tmp_path / "b" / "measures.png").exists()
 
 
+def test_a_run_is_one_whether_its_recording_or_its_row_tells_of_it(tmp_path: Path) -> None:
+    for number, verdict in ((1, "valid"), (2, "void"), (3, "valid")):
+        row = RunRow(run=f"run-{number}", mode="sim", experiment="hand", condition="sighted")
+        row = replace(row, verdict=verdict, measures={"items_home": float(number)})
+        RunsFile(tmp_path / RUNS).append(row)
+    kept = [tmp_path / f"run-{number}" / "hand.mcap" for number in (1, 2)]
+    for path in kept:
+        path.parent.mkdir()
+        write(path, made_by("sim"))
+    report = make_report([tmp_path / RUNS, *kept], tmp_path / "out")
+    groups = [group["runs"] for group in report.as_json()["comparison"]]
+    assert groups == [1, 1], "run-1's recording, and run-3's row"
+
+
 @pytest.mark.parametrize(
     ("text", "reason"),
     [

@@ -215,6 +215,20 @@ def test_what_else_differs_is_told() -> None:
     assert dict(only(rows).differences()) == {"robots": ["10", "12"]}
 
 
+def test_other_robots_and_another_light_are_told_once() -> None:
+    def arm(word: str, first: int, **told: object) -> list[RunRow]:
+        return [row(n, word, **told) for n in range(first, first + 3)]
+
+    dark = arm("a", 0, tags=(1, 2), uids=("aa", "bb"), light_level=0.30)
+    alike = arm("b", 5, tags=(1, 3), uids=("aa", "cc"), light_level=0.32)
+    assert dict(only([*dark, *alike]).differences()) == {"tags": ["1 2", "1 3"]}
+    light = arm("b", 5, tags=(1, 2), uids=("aa", "cc"), light_level=0.40)
+    told = dict(only([*dark, *light]).differences())
+    assert told == {"uids": ["aa bb", "aa cc"], "light_level": ["0.3", "0.4"]}
+    light[0] = replace(light[0], light_level=0.3)
+    assert "light_level" not in dict(only([*dark, *light]).differences()), "they overlap"
+
+
 @pytest.fixture(scope="module")
 def page(coarse: None, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
     """The report of three conditions, one run void, and its numbers."""

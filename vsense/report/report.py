@@ -145,10 +145,22 @@ class Charts:
 
 
 def _compared(read: Sequence[Findings], tables: Sequence[TableOfRuns]) -> list[compare.Group]:
-    """Recordings beside each other, and beside tables; tables alone are studies."""
-    if not read or len(read) + len(tables) < 2:
+    """Recordings beside each other, and beside tables; tables alone are studies.
+
+    A run of which both its recording and its row are here is one run, and none if it is void.
+    """
+    recorded = {one.path.absolute().parent for one in read}
+    others, void = [], set[Path]()
+    for table in tables:
+        folder = table.path.absolute().parent
+        others.append(
+            replace(table, rows=[r for r in table.rows if folder / r.run not in recorded])
+        )
+        void |= {folder / row.run for row in table.rows if not row.valid}
+    read = [one for one in read if one.path.absolute().parent not in void]
+    if not read or len(read) + sum(bool(table.rows) for table in others) < 2:
         return []
-    some: list[CampaignRuns] = [runs for table in tables for runs in campaign_runs(table)]
+    some: list[CampaignRuns] = [runs for table in others for runs in campaign_runs(table)]
     return compare.groups(read, some)
 
 

@@ -16,8 +16,10 @@ from vsense.run.runs_csv import COLUMNS, MODES, RunRow
 
 APART = ("experiment", "mode", "condition")
 """Runs that differ in one of these are never pooled."""
-_TOLD = ("series", "duration_s", "robots", "tags", "uids", "light_level", "versions")
+_TOLD = ("series", "duration_s", "robots", "tags", "uids", "versions")
 """Columns whose values are told where runs that are compared differ in them."""
+_LIGHT = 1.1
+"""Runs are told to be lighter than others where each is so many times as light as any of those."""
 _NO_GROUPS = ("run", "duration_s", "batteries_v", "late", "verdict", "why", "began")
 """Columns that no runs are grouped by."""
 
@@ -92,7 +94,18 @@ class Study:
             different = {text for texts in values for text in texts}
             if name not in self.by and len(different) > 1:
                 found.append((name, [_shortened(texts) for texts in values]))
-        return found
+        if "tags" in dict(found):  # other robots have other uids
+            found = [each for each in found if each[0] != "uids"]
+        return found + self._light()
+
+    def _light(self) -> list[tuple[str, list[str]]]:
+        """The light of the arms, where that of one is apart from another's."""
+        levels = [[r.light_level for r in a.runs if r.light_level is not None] for a in self.arms]
+        known = [each for each in levels if each]
+        if not known or max(map(min, known)) <= _LIGHT * min(map(max, known)):
+            return []
+        told = [list(dict.fromkeys(f"{level:g}" for level in each)) for each in levels]
+        return [("light_level", [_shortened(texts) for texts in told])]
 
 
 def studies(
