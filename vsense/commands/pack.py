@@ -100,7 +100,7 @@ def _say(console: Console, made: PackedFiles, target: Path) -> None:
     if made.pictures_bytes > 0:
         console.say(f"--pictures would add about {megabytes(made.pictures_bytes)}")
     for words in made.lacks:
-        console.say(f"cannot be made anew: {words}", "warning")
+        console.say(f"lacking: {words}", "warning")
 
 
 def _person(text: str) -> crate.Person:

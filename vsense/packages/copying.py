@@ -68,7 +68,8 @@ def _lacks(recording: Recording, topics: Collection[str], left_out: bool) -> lis
     """What a recording lacks, that was read with these topics."""
     experiment, lacks = ExperimentMessage.read(recording.experiment), []
     if gaps := recording.gaps:
-        lacks.append(f"has {len(gaps)} gaps ({gaps[0].why})")
+        many = f"{len(gaps)} gaps" if len(gaps) > 1 else "a gap"
+        lacks.append(f"has {many} ({gaps[0].why}): only what is beside can be made anew")
     if not recording.complete:
         lacks.append("was cut off: its last second may be missing")
     if recording.damaged:

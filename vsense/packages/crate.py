@@ -284,5 +284,5 @@ def readme(name: str, told: PackageContents, found: Sequence[FoundSeries]) -> st
         out = ", ".join(f"{what} ({count})" for what, count in told.left_out.items())
         lines += ["", f"Left out or replaced: {out}."]
     if told.lacks:
-        lines += ["", "What cannot be made anew:", "", *(f"* {words}" for words in told.lacks)]
+        lines += ["", "What is lacking:", "", *(f"* {words}" for words in told.lacks)]
     return "\n".join([*lines, ""])
