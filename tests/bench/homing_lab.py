@@ -25,6 +25,7 @@ import numpy as np
 
 from tests.faults.lab import FarSwarm
 from tests.faults.relay import LOOP_NET, Relay, Weather
+from tests.rigs.places import ROOT
 from vsense import clock
 from vsense.arena import ArenaState, Frame
 from vsense.bench import homing as table
@@ -63,7 +64,6 @@ ELSEWHERE = 1000
 HAND_M = 0.06
 """Half the side of what is held over a robot."""
 INSIDE = "VSENSE_HOMING_INSIDE"
-CHECKOUT = Path(__file__).parents[2]
 
 
 class Hand:
@@ -229,8 +229,8 @@ def main(words: list[str] | None = None) -> int:
     if INSIDE in os.environ:
         return inside(options)
     command = ["unshare", "--net", sys.executable, "-m", "tests.bench.homing_lab", *words]
-    environment = {**os.environ, INSIDE: "1", "PYTHONPATH": str(CHECKOUT)}
-    os.chdir(CHECKOUT)
+    environment = {**os.environ, INSIDE: "1", "PYTHONPATH": str(ROOT)}
+    os.chdir(ROOT)
     try:
         os.execvpe(command[0], command, environment)
     except OSError as error:

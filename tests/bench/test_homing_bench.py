@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.conftest import require_own_network
+from tests.rigs.places import ROOT
 from vsense.bench.homing import ContactTimes, HomingRow, report_of, row_of, table
 from vsense.physics.motion import TICK_NS
 from vsense.world.entities import BODY_RADIUS_M
@@ -58,7 +58,7 @@ def test_a_row_is_good_within_30_mm_and_10_degrees() -> None:
 def test_robots_come_home_in_the_lab() -> None:
     require_own_network()
     words = [sys.executable, "-m", "tests.bench.homing_lab", "--seeds", "1", "--json"]
-    done = subprocess.run(words, cwd=Path(__file__).parents[2], capture_output=True, text=True)
+    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     report = json.loads(done.stdout)
     assert report["good"] == 1 and report["rows"][0]["able"] == 14

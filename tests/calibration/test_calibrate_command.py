@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from tests.calibration.ideal import BOARD, CAMERAS, ORIGIN, PLAN, arena_errors_m, arena_grid, shoot
+from tests.rigs.places import DATA
 from vsense.calibration.views import write_corners
 from vsense.cameras.camera import Camera
 from vsense.cli import main
 
-CHESSBOARDS = Path(__file__).parents[1] / "data" / "wall-tags-chessboards"
+CHESSBOARDS = DATA / "wall-tags-chessboards"
 AT = f"--origin={ORIGIN[0]},{ORIGIN[1]},0"
 
 

@@ -11,11 +11,11 @@ import csv
 import json
 import re
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tests.rigs.places import DATA
 from vsense.calibration.board import Board
 from vsense.calibration.floor import FloorReference
 from vsense.calibration.lens import camera_of, lens_of
@@ -24,7 +24,7 @@ from vsense.calibration.solution import Solution, check_board
 from vsense.calibration.views import BoardViews, View
 from vsense.cameras.camera import Camera
 
-DATA = Path(__file__).parents[1] / "data" / "four-cameras"
+FOUR = DATA / "four-cameras"
 BOARD = Board.parse("charuco:4x5:54mm:4X4_1000:inverted")
 SIZE = (1280, 720)
 
@@ -32,7 +32,7 @@ SIZE = (1280, 720)
 @lru_cache
 def shoot() -> BoardViews:
     seen: dict[tuple[str, str], list[tuple[int, float, float]]] = {}
-    with (DATA / "xy.csv").open() as file:
+    with (FOUR / "xy.csv").open() as file:
         for row in csv.DictReader(file):
             corner = (int(row["keypoint_id"]), float(row["img_loc_x"]), float(row["img_loc_y"]))
             seen.setdefault((f"cam_{row['cam_id']}", row["sync_index"]), []).append(corner)
@@ -48,7 +48,7 @@ def shoot() -> BoardViews:
 def theirs() -> tuple[Camera, ...]:
     """caliscope's cameras; the arrays of its file are also JSON."""
     cameras = []
-    for part in (DATA / "camera_array.toml").read_text().split("[cameras.")[1:]:
+    for part in (FOUR / "camera_array.toml").read_text().split("[cameras.")[1:]:
         values = {
             name: json.loads(text)
             for name, text in re.findall(r"^(\w+) *= *(\[.*\])$", part, re.MULTILINE)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
 from tests.calibration.ideal import BOARD, CAMERAS, SIZE, see
+from tests.rigs.places import DATA
 from vsense.calibration.board import Board
 from vsense.calibration.intrinsics import calibrate_lens, calibrate_lenses
 from vsense.calibration.lens import lens_of
@@ -19,7 +19,7 @@ from vsense.calibration.solution import CalibrationError
 from vsense.calibration.views import BoardViews, CornerFinder, View
 from vsense.lab.board_studio import board_at
 
-CHESSBOARDS = Path(__file__).parents[1] / "data" / "wall-tags-chessboards"
+CHESSBOARDS = DATA / "wall-tags-chessboards"
 CAMERA = CAMERAS[0]
 NAME = CAMERA.id
 

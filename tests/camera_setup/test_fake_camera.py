@@ -17,6 +17,7 @@ import cv2
 import pytest
 
 from tests.conftest import require_library, require_tool
+from tests.rigs.places import ROOT
 from vsense.config import resources
 
 pytestmark = pytest.mark.system
@@ -25,7 +26,6 @@ SERIAL = f"V{os.getpid()}"
 ID = f"Aravis-Fake-{SERIAL}"
 ADDRESS = "127.0.0.1"
 PATIENCE_S = 60.0
-ROOT = Path(__file__).parent.parent.parent
 SPACE = f"vscam{os.getpid() % 100_000}"
 IP = shutil.which("ip")
 ALONE: list[str] = []

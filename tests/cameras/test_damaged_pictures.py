@@ -17,12 +17,12 @@ import numpy as np
 import pytest
 
 from tests.cameras.damaging import damage
+from tests.rigs.places import ROOT
 from vsense.cameras.live_grabber import LiveGrabber
 from vsense.cameras.opencv_source import Controls, DeviceSource
 from vsense.cameras.picture import PictureError
 from vsense.cameras.source import Shot
 
-ROOT = Path(__file__).parent.parent.parent
 SEED, COUNT, MOST = 7, 20_000, 100_000
 GROWN_MB = 400
 """A picture may claim 50 million pixels; a progressive JPEG's colours take several bytes each."""

@@ -5,13 +5,13 @@ from __future__ import annotations
 import csv
 import threading
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.rigs.places import DATA
 from vsense.cameras.grabber import Grabber, GrabberError, NoMorePictures
 from vsense.cameras.paced_grabber import PacedGrabber
 from vsense.cameras.picture import PictureError
@@ -108,7 +108,7 @@ def test_every_picture_is_in_one_timestep_and_time_does_not_go_back(
 
 
 def test_four_real_cameras_with_jitter_and_gaps_come_together_as_their_makers_say() -> None:
-    data = Path(__file__).parent.parent / "data" / "four-cameras" / "xy.csv"
+    data = DATA / "four-cameras" / "xy.csv"
     with data.open() as file:
         seen = {
             (row["cam_id"], float(row["frame_time"]), int(row["sync_index"]))

@@ -31,6 +31,7 @@ from tests.faults.judge import (
 )
 from tests.faults.relay import Relay
 from tests.faults.stage import Canary, Stage, StageError
+from tests.rigs.places import ROOT
 from tests.system.attacker import Attacker
 from vsense.terminal import aligned
 
@@ -50,8 +51,6 @@ SHOWN = 4
 """Broken promises of one fault that are printed."""
 
 SETTLE_S = 0.3
-
-HOME = Path(__file__).parents[2]
 
 
 @dataclass
@@ -294,8 +293,8 @@ def main(words: list[str] | None = None) -> int:
     command = ["unshare", "--net", "--mount", sys.executable, "-m", "tests.faults.campaign"]
     again = [f"--seeds={options.seeds}", f"--seed={options.seed}"]
     again += [] if options.robots is None else [f"--robots={options.robots}"]
-    environment = {**os.environ, INSIDE: "1", "PYTHONPATH": str(HOME)}
-    return subprocess.run([*command, *again], cwd=HOME, env=environment).returncode
+    environment = {**os.environ, INSIDE: "1", "PYTHONPATH": str(ROOT)}
+    return subprocess.run([*command, *again], cwd=ROOT, env=environment).returncode
 
 
 if __name__ == "__main__":

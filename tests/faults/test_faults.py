@@ -5,7 +5,6 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,6 +14,7 @@ import pytest
 from tests.conftest import require_own_network
 from tests.faults.faults import Fault
 from tests.faults.judge import Wheels, Window, judge, judge_end, judge_kill
+from tests.rigs.places import ROOT
 from vsense.lab.microcontrollers import ACTUATION
 
 MS = 1_000_000
@@ -25,7 +25,7 @@ BEGUN, ENDED, UNTIL = 1000 * MS, 2000 * MS, 5000 * MS
 def test_six_faults_break_no_promise() -> None:
     require_own_network()
     command = [sys.executable, "-m", "tests.faults.campaign", "--seeds", "6", "--seed", "1"]
-    done = subprocess.run(command, cwd=Path(__file__).parents[2], capture_output=True, text=True)
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     print(done.stdout)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "6 faults, 0 broke a promise" in done.stdout

@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.conftest import require_tool
+from tests.rigs.places import ROOT
 from vsense.native import ffi, lib
 
-ROOT = Path(__file__).parent.parent.parent
 BYTE_NS: int = lib.EPUCK_ARGOS_BYTE_NS
 BURST: int = lib.EPUCK_ARGOS_SENSOR_LEN
 NEVER_US = 2**64 - 1

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.rigs.places import ROOT
 from vsense.cameras.camera import Camera
 from vsense.cameras.grabber import GrabberError
 from vsense.clock import host_ns
@@ -29,7 +30,6 @@ from vsense.lab.shared import SLOTS, LabError
 from vsense.lab.truth import TruthReader, TruthWriter, make_ring, read_truth
 from vsense.world.entities import Arena
 
-ROOT = Path(__file__).parents[2]
 PATIENCE_S = 20.0
 TIMESTEP_NS = 20_000_000
 BODIES = (Body(31, 0.06), Body(52447, 0.05, "object"))

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.rigs.places import ROOT
 from vsense.lab.shared import MOST_LENT, SLOTS, FrameBank, LabError, SharedBlock
 
 SHAPE = (2, 30, 40)
@@ -138,9 +139,7 @@ def test_the_newest_is_there_until_two_newer_ones_are_begun(bank: FrameBank) -> 
 def test_another_process_draws_as_fast_as_it_can(bank: FrameBank) -> None:
     command = [sys.executable, "-c", PAINTER, bank.name, str(TIMESTEPS)]
     held: list[tuple[int, np.ndarray]] = []
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, text=True, cwd=Path(__file__).parents[2]
-    ) as painter:
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT) as painter:
         assert painter.stdout is not None
         got = 0
         for line in painter.stdout:

@@ -9,9 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.rigs.places import ROOT
 from vsense.lab.shared import LabError, LogFile
-
-ROOT = Path(__file__).parents[2]
 
 SCRIPT = """
 import resource, sys

@@ -19,6 +19,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.rigs.places import ROOT
 from vsense.errors import UsageError
 from vsense.lab.microcontrollers import read_actuations
 from vsense.lab.physics_process import FLUSH_TICKS, TICK_NS, PhysicsProcess
@@ -30,7 +31,6 @@ from vsense.physics.motion import STEP_M
 EPOCH_NS = 5_000_000_000
 PATIENCE_S = 20.0
 WAKE_AND_CONFIG = bytes([1, 0, 0, 0, 0])
-ROOT = Path(__file__).parent.parent.parent
 
 
 def forward(steps_s: int, ring: int = 0) -> bytes:

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.rigs.places import ROOT
 from vsense.arena import wrap_angle
 from vsense.lab.shared import LabError, SharedBlock
 from vsense.lab.truth import SLOTS, TruthLog, TruthReader, TruthWriter, make_ring, read_truth
@@ -110,7 +111,7 @@ def test_reading_while_another_process_writes_as_fast_as_it_can() -> None:
     reader = TruthReader(block.name)
     ticks = 60_000
     command = [sys.executable, "-c", WRITER, block.name, str(ticks)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, cwd=Path(__file__).parents[2]) as writer:
+    with subprocess.Popen(command, stdout=subprocess.PIPE, cwd=ROOT) as writer:
         assert writer.stdout is not None and writer.stdout.readline() == b"writing\n"
         reads = 0
         while (newest := reader.newest_ns()) < ticks:

@@ -7,7 +7,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
+from tests.rigs.places import ROOT
 
 _MADE = ("__pycache__", "*.so", "*.egg-info", "build", "dist", "runs", "PKG-INFO", "setup.cfg")
 

@@ -11,6 +11,7 @@ from mcap.records import Chunk, Message
 from mcap.stream_reader import StreamReader
 
 from tests.recording.dying_writers import SAID
+from tests.rigs.places import ROOT
 from vsense.recording.reader import open_recording
 
 KILLS = 50
@@ -19,7 +20,7 @@ SECOND_NS = 1_000_000_000
 
 def test_fifty_kills_lose_at_most_the_last_second(tmp_path: Path) -> None:
     script = [sys.executable, "-m", "tests.recording.dying_writers", str(tmp_path), str(KILLS), "1"]
-    subprocess.run(script, check=True, cwd=Path(__file__).parents[2])
+    subprocess.run(script, check=True, cwd=ROOT)
     kept = 0
     for number in range(KILLS):
         path = tmp_path / f"{number}.mcap"

@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 from tests.recording.conftest import BEGIN_NS, picture
+from tests.rigs.places import ROOT
 from vsense.message_bus import Message, MessageBus
 from vsense.recording.reader import open_recording
 from vsense.recording.recorder import Recorder
@@ -23,9 +24,7 @@ from vsense.recording.writer import WholeFile
 
 def record(how: str, path: Path, *more: str) -> dict[str, Any]:
     script = [sys.executable, "-m", "tests.recording.full_disk", how, str(path), *more]
-    done = subprocess.run(
-        script, check=True, cwd=Path(__file__).parents[2], stdout=subprocess.PIPE, text=True
-    )
+    done = subprocess.run(script, check=True, cwd=ROOT, stdout=subprocess.PIPE, text=True)
     return dict(json.loads(done.stdout))
 
 

@@ -14,11 +14,11 @@ from typing import Any
 import pytest
 
 from tests.conftest import require_tool
+from tests.rigs.places import ROOT
 from tests.robot.rig import TABLE, Rig
 from vsense.link.robots.table import Direction, Entry, Table
 from vsense.robot.compiling import HOST_FLAGS
 
-ROOT = Path(__file__).parent.parent.parent
 STRICT = ["-std=c99", "-D_POSIX_C_SOURCE=200809L", "-pedantic", "-Wall", "-Wextra", "-Wshadow"]
 STRICT += ["-Wconversion", "-Werror", "-I", str(ROOT / "c_src"), "-I", str(ROOT / "robot")]
 DROPS = Table([*TABLE.entries, Entry(11, "drops", "u4", Direction.ACTUATOR)])

@@ -14,14 +14,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tests.rigs.places import DATA
 from vsense.arena import POSE, ArenaState
 from vsense.config.experiment import read
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment, Stage
 from vsense.run.environment import Environment
 
-DATA = json.loads((Path(__file__).parent.parent / "data/argos-noise/quantiles.json").read_text())
-LEVELS = np.array(DATA["levels"])
+MEASURED = json.loads((DATA / "argos-noise/quantiles.json").read_text())
+LEVELS = np.array(MEASURED["levels"])
 STEPS = 1200
 SAMPLES = 6000
 """Timesteps of ours and of ARGoS's."""
@@ -141,7 +142,7 @@ def distance(ours: Numbers, quantiles: Sequence[float]) -> float:
 
 
 def test_without_noise_every_device_reads_what_argos_reads(folder: Path) -> None:
-    read_, quiet = readings(folder, "quiet", 3), DATA["quiet"]
+    read_, quiet = readings(folder, "quiet", 3), MEASURED["quiet"]
     # The robot counts its ring the other way round than ARGoS, and in raw numbers.
     for ring in ("proximity", "light"):
         np.testing.assert_allclose(read_[ring][-1][::-1] / 4096.0, quiet[ring], atol=1e-6)
@@ -155,9 +156,9 @@ def test_without_noise_every_device_reads_what_argos_reads(folder: Path) -> None
     assert (blobs[:, 2:] == (255.0, 0.0, 0.0)).all()
 
 
-@pytest.mark.parametrize("name", sorted(DATA["runs"]))
+@pytest.mark.parametrize("name", sorted(MEASURED["runs"]))
 def test_noisy_readings_are_distributed_as_those_of_argos(folder: Path, name: str) -> None:
-    read_, run = readings(folder, name, STEPS), DATA["runs"][name]
+    read_, run = readings(folder, name, STEPS), MEASURED["runs"][name]
     samples: dict[str, list[Numbers]] = {
         "proximity": list(read_["proximity"].T[::-1] / 4096.0),
         "light": list(read_["light"].T[::-1] / 4096.0),
@@ -179,4 +180,4 @@ def test_noisy_readings_are_distributed_as_those_of_argos(folder: Path, name: st
 def test_messages_are_lost_as_often_as_in_argos(folder: Path) -> None:
     heard = readings(folder, "loss85", STEPS // 2)["range_and_bearing"][:, 0]
     deviation = np.sqrt(3 * 0.15 * 0.85 / len(heard))
-    assert abs(heard.mean() - DATA["loss85_packets_per_step"]) < 4.0 * deviation
+    assert abs(heard.mean() - MEASURED["loss85_packets_per_step"]) < 4.0 * deviation

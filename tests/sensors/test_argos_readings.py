@@ -4,26 +4,26 @@ from __future__ import annotations
 
 import json
 import math
-from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
+from tests.rigs.places import DATA
 from tests.sensors.scenes import rows, sensor, world_of
 from vsense.sensors.geometry import points_at
 from vsense.world.entities import Box, Cylinder, Entity, Light
 from vsense.world.floor import Floor
 from vsense.world.world import World
 
-DATA = Path(__file__).parent.parent / "data" / "argos-readings"
-ORACLE = json.loads((DATA / "readings.json").read_text())
+READINGS = DATA / "argos-readings"
+ORACLE = json.loads((READINGS / "readings.json").read_text())
 CLOSE = 1e-4
 
 
 def image() -> Any:
-    return cv2.cvtColor(cv2.imread(str(DATA / "floor.png")), cv2.COLOR_BGR2RGB)
+    return cv2.cvtColor(cv2.imread(str(READINGS / "floor.png")), cv2.COLOR_BGR2RGB)
 
 
 def world(scene: Any, floor: Any) -> World:

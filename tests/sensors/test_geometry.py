@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import math
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.rigs.places import ROOT
 from tests.sensors.scenes import element, world_of
 from vsense.errors import ConfigError
 from vsense.physics import proximity_ring as lab_proximity
 from vsense.sensors.geometry import Ring, field_of_view, points_at, rows_of, seen_from, within
 from vsense.world.entities import VIRTUAL_TAG_MIN, VirtualRobot
 
-ROOT = Path(__file__).parent.parent.parent
 ANGLES = st.floats(-math.pi, math.pi)
 LENGTHS = st.floats(-5, 5)
 

@@ -11,11 +11,10 @@ from pathlib import Path
 
 import pytest
 
+from tests.rigs.places import ROOT
 from vsense import cli, terminal
 from vsense.errors import UsageError
 from vsense.shipped import documents
-
-ROOT = Path(__file__).parents[2]
 
 
 def test_every_page_of_the_tree_is_listed() -> None:

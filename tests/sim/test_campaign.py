@@ -12,11 +12,11 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.rigs.places import ROOT
 from tests.sim.test_watch import children
 from vsense.cli import main
 from vsense.run.runs_csv import read_runs
 
-ROOT = Path(__file__).parent.parent.parent
 SHORT = ("--duration", "6")
 
 

@@ -22,6 +22,7 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import lack
+from tests.rigs.places import ROOT
 from tests.robot.test_build import counting_compiler
 from tests.sim.test_watch import children
 from vsense import __version__
@@ -30,7 +31,6 @@ from vsense.commands import arguments
 from vsense.errors import pip_line
 from vsense.sim import dask_cluster
 
-ROOT = Path(__file__).parent.parent.parent
 SHORT = ("--duration", "6")
 
 

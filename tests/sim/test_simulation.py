@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.rigs.places import ROOT
 from vsense.config.experiment import first_robots, load
 from vsense.config.specs import Experiment
 from vsense.physics.motion import STEP_M, obstacles
@@ -128,5 +129,5 @@ def test_trajectories_are_what_was_recorded(experiment, pollutant, tmp_path: Pat
 
 @pytest.mark.parametrize("name", ["sim/simulation", "robot/inprocess", "sim/record", "sim/results"])
 def test_what_decides_a_run_reads_no_clock(name: str) -> None:
-    source = (Path(__file__).parent.parent.parent / "vsense" / f"{name}.py").read_text()
+    source = (ROOT / "vsense" / f"{name}.py").read_text()
     assert not re.search(r"^\s*(import|from) (time|datetime|random|vsense\.clock)\b", source, re.M)

@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 
+from tests.rigs.places import ROOT
 from vsense.run.programs import shared_objects
 from vsense.sim.job import Job, Setup
 from vsense.sim.outcome import Interrupted, SimulatedRunError, Task
@@ -144,9 +145,8 @@ list(simulate_all([task(sys.argv[1], "4")], 1, threading.Event(), show, 60.0))
 
 def test_a_loop_without_an_end_dies_with_who_started_it(write_experiment) -> None:
     path = write_experiment("plain")
-    root = Path(__file__).parent.parent.parent
     parent = subprocess.Popen(
-        [sys.executable, "-c", SCRIPT, str(path)], stdout=subprocess.PIPE, text=True, cwd=root
+        [sys.executable, "-c", SCRIPT, str(path)], stdout=subprocess.PIPE, text=True, cwd=ROOT
     )
     assert parent.stdout is not None
     worker = int(parent.stdout.readline())

@@ -19,6 +19,7 @@ from typing import IO
 import pytest
 
 from tests.link.legacy_rig import Client
+from tests.rigs.places import ROOT
 from vsense.lab.microcontrollers import read_actuations
 from vsense.recording.reader import open_recording
 
@@ -248,7 +249,7 @@ def test_failing_process_is_named_and_the_run_reported(
 
 @pytest.mark.paced
 def test_loop_functions_that_crash_end_the_run_in_order(directory: Path, tmp_path: Path) -> None:
-    here = Path(__file__).parents[1] / "run" / "argos"
+    here = ROOT / "tests" / "run" / "argos"
     shutil.copy2(here / "mission.cpp", tmp_path)
     text = (here / "mission.argos").read_text()
     params = 'fails_in="PostStep" fails_from="6" how="crash"'

@@ -10,11 +10,12 @@ from pathlib import Path
 
 import pytest
 
+from tests.rigs.places import DATA
 from vsense import cli
 
 pytestmark = pytest.mark.quick
 
-MADE = Path(__file__).parents[1] / "data" / "made-by-0.1"
+MADE = DATA / "made-by-0.1"
 
 
 @pytest.fixture

@@ -10,9 +10,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from tests.rigs.places import DATA
 from vsense.markers.dictionary import SquareFamily, load_codes
-
-DATA = Path(__file__).parent.parent / "data"
 
 
 def grey(path: Path) -> np.ndarray:

@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import require_tool
+from tests.rigs.places import ROOT
 from tests.wire.c_vectors import write_vectors
 
-ROOT = Path(__file__).parent.parent.parent
 C_SRC = ROOT / "c_src"
 TESTS = ROOT / "tests" / "c"
 STRICT = ["-pedantic", "-Wall", "-Wextra", "-Wshadow", "-Wconversion", "-Werror"]

@@ -6,11 +6,11 @@ import json
 import struct
 import subprocess
 import sys
-from pathlib import Path
 from typing import Any
 
 import pytest
 
+from tests.rigs.places import ROOT
 from vsense.link.robots.peer import older_us, telemetry_of
 from vsense.link.robots.table import Direction, Entry, Output, Table
 from vsense.link.robots.wire import (
@@ -33,7 +33,7 @@ from vsense.link.robots.wire import (
 )
 from vsense.native import WireError, check, ffi, lib
 
-GOLDEN = Path(__file__).parent.parent / "golden"
+GOLDEN = ROOT / "tests" / "golden"
 VECTORS = json.loads((GOLDEN / "wire.json").read_text())
 Vector = dict[str, Any]
 

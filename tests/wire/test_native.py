@@ -7,9 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.rigs.places import ROOT
 from vsense.native import REBUILD, WireError, check, ffi, kernel_ffi, kernels, lib, stale_files
-
-ROOT = Path(__file__).parent.parent.parent
 
 
 def checkout(target: Path) -> Path:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import pytest
 
+from tests.rigs.places import ROOT
 from vsense.link.robots.wire import GoodbyeCause, PacketType, RefuseCode
 from vsense.native import lib
 
-TEXT = (Path(__file__).parent.parent.parent / "c_src" / "PROTOCOL.md").read_text()
+TEXT = (ROOT / "c_src" / "PROTOCOL.md").read_text()
 
 
 def sections() -> dict[str, str]:
