@@ -13,10 +13,14 @@ import os
 import re
 import secrets
 import stat
+from importlib import resources
 from pathlib import Path
 from typing import Any, BinaryIO, NoReturn
 
 from vsense.errors import VsenseError
+
+PACKAGE_FOLDER = Path(str(resources.files("vsense"))).resolve()
+"""The folder of vsense's own Python files."""
 
 MOST_BYTES = 16 << 20
 """Of a file that people write: experiments, resources, cameras, tables."""

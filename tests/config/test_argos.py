@@ -7,13 +7,14 @@ from pathlib import Path
 
 import pytest
 
+from tests.rigs.places import DATA
 from vsense.config.experiment import load, read
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment, TrackerAddress
 from vsense.errors import ConfigError
 from vsense.world.entities import Light
 
-ARGOS = Path(__file__).parent.parent / "data" / "argos"
+ARGOS = DATA / "argos"
 
 NO_ROBOT = "holds no real robot, expected <e-puck>; it has "
 FILES = {

@@ -13,7 +13,7 @@ from vsense.config.experiment import read
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment, Stage
 from vsense.errors import ConfigError
-from vsense.physics.motion import floor_of
+from vsense.run.environment import physics_of
 from vsense.world.entities import BODY_RADIUS_M
 from vsense.world.loop_functions import LoopFunctionsError
 
@@ -150,7 +150,7 @@ def test_boxes_and_cylinders_of_such_a_file_are_solid(folder: Path, stage: Stage
         "north", "south", "post",
     ]  # fmt: skip
     assert "virtual" not in told(experiment)
-    physics = floor_of(settle(experiment, 1), 1)
+    physics = physics_of(settle(experiment, 1), 1)
     physics.drive(0, 500, 500, 1)
     physics.advance(20_000_000_000)
     assert physics.poses[0, 1] == pytest.approx(0.3 - 0.01 - BODY_RADIUS_M, abs=1e-3)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 
+from tests.rigs.places import DATA
 from vsense.commands.experiments import open_experiment
 from vsense.config.description import bytes_down, bytes_up, describe
 from vsense.config.experiment import load
@@ -18,7 +18,7 @@ from vsense.native import ffi, lib
 
 Read = Callable[..., Experiment]
 
-ARGOS = Path(__file__).parent.parent / "data" / "argos" / "epuck_obstacleavoidance.argos"
+ARGOS = DATA / "argos" / "epuck_obstacleavoidance.argos"
 
 
 def table(experiment: Experiment) -> Table:

@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.config.tables import attributes
+from tests.rigs.places import ROOT
 from vsense.config import devices
 from vsense.config.experiment import first_robots, load, shipped
 from vsense.config.placement import settle
@@ -95,7 +96,7 @@ def test_this_machine_may_be_called_by_its_name(read_text: Read, example: str) -
 def test_the_slowest_control_steps_are_beats_that_the_guard_accepts(
     read_text: Read, example: str
 ) -> None:
-    robot = Path(__file__).parents[2] / "robot"
+    robot = ROOT / "robot"
     (beat_ns,) = re.findall(r"VS_GUARD_BEAT_NS (\d+)u", (robot / "guard.h").read_text())
     (exchange_ms,) = re.findall(r"in at most (\d+) ms", (robot / "base.h").read_text())
     assert "1.25 timesteps" in (robot / "loop.h").read_text()

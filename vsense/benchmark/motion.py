@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.arena import wrap_angle
-from vsense.physics.motion import STEP_M
+from vsense.physics.motion import STEP_M, motor_speed
 from vsense.recording.form import ExperimentMessage, RecordingError
 from vsense.recording.reader import Recording
-from vsense.robot_calibration.motion_fit import made_speed
 from vsense.world.entities import BODY_RADIUS_M
 
 Floats = NDArray[np.float64]
@@ -155,7 +154,9 @@ class _Gathered:
         for tag, heard_ms, left, right in zip(*(data[name] for name in names)):
             if left is not None and tag in self._row:
                 told_ns = time_ns - (heard_ms or 0.0) * 1e6
-                self._orders[self._row[tag]].append((told_ns, made_speed(left), made_speed(right)))
+                self._orders[self._row[tag]].append(
+                    (told_ns, motor_speed(left), motor_speed(right))
+                )
 
     def motion(self) -> RunMotion:
         """All of it, in seconds since the run's first picture."""

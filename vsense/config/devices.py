@@ -24,10 +24,11 @@ import vsense.actuators
 import vsense.sensors
 from vsense.actuators.base import ActuatorError, MountedActuator, VirtualActuator
 from vsense.config import argos
-from vsense.config.specs import DeviceSpec, Stage, WheelNoise, Wheels
+from vsense.config.specs import DeviceSpec, Stage
 from vsense.config.things import Media, check_medium
 from vsense.link.robots.table import Direction, Entry, Table
 from vsense.native import WireError
+from vsense.physics.wheel_noise import WheelNoise, Wheels
 from vsense.sensors import updating
 from vsense.sensors.base import (
     MountedSensor,

@@ -18,6 +18,7 @@ from vsense.config.casting import Casting
 from vsense.config.distribute import DistributedSpec, Distribution
 from vsense.config.roster_fields import MarkerOffset
 from vsense.errors import ConfigError
+from vsense.physics.wheel_noise import WheelNoise
 from vsense.robot.argos_code import own_files
 from vsense.robot.programs import Program, content
 from vsense.sensors.base import MountedSensor
@@ -78,27 +79,6 @@ class ObjectSpec:
     pose: Pose | None
     distribution: Distribution | None
     line: int
-
-
-Wheels = tuple[float, float]
-"""Of the left wheel, and of the right one."""
-
-
-@dataclass(frozen=True, slots=True)
-class WheelNoise:
-    """What simulated wheels make of a command: factor * (v (1 + relative) + bias).
-
-    Attributes:
-        relative: standard deviation, each time.
-        bias_m_s, bias_dev_m_s: mean and standard deviation, once for every robot.
-        factor, factor_dev: likewise, each time.
-    """
-
-    relative: Wheels = (0.0, 0.0)
-    bias_m_s: Wheels = (0.0, 0.0)
-    bias_dev_m_s: Wheels = (0.0, 0.0)
-    factor: Wheels = (1.0, 1.0)
-    factor_dev: Wheels = (0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)

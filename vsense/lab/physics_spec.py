@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.config.specs import WheelNoise
 from vsense.errors import UsageError
 from vsense.lab.real_sensors import SensorHardware, read_sensors
+from vsense.physics.wheel_noise import WheelNoise
 
 POSE = ("x_m", "y_m", "yaw_rad")
 BOX = (*POSE, "size_x_m", "size_y_m")

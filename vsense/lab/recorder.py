@@ -19,13 +19,14 @@ from vsense.config.specs import Experiment
 from vsense.lab.camera_spec import LabCameraSpec, spec_for
 from vsense.lab.optics import sample_times_ns
 from vsense.lab.renderer import Studio
-from vsense.physics.motion import TICK_NS, floor_of
+from vsense.physics.motion import TICK_NS
 from vsense.recording.pictures import (
     PictureRecorder,
     PictureRecordingError,
     one_tracker,
     write_session_files,
 )
+from vsense.run.environment import physics_of
 
 TRUTH = "truth.csv"
 SAMPLES = 3
@@ -42,7 +43,7 @@ class Wanderers:
 
     def __init__(self, experiment: Experiment, seed: int) -> None:
         self._robots = len(experiment.robots)
-        self._physics = floor_of(experiment, 0)
+        self._physics = physics_of(experiment, 0)
         self._rng = np.random.default_rng([seed, 9])
         self._legs = np.zeros(self._robots, dtype=np.int64)
         self._turning = np.ones(self._robots, dtype=bool)

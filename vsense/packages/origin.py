@@ -23,7 +23,7 @@ from typing import Any
 
 from vsense.config.specs import Experiment
 from vsense.errors import VsenseError
-from vsense.files import MOST_BYTES, read_bytes, replace_bytes
+from vsense.files import MOST_BYTES, PACKAGE_FOLDER, read_bytes, replace_bytes
 from vsense.packages.archive import MOST_FILES
 from vsense.robot.compiling import native
 from vsense.robot.programs import headers, source_roots
@@ -233,10 +233,11 @@ def _names(paths: Iterable[Path]) -> dict[str, Path]:
 
 def _own_name(path: Path) -> str | None:
     """The name of a file that comes with vsense; None: it is a user's."""
-    package = Path(__file__).resolve().parents[1]
     whole = path.resolve()
-    if whole.is_relative_to(package) and not whole.is_relative_to(package / "_sources"):
-        return f"{OWN}{whole.relative_to(package).as_posix()}"
+    if whole.is_relative_to(PACKAGE_FOLDER):
+        below = whole.relative_to(PACKAGE_FOLDER)
+        if below.parts[:1] != ("_sources",):
+            return f"{OWN}{below.as_posix()}"
     for root in source_roots():
         for folder in ("robot", "c_src"):
             if whole.is_relative_to(root / folder):

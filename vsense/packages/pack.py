@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 
 from vsense import __version__
 from vsense.errors import VsenseError, failing_as
-from vsense.files import read_bytes
+from vsense.files import PACKAGE_FOLDER, read_bytes
 from vsense.packages import archive, contents, crate, figures, kinds, origin
 from vsense.packages.archive import MANIFEST, PackageError
 from vsense.packages.contents import CONTENTS, PackageContents, PackedRun
@@ -148,7 +148,7 @@ class Packing:
 
     def _moved(self) -> list[tuple[str, str]]:
         """Paths, and what they are in the package; reads what runs were made from."""
-        pairs = [(str(Path(__file__).resolve().parents[1]), VSENSE)]
+        pairs = [(str(PACKAGE_FOLDER), VSENSE)]
         for series in self._found:
             for _, path in series.origins:
                 if path not in self._origins:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from vsense.errors import VsenseError
+from vsense.files import PACKAGE_FOLDER
 from vsense.packages.scrub import PACKAGE, VSENSE, Scrubber
 from vsense.robot.programs import source_roots
 from vsense.sim.job import Setup
@@ -34,7 +35,7 @@ class PackagePlaces:
 
     def __init__(self, package: Path, anew: Path) -> None:
         self.package, self.anew = package, anew
-        self._own = Path(__file__).resolve().parents[1]
+        self._own = PACKAGE_FOLDER
         pairs = [(str(package), PACKAGE), (str(anew), PACKAGE), (str(self._own), VSENSE)]
         pairs += [(str(root), VSENSE) for root in source_roots()]
         self.scrubber = Scrubber(pairs)

@@ -6,13 +6,13 @@ arena a tick takes 2 us, where NumPy took 125 us.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vsense.config.specs import Experiment
 from vsense.native import kernel_ffi, kernels
 from vsense.world.entities import BODY_HEIGHT_M, BODY_RADIUS_M, Box, Cylinder
 
@@ -94,6 +94,9 @@ TICK_NS: int = kernels.VS_TICK_NS
 """Contacts are looked at this often, in ns."""
 MAX_SPEED_STEPS_S: int = kernels.VS_MAX_STEPS_S
 """Fastest speed that the motor library takes. Source: epuck.md section 1.3."""
+TIMER_HZ = 10_000
+"""The e-puck's motor library makes a step every whole number of such ticks. Source: epuck.md 1.6,
+the firmware's motors.c."""
 
 
 class Physics:
@@ -196,14 +199,12 @@ class Physics:
         kernels.vs_physics_advance(self.cdata, time_ns)
 
 
-def floor_of(experiment: Experiment, time_ns: int) -> Physics:
-    """Makes the physics of all that is real in a settled experiment, at rest."""
-    robots, objects = (
-        np.array([body.pose for body in bodies], dtype=np.float64).reshape(-1, 3)
-        for bodies in (experiment.robots, experiment.objects)
-    )
-    boxes, cylinders = obstacles(experiment.boxes, experiment.cylinders)
-    return Physics(robots, objects, boxes, time_ns, cylinders)
+def motor_speed(steps_s: float) -> float:
+    """The speed [step/s] at which an e-puck's motor turns when it is commanded `steps_s`."""
+    commanded = int(abs(steps_s))
+    if commanded == 0:
+        return 0.0
+    return math.copysign(TIMER_HZ / (TIMER_HZ // min(commanded, MAX_SPEED_STEPS_S)), steps_s)
 
 
 def obstacles(boxes: Iterable[Box], cylinders: Iterable[Cylinder]) -> tuple[Floats, Floats]:

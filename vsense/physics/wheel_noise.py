@@ -12,15 +12,35 @@ differential_steering_default_actuator.cpp lines 44-120.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.config.specs import WheelNoise
 from vsense.physics.motion import MAX_SPEED_STEPS_S, STEP_M
 from vsense.sensors.quality import generator
 
 _STREAM = "wheels"
+
+Wheels = tuple[float, float]
+"""Of the left wheel, and of the right one."""
+
+
+@dataclass(frozen=True, slots=True)
+class WheelNoise:
+    """What simulated wheels make of a command: factor * (v (1 + relative) + bias).
+
+    Attributes:
+        relative: standard deviation, each time.
+        bias_m_s, bias_dev_m_s: mean and standard deviation, once for every robot.
+        factor, factor_dev: likewise, each time.
+    """
+
+    relative: Wheels = (0.0, 0.0)
+    bias_m_s: Wheels = (0.0, 0.0)
+    bias_dev_m_s: Wheels = (0.0, 0.0)
+    factor: Wheels = (1.0, 1.0)
+    factor_dev: Wheels = (0.0, 0.0)
 
 
 class NoisyWheels:

@@ -17,6 +17,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from vsense.errors import UsageError
+from vsense.files import PACKAGE_FOLDER
 from vsense.robot.cmake import SOURCE_SUFFIXES
 
 ARGOS = "argos3/"
@@ -40,8 +41,7 @@ _INCLUDE = re.compile(rb'^[ \t]*#[ \t]*include[ \t]*([<"])([^>"\n]+)[>"]', re.M)
 
 def source_roots() -> tuple[Path, ...]:
     """Where vsense's own C sources may be: inside the installed package, or in the checkout."""
-    package = Path(__file__).resolve().parents[1]
-    return package / "_sources", package.parent
+    return PACKAGE_FOLDER / "_sources", PACKAGE_FOLDER.parent
 
 
 @lru_cache(maxsize=1)

@@ -34,13 +34,9 @@ from vsense.arena import wrap_angle
 from vsense.config.roster_fields import MarkerOffset
 from vsense.errors import VsenseError
 from vsense.lab.hardware import DIAMETER_MM
-from vsense.physics.motion import AXLE_M, STEP_M
+from vsense.physics.motion import AXLE_M, STEP_M, motor_speed
 
 Floats = NDArray[np.float64]
-
-TIMER_HZ = 10_000
-"""The e-puck's motor library makes a step every whole number of such ticks. Source: epuck.md 1.6,
-the firmware's motors.c."""
 
 PARAMETERS = ("left", "right", "axle", "marker_x", "marker_y", "marker_yaw")
 """In this order in covariances: shares, shares, shares of nominal, m, m, rad."""
@@ -133,14 +129,6 @@ class MotionFit:
 def _along(derivative: Floats, covariance: Floats) -> float:
     """The standard deviation of what changes with the parameters by `derivative`."""
     return math.sqrt(float(derivative @ covariance @ derivative))
-
-
-def made_speed(steps_s: float) -> float:
-    """The steps a second that an e-puck's motor makes when it is told `steps_s`."""
-    told = int(abs(steps_s))
-    if told == 0:
-        return 0.0
-    return math.copysign(TIMER_HZ / (TIMER_HZ // min(told, 1000)), steps_s)
 
 
 def fit(stretches: Sequence[Stretch], roughly: bool = False) -> MotionFit:
@@ -279,8 +267,8 @@ def _markers(common: Floats, own: Floats, stretch: Stretch, middle_s: float) -> 
     """
     left, right, axle, marker_x, marker_y, marker_yaw = np.moveaxis(common[..., None, :], -1, 0)
     own_x, own_y, own_yaw = np.moveaxis(own[..., None, :], -1, 0)
-    way_left = STEP_M * left * made_speed(stretch.left_steps_s)
-    way_right = STEP_M * right * made_speed(stretch.right_steps_s)
+    way_left = STEP_M * left * motor_speed(stretch.left_steps_s)
+    way_right = STEP_M * right * motor_speed(stretch.right_steps_s)
     since_s = stretch.times_s - middle_s
     half = 0.5 * (way_right - way_left) / (axle * AXLE_M) * since_s
     chord = 0.5 * (way_left + way_right) * since_s * np.sinc(half / np.pi)

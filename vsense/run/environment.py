@@ -10,12 +10,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from vsense.actuators.bank import NO_SENDERS, ActuatorBank
 from vsense.arena import ArenaState
 from vsense.config.arena import floor_of, make_field
 from vsense.config.placement import settle
 from vsense.config.specs import ControllerSpec, Experiment
 from vsense.link.robots.table import Direction, Entry, Table
+from vsense.physics.motion import Physics, obstacles
 from vsense.robot import build
 from vsense.run.cxx_loop import CxxLoopFunctions, LoopHost
 from vsense.sensors.bank import SensorBank
@@ -285,3 +288,13 @@ def _world(experiment: Experiment, seed: int, loop: Hooks | None) -> World:
         controllers={robot.tag: robot.controller for robot in experiment.robots}
         | {robot.tag: robot.controller for robot in experiment.virtual_robots},
     )
+
+
+def physics_of(experiment: Experiment, time_ns: int) -> Physics:
+    """Makes the physics of all that is real in a settled experiment, at rest."""
+    robots, objects = (
+        np.array([body.pose for body in bodies], dtype=np.float64).reshape(-1, 3)
+        for bodies in (experiment.robots, experiment.objects)
+    )
+    boxes, cylinders = obstacles(experiment.boxes, experiment.cylinders)
+    return Physics(robots, objects, boxes, time_ns, cylinders)

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from vsense import __version__
 from vsense.errors import VsenseError
+from vsense.files import PACKAGE_FOLDER
 from vsense.robot import build
 from vsense.robot.compiling import native
 from vsense.run.programs import loop_object
@@ -87,7 +88,7 @@ def of_files(task: Task) -> dict[str, str]:
     for program in programs:
         sources = build.source_tree().runtime(program).dependencies(native())
         files.update(dict.fromkeys(sources))
-    ours = [Path(__file__).resolve().parents[1], *_folders()]
+    ours = [PACKAGE_FOLDER, *_folders()]
     users = [p for p in files if not any(p.resolve().is_relative_to(root) for root in ours)]
     return {os.path.abspath(path): of_file(path) for path in users}
 
@@ -174,9 +175,8 @@ def difference(expected: Machine) -> str:
 
 def _own_sources() -> str:
     """Digest of what vsense runs; the same in a checkout and where it is installed."""
-    package = Path(__file__).resolve().parents[1]
     found: list[tuple[str, Path, tuple[str, ...]]]
-    found = [("vsense", package, (".py", ".argos", ".json"))]
+    found = [("vsense", PACKAGE_FOLDER, (".py", ".argos", ".json"))]
     found += [(folder.name, folder, (".c", ".cpp", ".h", ".hpp", ".txt")) for folder in _folders()]
     digest = hashlib.sha256()
     for name, folder, suffixes in found:

@@ -21,7 +21,7 @@ from vsense.config.placement import settle
 from vsense.config.specs import Experiment
 from vsense.errors import VsenseError
 from vsense.link.robots.wire import Wanted
-from vsense.physics.motion import Floats, Physics, floor_of, obstacles
+from vsense.physics.motion import Floats, Physics, obstacles
 from vsense.physics.proximity_ring import ProximityRing
 from vsense.physics.wheel_noise import NoisyWheels
 from vsense.pictures.run_samples import RunSamples
@@ -29,7 +29,7 @@ from vsense.robot.inprocess import ACT_NS, CONTROL_NS
 from vsense.robot.loop_library import FUNCTIONS, Colors, LoopLibrary
 from vsense.run.changing import Ground
 from vsense.run.cxx_loop import LoopHost
-from vsense.run.environment import Environment
+from vsense.run.environment import Environment, physics_of
 from vsense.run.programs import LOADING, LOADING_LOOP, PROGRESS_BYTES, Programs, loading
 from vsense.sensors.readings import SwarmReadings
 from vsense.sim.chain import Chain, ChainedParts, ChainTimes, chained
@@ -131,7 +131,7 @@ class Simulation:
         self.samples = self.observe = None
         self.gate: Callable[[int], int] = lambda run_timestep: MOST
         self._dt_ns, self._source = experiment.timestep_ns, experiment.source
-        self._physics = floor_of(experiment, EPOCH_NS)
+        self._physics = physics_of(experiment, EPOCH_NS)
         self._rings = ProximityRing(self._physics.near, seed)
         self._tracker = SimulatedTracker((*self.record.tags, *self.record.object_tags), seed)
         controllers = {r.tag: r.controller for r in experiment.robots}
