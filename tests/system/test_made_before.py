@@ -57,10 +57,12 @@ def test_its_recordings_are_exported_and_reported(
     assert (code, (made / "report" / "report.html").exists()) == (0, True)
 
 
-def test_its_package_is_made_anew_in_every_bit(
-    made: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("words", [("kept.zip", "--trust"), ("shipped.zip",)])
+def test_its_packages_are_made_anew_in_every_bit(
+    made: Path, words: tuple[str, ...], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, out = vsense(capsys, "reproduce", made / "kept.zip", "--trust", "--json")
+    package, *trust = words
+    code, out = vsense(capsys, "reproduce", made / package, *trust, "--json")
     assert code == 0, out
 
 
