@@ -282,6 +282,21 @@ def test_a_defect_that_shows_in_time_ends_one_session(
         sock.close()
 
 
+def test_a_defect_where_the_runtime_sends_ends_one_session(
+    hand: Hand, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    socks = [hand.join(tag)[1] for tag in (1, 2)]
+    with monkeypatch.context() as patch:
+        failing(patch, "state")
+        for tag in (1, 2):
+            hand.send(tag)
+        hand.settle()
+    told_defect(hand)
+    assert hand.shared.roster.robots[2].open and not hand.shared.roster.robots[1].open
+    for sock in socks:
+        sock.close()
+
+
 def test_a_defect_at_a_strangers_greeting_ends_its_connection(
     hand: Hand, monkeypatch: pytest.MonkeyPatch
 ) -> None:

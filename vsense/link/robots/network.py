@@ -171,6 +171,7 @@ class ServerThread:
         self._due_ns = 0
         self._ending = False
         self._parting: deque[tuple[HostSession, str]] = deque()
+        self._failed: deque[tuple[HostSession, Exception]] = deque()
         self._selector = selectors.DefaultSelector()
         self._waker = Waker()
         self._selector.register(self._waker, READ, self._woken)
@@ -182,8 +183,16 @@ class ServerThread:
     def send(self, robot: HostSession, now_ns: int, surely: bool = False) -> None:
         """Sends the newest STATE to a robot with an open session; the lock is held.
 
-        With `surely` it goes on both ways at once, also where UDP works.
+        With `surely` it goes on both ways at once, also where UDP works. What fails here fails for
+        this robot alone: the thread ends its session.
         """
+        try:
+            self._send(robot, now_ns, surely)
+        except Exception as error:
+            self._failed.append((robot, error))
+            self.wake()
+
+    def _send(self, robot: HostSession, now_ns: int, surely: bool) -> None:
         if self.hushed:
             robot.plan(now_ns)
             return
@@ -228,6 +237,10 @@ class ServerThread:
         wait_ns = min(max(self._due_ns - self._shared.clock(), 0), IDLE_NS)
         for key, mask in self._selector.select(real_s(wait_ns / 1e9)):
             key.data(mask)
+        while self._failed:
+            failed, error = self._failed.popleft()
+            if failed.open:  # the runtime may have sent it more meanwhile
+                self._links.contain(error, failed)
         while self._parting:
             robot, text = self._parting.popleft()
             self._links.dismiss(robot, GoodbyeCause.END, text)
