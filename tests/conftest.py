@@ -7,6 +7,7 @@ import importlib.util
 import os
 import shutil
 import subprocess
+import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NoReturn
@@ -146,6 +147,24 @@ def require_own_network() -> None:
     allowed = subprocess.run([unshare, "--net", "--mount", "true"], capture_output=True, text=True)
     if allowed.returncode != 0 or not os.access("/dev/net/tun", os.R_OK | os.W_OK):
         lack(f"no network namespaces or no /dev/net/tun here: {allowed.stderr.strip()}")
+
+
+def machine_up_for(uptime_s: int) -> tuple[str, ...]:
+    """What a program begins with whose machine was started so long ago, or less if this one was.
+
+    Skips the test (under CI: fails it) where nobody may make a time namespace.
+    """
+    unshare = require_tool("unshare", "util-linux")
+    # The raw clock is shifted by as much as the one that NTP slews: neither may go below 0.
+    monotonic_s = min(map(time.clock_gettime, (time.CLOCK_MONOTONIC, time.CLOCK_MONOTONIC_RAW)))
+    shifts = {"--monotonic": monotonic_s, "--boottime": time.clock_gettime(time.CLOCK_BOOTTIME)}
+    command = [unshare, "--time", "--fork", "--kill-child"]
+    for option, now_s in shifts.items():
+        command += [option, str(min(0, uptime_s - int(now_s)))]
+    allowed = subprocess.run([*command, "true"], capture_output=True, text=True)
+    if allowed.returncode != 0:
+        lack(f"no time namespaces here ({unshare} --time): {allowed.stderr.strip()}")
+    return tuple(command)
 
 
 def lack(text: str) -> NoReturn:

@@ -20,6 +20,18 @@ def host_ns() -> int:
     return time.clock_gettime_ns(time.CLOCK_MONOTONIC_RAW) * _permille // _real_time
 
 
+_CLOCK_RANGE = 1 << 64
+
+
+def clock_difference_ns(a_ns: int, b_ns: int) -> int:
+    """How far a time of a 64-bit clock is after another one, from -2^63 on; negative: before it.
+
+    Each may be of another machine's clock, whose zero is anywhere: it may have wrapped since, or
+    be about to. As `difference` in `c_src/vs_clock.c`.
+    """
+    return (a_ns - b_ns + (_CLOCK_RANGE >> 1)) % _CLOCK_RANGE - (_CLOCK_RANGE >> 1)
+
+
 def slow(permille: int) -> None:
     """Has this process's clock go at `permille` / 1000 of real time; before its first reading.
 

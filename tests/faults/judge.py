@@ -63,7 +63,7 @@ def judge(stage: Stage, fault: Fault, window: Window) -> Verdict:
         verdict.broken.append(f"the host did not say {fault.says!r} but: {said!r}")
     if fault.silent and (found := re.search(f".*({fault.silent}).*", said)):
         verdict.broken.append(f"the host said {found[0]!r}")
-    if "Traceback" in said:
+    if "Traceback" in said or "a defect in vsense" in said:
         verdict.broken.append(f"the host said: {said}")
     return verdict
 

@@ -7,7 +7,6 @@ import json
 import math
 import re
 import struct
-from dataclasses import replace
 from itertools import count
 from pathlib import Path
 from random import Random
@@ -16,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from tests.fuzz import mutate
+from tests.fuzz.robots import TABLE, Robot, hello
 from vsense.arena import POSE, ArenaState
 from vsense.link.legacy.protocol import SENSORS, Translation, encode_real
 from vsense.link.robots.keys import LinkTrust, SwarmKeys
@@ -23,15 +23,10 @@ from vsense.link.robots.peer import Peer
 from vsense.link.robots.roster import ExpectedRobot, SessionTable
 from vsense.link.robots.status import LinkError
 from vsense.link.robots.streams import Inbox
-from vsense.link.robots.table import Direction, Entry, Output, Table
+from vsense.link.robots.table import Direction, Entry, Table
 from vsense.link.robots.wire import (
     PUBLISHED,
-    Header,
-    Hello,
-    PacketType,
     decode,
-    encode,
-    header_to,
     packet_length,
     session_keys,
     session_of,
@@ -42,7 +37,7 @@ from vsense.link.trackers.lines import LINE_MAX, LineInbox, SenderClock, parse
 from vsense.link.trackers.protocol import encode_state
 from vsense.link.trackers.repair import Repair
 from vsense.link.trackers.server import ArenaSession
-from vsense.native import WireError, ffi, lib
+from vsense.native import WireError
 from vsense.run.orders import Order
 from vsense.ui.access import AccessControl, Forbidden, Tokens
 from vsense.ui.control_socket import ControlSocket
@@ -95,7 +90,7 @@ def lines(random: Random, scene: None) -> None:
                 continue
             if 1 <= line.timestep - before <= 100_000:
                 capture_ns = clock.host_ns(line, now_ns)
-                assert capture_ns <= now_ns
+                assert -(2**63) <= capture_ns <= now_ns
                 _state_is_sound(repair.follow(line.robots, line.timestep - before, capture_ns))
                 before = line.timestep
         assert len(inbox._bytes) <= LINE_MAX
@@ -259,20 +254,9 @@ def access(random: Random, scene: None) -> None:
     control.check_host({"Host": host})
 
 
-TABLE = Table([Entry(1, "pollutant", "f4"), Entry(2, "drops", "u4", Direction.ACTUATOR)])
-
-
-def _hello(random: Random, tag: int, uid: bytes, key: bytes) -> bytes:
-    name = mutate.text(random, "epuck") if random.random() < 0.2 else "epuck"
-    said = Hello(
-        uid.ljust(16), tag, name.encode("utf-8", "replace")[:31].decode("utf-8", "ignore"), "test"
-    )
-    return encode(Header(PacketType.HELLO, send_ns=random.randrange(2**63)), said, key)
-
-
 def wire(random: Random, scene: None) -> None:
     """Packets and tables of any bytes: each is refused by a WireError, or read."""
-    packet = _hello(random, random.randrange(65536), random.randbytes(8), PUBLISHED)
+    packet = hello(random, random.randrange(65536), random.randbytes(8), PUBLISHED)
     if random.random() < 0.2:
         packet = TABLE.encode()
         assert Table.decode(packet) == TABLE
@@ -287,37 +271,6 @@ def wire(random: Random, scene: None) -> None:
     session_of(damaged)
     uid_of(damaged)
     decode(damaged)
-
-
-class _Robot:
-    """A robot with a key that says what it likes, and what the host must not have believed."""
-
-    def __init__(self, random: Random, uid: bytes, root: bytes) -> None:
-        self.uid, self.root, self.sequence = uid, root, 0
-        self.up = PUBLISHED
-        self.random = random
-        self.session = 0
-
-    def telemetry(self, session: int, key: bytes) -> bytes:
-        """A TELEMETRY of nearly any values."""
-        random, out = self.random, Output(1200)
-        self.sequence = max(0, self.sequence + random.choice((1, 1, 1, 1, 0, -1, 5, 999, 5000)))
-        head = Header(PacketType.TELEMETRY, session=session, sequence=self.sequence & 0xFFFFFFFF)
-        run = random.choice((0, 1, 1, 1, 2, 200, 2**32 - 1))
-        head = replace(head, run=run, send_ns=random.randrange(2**63), table_hash=TABLE.hash)
-        header, said = header_to(head), ffi.new("struct vs_telemetry *")
-        kept = header.key = ffi.new("uint8_t[]", key)
-        for name, field in ffi.typeof("struct vs_telemetry").fields:
-            if field.type.kind == "primitive" and random.random() < 0.3 and name != "shown_len":
-                size = 8 * ffi.sizeof(field.type)
-                signed = ffi.cast(field.type, -1) < ffi.cast(field.type, 0)
-                value = random.getrandbits(size)
-                setattr(said, name, value - (1 << size - 1) if signed else value)
-        said.state, said.wanted = random.randrange(5), random.randrange(5)
-        said.battery_low, said.power_saving = random.choice((0, 1, 255)), random.choice((0, 1, 255))
-        packet = out.packet(lib.vs_encode_telemetry(header, TABLE.cdata, said, *out.arguments))
-        assert kept == header.key
-        return packet
 
 
 def roster(random: Random, scene: None) -> None:
@@ -337,7 +290,7 @@ def roster(random: Random, scene: None) -> None:
             uid = random.choice((b"a", b"b")).ljust(16)
             keyed = random.choice((1, 2, None))
             root = PUBLISHED if keyed is None else swarm.robot_key(uid, keyed)
-            packet = _hello(random, tag, uid, root)
+            packet = hello(random, tag, uid, root)
             if random.random() < 0.2:
                 packet = mutate.raw(random, packet)
             try:
@@ -346,14 +299,14 @@ def roster(random: Random, scene: None) -> None:
                 continue
             assert answer.pending is None or insecure or keyed is not None
             if answer.pending is not None:
-                robot = _Robot(random, uid, root)
+                robot = Robot(random, uid, root)
                 robot.up = session_keys(root, packet, answer.packet)[1]
                 robot.session = answer.pending.peer.session
                 pendings.append((answer.pending, robot))
         elif pendings:
             pending, robot = random.choice(pendings)
             right = random.random() < 0.7
-            packet = robot.telemetry(robot.session, robot.up if right else PUBLISHED)
+            packet = robot.telemetry(robot.up if right else PUBLISHED, now_ns)
             if random.random() < 0.1:
                 packet, right = mutate.raw(random, packet), right
             source = random.choice((None, ("10.0.0.5", 7), ("10.0.0.6", 8)))

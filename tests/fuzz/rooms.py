@@ -8,7 +8,7 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from tests.fuzz import file_rooms, link_rooms, recording_rooms
+from tests.fuzz import file_rooms, link_rooms, recording_rooms, server_rooms
 from vsense.errors import VsenseError
 
 Scene = Any
@@ -45,6 +45,7 @@ ROOMS: dict[str, Room] = {
     "py-access": Room(link_rooms.prepare_nothing, link_rooms.access, link_rooms.ACCESS_REFUSALS),
     "py-wire": Room(link_rooms.prepare_nothing, link_rooms.wire, link_rooms.WIRE_REFUSALS),
     "py-roster": Room(link_rooms.prepare_nothing, link_rooms.roster, link_rooms.WIRE_REFUSALS),
+    "py-server": Room(server_rooms.prepare, server_rooms.server, ()),
     "py-mcap": Room(recording_rooms.prepare, recording_rooms.damaged),
     "py-mcap-json": Room(recording_rooms.prepare, recording_rooms.untrue),
 }

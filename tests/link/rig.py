@@ -117,6 +117,7 @@ class Server:
 
     def close(self) -> None:
         self.server.close(GoodbyeCause.END, "the test has ended")
+        assert not [event.text for event in self.events if event.kind == "defect"]
 
 
 class Robot:

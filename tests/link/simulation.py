@@ -103,7 +103,7 @@ class Robot:
         if value is not None:
             assert struct.unpack("<I", value[0])[0] == value[1] // TIMESTEP_NS
             assert value[1] <= c.capture_ns
-        clock = session.clock(now_ns - self.offset_ns)
+        clock = session.clock((now_ns - self.offset_ns) % 2**64)
         if clock is not None:
             assert abs(clock[0] - self.offset_ns) <= clock[1]
 
@@ -120,7 +120,8 @@ class Simulation:
     def __init__(self, seed: int, offset_ns: int = 0) -> None:
         self.random = random.Random(seed)
         self.weather = CALM
-        self.now_ns = 2 * HOUR_NS
+        # A host that was started a minute ago: robots' clocks are before or behind their zero.
+        self.now_ns = 60 * S
         self.roster = SessionTable(
             {TAG: ExpectedRobot("epuck_23", TABLE)},
             TIMESTEP_NS,
@@ -217,7 +218,7 @@ class Simulation:
                 self._tcp(packet, self._tcp_to_host, self._connection)
 
     def _robot_ns(self) -> int:
-        return self.now_ns - self.robot.offset_ns
+        return (self.now_ns - self.robot.offset_ns) % 2**64
 
     def _udp(self, packet: bytes, deliver: Callable[[bytes], None], gets_through: bool) -> None:
         copies = 1 + (self.random.random() < self.weather.repeats)

@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
-import pytest
+import json
+from dataclasses import asdict
+from itertools import product
 
-from tests.link.simulation import MS, S, Simulation, Weather
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.link.simulation import HOUR_NS, MS, S, Simulation, Weather
+from vsense.clock import clock_difference_ns
 from vsense.link.robots.meter import FIRST_PACKETS, LinkFigures, LinkMeter
 from vsense.link.robots.status import RadioStatus, switched_on_again
 from vsense.link.robots.wire import Header, Hello, StopCause, Telemetry
@@ -13,12 +21,14 @@ OFFSET_NS = 5_000 * S
 """The robot's clock is so far ahead."""
 
 
-def heard(meter: LinkMeter, arrivals: list[tuple[int, int]], **told: int) -> None:
+def heard(
+    meter: LinkMeter, arrivals: list[tuple[int, int]], ahead_ns: int = OFFSET_NS, **told: int
+) -> None:
     """Telemetry numbered from 1 comes at so many ms, after so many ms on the way."""
     for number, (at_ms, way_ms) in enumerate(arrivals, 1):
         header = Header(
             *(6, 0, 0, 9, number),
-            send_ns=OFFSET_NS + (at_ms - way_ms) * MS,
+            send_ns=(ahead_ns + (at_ms - way_ms) * MS) % 2**64,
             echo_ns=(at_ms - 2 * way_ms - 3) * MS,
             hold_us=3_000,
         )
@@ -66,6 +76,44 @@ def test_what_was_counted_before_is_not_of_this_measurement() -> None:
     figures = meter.figures(3 * S)
     assert (figures.overruns, figures.late, figures.retries) == (2, 0.02, 2)
     assert (figures.signal_dbm, figures.weakest_dbm, figures.loss_up) == (-70.0, -70, 0.0)
+
+
+def test_a_robots_clock_may_pass_its_zero_and_its_middle() -> None:
+    """An emulated robot's is up to an hour behind a host that was started a minute ago."""
+    arrivals = [(100, 4), (150, 4), (210, 14), (250, 4), (450, 4)]
+    expected = LinkMeter()
+    heard(expected, arrivals)
+    for sent_first_ns in (-HOUR_NS, -120 * MS, 2**63 - 120 * MS, 2**64 - 1):
+        meter = LinkMeter()
+        heard(meter, arrivals, ahead_ns=sent_first_ns)
+        assert meter.figures(500 * MS) == expected.figures(500 * MS)
+
+
+def test_no_number_that_a_robot_says_is_too_large() -> None:
+    ends = (0, 1, 2**63 - 1, 2**63, 2**64 - 1)
+    meter = LinkMeter()
+    for number, (send_ns, echo_ns) in enumerate(product(ends, ends)):
+        header = Header(*(6, 0, 0, 9, number), send_ns=send_ns, echo_ns=echo_ns, hold_us=2**32 - 1)
+        counts = {"received": 2**32 - 1 - number, "overruns": number % 3 << 30}
+        told = Telemetry(control_step=number % 2 << 31, old=number << 20, **counts)
+        meter.hear(header, told, number, 60 * S + number * MS)
+    figures = meter.figures(61 * S)
+    json.dumps(asdict(figures), allow_nan=False)
+    for share in (figures.loss_up, figures.loss_down, figures.late):
+        assert share is None or 0.0 <= share <= 1.0
+
+
+def test_an_echo_of_what_was_not_sent_yet_is_no_round_trip() -> None:
+    meter = LinkMeter()
+    for number, echo_ns in enumerate((60 * S, 62 * S, 2**64 - 1), 1):
+        meter.hear(Header(*(6, 0, 0, 9, number), echo_ns=echo_ns), Telemetry(), 1, 61 * S)
+    assert meter.figures(61 * S).round_trip_p50_ms == 1000.0
+
+
+@given(st.integers(0, 2**64 - 1), st.integers(0, 2**64 - 1))
+def test_differences_of_clocks_are_those_of_64_bits(a_ns: int, b_ns: int) -> None:
+    a, b = np.array([a_ns], np.uint64), np.array([b_ns], np.uint64)
+    assert clock_difference_ns(a_ns, b_ns) == (a - b).view(np.int64)[0]
 
 
 @pytest.mark.parametrize("loss", [0.0, 0.2])

@@ -6,15 +6,18 @@ import errno
 import socket
 import threading
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import pytest
 
 from tests.link.rig import KEYS, PATIENCE_S, TABLE, Frozen, keyed_session
-from tests.wire.robot_session import RobotSession
+from tests.wire.robot_session import Event, RobotSession
 from vsense.link.robots.keys import LinkTrust
-from vsense.link.robots.links import FINISH_NS, STRANGERS_EACH, ServerState
+from vsense.link.robots.links import FINISH_NS, STRANGERS_EACH
 from vsense.link.robots.network import IDLE_NS, Ports, ServerThread, bind
 from vsense.link.robots.roster import ExpectedRobot, SessionTable
+from vsense.link.robots.session import HostSession
+from vsense.link.robots.shared import ServerState
 from vsense.link.robots.status import LinkEvent
 from vsense.link.robots.wire import GoodbyeCause
 
@@ -188,3 +191,121 @@ def test_a_hundred_robots_behind_one_relay_come_at_once_among_strangers(frozen: 
     for _, sock in made:
         sock.close()
     hand.network.close()
+
+
+def failing(monkeypatch: pytest.MonkeyPatch, method: str, tag: int = 1) -> None:
+    """Has what one robot says meet a bug of ours."""
+    works = getattr(HostSession, method)
+
+    def fails(self: HostSession, *rest: Any) -> Any:
+        if self.tag == tag:
+            raise OverflowError("int too big to convert")
+        return works(self, *rest)
+
+    monkeypatch.setattr(HostSession, method, fails)
+
+
+def told_defect(hand: Hand, tag: int = 1) -> None:
+    """It was told once, with its cause and place, and counted for this robot."""
+    (event,) = [event for event in hand.told if event.kind == "defect"]
+    assert event.tag == tag
+    assert f"robot {tag} (epuck_{tag}): a defect in vsense has ended its session" in event.text
+    assert "OverflowError: int too big to convert (vsense/link/robots/" in event.text
+    robots = hand.shared.roster.robots.values()
+    assert [robot.status(hand.clock()).defects for robot in robots] == [1, 0]
+
+
+@pytest.mark.parametrize("way", ["udp", "tcp"])
+def test_a_defect_at_one_robots_packet_ends_its_session_and_no_other(
+    hand: Hand, monkeypatch: pytest.MonkeyPatch, way: str
+) -> None:
+    (one, sock), (two, other_sock) = hand.join(1), hand.join(2)
+    packet = one.telemetry(hand.clock())
+    with monkeypatch.context() as patch:
+        failing(patch, "take")
+        if way == "udp":
+            hand.network._dispatch(packet, ("127.0.0.1", 9), hand.clock())
+        else:
+            sock.sendall(packet)
+        hand.settle()
+    told_defect(hand)
+    robots = hand.shared.roster.robots
+    assert not robots[1].open and robots[2].open
+    events = one.tcp_in(sock.recv(1 << 16), hand.clock())
+    assert Event.GOODBYE in events and not one.c.open, "its wheels stop as after any session"
+    assert one.notice.code == GoodbyeCause.PROTOCOL and "OverflowError" in one.notice.text
+    before = robots[2].peer.counters["accepted"]
+    other_sock.sendall(two.telemetry(hand.clock()))
+    hand.settle()
+    assert robots[2].peer.counters["accepted"] == before + 1
+    _, again = hand.join(1)
+    assert robots[1].open, "it may come again"
+    for each in (sock, other_sock, again):
+        each.close()
+
+
+@pytest.mark.parametrize("opened", [False, True])
+def test_a_defect_at_the_first_packet_leaves_no_session_half_open(
+    hand: Hand, monkeypatch: pytest.MonkeyPatch, opened: bool
+) -> None:
+    """It opens the session: on its way the roster knows the robot, and the connection does not."""
+    socks = [hand.join(2)[1]]
+    if opened:
+        socks.append(hand.join(1)[1])
+    with monkeypatch.context() as patch:
+        failing(patch, "take")
+        with pytest.raises(AssertionError):
+            hand.join(1)
+    told_defect(hand)
+    assert not hand.shared.roster.robots[1].open
+    hand.clock.advance(FINISH_NS)
+    hand.settle()
+    assert len(hand.network._links) == 1, "the other robot's"
+    socks.append(hand.join(1)[1])
+    hand.send(1)
+    for sock in socks:
+        sock.close()
+
+
+def test_a_defect_that_shows_in_time_ends_one_session(
+    hand: Hand, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    socks = [hand.join(tag)[1] for tag in (1, 2)]
+    with monkeypatch.context() as patch:
+        failing(patch, "tick")
+        failing(patch, "goodbye")
+        hand.network.wake()
+        hand.settle()
+    told_defect(hand)
+    assert hand.shared.roster.robots[2].open and not hand.shared.roster.robots[1].open
+    for sock in socks:
+        sock.close()
+
+
+def test_a_defect_where_the_runtime_sends_ends_one_session(
+    hand: Hand, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    socks = [hand.join(tag)[1] for tag in (1, 2)]
+    with monkeypatch.context() as patch:
+        failing(patch, "state")
+        for tag in (1, 2):
+            hand.send(tag)
+        hand.settle()
+    told_defect(hand)
+    assert hand.shared.roster.robots[2].open and not hand.shared.roster.robots[1].open
+    for sock in socks:
+        sock.close()
+
+
+def test_a_defect_at_a_strangers_greeting_ends_its_connection(
+    hand: Hand, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, sock = hand.join(2)
+    with monkeypatch.context() as patch:
+        failing(patch, "taken_from")
+        with pytest.raises(AssertionError):
+            hand.join(1)
+    (event,) = [event for event in hand.told if event.kind == "defect"]
+    assert event.tag is None and event.origin == "127.0.0.1" and "OverflowError" in event.text
+    assert hand.shared.roster.robots[2].open
+    sock.close()

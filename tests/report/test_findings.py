@@ -87,6 +87,20 @@ def test_who_played_which_part_and_from_when_on(found: Findings) -> None:
     assert gatherer.odd == 1
 
 
+@pytest.mark.parametrize(
+    ("capture_ns", "odd"),
+    [(-(2**62) + 1, 0), (2**62, 1), (2**63, 1), (-(2**63) - 1, 1), (2**64, 1)],
+)
+def test_times_that_no_clock_of_a_host_shows_are_left_out(
+    found: Findings, capture_ns: int, odd: int
+) -> None:
+    """As of a clock that has wrapped: all else of the recording is read, and no array overflows."""
+    gatherer = Gatherer(found.found.facts)
+    for number, time_ns in enumerate((ZERO_NS, capture_ns, ZERO_NS + STEP_NS)):
+        gatherer.receive(Message("/arena", ZERO_NS, arena(number, time_ns)))
+    assert (gatherer.odd, gatherer.flow.lived) == (odd, 3 - odd)
+
+
 def test_measures(found: Findings) -> None:
     times, values = found.found.measures["items_home"]
     assert np.allclose(times, [0.1 * n for n in range(20) if n != 8])

@@ -9,7 +9,7 @@ import numpy as np
 from tests.run.stage import Stage, experiment
 from vsense.arena import Frame
 from vsense.link.robots.wire import StopCause, Telemetry
-from vsense.run.figures import Figures, light_of, table, worst_links
+from vsense.run.figures import Figures, light_of, link_row, table, worst_links
 
 
 def played(stage: Stage) -> dict:
@@ -45,8 +45,15 @@ def test_everything_is_counted() -> None:
     assert summary["latency_ms"]["capture_to_sent"]["max"] == 20.0
     assert summary["latency_ms"]["picture_to_arena"]["p50"] is None, "there are no pictures"
     assert summary["light_level"] is None
-    assert summary["link"] == {"sent": 30, "received": 30, "dropped": 0, "reconnects": 0}
+    no_faults = {"dropped": 0, "reconnects": 0, "defects": 0}
+    assert summary["link"] == {"sent": 30, "received": 30, **no_faults}
     assert summary["results"] == {"cleaned": 12.5}
+
+
+def test_sessions_that_a_bug_has_ended_are_said() -> None:
+    link = {"sent": 30, "received": 30, "dropped": 0, "reconnects": 1}
+    assert link_row(link | {"defects": 2})[1].endswith(", 2 sessions ended by a defect in vsense")
+    assert link_row(link)[1] == link_row(link | {"defects": 0})[1], "older summaries have none"
 
 
 def test_the_room_is_as_light_as_its_pictures() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from vsense.link.robots.status import RobotStatus
 from vsense.link.robots.wire import Telemetry
 from vsense.run.robots import LinkCounters
@@ -75,3 +77,12 @@ def test_robot_that_never_spoke_has_received_nothing() -> None:
     silent = status(10)
     counters.update({7: silent})
     assert (counters.sent, counters.received) == (10, 0)
+
+
+def test_sessions_that_a_defect_has_ended_are_counted_for_each_run() -> None:
+    counters = LinkCounters()
+    counters.update({7: replace(status(10), defects=2)})
+    assert counters.defects == 2
+    counters = counters.anew()
+    counters.update({7: replace(status(20), defects=3)})
+    assert counters.defects == 1

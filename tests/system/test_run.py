@@ -114,6 +114,7 @@ def test_a_run_waits_for_all_starts_them_together_and_ends_in_time(
     assert figures["arena"]["seen_mean"] == pytest.approx(3.0, abs=0.2)
     link = figures["link"]
     assert link["received"] + link["dropped"] >= link["sent"] > 0 and link["reconnects"] == 0
+    assert link["defects"] == 0
     rows = (tmp_path / "notes" / "timesteps.csv").read_text().splitlines()
     assert len(rows) == 1 + figures["timesteps"]
     assert "3 of 3" not in rows[0] and rows[-1].endswith(",3,3,0")

@@ -136,11 +136,11 @@ class Link:
         """HELLO and WELCOME over a TCP connection without delay."""
         self.sessions += 1
         welcome = self.welcome(now_ns)
-        return self.robot.tcp_in(welcome, now_ns + self.robot_ahead_ns)
+        return self.robot.tcp_in(welcome, self.robot_ns(now_ns))
 
     def welcome(self, now_ns: int, welcome: Welcome | None = None) -> bytes:
         """The robot connects; gives the WELCOME for it, of the session `sessions`."""
-        hello = self.robot.connect(now_ns + self.robot_ahead_ns)
+        hello = self.robot.connect(self.robot_ns(now_ns))
         header, _ = decode(hello)
         self.host.open(self.sessions, self.table, header.send_ns, now_ns)
         message = welcome or Welcome(self.table, 100_000)
@@ -158,11 +158,11 @@ class Link:
 
     def deliver(self, datagram: bytes, now_ns: int) -> tuple[int, Event]:
         """Brings a datagram to the robot."""
-        return self.robot.udp_in(datagram, now_ns + self.robot_ahead_ns)
+        return self.robot.udp_in(datagram, self.robot_ns(now_ns))
 
     def robot_ns(self, now_ns: int) -> int:
         """The robot's clock when the host's shows now_ns."""
-        return now_ns + self.robot_ahead_ns
+        return (now_ns + self.robot_ahead_ns) % 2**64
 
 
 def balance(counters: Any) -> bool:

@@ -59,7 +59,7 @@ class MeasuredRun:
         actuated: per robot the `microcontrollers.ACTUATION` rows that were applied, by time.
         turn: the run's timestep at which the wind turns, or None.
         lateness_ms: the canary's ticks.
-        link: counters `sent`, `received`, `dropped`, `reconnects`.
+        link: counters `sent`, `received`, `dropped`, `reconnects`, `defects`.
     """
 
     timesteps: NDArray[np.void]

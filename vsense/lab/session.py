@@ -65,7 +65,7 @@ class StepTimes:
         return columns
 
 
-LINK_COUNTERS = ("sent", "received", "dropped")
+LINK_COUNTERS = ("sent", "received", "dropped", "defects")
 
 
 @dataclass(slots=True)
@@ -84,7 +84,7 @@ class RunNotes:
         samples: the virtual world and the experiment's measures over time.
         measures: the experiment's own, of the whole run.
         pictures: the cameras' pictures at chosen timesteps of the run.
-        link: `sent`, `received`, `dropped` packets with readings, `reconnects`.
+        link: `sent`, `received`, `dropped` packets with readings, `reconnects`, `defects`.
         lateness_ms: the canary's ticks.
         light_level: how light the first pictures were, 0 to 1.
     """

@@ -49,6 +49,9 @@ from vsense.ui.access import is_loopback
 from vsense.ui.messages import ExperimentFacts
 from vsense.ui.room import ControlRoom
 
+TROUBLES = frozenset({"doubt", "defect"})
+"""Kinds of link events that somebody has to look after."""
+
 PATIENCE_S = 10.0
 """In a series, every run but the first waits this long for robots, then starts without them."""
 
@@ -333,7 +336,7 @@ class ExperimentSession(ABC):
 
     def _on_link_event(self, event: LinkEvent) -> None:
         if event.kind not in self.quiet:
-            self._tell(event.text, "trouble" if event.kind == "doubt" else "info")
+            self._tell(event.text, "trouble" if event.kind in TROUBLES else "info")
 
     def _tell(self, text: str, level: Level = "info") -> None:
         if not self._over:

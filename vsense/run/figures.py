@@ -133,6 +133,7 @@ class Figures:
                 "received": runner.counters.received,
                 "dropped": runner.counters.dropped,
                 "reconnects": runner.reconnects,
+                "defects": runner.counters.defects,
             },
             "per_robot": [self._robot(robot.tag, robot.id) for robot in self._experiment.robots],
             "results": dict(results),
@@ -259,7 +260,8 @@ def link_row(link: Mapping[str, Any]) -> tuple[str, str]:
         f"{link['received']} of {link['sent']} datagrams received,"
         f" {link['dropped']} dropped, {link['reconnects']} reconnects"
     )
-    return "link", text
+    defects = link.get("defects")  # summaries of before have none
+    return "link", text + (f", {defects} sessions ended by a defect in vsense" if defects else "")
 
 
 def percent(share: float | None, digits: int = 1) -> str:

@@ -267,14 +267,16 @@ class LinkCounters:
         received: packets that the robots took, each once.
         dropped: packets that the robots did not take: old, repeated, foreign, damaged.
         sessions: sessions that were opened.
+        defects: sessions that a bug in vsense has ended.
     """
 
     sent: int = 0
     received: int = 0
     dropped: int = 0
     sessions: int = 0
+    defects: int = 0
     _robots: dict[int, _LinkCounts] = field(default_factory=dict)
-    _earlier: tuple[int, int, int] = (0, 0, 0)
+    _earlier: tuple[int, int, int, int] = (0, 0, 0, 0)
 
     def update(self, robots: Mapping[int, RobotStatus]) -> list[RobotStatus]:
         """Takes the newest status of every robot; gives those whose guard was replaced."""
@@ -283,9 +285,10 @@ class LinkCounters:
             known = self._robots.setdefault(tag, _LinkCounts())
             if status.telemetry is not None and _add(known, status.telemetry, status.sent):
                 replaced.append(status)
-        sent, received, dropped = self._earlier
+        sent, received, dropped, defects = self._earlier
         self.sent = sum(status.sent for status in robots.values()) - sent
         self.sessions = sum(status.sessions for status in robots.values())
+        self.defects = sum(status.defects for status in robots.values()) - defects
         heard = [r.newest for r in self._robots.values() if r.newest is not None]
         taken = self._before("received") + sum(_taken(t) for t in heard) - received
         # Of who was on before, what was on its way to it when it was first heard is not known.
@@ -295,11 +298,10 @@ class LinkCounters:
 
     def anew(self) -> LinkCounters:
         """Gives counters that count from here."""
-        now = (self.sent, self.received, self.dropped)
-        sent, received, dropped = (a + b for a, b in zip(self._earlier, now))
-        return LinkCounters(
-            sessions=self.sessions, _robots=self._robots, _earlier=(sent, received, dropped)
-        )
+        now = (self.sent, self.received, self.dropped, self.defects)
+        sent, received, dropped, defects = (a + b for a, b in zip(self._earlier, now))
+        earlier = (sent, received, dropped, defects)
+        return LinkCounters(sessions=self.sessions, _robots=self._robots, _earlier=earlier)
 
     def _before(self, counter: str) -> int:
         return sum(getattr(robot, counter) for robot in self._robots.values())

@@ -1,22 +1,20 @@
 """All TCP connections of a server, from accepting to closing.
 
 Everything that concerns one robot affects that robot alone: a full stream keeps its newest STATE,
-a broken one is closed, bytes that no robot sends end the connection that they came from. Only the
-server's thread calls this, but for `put_state` and `dirty`.
+a broken one is closed, bytes that no robot sends end the connection that they came from. So does a
+bug of ours (`contain`). Only the server's thread calls this, but for `put_state` and `dirty`.
 """
 
 from __future__ import annotations
 
 import selectors
 import socket
-import threading
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable
 from functools import partial
 
 from vsense.link import descriptors
-from vsense.link.robots.roster import SessionTable
 from vsense.link.robots.session import Address, HostSession, PendingSession
+from vsense.link.robots.shared import ServerState
 from vsense.link.robots.status import LinkEvent
 from vsense.link.robots.streams import Connection
 from vsense.link.robots.wire import (
@@ -57,30 +55,6 @@ ACCEPTED_MAX = 8
 DEAF = "its packets do not follow what came in its name before: its session is renewed"
 
 READ, WRITE = selectors.EVENT_READ, selectors.EVENT_WRITE
-
-
-@dataclass(frozen=True, slots=True)
-class ServerState:
-    """What the server's thread and the runtime's thread have in common.
-
-    Attributes:
-        roster: robots and orders.
-        lock: guards the roster and the connections' outboxes; held for one packet at a time.
-        clock: the host's monotonic clock [ns].
-        notify: takes events; never called under the lock.
-        tick: is called often, with the time.
-    """
-
-    roster: SessionTable
-    lock: threading.Lock
-    clock: Callable[[], int]
-    notify: Callable[[LinkEvent], None]
-    tick: Callable[[int], None] = lambda now_ns: None
-
-    def notify_all(self, events: Iterable[LinkEvent]) -> None:
-        """Notifies of events in their order."""
-        for event in events:
-            self.notify(event)
 
 
 class Connections:
@@ -217,12 +191,16 @@ class Connections:
     def _serve(self, connection: Connection, mask: int) -> None:
         if connection.sock not in self._all:
             return  # closed earlier in this very turn
-        if mask & WRITE:
-            with self._shared.lock:
-                connection.write()
-        if mask & READ:
-            self._read(connection)
-        self._watch(connection)
+        talker = connection.robot or connection.pending
+        try:
+            if mask & WRITE:
+                with self._shared.lock:
+                    connection.write()
+            if mask & READ:
+                self._read(connection)
+            self._watch(connection)
+        except Exception as error:
+            self.contain(error, talker, connection)
 
     def _read(self, connection: Connection) -> None:
         if not connection.read():
@@ -326,8 +304,7 @@ class Connections:
 
     def _reject(self, connection: Connection, error: WireError) -> None:
         """Ends a connection whose peer broke the protocol; a robot gets the reason."""
-        now_ns = self._shared.clock()
-        origin = connection.origin
+        now_ns, origin = self._shared.clock(), connection.origin
         if connection.robot is not None:
             text = f"{connection.robot.label}: broke the protocol: {error}"
             self._shared.notify(LinkEvent("protocol_error", connection.robot.tag, text, now_ns))
@@ -349,6 +326,28 @@ class Connections:
 
     # --- who goes
 
+    def contain(
+        self,
+        error: Exception,
+        talker: HostSession | PendingSession | None,
+        connection: Connection | None = None,
+    ) -> None:
+        """Ends what one robot or stranger has here after a defect, which is told and counted.
+
+        Whatever was left undone: neither its session nor a connection of it may stay half open.
+        """
+        robot = talker.robot if isinstance(talker, PendingSession) else talker
+        with self._shared.lock:
+            now_ns = self._shared.clock()
+            for each in list(self._all.values()):
+                is_its = robot is not None and each.robot is robot
+                if is_its or each is connection or (talker and each.pending is talker):
+                    self._part(each, self._shared.last_word(robot, error, now_ns), now_ns)
+            if robot is not None:
+                robot.close()
+                robot.defects += 1
+        self._shared.tell_defect(error, robot, connection.origin if connection else "")
+
     def dismiss(self, robot: HostSession, cause: GoodbyeCause, text: str) -> None:
         """Ends a robot's session, if it has one."""
         if (connection := self._by_tag.get(robot.tag)) and connection.robot is robot:
@@ -360,8 +359,9 @@ class Connections:
 
     def _part(self, connection: Connection, last: bytes, now_ns: int) -> None:
         """Ends a connection with one last packet; its robot no longer talks here."""
-        if connection.robot is not None:
-            del self._by_tag[connection.robot.tag]
+        robot = connection.robot
+        if robot is not None and self._by_tag.get(robot.tag) is connection:
+            del self._by_tag[robot.tag]
         self._withdraw(connection)
         connection.finish(last, now_ns + FINISH_NS)
         self.dirty.add(connection)
@@ -394,7 +394,7 @@ class Connections:
             self._withdraw(connection)
             if (robot := connection.robot) is not None:
                 connection.robot = None
-                del self._by_tag[robot.tag]
+                self._by_tag.pop(robot.tag, None)
                 events = robot.broke(connection.broken or "was closed", self._shared.clock())
         connection.close()
         self._shared.notify_all(events)

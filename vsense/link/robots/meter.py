@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.clock import clock_difference_ns
 from vsense.link.robots.status import RadioStatus
 from vsense.link.robots.wire import Header, StopCause, Telemetry
 
@@ -89,8 +90,9 @@ class LinkMeter:
             self._counts.append(_Span(header.session, first))
         self._counts[-1].take(counts)
         self._arrivals_ns.append(now_ns)
-        self._transits_ns.append(now_ns - header.send_ns)
-        if header.echo_ns:
+        self._transits_ns.append(clock_difference_ns(now_ns, header.send_ns))
+        # An echo is of the host's own clock: of what it has not sent yet there is none.
+        if 0 < header.echo_ns <= now_ns:
             self._trips_ns.append(max(0, now_ns - header.echo_ns - 1000 * header.hold_us))
         stale = told.stop_cause == StopCause.STALE
         # A session's first packets have heard no three STATEs yet.
@@ -119,16 +121,19 @@ class LinkMeter:
             gap_ms=round(float(np.diff(arrivals).max()) / MS, 3),
             stale=self._stale,
             overruns=overruns,
-            late=round(overruns / steps, 5) if steps else None,
+            late=_share(overruns, steps),
             **self._radio(),
             sessions=len(self._counts),
         )
 
     def _jitter_ms(self) -> float | None:
-        """The clocks' difference is in all transits alike, and gone from their differences."""
+        """The clocks' difference is in all transits alike, and gone from their differences.
+
+        These are modulo 2^64, as the transits are.
+        """
         if len(self._transits_ns) < 2:
             return None
-        differences = np.diff(np.array(self._transits_ns, np.int64))
+        differences = np.diff(np.array(self._transits_ns, np.int64)).astype(np.float64)
         return round(float(np.abs(differences).mean()) / MS, 3)
 
     def _radio(self) -> dict[str, Any]:
@@ -185,7 +190,12 @@ def _taken(told: Telemetry) -> int:
 
 def _lost(there: int, whole: int) -> float | None:
     """A share; the few packets that are on their way count as lost."""
-    return round(min(max(1.0 - there / whole, 0.0), 1.0), 5) if whole > 0 else None
+    return _share(whole - there, whole)
+
+
+def _share(part: int, whole: int) -> float | None:
+    """From 0 to 1, whatever a robot says that it has counted."""
+    return round(min(max(part / whole, 0.0), 1.0), 5) if whole > 0 else None
 
 
 def _percentiles(values: NDArray[np.float64]) -> tuple[float | None, float | None]:

@@ -17,8 +17,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from vsense.clock import real_s
-from vsense.link.robots.links import FINISH_NS, READ, Connections, ServerState
+from vsense.link.robots.links import FINISH_NS, READ, Connections
 from vsense.link.robots.session import Address, HostSession, PendingSession
+from vsense.link.robots.shared import ServerState
 from vsense.link.robots.status import LinkError, LinkEvent
 from vsense.link.robots.wire import GoodbyeCause, session_of
 from vsense.native import WireError
@@ -170,6 +171,7 @@ class ServerThread:
         self._due_ns = 0
         self._ending = False
         self._parting: deque[tuple[HostSession, str]] = deque()
+        self._failed: deque[tuple[HostSession, Exception]] = deque()
         self._selector = selectors.DefaultSelector()
         self._waker = Waker()
         self._selector.register(self._waker, READ, self._woken)
@@ -181,8 +183,16 @@ class ServerThread:
     def send(self, robot: HostSession, now_ns: int, surely: bool = False) -> None:
         """Sends the newest STATE to a robot with an open session; the lock is held.
 
-        With `surely` it goes on both ways at once, also where UDP works.
+        With `surely` it goes on both ways at once, also where UDP works. What fails here fails for
+        this robot alone: the thread ends its session.
         """
+        try:
+            self._send(robot, now_ns, surely)
+        except Exception as error:
+            self._failed.append((robot, error))
+            self.wake()
+
+    def _send(self, robot: HostSession, now_ns: int, surely: bool) -> None:
         if self.hushed:
             robot.plan(now_ns)
             return
@@ -227,6 +237,10 @@ class ServerThread:
         wait_ns = min(max(self._due_ns - self._shared.clock(), 0), IDLE_NS)
         for key, mask in self._selector.select(real_s(wait_ns / 1e9)):
             key.data(mask)
+        while self._failed:
+            failed, error = self._failed.popleft()
+            if failed.open:  # the runtime may have sent it more meanwhile
+                self._links.contain(error, failed)
         while self._parting:
             robot, text = self._parting.popleft()
             self._links.dismiss(robot, GoodbyeCause.END, text)
@@ -278,36 +292,61 @@ class ServerThread:
         except WireError as error:
             self.strays[error.name] += 1
             return
-        with self._shared.lock:
-            events: list[LinkEvent] = []
+        talker: HostSession | PendingSession | None = None
+        try:
+            with self._shared.lock:
+                roster = self._shared.roster
+                talker = roster.of_session(session) or roster.pending(session)
+                events = self._take(talker, session, datagram, source, now_ns)
+            self._shared.notify_all(events)
+        except Exception as error:
+            self._links.contain(error, talker)
+
+    def _take(
+        self,
+        talker: HostSession | PendingSession | None,
+        session: int,
+        datagram: bytes,
+        source: Address,
+        now_ns: int,
+    ) -> list[LinkEvent]:
+        """Has whose session it is take a datagram; gives what to tell; under the lock."""
+        if talker is None:
+            self.strays["VS_ERR_SESSION"] += 1
+            return []
+        if isinstance(talker, HostSession):
+            robot: HostSession | None = talker
+            _, events = talker.receive(datagram, source, now_ns)
+        else:
+            events = self._links.prove(talker, datagram, source, now_ns)
             robot = self._shared.roster.of_session(session)
-            pending = self._shared.roster.pending(session)
-            if robot is not None:
-                _, events = robot.receive(datagram, source, now_ns)
-            elif pending is not None:
-                events = self._links.prove(pending, datagram, source, now_ns)
-                robot = self._shared.roster.of_session(session)
-                if robot is None:
-                    self.strays[WireError(pending.peer.fault).name] += 1
-            else:
-                self.strays["VS_ERR_SESSION"] += 1
-            if robot is not None and robot.due_ns <= now_ns:
-                self.send(robot, self._shared.clock())
-        self._shared.notify_all(events)
+            if robot is None:
+                self.strays[WireError(talker.peer.fault).name] += 1
+        if robot is not None and robot.due_ns <= now_ns:
+            self.send(robot, self._shared.clock())
+        return events
 
     def _keep_time(self) -> None:
         """Sends what is due now or soon, notices silence, and finds the next deadline."""
         now_ns = self._shared.clock()
         due_ns = now_ns + IDLE_NS
         for robot in self._shared.roster.robots.values():
-            with self._shared.lock:
-                if not robot.open:
-                    continue
-                events = robot.tick(now_ns)
-                if robot.due_ns <= now_ns + TOGETHER_NS:
-                    self.send(robot, self._shared.clock())
-                due_ns = min(due_ns, robot.due_ns)
-            self._shared.notify_all(events)
+            try:
+                due_ns = min(due_ns, self._keep_time_of(robot, now_ns, due_ns))
+            except Exception as error:
+                self._links.contain(error, robot)
         self._links.keep_time(now_ns)
         self._shared.tick(now_ns)
         self._due_ns = due_ns
+
+    def _keep_time_of(self, robot: HostSession, now_ns: int, idle_ns: int) -> int:
+        """Does for one robot what is due, and gives when its next STATE is; else `idle_ns`."""
+        with self._shared.lock:
+            if not robot.open:
+                return idle_ns
+            events = robot.tick(now_ns)
+            if robot.due_ns <= now_ns + TOGETHER_NS:
+                self.send(robot, self._shared.clock())
+            due_ns = robot.due_ns
+        self._shared.notify_all(events)
+        return due_ns

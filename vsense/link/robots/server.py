@@ -14,11 +14,11 @@ from dataclasses import replace
 from vsense.clock import host_ns
 from vsense.link.robots import network as ports
 from vsense.link.robots.keys import LinkTrust
-from vsense.link.robots.links import ServerState
 from vsense.link.robots.meter import LinkFigures, LinkMeter
 from vsense.link.robots.network import ServerThread
 from vsense.link.robots.peer import STAY, Goal, Orders
 from vsense.link.robots.roster import ExpectedRobot, SessionTable
+from vsense.link.robots.shared import ServerState
 from vsense.link.robots.status import (
     ActuatorReport,
     EventThrottle,

@@ -83,6 +83,7 @@ class HostSession:
         due_ns: when the next STATE is due at the latest; of no meaning while no session is open.
         superseded: STATE packets that a newer one replaced in a slow TCP stream.
         unsent: STATE packets that the kernel refused on their only way.
+        defects: exceptions at its packets that nobody expected; each has ended a session.
         reporter: what the robot's virtual actuators say.
         meter: measures the link; None: nobody wants that.
         refused: why a robot with this tag has been turned away since the last session, or "".
@@ -91,16 +92,14 @@ class HostSession:
     """
 
     def __init__(self, tag: int, name: str, table: Table) -> None:
-        self.tag = tag
-        self.name = name
+        self.tag, self.name = tag, name
         self.peer = Peer()
         self.address: Address | None = None
         self.copied: Address | None = None
         self._copied_ns = 0
         self.due_ns = 0
-        self.superseded = self.unsent = 0
-        self.refused = ""
-        self.reseeded = False
+        self.superseded = self.unsent = self.defects = 0
+        self.refused, self.reseeded = "", False
         self._table = table
         self._uid: bytes | None = None
         self._hello = _NO_HELLO
@@ -391,6 +390,7 @@ class HostSession:
             sent=counters.pop("sent"),
             superseded=self.superseded,
             unsent=self.unsent,
+            defects=self.defects,
             received=counters.pop("received"),
             accepted=counters.pop("accepted"),
             dropped=counters,

@@ -132,6 +132,7 @@ EventKind = Literal[
     "protocol_error",
     "log",
     "doubt",
+    "defect",
 ]
 
 RING_LEDS = 0xFF
@@ -159,7 +160,8 @@ class LinkEvent:
             `lost`: nothing heard for 1 s, or the connection broke; `back`: heard again in the
             same session; `no_udp`, `udp_back`: state goes over TCP, no longer does;
             `goodbye`: the robot ended its session; `protocol_error`: bytes that no robot sends;
-            `log`: a line that its controller logged; `doubt`: somebody else may speak for it.
+            `log`: a line that its controller logged; `doubt`: somebody else may speak for it;
+            `defect`: a bug in vsense has ended its session.
         tag: the robot's tag; None where it is not known.
         text: one line for a person.
         time_ns: host's monotonic clock.
@@ -201,6 +203,7 @@ class RobotStatus:
         drives_home: it can drive home; an older daemon cannot.
         wanted: what the host wants of it.
         ordered_ns: since when it may move, or is to stand still, host's clock.
+        defects: how often a bug in vsense has ended its session.
     """
 
     tag: int
@@ -226,6 +229,7 @@ class RobotStatus:
     drives_home: bool = False
     wanted: Wanted = Wanted.IDLE
     ordered_ns: int = 0
+    defects: int = 0
 
     @property
     def lit(self) -> bool:
@@ -233,12 +237,15 @@ class RobotStatus:
         return self.telemetry is not None and bool(self.telemetry.leds & RING_LEDS)
 
 
-THROTTLED: dict[str, str] = {"refused": "refused", "protocol_error": "no robot", "doubt": "doubted"}
+THROTTLED: dict[str, str] = {
+    **{"refused": "refused", "protocol_error": "no robot", "doubt": "doubted"},
+    "defect": "ended by a defect in vsense",
+}
 """Kinds of events that anybody can cause, and how they are called where they are only counted."""
 
 
 class EventThrottle:
-    """Passes events on; of refusals, protocol errors and doubts only a few in `REPEAT_NS`.
+    """Passes events on; of refusals, protocol errors, doubts, defects only a few in `REPEAT_NS`.
 
     A refused robot tries again every second, and anybody can send garbage: such events would hide
     the others. The same text is told once in that time. Of different ones each expected robot has
