@@ -34,6 +34,7 @@ LOOSE = {
     "files",
     "message_bus",
     "native",
+    "processes",
     "sharing",
     "terminal",
 }
@@ -319,3 +320,10 @@ def test_top_level_is_the_design_card() -> None:
     made = {"build", "dist", "runs", "PKG-INFO", "setup.cfg"}  # the last two in an sdist
     found = {p.name for p in ROOT.iterdir() if not p.name.startswith(".")}
     assert {n for n in found if not n.endswith(".egg-info")} - allowed - made == set()
+
+
+def test_one_module_starts_python() -> None:
+    """Whoever starts it otherwise has modules of the current folder imported."""
+    asks = re.compile(r"sys\.executable|(?<!\w)[\"']-m[\"']")
+    found = {name for name, path in MODULES.items() if asks.search(path.read_text())}
+    assert found == {"vsense.processes", "vsense.errors"}, "errors names the pip of this Python"

@@ -7,6 +7,7 @@ import json
 import shutil
 import zipfile
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -15,10 +16,13 @@ import pytest
 
 from tests.run.changed_run import ChangedRun
 from vsense import cli
+from vsense.message_bus import Message
 from vsense.packages import archive
 from vsense.packages.archive import MANIFEST, manifest_of
+from vsense.packages.places import is_own
 from vsense.recording.reader import open_recording
 from vsense.recording.recorder import Recorder
+from vsense.recording.writer import RecordingWriter
 from vsense.run.runs_csv import RunRow, RunsFile
 
 PLAN = """
@@ -231,3 +235,141 @@ def test_a_packed_recording_names_nobody(recorded: Path, tmp_path: Path) -> None
             kept, was = (list(one.messages({topic})) for one in (now, before))
             assert kept == was and len(kept) > 20
     assert str(Path(cli.__file__).parent).encode() not in copy.read_bytes()
+
+
+SHIPPED = Path(cli.__file__).parent / "experiments"
+
+
+@pytest.fixture
+def traps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The file that shows that code beside a package has run, in the current folder as a paper's
+    supplement is unpacked there: experiments of somebody's, one called as a shipped one."""
+    trace, here = tmp_path / "trace", tmp_path / "supplement"
+    future = "from __future__ import annotations\n"
+    code = (SHIPPED / "foraging.py").read_text()
+    code = code.replace(future, f"{future}open({str(trace)!r}, 'w').close()\n")
+    text = (SHIPPED / "foraging.argos").read_text().replace("foraging.py", "evil.py")
+    for folder in (here, here / "@vsense" / "experiments"):
+        folder.mkdir(parents=True)
+        (folder / "evil.py").write_text(code)
+        for name in ("evil", "foraging"):
+            (folder / f"{name}.argos").write_text(text)
+    monkeypatch.chdir(here)
+    return trace
+
+
+EVIL = (
+    *("evil.argos", "foraging.argos", "./evil.argos", "./foraging", "../supplement/evil.argos"),
+    *("@vsense/experiments/evil.argos", "@vsense/experiments/evil", "@vsense/evil.argos"),
+    "@vsense/experiments/../../evil.argos",
+)
+"""What a package may say that its experiment is."""
+
+
+@pytest.mark.parametrize("name", [*EVIL, "whole"])
+def test_nothing_but_a_shipped_experiment_is_vsenses_own(
+    name: str, packed: Path, traps: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = str(Path("evil.argos").absolute()) if name == "whole" else name
+
+    def change(file: str, data: bytes) -> bytes:
+        if file == "vsense-package.json":
+            return json.dumps({**json.loads(data), "report": []}).encode()
+        if not file.endswith("made.json"):
+            return data
+        told = json.loads(data)
+        for setup in told["setups"].values():
+            setup["experiment"] = said
+        return json.dumps(told).encode()
+
+    other = repacked(packed, tmp_path / "other.zip", change)
+    code, told = reproduced(other, capsys)
+    why = [one["words"] for one in told["things"]]
+    assert code == 3 and not traps.exists() and all("--trust" in words for words in why), told
+    code, told = reproduced(other, capsys, "--trust")
+    if said[0] not in "/@":  # who believes a package does not believe the current folder
+        why = [one["words"] for one in told["things"]]
+        assert code == 3 and not traps.exists() and all("a whole path" in words for words in why)
+
+
+def test_a_shipped_experiments_name_is_vsenses_own_wherever_one_is(
+    packed: Path, traps: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def change(file: str, data: bytes) -> bytes:
+        path = b'"@vsense/experiments/foraging.argos"'
+        return data.replace(path, b'"foraging"') if file.endswith("made.json") else data
+
+    for other in (packed, repacked(packed, tmp_path / "other.zip", change)):
+        code, told = reproduced(other, capsys)
+        assert code == 0 and not traps.exists(), told
+
+
+@pytest.mark.parametrize(
+    "setting",
+    [
+        {f"foraging.{name}": f"evil.{suffix}"}
+        for name in ("params.what", "nest")
+        for suffix in ("py", "lua", "c", "cc", "cpp", "cxx", "h", "so", "argos", "xml", "png")
+    ]
+    + [{f"e.{name}": "evil"} for name in ("library", "label", "file", "vs:sources", "vs:include")]
+    + [{"e.noise": words} for words in ("a/b", "a\\b", "..", "~a", "*", "@package")],
+    ids=str,
+)
+def test_settings_that_may_name_code_are_not_vsenses_own(setting: dict[str, str]) -> None:
+    assert is_own("foraging", {"settings": {"sensor.noise": "0.25", "e.kind": "bright"}})
+    assert not is_own("foraging", {"settings": setting})
+
+
+def reexperimented(path: Path, into: Path, first: Mapping[str, Any], every: bool) -> Path:
+    """A recording that says something else of its experiment first, or always."""
+    seen: list[Message] = []
+
+    def change(message: Message) -> Message:
+        if message.topic != "/experiment" or (seen and not every):
+            return message
+        seen.append(message)
+        made = {**message.data["made"], **first["made"]}
+        return replace(message, data={**message.data, **first, "made": made})
+
+    with open_recording(path) as recording:
+        messages = [m for m in recording.messages() if not m.topic.startswith("/foxglove")]
+        writer = RecordingWriter(into, recording.begin_ns, recording.utc_shift_ns)
+        experiment = next(m for m in messages if m.topic == "/experiment")
+        for message in [experiment, *messages]:
+            writer.add(change(message))
+        writer.close()
+    return into
+
+
+@pytest.mark.parametrize("every", [True, False], ids=["always", "first"])
+@pytest.mark.parametrize("where", ["evil.argos", "@vsense/experiments/foraging.argos"])
+def test_a_recordings_experiment_is_believed_as_little(
+    where: str, every: bool, recorded: Path, traps: Path, tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    """Also where the one that the recording has last is vsense's own."""
+    target = tmp_path / "lab.zip"
+    assert cli.main(["pack", str(recorded), "-o", str(target), "--no-report"]) == 0
+    before, after = tmp_path / "before.mcap", tmp_path / "after.mcap"
+    before.write_bytes(files_of(target)["lab/foraging.mcap"])
+    text = Path("evil.argos").read_text().replace('"evil.py"', f'"{Path("evil.py").absolute()}"')
+    Path("evil.argos").write_text(text)
+    said = {"file_text": text, "made": {"path": where, "casting": {"limit": 9}}}
+    data = reexperimented(before, after, said, every).read_bytes()
+    other = repacked(
+        target, tmp_path / "other.zip", lambda n, d: data if n == "lab/foraging.mcap" else d
+    )
+    code, told = reproduced(other, capsys)
+    (why,) = (one["words"] for one in told["things"] if one["thing"].endswith("readings"))
+    assert code == 3 and not traps.exists() and "--trust" in why, told
+
+
+def test_a_recording_of_a_relative_path_is_sensed_again_from_where_one_says_only(
+    recorded: Path, traps: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = tmp_path / "other.mcap"
+    text = Path("evil.argos").read_text()
+    said = {"file_text": text, "made": {"path": "evil.argos"}}
+    reexperimented(recorded / "foraging.mcap", other, said, True)
+    assert cli.main(["replay", str(other), "--resense"]) == 2
+    assert "--experiment FILE" in capsys.readouterr().err and not traps.exists()

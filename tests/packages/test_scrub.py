@@ -16,7 +16,7 @@ from vsense.errors import VsenseError
 from vsense.packages import crate, kinds, places
 from vsense.packages.contents import PackageContents
 from vsense.packages.crate import Person
-from vsense.packages.places import PackagePlaces, Untrusted
+from vsense.packages.places import PackagePlaces, Untrusted, shipped_file
 from vsense.packages.scrub import Scrubber, folders_of
 
 HOME = str(Path.home())
@@ -111,7 +111,7 @@ SETUP: dict[str, Any] = {
 )
 def test_what_is_not_vsenses_own_needs_trust(change: dict[str, Any], tmp_path: Path) -> None:
     where = PackagePlaces(tmp_path / "package", tmp_path / "anew")
-    assert where.setup(SETUP, trusted=False).experiment == "foraging"
+    assert where.setup(SETUP, trusted=False).experiment == str(shipped_file("foraging"))
     assert places.is_own("@vsense/experiments/foraging.argos", SETUP)
     with pytest.raises(Untrusted, match="--trust"):
         where.setup({**SETUP, **change}, trusted=False)

@@ -30,8 +30,8 @@ from numpy.typing import NDArray
 from vsense.arena import Frame
 from vsense.bench.frames import FRAMES_PER_S, MARKER_M, FrameSet, Image
 from vsense.cameras.camera import Camera
-from vsense.lab.processes import start_module
 from vsense.markers.families import load_family
+from vsense.processes import start_module
 from vsense.tracking.arena_tracker import ArenaTracker
 from vsense.tracking.marker_detector import MarkerDetector
 from vsense.tracking.prediction import SearchPlan

@@ -19,7 +19,6 @@ import math
 import os
 import resource
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -31,6 +30,7 @@ from typing import Any
 import numpy as np
 
 from vsense.native import kernel_ffi, kernels
+from vsense.processes import python_module
 from vsense.run.programs import shared_objects
 from vsense.sim.chain import Chain
 from vsense.sim.job import Job, Setup
@@ -185,7 +185,7 @@ def startup_s(path: Path) -> float:
     with tempfile.TemporaryDirectory(prefix="vsense-bench-") as folder:
         words = ["sim", str(path), "--duration", "1", "--runs", "1", "-j", "1"]
         subprocess.run(
-            [sys.executable, "-m", "vsense", *words, "-o", f"{folder}/results.csv"],
+            [*python_module("vsense"), *words, "-o", f"{folder}/results.csv"],
             check=True,
             capture_output=True,
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},

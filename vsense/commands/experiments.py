@@ -208,8 +208,8 @@ def room_of(options: argparse.Namespace) -> RoomOptions:
     """Returns what `add_room` declares."""
     from vsense.ui.room import RoomOptions
 
-    others = {"series": None, "tokens": None}
-    return arguments.fill(RoomOptions, options, web=arguments.web_of(options), **others)
+    doors = {"web": arguments.web_of(options), "foxglove": arguments.foxglove_of(options)}
+    return arguments.fill(RoomOptions, options, **doors, series=None, tokens=None)
 
 
 def lease_robots(
@@ -270,12 +270,15 @@ def check_doors(options: argparse.Namespace, host: str, port: int) -> None:
     """
     from vsense import recording
     from vsense.link.robots import network
+    from vsense.ui.foxglove_server import check_foxglove
     from vsense.ui.room import page_access
 
     check_legacy_port(options, port)
     if options.record or options.record_images:
         recording.require()
     web = arguments.web_of(options)
+    ports = (port, options.legacy_port, None if web is None else web.port)
+    check_foxglove(arguments.foxglove_of(options), ports)
     with ExitStack() as stack:
         robots = network.bind(host, port)
         stack.callback(robots.tcp.close)

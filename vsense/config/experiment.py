@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
-from importlib import resources
 from pathlib import Path
 from typing import NamedTuple
 
@@ -35,7 +34,7 @@ from vsense.config.specs import (
 )
 from vsense.config.things import Media, read_media
 from vsense.errors import ConfigError, UsageError, instead
-from vsense.files import read_bytes
+from vsense.files import PACKAGE_FOLDER, read_bytes
 from vsense.markers.families import known_families, load_family
 from vsense.robot.programs import CodeOptions
 from vsense.sensors.base import RobotSettings, Scope
@@ -61,14 +60,13 @@ def first_robots(experiment: Experiment, count: int | None) -> Experiment:
 
 
 SUFFIX = ".argos"
+SHIPPED_FOLDER = PACKAGE_FOLDER / "experiments"
+"""Of the experiments that come with vsense."""
 
 
 def shipped() -> tuple[str, ...]:
     """Gives the names of the experiments that come with vsense."""
-    folder = resources.files("vsense") / "experiments"
-    return tuple(
-        sorted(f.name.removesuffix(SUFFIX) for f in folder.iterdir() if f.name.endswith(SUFFIX))
-    )
+    return tuple(sorted(file.stem for file in SHIPPED_FOLDER.glob(f"*{SUFFIX}")))
 
 
 def load(
@@ -250,7 +248,7 @@ def _find(name: str) -> tuple[Path, str]:
     """Gives the file's place and what errors call it."""
     if name in shipped():
         file = f"{name}{SUFFIX}"
-        return Path(str(resources.files("vsense") / "experiments" / file)), file
+        return SHIPPED_FOLDER / file, file
     path = Path(name)
     if path.suffix == SUFFIX or os.path.isfile(name):
         return path, name

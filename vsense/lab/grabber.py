@@ -17,9 +17,9 @@ from vsense.clock import host_ns, real_s
 from vsense.lab.bodies import Body
 from vsense.lab.camera_spec import Exposure, LabCameraSpec
 from vsense.lab.optics import EXPOSURE_NS
-from vsense.lab.processes import describe_exit, end, start_module
 from vsense.lab.shared import FrameBank
 from vsense.lab.truth import TruthReader
+from vsense.processes import describe_exit, end, start_module
 
 READY_TIMEOUT_S = 20.0
 """The scene of four cameras must be built within this time, that of more in so much more."""

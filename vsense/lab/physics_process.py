@@ -49,17 +49,18 @@ from vsense import clock
 from vsense.clock import host_ns
 from vsense.config.specs import Experiment, ObjectSpec, RobotSpec
 from vsense.errors import UsageError, VsenseError, failing_as
+from vsense.lab.canary import Lateness
 from vsense.lab.hardware import RobotHardware
 from vsense.lab.links import bases_of
 from vsense.lab.microcontrollers import ActuationLog, Microcontrollers
 from vsense.lab.physics_spec import BOX, CYLINDER, POSE, PhysicsSpec, read_number
-from vsense.lab.processes import Lateness, describe_exit, end, read_line, start_module
 from vsense.lab.real_sensors import NOMINAL_SENSORS, RealGround
 from vsense.lab.shared import LabError, LogFile
 from vsense.lab.truth import TruthWriter
 from vsense.physics.motion import TICK_NS, Physics, obstacles
 from vsense.physics.proximity_ring import ProximityRing
 from vsense.physics.wheel_noise import NoisyWheels
+from vsense.processes import describe_exit, end, read_line, start_module
 
 FLUSH_TICKS = 10
 """The log is written to disk ten times per second."""

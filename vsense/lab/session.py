@@ -18,11 +18,11 @@ from vsense.config.specs import Experiment
 from vsense.errors import VsenseError
 from vsense.lab.calibrated import CalibratedRig
 from vsense.lab.camera_spec import CameraGrid, robot_body, spec_for
+from vsense.lab.canary import Canary
 from vsense.lab.grabber import LabGrabber
 from vsense.lab.hardware import NOMINAL, LabRobots, to_markers
 from vsense.lab.metrics import TrackingTally
 from vsense.lab.physics_process import FloorProcess
-from vsense.lab.processes import Canary
 from vsense.lab.shared import LabError
 from vsense.lab.swarm import Robot, Swarm
 from vsense.lab.truth import TruthReader, make_ring

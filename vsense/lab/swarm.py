@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.clock import pace
-from vsense.lab.processes import describe_exit, end
 from vsense.lab.radio import EmulatedRadio
 from vsense.lab.shared import LabError
 from vsense.link.robots.keys import SwarmKeys, robot_file, write_private
+from vsense.processes import describe_exit, end
 
 CLOCK_OFFSET_NS = 3_600_000_000_000
 """Every robot's clock is off by up to an hour ..."""

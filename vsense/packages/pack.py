@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 
 from vsense import __version__
 from vsense.errors import VsenseError, failing_as
-from vsense.files import PACKAGE_FOLDER, read_bytes
+from vsense.files import read_bytes
 from vsense.packages import archive, contents, crate, figures, kinds, origin
 from vsense.packages.archive import MANIFEST, PackageError
 from vsense.packages.contents import CONTENTS, PackageContents, PackedRun
@@ -18,7 +18,7 @@ from vsense.packages.crate import Described, Person, Title
 from vsense.packages.gathering import FoundRun, FoundSeries, gather
 from vsense.packages.kinds import FileKind
 from vsense.packages.origin import RunOrigin
-from vsense.packages.scrub import PACKAGE, VSENSE, Scrubber, folders_of
+from vsense.packages.scrub import OWN_FOLDERS, PACKAGE, Scrubber, folders_of
 from vsense.recording import SUFFIX, require
 from vsense.report.study.results import Questions
 from vsense.run.runs_csv import utc
@@ -148,7 +148,7 @@ class Packing:
 
     def _moved(self) -> list[tuple[str, str]]:
         """Paths, and what they are in the package; reads what runs were made from."""
-        pairs = [(str(PACKAGE_FOLDER), VSENSE)]
+        pairs = [(str(path), name) for name, path in OWN_FOLDERS.items()]
         for series in self._found:
             for _, path in series.origins:
                 if path not in self._origins:

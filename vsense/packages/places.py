@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from vsense.config.experiment import SHIPPED_FOLDER, SUFFIX, shipped
 from vsense.errors import VsenseError
-from vsense.files import PACKAGE_FOLDER
-from vsense.packages.scrub import PACKAGE, VSENSE, Scrubber
+from vsense.packages.scrub import OWN_FOLDERS, PACKAGE, VSENSE, Scrubber
 from vsense.robot.programs import source_roots
 from vsense.sim.job import Setup
 
 UNTRUSTED = (
     "it would compile and run code of the package: read it, then say --trust if you believe it"
 )
+
+_SHIPPED = f"{VSENSE}/experiments/"
+_OF_FILES = ("library", "label", "path", "image", "source", "sources", "file", "include", "script")
+_FILE = re.compile(r"[/\\@~*?]|\.\.|\.[^\W\d]")
+"""In a setting: a path, a pattern, or a name with the suffix of whatever language."""
 
 
 class Untrusted(VsenseError):
@@ -35,15 +41,15 @@ class PackagePlaces:
 
     def __init__(self, package: Path, anew: Path) -> None:
         self.package, self.anew = package, anew
-        self._own = PACKAGE_FOLDER
-        pairs = [(str(package), PACKAGE), (str(anew), PACKAGE), (str(self._own), VSENSE)]
+        pairs = [(str(package), PACKAGE), (str(anew), PACKAGE)]
+        pairs += [(str(path), name) for name, path in OWN_FOLDERS.items()]
         pairs += [(str(root), VSENSE) for root in source_roots()]
         self.scrubber = Scrubber(pairs)
 
     def real(self, value: Any) -> Any:
         """Puts real paths in place of a package's, in all that JSON has."""
         if isinstance(value, str):
-            for name, path in ((PACKAGE, self.package), (VSENSE, self._own)):
+            for name, path in ((PACKAGE, self.package), *OWN_FOLDERS.items()):
                 value = value.replace(f"{name}/", f"{path}/")
             return value
         if isinstance(value, dict):
@@ -51,6 +57,17 @@ class PackagePlaces:
         if isinstance(value, (list, tuple)):
             return [self.real(each) for each in value]
         return value
+
+    def experiment_path(self, experiment: object) -> Path:
+        """The whole path of an experiment's file: the shipped one's, or what the package says.
+
+        Raises:
+            VsenseError: it is relative, so it would be whatever the current folder has.
+        """
+        path = shipped_file(experiment) or Path(str(self.real(experiment)))
+        if not path.is_absolute():
+            raise VsenseError(f"its experiment is {str(path)!r}, expected a whole path")
+        return path
 
     def public(self, words: object) -> str:
         """Words, such as of an error, with a package's paths."""
@@ -66,7 +83,8 @@ class PackagePlaces:
         if not trusted and not is_own(told.get("experiment"), told):
             raise Untrusted
         try:
-            setup = Setup.read(self.real(told))
+            path = self.experiment_path(told.get("experiment"))
+            setup = Setup.read({**self.real(told), "experiment": str(path)})
             if not all(isinstance(text, str) for pair in setup.settings.items() for text in pair):
                 raise TypeError("a setting is no text")
         except (KeyError, TypeError, ValueError, AttributeError) as error:
@@ -82,26 +100,41 @@ class PackagePlaces:
                 folder.mkdir(parents=True, exist_ok=True)
 
 
-def is_own(experiment: object, told: Mapping[str, Any]) -> bool:
-    """Whether an experiment is vsense's own, and nothing that is said of it names another file.
+def shipped_file(experiment: object) -> Path | None:
+    """The file of a shipped experiment, by its name or its path from `VSENSE`; None: it is none."""
+    if not isinstance(experiment, str):
+        return None
+    name = experiment
+    if experiment.startswith(_SHIPPED) and experiment.endswith(SUFFIX):
+        name = experiment[len(_SHIPPED) : -len(SUFFIX)]
+    return SHIPPED_FOLDER / f"{name}{SUFFIX}" if name in shipped() else None
+
+
+def is_own(experiment: object, told: Mapping[str, Any], text: str | None = None) -> bool:
+    """Whether an experiment is one of vsense's own, and nothing that is said of it names a file.
+
+    Whatever makes something of a package anew asks here first, and loads what `experiment_path`
+    says: never a path of the package's author.
 
     Args:
         experiment: the name of a shipped one, or its path from `VSENSE`.
         told: settings and places of code, as setups and recordings have them.
+        text: what the package has as the experiment's file, where that is what is read: it has to
+            be the shipped one to the last byte. None: nothing of the package's is read.
     """
-    if not isinstance(experiment, str):
-        return False
-    path = experiment.removeprefix(f"{VSENSE}/experiments/").removesuffix(".argos")
+    path = shipped_file(experiment)
     settings, code = told.get("settings") or {}, told.get("code") or {}
-    if not isinstance(settings, dict) or not isinstance(code, dict):
+    if path is None or not isinstance(settings, dict) or not isinstance(code, dict):
         return False
-    plain = path.replace("-", "").replace("_", "").isalnum()
-    harmless = all(_is_plain(key, value) for key, value in settings.items())
-    return plain and harmless and not any(code.values())
+    if any(code.values()) or not all(_is_plain(key, value) for key, value in settings.items()):
+        return False
+    try:
+        return text is None or text == path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return False
 
 
 def _is_plain(key: object, value: object) -> bool:
     """Whether a setting is a number or a word, and of nothing that is a file."""
-    text = str(value)
-    named = str(key).rpartition(".")[2] in ("library", "label", "path", "image", "source", "file")
-    return not named and not any(sign in text for sign in "/\\@") and ".." not in text
+    attribute = re.split(r"[.:]", str(key))[-1]
+    return attribute not in _OF_FILES and _FILE.search(str(value)) is None

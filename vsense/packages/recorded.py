@@ -9,8 +9,6 @@ from __future__ import annotations
 import csv
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 from vsense.errors import VsenseError
 from vsense.packages import comparing
@@ -74,9 +72,8 @@ class RecordedRuns:
         made = told.made
         if not made or not isinstance(made.get("path"), str):
             raise VsenseError("it does not say how its experiment was read: an older vsense")
-        if not self._trusted and not self._is_own(told, made):
-            raise Untrusted
-        path = Path(self._places.real(made["path"]))
+        self._require_trust(told)
+        path = self._places.experiment_path(made["path"])
         sensing = Resensing(recording, path, self._moved)
         measures: dict[int, dict[str, float]] = {}
         for run_timestep in sensing.timesteps():
@@ -89,18 +86,16 @@ class RecordedRuns:
         self._compare_measures(run, measures)
         self._compare_row(run, told, {**sensing.measures, **sensing.end()})
 
-    def _is_own(self, told: ExperimentMessage, made: Mapping[str, Any]) -> bool:
-        """Whether the recording's experiment is one of vsense's own, to the last byte."""
-        if not is_own(made.get("path"), made):
-            return False
-        try:
-            text = Path(self._places.real(made["path"])).read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError):
-            return False
-        return text == told.file_text
+    def _require_trust(self, told: ExperimentMessage) -> None:
+        """Raises Untrusted unless the experiment is vsense's own, or the package is believed."""
+        made = told.made or {}
+        if not self._trusted and not is_own(made.get("path"), made, told.file_text):
+            raise Untrusted
 
     def _moved(self, told: ExperimentMessage) -> ExperimentMessage:
-        """What a recording says of its experiment, with the paths of here."""
+        """What a recording says of its experiment, with the paths of here; a recording may say
+        something else of it later, and Untrusted is raised for each."""
+        self._require_trust(told)
         made = self._places.real(dict(told.made or {}))
         code = made.get("code")
         self._places.make_folders(code.get("includes", ()) if isinstance(code, dict) else ())

@@ -12,8 +12,14 @@ from typing import Any
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
+from vsense.config.experiment import SHIPPED_FOLDER
+from vsense.files import PACKAGE_FOLDER
+
 PACKAGE, VSENSE = "@package", "@vsense"
 """Where a package is unpacked, and where vsense is: what paths in a package begin with."""
+
+OWN_FOLDERS = {f"{VSENSE}/experiments": SHIPPED_FOLDER, VSENSE: PACKAGE_FOLDER}
+"""Where what a package calls vsense's own is: the names outlive the layout of the folders."""
 
 ADDRESS = "192.0.2.1"
 """In place of any address: one that RFC 5737 has set aside for documents, so files stay valid."""

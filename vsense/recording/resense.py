@@ -185,6 +185,11 @@ class Resensing:
 
     def _experiment(self, text: str, made: Mapping[str, Any]) -> Experiment:
         path, stage = self._path or Path(made["path"]), Stage(made["stage"])
+        if not path.is_absolute() and self._path is None:
+            # No recording of ours has one: it would be whatever the current folder holds.
+            raise self._error(
+                f"says that its experiment is {str(path)!r}: say where with --experiment FILE"
+            )
         how = made["length_s"], made["settings"], stage, made["virtual_devices"]
         try:
             code = CodeOptions(**made.get("code", {}))  # older recordings have none

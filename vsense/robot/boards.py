@@ -15,11 +15,11 @@ import importlib.util
 import platform
 import re
 import shutil
-import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from vsense.errors import UsageError, pip_line
+from vsense.processes import python_module
 from vsense.robot.build import cache_directory, source_tree
 from vsense.robot.compiling import BuildError, Toolchain, native
 from vsense.robot.programs import Program
@@ -123,7 +123,7 @@ def _zig(target: Target, cache: Path) -> Toolchain | None:
         "ZIG_GLOBAL_CACHE_DIR": str(cache / "zig"),
         "ZIG_LOCAL_CACHE_DIR": str(cache / "zig"),
     }
-    zig = (sys.executable, "-m", "ziglang")
+    zig = python_module("ziglang")
     small = (*SMALL, *target.small) if target.small else ()
     return Toolchain((*zig, "cc"), (*SMALL, *flags), folders, small, cxx=(*zig, "c++"))
 

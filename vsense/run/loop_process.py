@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.processes import python_module
 from vsense.robot.loop_library import Colors, CxxLoopError, LoopLibrary
 
 LIMIT_S = 2.0
@@ -43,7 +44,7 @@ class LoopProcess:
         try:
             self._process = subprocess.Popen(
                 [
-                    *(sys.executable, "-m", "vsense.run.loop_process"),
+                    *python_module("vsense.run.loop_process"),
                     *(str(library), str(theirs_in), str(theirs_out)),
                 ],
                 stdin=subprocess.DEVNULL,

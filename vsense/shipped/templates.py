@@ -11,10 +11,9 @@ import re
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 
-from vsense.config.experiment import SUFFIX, shipped
+from vsense.config.experiment import SHIPPED_FOLDER, SUFFIX, shipped
 from vsense.errors import UsageError, failing_as, instead
 from vsense.robot.build import BuildError, source_tree
 from vsense.robot.programs import NAME_MAX
@@ -101,7 +100,7 @@ def _checked(folder: Path) -> str:
 
 
 def _read(source: str) -> _Template:
-    folder = Path(str(resources.files("vsense") / "experiments"))
+    folder = SHIPPED_FOLDER
     folder = folder / START if source == START else folder
     argos = (folder / f"{source}{SUFFIX}").read_text(encoding="utf-8")
     known = source_tree().controllers() | {f"{START}.c": folder / f"{START}.c"}
@@ -143,7 +142,7 @@ def _reworded(text: str, files: Mapping[str, str], source: str, name: str) -> st
 def _with_sensor(texts: Mapping[str, str], name: str) -> dict[str, str]:
     """The files with a sensor: mounted on all robots, read and shown by all controllers."""
     file = f"{name}_sensor.py"
-    sensor = resources.files("vsense") / "experiments" / START / "crowd.py"
+    sensor = SHIPPED_FOLDER / START / "crowd.py"
     mounted = _SENSOR.format(file=file)
     found = {
         key: re.sub(r"(\n)( *</sensors>)", lambda end: f"{mounted}{end[2]}", text)

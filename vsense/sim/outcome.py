@@ -10,7 +10,7 @@ from typing import Any
 
 from vsense.config.specs import Experiment
 from vsense.errors import VsenseError
-from vsense.lab.processes import describe_exit
+from vsense.processes import describe_exit
 from vsense.robot.inprocess import SimError
 from vsense.robot.loop_library import FUNCTIONS
 from vsense.run.programs import LOADING, LOADING_LOOP

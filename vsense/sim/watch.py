@@ -12,8 +12,8 @@ from contextlib import ExitStack, suppress
 from itertools import islice
 from typing import Any, Generic, Protocol, TypeVar
 
-from vsense.lab.processes import start_module
 from vsense.lab.shared import SharedBlock
+from vsense.processes import start_module
 from vsense.run.programs import PROGRESS_BYTES
 from vsense.sim.outcome import Answer, Interrupted, Task
 from vsense.sim.simulation import WARM_UP

@@ -35,7 +35,7 @@ from pathlib import Path
 from typing import Any
 
 from vsense.errors import VsenseError
-from vsense.lab.processes import read_line
+from vsense.processes import read_line
 from vsense.robot.inprocess import declarations
 from vsense.run.programs import PROGRESS_BYTES, shared_objects
 from vsense.sim import fingerprint

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import socket
 import subprocess
-import sys
 import threading
 import time
 from collections import deque
@@ -23,6 +22,7 @@ from vsense.errors import UsageError, VsenseError
 from vsense.foxglove.channels import LASTING
 from vsense.link.robots import network
 from vsense.message_bus import Message, MessageBus
+from vsense.processes import python_module
 from vsense.run.orders import Give, Order, OrderError, OrderKind
 from vsense.terminal import Console
 from vsense.ui.access import FoxgloveAddress, is_loopback
@@ -101,7 +101,7 @@ class FoxgloveServer:
         ours, theirs = socket.socketpair()
         with theirs:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "vsense.ui.foxglove_process"],
+                python_module("vsense.ui.foxglove_process"),
                 stdin=theirs.fileno(),
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,

@@ -13,12 +13,11 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+from vsense.files import PACKAGE_FOLDER
 from vsense.link.robots.roster import SessionTable
 from vsense.link.robots.session import HostSession
 from vsense.link.robots.status import LinkEvent
 from vsense.link.robots.wire import GoodbyeCause
-
-PACKAGE = Path(__file__).parents[2]
 
 CAUSE_MAX = 200
 """Characters of an exception's own text that are told."""
@@ -27,14 +26,14 @@ CAUSE_MAX = 200
 def cause_of(error: Exception) -> str:
     """An exception in one line of ASCII: its type, its text, and where in vsense it was raised."""
     frames = traceback.extract_tb(error.__traceback__)
-    ours = [frame for frame in frames if PACKAGE in Path(frame.filename).parents]
+    ours = [frame for frame in frames if PACKAGE_FOLDER in Path(frame.filename).parents]
     text = " ".join(str(error).split())[:CAUSE_MAX].encode("ascii", "backslashreplace").decode()
     told = ": ".join(filter(None, (type(error).__name__, text)))
     if not frames:
         return told
     place = (ours or list(frames))[-1]
     path = Path(place.filename)
-    name = path.relative_to(PACKAGE.parent) if ours else path.name
+    name = path.relative_to(PACKAGE_FOLDER.parent) if ours else path.name
     return f"{told} ({name}:{place.lineno}, {place.name})"
 
 

@@ -1,8 +1,7 @@
-"""Child processes: how they start and end, and the lab's canary.
+"""The lab's canary: an idle process with a 10 ms timer that notes how late it was woken.
 
-The canary is an idle process with a 10 ms timer that notes how late it was woken. Its figures show
-how much of a run's latencies is due to a busy machine. `python -m vsense.lab.processes` runs until
-its standard input ends, then prints a line for each lateness that came: the lateness in ms, and how
+Its figures show how much of a run's latencies is due to a busy machine. The process runs until its
+standard input ends, then prints a line for each lateness that came: the lateness in ms, and how
 many ticks had it.
 """
 
@@ -10,63 +9,11 @@ from __future__ import annotations
 
 import os
 import select
-import signal
-import subprocess
 import sys
 from collections import Counter
-from typing import IO, Any
 
 from vsense.clock import host_ns
-
-END_TIMEOUT_S = 5.0
-"""A process that was asked to end and does not within this time is killed."""
-
-Started = tuple[subprocess.Popen[bytes], IO[bytes], IO[bytes]]
-"""A process, and the pipes to its standard input and from its standard output."""
-
-
-def start_module(module: str, *arguments: str, **options: Any) -> Started:
-    """Starts a Python module in a session of its own: Ctrl-C reaches only this process."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", module, *arguments],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        start_new_session=True,
-        **options,
-    )
-    assert process.stdin is not None and process.stdout is not None
-    return process, process.stdin, process.stdout
-
-
-def end(process: subprocess.Popen[Any], timeout_s: float = END_TIMEOUT_S) -> None:
-    """Waits for a process that was asked to end, and kills it where it does not."""
-    try:
-        process.wait(timeout_s)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
-
-
-def describe_exit(returncode: int) -> str:
-    """Says in words how a process ended."""
-    if returncode < 0:
-        return f"was killed by {signal.Signals(-returncode).name}"
-    return f"ended with exit code {returncode}"
-
-
-def read_line(descriptor: int) -> bytes:
-    """Reads a line and not a byte further, so that `select` sees all that follows.
-
-    The line is empty where the input ended before it did.
-    """
-    line = bytearray()
-    while not line.endswith(b"\n"):
-        byte = os.read(descriptor, 1)
-        if not byte:
-            return b""
-        line += byte
-    return bytes(line)
-
+from vsense.processes import start_module
 
 PERIOD_NS = 10_000_000
 
@@ -112,7 +59,7 @@ class Canary:
     """The canary process, from now until `end`."""
 
     def __init__(self) -> None:
-        self._process = start_module("vsense.lab.processes")[0]
+        self._process = start_module("vsense.lab.canary")[0]
 
     def end(self) -> list[float]:
         """Ends it; returns how late its ticks were, in ms, or nothing if it was killed."""
