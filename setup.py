@@ -6,7 +6,7 @@ The wheel carries, beside the Python package:
 * `vsense/_sources/`, the C sources from which a user's controller is built later, without
   `c_src/host/`, which no robot runs; and the pages that lie outside of `vsense/`;
 * `vsense/_sources/bin/vsensed`, the daemon for the wheel's machine with the shipped controller.
-An editable install and a checkout use the checkout's own folders (`vsense/robot/build.py`).
+An editable install and a checkout use the checkout's own folders (`vsense/robots/build.py`).
 
 `scripts/release` sets two variables: VSENSE_STATIC has the daemon built by the pinned compiler, so
 that it runs on every Linux; VSENSE_URL is where the sources are published, for the links.
@@ -27,10 +27,10 @@ ROOT = Path(__file__).resolve().parent
 sys.path.insert(0, str(ROOT))
 
 from vsense import __version__  # noqa: E402
-from vsense.doctor import versions  # noqa: E402
-from vsense.robot import boards, build  # noqa: E402
-from vsense.robot.compiling import HOST_FLAGS  # noqa: E402
-from vsense.shipped import documents  # noqa: E402
+from vsense.robots import boards, build  # noqa: E402
+from vsense.robots.compiling import HOST_FLAGS  # noqa: E402
+from vsense.tools.doctor import versions  # noqa: E402
+from vsense.tools.shipped import documents  # noqa: E402
 
 URL = os.environ.get("VSENSE_URL", "").rstrip("/")
 

@@ -3,7 +3,7 @@
 The first is what robot and host share, with the microcontroller's end; the second is
 `c_src/host/`, which only the host runs. The declarations that cffi needs are cut out of the real
 headers, so nothing is typed twice. A library carries the names and the hash of the files it was
-made from: `vsense/native.py` compares them with what it finds in a checkout.
+made from: `vsense/base/native.py` compares them with what it finds in a checkout.
 """
 
 from __future__ import annotations

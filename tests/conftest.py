@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-from vsense.arena import POSE, ArenaState
-from vsense.errors import pip_line
-from vsense.robot import boards
+from vsense.base.arena import POSE, ArenaState
+from vsense.base.errors import pip_line
+from vsense.robots import boards
 
 # What this machine's accounts share is none of the tests' business.
 os.environ["VSENSE_LAB"] = ""
@@ -29,7 +29,7 @@ settings.load_profile("vsense")
 
 
 ALONE = (
-    *("tests/faults/", "tests/ui/test_lab_page.py"),
+    *("tests/faults/", "tests/monitor/ui/test_lab_page.py"),
     *(f"tests/system/test_{name}.py" for name in ("attacked_lab", "flooded_lab", "kills", "lab")),
 )
 """Tests that need the machine for themselves: whole labs that keep or measure times. Those marked
@@ -38,8 +38,8 @@ ALONE = (
 
 PACED = (
     *("tests/board/", "tests/gige/"),
-    *(f"tests/robot/test_{name}.py" for name in ("bases", "daemon", "faults", "hangs")),
-    *(f"tests/robot/test_{name}.py" for name in ("hard_faults", "stops")),
+    *(f"tests/robots/test_{name}.py" for name in ("bases", "daemon", "faults", "hangs")),
+    *(f"tests/robots/test_{name}.py" for name in ("hard_faults", "stops")),
     "tests/system/",
 )
 """Tests of one board, one daemon, one run or four cameras in real time: with their like only, since
@@ -48,13 +48,13 @@ a busy machine is a fault of cameras too."""
 
 LONG = (
     "tests/packaging/",
-    "tests/robot/test_building.py",
-    "tests/robot/test_arm.py",
-    "tests/robot/test_cxx.py",
-    "tests/camera_setup/test_fake_camera.py",
-    "tests/robot/test_c_suite.py",
-    "tests/ui/test_page.py",
-    "tests/ui/test_server.py",
+    "tests/robots/test_building.py",
+    "tests/robots/test_arm.py",
+    "tests/robots/test_cxx.py",
+    "tests/tools/camera_setup/test_fake_camera.py",
+    "tests/robots/test_c_suite.py",
+    "tests/monitor/ui/test_page.py",
+    "tests/monitor/ui/test_server.py",
 )
 """Files of a few long tests: they begin first, so that no worker is left alone with one."""
 

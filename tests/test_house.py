@@ -1,16 +1,19 @@
-"""The house: floors without knots, files of a readable size, one name per class, and who may touch
-what. Everything is read from the sources themselves."""
+"""The house: rooms in order, files of a readable size, one name per class, who may touch what.
+
+Everything is read from the sources themselves.
+"""
 
 from __future__ import annotations
 
 import ast
 import re
 from collections import defaultdict
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from vsense.native import kernels, lib
+from vsense.base.native import kernels, lib
 
 ROOT = Path(__file__).parent.parent
 MODULES = {
@@ -24,33 +27,35 @@ FUNCTION_MAX = 40
 PYTHON_MIN, PYTHON_MAX = 60, 400
 """Lines of a Python file."""
 
-LOOSE = {
-    "__init__",
-    "__main__",
-    "arena",
-    "cli",
-    "clock",
-    "errors",
-    "files",
-    "message_bus",
-    "native",
-    "processes",
-    "sharing",
-    "terminal",
-}
-"""The seams: the only modules that lie beside the folders of `vsense/`."""
+ROOMS = (
+    "commands",
+    "tools",
+    "studies",
+    "modes",
+    "monitor",
+    "run",
+    "config",
+    "robots",
+    "world",
+    "vision",
+    "base",
+)
+"""The folders of `vsense/`, from the top: each imports only from those below it."""
+
+LOOSE = {"__init__", "__main__", "_moved", "cli"}
+"""The only modules that lie beside the rooms."""
 
 SHORT = {
-    **{f"vsense.{name}": "a seam" for name in ("__main__", "cli", "clock")},
+    **{f"vsense.{name}": "a seam" for name in ("__main__", "cli", "base.clock")},
     **{
         f"vsense.commands.{name}": "one file per command"
         for name in ("docs", "doctor", "new", "serve")
     },
 }
 """Modules below `PYTHON_MIN` lines, and why. Every `__init__` may be short, and so may the examples
-in `vsense/experiments/` and every kind of virtual sensor or actuator: one file each."""
+in `vsense/config/experiments/` and every kind of virtual sensor or actuator: one file each."""
 
-TIMELESS = ("markers", "tracking", "world", "sensors", "actuators", "config", "xml")
+TIMELESS = ("vision/markers", "vision/tracking", "world", "config", "base/xml")
 """Folders that are told the time and never read a clock."""
 
 LIBC = {
@@ -91,9 +96,15 @@ def links() -> dict[str, set[str]]:
     return found
 
 
-def floor_of(module: str) -> str:
-    """The folder or loose module directly below `vsense/` that a module belongs to."""
+def room_of(module: str) -> str:
+    """The room or loose module directly below `vsense/` that a module belongs to."""
     return module.split(".")[1] if "." in module else module
+
+
+def folder_of(module: str) -> str:
+    """The folder that a module lies in, at most two deep: `world/sensors`, or `world` itself."""
+    parts = MODULES[module].relative_to(ROOT / "vsense").parent.parts
+    return "/".join(parts[:2])
 
 
 def knots(arrows: dict[str, set[str]]) -> list[list[str]]:
@@ -122,37 +133,44 @@ def test_a_knot_is_found() -> None:
     assert knots({"a": {"b"}, "b": {"c"}, "c": set()}) == []
 
 
-def arrows_between_rooms() -> dict[str, set[str]]:
-    """Which folders and loose modules of `vsense` each of them imports."""
-    arrows: dict[str, set[str]] = defaultdict(set)
+def arrows(place_of: Callable[[str], str]) -> dict[str, set[str]]:
+    """Which places import which others; a folder and those inside it are not told apart."""
+    found: dict[str, set[str]] = defaultdict(set)
     for module, known in links().items():
-        own = floor_of(module)
-        arrows[own] |= {floor_of(other) for other in known} - {own}
-    return arrows
+        own = place_of(module)
+        others = {place_of(other) for other in known} - {own}
+        found[own] |= {o for o in others if not f"{o}/".startswith(f"{own}/")}
+        found[own] -= {o for o in others if f"{own}/".startswith(f"{o}/")}
+    return found
 
 
-def test_folders_stand_on_floors() -> None:
-    arrows = arrows_between_rooms()
-    assert {"world", "arena", "xml"} <= arrows["sensors"], "the graph has arrows"
-    assert knots(arrows) == []
+def test_the_rooms_are_these_eleven() -> None:
+    folders = {path.parent.name for path in (ROOT / "vsense").glob("*/__init__.py")}
+    assert folders == set(ROOMS)
 
 
-def test_the_floors_are_those_that_design_md_shows() -> None:
-    text = (ROOT / "vsense" / "DESIGN.md").read_text()
-    table = text.partition("| floor | folder |")[2].partition("\n\n")[0]
-    rows = [line.split("|")[2] for line in table.splitlines()[2:]]
-    name = re.compile(r"`(\w+)(?:/|\.py)`")
-    place = {found: row for row, cell in enumerate(rows) for found in name.findall(cell)}
-    rooms = {floor_of(module) for module in MODULES} - {"vsense", "__main__"}
-    assert place.keys() == rooms
-    ground = place["arena"]
-    up = {
+def test_rooms_import_downward_only() -> None:
+    between = {room: known & set(ROOMS) for room, known in arrows(room_of).items() if room in ROOMS}
+    assert {"world", "base"} <= between["run"], "the graph has arrows"
+    upward = {
         (room, other)
-        for room, known in arrows_between_rooms().items()
+        for room, known in between.items()
         for other in known
-        if room in place and place[other] <= place[room] < ground
+        if ROOMS.index(other) < ROOMS.index(room)
     }
-    assert up - {("cli", "commands")} == set()
+    assert upward == set()
+
+
+def test_folders_inside_rooms_have_no_knots() -> None:
+    between = arrows(folder_of)
+    assert "base" in between["world/sensors"], "the graph has arrows"
+    assert knots(between) == []
+
+
+def test_design_md_shows_the_rooms_in_this_order() -> None:
+    text = (ROOT / "vsense" / "DESIGN.md").read_text()
+    table = text.partition("| room | what it holds |")[2].partition("\n\n")[0]
+    assert re.findall(r"^\| `(\w+)/` \|", table, re.M) == list(ROOMS)
 
 
 def test_modules_import_in_one_direction() -> None:
@@ -168,7 +186,7 @@ def test_no_public_class_name_twice() -> None:
     # Experiments are examples: each has its LoopFunctions, as ARGoS names them.
     defined: dict[str, list[str]] = defaultdict(list)
     for module, path in MODULES.items():
-        if not module.startswith("vsense.experiments."):
+        if not module.startswith("vsense.config.experiments."):
             for node in ast.walk(ast.parse(path.read_text())):
                 if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                     defined[node.name].append(module)
@@ -177,7 +195,7 @@ def test_no_public_class_name_twice() -> None:
 
 
 def test_only_commands_know_argparse() -> None:
-    users = {floor_of(m) for m, path in MODULES.items() if "argparse" in imports(path)}
+    users = {room_of(m) for m, path in MODULES.items() if "argparse" in imports(path)}
     assert users == {"commands"}
 
 
@@ -222,9 +240,9 @@ def test_what_c_shows_to_python_is_called() -> None:
 
 
 def test_nothing_imports_the_command_line() -> None:
-    users = {floor_of(m) for m, p in MODULES.items() if "vsense.cli" in imports(p)}
+    users = {room_of(m) for m, p in MODULES.items() if "vsense.cli" in imports(p)}
     assert users == {"__main__"}
-    users = {floor_of(m) for m, p in MODULES.items() if "vsense.commands" in imports(p)}
+    users = {room_of(m) for m, p in MODULES.items() if "vsense.commands" in imports(p)}
     assert users == {"cli", "commands"}
 
 
@@ -233,7 +251,7 @@ def test_folder_reads_no_clock(folder: str) -> None:
     for path in (ROOT / "vsense" / folder).rglob("*.py"):
         known = imports(path)
         assert not {"time", "datetime"} & {n.split(".")[0] for n in known}, path
-        assert "vsense.clock" not in known, path
+        assert "vsense.base.clock" not in known, path
 
 
 def test_robot_side_links_libc_only_and_knows_no_host() -> None:
@@ -273,7 +291,9 @@ def test_files_are_one_idea_each() -> None:
     for module, path in MODULES.items():
         lines = len(path.read_text().splitlines())
         assert lines <= PYTHON_MAX, f"{module}: {lines} lines"
-        is_kind = floor_of(module) == "experiments" or "\nELEMENTS = " in path.read_text()
+        is_kind = (
+            module.startswith("vsense.config.experiments.") or "\nELEMENTS = " in path.read_text()
+        )
         is_short = module in SHORT or is_kind or path.name == "__init__.py"
         assert is_short or lines >= PYTHON_MIN, f"{module}: {lines} lines"
     assert {m for m in SHORT if len(MODULES[m].read_text().splitlines()) >= PYTHON_MIN} == set()
@@ -326,4 +346,6 @@ def test_one_module_starts_python() -> None:
     """Whoever starts it otherwise has modules of the current folder imported."""
     asks = re.compile(r"sys\.executable|(?<!\w)[\"']-m[\"']")
     found = {name for name, path in MODULES.items() if asks.search(path.read_text())}
-    assert found == {"vsense.processes", "vsense.errors"}, "errors names the pip of this Python"
+    assert found == {"vsense.base.processes", "vsense.base.errors"}, (
+        "errors names the pip of this Python"
+    )

@@ -11,8 +11,8 @@ import sys
 from collections.abc import Sequence
 from contextlib import suppress
 
-from vsense.errors import VsenseError
-from vsense.terminal import printable_lines
+from vsense.base.errors import VsenseError
+from vsense.base.terminal import printable_lines
 
 COMPLETING = "_ARGCOMPLETE"
 """This variable is set while a shell asks what may come next."""
@@ -23,7 +23,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         # Imported here, so that Ctrl-C is handled while the commands load.
         from vsense import commands
-        from vsense.link import descriptors
+        from vsense.robots.link import descriptors
 
         if COMPLETING in os.environ:
             from vsense.commands import completion

@@ -23,7 +23,7 @@ struct vs_shine {
 int vs_shine_show(const void *shine, const struct vs_scene *scene, const double *levels,
                   const double *growth);
 
-/* What robots see of the lights of others; sensors/leds.py says how. */
+/* What robots see of the lights of others; world/sensors/leds.py says how. */
 struct vs_leds {
     const struct vs_world *world; /* all robots */
     const uint8_t *colors;        /* as in struct vs_shine; 0, 0, 0: it is dark */

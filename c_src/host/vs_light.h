@@ -13,7 +13,7 @@
 #define VS_LIGHT_AT_SENSORS 0   /* (intensity / distance)^2 from each sensor: thesis 4.2.2 */
 #define VS_LIGHT_AT_CENTRE 1    /* ARGoS's epuck_light: from the robot's centre on the floor */
 
-/* What is the same for all robots; sensors/light.py says what the formulas are. */
+/* What is the same for all robots; world/sensors/light.py says what the formulas are. */
 struct vs_light_ring {
     uint32_t formula;         /* VS_LIGHT_AT_SENSORS or VS_LIGHT_AT_CENTRE */
     uint32_t sensors;         /* 1..VS_LIGHT_SENSORS_MAX */

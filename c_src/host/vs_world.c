@@ -104,7 +104,7 @@ int vs_crowd_stand(struct vs_crowd *crowd, int64_t now_ns)
     return VS_OK;
 }
 
-/* Brings all yaws back into (-pi, pi], in the steps of wrap_angle of vsense/arena.py: where one
+/* Brings all yaws back into (-pi, pi], in the steps of wrap_angle of vsense/base/arena.py: where one
  * has left it, the last digits of the others change, too. */
 static void wrap(struct vs_tracker *tracker, double *seen)
 {

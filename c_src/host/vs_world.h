@@ -8,7 +8,7 @@
 
 #include "vs_rays.h"
 
-/* Where a row of a table of poses (POSE of vsense/arena.py) has what is used here [byte]. */
+/* Where a row of a table of poses (POSE of vsense/base/arena.py) has what is used here [byte]. */
 struct vs_pose_fields {
     uint32_t row;     /* size of a row */
     uint32_t tag;     /* uint32_t */

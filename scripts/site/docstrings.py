@@ -11,11 +11,11 @@ from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
-import vsense.actuators
-import vsense.sensors
+import vsense.world.actuators
+import vsense.world.sensors
 from scripts.site.contents import ROOT
-from vsense.sensors import quality, updating
 from vsense.world import entities, fields, floor, loop_functions, world
+from vsense.world.sensors import quality, updating
 
 _LABEL = re.compile(r"^(Args|Attributes|Raises|Returns|Source|Yields):\s*", re.MULTILINE)
 
@@ -98,7 +98,7 @@ def devices() -> str:
         f"## Quality settings\n\n{markdown(str(quality.__doc__))}\n",
         f"## When a value is sent\n\n{markdown(str(updating.__doc__))}\n",
     ]
-    for kind, package in (("sensor", vsense.sensors), ("actuator", vsense.actuators)):
+    for kind, package in (("sensor", vsense.world.sensors), ("actuator", vsense.world.actuators)):
         parts.append(f"## Virtual {kind}s\n")
         for module in _modules(package):
             name = module.__name__.rsplit(".", 1)[1].replace("_", "-")

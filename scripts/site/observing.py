@@ -22,12 +22,12 @@ import numpy as np
 from scripts.site.contents import ROOT
 from tests.config.conftest import OWN_SENSOR
 from tests.config.tables import at_the_original, with_the_rest
+from vsense.base.errors import ConfigError
+from vsense.base.xml.element import Element
 from vsense.config import argos
 from vsense.config.devices import ACTUATORS, SENSORS, of_argos
 from vsense.config.experiment import load, read, shipped
 from vsense.config.specs import Stage
-from vsense.errors import ConfigError
-from vsense.xml.element import Element
 
 READERS = (
     "text", "number", "integer", "share", "angle", "vector", "numbers", "boolean", "choice",

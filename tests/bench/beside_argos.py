@@ -24,7 +24,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from vsense.bench import sim
+from vsense.tools.bench import sim
 
 CONTROLLER = Path(__file__).parent / "wander.cpp"
 STEPS = {"argos": 300_000, "vsense": 900_000}

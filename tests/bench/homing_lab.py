@@ -26,33 +26,33 @@ import numpy as np
 from tests.faults.lab import FarSwarm
 from tests.faults.relay import LOOP_NET, Relay, Weather
 from tests.rigs.places import ROOT
-from vsense import clock
-from vsense.arena import ArenaState, Frame
-from vsense.bench import homing as table
-from vsense.bench.homing import LOSS, UNSEEN_S, WHEELS, ContactTimes, Floats, HomingRow
-from vsense.cameras.camera import Camera
+from vsense.base import clock
+from vsense.base.arena import ArenaState, Frame
+from vsense.base.shared import LabError
+from vsense.base.terminal import Console, Interruption, interruption
 from vsense.config import experiment as files
 from vsense.config.placement import settle
 from vsense.config.specs import Stage
-from vsense.homing.homing import Homing
-from vsense.homing.robots import Trouble
-from vsense.lab import session as lab_session
-from vsense.lab.grabber import LabGrabber
-from vsense.lab.hardware import HardwareErrors, LabRobots, draw_all
-from vsense.lab.session import Session
-from vsense.lab.shared import LabError
-from vsense.link.robots import keys
-from vsense.link.robots.keys import LinkTrust
-from vsense.link.robots.peer import Goal
-from vsense.link.robots.status import RobotStatus
-from vsense.live.session import RunSetup
-from vsense.physics.motion import TICK_NS
+from vsense.modes.lab import session as lab_session
+from vsense.modes.lab.grabber import LabGrabber
+from vsense.modes.lab.hardware import HardwareErrors, LabRobots, draw_all
+from vsense.modes.lab.session import Session
+from vsense.modes.live.session import RunSetup
+from vsense.monitor.ui.room import ControlRoom, RoomOptions
+from vsense.robots.link import keys
+from vsense.robots.link.keys import LinkTrust
+from vsense.robots.link.peer import Goal
+from vsense.robots.link.status import RobotStatus
 from vsense.run import homecoming
 from vsense.run.homecoming import Starts
+from vsense.run.homing.homing import Homing
+from vsense.run.homing.robots import Trouble
 from vsense.run.runtime import Step
-from vsense.terminal import Console, Interruption, interruption
-from vsense.tracking.camera_tracking import CameraTracking
-from vsense.ui.room import ControlRoom, RoomOptions
+from vsense.tools.bench import homing as table
+from vsense.tools.bench.homing import LOSS, UNSEEN_S, WHEELS, ContactTimes, Floats, HomingRow
+from vsense.vision.cameras.camera import Camera
+from vsense.vision.tracking.camera_tracking import CameraTracking
+from vsense.world.physics.motion import TICK_NS
 
 EXPERIMENT = "aggregation"
 HOST, PORT = f"{LOOP_NET}.1", 4050

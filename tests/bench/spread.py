@@ -1,8 +1,8 @@
 """Identical runs of `vsense lab`, and how far their figures are from each other.
 
-`scripts/bench spread` prints the table of `vsense/bench/README.md`. The same seed gives the same
-floor, starts, controllers' chance and noise; what remains is what real time leaves open: when each
-process gets its turn, and so which picture a control step hears of.
+`scripts/bench spread` prints the table of `vsense/tools/bench/README.md`. The same seed gives the
+same floor, starts, controllers' chance and noise; what remains is what real time leaves open: when
+each process gets its turn, and so which picture a control step hears of.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from vsense.lab.truth import read_truth
+from vsense.modes.lab.truth import read_truth
 
 FIGURES = {
     "rms error of places, mm": ("tracking", "position_rmse_mm"),

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from vsense import cli
-from vsense.bench import identity, tracking, trade_off, whole_tracker
-from vsense.bench.contestants import FoundTags, Single, crossing
-from vsense.bench.frames import FrameSet, FrameTruth, Painter, cameras
 from vsense.commands import bench
+from vsense.tools.bench import identity, tracking, trade_off, whole_tracker
+from vsense.tools.bench.contestants import FoundTags, Single, crossing
+from vsense.tools.bench.frames import FrameSet, FrameTruth, Painter, cameras
 
 RIG = cameras(1, 1)
 

@@ -11,7 +11,7 @@ import pytest
 
 from tests.conftest import lack, require_library, require_tool
 from vsense import cli
-from vsense.bench import grabbing
+from vsense.tools.bench import grabbing
 
 
 @pytest.mark.system
@@ -20,7 +20,7 @@ def test_every_way_of_working_is_measured_on_all_pictures() -> None:
     require_tool("arv-fake-gv-camera-0.8", "aravis-tools")
     require_library("libaravis-0.8.so.0", "libaravis-0.8-0")
     alone = [require_tool("unshare", "util-linux"), "--net", "sh", "-c"]
-    short = "from vsense.bench import grabbing; grabbing.TURN_S = 0.5; from vsense import cli"
+    short = "from vsense.tools.bench import grabbing; grabbing.TURN_S = 0.5; from vsense import cli"
     words = "['bench', 'grabbing', '--rounds', '1', '--json']"
     bench = (
         f'ip link set lo up && {sys.executable} -c "{short}; raise SystemExit(cli.main({words}))"'

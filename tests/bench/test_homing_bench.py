@@ -11,9 +11,9 @@ import pytest
 
 from tests.conftest import require_own_network
 from tests.rigs.places import ROOT
-from vsense.bench.homing import ContactTimes, HomingRow, report_of, row_of, table
-from vsense.physics.motion import TICK_NS
+from vsense.tools.bench.homing import ContactTimes, HomingRow, report_of, row_of, table
 from vsense.world.entities import BODY_RADIUS_M
+from vsense.world.physics.motion import TICK_NS
 
 APART, TOUCHING = 2.0 * BODY_RADIUS_M + 0.002, 2.0 * BODY_RADIUS_M
 TICK_S = TICK_NS / 1e9

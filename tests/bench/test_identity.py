@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from vsense import cli
-from vsense.arena import POSE, SIGHTING, ArenaState
-from vsense.bench.identity import FAMILIES, ROBOTS, IdentityScore
+from vsense.base.arena import POSE, SIGHTING, ArenaState
+from vsense.tools.bench.identity import FAMILIES, ROBOTS, IdentityScore
 
 TRUTH = {1: np.array((0.0, 0.0)), 2: np.array((1.0, 0.0)), 3: np.array((2.0, 0.0))}
 

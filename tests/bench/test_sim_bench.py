@@ -13,11 +13,11 @@ import pytest
 from tests.bench import beside_argos
 from tests.conftest import require_tool
 from vsense import cli
-from vsense.bench import sim
 from vsense.config.experiment import load
 from vsense.config.placement import settle
+from vsense.modes.sim.simulation import Simulation
 from vsense.run.programs import shared_objects
-from vsense.sim.simulation import Simulation
+from vsense.tools.bench import sim
 from vsense.world.entities import Light
 
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from vsense import cli
-from vsense.bench import trade_off
-from vsense.bench.frames import FrameSet
-from vsense.bench.trade_off import THESIS, PlanRow, Spoiler, hard_frames
+from vsense.tools.bench import trade_off
+from vsense.tools.bench.frames import FrameSet
+from vsense.tools.bench.trade_off import THESIS, PlanRow, Spoiler, hard_frames
 
 
 @pytest.fixture(scope="module")

@@ -9,8 +9,8 @@ import pytest
 
 from tests.conftest import require_tool
 from vsense import cli
-from vsense.bench import world
-from vsense.sensors.geometry import RING_HEIGHT_M, RING_RADIUS_M
+from vsense.tools.bench import world
+from vsense.world.sensors.geometry import RING_HEIGHT_M, RING_RADIUS_M
 
 
 def test_a_step_senses_all_lights_anew() -> None:

@@ -20,7 +20,7 @@ import pytest
 from tests.board.initramfs import archive
 from tests.board.usb_bus import UsbBus
 from tests.conftest import require_tool
-from vsense.robot.build import cache_directory
+from vsense.robots.build import cache_directory
 
 HERE = Path(__file__).parent
 HOST = "10.0.2.2"
@@ -71,7 +71,7 @@ def kernel() -> Kernel:
 
 
 class Board:
-    """A board that is switched on; it stands in for a `tests.robot.rig.Daemon`.
+    """A board that is switched on; it stands in for a `tests.robots.rig.Daemon`.
 
     Attributes:
         process: QEMU.

@@ -11,10 +11,10 @@ import pytest
 
 from tests.board.board import HOST, I2C, UART, Board
 from tests.conftest import require_zig
-from tests.robot.rig import MS, TAG, Rig
-from vsense.lab.microcontrollers import Microcontrollers
-from vsense.robot.boards import TARGETS, toolchain
-from vsense.robot.build import cache_directory
+from tests.robots.rig import MS, TAG, Rig
+from vsense.modes.lab.microcontrollers import Microcontrollers
+from vsense.robots.boards import TARGETS, toolchain
+from vsense.robots.build import cache_directory
 
 pytestmark = pytest.mark.system
 

@@ -2,7 +2,7 @@
 /*
  * calibration.h: what was measured of a robot is taken out of its readings and put into its
  * wheels. Expected: the nominal e-puck's readings (the table of Webots' e-puck, which
- * vsense/physics/proximity_ring.py holds) and the kinematics of two wheels on an axle.
+ * vsense/world/physics/proximity_ring.py holds) and the kinematics of two wheels on an axle.
  */
 #include <math.h>
 #include <string.h>

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-/* Light sensors under the sanitizers, against the formulas of sensors/light.py with the
+/* Light sensors under the sanitizers, against the formulas of world/sensors/light.py with the
  * system's own exp, atan2, sin and cos. */
 #include <math.h>
 #include <string.h>

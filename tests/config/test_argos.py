@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from tests.rigs.places import DATA
+from vsense.base.errors import ConfigError
 from vsense.config.experiment import load, read
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment, TrackerAddress
-from vsense.errors import ConfigError
 from vsense.world.entities import Light
 
 ARGOS = DATA / "argos"

@@ -9,9 +9,9 @@ from importlib import resources as package
 import pytest
 
 from tests.config.tables import with_the_rest
+from vsense.base.xml.element import Element
+from vsense.base.xml.parsing import NAMESPACE
 from vsense.config.specs import Experiment
-from vsense.xml.element import Element
-from vsense.xml.parsing import NAMESPACE
 
 Read = Callable[..., Experiment]
 

@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
+from vsense.base.errors import ConfigError
 from vsense.config.experiment import read
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment, Stage
-from vsense.errors import ConfigError
 from vsense.run.environment import physics_of
 from vsense.world.entities import BODY_RADIUS_M
 from vsense.world.loop_functions import LoopFunctionsError

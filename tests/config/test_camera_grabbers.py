@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from vsense.cameras.genicam import GenicamSettings
-from vsense.cameras.opencv_source import Controls
+from vsense.base.errors import ConfigError
 from vsense.config import resources
-from vsense.errors import ConfigError
-from vsense.tracking.specs import GrabberSpec
+from vsense.vision.cameras.genicam import GenicamSettings
+from vsense.vision.cameras.opencv_source import Controls
+from vsense.vision.tracking.specs import GrabberSpec
 
 FULL = """<arena_tracking_system><grabbers>
 <grabber id="g" type="genicam" device="192.168.10.11" width="640" height="480" frame_rate="10"

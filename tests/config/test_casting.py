@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from tests.robot import rosters
+from tests.robots import rosters
 from vsense import cli
+from vsense.base.errors import ConfigError, UsageError
 from vsense.config import roster
 from vsense.config.casting import Casting, pair
 from vsense.config.experiment import first_robots, load
 from vsense.config.specs import Experiment, Stage
-from vsense.errors import ConfigError, UsageError
-from vsense.sim.job import Job, Setup
+from vsense.modes.sim.job import Job, Setup
 
 LAB = (
     "a tag=30\nb tag=23\nc tag=24 out_of_order=left~motor~stalls\nd tag=37 spare=true\n"

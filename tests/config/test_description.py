@@ -8,13 +8,13 @@ from collections.abc import Callable
 import pytest
 
 from tests.rigs.places import DATA
+from vsense.base.errors import ConfigError, UsageError
+from vsense.base.native import ffi, lib
 from vsense.commands.experiments import open_experiment
 from vsense.config.description import bytes_down, bytes_up, describe
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment
-from vsense.errors import ConfigError, UsageError
-from vsense.link.robots.table import Direction, Entry, Table
-from vsense.native import ffi, lib
+from vsense.robots.link.table import Direction, Entry, Table
 
 Read = Callable[..., Experiment]
 

@@ -10,18 +10,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.probe import CONSTANT, FOLLOWS, OWN, probe
+from tests.rigs.probe import CONSTANT, FOLLOWS, OWN, probe
+from vsense.base.errors import ConfigError, UsageError
 from vsense.config.description import describe
 from vsense.config.experiment import load, read
 from vsense.config.placement import settle
 from vsense.config.specs import ControllerSpec, Experiment, Stage
-from vsense.errors import ConfigError, UsageError
-from vsense.lab import physics_process, physics_spec
-from vsense.physics.motion import STEP_M
-from vsense.physics.wheel_noise import NoisyWheels
-from vsense.sensors.omnidirectional_camera import OmnidirectionalCamera
-from vsense.sensors.range_and_bearing import RangeAndBearingSensor
+from vsense.modes.lab import physics_process, physics_spec
 from vsense.world.entities import Box, Led
+from vsense.world.physics.motion import STEP_M
+from vsense.world.physics.wheel_noise import NoisyWheels
+from vsense.world.sensors.omnidirectional_camera import OmnidirectionalCamera
+from vsense.world.sensors.range_and_bearing import RangeAndBearingSensor
 
 FILE = Path(__file__).parent / "every_device.argos"
 TEXT = FILE.read_text()

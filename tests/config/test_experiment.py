@@ -14,13 +14,13 @@ from hypothesis import strategies as st
 
 from tests.config.tables import attributes
 from tests.rigs.places import ROOT
+from vsense.base.errors import ConfigError, UsageError
 from vsense.config import devices
 from vsense.config.experiment import first_robots, load, shipped
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment, Pose
-from vsense.errors import ConfigError, UsageError
-from vsense.link.robots.table import Table
-from vsense.link.robots.wire import Header, Hello, Welcome, encode
+from vsense.robots.link.table import Table
+from vsense.robots.link.wire import Header, Hello, Welcome, encode
 
 Read = Callable[..., Experiment]
 

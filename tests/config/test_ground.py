@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
+from vsense.base.errors import ConfigError
 from vsense.config.arena import floor_of, make_field
 from vsense.config.experiment import read
 from vsense.config.specs import Experiment
-from vsense.errors import ConfigError
 
 Read = Callable[..., Experiment]
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from vsense.base.errors import ConfigError
 from vsense.config.experiment import read
 from vsense.config.specs import LoopSpec
-from vsense.errors import ConfigError
 
 ReadWith = Callable[[str], "LoopSpec | None"]
 

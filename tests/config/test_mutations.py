@@ -22,10 +22,10 @@ from tests.config.tables import (
     mutants,
     with_the_rest,
 )
+from vsense.base.errors import ConfigError, UsageError
 from vsense.config.description import describe
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment
-from vsense.errors import ConfigError, UsageError
 
 Read = Callable[..., Experiment]
 

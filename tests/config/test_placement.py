@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from vsense.base.errors import ConfigError
 from vsense.config.experiment import load
 from vsense.config.placement import MIN_GAP_M, Footprint, of_entity, of_robot, settle
 from vsense.config.specs import Experiment, Pose
-from vsense.errors import ConfigError
 from vsense.world.entities import BODY_RADIUS_M, Box, Cylinder, Entity, Light
 
 Read = Callable[..., Experiment]

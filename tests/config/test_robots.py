@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from vsense.base.errors import ConfigError
 from vsense.config.specs import Experiment
-from vsense.errors import ConfigError
-from vsense.markers.families import load_family
+from vsense.vision.markers.families import load_family
 from vsense.world.entities import VIRTUAL_TAG_MIN
 
 Read = Callable[..., Experiment]

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from vsense.base.errors import ConfigError, UsageError
 from vsense.config import roster
 from vsense.config.roster_fields import MarkerOffset
-from vsense.errors import ConfigError, UsageError
 
 LAB = """# our lab
 [defaults]

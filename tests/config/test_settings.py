@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from vsense.base.errors import ConfigError, UsageError
 from vsense.config.specs import Experiment
-from vsense.errors import ConfigError, UsageError
 from vsense.world.entities import Light
 
 Read = Callable[..., Experiment]

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
+from vsense.base.errors import UsageError
 from vsense.config.experiment import first_robots, load
-from vsense.errors import UsageError
 
 
 def test_a_smaller_swarm_is_the_first_of_the_file() -> None:

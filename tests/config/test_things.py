@@ -7,12 +7,12 @@ from collections.abc import Callable
 
 import pytest
 
-from vsense.arena import wrap_angle
+from vsense.base.arena import wrap_angle
+from vsense.base.errors import ConfigError
 from vsense.config.specs import Experiment
 from vsense.config.things import NAMED
-from vsense.errors import ConfigError
-from vsense.sensors.range_and_bearing import RangeAndBearingSensor
 from vsense.world.entities import Box, Cylinder, Entity, Light, Zone
+from vsense.world.sensors.range_and_bearing import RangeAndBearingSensor
 
 Read = Callable[..., Experiment]
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from vsense.base.errors import ConfigError
+from vsense.base.xml.parsing import parse
 from vsense.config.framework import read_tracker
 from vsense.config.specs import JsonLinesTracker, TrackerAddress
-from vsense.errors import ConfigError
-from vsense.xml.parsing import parse
 
 
 def read(

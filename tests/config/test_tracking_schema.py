@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from vsense.cameras.camera import Camera
+from vsense.base.xml.element import Element
+from vsense.base.xml.parsing import parse
 from vsense.config import resources, tracking_session
-from vsense.recording.pictures import SCHEMAS, one_tracker, tag_ranges, write_session_files
-from vsense.tracking.specs import TrackerSpec
-from vsense.xml.element import Element
-from vsense.xml.parsing import parse
+from vsense.monitor.recording.pictures import SCHEMAS, one_tracker, tag_ranges, write_session_files
+from vsense.vision.cameras.camera import Camera
+from vsense.vision.tracking.specs import TrackerSpec
 
 XS = "{http://www.w3.org/2001/XMLSchema}"
 
@@ -101,7 +101,9 @@ def test_the_files_of_a_recording_are_read_as_they_were_written(tmp_path: Path) 
     cameras = [Camera.looking_down(n, 0.0, 0.0, 2.0, 500.0, (64, 48)) for n in names]
     heights = {**dict.fromkeys(range(1, 9), 0.05), 40: 0.1, 41: 0.1, 60_000: 0.05}
     own = tmp_path / "mine.json"
-    own.write_text((package.files("vsense.markers") / "families/aruco_4x4_50.json").read_text())
+    own.write_text(
+        (package.files("vsense.vision.markers") / "families/aruco_4x4_50.json").read_text()
+    )
     trackers = one_tracker(cameras, "arrow4x4", heights)
     squares = TrackerSpec('"s"', str(own), 90.0, {3: 0.2}, 0.5, False, 0)
     write_session_files(tmp_path, cameras, trackers | {"a": squares})

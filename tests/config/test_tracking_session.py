@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense.cameras.camera import Camera
-from vsense.cameras.opencv_source import Controls
+from vsense.base.errors import ConfigError, UsageError, VsenseError
 from vsense.config import resources, tracking_session
-from vsense.errors import ConfigError, UsageError, VsenseError
-from vsense.tracking.mask import Mask
-from vsense.tracking.specs import TrackingSession
+from vsense.vision.cameras.camera import Camera
+from vsense.vision.cameras.opencv_source import Controls
+from vsense.vision.tracking.mask import Mask
+from vsense.vision.tracking.specs import TrackingSession
 
 RESOURCES = """<?xml version="1.0" ?>
 <arena_tracking_system xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance"

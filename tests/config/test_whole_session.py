@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from tests.system.recording import RESOURCES, make_recording
-from vsense.cameras.camera import Camera
+from vsense.base.errors import ConfigError, UsageError
 from vsense.config.tracking_session import load, load_whole
-from vsense.errors import ConfigError, UsageError
+from vsense.vision.cameras.camera import Camera
 
 GRABBER = '<grabber id="{id}" type="camera" device="{device}" />'
 CAMERA = '    <camera id="{id}" calibration="top.json" />'

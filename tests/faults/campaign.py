@@ -33,7 +33,7 @@ from tests.faults.relay import Relay
 from tests.faults.stage import Canary, Stage, StageError
 from tests.rigs.places import ROOT
 from tests.system.attacker import Attacker
-from vsense.terminal import aligned
+from vsense.base.terminal import aligned
 
 INSIDE = "VSENSE_FAULTS_INSIDE"
 BUSY_S = 0.06

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 
 from tests.faults.relay import CALM, HOST, TCP, UDP, Weather
 from tests.faults.stage import Stage
-from vsense.link.robots.wire import Wanted
+from vsense.robots.link.wire import Wanted
 
 Draw = random.Random
 SILENCE_S = 1.3

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tests.faults.faults import Fault
 from tests.faults.stage import Stage
-from vsense.recording.reader import open_recording
+from vsense.monitor.recording.reader import open_recording
 
 STOP_NS = 450_000_000
 BACK_NS = 2_000_000_000

@@ -9,7 +9,7 @@ import sys
 
 from tests.faults.relay import NET, address
 from vsense.cli import main
-from vsense.lab import swarm
+from vsense.modes.lab import swarm
 
 
 class FarSwarm(swarm.Swarm):

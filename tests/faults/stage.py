@@ -19,10 +19,10 @@ from tests.faults.relay import Relay
 from tests.system.attacker import Attacker
 from tests.system.test_kills import children
 from tests.system.test_lab import Lab
-from vsense.clock import host_ns
+from vsense.base.clock import host_ns
 from vsense.config import experiment
-from vsense.lab.microcontrollers import ACTUATION
-from vsense.ui import control_socket
+from vsense.modes.lab.microcontrollers import ACTUATION
+from vsense.monitor.ui import control_socket
 
 HERE = Path(__file__).parent
 EXPERIMENT = HERE / "spin.argos"
@@ -103,7 +103,9 @@ class Stage:
 
     def helper(self, module: str) -> int:
         """Process number of one of the lab's processes: cameras, physics_process."""
-        found = [p for p, words in self.lab.relatives().items() if f"vsense.lab.{module}" in words]
+        found = [
+            p for p, words in self.lab.relatives().items() if f"vsense.modes.lab.{module}" in words
+        ]
         return found[0]
 
     def script(self, place: int) -> Path:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from tests.conftest import require_tool
 from tests.rigs.places import ROOT
-from vsense.native import ffi, lib
+from vsense.base.native import ffi, lib
 
 BYTE_NS: int = lib.EPUCK_ARGOS_BYTE_NS
 BURST: int = lib.EPUCK_ARGOS_SENSOR_LEN

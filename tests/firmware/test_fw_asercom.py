@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tests.firmware import tables
 from tests.firmware.tables import code
-from vsense.native import ffi, lib
+from vsense.base.native import ffi, lib
 
 VERSION = b"v,Version 1.2.2 August 2008 GCtronic\r\nHW version: 1\r\n"
 MODES = {"extension": 0, "bluetooth": 1, "bluetooth+ground": 2}

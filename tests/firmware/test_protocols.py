@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.firmware import tables
-from vsense.native import ffi, lib
+from vsense.base.native import ffi, lib
 
 MODES = list(tables.RING_SIZES)
 

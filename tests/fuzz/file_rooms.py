@@ -13,18 +13,18 @@ from random import Random
 import numpy as np
 
 from tests.fuzz import mutate
-from vsense.calibration.views import read_corners
-from vsense.cameras.camera import Camera, CameraError
-from vsense.cameras.recordings import read_timestamps
 from vsense.config import battery_history, experiment, placement, roster, tracking_session
 from vsense.config import resources as resources_file
 from vsense.config.description import describe
-from vsense.link.robots import keys
-from vsense.markers.families import MarkerFamily, known_families, load_family
-from vsense.robot import key_holders
-from vsense.series import plan
-from vsense.tracking.kernel import Kernel
-from vsense.ui.access import read_tokens
+from vsense.monitor.ui.access import read_tokens
+from vsense.robots import key_holders
+from vsense.robots.link import keys
+from vsense.studies.series import plan
+from vsense.vision.calibration.views import read_corners
+from vsense.vision.cameras.camera import Camera, CameraError
+from vsense.vision.cameras.recordings import read_timestamps
+from vsense.vision.markers.families import MarkerFamily, known_families, load_family
+from vsense.vision.tracking.kernel import Kernel
 
 HERE = Path(__file__).resolve().parent
 SHIPPED = resources.files("vsense")

@@ -16,15 +16,24 @@ import numpy as np
 
 from tests.fuzz import mutate
 from tests.fuzz.robots import TABLE, Robot, hello
-from vsense.arena import POSE, ArenaState
-from vsense.link.legacy.protocol import SENSORS, Translation, encode_real
-from vsense.link.robots.keys import LinkTrust, SwarmKeys
-from vsense.link.robots.peer import Peer
-from vsense.link.robots.roster import ExpectedRobot, SessionTable
-from vsense.link.robots.status import LinkError
-from vsense.link.robots.streams import Inbox
-from vsense.link.robots.table import Direction, Entry, Table
-from vsense.link.robots.wire import (
+from vsense.base.arena import POSE, ArenaState
+from vsense.base.native import WireError
+from vsense.monitor.ui.access import AccessControl, Forbidden, Tokens
+from vsense.monitor.ui.control_socket import ControlSocket
+from vsense.monitor.ui.sentences import read as read_sentence
+from vsense.robots.link.keys import LinkTrust, SwarmKeys
+from vsense.robots.link.legacy.protocol import SENSORS, Translation, encode_real
+from vsense.robots.link.peer import Peer
+from vsense.robots.link.roster import ExpectedRobot, SessionTable
+from vsense.robots.link.status import LinkError
+from vsense.robots.link.streams import Inbox
+from vsense.robots.link.table import Direction, Entry, Table
+from vsense.robots.link.trackers.client import ArenaDialog
+from vsense.robots.link.trackers.lines import LINE_MAX, LineInbox, SenderClock, parse
+from vsense.robots.link.trackers.protocol import encode_state
+from vsense.robots.link.trackers.repair import Repair
+from vsense.robots.link.trackers.server import ArenaSession
+from vsense.robots.link.wire import (
     PUBLISHED,
     decode,
     packet_length,
@@ -32,16 +41,7 @@ from vsense.link.robots.wire import (
     session_of,
     uid_of,
 )
-from vsense.link.trackers.client import ArenaDialog
-from vsense.link.trackers.lines import LINE_MAX, LineInbox, SenderClock, parse
-from vsense.link.trackers.protocol import encode_state
-from vsense.link.trackers.repair import Repair
-from vsense.link.trackers.server import ArenaSession
-from vsense.native import WireError
 from vsense.run.orders import Order
-from vsense.ui.access import AccessControl, Forbidden, Tokens
-from vsense.ui.control_socket import ControlSocket
-from vsense.ui.sentences import read as read_sentence
 
 S = 1_000_000_000
 TAGS = (1, 2, 3)

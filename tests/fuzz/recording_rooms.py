@@ -8,16 +8,16 @@ from pathlib import Path
 from random import Random
 
 from tests.fuzz import mutate
-from tests.recording.conftest import record
-from tests.report.runs import messages as made_messages
-from vsense.errors import VsenseError
-from vsense.message_bus import Message, MessageBus
-from vsense.recording.export import export_csv
-from vsense.recording.player import Player
-from vsense.recording.reader import open_recording
-from vsense.recording.recorder import Recorder
-from vsense.report.findings import as_json, read_findings
+from tests.monitor.recording.conftest import record
+from tests.studies.report.runs import messages as made_messages
+from vsense.base.errors import VsenseError
+from vsense.base.message_bus import Message, MessageBus
+from vsense.monitor.recording.export import export_csv
+from vsense.monitor.recording.player import Player
+from vsense.monitor.recording.reader import open_recording
+from vsense.monitor.recording.recorder import Recorder
 from vsense.run.orders import Order, OrderKind
+from vsense.studies.report.findings import as_json, read_findings
 
 BEGIN_NS = 5_000_000_000
 

@@ -7,9 +7,9 @@ from random import Random
 from typing import Any
 
 from tests.fuzz import mutate
-from vsense.link.robots.table import Direction, Entry, Output, Table
-from vsense.link.robots.wire import PUBLISHED, Header, Hello, PacketType, encode, header_to
-from vsense.native import ffi, lib
+from vsense.base.native import ffi, lib
+from vsense.robots.link.table import Direction, Entry, Output, Table
+from vsense.robots.link.wire import PUBLISHED, Header, Hello, PacketType, encode, header_to
 
 S = 1_000_000_000
 TABLE = Table([Entry(1, "pollutant", "f4"), Entry(2, "drops", "u4", Direction.ACTUATOR)])

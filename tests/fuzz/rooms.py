@@ -9,7 +9,7 @@ from random import Random
 from typing import Any
 
 from tests.fuzz import file_rooms, link_rooms, recording_rooms, server_rooms
-from vsense.errors import VsenseError
+from vsense.base.errors import VsenseError
 
 Scene = Any
 """What a room makes once and uses in every case."""

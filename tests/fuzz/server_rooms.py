@@ -19,14 +19,14 @@ from random import Random
 from tests.fuzz import mutate
 from tests.fuzz.robots import TABLE, Robot, S, any_whole, hello
 from tests.wire.robot_session import RobotSession
-from vsense.link.robots.keys import LinkTrust, SwarmKeys
-from vsense.link.robots.network import Ports, ServerThread
-from vsense.link.robots.roster import ExpectedRobot
-from vsense.link.robots.server import VirtualSensorServer
-from vsense.link.robots.status import LinkEvent
-from vsense.link.robots.wire import Notice, PacketType, Wanted, encode, packet_length, session_keys
-from vsense.link.robots.wire import session_of as number_of
-from vsense.native import WireError
+from vsense.base.native import WireError
+from vsense.robots.link.keys import LinkTrust, SwarmKeys
+from vsense.robots.link.network import Ports, ServerThread
+from vsense.robots.link.roster import ExpectedRobot
+from vsense.robots.link.server import VirtualSensorServer
+from vsense.robots.link.status import LinkEvent
+from vsense.robots.link.wire import Notice, PacketType, Wanted, encode, packet_length, session_keys
+from vsense.robots.link.wire import session_of as number_of
 
 WILD, HONEST = 5, 6
 SWARM = SwarmKeys({1: b"\1" * 32})

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from tests.gige.network import GigeCameras
-from tests.tracking.synthetic import Robot
+from tests.vision.tracking.synthetic import Robot
 
 ROBOTS = [
     Robot(700, -0.4, -0.3, 0.5),

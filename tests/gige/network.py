@@ -13,12 +13,12 @@ import numpy as np
 
 from tests.conftest import require_library, require_tool
 from tests.gige.gvcp import Reader
-from tests.namespaces import FreeNet, Namespaces
+from tests.rigs.namespaces import FreeNet, Namespaces
 from tests.rigs.places import ROOT
-from tests.tracking.synthetic import HEIGHT_M, Look, Robot, render
-from vsense.cameras.camera import Camera
-from vsense.markers.families import load_family
-from vsense.recording.pictures import experiment_text, one_tracker, resources_text
+from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, render
+from vsense.monitor.recording.pictures import experiment_text, one_tracker, resources_text
+from vsense.vision.cameras.camera import Camera
+from vsense.vision.markers.families import load_family
 
 INTERFACE = "eth0"
 FAMILY = "arrow4x4"

@@ -11,11 +11,11 @@ import pytest
 from tests.gige.faults import VICTIM
 from tests.gige.network import CAMERAS, RATE_HZ, SIZE_PX, GigeCameras
 from tests.gige.watch import Watch
-from vsense.cameras.aravis import listed
-from vsense.cameras.aravis_stream import BUFFERS
-from vsense.cameras.genicam import GenicamSettings, GenicamSource
-from vsense.cameras.opencv_source import Controls
-from vsense.clock import host_ns
+from vsense.base.clock import host_ns
+from vsense.vision.cameras.aravis import listed
+from vsense.vision.cameras.aravis_stream import BUFFERS
+from vsense.vision.cameras.genicam import GenicamSettings, GenicamSource
+from vsense.vision.cameras.opencv_source import Controls
 
 
 def source(

@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from tests.gige.network import MIDDLE, MIDDLES, GigeCameras
-from vsense.arena import ArenaState, Frame
-from vsense.cameras.grabber import CameraEvent, GrabberError, Troubles
-from vsense.clock import host_ns
+from vsense.base.arena import ArenaState, Frame
+from vsense.base.clock import host_ns
 from vsense.config.tracking_session import load
-from vsense.tracking.opening import open_tracking
+from vsense.vision.cameras.grabber import CameraEvent, GrabberError, Troubles
+from vsense.vision.tracking.opening import open_tracking
 
 PATIENCE_S = 60.0
 STEP_S = 0.5

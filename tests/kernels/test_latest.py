@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from vsense.native import kernel_ffi, kernels
+from vsense.base.native import kernel_ffi, kernels
 
 
 class Exchange(RuleBasedStateMachine):

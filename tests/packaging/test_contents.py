@@ -16,8 +16,8 @@ import cv2
 import pytest
 
 from tests.packaging.conftest import ROOT, clean_environment, copy_of_sources, run
-from vsense import native
-from vsense.robot.build import source_tree
+from vsense.base import native
+from vsense.robots.build import source_tree
 
 URL = "https://example.org/owner/vsense"
 
@@ -123,7 +123,7 @@ def test_the_readme_begins_with_a_moving_picture() -> None:
 def test_the_package_holds_what_a_checkout_does(installed: Path) -> None:
     package = installed / "vsense"
     held = {str(path.relative_to(package)) for path in package.rglob("*")}
-    assert {"py.typed", "experiments/start/start.c", "_sources/c_src/vs_session.c"} <= held
+    assert {"py.typed", "config/experiments/start/start.c", "_sources/c_src/vs_session.c"} <= held
     assert not [name for name in held if "/host/" in name], "no robot runs the kernels"
     data = (".argos", ".css", ".html", ".js", ".json", ".md", ".py", ".typed", ".xml", ".xsd")
     ours = {
@@ -143,8 +143,8 @@ def test_it_shows_makes_and_runs_without_the_sources(installed: Path, tmp_path: 
     script = (
         "import json, sys\n"
         "from vsense import cli, native\n"
-        "from vsense.robot import build\n"
-        "from vsense.shipped import documents\n"
+        "from vsense.robots import build\n"
+        "from vsense.tools.shipped import documents\n"
         "every = {d.name: str(d.path) for d in documents.listed()}\n"
         "daemon = str(build.daemon())\n"
         "codes = [cli.main(words) for words in (['docs', 'sensors'], ['new', 'mine', '--sensor'],\n"
@@ -164,4 +164,4 @@ def test_it_shows_makes_and_runs_without_the_sources(installed: Path, tmp_path: 
 def test_an_editable_install_uses_its_tree() -> None:
     # This one is: `scripts/test` has made it.
     assert source_tree().root == ROOT
-    assert Path(native.__file__).parent == ROOT / "vsense"
+    assert Path(native.__file__).parents[1] == ROOT / "vsense"

@@ -148,7 +148,7 @@ def test_the_sdist_builds_and_tests_itself(dist: Path, tmp_path: Path) -> None:
         "tests/test_house.py",
         "tests/packaging/test_contents.py",
         "tests/wire",
-        "tests/shipped",
+        "tests/tools/shipped",
     )
     done = run(tree / "scripts/test", *some, cwd=tree, env=environment)
     assert " passed" in done.stdout
@@ -164,6 +164,6 @@ def test_an_editable_install_uses_its_tree(tmp_path: Path) -> None:
     lab = run(vsense, *command, cwd=tmp_path, env=environment)
     assert json.loads(lab.stdout)["robots"] == 1
     assert list((tmp_path / "cache").rglob("vsensed")), "the daemon is built from the tree"
-    (tree / "vsense/errors.py").write_text("raise SystemExit(77)\n")
+    (tree / "vsense/base/errors.py").write_text("raise SystemExit(77)\n")
     edited = subprocess.run([vsense], cwd=tmp_path, env=environment)
     assert edited.returncode == 77, "an edit of the tree is an edit of what is installed"

@@ -9,22 +9,22 @@ from typing import Any
 import numpy as np
 
 from tests.run.stage import status
-from tests.sensors.scenes import STEP_NS, arena_state
-from vsense.arena import ArenaState, Frame
-from vsense.cameras.grabber import Troubles
+from tests.world.sensors.scenes import STEP_NS, arena_state
+from vsense.base.arena import ArenaState, Frame
+from vsense.base.message_bus import MessageBus
 from vsense.config.experiment import load
 from vsense.config.placement import settle
 from vsense.config.specs import Stage
-from vsense.link.robots.status import ActuatorReport
-from vsense.link.robots.wire import Values, Wanted
-from vsense.message_bus import MessageBus
+from vsense.monitor.ui.messages import ExperimentFacts
+from vsense.monitor.ui.publisher import Publisher
+from vsense.robots.link.status import ActuatorReport
+from vsense.robots.link.wire import Values, Wanted
 from vsense.run.changes import Changes
 from vsense.run.changing import Change
 from vsense.run.control import Control
 from vsense.run.environment import Environment
 from vsense.run.runtime import Runtime
-from vsense.ui.messages import ExperimentFacts
-from vsense.ui.publisher import Publisher
+from vsense.vision.cameras.grabber import Troubles
 
 SEED = 5
 PAUSE = range(14, 18)

@@ -9,15 +9,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from vsense.arena import POSE, ArenaState
+from vsense.base.arena import POSE, ArenaState
+from vsense.base.terminal import Console
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment
-from vsense.link.robots.status import RobotStatus
-from vsense.link.robots.wire import Telemetry, Wanted
+from vsense.robots.link.status import RobotStatus
+from vsense.robots.link.wire import Telemetry, Wanted
 from vsense.run.runner import Runner
 from vsense.run.runtime import Step
 from vsense.run.watch import NoArenaState
-from vsense.terminal import Console
 
 MS = 1_000_000
 S = 1_000_000_000

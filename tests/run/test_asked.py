@@ -9,9 +9,9 @@ import pytest
 
 from tests.conftest import require_tool
 from vsense import cli
+from vsense.base.errors import ConfigError
 from vsense.config.experiment import load, read
 from vsense.config.specs import Stage
-from vsense.errors import ConfigError
 from vsense.run import asked
 
 

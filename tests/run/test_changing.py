@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from tests.run.changed_run import ChangedRun
+from vsense.base.errors import VsenseError
 from vsense.config.experiment import load
-from vsense.errors import VsenseError
 from vsense.run.changes import MOST_AT_ONCE, MOST_WAITING, UNTOLD_NS
 from vsense.run.changing import MOST_ROBOTS, Change, Ground, carry_out
 from vsense.run.orders import OrderError

@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from vsense.link.robots.wire import Wanted
+from vsense.robots.link.wire import Wanted
 from vsense.run.control import Control, State
 from vsense.run.orders import Order, OrderError, OrderKind
 

@@ -14,22 +14,23 @@ import numpy as np
 import pytest
 
 from tests.conftest import require_tool
-from vsense.arena import ArenaState
+from vsense.base.arena import ArenaState
+from vsense.base.errors import VsenseError
+from vsense.base.terminal import Interruption
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment, Stage
-from vsense.errors import VsenseError
-from vsense.robot import build
-from vsense.robot.programs import CodeOptions, Program
+from vsense.modes.sim import fingerprint
+from vsense.modes.sim.engine import Engine
+from vsense.modes.sim.job import Job, Setup, Sweep
+from vsense.modes.sim.outcome import Task
+from vsense.modes.sim.simulation import Simulation
+from vsense.modes.sim.watch import simulate_all
+from vsense.robots import build
+from vsense.robots.programs import CodeOptions, Program
 from vsense.run import loop_process
 from vsense.run.environment import Environment
 from vsense.run.programs import shared_objects
-from vsense.sim import campaign, fingerprint
-from vsense.sim.engine import Engine
-from vsense.sim.job import Job, Setup, Sweep
-from vsense.sim.outcome import Task
-from vsense.sim.simulation import Simulation
-from vsense.sim.watch import simulate_all
-from vsense.terminal import Interruption
+from vsense.studies.campaign import campaign
 from vsense.world.entities import Box, Led, Light
 
 HERE = Path(__file__).parent / "argos"

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vsense.arena import ArenaState
+from vsense.base.arena import ArenaState
+from vsense.base.errors import VsenseError
 from vsense.config.experiment import load
-from vsense.errors import VsenseError
-from vsense.link.robots.table import Direction, Entry
+from vsense.robots.link.table import Direction, Entry
 from vsense.run.environment import Environment
 from vsense.world.sightings import NEVER_NS
 

@@ -7,8 +7,8 @@ import json
 import numpy as np
 
 from tests.run.stage import Stage, experiment
-from vsense.arena import Frame
-from vsense.link.robots.wire import StopCause, Telemetry
+from vsense.base.arena import Frame
+from vsense.robots.link.wire import StopCause, Telemetry
 from vsense.run.figures import Figures, light_of, link_row, table, worst_links
 
 

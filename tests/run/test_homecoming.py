@@ -12,10 +12,10 @@ from vsense.config import roster
 from vsense.config.casting import Casting
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment
-from vsense.homing.robots import Trouble
-from vsense.link.robots.peer import Orders
-from vsense.link.robots.wire import StopCause, Telemetry, Wanted
+from vsense.robots.link.peer import Orders
+from vsense.robots.link.wire import StopCause, Telemetry, Wanted
 from vsense.run.homecoming import Starts, hindered
+from vsense.run.homing.robots import Trouble
 from vsense.world.pollution import PollutantSource
 
 ROSTER = """

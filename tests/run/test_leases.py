@@ -18,16 +18,16 @@ from typing import cast
 import pytest
 
 from vsense import cli
+from vsense.base.sharing import SharingError
+from vsense.base.terminal import Console
 from vsense.commands import experiments
 from vsense.config.experiment import load
+from vsense.monitor.ui.publisher import Publisher
+from vsense.monitor.ui.room import ControlRoom, RoomOptions
 from vsense.run import leases
 from vsense.run.control import Control, State
 from vsense.run.leases import Lease, LeasedError, RobotLeases
 from vsense.run.orders import Order, OrderError, OrderKind
-from vsense.sharing import SharingError
-from vsense.terminal import Console
-from vsense.ui.publisher import Publisher
-from vsense.ui.room import ControlRoom, RoomOptions
 
 HOLDER = """
 import sys, time

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from vsense.link.robots.status import RobotStatus
-from vsense.link.robots.wire import Telemetry
+from vsense.robots.link.status import RobotStatus
+from vsense.robots.link.wire import Telemetry
 from vsense.run.robots import LinkCounters
 
 

@@ -11,14 +11,14 @@ import pytest
 from tests.conftest import States, require_tool
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment
-from vsense.link.robots.table import Direction
-from vsense.robot.inprocess import SimError
+from vsense.modes.sim.job import Job, Setup
+from vsense.modes.sim.outcome import Task
+from vsense.modes.sim.simulation import Simulation
+from vsense.modes.sim.watch import simulate_all
+from vsense.robots.inprocess import SimError
+from vsense.robots.link.table import Direction
 from vsense.run.environment import Environment
 from vsense.run.programs import shared_objects, told_programs
-from vsense.sim.job import Job, Setup
-from vsense.sim.outcome import Task
-from vsense.sim.simulation import Simulation
-from vsense.sim.watch import simulate_all
 
 STEP_NS = 100_000_000
 

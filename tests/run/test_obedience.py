@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from tests.run.stage import status
-from vsense.arena import POSE, ArenaState
-from vsense.link.robots.status import RobotStatus
-from vsense.link.robots.wire import Telemetry, Wanted
+from vsense.base.arena import POSE, ArenaState
+from vsense.robots.link.status import RobotStatus
+from vsense.robots.link.wire import Telemetry, Wanted
 from vsense.run.obedience import Obedience, disobeys
 
 S = 1_000_000_000

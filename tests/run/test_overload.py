@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from tests.run.stage import Stage, experiment
-from vsense.arena import POSE, ArenaState
-from vsense.link.robots.wire import StopCause, Telemetry
+from vsense.base.arena import POSE, ArenaState
+from vsense.robots.link.wire import StopCause, Telemetry
 from vsense.run.overload import Overload
 from vsense.run.runtime import Step
 

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
+from vsense.base.errors import UsageError
 from vsense.config import roster
 from vsense.config.casting import Casting
 from vsense.config.experiment import load
 from vsense.config.parts import parts_of, recast, spares_for
 from vsense.config.specs import Experiment, Stage
-from vsense.errors import UsageError
-from vsense.link.robots.status import RobotStatus
+from vsense.robots.link.status import RobotStatus
 from vsense.run.control import Control, State
 from vsense.run.orders import Order, OrderError, OrderKind, read_pair
 from vsense.run.recasting import Recasting, played

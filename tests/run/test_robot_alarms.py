@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from tests.run.test_link_counters import status
-from vsense.link.robots.status import RobotStatus
-from vsense.link.robots.wire import StopCause
+from vsense.robots.link.status import RobotStatus
+from vsense.robots.link.wire import StopCause
 from vsense.run.robots import PATIENCE_NS, RobotAlarms
 
 STEP_NS = PATIENCE_NS // 4

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vsense.arena import POSE, ArenaState
+from vsense.base.arena import POSE, ArenaState
 from vsense.run.directory import FLUSH_TIMESTEPS, HEADER, DirectoryError, RunLog, RunTables
 from vsense.run.runtime import Step
 

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from tests.run.stage import experiment
-from vsense.errors import UsageError, VsenseError
+from vsense.base.errors import UsageError, VsenseError
 from vsense.run import runs_csv
 from vsense.run.runs_csv import COLUMNS, RUNS, RunRow, RunRows, RunsFile, condition_of, read_runs
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from vsense.arena import POSE, ArenaState, Frame
-from vsense.link.robots.status import ActuatorReport
-from vsense.link.robots.wire import Values, Wanted
+from vsense.base.arena import POSE, ArenaState, Frame
+from vsense.robots.link.status import ActuatorReport
+from vsense.robots.link.wire import Values, Wanted
 from vsense.run.runtime import START_LEAD, Runtime
 
 

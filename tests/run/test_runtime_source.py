@@ -6,11 +6,11 @@ import math
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 
-from tests.link.arena_rig import ONE_SHOT, PATIENCE_S, START, STOP, OldTracker
+from tests.robots.link.arena_rig import ONE_SHOT, PATIENCE_S, START, STOP, OldTracker
 from vsense.config.experiment import load
-from vsense.link.robots.status import ActuatorReport
-from vsense.link.robots.wire import Values, Wanted
-from vsense.link.trackers.client import ArenaClient
+from vsense.robots.link.status import ActuatorReport
+from vsense.robots.link.trackers.client import ArenaClient
+from vsense.robots.link.wire import Values, Wanted
 from vsense.run.environment import Environment
 from vsense.run.runtime import Runtime
 

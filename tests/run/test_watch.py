@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense.arena import POSE, ArenaState, Frame
+from vsense.base.arena import POSE, ArenaState, Frame
 from vsense.run.watch import ArenaBuffer, NoArenaState, Stamped, Watch
 
 NUMBERS = st.integers(0, 2**62)

@@ -23,17 +23,17 @@ ELSEWHERE = {
     r"sudo |pip install|python3 -m venv|dask |deactivate": "changes the machine",
     r"(source|\.) \.venv/bin/activate": "the test's own environment is active",
     r"scripts/(demo|test|docs|bench)\b": "has tests of its own, and takes minutes",
-    r"vsense run (?!--help|.*--tracker lines)": "needs robots: tests/live, tests/system",
+    r"vsense run (?!--help|.*--tracker lines)": "needs robots: tests/modes/live, tests/system",
     r"vsense robot (deploy|status|keys --roster|keys --new-key --roster)": "needs robots",
-    r"vsense robot build": "cross-compiles: tests/robot/test_building.py",
-    r"vsense robot keys --forget": "needs two keys: tests/robot",
+    r"vsense robot build": "cross-compiles: tests/robots/test_building.py",
+    r"vsense robot keys --forget": "needs two keys: tests/robots",
     r"vsensed |iw |ping ": "runs on a robot",
-    r"vsense cameras|cd lab\b|arv-fake|mkdir cameras": "needs cameras: tests/camera_setup",
-    r"python3 -c \"from vsense.cameras": "is in tests/camera_setup/test_fake_camera.py",
-    r"vsense calibrate rig": "needs pictures of a board: tests/calibration",
+    r"vsense cameras|cd lab\b|arv-fake|mkdir cameras": "needs cameras: tests/tools/camera_setup",
+    r"python3 -c \"from vsense.vision.cameras": "tests/tools/camera_setup/test_fake_camera.py",
+    r"vsense calibrate rig": "needs pictures of a board: tests/vision/calibration",
     r"vsense track (resources|lab/)|vsense track resources": "needs cameras",
-    r"vsense replay (?!.*--retrack)": "serves a page until Ctrl-C: tests/ui",
-    r".*--on tcp": "needs a cluster: tests/sim/test_cluster.py",
+    r"vsense replay (?!.*--retrack)": "serves a page until Ctrl-C: tests/monitor/ui",
+    r".*--on tcp": "needs a cluster: tests/modes/sim/test_cluster.py",
     r".*(\.\./ARGoS3|--sources \.\.\.|controllers/foo)": "needs another repository",
 }
 """Commands that are not run here, by a pattern of their beginning, and why."""
@@ -91,10 +91,10 @@ def give(folder: Path, page: str, recording: Path) -> None:
     """Puts what a page takes for granted into a folder."""
     for name in ("run.mcap", "run-1/run.mcap", "run-2/run.mcap", "sighted/a.mcap", "blind/b.mcap"):
         (folder / name).parent.mkdir(exist_ok=True)
-        if page in ("vsense/recording/README.md", "vsense/report/README.md"):
+        if page in ("vsense/monitor/recording/README.md", "vsense/studies/report/README.md"):
             os.link(recording, folder / name)
     (folder / "ieee.mplstyle").write_text("font.size: 8\n")
-    shipped = ROOT / "vsense" / "experiments" / "phototaxis.argos"
+    shipped = ROOT / "vsense" / "config" / "experiments" / "phototaxis.argos"
     for name in ("mine", "my_experiment"):
         shutil.copy(shipped, folder / f"{name}.argos")
     shutil.copy(shipped.with_suffix(".py"), folder / "phototaxis.py")
@@ -105,7 +105,7 @@ def give(folder: Path, page: str, recording: Path) -> None:
         shutil.copy(photo, copy)
     own = folder / ("given" if "vsense new" in (ROOT / page).read_text() else "mine")
     own.mkdir()
-    sensor = blocks((ROOT / "vsense" / "sensors" / "README.md").read_text())
+    sensor = blocks((ROOT / "vsense" / "world" / "sensors" / "README.md").read_text())
     for block in (block for block in sensor if block.file):
         (folder / block.file).write_text(block.text)
         (own / block.file).write_text(block.text)

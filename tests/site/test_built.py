@@ -15,7 +15,7 @@ import pytest
 
 from scripts.site.contents import ROOT, pages
 from tests.conftest import lack, require_tool
-from tests.ui.browser import Browser
+from tests.monitor.ui.browser import Browser
 
 pytestmark = pytest.mark.campaign
 

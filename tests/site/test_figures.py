@@ -10,14 +10,14 @@ import pytest
 from scripts.site.blocks import blocks
 from scripts.site.contents import ROOT
 from tests.conftest import States
-from vsense.actuators.bank import ActuatorBank
-from vsense.actuators.base import MountedActuator
-from vsense.markers.families import load_family
-from vsense.physics.motion import MAX_SPEED_STEPS_S, STEP_M
-from vsense.tracking.legibility import cell_width
+from vsense.vision.markers.families import load_family
+from vsense.vision.tracking.legibility import cell_width
+from vsense.world.actuators.bank import ActuatorBank
+from vsense.world.actuators.base import MountedActuator
+from vsense.world.physics.motion import MAX_SPEED_STEPS_S, STEP_M
 from vsense.world.world import World
 
-DAY = (ROOT / "vsense" / "live" / "FIRST_DAY.md").read_text()
+DAY = (ROOT / "vsense" / "modes" / "live" / "FIRST_DAY.md").read_text()
 COLUMNS = ("arrow4x4", "apriltag_36h11", "aruco_4x4_50")
 
 

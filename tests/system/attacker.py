@@ -17,7 +17,8 @@ from dataclasses import dataclass, field
 
 from tests.conftest import lack
 from tests.wire.strategies import reseal
-from vsense.link.robots.wire import (
+from vsense.base.native import WireError
+from vsense.robots.link.wire import (
     PUBLISHED,
     Header,
     Hello,
@@ -28,7 +29,6 @@ from vsense.link.robots.wire import (
     session_keys,
     uid_of,
 )
-from vsense.native import WireError
 
 ALL_PROTOCOLS = 0x0003
 LOCAL = socket.inet_aton("127.0.0.1")

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import cv2
 
-from tests.tracking.synthetic import HEIGHT_M, Look, Robot, render
-from vsense.cameras.camera import Camera
-from vsense.markers.families import load_family
-from vsense.recording.pictures import experiment_text, one_tracker, resources_text
+from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, render
+from vsense.monitor.recording.pictures import experiment_text, one_tracker, resources_text
+from vsense.vision.cameras.camera import Camera
+from vsense.vision.markers.families import load_family
 
 PERIOD_S = 0.05
 SIZE_PX = (480, 360)

@@ -20,9 +20,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
-from vsense.clock import host_ns
-from vsense.lab.microcontrollers import Actuation, Microcontrollers
-from vsense.robot import build
+from vsense.base.clock import host_ns
+from vsense.modes.lab.microcontrollers import Actuation, Microcontrollers
+from vsense.robots import build
 
 MS = 1_000_000
 S = 1_000_000_000

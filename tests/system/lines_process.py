@@ -6,7 +6,7 @@ import sys
 import time
 
 from tests.system.floor import LinesTracker
-from vsense.clock import host_ns
+from vsense.base.clock import host_ns
 
 
 def main() -> None:

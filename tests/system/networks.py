@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tests.namespaces import Namespaces
+from tests.rigs.namespaces import Namespaces
 
 NET = "10.213.77"
 HOST = f"{NET}.1"

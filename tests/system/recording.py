@@ -7,9 +7,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tests.tracking.synthetic import HEIGHT_M, Robot, render
-from vsense.cameras.camera import Camera
-from vsense.markers.families import load_family
+from tests.vision.tracking.synthetic import HEIGHT_M, Robot, render
+from vsense.vision.cameras.camera import Camera
+from vsense.vision.markers.families import load_family
 
 TAGS = (1843, 31)
 

@@ -15,9 +15,9 @@ import pytest
 
 from tests.system.attacker import Attacker, LoopbackAttacker
 from tests.system.test_lab import Lab
-from vsense.clock import host_ns
-from vsense.lab.microcontrollers import read_actuations
-from vsense.recording.reader import open_recording
+from vsense.base.clock import host_ns
+from vsense.modes.lab.microcontrollers import read_actuations
+from vsense.monitor.recording.reader import open_recording
 
 pytestmark = pytest.mark.system
 

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import require_zig
-from vsense import processes
+from vsense.base import processes
 from vsense.commands import COMMANDS
-from vsense.robot import boards
+from vsense.robots import boards
 
 pytestmark = [pytest.mark.system, pytest.mark.paced]
 

@@ -17,12 +17,12 @@ from pathlib import Path
 import aiohttp
 import pytest
 
+from tests.monitor.ui.test_server import talk
+from tests.monitor.ui.test_web_listener import HALF, is_closed
 from tests.system.test_attacked_lab import order
 from tests.system.test_lab import Lab
-from tests.ui.test_server import talk
-from tests.ui.test_web_listener import HALF, is_closed
-from vsense.link.robots.links import HELLO_NS, STRANGERS_MAX
-from vsense.ui import web_listener
+from vsense.monitor.ui import web_listener
+from vsense.robots.link.links import HELLO_NS, STRANGERS_MAX
 
 pytestmark = pytest.mark.system
 

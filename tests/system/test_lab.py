@@ -18,10 +18,10 @@ from typing import IO
 
 import pytest
 
-from tests.link.legacy_rig import Client
 from tests.rigs.places import ROOT
-from vsense.lab.microcontrollers import read_actuations
-from vsense.recording.reader import open_recording
+from tests.robots.link.legacy_rig import Client
+from vsense.modes.lab.microcontrollers import read_actuations
+from vsense.monitor.recording.reader import open_recording
 
 pytestmark = pytest.mark.system
 
@@ -238,7 +238,9 @@ def test_failing_process_is_named_and_the_run_reported(
 ) -> None:
     lab = start(directory, "--duration", "600")
     lab.wait_for("timestep \\d")
-    (pid,) = [pid for pid, command in lab.relatives().items() if f"vsense.lab.{process}" in command]
+    (pid,) = [
+        pid for pid, command in lab.relatives().items() if f"vsense.modes.lab.{process}" in command
+    ]
     os.kill(pid, signal.SIGKILL)
     assert lab.end() == 1
     assert f"{told} was killed by SIGKILL" in lab.said[-1]
@@ -338,7 +340,7 @@ def test_unknown_experiment_tells_which_may_be_meant(tmp_path: Path) -> None:
 def test_broken_file_is_named_with_its_line(tmp_path: Path) -> None:
     from importlib import resources
 
-    text = (resources.files("vsense") / "experiments/pollutant.argos").read_text()
+    text = (resources.files("vsense") / "config/experiments/pollutant.argos").read_text()
     broken = tmp_path / "broken.argos"
     broken.write_text(text.replace('wide_angle="90"', 'wide_angle="wide"'))
     line = text[: text.index("<virtual_pollutant_sensor")].count("\n") + 1

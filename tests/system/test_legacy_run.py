@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.link.legacy_rig import Client, Relay
+from tests.robots.link.legacy_rig import Client, Relay
 from tests.system.floor import MS, Floor, OriginalTracker, clean_air
 
 pytestmark = pytest.mark.system

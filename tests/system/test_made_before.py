@@ -13,7 +13,8 @@ import pytest
 from tests.rigs.places import DATA
 from vsense import cli
 
-pytestmark = pytest.mark.quick
+OLD_NAMES = "ignore:vsense.*; the old name ends:FutureWarning"
+pytestmark = [pytest.mark.quick, pytest.mark.filterwarnings(OLD_NAMES)]
 
 MADE = DATA / "made-by-0.1"
 

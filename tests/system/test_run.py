@@ -18,7 +18,7 @@ import pytest
 from tests.system.cameras import NetworkCameras
 from tests.system.floor import MS, Floor, LinesTracker, OriginalTracker, Program, experiment
 from tests.system.recording import make_recording
-from tests.tracking.synthetic import Robot
+from tests.vision.tracking.synthetic import Robot
 
 pytestmark = pytest.mark.system
 

@@ -12,8 +12,8 @@ import pytest
 from tests.system.cameras import NetworkCameras
 from tests.system.floor import MS, Floor, Program, experiment
 from tests.system.networks import HOST, Networks
-from tests.tracking.synthetic import Robot
-from vsense.clock import host_ns
+from tests.vision.tracking.synthetic import Robot
+from vsense.base.clock import host_ns
 
 pytestmark = pytest.mark.system
 

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.link.arena_rig import ONE_SHOT, START, STOP, OldClient, Told
+from tests.robots.link.arena_rig import ONE_SHOT, START, STOP, OldClient, Told
 from tests.system.recording import TAGS, make_recording
-from tests.tracking.synthetic import HEIGHT_M
-from vsense.link.trackers.lines import ArenaListener
+from tests.vision.tracking.synthetic import HEIGHT_M
+from vsense.robots.link.trackers.lines import ArenaListener
 
 pytestmark = pytest.mark.system
 

@@ -16,11 +16,11 @@ import cv2
 import pytest
 
 from tests.system.viewer import Viewer
-from tests.tracking.synthetic import HEIGHT_M, Look, Robot, render
-from vsense.cameras.camera import Camera
+from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, render
 from vsense.cli import main
-from vsense.markers.families import load_family
-from vsense.recording.pictures import experiment_text, one_tracker, resources_text
+from vsense.monitor.recording.pictures import experiment_text, one_tracker, resources_text
+from vsense.vision.cameras.camera import Camera
+from vsense.vision.markers.families import load_family
 
 SIZE = (800, 600)
 CAMERAS = [Camera.looking_down(n, x, 0.0, 2.4, 1600.0, SIZE) for n, x in (("a", -0.2), ("b", 0.2))]

@@ -28,11 +28,11 @@ import concurrent.futures.thread
 from pathlib import Path
 from vsense import cli
 from vsense.commands import handover, orders, share
-from vsense.link import descriptors
+from vsense.robots.link import descriptors
 from vsense.run.control import Control
 from vsense.run.leases import RobotLeases
 from vsense.run.orders import Order, OrderKind
-from vsense.ui.control_socket import ControlSocket
+from vsense.monitor.ui.control_socket import ControlSocket
 
 row = pwd.getpwnam(sys.argv[1])
 os.initgroups(row.pw_name, row.pw_gid)

@@ -14,8 +14,8 @@ from tests.system.recording import make_recording
 from tests.system.viewer import Viewer
 from vsense.cli import main
 from vsense.commands.orders import TerminalError
-from vsense.recording.reader import open_recording
-from vsense.report.findings import read_findings
+from vsense.monitor.recording.reader import open_recording
+from vsense.studies.report.findings import read_findings
 
 pytestmark = pytest.mark.system
 

@@ -24,8 +24,8 @@ YOUNG_S = 600
 """Long enough for any machine that runs the tests, and far below the robots' hour."""
 
 CLOCK_READERS = (
-    *(f"tests/link/test_{name}.py" for name in ("meter", "network", "server", "faults")),
-    *("tests/cameras/test_grabbers_live.py", "tests/live/test_sources.py"),
+    *(f"tests/robots/link/test_{name}.py" for name in ("meter", "network", "server", "faults")),
+    *("tests/vision/cameras/test_grabbers_live.py", "tests/modes/live/test_sources.py"),
 )
 """Links, cameras and trackers."""
 
@@ -38,7 +38,7 @@ def run(*words: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_the_hosts_clock_is_young_there() -> None:
-    told = run("-c", "from vsense.clock import host_ns; print(host_ns())")
+    told = run("-c", "from vsense.base.clock import host_ns; print(host_ns())")
     assert 0 < int(told.stdout) < YOUNG_S * 10**9, told.stderr
 
 

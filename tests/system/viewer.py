@@ -11,8 +11,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from vsense.base.errors import VsenseError
 from vsense.commands.orders import ask
-from vsense.errors import VsenseError
 
 PATIENCE_S = 60.0
 

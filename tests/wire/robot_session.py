@@ -9,9 +9,10 @@ from collections.abc import Mapping
 from enum import IntEnum
 from typing import Any
 
-from vsense.link.robots.peer import counters_of
-from vsense.link.robots.table import Output, Table, text_of
-from vsense.link.robots.wire import (
+from vsense.base.native import check, ffi, lib
+from vsense.robots.link.peer import counters_of
+from vsense.robots.link.table import Output, Table, text_of
+from vsense.robots.link.wire import (
     DATAGRAM_MAX,
     PACKET_MAX,
     TELEMETRY_FIELDS,
@@ -22,7 +23,6 @@ from vsense.link.robots.wire import (
     open_packet,
     put_text,
 )
-from vsense.native import check, ffi, lib
 
 
 class Event(IntEnum):

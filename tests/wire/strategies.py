@@ -8,9 +8,10 @@ from typing import Any
 from hypothesis import strategies as st
 
 from tests.wire.robot_session import Event, RobotSession
-from vsense.link.robots.peer import Orders, Peer
-from vsense.link.robots.table import Direction, Entry, Table
-from vsense.link.robots.wire import (
+from vsense.base.native import ffi, lib
+from vsense.robots.link.peer import Orders, Peer
+from vsense.robots.link.table import Direction, Entry, Table
+from vsense.robots.link.wire import (
     PUBLISHED,
     Header,
     Hello,
@@ -22,7 +23,6 @@ from vsense.link.robots.wire import (
     Welcome,
     decode,
 )
-from vsense.native import ffi, lib
 
 MS = 1_000_000
 S = 1000 * MS

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.wire.strategies import MS, Link, S
-from vsense.clock import clock_difference_ns
-from vsense.native import check, ffi, lib
+from vsense.base.clock import clock_difference_ns
+from vsense.base.native import check, ffi, lib
 
 HOUR = 3600 * S
 delays = st.sampled_from([0, 60 * MS]) | st.integers(0, 60 * MS)

@@ -17,9 +17,10 @@ from tests.wire.strategies import (
     u32,
     with_length,
 )
-from vsense.link.robots.peer import telemetry_of
-from vsense.link.robots.table import Direction, Output, Table
-from vsense.link.robots.wire import (
+from vsense.base.native import WireError, check, ffi, lib
+from vsense.robots.link.peer import telemetry_of
+from vsense.robots.link.table import Direction, Output, Table
+from vsense.robots.link.wire import (
     DATAGRAM_MAX,
     PACKET_MAX,
     TELEMETRY_FIELDS,
@@ -36,7 +37,6 @@ from vsense.link.robots.wire import (
     open_packet,
     packet_length,
 )
-from vsense.native import WireError, check, ffi, lib
 
 
 def encode_telemetry(header: Header, table: Table, said: Telemetry) -> bytes:

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 
 from tests.wire.robot_session import Event, RobotSession
 from tests.wire.strategies import MS, Link, S, reseal
-from vsense.link.robots.table import Entry, Table
-from vsense.link.robots.wire import (
+from vsense.base.native import WireError, ffi, lib
+from vsense.robots.link.table import Entry, Table
+from vsense.robots.link.wire import (
     PACKET_MAX,
     Header,
     Hello,
@@ -22,7 +23,6 @@ from vsense.link.robots.wire import (
     encode,
     packet_length,
 )
-from vsense.native import WireError, ffi, lib
 
 
 @given(st.data())

@@ -6,7 +6,7 @@ import pytest
 
 from tests.wire.robot_session import Event
 from tests.wire.strategies import MS, Link, S
-from vsense.native import lib
+from vsense.base.native import lib
 
 
 def exchange(link: Link, now_ns: int, down: bool, up: bool) -> None:

@@ -11,9 +11,10 @@ from typing import Any
 import pytest
 
 from tests.rigs.places import ROOT
-from vsense.link.robots.peer import older_us, telemetry_of
-from vsense.link.robots.table import Direction, Entry, Output, Table
-from vsense.link.robots.wire import (
+from vsense.base.native import WireError, check, ffi, lib
+from vsense.robots.link.peer import older_us, telemetry_of
+from vsense.robots.link.table import Direction, Entry, Output, Table
+from vsense.robots.link.wire import (
     DATAGRAM_MAX,
     TELEMETRY_FIELDS,
     Header,
@@ -31,7 +32,6 @@ from vsense.link.robots.wire import (
     session_of,
     uid_of,
 )
-from vsense.native import WireError, check, ffi, lib
 
 GOLDEN = ROOT / "tests" / "golden"
 VECTORS = json.loads((GOLDEN / "wire.json").read_text())

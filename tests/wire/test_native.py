@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.rigs.places import ROOT
-from vsense.native import REBUILD, WireError, check, ffi, kernel_ffi, kernels, lib, stale_files
+from vsense.base.native import REBUILD, WireError, check, ffi, kernel_ffi, kernels, lib, stale_files
 
 
 def checkout(target: Path) -> Path:

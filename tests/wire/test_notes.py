@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.wire.strategies import MS, Link, S
-from vsense.link.robots.peer import Orders
-from vsense.link.robots.status import LogLines
-from vsense.link.robots.wire import Telemetry, Wanted
+from vsense.robots.link.peer import Orders
+from vsense.robots.link.status import LogLines
+from vsense.robots.link.wire import Telemetry, Wanted
 
 LINE = 1, "first"
 

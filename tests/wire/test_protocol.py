@@ -7,8 +7,8 @@ import re
 import pytest
 
 from tests.rigs.places import ROOT
-from vsense.link.robots.wire import GoodbyeCause, PacketType, RefuseCode
-from vsense.native import lib
+from vsense.base.native import lib
+from vsense.robots.link.wire import GoodbyeCause, PacketType, RefuseCode
 
 TEXT = (ROOT / "c_src" / "PROTOCOL.md").read_text()
 

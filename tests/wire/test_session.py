@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 
 from tests.wire.robot_session import Event, RobotSession
 from tests.wire.strategies import MS, POLLUTANT, Link, S, balance, reseal
-from vsense.link.robots.peer import Orders, Peer
-from vsense.link.robots.table import Table
-from vsense.link.robots.wire import (
+from vsense.base.native import WireError, lib
+from vsense.robots.link.peer import Orders, Peer
+from vsense.robots.link.table import Table
+from vsense.robots.link.wire import (
     PUBLISHED,
     GoodbyeCause,
     Header,
@@ -29,7 +30,6 @@ from vsense.link.robots.wire import (
     encode,
     open_packet,
 )
-from vsense.native import WireError, lib
 
 
 def test_hello_says_who_the_robot_is() -> None:

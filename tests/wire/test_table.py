@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.wire.strategies import tables
-from vsense.link.robots.table import Direction, Entry, Table
-from vsense.native import WireError, ffi, lib
+from vsense.base.native import WireError, ffi, lib
+from vsense.robots.link.table import Direction, Entry, Table
 
 
 @given(tables(most=32))

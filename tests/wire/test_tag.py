@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.golden.plain_encoder import siphash
-from vsense.native import ffi, lib
+from vsense.base.native import ffi, lib
 
 OFFICIAL = (
     "a3817f04ba25a8e66df67214c7550293",

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from vsense.native import WireError
+from vsense.base.native import WireError
 from vsense.world.entities import Box, Cylinder
 from vsense.world.rays import BODY, NOBODY, Bodies, disc_rows, entity_rows
 

@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense.arena import POSE, ArenaState
+from vsense.base.arena import POSE, ArenaState
 from vsense.world.pollution import PollutantSource
 from vsense.world.world import NEVER_NS, World
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from vsense.arena import ArenaState
+from vsense.base.arena import ArenaState
 from vsense.world import Box, Cylinder, Floor, Light, VirtualRobot, World, Zone
 from vsense.world.entities import Arena, WorldError
 from vsense.world.fields import Field

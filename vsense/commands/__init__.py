@@ -13,7 +13,7 @@ import sys
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
-from vsense.errors import UsageError, instead, likely
+from vsense.base.errors import UsageError, instead, likely
 
 COMMANDS = {
     "new": ("new", "make an experiment of your own to begin with, with its files explained"),
@@ -100,7 +100,7 @@ class ShowVersion(argparse.Action):
 
     def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
         """Prints what is installed, and ends the program."""
-        from vsense.doctor.versions import versions
+        from vsense.tools.doctor.versions import versions
 
         sys.stdout.write(f"{', '.join(' '.join(pair) for pair in versions().items())}\n")
         parser.exit()

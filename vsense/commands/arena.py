@@ -6,11 +6,11 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from vsense.camera_setup import aligning
-from vsense.camera_setup.aligning import AlignOptions
+from vsense.base.errors import UsageError
 from vsense.commands import arguments
 from vsense.config import experiment
-from vsense.errors import UsageError
+from vsense.tools.camera_setup import aligning
+from vsense.tools.camera_setup.aligning import AlignOptions
 
 DESCRIPTION = (
     "`align` moves the frame of all calibrated cameras so that the experiment's arena lies between"
@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Runs the action; see `vsense.camera_setup.aligning`."""
+    """Runs the action; see `vsense.tools.camera_setup.aligning`."""
     if options.undo:
         return aligning.undo(options.cameras)
     if options.experiment is None:

@@ -13,10 +13,10 @@ from ipaddress import IPv4Address
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
-from vsense.errors import UsageError
-from vsense.report import FORMATS
-from vsense.robot.programs import CodeOptions
-from vsense.ui.access import FOXGLOVE_PORT, FoxgloveAddress, WebAddress
+from vsense.base.errors import UsageError
+from vsense.monitor.ui.access import FOXGLOVE_PORT, FoxgloveAddress, WebAddress
+from vsense.robots.programs import CodeOptions
+from vsense.studies.report import FORMATS
 
 Record = TypeVar("Record")
 

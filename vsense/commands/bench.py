@@ -9,10 +9,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from vsense.bench import grabbing, homing, identity, robot, sim, tracking, trade_off, world
+from vsense.base.errors import UsageError
+from vsense.base.terminal import aligned
 from vsense.commands import arguments
-from vsense.errors import UsageError
-from vsense.terminal import aligned
+from vsense.tools.bench import grabbing, homing, identity, robot, sim, tracking, trade_off, world
 
 DESCRIPTION = (
     "'tracking' renders pictures of 20 robots on a cluttered floor and lets vsense's detectors,"

@@ -11,23 +11,23 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vsense import recording
-from vsense.benchmark import definition
-from vsense.benchmark.definition import Definition
+from vsense.base.errors import UsageError
+from vsense.base.terminal import Console, aligned, interruption, print_data
 from vsense.commands import arguments, rosters, series
 from vsense.config.roster import Roster
-from vsense.errors import UsageError
-from vsense.pictures.run_figure import spoken
-from vsense.report.study import lacking_tests
+from vsense.monitor import recording
+from vsense.monitor.pictures.run_figure import spoken
 from vsense.run.runs_csv import MODES
-from vsense.series import plan as plans
-from vsense.series.forecast import Forecast
-from vsense.series.parts import PlannedExperiment
-from vsense.series.plan import SeriesPlan
-from vsense.terminal import Console, aligned, interruption, print_data
+from vsense.studies.benchmark import definition
+from vsense.studies.benchmark.definition import Definition
+from vsense.studies.report.study import lacking_tests
+from vsense.studies.series import plan as plans
+from vsense.studies.series.forecast import Forecast
+from vsense.studies.series.parts import PlannedExperiment
+from vsense.studies.series.plan import SeriesPlan
 
 if TYPE_CHECKING:
-    from vsense.benchmark.result import Benchmark
+    from vsense.studies.benchmark.result import Benchmark
 
 DESCRIPTION = (
     "Qualifies a lab, simulated, rendered or real, by three missions that are the same everywhere:"
@@ -104,7 +104,7 @@ def run(options: argparse.Namespace) -> int:
         return _check(options)
     if options.action == "compare":
         return _compare(options)
-    from vsense.benchmark.result import Benchmark
+    from vsense.studies.benchmark.result import Benchmark
 
     known = definition.load()
     plan = _plan(options, known)
@@ -167,7 +167,7 @@ def _require_robots(
 
 def _finish(options: argparse.Namespace, benchmark: Benchmark, roster: Roster | None) -> int:
     """Makes the result of all runs, and says where it is."""
-    from vsense.benchmark import page, result
+    from vsense.studies.benchmark import page, result
 
     console = Console()
     with interruption() as interrupted, interrupted.at_once():
@@ -203,7 +203,7 @@ def _setup(options: argparse.Namespace) -> dict[str, Any]:
 
 def _summary(told: Mapping[str, Any]) -> Iterator[str]:
     """The result in some lines."""
-    from vsense.benchmark.comparing import own_figures
+    from vsense.studies.benchmark.comparing import own_figures
 
     counts = told["counts"]
     yield (
@@ -252,7 +252,7 @@ def _dry(benchmark: Benchmark, forecast: Forecast) -> str:
 
 
 def _check(options: argparse.Namespace) -> int:
-    from vsense.benchmark import checking
+    from vsense.studies.benchmark import checking
 
     console = Console()
     with interruption() as interrupted, interrupted.at_once():
@@ -268,8 +268,8 @@ def _check(options: argparse.Namespace) -> int:
 
 
 def _compare(options: argparse.Namespace) -> int:
-    from vsense.benchmark import comparing, page
-    from vsense.report.report import require_empty
+    from vsense.studies.benchmark import comparing, page
+    from vsense.studies.report.report import require_empty
 
     if options.report is not None:
         require_empty(options.report)

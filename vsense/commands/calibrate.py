@@ -8,11 +8,11 @@ import re
 from pathlib import Path
 from typing import Any
 
-from vsense.calibration import checking, session
-from vsense.calibration.checking import CheckOptions
-from vsense.calibration.session import LensOptions, RigOptions
 from vsense.commands import arguments
-from vsense.lab import board_studio
+from vsense.modes.lab import board_studio
+from vsense.vision.calibration import checking, session
+from vsense.vision.calibration.checking import CheckOptions
+from vsense.vision.calibration.session import LensOptions, RigOptions
 
 DESCRIPTION = (
     "Calibrates cameras from pictures of a printed board: print one with `board`, take pictures,"
@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Runs one step; see `vsense.calibration.session`."""
+    """Runs one step; see `vsense.vision.calibration.session`."""
     if options.step == "example":
         return board_studio.write(options.directory, options.board, options.seed)
     if options.step == "check":

@@ -5,15 +5,15 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from vsense.camera_setup import files, listing, shooting, showing, sweep, tuning
-from vsense.camera_setup.markers import SPEED_M_S
-from vsense.camera_setup.shooting import ShootOptions
-from vsense.camera_setup.tuning import TuneOptions
-from vsense.cameras.opencv_source import Controls
+from vsense.base.errors import UsageError
+from vsense.base.terminal import drop_output
 from vsense.commands import arguments
 from vsense.config.resources import EXPOSURES_US, GAINS, RATES_HZ, SIDES_PX
-from vsense.errors import UsageError
-from vsense.terminal import drop_output
+from vsense.tools.camera_setup import files, listing, shooting, showing, sweep, tuning
+from vsense.tools.camera_setup.markers import SPEED_M_S
+from vsense.tools.camera_setup.shooting import ShootOptions
+from vsense.tools.camera_setup.tuning import TuneOptions
+from vsense.vision.cameras.opencv_source import Controls
 
 DESCRIPTION = (
     "Without an action it lists the cameras: GigE Vision, USB3 Vision, V4L2. 'show' looks through"

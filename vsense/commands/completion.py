@@ -12,8 +12,8 @@ import os
 import shlex
 import sys
 
-from vsense import errors
-from vsense.terminal import print_data
+from vsense.base import errors
+from vsense.base.terminal import print_data
 
 DESCRIPTION = (
     "Prints what lets a shell complete vsense's commands, options and experiments. To have it in"

@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from itertools import groupby
 
+from vsense.base.errors import UsageError
+from vsense.base.terminal import aligned, paged
 from vsense.commands import arguments
-from vsense.errors import UsageError
-from vsense.shipped import documents
-from vsense.terminal import aligned, paged
+from vsense.tools.shipped import documents
 
 DESCRIPTION = (
     "Prints what comes with vsense to read: pages, headers for controllers, the shipped controllers"

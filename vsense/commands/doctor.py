@@ -7,10 +7,10 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict
 
+from vsense.base.terminal import aligned, print_data
 from vsense.commands import arguments
-from vsense.doctor.checks import BROKEN, LACKS, Finding, findings
-from vsense.doctor.versions import versions
-from vsense.terminal import aligned, print_data
+from vsense.tools.doctor.checks import BROKEN, LACKS, Finding, findings
+from vsense.tools.doctor.versions import versions
 
 DESCRIPTION = (
     "Looks at compilers, libraries, extras, ports, socket buffers, the clock and permissions, and"

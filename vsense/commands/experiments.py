@@ -13,21 +13,21 @@ from contextlib import AbstractContextManager, ExitStack, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vsense.base.errors import UsageError
+from vsense.base.terminal import Console, print_data
 from vsense.commands import arguments, homes, rosters
 from vsense.config.description import as_json, describe
 from vsense.config.experiment import first_robots, load
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment, Stage
-from vsense.errors import UsageError
 from vsense.run import asked
 from vsense.run import directory as run_directory
-from vsense.terminal import Console, print_data
 
 if TYPE_CHECKING:
-    from vsense.link.robots.keys import LinkTrust
-    from vsense.link.robots.server import VirtualSensorServer
+    from vsense.monitor.ui.room import RoomOptions
+    from vsense.robots.link.keys import LinkTrust
+    from vsense.robots.link.server import VirtualSensorServer
     from vsense.run.leases import RobotLeases
-    from vsense.ui.room import RoomOptions
 
 
 def add_experiment(parser: argparse.ArgumentParser, stage: Stage) -> None:
@@ -107,7 +107,7 @@ def add_key(parser: argparse.ArgumentParser) -> None:
 
 def key_path(options: argparse.Namespace) -> Path:
     """Where the swarm's keys are."""
-    from vsense.link.robots import keys
+    from vsense.robots.link import keys
 
     return options.key or keys.default_path()
 
@@ -124,8 +124,8 @@ def trust_of(options: argparse.Namespace) -> LinkTrust:
         UsageError: there are no keys, and robots without one are not to be taken.
         VsenseError: the keys cannot be used.
     """
-    from vsense.link.robots import keys
-    from vsense.robot import key_holders
+    from vsense.robots import key_holders
+    from vsense.robots.link import keys
 
     path = key_path(options)
     if options.key is None and not path.exists():
@@ -169,7 +169,7 @@ def check_legacy_port(options: argparse.Namespace, port: int) -> None:
 
 def say_legacy_port(server: VirtualSensorServer, say: Callable[[str], None]) -> None:
     """Says where robots with the original's client connect to, and what they do not get."""
-    from vsense.link.legacy.server import MixedServer
+    from vsense.robots.link.legacy.server import MixedServer
 
     if isinstance(server, MixedServer):
         say(f"and with the original client on port {server.legacy_port}")
@@ -206,7 +206,7 @@ def add_room(parser: argparse.ArgumentParser) -> None:
 
 def room_of(options: argparse.Namespace) -> RoomOptions:
     """Returns what `add_room` declares."""
-    from vsense.ui.room import RoomOptions
+    from vsense.monitor.ui.room import RoomOptions
 
     doors = {"web": arguments.web_of(options), "foxglove": arguments.foxglove_of(options)}
     return arguments.fill(RoomOptions, options, **doors, series=None, tokens=None)
@@ -239,8 +239,8 @@ def lease_tags(
     options: argparse.Namespace, name: str, tags: Iterable[int], host: str
 ) -> AbstractContextManager[RobotLeases | None]:
     """As `lease_robots`, of the robots with these tags, for the experiment of that name."""
+    from vsense.monitor.ui.access import is_loopback
     from vsense.run.leases import RobotLeases
-    from vsense.ui.access import is_loopback
 
     if is_loopback(host):
         return nullcontext()
@@ -251,8 +251,8 @@ def lease_tags(
 
 def lease_folder() -> Path:
     """Where all runs look that may want the same robots: the lab's folder, else the user's own."""
-    from vsense import sharing
-    from vsense.ui.control_socket import folder
+    from vsense.base import sharing
+    from vsense.monitor.ui.control_socket import folder
 
     lab = sharing.lab()
     return folder() if lab is None else lab.path
@@ -268,10 +268,10 @@ def check_doors(options: argparse.Namespace, host: str, port: int) -> None:
         UsageError: a library is missing, or two are to have one port.
         VsenseError: the page's files cannot be used, or another program has a port.
     """
-    from vsense import recording
-    from vsense.link.robots import network
-    from vsense.ui.foxglove_server import check_foxglove
-    from vsense.ui.room import page_access
+    from vsense.monitor import recording
+    from vsense.monitor.ui.foxglove_server import check_foxglove
+    from vsense.monitor.ui.room import page_access
+    from vsense.robots.link import network
 
     check_legacy_port(options, port)
     if options.record or options.record_images:

@@ -10,14 +10,14 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vsense import recording
+from vsense.base.errors import UsageError
+from vsense.base.terminal import Console, interruption, print_data
 from vsense.commands import arguments
-from vsense.errors import UsageError
-from vsense.terminal import Console, interruption, print_data
+from vsense.monitor import recording
 
 if TYPE_CHECKING:
-    from vsense.recording.reader import Recording
-    from vsense.recording.video import VideoPlan
+    from vsense.monitor.recording.reader import Recording
+    from vsense.monitor.recording.video import VideoPlan
 
 DESCRIPTION = (
     "Writes the tables trajectories.csv, readings.csv, robots.csv, shown.csv, measures.csv and"
@@ -91,12 +91,12 @@ def _add_film(film: argparse._ArgumentGroup) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Exports; see `vsense.recording.export` and `vsense.recording.video`.
+    """Exports; see `vsense.monitor.recording.export` and `vsense.monitor.recording.video`.
 
     0, or 130 (143 by SIGTERM) where a video was interrupted.
     """
     recording.require()
-    from vsense.recording.reader import open_recording
+    from vsense.monitor.recording.reader import open_recording
 
     if options.video is None:
         given = [name for name in _VIDEO_OPTIONS if getattr(options, name) is not None]
@@ -118,7 +118,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _tables(options: argparse.Namespace, opened: Recording, console: Console) -> int:
-    from vsense.recording.export import export_csv
+    from vsense.monitor.recording.export import export_csv
 
     folder = options.output or opened.path.with_suffix("")
     rows = export_csv(opened, folder)
@@ -132,7 +132,7 @@ def _tables(options: argparse.Namespace, opened: Recording, console: Console) ->
 
 
 def _video(options: argparse.Namespace, opened: Recording, console: Console) -> int:
-    from vsense.recording.video import Video
+    from vsense.monitor.recording.video import Video
 
     with ExitStack() as stack:
         interrupted = stack.enter_context(interruption())
@@ -166,7 +166,7 @@ def _video(options: argparse.Namespace, opened: Recording, console: Console) -> 
 
 
 def _plan(options: argparse.Namespace) -> VideoPlan:
-    from vsense.recording.video import VideoPlan
+    from vsense.monitor.recording.video import VideoPlan
 
     given: dict[str, Any] = {
         "view": options.view,
@@ -220,9 +220,9 @@ def _size(text: str) -> tuple[int, int]:
 
 
 def _to_foxglove(file: Path, options: argparse.Namespace) -> int:
-    """Writes a recording for Foxglove; see `vsense.recording.foxglove_export`."""
-    from vsense.recording.foxglove_export import export_foxglove
-    from vsense.recording.reader import open_recording
+    """Writes a recording for Foxglove; see `vsense.monitor.recording.foxglove_export`."""
+    from vsense.monitor.recording.foxglove_export import export_foxglove
+    from vsense.monitor.recording.reader import open_recording
 
     if options.output is not None:
         raise UsageError("--output is the folder of tables: --foxglove names its own file")

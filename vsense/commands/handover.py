@@ -8,12 +8,12 @@ import time
 from collections.abc import Collection, Mapping
 from typing import Any
 
+from vsense.base.errors import UsageError, VsenseError
+from vsense.base.terminal import Console, print_data
 from vsense.commands import arguments, orders
-from vsense.errors import UsageError, VsenseError
+from vsense.monitor.ui.control_socket import folders
 from vsense.run import leases
 from vsense.run.leases import Lease
-from vsense.terminal import Console, print_data
-from vsense.ui.control_socket import folders
 
 DESCRIPTION = (
     "Robots belong to one `vsense run` at a time, also between its runs. This ends the run that has"

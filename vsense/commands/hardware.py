@@ -9,15 +9,15 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
+from vsense.base.errors import UsageError
 from vsense.commands import arguments, rosters
 from vsense.config.parts import spares_for
 from vsense.config.roster_fields import MarkerOffset
 from vsense.config.specs import Experiment
-from vsense.errors import UsageError
 
 if TYPE_CHECKING:
-    from vsense.lab.hardware import HardwareErrors, LabRobots
-    from vsense.lab.radio import EmulatedRadio
+    from vsense.modes.lab.hardware import HardwareErrors, LabRobots
+    from vsense.modes.lab.radio import EmulatedRadio
 
 _NUMBER = r"\d+(?:\.\d+)?"
 
@@ -100,7 +100,7 @@ def add_faults(parser: Any) -> None:
 
 def errors_of(options: argparse.Namespace) -> HardwareErrors:
     """Returns what `add_errors` declares."""
-    from vsense.lab.hardware import HardwareErrors
+    from vsense.modes.lab.hardware import HardwareErrors
 
     marker_m, marker_rad = options.marker_errors
     wheel, sensor = options.wheel_errors, options.sensor_errors
@@ -114,7 +114,7 @@ def robots_of(options: argparse.Namespace, experiment: Experiment) -> LabRobots:
         UsageError: the roster cannot be read, or no robot has the tag of a fault.
         ConfigError: something in it is wrong.
     """
-    from vsense.lab.hardware import LabRobots, draw_all
+    from vsense.modes.lab.hardware import LabRobots, draw_all
 
     tags = [robot.tag for robot in experiment.robots]
     dead, worn = getattr(options, "dead_motors", ()), dict[int, int]()
@@ -146,7 +146,7 @@ def _marker(text: str) -> tuple[float, float]:
 
 
 def _radio(text: str) -> tuple[int, EmulatedRadio]:
-    from vsense.lab.radio import read_radio
+    from vsense.modes.lab.radio import read_radio
 
     try:
         return read_radio(text)

@@ -10,27 +10,27 @@ from typing import Any
 
 import numpy as np
 
-from vsense import clock
+from vsense.base import clock
+from vsense.base.errors import CutShort, UsageError, VsenseError
+from vsense.base.terminal import Console, interruption
 from vsense.commands import arguments, experiments, hardware, homes
 from vsense.config.specs import Experiment, Stage
-from vsense.errors import CutShort, UsageError, VsenseError
-from vsense.lab import calibrated, report
-from vsense.lab.calibrated import CalibratedRig
-from vsense.lab.camera_spec import CameraGrid, cameras_above
-from vsense.lab.hardware import told_all
-from vsense.lab.links import BASES
-from vsense.lab.session import Session
-from vsense.link.robots import keys
-from vsense.link.robots.keys import LinkTrust
-from vsense.live.session import RunSetup
-from vsense.packages import origin
-from vsense.pictures.run_figure import spoken
+from vsense.modes.lab import calibrated, report
+from vsense.modes.lab.calibrated import CalibratedRig
+from vsense.modes.lab.camera_spec import CameraGrid, cameras_above
+from vsense.modes.lab.hardware import told_all
+from vsense.modes.lab.links import BASES
+from vsense.modes.lab.session import Session
+from vsense.modes.live.session import RunSetup
+from vsense.monitor.pictures.run_figure import spoken
+from vsense.monitor.ui.room import ControlRoom
+from vsense.robots.link import keys
+from vsense.robots.link.keys import LinkTrust
 from vsense.run import directory as run_directory
 from vsense.run.runs_csv import RunRows
 from vsense.run.runtime import Step
 from vsense.run.several import Series
-from vsense.terminal import Console, interruption
-from vsense.ui.room import ControlRoom
+from vsense.studies.packages import origin
 
 DESCRIPTION = (
     "Runs an experiment in real time on this machine. Everything between the camera's pixels and"

@@ -8,15 +8,15 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from vsense.camera_setup import photographs
-from vsense.camera_setup.photographs import FindOptions
+from vsense.base.errors import UsageError, failing_as
+from vsense.base.terminal import drop_output, print_data
 from vsense.commands import arguments
 from vsense.config import roster
-from vsense.errors import UsageError, failing_as
-from vsense.markers import codes, paper, sheet
-from vsense.markers.families import load_family
-from vsense.terminal import drop_output, print_data
-from vsense.tracking.squares import LEAST_SIDE_PX
+from vsense.tools.camera_setup import photographs
+from vsense.tools.camera_setup.photographs import FindOptions
+from vsense.vision.markers import codes, paper, sheet
+from vsense.vision.markers.families import load_family
+from vsense.vision.tracking.squares import LEAST_SIDE_PX
 
 DESCRIPTION = (
     "Writes sheets of markers, true to scale, as PDF or PNG. Print them at 100 %: the bar at the"

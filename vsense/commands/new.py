@@ -6,9 +6,9 @@ import argparse
 import sys
 from pathlib import Path
 
+from vsense.base.terminal import print_data
 from vsense.commands import arguments
-from vsense.shipped import templates
-from vsense.terminal import print_data
+from vsense.tools.shipped import templates
 
 DESCRIPTION = (
     "Makes a folder with an experiment of your own: the .argos file, the robots' controller in C,"

@@ -13,11 +13,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from vsense.base.errors import UsageError, VsenseError
+from vsense.base.sharing import user_name
+from vsense.base.terminal import Console, aligned, print_data
 from vsense.commands import COMMANDS, arguments
-from vsense.errors import UsageError, VsenseError
-from vsense.sharing import user_name
-from vsense.terminal import Console, aligned, print_data
-from vsense.ui.control_socket import TRACKER, folders
+from vsense.monitor.ui.control_socket import TRACKER, folders
 
 DESCRIPTION = (
     "Talks to the `vsense run` or `vsense lab` that this user, or another member of its lab (see"
@@ -166,7 +166,9 @@ def robots(options: argparse.Namespace) -> int:
 
 
 def ask(question: Mapping[str, Any], process: int | None = None) -> dict[str, Any]:
-    """Asks the experiment that runs on this machine; for `question` see `vsense.ui.control_socket`.
+    """Asks the experiment that runs on this machine.
+
+    `question` is one of `vsense.monitor.ui.control_socket`.
 
     Raises:
         UsageError: none runs, or several do and `process` names none.

@@ -8,12 +8,12 @@ import re
 from dataclasses import asdict
 from pathlib import Path
 
+from vsense.base.errors import UsageError
+from vsense.base.terminal import Console, interruption, print_data
 from vsense.commands import arguments, report
-from vsense.errors import UsageError
-from vsense.packages import crate
-from vsense.packages.pack import PackedFiles, PackOptions, pack
-from vsense.recording import megabytes
-from vsense.terminal import Console, interruption, print_data
+from vsense.monitor.recording import megabytes
+from vsense.studies.packages import crate
+from vsense.studies.packages.pack import PackedFiles, PackOptions, pack
 
 DESCRIPTION = (
     "Packs runs for others: experiments, plan, controllers, calibrations, roster, seeds, versions,"

@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from vsense.base.terminal import Console
 from vsense.commands import arguments
 from vsense.config.experiment import load
 from vsense.config.specs import Stage
-from vsense.lab.recorder import record
-from vsense.terminal import Console
+from vsense.modes.lab.recorder import record
 
 DESCRIPTION = (
     "Draws what the lab's cameras see of an experiment's robots wandering about, and writes what"
@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Draws; see `vsense.lab.recorder.record`."""
+    """Draws; see `vsense.modes.lab.recorder.record`."""
     console = Console()
     if options.command == "record":
         console.say("vsense: 'record' is called 'render' now: it records nothing")

@@ -9,19 +9,19 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vsense import recording
+from vsense.base.errors import UsageError
+from vsense.base.message_bus import MessageBus
+from vsense.base.terminal import Console, interruption
 from vsense.commands import arguments
 from vsense.config import tracking_session
-from vsense.errors import UsageError
-from vsense.message_bus import MessageBus
+from vsense.monitor import recording
+from vsense.monitor.ui.access import FoxgloveAddress, WebAddress
+from vsense.monitor.ui.foxglove_server import check_foxglove, serve_foxglove
+from vsense.monitor.ui.room import make_server, page_access
 from vsense.run.orders import Order, OrderKind
-from vsense.terminal import Console, interruption
-from vsense.ui.access import FoxgloveAddress, WebAddress
-from vsense.ui.foxglove_server import check_foxglove, serve_foxglove
-from vsense.ui.room import make_server, page_access
 
 if TYPE_CHECKING:
-    from vsense.recording.reader import Recording
+    from vsense.monitor.recording.reader import Recording
 
 DESCRIPTION = (
     "Plays a recording in the page, with pause, speed and a time line. With --retrack it runs the"
@@ -101,8 +101,8 @@ def play(file: Path, speed: float, web: WebAddress, foxglove: FoxgloveAddress | 
     interrupted, `speed` times as fast as real time.
     """
     # These need the extra `record`.
-    from vsense.recording.player import Player
-    from vsense.recording.reader import open_recording
+    from vsense.monitor.recording.player import Player
+    from vsense.monitor.recording.reader import open_recording
 
     console, access = Console(), page_access(web)
     with ExitStack() as stack:
@@ -131,9 +131,9 @@ def play(file: Path, speed: float, web: WebAddress, foxglove: FoxgloveAddress | 
 
 def _retrack(options: argparse.Namespace) -> int:
     """Runs the tracker on recorded pictures and prints what differs; see `run`."""
-    from vsense.recording import tracker_made
-    from vsense.recording.reader import open_recording
-    from vsense.recording.retrack import Retracking
+    from vsense.monitor.recording import tracker_made
+    from vsense.monitor.recording.reader import open_recording
+    from vsense.monitor.recording.retrack import Retracking
 
     console = Console()
     session = None if options.session is None else tracking_session.load(*options.session)
@@ -165,8 +165,8 @@ def _retrack(options: argparse.Namespace) -> int:
 
 def _resense(options: argparse.Namespace) -> int:
     """Makes the world of a recording again and prints what differs; see `run`."""
-    from vsense.recording.reader import open_recording
-    from vsense.recording.resense import Resensing
+    from vsense.monitor.recording.reader import open_recording
+    from vsense.monitor.recording.resense import Resensing
 
     console = Console()
     with ExitStack() as stack:

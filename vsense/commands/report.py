@@ -9,14 +9,14 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from vsense import recording
+from vsense.base.errors import UsageError
+from vsense.base.terminal import Console
 from vsense.commands import arguments
-from vsense.errors import UsageError
-from vsense.report.study import BY, SEED, SUFFIX
-from vsense.terminal import Console
+from vsense.monitor import recording
+from vsense.studies.report.study import BY, SEED, SUFFIX
 
 if TYPE_CHECKING:
-    from vsense.report.study.results import Questions
+    from vsense.studies.report.study.results import Questions
 
 DESCRIPTION = (
     "Makes report.html, one page that holds everything it shows, and its charts as PNG, SVG or PDF:"
@@ -101,12 +101,12 @@ def _margin(text: str) -> tuple[str, float]:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Makes the report; see `vsense.report.report`."""
+    """Makes the report; see `vsense.studies.report.report`."""
     files = [file for path in options.files for file in _files_of(path)]
     asked = _asked(options, files)
     if any(file.suffix != SUFFIX for file in files):
         recording.require()
-    from vsense.report.report import make_report
+    from vsense.studies.report.report import make_report
 
     alone = files[0].with_name(f"{files[0].stem}-report")
     folder = options.output or (alone if len(files) == 1 else Path("report"))
@@ -151,7 +151,7 @@ def _asked(options: argparse.Namespace, files: Sequence[Path]) -> Questions:
 
 def questions_of(options: argparse.Namespace) -> Questions:
     """What is asked of tables, as `add_questions` declares it."""
-    from vsense.report.study.results import Questions
+    from vsense.studies.report.study.results import Questions
 
     return Questions(
         by=options.by or BY,
@@ -168,8 +168,8 @@ def _files_of(path: Path) -> list[Path]:
 
     A folder of runs has a runs.csv beside its recordings, which show more.
     """
-    from vsense.report.study.collect import tables_in
     from vsense.run.runs_csv import RUNS
+    from vsense.studies.report.study.collect import tables_in
 
     if not path.is_dir() or not (tables := tables_in(path)):
         return recording.files_of(path)

@@ -7,10 +7,10 @@ import json
 import os
 from pathlib import Path
 
+from vsense.base.terminal import Console, interruption, print_data
 from vsense.commands import arguments
-from vsense.packages.reproduce import ReproduceOptions, reproduce
-from vsense.sim.outcome import Interrupted
-from vsense.terminal import Console, interruption, print_data
+from vsense.modes.sim.outcome import Interrupted
+from vsense.studies.packages.reproduce import ReproduceOptions, reproduce
 
 DESCRIPTION = (
     "Makes a package of vsense pack anew and says for each thing whether it is the same, what"

@@ -11,6 +11,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from vsense.base.errors import UsageError
+from vsense.base.terminal import Console, aligned, patience
 from vsense.commands import (
     arguments,
     experiments,
@@ -26,13 +28,11 @@ from vsense.config.casting import Casting
 from vsense.config.experiment import load
 from vsense.config.roster import Roster
 from vsense.config.specs import Experiment
-from vsense.errors import UsageError
-from vsense.robot import boards, deploying, finding, key_holders
-from vsense.robot.boards import Built
-from vsense.robot.build import cache_directory, source_tree
-from vsense.robot.deploying import Outcome, Part, Plan, RobotHost
-from vsense.robot.programs import Program, folders, stem_of
-from vsense.terminal import Console, aligned, patience
+from vsense.robots import boards, deploying, finding, key_holders
+from vsense.robots.boards import Built
+from vsense.robots.build import cache_directory, source_tree
+from vsense.robots.deploying import Outcome, Part, Plan, RobotHost
+from vsense.robots.programs import Program, folders, stem_of
 
 DESCRIPTION = (
     "What a lab does with its robots' boards. 'build' makes the daemon vsensed with a controller"

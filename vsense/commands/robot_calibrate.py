@@ -9,7 +9,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from vsense import clock
+from vsense.base import clock
+from vsense.base.errors import UsageError, VsenseError
+from vsense.base.terminal import Console, interruption, print_data
 from vsense.commands import arguments, experiments, hardware, robot_sensors, rosters
 from vsense.config import roster
 from vsense.config.casting import Casting
@@ -17,21 +19,19 @@ from vsense.config.experiment import first_robots, load
 from vsense.config.placement import settle
 from vsense.config.roster import Roster
 from vsense.config.specs import Experiment, Stage
-from vsense.errors import UsageError, VsenseError
-from vsense.lab.hardware import LabRobots
-from vsense.lab.links import BASES
-from vsense.lab.session import Session
-from vsense.link.robots import keys
-from vsense.link.robots.keys import LinkTrust
-from vsense.live.session import ExperimentSession, RunSession, RunSetup
-from vsense.live.sources import require_source
-from vsense.robot_calibration import driving, results
-from vsense.robot_calibration.commanding import CONTROLLER, SENSORS, WheelsWanted, commanded
-from vsense.robot_calibration.results import RobotResult
-from vsense.robot_calibration.sensing import Sensing
+from vsense.modes.lab.hardware import LabRobots
+from vsense.modes.lab.links import BASES
+from vsense.modes.lab.session import Session
+from vsense.modes.live.session import ExperimentSession, RunSession, RunSetup
+from vsense.modes.live.sources import require_source
+from vsense.monitor.ui.room import ControlRoom, RoomOptions
+from vsense.robots.link import keys
+from vsense.robots.link.keys import LinkTrust
 from vsense.run import directory as run_directory
-from vsense.terminal import Console, interruption, print_data
-from vsense.ui.room import ControlRoom, RoomOptions
+from vsense.tools.robot_calibration import driving, results
+from vsense.tools.robot_calibration.commanding import CONTROLLER, SENSORS, WheelsWanted, commanded
+from vsense.tools.robot_calibration.results import RobotResult
+from vsense.tools.robot_calibration.sensing import Sensing
 
 FILE = "calibration.json"
 

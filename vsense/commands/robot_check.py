@@ -8,23 +8,23 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from vsense import clock
+from vsense.base import clock
+from vsense.base.terminal import Console, aligned, interruption, print_data
 from vsense.commands import arguments, experiments, hardware, robot_calibrate, rosters
 from vsense.config.casting import Casting
 from vsense.config.experiment import first_robots, load
 from vsense.config.placement import settle
 from vsense.config.roster import Roster
 from vsense.config.specs import Experiment, Stage
-from vsense.lab.hardware import LabRobots
-from vsense.link.robots import keys
-from vsense.link.robots.keys import LinkTrust
-from vsense.live.session import ExperimentSession, RunSetup
-from vsense.robot_calibration import driving
-from vsense.robot_calibration.wiggle import Verdict, WiggleCheck, WiggledRobot, exchanged
+from vsense.modes.lab.hardware import LabRobots
+from vsense.modes.live.session import ExperimentSession, RunSetup
+from vsense.monitor.ui.room import ControlRoom, RoomOptions
+from vsense.robots.link import keys
+from vsense.robots.link.keys import LinkTrust
 from vsense.run import directory as run_directory
 from vsense.run.control import State
-from vsense.terminal import Console, aligned, interruption, print_data
-from vsense.ui.room import ControlRoom, RoomOptions
+from vsense.tools.robot_calibration import driving
+from vsense.tools.robot_calibration.wiggle import Verdict, WiggleCheck, WiggledRobot, exchanged
 
 FILE = "check.json"
 

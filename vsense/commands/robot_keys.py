@@ -9,14 +9,14 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+from vsense.base.errors import UsageError
+from vsense.base.terminal import Console, aligned
 from vsense.commands import arguments, experiments, rosters
-from vsense.errors import UsageError
-from vsense.link.robots import keys as swarm_keys
-from vsense.link.robots.keys import SwarmKeys
-from vsense.robot import deploying, key_holders
-from vsense.robot.deploying import Outcome, Part, Plan, RobotHost
-from vsense.robot.key_holders import Holder
-from vsense.terminal import Console, aligned
+from vsense.robots import deploying, key_holders
+from vsense.robots.deploying import Outcome, Part, Plan, RobotHost
+from vsense.robots.key_holders import Holder
+from vsense.robots.link import keys as swarm_keys
+from vsense.robots.link.keys import SwarmKeys
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

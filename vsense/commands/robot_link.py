@@ -5,16 +5,16 @@ from __future__ import annotations
 import argparse
 import json
 
+from vsense.base.errors import UsageError
+from vsense.base.terminal import Console, interruption, print_data
 from vsense.commands import arguments, experiments, rosters
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment, Stage
-from vsense.errors import UsageError
-from vsense.link.robots.roster import ExpectedRobot
-from vsense.link.robots.table import Table
+from vsense.robots.link.roster import ExpectedRobot
+from vsense.robots.link.table import Table
 from vsense.run import link_verdict
 from vsense.run.link_load import LinkLoad, traffic_of
 from vsense.run.link_verdict import judge
-from vsense.terminal import Console, interruption, print_data
 
 DEFAULT = "foraging"
 """Whose traffic it is where no experiment is named."""

@@ -10,12 +10,12 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
+from vsense.base.terminal import aligned, print_data
 from vsense.commands import arguments, orders, rosters
 from vsense.config import battery_history
 from vsense.config.battery_history import BatteryRow
 from vsense.config.roster import Roster, RosterRobot
-from vsense.robot import ssh
-from vsense.terminal import aligned, print_data
+from vsense.robots import ssh
 
 EMPTY_V = 3.4
 """Where the roster has no battery_stop_mv, an e-puck's battery is taken to be empty here."""

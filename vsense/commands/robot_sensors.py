@@ -7,14 +7,14 @@ import re
 from dataclasses import replace
 from typing import Any
 
+from vsense.base.errors import UsageError
 from vsense.commands import arguments
 from vsense.config.specs import Experiment
-from vsense.errors import UsageError
-from vsense.homing.floor import DrivingFloor
-from vsense.lab.hardware import LabRobots
-from vsense.robot_calibration.commanding import GROUND, PROXIMITY, SENSORS, OwnReadings
-from vsense.robot_calibration.places import Point, ground_places, spots
-from vsense.robot_calibration.sensing import Sensing
+from vsense.modes.lab.hardware import LabRobots
+from vsense.run.homing.floor import DrivingFloor
+from vsense.tools.robot_calibration.commanding import GROUND, PROXIMITY, SENSORS, OwnReadings
+from vsense.tools.robot_calibration.places import Point, ground_places, spots
+from vsense.tools.robot_calibration.sensing import Sensing
 
 _NUMBER = r"\d+(?:\.\d+)?"
 _PAIR = rf"(-?{_NUMBER}),(-?{_NUMBER})"

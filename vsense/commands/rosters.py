@@ -6,13 +6,13 @@ import argparse
 from collections.abc import Callable, Collection
 from pathlib import Path
 
+from vsense.base.errors import UsageError
 from vsense.commands import arguments
 from vsense.config import roster
 from vsense.config.casting import Casting, Pair, pair
 from vsense.config.roster import FILE_NAME, SPARE, Roster, RosterRobot
 from vsense.config.specs import Experiment
-from vsense.errors import UsageError
-from vsense.robot.deploying import RobotHost
+from vsense.robots.deploying import RobotHost
 
 HERE = f"(default: {FILE_NAME} in the current folder, where there is one)"
 

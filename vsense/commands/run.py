@@ -8,24 +8,24 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from vsense.calibration.checked import told_of
+from vsense.base.errors import VsenseError, failing_as
+from vsense.base.terminal import interruption, print_data
 from vsense.commands import arguments, experiments, hardware, homes
 from vsense.config.framework import LINES_PORT
 from vsense.config.specs import Experiment, JsonLinesTracker, Stage, TrackerAddress
-from vsense.errors import VsenseError, failing_as
-from vsense.link.robots.keys import LinkTrust
-from vsense.live.run import OneRun
-from vsense.live.session import PATIENCE_S, RunSession, RunSetup
-from vsense.live.sources import require_source
-from vsense.packages import origin
+from vsense.modes.live.run import OneRun
+from vsense.modes.live.session import PATIENCE_S, RunSession, RunSetup
+from vsense.modes.live.sources import require_source
+from vsense.monitor.ui.room import ControlRoom
+from vsense.robots.link.keys import LinkTrust
 from vsense.run import directory as run_directory
 from vsense.run.directory import RunLog
 from vsense.run.leases import RobotLeases
 from vsense.run.robots import Readiness
 from vsense.run.runs_csv import RunRows
 from vsense.run.several import Series
-from vsense.terminal import interruption, print_data
-from vsense.ui.room import ControlRoom
+from vsense.studies.packages import origin
+from vsense.vision.calibration.checked import told_of
 
 DESCRIPTION = (
     "Runs an experiment with real robots. The arena state comes from cameras of your own"

@@ -11,24 +11,24 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from vsense import recording
+from vsense.base.errors import CutShort, UsageError
+from vsense.base.terminal import Console, Interruption, interruption, print_data
 from vsense.commands import arguments, hardware, lab, rosters, series_robots
 from vsense.config.roster import FILE_NAME
-from vsense.errors import CutShort, UsageError
-from vsense.lab.links import BASES
-from vsense.packages import origin
+from vsense.modes.lab.links import BASES
+from vsense.modes.sim.outcome import Interrupted
+from vsense.monitor import recording
+from vsense.monitor.ui.access import make_tokens
+from vsense.monitor.ui.room import RoomOptions
 from vsense.run.runs_csv import MODES, RUNS, read_runs
-from vsense.series import plan as plans
-from vsense.series.folder import SeriesFolder, allowed_changes
-from vsense.series.forecast import Forecast
-from vsense.series.parts import PlanLoader, PlannedExperiment
-from vsense.series.plan import SeriesPlan
-from vsense.series.series import RunMaker, SeriesLoop
-from vsense.shipped import documents
-from vsense.sim.outcome import Interrupted
-from vsense.terminal import Console, Interruption, interruption, print_data
-from vsense.ui.access import make_tokens
-from vsense.ui.room import RoomOptions
+from vsense.studies.packages import origin
+from vsense.studies.series import plan as plans
+from vsense.studies.series.folder import SeriesFolder, allowed_changes
+from vsense.studies.series.forecast import Forecast
+from vsense.studies.series.parts import PlanLoader, PlannedExperiment
+from vsense.studies.series.plan import SeriesPlan
+from vsense.studies.series.series import RunMaker, SeriesLoop
+from vsense.tools.shipped import documents
 
 DESCRIPTION = (
     "Makes many runs by a plan, without hands: conditions at the same starts, in an order that is"
@@ -203,7 +203,7 @@ def _simulated(
     interrupted: Interruption,
 ) -> RunMaker:
     """Who simulates runs."""
-    from vsense.series.simulated import SimulatedRuns
+    from vsense.studies.series.simulated import SimulatedRuns
 
     if options.record_images or options.web or options.foxglove:
         raise UsageError("--record-images, --web, --foxglove: in the lab and with robots only")
@@ -221,8 +221,8 @@ def _rendered(
     interrupted: Interruption,
 ) -> RunMaker:
     """Who makes runs in the lab."""
-    from vsense.series.cast import SeriesCast
-    from vsense.series.rendered import LabOptions, LabRuns
+    from vsense.studies.series.cast import SeriesCast
+    from vsense.studies.series.rendered import LabOptions, LabRuns
 
     for planned in known.values():
         lab.set_pace(options.pace, planned.experiment.host)

@@ -10,19 +10,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from vsense.base.errors import UsageError
+from vsense.base.terminal import Console, Interruption
 from vsense.commands import arguments, experiments, hardware, robot_keys, rosters
 from vsense.commands import run as run_command
 from vsense.config.roster import Roster
 from vsense.config.specs import Experiment
-from vsense.errors import UsageError
-from vsense.robot import boards
-from vsense.robot.deploying import Part, Plan
-from vsense.series.parts import PlanLoader, PlannedExperiment
-from vsense.terminal import Console, Interruption
+from vsense.robots import boards
+from vsense.robots.deploying import Part, Plan
+from vsense.studies.series.parts import PlanLoader, PlannedExperiment
 
 if TYPE_CHECKING:
-    from vsense.series.real import Bring, RealRuns
-    from vsense.ui.room import RoomOptions
+    from vsense.monitor.ui.room import RoomOptions
+    from vsense.studies.series.real import Bring, RealRuns
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -75,11 +75,11 @@ def maker(
         UsageError: something is missing, before anything is started.
         VsenseError: a port, a key or the page cannot be had.
     """
-    from vsense.live.sources import require_source
+    from vsense.modes.live.sources import require_source
+    from vsense.monitor.ui.access import is_loopback
     from vsense.run.leases import RobotLeases
-    from vsense.series.cast import SeriesCast
-    from vsense.series.real import RealOptions, RealRuns
-    from vsense.ui.access import is_loopback
+    from vsense.studies.series.cast import SeriesCast
+    from vsense.studies.series.real import RealOptions, RealRuns
 
     for planned in known.values():
         require_source(planned.experiment, options.tracking)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from vsense.commands import arguments, hardware, rosters
-from vsense.live import serve
+from vsense.modes.live import serve
 
 DESCRIPTION = (
     "Tracks robots as `vsense track` does and hands the arena state to clients over TCP, in the"
@@ -34,6 +34,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Serves; see `vsense.live.serve.run`."""
+    """Serves; see `vsense.modes.live.serve.run`."""
     markers = hardware.markers_of(options)
     return serve.run(options.resources, options.experiment, options.host, options.port, markers)

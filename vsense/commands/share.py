@@ -8,12 +8,12 @@ import re
 import shlex
 from typing import Any
 
-from vsense import sharing
+from vsense.base import sharing
+from vsense.base.errors import UsageError
+from vsense.base.sharing import LabFolder, NotMember
+from vsense.base.terminal import print_data
 from vsense.commands import arguments
-from vsense.errors import UsageError
 from vsense.run import leases
-from vsense.sharing import LabFolder, NotMember
-from vsense.terminal import print_data
 
 DESCRIPTION = (
     "Runs, robots and keys belong to a lab, not to an account: where an administrator has made the"

@@ -9,19 +9,19 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from vsense import recording
+from vsense.base.errors import UsageError, VsenseError
+from vsense.base.terminal import Console, interruption
 from vsense.commands import arguments, experiments
 from vsense.commands.sim_run import SingleRun
 from vsense.config.specs import Experiment, Stage
-from vsense.errors import UsageError, VsenseError
-from vsense.packages import origin
+from vsense.modes.sim.dask_cluster import require_dask
+from vsense.modes.sim.job import Setup, Sweep
+from vsense.modes.sim.outcome import Interrupted
+from vsense.monitor import recording
 from vsense.run.runs_csv import condition_of, read_runs
-from vsense.sim import campaign
-from vsense.sim.campaign import Campaign
-from vsense.sim.dask_cluster import require_dask
-from vsense.sim.job import Setup, Sweep
-from vsense.sim.outcome import Interrupted
-from vsense.terminal import Console, interruption
+from vsense.studies.campaign import campaign
+from vsense.studies.campaign.campaign import Campaign
+from vsense.studies.packages import origin
 
 DESCRIPTION = (
     "Runs an experiment in this machine alone: the same controller, compiled once and run in one"
@@ -169,7 +169,7 @@ def _check(options: argparse.Namespace, sweep: Sweep) -> None:
         if options.web is None and (options.hold or options.speed or options.foxglove):
             raise UsageError("--hold, --speed, --foxglove: only with --web, which shows the run")
         if options.foxglove is not None:
-            from vsense.ui.foxglove_server import check_foxglove
+            from vsense.monitor.ui.foxglove_server import check_foxglove
 
             check_foxglove(arguments.foxglove_of(options), (options.web or ("", 0))[1:])
         return

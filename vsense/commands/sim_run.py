@@ -9,24 +9,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vsense.base.errors import VsenseError
+from vsense.base.terminal import Console, Interruption, print_data
 from vsense.commands import arguments, experiments
 from vsense.config.specs import Experiment
-from vsense.errors import VsenseError
-from vsense.lab.metrics import swarm_rows
-from vsense.packages import origin
-from vsense.recording import SUFFIX, size_line
+from vsense.modes.lab.metrics import swarm_rows
+from vsense.modes.sim.job import Job, Setup
+from vsense.modes.sim.outcome import Task
+from vsense.modes.sim.record import LOGGED, TRAJECTORY
+from vsense.modes.sim.watch import Show, WorkerProcess, simulate_all
+from vsense.monitor.recording import SUFFIX, size_line
 from vsense.run import directory as run_directory
 from vsense.run.environment import MOST_SEED
 from vsense.run.programs import shared_objects
-from vsense.sim.job import Job, Setup
-from vsense.sim.outcome import Task
-from vsense.sim.record import LOGGED, TRAJECTORY
-from vsense.sim.watch import Show, WorkerProcess, simulate_all
-from vsense.terminal import Console, Interruption, print_data
+from vsense.studies.packages import origin
 
 if TYPE_CHECKING:
-    from vsense.sim.room import SimRoom
-    from vsense.sim.watched import WatchedRuns
+    from vsense.modes.sim.room import SimRoom
+    from vsense.modes.sim.watched import WatchedRuns
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,10 +61,10 @@ class SingleRun:
             are there all the same; as of the newest run's failure.
         """
         # These need the extra `web`.
+        from vsense.modes.sim.room import SimRoom
+        from vsense.modes.sim.watched import WatchedRuns
+        from vsense.monitor.ui.room import page_access
         from vsense.run.several import Series
-        from vsense.sim.room import SimRoom
-        from vsense.sim.watched import WatchedRuns
-        from vsense.ui.room import page_access
 
         web = arguments.web_of(self.options)
         assert web is not None

@@ -6,8 +6,8 @@ import argparse
 from pathlib import Path
 
 from vsense.commands import arguments, hardware, rosters
-from vsense.live import track
-from vsense.live.track import TrackOptions
+from vsense.modes.live import track
+from vsense.modes.live.track import TrackOptions
 
 DESCRIPTION = (
     "Finds and follows every robot in the pictures of cameras or recordings, and prints one arena"
@@ -62,7 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Tracks; see `vsense.live.track.run`."""
+    """Tracks; see `vsense.modes.live.track.run`."""
     doors = {"web": arguments.web_of(options), "foxglove": arguments.foxglove_of(options)}
     markers = hardware.markers_of(options)
     return track.run(arguments.fill(TrackOptions, options, **doors, markers=markers))

@@ -8,6 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from vsense.base.errors import ConfigError
+from vsense.base.files import read_bytes
+from vsense.base.xml.element import Element, shown
 from vsense.config import argos
 from vsense.config.distribute import (
     OBJECT,
@@ -20,12 +23,9 @@ from vsense.config.distribute import (
 from vsense.config.robots import ArenaContents, add_crowd, add_epuck, add_object
 from vsense.config.specs import Experiment, FieldSpec, FloorSpec, Stage
 from vsense.config.things import MAX_LENGTH_M, MIN_LENGTH_M, THINGS, Media, check_medium, read_thing
-from vsense.errors import ConfigError
-from vsense.files import read_bytes
 from vsense.world.entities import Arena, Box, Cylinder, Entity, WorldError
 from vsense.world.fields import MAX_CONCENTRATION, Field
 from vsense.world.floor import Floor, Image
-from vsense.xml.element import Element, shown
 
 DISTRIBUTE = "distribute"
 FIELD = "vs:field"

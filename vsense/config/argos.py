@@ -4,7 +4,7 @@ A name that is neither here nor understood is taken for a misspelling and refuse
 entities, devices, engines and media of ARGoS 3 and its e-puck plug-in, and IRIDIA's virtual
 sensors.
 
-A C++ library is built from its sources where they are found (`vsense.robot.finding`), or a port of
+A C++ library is built from its sources where they are found (`vsense.robots.finding`), or a port of
 its name runs instead: `libforaging.so` becomes `foraging.c` or `foraging.cpp`, a file beside the
 experiment or a shipped controller. Lua scripts run on no robot here.
 """
@@ -17,11 +17,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from vsense.robot.build import source_tree
-from vsense.robot.compiling import SUFFIXES
-from vsense.robot.programs import Program
-from vsense.sensors.quality import NOISES
-from vsense.xml.element import Element
+from vsense.base.xml.element import Element
+from vsense.robots.build import source_tree
+from vsense.robots.compiling import SUFFIXES
+from vsense.robots.programs import Program
+from vsense.world.sensors.quality import NOISES
 
 _OTHER_ROBOT = "only e-pucks are driven here"
 _VIRTUAL_CAMERA = "the robots have none; <epuck_omnidirectional_camera> sees LEDs"

@@ -15,8 +15,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from pathlib import Path
 
-from vsense.errors import UsageError, VsenseError
-from vsense.files import MOST_TABLE_BYTES, read_text
+from vsense.base.errors import UsageError, VsenseError
+from vsense.base.files import MOST_TABLE_BYTES, read_text
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+from vsense.base.errors import instead
+from vsense.base.native import lib
+from vsense.base.xml.element import Element
 from vsense.config import argos, programs
 from vsense.config.devices import Devices
 from vsense.config.framework import collect
 from vsense.config.robots import ArenaContents
 from vsense.config.specs import ControllerSpec
 from vsense.config.things import by_id
-from vsense.errors import instead
-from vsense.native import lib
-from vsense.robot.programs import Program
-from vsense.xml.element import Element
+from vsense.robots.programs import Program
 
 
 def used_controllers(section: Element, bodies: ArenaContents) -> list[Element]:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from vsense.base.native import lib
 from vsense.config.specs import ControllerSpec, Experiment
-from vsense.native import lib
-from vsense.sensors.base import layout_dtype
 from vsense.world.entities import Box, Cylinder, Entity, Light, VirtualRobot, Zone
+from vsense.world.sensors.base import layout_dtype
 
 STATE_BYTES: int = lib.VS_DATAGRAM_MAX - lib.VS_SENSOR_BYTES
 """A datagram to a robot without any sensor: header, wanted state and tail."""

@@ -1,9 +1,10 @@
 """Reads `<sensors>` and `<actuators>` of a controller: who serves each device that it declares.
 
-Every module in `vsense/sensors/` and `vsense/actuators/` that names XML elements is a virtual
+Every module in `vsense/world/sensors/` and `vsense/world/actuators/` that names XML elements is a
+virtual
 device: it holds `ELEMENTS`, the names, and `from_xml(element, scope)`. Where elements of ARGoS ask
 for the same device it holds their names, too, as `ARGOS_ELEMENTS`, with `from_argos(element,
-scope)`, and in `ARGOS_NOISE` which noise of `vsense.sensors.quality` they have.
+scope)`, and in `ARGOS_NOISE` which noise of `vsense.world.sensors.quality` they have.
 
 Such an element is a virtual device under the robot's own name in the lab and in simulation, and
 with real robots where `vs:virtual="true"` or the command line says so. Otherwise the robot's own
@@ -20,17 +21,18 @@ from functools import cache
 from types import ModuleType
 from typing import Any
 
-import vsense.actuators
-import vsense.sensors
-from vsense.actuators.base import ActuatorError, MountedActuator, VirtualActuator
+import vsense.world.actuators
+import vsense.world.sensors
+from vsense.base.native import WireError
+from vsense.base.xml.element import Element
 from vsense.config import argos
 from vsense.config.specs import DeviceSpec, Stage
 from vsense.config.things import Media, check_medium
-from vsense.link.robots.table import Direction, Entry, Table
-from vsense.native import WireError
-from vsense.physics.wheel_noise import WheelNoise, Wheels
-from vsense.sensors import updating
-from vsense.sensors.base import (
+from vsense.robots.link.table import Direction, Entry, Table
+from vsense.world.actuators.base import ActuatorError, MountedActuator, VirtualActuator
+from vsense.world.physics.wheel_noise import WheelNoise, Wheels
+from vsense.world.sensors import updating
+from vsense.world.sensors.base import (
     MountedSensor,
     RobotSettings,
     Scope,
@@ -39,14 +41,16 @@ from vsense.sensors.base import (
     layout_dtype,
     scale_of,
 )
-from vsense.sensors.quality import NOISES, Quality
+from vsense.world.sensors.quality import NOISES, Quality
 from vsense.world.world import ROBOT_LEDS
-from vsense.xml.element import Element
 
 SENSORS = "sensors"
 ACTUATORS = "actuators"
 
-_KINDS = {SENSORS: (vsense.sensors, SensorError), ACTUATORS: (vsense.actuators, ActuatorError)}
+_KINDS = {
+    SENSORS: (vsense.world.sensors, SensorError),
+    ACTUATORS: (vsense.world.actuators, ActuatorError),
+}
 _WAYS = {SENSORS: Direction.SENSOR, ACTUATORS: Direction.ACTUATOR}
 
 Factory = Callable[[Element, Scope], Any]

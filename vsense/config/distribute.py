@@ -10,10 +10,10 @@ import math
 import random
 from dataclasses import dataclass
 
+from vsense.base.xml.element import Element, shown
 from vsense.config import argos
 from vsense.config.things import MAX_LENGTH_M, THINGS
 from vsense.world.entities import Entity, Vector
-from vsense.xml.element import Element, shown
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,10 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import NamedTuple
 
+from vsense.base.errors import ConfigError, UsageError, instead
+from vsense.base.files import PACKAGE_FOLDER, read_bytes
+from vsense.base.xml.element import Element
+from vsense.base.xml.parsing import parse
 from vsense.config import argos
 from vsense.config.arena import DISTRIBUTE, read_arena
 from vsense.config.argos import USING_SETTINGS
@@ -33,13 +37,9 @@ from vsense.config.specs import (
     Stage,
 )
 from vsense.config.things import Media, read_media
-from vsense.errors import ConfigError, UsageError, instead
-from vsense.files import PACKAGE_FOLDER, read_bytes
-from vsense.markers.families import known_families, load_family
-from vsense.robot.programs import CodeOptions
-from vsense.sensors.base import RobotSettings, Scope
-from vsense.xml.element import Element
-from vsense.xml.parsing import parse
+from vsense.robots.programs import CodeOptions
+from vsense.vision.markers.families import known_families, load_family
+from vsense.world.sensors.base import RobotSettings, Scope
 
 
 def first_robots(experiment: Experiment, count: int | None) -> Experiment:
@@ -60,7 +60,7 @@ def first_robots(experiment: Experiment, count: int | None) -> Experiment:
 
 
 SUFFIX = ".argos"
-SHIPPED_FOLDER = PACKAGE_FOLDER / "experiments"
+SHIPPED_FOLDER = PACKAGE_FOLDER / "config" / "experiments"
 """Of the experiments that come with vsense."""
 
 

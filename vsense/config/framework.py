@@ -15,14 +15,14 @@ from dataclasses import dataclass
 from ipaddress import IPv4Address
 from pathlib import Path
 
+from vsense.base.files import read_bytes
+from vsense.base.xml.element import Element, shown
 from vsense.config import argos, programs
 from vsense.config.specs import JsonLinesTracker, LoopSpec, Stage, TrackerAddress
 from vsense.config.things import by_id
-from vsense.files import read_bytes
-from vsense.link.trackers import protocol
-from vsense.robot.argos_code import PAGE
-from vsense.robot.programs import LOOP_FUNCTIONS, CodeOptions, stem_of
-from vsense.xml.element import Element, shown
+from vsense.robots.argos_code import PAGE
+from vsense.robots.link.trackers import protocol
+from vsense.robots.programs import LOOP_FUNCTIONS, CodeOptions, stem_of
 
 LINES_PORT = 4041
 """Where trackers that write JSON lines find vsense."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable
 from dataclasses import replace
 
+from vsense.base.errors import UsageError
 from vsense.config.casting import Casting, Pair
 from vsense.config.robots import ArenaContents, give_tags
 from vsense.config.roster import SPARE
 from vsense.config.specs import Experiment, RobotSpec
-from vsense.errors import UsageError
 
 
 def cast(bodies: ArenaContents, family: str, casting: Casting) -> None:

@@ -15,7 +15,7 @@ from collections import Counter
 from dataclasses import dataclass, replace
 from functools import partial
 
-from vsense.arena import wrap_angle
+from vsense.base.arena import wrap_angle
 from vsense.config.distribute import DistributedSpec, Distribution
 from vsense.config.specs import Experiment, ObjectSpec, Pose, RobotSpec, Stage
 from vsense.world.entities import (

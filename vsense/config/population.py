@@ -16,13 +16,13 @@ import math
 import random
 from collections.abc import Mapping
 
+from vsense.base.errors import ConfigError
+from vsense.base.files import read_bytes
+from vsense.base.xml.element import Document, Element
 from vsense.config.robots import ArenaContents, add_epuck
 from vsense.config.specs import LoopSpec
-from vsense.errors import ConfigError
-from vsense.files import read_bytes
 from vsense.world.entities import Arena, WorldError
 from vsense.world.loop_functions import LoopFunctions
-from vsense.xml.element import Document, Element
 
 HOOK = "populate"
 

@@ -11,15 +11,14 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from vsense.actuators.base import MountedActuator
-from vsense.actuators.messages import MessagesActuator
+from vsense.base.errors import UsageError, instead
+from vsense.base.xml.element import Element, shown
 from vsense.config import argos
-from vsense.errors import UsageError, instead
-from vsense.robot import finding
-from vsense.robot.argos_code import PAGE, own_files
-from vsense.robot.build import BuildError, cache_directory, source_tree
-from vsense.robot.compiling import CXX_SUFFIXES
-from vsense.robot.programs import (
+from vsense.robots import finding
+from vsense.robots.argos_code import PAGE, own_files
+from vsense.robots.build import BuildError, cache_directory, source_tree
+from vsense.robots.compiling import CXX_SUFFIXES
+from vsense.robots.programs import (
     CONTROLLER,
     LOOP_FUNCTIONS,
     CodeOptions,
@@ -31,9 +30,10 @@ from vsense.robot.programs import (
     registrations,
     stem_of,
 )
-from vsense.sensors.base import MountedSensor
-from vsense.sensors.range_and_bearing import RangeAndBearingSensor
-from vsense.xml.element import Element, shown
+from vsense.world.actuators.base import MountedActuator
+from vsense.world.actuators.messages import MessagesActuator
+from vsense.world.sensors.base import MountedSensor
+from vsense.world.sensors.range_and_bearing import RangeAndBearingSensor
 
 _SOURCES, _INCLUDE = "vs:sources", "vs:include"
 

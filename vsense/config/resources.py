@@ -10,14 +10,16 @@ import os
 import re
 from pathlib import Path
 
-from vsense import files
-from vsense.cameras.camera import Camera, CameraError
-from vsense.cameras.genicam import FREE, PIXEL_FORMATS, GenicamSettings, attribute_of
-from vsense.cameras.opencv_source import Controls
-from vsense.errors import UsageError
-from vsense.markers.families import FamilyError, MarkerFamily, SquareFamily, load_family
-from vsense.native import kernels
-from vsense.tracking.specs import (
+from vsense.base import files
+from vsense.base.errors import UsageError
+from vsense.base.native import kernels
+from vsense.base.xml.element import Element
+from vsense.base.xml.parsing import parse
+from vsense.vision.cameras.camera import Camera, CameraError
+from vsense.vision.cameras.genicam import FREE, PIXEL_FORMATS, GenicamSettings, attribute_of
+from vsense.vision.cameras.opencv_source import Controls
+from vsense.vision.markers.families import FamilyError, MarkerFamily, SquareFamily, load_family
+from vsense.vision.tracking.specs import (
     CAMERA,
     CAMERA_TYPES,
     DIRECTORY,
@@ -28,8 +30,6 @@ from vsense.tracking.specs import (
     Resources,
     TrackerSpec,
 )
-from vsense.xml.element import Element
-from vsense.xml.parsing import parse
 
 RATES_HZ = (0.01, 1000.0)
 EXPOSURES_US = (1.0, 1e7)

@@ -10,17 +10,17 @@ from functools import cache
 from itertools import islice
 from pathlib import Path
 
+from vsense.base.native import lib
+from vsense.base.xml.element import Element, shown
 from vsense.config import argos
 from vsense.config.distribute import OBJECT, Crowd, DistributedSpec
 from vsense.config.specs import FieldSpec, FloorSpec, ObjectSpec, Pose, RobotSpec, Stage
 from vsense.config.things import Media, read_place
-from vsense.markers.codes import ranked_tags
-from vsense.markers.families import load_family
-from vsense.native import lib
-from vsense.sensors.base import RobotSettings
+from vsense.vision.markers.codes import ranked_tags
+from vsense.vision.markers.families import load_family
 from vsense.world.entities import VIRTUAL_TAG_MIN, Arena, Entity, VirtualRobot
+from vsense.world.sensors.base import RobotSettings
 from vsense.world.world import MESSAGE_MAX
-from vsense.xml.element import Element, shown
 
 
 @dataclass(slots=True)

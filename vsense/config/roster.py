@@ -25,6 +25,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from vsense.base.errors import ConfigError, UsageError, instead
+from vsense.base.files import MOST_BYTES, read_bytes, replace_text
 from vsense.config.roster_fields import (
     CALIBRATION,
     DEFAULTS,
@@ -37,8 +39,6 @@ from vsense.config.roster_fields import (
     read_fields,
 )
 from vsense.config.roster_text import Lines, parse
-from vsense.errors import ConfigError, UsageError, instead
-from vsense.files import MOST_BYTES, read_bytes, replace_text
 
 FILE_NAME = "robots.toml"
 

@@ -9,8 +9,8 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
-from vsense.errors import instead
-from vsense.native import lib
+from vsense.base.errors import instead
+from vsense.base.native import lib
 
 
 class Wrong(Exception):

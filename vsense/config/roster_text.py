@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from vsense.errors import ConfigError
+from vsense.base.errors import ConfigError
 
 
 def parse(path: Path, text: str) -> dict[str, Any]:

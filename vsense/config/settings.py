@@ -12,10 +12,10 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from pathlib import PurePath
 
-from vsense.errors import UsageError, instead
-from vsense.robot.cmake import SOURCE_SUFFIXES
-from vsense.robot.programs import stem_of
-from vsense.xml.element import Element
+from vsense.base.errors import UsageError, instead
+from vsense.base.xml.element import Element
+from vsense.robots.cmake import SOURCE_SUFFIXES
+from vsense.robots.programs import stem_of
 
 DEVICES = {"sensor": "sensors", "actuator": "actuators"}
 """What stands for all virtual devices of a kind, and the element that holds them."""

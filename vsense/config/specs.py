@@ -13,17 +13,17 @@ from enum import Enum
 from pathlib import Path
 from typing import NamedTuple
 
-from vsense.actuators.base import MountedActuator
+from vsense.base.errors import ConfigError
 from vsense.config.casting import Casting
 from vsense.config.distribute import DistributedSpec, Distribution
 from vsense.config.roster_fields import MarkerOffset
-from vsense.errors import ConfigError
-from vsense.physics.wheel_noise import WheelNoise
-from vsense.robot.argos_code import own_files
-from vsense.robot.programs import Program, content
-from vsense.sensors.base import MountedSensor
+from vsense.robots.argos_code import own_files
+from vsense.robots.programs import Program, content
+from vsense.world.actuators.base import MountedActuator
 from vsense.world.entities import Arena, Box, Cylinder, Entity, VirtualRobot
+from vsense.world.physics.wheel_noise import WheelNoise
 from vsense.world.pollution import PollutantSource
+from vsense.world.sensors.base import MountedSensor
 
 ROBOT_ID = "vs:id"
 """Parameter in which a robot with a controller for ARGoS is told its own name."""

@@ -9,9 +9,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from vsense.base.errors import UsageError
 from vsense.config.placement import overlapping, settle
 from vsense.config.specs import Experiment, Pose
-from vsense.errors import UsageError
 
 
 @dataclass(frozen=True, slots=True)

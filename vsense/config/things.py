@@ -10,11 +10,11 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
-from vsense.arena import wrap_angle
+from vsense.base.arena import wrap_angle
+from vsense.base.errors import instead
+from vsense.base.xml.element import Element, shown
 from vsense.config import argos
-from vsense.errors import instead
 from vsense.world.entities import Arena, Box, Color, Cylinder, Entity, Led, Light, Vector, Zone
-from vsense.xml.element import Element, shown
 
 NAMED: dict[str, Color] = {
     "black": (0, 0, 0),

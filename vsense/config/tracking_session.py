@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import TypeVar
 from xml.sax.saxutils import quoteattr
 
-from vsense.cameras.genicam import FREE
+from vsense.base.xml.element import Element
+from vsense.base.xml.parsing import parse
 from vsense.config import resources as resources_file
 from vsense.config.resources import check_recording, load_camera, read_bytes
-from vsense.link.trackers.protocol import DEFAULT_PORT
-from vsense.tracking.mask import MARGIN_M, Mask, MaskError
-from vsense.tracking.specs import (
+from vsense.robots.link.trackers.protocol import DEFAULT_PORT
+from vsense.vision.cameras.genicam import FREE
+from vsense.vision.tracking.mask import MARGIN_M, Mask, MaskError
+from vsense.vision.tracking.specs import (
     CameraSpec,
     CameraTrackerSpec,
     GrabberSpec,
@@ -23,8 +25,6 @@ from vsense.tracking.specs import (
     TrackerSpec,
     TrackingSession,
 )
-from vsense.xml.element import Element
-from vsense.xml.parsing import parse
 
 DEFAULT_DIRECTORY = "recordings"
 IMAGE_FORMATS = ("png", "jpg", "pgm")

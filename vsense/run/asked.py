@@ -23,20 +23,20 @@ from pathlib import Path
 
 import numpy as np
 
-from vsense.actuators.bank import ActuatorBank
+from vsense.base.errors import ConfigError, VsenseError, instead
 from vsense.config.argos import OWN
 from vsense.config.specs import ControllerSpec, Experiment, Stage
-from vsense.errors import ConfigError, VsenseError, instead
-from vsense.link.robots.table import Direction, Table
-from vsense.link.robots.wire import Wanted
-from vsense.robot import build
-from vsense.robot.argos_code import own_files
-from vsense.robot.compiling import BuildError
-from vsense.robot.inprocess import ACT_NS, Robots
-from vsense.robot.programs import content
+from vsense.robots import build
+from vsense.robots.argos_code import own_files
+from vsense.robots.compiling import BuildError
+from vsense.robots.inprocess import ACT_NS, Robots
+from vsense.robots.link.table import Direction, Table
+from vsense.robots.link.wire import Wanted
+from vsense.robots.programs import content
 from vsense.run.environment import table_of
-from vsense.sensors.bank import SensorBank
-from vsense.sensors.readings import SensorReadings
+from vsense.world.actuators.bank import ActuatorBank
+from vsense.world.sensors.bank import SensorBank
+from vsense.world.sensors.readings import SensorReadings
 from vsense.world.sightings import NEVER_NS
 
 PATIENCE_S = 10.0

@@ -2,7 +2,7 @@
 
 What was carried out is noted with the timestep in which it took effect: the same arena states, the
 same deeds of the robots and the same changes give the same readings again
-(`vsense.recording.resense`).
+(`vsense.monitor.recording.resense`).
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from vsense.clock import host_ns
-from vsense.errors import VsenseError
+from vsense.base.clock import host_ns
+from vsense.base.errors import VsenseError
 from vsense.run.changing import HANDS, Change, ChangeKind, Ground, carry_out, settings_of
 from vsense.run.environment import Environment
 from vsense.run.orders import OrderError

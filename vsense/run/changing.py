@@ -13,10 +13,9 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
 
-from vsense.errors import instead
+from vsense.base.errors import instead
 from vsense.run.environment import Environment
 from vsense.run.orders import OrderError
-from vsense.sensors.quality import SETTINGS
 from vsense.world.entities import (
     Box,
     Cylinder,
@@ -27,6 +26,7 @@ from vsense.world.entities import (
     moved,
 )
 from vsense.world.fields import Field
+from vsense.world.sensors.quality import SETTINGS
 
 TEXT_MAX = 200
 MAX_NUMBER = 1e9

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
 
-from vsense.link.robots.wire import Wanted
+from vsense.robots.link.wire import Wanted
 from vsense.run.orders import Order, OrderError, OrderKind
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vsense.config.specs import Experiment, LoopSpec
-from vsense.robot.loop_library import Colors, CxxLoopError, LoopCaller
+from vsense.robots.loop_library import Colors, CxxLoopError, LoopCaller
 from vsense.run.loop_process import LoopProcess
 from vsense.world.entities import (
     MAX_INTENSITY,

@@ -13,9 +13,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TextIO
 
-from vsense.errors import VsenseError, failing_as
+from vsense.base.errors import VsenseError, failing_as
+from vsense.base.terminal import Console, Level, print_data
 from vsense.run.runtime import Step
-from vsense.terminal import Console, Level, print_data
 
 SUMMARY = "summary.json"
 SERIES = "series.json"

@@ -12,18 +12,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vsense.actuators.bank import NO_SENDERS, ActuatorBank
-from vsense.arena import ArenaState
+from vsense.base.arena import ArenaState
 from vsense.config.arena import floor_of, make_field
 from vsense.config.placement import settle
 from vsense.config.specs import ControllerSpec, Experiment
-from vsense.link.robots.table import Direction, Entry, Table
-from vsense.physics.motion import Physics, obstacles
-from vsense.robot import build
+from vsense.robots import build
+from vsense.robots.link.table import Direction, Entry, Table
 from vsense.run.cxx_loop import CxxLoopFunctions, LoopHost
-from vsense.sensors.bank import SensorBank
-from vsense.sensors.readings import SwarmReadings
+from vsense.world.actuators.bank import NO_SENDERS, ActuatorBank
 from vsense.world.loop_functions import Hooks, LoopFunctions
+from vsense.world.physics.motion import Physics, obstacles
+from vsense.world.sensors.bank import SensorBank
+from vsense.world.sensors.readings import SwarmReadings
 from vsense.world.world import World
 
 if TYPE_CHECKING:

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.arena import Frame
+from vsense.base.arena import Frame
 from vsense.config.specs import Experiment
-from vsense.link.robots.status import RadioStatus, RobotStatus
-from vsense.link.robots.wire import StopCause
+from vsense.robots.link.status import RadioStatus, RobotStatus
+from vsense.robots.link.wire import StopCause
 from vsense.run.robots import Readiness
 from vsense.run.runner import Runner
 from vsense.run.runtime import Step

@@ -1,6 +1,6 @@
 """Robots drive to their starts before a run: where these are, who is hindered, and what is told.
 
-`vsense.homing` says who drives where; `Runner.home` has it done.
+`vsense.run.homing` says who drives where; `Runner.home` has it done.
 """
 
 from __future__ import annotations
@@ -10,19 +10,19 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Protocol
 
-from vsense.arena import ArenaState
+from vsense.base.arena import ArenaState
+from vsense.base.terminal import Console
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment, Pose
-from vsense.homing.floor import DrivingFloor
-from vsense.homing.homing import Homing
-from vsense.homing.robots import LIMITS, HomingLimits, Trouble
-from vsense.link.robots.peer import Goal
-from vsense.link.robots.server import VirtualSensorServer
-from vsense.link.robots.status import RobotStatus
-from vsense.link.robots.wire import StopCause, Wanted
+from vsense.robots.link.peer import Goal
+from vsense.robots.link.server import VirtualSensorServer
+from vsense.robots.link.status import RobotStatus
+from vsense.robots.link.wire import StopCause, Wanted
 from vsense.run.control import Control, State
+from vsense.run.homing.floor import DrivingFloor
+from vsense.run.homing.homing import Homing
+from vsense.run.homing.robots import LIMITS, HomingLimits, Trouble
 from vsense.run.robots import shorten
-from vsense.terminal import Console
 
 _HELD = (StopCause.BASE, StopCause.BATTERY)
 """For these reasons a robot that is connected may not drive."""

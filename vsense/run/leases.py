@@ -19,11 +19,11 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from vsense import sharing
-from vsense.errors import VsenseError, failing_as
-from vsense.files import parse_json
-from vsense.sharing import user_name
-from vsense.terminal import printable
+from vsense.base import sharing
+from vsense.base.errors import VsenseError, failing_as
+from vsense.base.files import parse_json
+from vsense.base.sharing import user_name
+from vsense.base.terminal import printable
 
 _FLOCK = struct.Struct("hhqqi0q")
 """Linux's `struct flock`: type, whence, start, length, process."""

@@ -12,15 +12,15 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from threading import Event
 
-from vsense.clock import host_ns
+from vsense.base.clock import host_ns
 from vsense.config.specs import ControllerSpec
-from vsense.link.robots.keys import LinkTrust
-from vsense.link.robots.meter import LinkFigures
-from vsense.link.robots.roster import ExpectedRobot
-from vsense.link.robots.server import LinkError, LinkEvent, VirtualSensorServer
-from vsense.link.robots.status import RobotStatus
-from vsense.link.robots.table import Direction, Entry, Table
-from vsense.link.robots.wire import GoodbyeCause, Values, Wanted
+from vsense.robots.link.keys import LinkTrust
+from vsense.robots.link.meter import LinkFigures
+from vsense.robots.link.roster import ExpectedRobot
+from vsense.robots.link.server import LinkError, LinkEvent, VirtualSensorServer
+from vsense.robots.link.status import RobotStatus
+from vsense.robots.link.table import Direction, Entry, Table
+from vsense.robots.link.wire import GoodbyeCause, Values, Wanted
 
 Tell = Callable[[str], None]
 """Takes a line for a person; does not wait."""

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from vsense.link.robots.meter import LinkFigures
-from vsense.link.robots.status import RobotStatus
-from vsense.terminal import aligned
+from vsense.base.terminal import aligned
+from vsense.robots.link.meter import LinkFigures
+from vsense.robots.link.status import RobotStatus
 
 SILENCE_MS = 400.0
 """Wheels stop after this long without fresh readings (`c_src/PROTOCOL.md`, section 5)."""

@@ -20,8 +20,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.processes import python_module
-from vsense.robot.loop_library import Colors, CxxLoopError, LoopLibrary
+from vsense.base.processes import python_module
+from vsense.robots.loop_library import Colors, CxxLoopError, LoopLibrary
 
 LIMIT_S = 2.0
 """A function that is called in every timestep must return within this time. Robots have stopped

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.arena import ArenaState
-from vsense.link.robots.status import RobotStatus
-from vsense.link.robots.wire import Wanted
+from vsense.base.arena import ArenaState
+from vsense.robots.link.status import RobotStatus
+from vsense.robots.link.wire import Wanted
 from vsense.run.overload import Alarm
 
 PATIENCE_NS = 300_000_000

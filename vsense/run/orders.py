@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
-from vsense.errors import VsenseError
+from vsense.base.errors import VsenseError
 
 
 class OrderError(VsenseError):

@@ -6,9 +6,9 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from vsense import clock
-from vsense.link.robots.status import RobotStatus
-from vsense.link.robots.wire import StopCause
+from vsense.base import clock
+from vsense.robots.link.status import RobotStatus
+from vsense.robots.link.wire import StopCause
 from vsense.run.runtime import Step
 
 SILENCE_NS = 500_000_000

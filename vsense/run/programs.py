@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.config.specs import ControllerSpec, Experiment
-from vsense.link.robots.roster import ToldProgram
-from vsense.link.robots.table import Table
-from vsense.link.robots.wire import Shown, Wanted
-from vsense.robot import build, inprocess
-from vsense.robot.compiling import BuildError, native
-from vsense.robot.inprocess import ControllerFailure, Robots, SimError
-from vsense.sensors.readings import SwarmReadings
+from vsense.robots import build, inprocess
+from vsense.robots.compiling import BuildError, native
+from vsense.robots.inprocess import ControllerFailure, Robots, SimError
+from vsense.robots.link.roster import ToldProgram
+from vsense.robots.link.table import Table
+from vsense.robots.link.wire import Shown, Wanted
+from vsense.world.sensors.readings import SwarmReadings
 
 PROGRESS_BYTES = inprocess.PROGRESS_BYTES + 4
 """Those of `Robots`, and which of the experiment's controllers it is: a u32."""

@@ -10,11 +10,11 @@ import threading
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
+from vsense.base.errors import VsenseError
 from vsense.config import parts
 from vsense.config.casting import Pair
 from vsense.config.specs import Experiment
-from vsense.errors import VsenseError
-from vsense.link.robots.status import RobotStatus
+from vsense.robots.link.status import RobotStatus
 from vsense.run.orders import OrderError
 
 

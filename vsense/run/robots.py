@@ -7,14 +7,14 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from vsense.config.specs import Experiment
-from vsense.link.legacy.protocol import LegacySwarm, by_octet, translations
-from vsense.link.legacy.server import MixedServer
-from vsense.link.robots.keys import LinkTrust
-from vsense.link.robots.roster import BRING, ExpectedRobot
-from vsense.link.robots.server import LinkEvent, VirtualSensorServer
-from vsense.link.robots.status import RobotStatus
-from vsense.link.robots.table import Table
-from vsense.link.robots.wire import StopCause, Telemetry
+from vsense.robots.link.keys import LinkTrust
+from vsense.robots.link.legacy.protocol import LegacySwarm, by_octet, translations
+from vsense.robots.link.legacy.server import MixedServer
+from vsense.robots.link.roster import BRING, ExpectedRobot
+from vsense.robots.link.server import LinkEvent, VirtualSensorServer
+from vsense.robots.link.status import RobotStatus
+from vsense.robots.link.table import Table
+from vsense.robots.link.wire import StopCause, Telemetry
 from vsense.run.programs import told_programs
 
 

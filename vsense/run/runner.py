@@ -10,14 +10,14 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 
-from vsense.arena import ArenaState
-from vsense.cameras.grabber import NoMorePictures
-from vsense.clock import host_ns, real_s
+from vsense.base.arena import ArenaState
+from vsense.base.clock import host_ns, real_s
+from vsense.base.terminal import Console
 from vsense.config.specs import Experiment, Stage
-from vsense.link.robots.server import VirtualSensorServer
-from vsense.link.robots.status import RobotStatus
-from vsense.link.robots.wire import Wanted
-from vsense.link.trackers.client import TrackerEnded
+from vsense.robots.link.server import VirtualSensorServer
+from vsense.robots.link.status import RobotStatus
+from vsense.robots.link.trackers.client import TrackerEnded
+from vsense.robots.link.wire import Wanted
 from vsense.run import homecoming
 from vsense.run.control import DURING, HOMING, Control, State
 from vsense.run.environment import Environment
@@ -26,7 +26,7 @@ from vsense.run.overload import SILENCE_NS, Alarm, Overload
 from vsense.run.robots import LinkCounters, Readiness, RobotAlarms
 from vsense.run.runtime import Runtime, Step
 from vsense.run.watch import NoArenaState
-from vsense.terminal import Console
+from vsense.vision.cameras.grabber import NoMorePictures
 
 POLL_S = 0.25
 """A run without arena states checks this often whether it shall end."""

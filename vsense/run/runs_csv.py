@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from vsense import __version__
+from vsense.base.errors import UsageError, VsenseError
+from vsense.base.files import read_bytes, replace_text
 from vsense.config.specs import Experiment
-from vsense.errors import UsageError, VsenseError
-from vsense.files import read_bytes, replace_text
 
 RUNS = "runs.csv"
 """Its name in the folder of a run or of several."""

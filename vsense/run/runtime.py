@@ -11,11 +11,11 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from vsense.arena import ArenaState, Frame
-from vsense.clock import host_ns
-from vsense.link.robots.peer import Goal
-from vsense.link.robots.server import VirtualSensorServer
-from vsense.link.robots.wire import Values, Wanted
+from vsense.base.arena import ArenaState, Frame
+from vsense.base.clock import host_ns
+from vsense.robots.link.peer import Goal
+from vsense.robots.link.server import VirtualSensorServer
+from vsense.robots.link.wire import Values, Wanted
 from vsense.run.changes import Changes
 from vsense.run.environment import Environment
 from vsense.run.watch import WATCH_TIMEOUT_S, ArenaSource, Watch
@@ -92,7 +92,8 @@ class Step:
         ready_ns: the last picture was in memory.
         arena_ns: the arena state was done.
         sent_ns: the last robot's datagram had left.
-        frames: valid as long as this refers to them, see `vsense.cameras.grabber.Grabber.next`.
+        frames: valid as long as this refers to them, see
+            `vsense.vision.cameras.grabber.Grabber.next`.
         given: what the robots gave the world; None: it was held.
     """
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from vsense.errors import failing_as
+from vsense.base.errors import failing_as
 from vsense.run import directory as run_directory
 from vsense.run.control import Control, State
 from vsense.run.runner import Runner

@@ -14,16 +14,16 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.arena import ArenaState
+from vsense.base.arena import ArenaState
 from vsense.config.specs import Experiment
-from vsense.link.robots.table import Table
-from vsense.link.robots.wire import Wanted
-from vsense.physics.motion import Physics, obstacles
-from vsense.physics.proximity_ring import ProximityRing
-from vsense.robot.inprocess import ACT_NS, CONTROL_NS
+from vsense.robots.inprocess import ACT_NS, CONTROL_NS
+from vsense.robots.link.table import Table
+from vsense.robots.link.wire import Wanted
 from vsense.run.programs import Programs, shared_objects
-from vsense.sensors.readings import SwarmReadings
 from vsense.world.entities import VirtualRobot
+from vsense.world.physics.motion import Physics, obstacles
+from vsense.world.physics.proximity_ring import ProximityRing
+from vsense.world.sensors.readings import SwarmReadings
 from vsense.world.sightings import known
 from vsense.world.world import BODY_MEMORY_NS, World
 

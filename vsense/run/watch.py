@@ -6,9 +6,9 @@ import threading
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
 
-from vsense.arena import ArenaState, Frame
-from vsense.cameras.grabber import GrabberError
-from vsense.native import kernel_ffi, kernels
+from vsense.base.arena import ArenaState, Frame
+from vsense.base.native import kernel_ffi, kernels
+from vsense.vision.cameras.grabber import GrabberError
 
 WATCH_TIMEOUT_S = 2.0
 """Cameras that deliver nothing for this long have failed."""
@@ -24,8 +24,8 @@ class ArenaSource(Protocol):
     def next(self, timeout_s: float) -> tuple[ArenaState, Sequence[Frame]]:
         """Waits for the newest arena state; gives it with its pictures, if they are here.
 
-        See `vsense.cameras.grabber.Grabber.next` for how long these are valid. VsenseError if no
-        state came in time, or there will be no more.
+        See `vsense.vision.cameras.grabber.Grabber.next` for how long these are valid. VsenseError
+        if no state came in time, or there will be no more.
         """
 
     def start(self) -> None:

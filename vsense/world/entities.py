@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vsense.arena import wrap_angle
-from vsense.errors import VsenseError
-from vsense.native import kernel_ffi, kernels
+from vsense.base.arena import wrap_angle
+from vsense.base.errors import VsenseError
+from vsense.base.native import kernel_ffi, kernels
 
 Vector = tuple[float, float, float]
 Color = tuple[int, int, int]

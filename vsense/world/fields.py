@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vsense.native import kernel_ffi, kernels
+from vsense.base.native import kernel_ffi, kernels
 from vsense.world.entities import Arena, WorldError
 
 Floats = NDArray[np.float64]

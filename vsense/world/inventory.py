@@ -7,7 +7,7 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import TypeVar
 
-from vsense.errors import instead
+from vsense.base.errors import instead
 from vsense.world.entities import (
     VIRTUAL_TAG_MIN,
     Box,

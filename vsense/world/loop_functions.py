@@ -30,7 +30,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from vsense.errors import VsenseError, likely
+from vsense.base.errors import VsenseError, likely
 from vsense.world.entities import Arena, WorldError
 from vsense.world.floor import Floor
 from vsense.world.users_code import UsersCode, line_of

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vsense.arena import wrap_angle
+from vsense.base.arena import wrap_angle
 
 Floats = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vsense.native import check, kernel_ffi, kernels, lib
+from vsense.base.native import check, kernel_ffi, kernels, lib
 from vsense.world.entities import BODY_HEIGHT_M, BODY_RADIUS_M, Box, Cylinder, Light
 from vsense.world.sightings import LastSightings
 

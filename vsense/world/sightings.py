@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.arena import POSE
-from vsense.native import kernel_ffi, kernels
+from vsense.base.arena import POSE
+from vsense.base.native import kernel_ffi, kernels
 from vsense.world.entities import VirtualRobot
 
 NEVER_NS = -1

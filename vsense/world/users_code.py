@@ -9,8 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType, TracebackType
 
-from vsense.errors import VsenseError
-from vsense.files import read_bytes
+from vsense.base.errors import VsenseError
+from vsense.base.files import read_bytes
 
 _MAX_SHOWN = 300
 

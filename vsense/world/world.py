@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.arena import ArenaState
+from vsense.base.arena import ArenaState
 from vsense.world.entities import (
     Arena,
     Box,

@@ -1,0 +1,131 @@
+"""Signals as an event: which came, and what it leaves time for."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from vsense.base import terminal
+from vsense.base.errors import CutShort
+from vsense.base.terminal import interruption
+
+NEVER_S = 60.0
+
+
+def come(number: int) -> None:
+    """The signal comes now: sent to the process, it may reach another thread, and later."""
+    signal.raise_signal(number)
+
+
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
+)
+def test_the_first_signal_gives_the_exit_code(number: int, code: int) -> None:
+    with interruption() as interrupted:
+        assert not interrupted.is_set()
+        come(number)
+        come(signal.SIGTERM)
+        assert interrupted.is_set() and interrupted.code == code
+
+
+def test_what_was_there_before_is_there_again() -> None:
+    before = [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)]
+    with interruption() as interrupted, interrupted.at_once(), interrupted.in_time():
+        pass
+    after = [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)]
+    assert after == before
+
+
+@pytest.mark.parametrize("early", [True, False])
+def test_at_once_it_raises_where_the_program_is(early: bool) -> None:
+    with interruption() as interrupted:
+        if early:
+            come(signal.SIGTERM)
+        with pytest.raises(CutShort) as caught, interrupted.at_once():
+            come(signal.SIGTERM)
+            pytest.fail("it went on")
+        assert caught.value.exit_code == 143 and str(caught.value) == "interrupted"
+        come(signal.SIGTERM)
+
+
+@pytest.mark.parametrize("early", [True, False])
+def test_sigterm_leaves_a_moment(monkeypatch: pytest.MonkeyPatch, early: bool) -> None:
+    monkeypatch.setattr(terminal, "LAST_S", 0.2)
+    with interruption() as interrupted:
+        if early:
+            come(signal.SIGTERM)
+        with pytest.raises(CutShort) as caught, interrupted.in_time():
+            if not early:
+                come(signal.SIGTERM)
+            threading.Event().wait(NEVER_S)
+        assert caught.value.exit_code == 143
+
+
+def test_ctrl_c_leaves_time_and_another_one_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(terminal, "LAST_S", 0.0)
+    with interruption() as interrupted:
+        come(signal.SIGINT)
+        with pytest.raises(CutShort) as caught, interrupted.in_time():
+            threading.Event().wait(2 * terminal.LEAST_S)
+            come(signal.SIGINT)
+            pytest.fail("it went on")
+        assert caught.value.exit_code == 130
+
+
+def test_who_is_done_in_time_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(terminal, "LAST_S", 0.1)
+    with interruption() as interrupted:
+        come(signal.SIGTERM)
+        with interrupted.in_time():
+            pass
+        threading.Event().wait(0.3)
+
+
+SIGNALS_EVERYWHERE = """
+import os, signal, sys
+from vsense.base.terminal import interruption
+
+left = 50
+
+def come(frame, event, argument):
+    global left
+    if frame.f_code.co_name in ("wait", "set") and left:
+        left -= 1
+        os.kill(os.getpid(), signal.SIGTERM)
+    return come
+
+with interruption() as interrupted:
+    sys.settrace(come)
+    interrupted.wait(0.01)
+    sys.settrace(None)
+    assert left < 50 and interrupted.is_set() and interrupted.wait()
+"""
+
+
+def test_a_signal_may_come_while_the_event_is_at_work() -> None:
+    subprocess.run([sys.executable, "-c", SIGNALS_EVERYWHERE], timeout=20.0, check=True)
+
+
+def test_who_is_not_to_be_hung_up_is_not() -> None:
+    """As `nohup` has it."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with interruption() as interrupted:
+            come(signal.SIGHUP)
+            assert not interrupted.is_set()
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+def test_sigterm_after_ctrl_c_leaves_a_moment_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(terminal, "LAST_S", 0.2)
+    with interruption() as interrupted:
+        come(signal.SIGINT)
+        come(signal.SIGTERM)
+        with pytest.raises(CutShort) as caught, interrupted.in_time():
+            threading.Event().wait(NEVER_S)
+        assert caught.value.exit_code == 130

@@ -1,0 +1,64 @@
+"""Every module of vsense 0.1 is found by its old name, with one warning that names the new one."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from tests.rigs.places import DATA
+from vsense import _moved
+
+MODULES = (DATA / "made-by-0.1" / "modules.txt").read_text()
+
+EVERY = """
+import importlib, json, sys, warnings
+old = sys.stdin.read().split()
+warnings.simplefilter("always")
+with warnings.catch_warnings(record=True) as caught:
+    new = {name: importlib.import_module(name).__name__ for name in old}
+    again = [importlib.import_module(name) for name in old]
+warned = [str(w.message) for w in caught if w.category is FutureWarning]
+specs = [m.__name__ for m in list(sys.modules.values())
+         if getattr(m, "__name__", "").startswith("vsense.")
+         and m.__spec__ and m.__spec__.name != m.__name__]
+print(json.dumps([new, warned, specs]))
+"""
+
+
+def test_every_old_name_gives_the_module_and_warns_once() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", EVERY], input=MODULES, capture_output=True, text=True, check=True
+    )
+    names, warned, specs = json.loads(done.stdout)
+    assert len(names) == len(MODULES.split()) > 500 and specs == []
+    moves = [tuple(text.split()[:3:2]) for text in warned if " now; " in text]
+    assert len(moves) == len(set(moves))
+    assert all(names.get(old, new) == new for old, new in moves)
+    expected = {f"vsense.{old}" for old in _moved.TABLE} & names.keys()
+    assert expected == {old for old, _ in moves} & names.keys()
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "from vsense.sim import campaign; campaign.Campaign",
+        "from vsense import errors; errors.VsenseError",
+        "import vsense.sensors.base; vsense.sensors.base.MountedSensor",
+        "from vsense.link import robots; from vsense.link.robots import server",
+        "from vsense.sensors.base import Scope; import vsense.world.sensors.base as b; "
+        "assert b.Scope is Scope",
+    ],
+)
+def test_ways_to_import(line: str) -> None:
+    words = [sys.executable, "-W", "always", "-c", line]
+    done = subprocess.run(words, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "<string>:1: FutureWarning" in done.stderr and " now; " in done.stderr
+
+
+def test_a_name_that_never_was_is_told_as_ever() -> None:
+    with pytest.raises(ModuleNotFoundError, match=r"vsense\.sensor"):
+        __import__("vsense.sensor")

@@ -1,0 +1,237 @@
+"""The command line: every way out of it is an exit code and at most one line."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import os
+import platform
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from importlib import metadata
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from vsense import __version__, cli, commands
+from vsense.base import errors
+from vsense.base.errors import UsageError
+from vsense.commands import arguments
+from vsense.monitor import recording
+from vsense.monitor.ui.access import WebAddress
+from vsense.monitor.ui.room import page_access
+
+
+def test_ctrl_c_while_the_commands_load_is_no_traceback(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(words: Sequence[str]) -> argparse.ArgumentParser:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(commands, "parser", interrupted)
+    assert cli.main(["sim"]) == 130
+    assert capsys.readouterr().err == "vsense: interrupted\n"
+
+
+def test_error_is_one_line_and_its_exit_code(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def run(options: argparse.Namespace) -> int:
+        raise UsageError("no such thing")
+
+    parser = argparse.ArgumentParser()
+    parser.add_argument("command")
+    parser.set_defaults(run=run)
+    monkeypatch.setattr(commands, "parser", lambda words: parser)
+    assert cli.main(["sim"]) == 2
+    assert capsys.readouterr().err == "vsense: no such thing\n"
+
+
+def test_every_command_explains_itself(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["--help"])
+    assert ended.value.code == 0
+    shown = capsys.readouterr().out
+    assert all(f"\n    {name} " in shown for name in commands.COMMANDS)
+
+
+def test_every_command_is_in_one_group() -> None:
+    grouped = [name for names in commands.GROUPS.values() for name in names]
+    assert sorted(grouped) == sorted(commands.COMMANDS)
+
+
+def test_a_former_name_is_a_command_but_in_no_help(capsys: pytest.CaptureFixture[str]) -> None:
+    for former, name in commands.FORMER.items():
+        assert name in commands.COMMANDS and former not in commands.COMMANDS
+        assert commands.parser([former]).parse_args([former, "x", "y"]).command == former
+
+
+def test_the_version_is_that_of_all_that_counts(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["--version"])
+    assert ended.value.code == 0
+    words = capsys.readouterr().out
+    assert f"vsense {__version__}" in words and f"OpenCV {cv2.__version__}" in words
+    assert f"Python {platform.python_version()}, NumPy {np.__version__}" in words
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["lab", "x", "--duratoin", "3"], "lab: unrecognized arguments: --duratoin 3 (is '--dura"),
+        (["lab", "x", "--duration", "0"], "lab: argument --duration: 0: expected 1 to 86400 sec"),
+        (["robot", "keys", "--zzz"], "robot keys: unrecognized arguments: --zzz; see vsense robot"),
+        (["sim"], "sim: the following arguments are required: experiment; see vsense sim --help"),
+    ],
+)
+def test_wrong_usage_is_one_line_of_the_command(
+    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main(words)
+    assert ended.value.code == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"vsense {said}")
+
+
+def test_no_command_is_a_page_of_help_and_wrong(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main([]) == 2
+    shown = capsys.readouterr()
+    assert shown.out == "" and "\n    lab " in shown.err
+
+
+@pytest.mark.parametrize(("words", "page"), [(["help"], "vsense"), (["help", "sim"], "vsense sim")])
+def test_help_may_be_a_word(
+    words: list[str], page: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main(words)
+    assert ended.value.code == 0
+    assert capsys.readouterr().out.startswith(f"usage: {page} ")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "hint"),
+    [
+        ("simm", "is 'sim' meant?"),
+        ("calibration", "is 'calibrate' meant?"),
+        ("xyz", "there are: arena, bench, "),
+    ],
+)
+def test_an_unknown_command_tells_what_may_be_meant(
+    wrong: str, hint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main([wrong, "--option"]) == 2
+    assert f"vsense: there is no command '{wrong}'; {hint}" in capsys.readouterr().err
+
+
+def test_names_that_may_be_meant() -> None:
+    assert errors.instead("bog", ["bug", "dog", "far"]) == "is 'dog' or 'bug' meant?"
+    assert errors.instead("q", ["b", "a"], "known are") == "known are: a, b"
+    assert errors.instead("q", []) == "there are: none"
+    assert errors.instead("?", map(str, range(22))).endswith(", 7 and 2 others")
+
+
+@pytest.mark.parametrize("name", sorted(commands.COMMANDS))
+def test_every_command_has_a_page_of_help(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main([name, "--help"])
+    assert ended.value.code == 0
+    assert f"usage: vsense {name}" in capsys.readouterr().out
+
+
+WITHOUT_EXTRAS = """
+import importlib, sys
+from vsense import commands
+from vsense.base import errors
+
+class Hidden:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in errors.EXTRAS:
+            raise ModuleNotFoundError(name)
+
+sys.meta_path.insert(0, Hidden())
+for name, _ in commands.COMMANDS.values():
+    importlib.import_module(f"vsense.commands.{name}")
+"""
+
+
+def test_every_command_loads_without_the_extras() -> None:
+    command = [sys.executable, "-c", WITHOUT_EXTRAS]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_the_table_of_extras_is_that_of_the_package() -> None:
+    lines = [line.partition("; extra == ") for line in metadata.requires("vsense") or ()]
+    ours = {extra.strip("'\"") for _, _, extra in lines} - {
+        *("", "test", "bench", "docs", "release", "all")
+    }
+    assert ours >= {"record", "robot", "web"}
+    for line, _, extra in lines:
+        if extra.strip("'\"") in ours:
+            package = line.rstrip("0123456789.<>=").removesuffix("-sdk")  # imported without
+            own_extra = package.partition("[")[2].removesuffix("]")  # dask[distributed]
+            assert errors.EXTRAS[own_extra or package] == extra.strip("'\"")
+
+
+def test_a_missing_package_is_named_with_its_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    recording.require()
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(UsageError) as caught:
+        recording.require()
+    needed = r"recordings need the Python package mcap: .*pip install 'mcap>=1.6' 'zstandard>=0.22'"
+    assert re.fullmatch(needed, str(caught.value))
+    with pytest.raises(UsageError, match=r"the page needs .* aiohttp: .*pip install 'aiohttp>=3"):
+        page_access(WebAddress("127.0.0.1", 0))
+
+
+def test_the_pip_is_that_of_this_python(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shutil, "which", lambda name: "/usr/bin/pip")
+    line = errors.pip_line("aiohttp")
+    assert line.startswith(f"{sys.executable} -m pip install 'aiohttp")
+    monkeypatch.setattr(shutil, "which", lambda name: str(Path(sys.executable).with_name(name)))
+    assert errors.pip_line("ziglang").startswith("pip install ziglang==")
+
+    def nowhere(name: str) -> list[str]:
+        raise metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(metadata, "requires", nowhere)
+    assert errors.pip_line("ziglang") == "pip install ziglang"
+
+
+def test_an_emergency_stop_needs_no_library() -> None:
+    # A checkout that is being built anew, or an installation that is damaged, must still stop.
+    code = (
+        "import sys\nfrom vsense import commands\ncommands.parser(['stop'])\n"
+        "print(*(name for name in sys.modules))"
+    )
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = set(ran.stdout.split())
+    assert "vsense.commands.orders" in loaded
+    assert not loaded & {"numpy", "cv2", "vsense.base.native", "vsense._native", "vsense._kernels"}
+
+
+@pytest.mark.parametrize("text", ["nan", "inf", "-inf", "0.99", "86400.1", "-1", "x", ""])
+def test_no_length_of_time(text: str) -> None:
+    with pytest.raises(argparse.ArgumentTypeError):
+        arguments.seconds(text)
+
+
+@pytest.mark.parametrize("text", ["1", "86400", "1e3"])
+def test_length_of_time(text: str) -> None:
+    assert arguments.seconds(text) == float(text)
+
+
+def test_the_exit_code_is_right_where_nobody_reads_the_error() -> None:
+    reads, writes = os.pipe()
+    os.close(reads)
+    command = [sys.executable, "-m", "vsense", "run", "no-such-experiment"]
+    done = subprocess.run(command, stderr=writes, timeout=60.0, check=False)
+    os.close(writes)
+    assert done.returncode == 2

@@ -1,0 +1,94 @@
+"""A robot that is missing before a run in the lab: the first is refused, later ones go on."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from tests.run.stage import status
+from vsense.base.shared import LabError
+from vsense.config.casting import Casting
+from vsense.config.roster import SPARE
+from vsense.modes.lab.session import Session
+from vsense.modes.live.session import NobodyThere
+from vsense.robots.link.wire import Telemetry
+from vsense.run.robots import BATTERY_LOW, Readiness
+
+ROBOTS = {1: "left", 2: "right"}
+
+
+def session(run: int, connected: set[int]) -> tuple[Session, list[str]]:
+    """A lab before its run of this number, with nothing in it but who is connected."""
+    made, said = object.__new__(Session), list[str]()
+    readiness = Readiness.of(ROBOTS, {}, connected, frozenset(connected), {})
+    control = SimpleNamespace(run=run, asked=False)
+    made.runner = SimpleNamespace(wait=lambda limit_s: readiness, control=control)
+    console = SimpleNamespace(say=lambda text, level: said.append(f"{level}: {text}"))
+    made.setup = SimpleNamespace(interrupted=threading.Event(), console=console)
+    made.experiment = SimpleNamespace(robots=[SimpleNamespace(id=n) for n in ROBOTS.values()])
+    made.directory = Path("lab")
+    return made, said
+
+
+def test_the_first_run_needs_all_robots() -> None:
+    made, _ = session(1, {1})
+    with pytest.raises(LabError, match="not ready after 20 s; not connected: right"):
+        made.wait_until_ready()
+
+
+def test_a_later_run_goes_on_without_who_is_missing() -> None:
+    made, said = session(2, {1})
+    made.wait_until_ready()
+    assert len(said) == 1
+    assert said[0].startswith("warning: starting without right; not connected: right")
+
+
+def test_no_run_goes_on_without_anybody() -> None:
+    made, _ = session(2, set())
+    with pytest.raises(NobodyThere, match="no robot is there; not connected: left, right"):
+        made.wait_until_ready()
+
+
+@pytest.mark.parametrize(
+    ("limit_v", "resting"), [(0.0, set()), (3.5, {1, 2}), (3.3, {2}), (3.4, {2})]
+)
+def test_who_has_too_little_in_its_battery_is_named_and_rests(
+    limit_v: float, resting: set[int]
+) -> None:
+    made, said = session(2, {1, 2})
+    told = {1: Telemetry(battery_mv=3400), 2: Telemetry(battery_low=BATTERY_LOW), 3: Telemetry()}
+    made.runner.robots = {tag: status(tag, f"epuck_{tag}", telemetry=t) for tag, t in told.items()}
+    rested = list[set[int]]()
+    made.server = SimpleNamespace(rest=lambda tags: rested.append(set(tags)))
+    made.setup.starts, made.setup.battery_v = None, limit_v
+    assert made.home() is None
+    assert rested == [resting]
+    assert made.resting == tuple(f"epuck_{tag}" for tag in sorted(resting))
+    words = {1: "has 3.40 V left", 2: "has a low battery"}
+    assert said == [
+        f"warning: robot {tag} (epuck_{tag}) {words[tag]}: it stands in this run"
+        for tag in sorted(resting)
+    ]
+
+
+def test_a_spare_plays_from_the_next_run_on_where_there_is_one() -> None:
+    made, _ = session(2, {1, 2})
+    low = Telemetry(battery_mv=3400)
+    made.runner.robots = {tag: status(tag, f"epuck_{tag}", telemetry=low) for tag in (1, 2)}
+    made.setup.battery_v, made._emptied, asked = 3.5, {8}, list[tuple[tuple[int, int], str]]()
+    made.server, made._recasting = None, SimpleNamespace(ask=lambda *wish: asked.append(wish))
+    playing = [SimpleNamespace(tag=tag) for tag in (1, 2)]
+    casting = Casting(others=((7, "out of order: limps"), (8, SPARE), (2, SPARE), (9, SPARE)))
+    made.experiment = SimpleNamespace(robots=playing, casting=casting)
+    made._put_in_spares()
+    assert asked == [((1, 9), "robot 1 has 3.40 V left")], "8 was low itself, 2 plays"
+    assert made._emptied == {1, 8}
+
+
+def test_who_is_there_is_not_waited_for() -> None:
+    made, said = session(2, {1, 2})
+    made.wait_until_ready()
+    assert said == []

@@ -1,0 +1,158 @@
+"""Controllers and experiments for simulations, built once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import require_tool
+from vsense.robots import build
+
+PROBE = """
+#include "controller.h"
+
+struct probe { int heard; int smell; };
+static int calls; /* what no controller should have: tells whether memory is fresh */
+
+static void init(void *state, struct vs_robot *robot)
+{
+    struct probe *p = state;
+
+    p->smell = vs_robot_sensor(robot, "smell");
+    p->heard = vs_robot_actuator(robot, "heard");
+    vs_robot_sensor(robot, "moonlight");
+}
+
+static void step(void *state, struct vs_robot *robot)
+{
+    struct probe *p = state;
+    struct vs_reading smell = vs_robot_read(robot, p->smell);
+
+    calls++;
+    vs_robot_show(robot, "smell", smell.value);
+    if (smell.value > 50.0)
+        vs_robot_log(robot, "it smells");
+    if (smell.value > 90.0)
+        for (int i = 0; i < 9; i++)
+            vs_robot_log(robot, i == 8 ? "last" : "more");
+    vs_robot_actuate(robot, p->heard, 0, vs_robot_random(robot));
+    vs_robot_actuate(robot, p->heard, 1, smell.known ? smell.value : -1.0);
+    vs_robot_actuate(robot, p->heard, 2, (double)smell.age_ns / 1e6);
+    vs_robot_actuate(robot, p->heard, 3, calls);
+    vs_robot_set_wheels(robot, (int)vs_robot_param(robot, "speed", 100.0), 3000);
+}
+
+const struct vs_controller vs_controller = {"probe", sizeof(struct probe), init, step};
+"""
+
+FAULTY = r"""
+#include "controller.h"
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <unistd.h>
+
+enum { NOTHING, SEGMENT, DIVIDE, ABORT, LOOP, EXIT, TALK, KILL };
+struct faulty { int fault; int steps; };
+
+static int parent_of(int pid)
+{
+    char path[32];
+    int parent = 0;
+    FILE *file;
+
+    snprintf(path, sizeof path, "/proc/%d/stat", pid);
+    file = fopen(path, "r");
+    if (file && fscanf(file, "%*d %*s %*c %d", &parent) != 1)
+        parent = 0;
+    if (file)
+        fclose(file);
+    return parent;
+}
+
+static void init(void *state, struct vs_robot *robot)
+{
+    ((struct faulty *)state)->fault = (int)vs_robot_param(robot, "fault", NOTHING);
+    vs_robot_sensor(robot, "pollutant");
+    vs_robot_param(robot, "stop_probability", 0.0);
+    vs_robot_param(robot, "speed_cm_s", 0.0);
+    vs_robot_param(robot, "walk_s", 0.0);
+}
+
+static void step(void *state, struct vs_robot *robot)
+{
+    static int runs; /* lives on from run to run unless each has memory of its own */
+    struct faulty *f = state;
+    volatile int zero = 0;
+    volatile int forever = 1;
+
+    vs_robot_set_wheels(robot, 300, 100 + runs++ / 1000);
+    if (++f->steps != 5)
+        return;
+    switch (f->fault) {
+    case SEGMENT: *(volatile int *)(size_t)zero = 1; break;
+    case DIVIDE: zero = f->steps / zero; break;
+    case ABORT: abort();
+    case LOOP: while (forever) {} break;
+    case EXIT: exit(7);
+    case KILL: kill(parent_of(getppid()), SIGKILL); break; /* of the process behind its own */
+    case TALK: puts("{\"result\": 1}"); fflush(stdout); break;
+    }
+}
+
+const struct vs_controller vs_controller = {"faulty", sizeof(struct faulty), init, step};
+"""
+
+
+@pytest.fixture(scope="session", autouse=True)
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Builds land in a folder of the tests' own, shared by all of them."""
+    patch = pytest.MonkeyPatch()
+    patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+    yield
+    patch.undo()
+
+
+def library(folder: Path, name: str, source: str) -> Path:
+    """Builds a controller's shared object."""
+    require_tool("cc", "build-essential")
+    (folder / f"{name}.c").write_text(source)
+    return build.shared(f"{name}.c", folder)
+
+
+@pytest.fixture(scope="session")
+def probe(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A controller that reports what it hears through the actuator `heard` (4 numbers)."""
+    return library(tmp_path_factory.mktemp("probe"), "probe", PROBE)
+
+
+@pytest.fixture(scope="session")
+def pollutant() -> Path:
+    """The shipped controller."""
+    require_tool("cc", "build-essential")
+    return build.shared("pollutant")
+
+
+Writer = Callable[..., Path]
+
+
+@pytest.fixture(scope="session")
+def write_experiment(tmp_path_factory: pytest.TempPathFactory) -> Writer:
+    """Writes an experiment beside a controller with faults; changes are (old, new) in its text."""
+    folder = tmp_path_factory.mktemp("experiments")
+    (folder / "faulty.c").write_text(FAULTY)
+    shipped = build.source_tree().root / "vsense" / "config" / "experiments" / "pollutant.argos"
+    plain = shipped.read_text().replace('library="pollutant"', 'library="faulty.c"')
+
+    def write(name: str, *changes: tuple[str, str]) -> Path:
+        text = plain
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new)
+        path = folder / f"{name}.argos"
+        path.write_text(text)
+        return path
+
+    return write

@@ -1,0 +1,133 @@
+"""A simulated run: the same bits for a seed, bodies that respect each other, the lab's timing."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.rigs.places import ROOT
+from vsense.config.experiment import first_robots, load
+from vsense.config.specs import Experiment
+from vsense.modes.sim.simulation import Simulation
+from vsense.robots.inprocess import ACT_NS
+from vsense.world.entities import BODY_RADIUS_M, Box, Cylinder
+from vsense.world.physics.motion import STEP_M, obstacles
+
+SHORT_S = 12.0
+
+
+@pytest.fixture(scope="module")
+def experiment() -> Experiment:
+    return load("pollutant", SHORT_S)
+
+
+def lived(experiment: Experiment, library: Path, seed: int = 1, blind: bool = False) -> Simulation:
+    run = Simulation(experiment, {experiment.controllers[0].id: library}, seed, blind)
+    run.run()
+    return run
+
+
+def digest(run: Simulation) -> str:
+    record = run.record
+    return hashlib.sha256(record.poses.tobytes() + record.leds.tobytes()).hexdigest()
+
+
+def test_a_seed_gives_the_same_bits_and_another_seed_others(experiment, pollutant) -> None:
+    first, again, other = (lived(experiment, pollutant, seed) for seed in (1, 1, 2))
+    assert digest(first) == digest(again)
+    assert digest(first) != digest(other)
+
+
+def test_nobody_is_inside_anybody_or_anything(experiment, pollutant) -> None:
+    record = lived(experiment, pollutant).record
+    places = record.poses[:, :, :2]
+    apart = np.hypot(*(places[:, :, None] - places[:, None]).transpose(3, 0, 1, 2))
+    apart[:, np.arange(places.shape[1]), np.arange(places.shape[1])] = 1.0
+    assert apart.min() > 2 * BODY_RADIUS_M - 2e-4
+    assert np.abs(places[..., 0]).max() < 1.48 - BODY_RADIUS_M + 2e-4
+    assert np.abs(places[..., 1]).max() < 1.18 - BODY_RADIUS_M + 2e-4
+    moved = np.ptp(places[:, : len(record.tags)], axis=0).max(axis=1)
+    assert (moved > 0.05).all(), "everybody drives about"
+    np.testing.assert_array_equal(places[0, -1], places[-1, -1])
+
+
+def test_blind_robots_never_find_the_cone(experiment, pollutant) -> None:
+    seeing, blind = (lived(experiment, pollutant, 1, held) for held in (False, True))
+    assert seeing.record.leds.any()
+    assert not blind.record.leds.any()
+    swarm = blind.record.swarm()
+    assert swarm["lit_before_turn"] == swarm["lit_after_turn"] == 0
+
+
+def test_figures_count_the_robots_that_truly_are_in_the_cone(experiment, pollutant) -> None:
+    record = lived(experiment, pollutant).record
+    source, swarm = experiment.sources[0], record.swarm()
+    for row, key in ((59, "before"), (119, "after")):
+        cone = source.cone_at(0.0, 0.0, row)
+        inside = cone.contains(record.poses[row, : len(record.tags), :2])
+        assert swarm[f"in_cone_{key}_turn"] == inside.sum()
+        assert swarm[f"lit_{key}_turn"] == (inside & (record.leds[row] != 0)).sum()
+
+
+def test_wheels_obey_31_ms_after_the_capture(experiment, probe) -> None:
+    """Everybody drives straight on from the first timestep, 2000 steps/s cut to 1000."""
+    alone = replace(first_robots(experiment, 1), sources=())
+    straight = replace(alone.controllers[0], params={"speed": "3000"}, sensors=())
+    record = lived(replace(alone, controllers=(straight,), length_s=0.3), probe).record
+    way_m = np.hypot(*np.diff(record.poses[:, 0, :2], axis=0).T)
+    full_m_s = 1000 * STEP_M
+    np.testing.assert_allclose(way_m[0], full_m_s * (0.1 - ACT_NS * 1e-9), rtol=1e-9)
+    np.testing.assert_allclose(way_m[1], full_m_s * 0.1, rtol=1e-9)
+
+
+@pytest.mark.parametrize("ticks", [6, 30, 100])
+def test_every_length_of_a_timestep_works(experiment, pollutant, ticks: int) -> None:
+    """At 100 timesteps a second four of them are under way at a time."""
+    record = lived(replace(experiment, ticks_per_second=ticks, length_s=6.0), pollutant).record
+    assert len(record.poses) == 6 * ticks
+    moved = np.ptp(record.poses[:, : len(record.tags), :2], axis=0).max(axis=1)
+    assert (moved > 0.05).all()
+
+
+def test_only_what_is_physical_stands_in_the_way(experiment, pollutant) -> None:
+    things = (
+        Box("crate", (0.6, 0.3, 0.0), (0.3, 0.2, 0.1), 0.4, True),
+        Cylinder("post", (-0.6, -0.4, 0.0), 0.15, 0.2, True),
+        Box("ghost", (0.6, -0.5, 0.0), (0.4, 0.4, 0.1), 0.0, False),
+        Box("bridge", (0.0, 0.0, 0.1), (3.0, 0.2, 0.1), 0.0, True),
+    )
+    furnished = replace(experiment, entities=(*experiment.entities, *things), length_s=20.0)
+    boxes, cylinders = obstacles(furnished.boxes, furnished.cylinders)
+    assert len(boxes) == len(experiment.boxes) + 1 and len(cylinders) == 1
+    record = lived(furnished, pollutant).record
+    places = record.poses[:, : len(record.tags), :2]
+    from_post = np.hypot(*(places - (-0.6, -0.4)).transpose(2, 0, 1))
+    assert from_post.min() > 0.15 + BODY_RADIUS_M - 2e-4
+    turn = np.array([[np.cos(0.4), -np.sin(0.4)], [np.sin(0.4), np.cos(0.4)]])
+    local = np.abs((places - (0.6, 0.3)) @ turn)
+    beyond = np.maximum(local - (0.15, 0.1), 0.0)
+    assert np.hypot(beyond[..., 0], beyond[..., 1]).min() > BODY_RADIUS_M - 2e-4
+    on_ghost = (np.abs(places - (0.6, -0.5)) < 0.2).all(axis=2)
+    assert on_ghost.any()
+
+
+def test_trajectories_are_what_was_recorded(experiment, pollutant, tmp_path: Path) -> None:
+    record = lived(experiment, pollutant).record
+    record.save(tmp_path / "it.npz")
+    with np.load(tmp_path / "it.npz") as saved:
+        np.testing.assert_array_equal(saved["poses"], record.poses[:, :15])
+        np.testing.assert_array_equal(saved["object_poses"], record.poses[:, 15:])
+        np.testing.assert_array_equal(saved["leds"], record.leds)
+        assert saved["tags"].tolist() == [robot.tag for robot in experiment.robots]
+        assert saved["time_s"][-1] == pytest.approx(SHORT_S - 0.1)
+
+
+@pytest.mark.parametrize("name", ["sim/simulation", "robot/inprocess", "sim/record", "sim/results"])
+def test_what_decides_a_run_reads_no_clock(name: str) -> None:
+    source = (ROOT / "vsense" / f"{name}.py").read_text()
+    assert not re.search(r"^\s*(import|from) (time|datetime|random|vsense\.clock)\b", source, re.M)

@@ -1,0 +1,32 @@
+"""Recordings made by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from vsense.base.arena import Frame
+from vsense.base.message_bus import Message, MessageBus
+from vsense.monitor.recording.recorder import Recorder
+
+BEGIN_NS = 5_000_000_000
+
+
+def record(path: Path, messages: Iterable[Message], pictures: Iterable[Frame] = ()) -> Path:
+    """Records messages, and pictures one by one, at BEGIN_NS."""
+    bus = MessageBus()
+    recorder = Recorder(bus, path, pictures=True, clock=lambda: BEGIN_NS)
+    for message in messages:
+        bus.publish(message)
+    for frame in pictures:
+        recorder.pictures([frame])
+    recorder.close()
+    return path
+
+
+def picture(number: int, camera: str = "left") -> Frame:
+    """A small picture, full of noise."""
+    image = np.random.default_rng(number).integers(0, 255, (6, 8), dtype=np.uint8)
+    return Frame(camera, image, number, BEGIN_NS + number, BEGIN_NS + number + 1)

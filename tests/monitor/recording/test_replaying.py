@@ -1,0 +1,102 @@
+"""The command `vsense replay`."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import signal
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from tests.monitor.recording.conftest import BEGIN_NS, record
+from tests.monitor.recording.test_retrack import MADE, lab, session_files, track
+from vsense import cli
+from vsense.base.message_bus import Message, MessageBus
+from vsense.commands import replay
+from vsense.monitor.ui.access import WebAddress
+from vsense.monitor.ui.room import PageAccess
+from vsense.run.orders import Give, Order, OrderKind
+from vsense.vision.tracking.arena_tracker import ArenaTracker
+
+__all__ = ["lab"]
+
+
+@dataclass
+class Page:
+    """Somebody at the page: waits for an arena state, then presses Ctrl-C in the terminal."""
+
+    bus: MessageBus
+    give: Give
+    look: str = "http://look"
+    control: str = "http://control"
+    closed: bool = False
+
+    def start(self) -> Page:
+        self.bus.join(self.receive, lambda topic: topic == "/arena")
+        return self
+
+    def receive(self, message: Message) -> None:
+        assert self.give(Order(OrderKind.PAUSE, "viewer 1")) == "paused"
+        os.kill(os.getpid(), signal.SIGINT)
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def test_it_plays_until_somebody_interrupts(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = record(tmp_path / "run.mcap", [Message("/arena", BEGIN_NS, {})])
+    pages: list[Page] = []
+
+    def make(access: PageAccess, bus: MessageBus, give: Give, tell: object) -> Page:
+        pages.append(Page(bus, give))
+        return pages[0]
+
+    monkeypatch.setattr(replay, "make_server", make)
+    assert replay.play(file, 2.0, WebAddress("127.0.0.1", 8080)) == 130
+    assert pages[0].closed
+    told = capsys.readouterr().err
+    assert "in http://control" in told and "only to look: http://look" in told
+
+
+def test_it_tracks_again(
+    lab: ArenaTracker, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = str(track(tmp_path / "run.mcap", lab, MADE, 5))
+    assert cli.main(["replay", file, "--retrack"]) == 0
+    assert "19 timesteps compared, 19 the same in every bit" in capsys.readouterr().out
+    files = list(map(str, session_files(tmp_path / "session")))
+    other = ["--session", *files, "--set", "plan.warm=true", "--json"]
+    assert cli.main(["replay", file, "--retrack", *other]) == 0
+    compared = json.loads(capsys.readouterr().out)
+    assert compared["timesteps"] == 19 and compared["position_m"] < 0.01
+    assert compared["versions"] == {}
+
+
+def test_wrong_use(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = str(record(tmp_path / "run.mcap", []))
+    assert cli.main(["replay", file, "--set", "a.b=1"]) == 2
+    assert cli.main(["replay", file, "--retrack"]) == 2
+    assert cli.main(["replay", str(tmp_path / "nothing")]) == 2
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("8080", ("127.0.0.1", 8080)),
+        ("0.0.0.0:1", ("0.0.0.0", 1)),
+        ("[::1]:9", ("::1", 9)),
+        (":7", ("127.0.0.1", 7)),
+    ],
+)
+def test_addresses(text: str, expected: tuple[str, int]) -> None:
+    parser = argparse.ArgumentParser()
+    replay.add_arguments(parser)
+    assert parser.parse_args(["file", "--web", text]).web == expected
+    with pytest.raises(SystemExit):
+        parser.parse_args(["file", "--web", f"{text}x"])

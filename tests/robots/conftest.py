@@ -1,0 +1,148 @@
+"""The daemon, built once under strict flags, and rigs that are closed after the test."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import os
+import subprocess
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from multiprocessing.pool import ThreadPool
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.conftest import require_tool
+from tests.rigs.places import ROOT
+from tests.robots.rig import TABLE, Rig
+from vsense.robots.compiling import HOST_FLAGS
+from vsense.robots.link.table import Direction, Entry, Table
+
+STRICT = ["-std=c99", "-D_POSIX_C_SOURCE=200809L", "-pedantic", "-Wall", "-Wextra", "-Wshadow"]
+STRICT += ["-Wconversion", "-Werror", "-I", str(ROOT / "c_src"), "-I", str(ROOT / "robot")]
+DROPS = Table([*TABLE.entries, Entry(11, "drops", "u4", Direction.ACTUATOR)])
+"""What the controller of `probe.c` knows."""
+
+FLAGS = [*STRICT, *HOST_FLAGS, "-O1", "-g"]
+FLAGS += ["-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all"]
+
+
+class Builder:
+    """Builds daemons under the sanitizers; what they have in common is compiled once.
+
+    Workers of one run share it: each of them would need most of the objects.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        """Compiles nothing yet; the objects go to a folder."""
+        self._folder = folder
+
+    def __call__(
+        self,
+        target: Path,
+        controller: Path,
+        *more: str,
+        instead: Mapping[str, Path] | None = None,
+    ) -> Path:
+        """Builds `vsensed` with a controller.
+
+        Args:
+            target: the program.
+            controller: its source.
+            more: arguments for the compiler.
+            instead: sources to be taken in place of the shipped ones of these names.
+        """
+        left_out = instead or {}
+        shipped = [*ROOT.glob("c_src/*.c"), *ROOT.glob("robot/*.c")]
+        flags = [*FLAGS, *(word for word in more if not word.startswith("-Wl,"))]
+        objects = self.objects([p for p in shipped if p.name not in left_out], flags)
+        sources = [*left_out.values(), controller]
+        _cc(target, *FLAGS, *sources, *objects, "-lm", *more)
+        return target
+
+    def objects(self, sources: Sequence[Path], flags: Sequence[str] = FLAGS) -> list[Path]:
+        """Gives the sources compiled with these flags, by all processors where need be."""
+        folder = self._folder / hashlib.sha256(" ".join(flags).encode()).hexdigest()[:8]
+        folder.mkdir(parents=True, exist_ok=True)
+        made = [folder / f"{source.stem}.o" for source in sources]
+        with open(folder / "lock", "w") as lock, ThreadPool() as pool:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            missing = [pair for pair in zip(sources, made) if not pair[1].exists()]
+            pool.starmap(lambda source, target: _compile(source, target, flags), missing)
+        return made
+
+
+def _compile(source: Path, target: Path, flags: Sequence[str]) -> None:
+    # A compiler that was broken off must not leave what looks like an object.
+    begun = target.with_suffix(".new")
+    _cc(begun, *flags, "-c", source)
+    begun.rename(target)
+
+
+def _cc(target: Path, *words: str | Path) -> None:
+    command = [require_tool("cc", "build-essential"), *map(str, words), "-o", str(target)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.fixture(scope="session")
+def build(tmp_path_factory: pytest.TempPathFactory) -> Builder:
+    """Builds daemons with controllers: see `Builder`."""
+    folder = tmp_path_factory.getbasetemp()
+    return Builder((folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder) / "objects")
+
+
+@pytest.fixture(scope="session")
+def program(tmp_path_factory: pytest.TempPathFactory, build: Builder) -> Path:
+    """Path of `vsensed` with the pollutant controller."""
+    target = tmp_path_factory.mktemp("daemon") / "vsensed"
+    return build(target, ROOT / "robot" / "controllers" / "pollutant.c")
+
+
+@pytest.fixture(scope="session")
+def probe(tmp_path_factory: pytest.TempPathFactory, build: Builder) -> Path:
+    """Path of `vsensed` with the controller of `probe.c` and the faults that it can make."""
+    target = tmp_path_factory.mktemp("probe") / "vsensed"
+    wraps = ("fork", "recv", "waitpid", "write", "clock_gettime")
+    wrap = "-Wl," + ",".join(f"--wrap={name}" for name in wraps)
+    return build(target, Path(__file__).parent / "probe.c", wrap)
+
+
+@pytest.fixture
+def rigs(program: Path) -> Iterator[Callable[..., Rig]]:
+    """Makes rigs whose daemon gets more arguments."""
+    made: list[Rig] = []
+
+    def make(*more: str, **changes: Any) -> Rig:
+        made.append(Rig(program, *more, **changes))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.close()
+
+
+@pytest.fixture
+def rig(rigs: Callable[..., Rig]) -> Rig:
+    """A rig with a daemon that was just started."""
+    one = rigs()
+    one.start()
+    return one
+
+
+@pytest.fixture
+def probes(probe: Path) -> Iterator[Callable[..., Rig]]:
+    """Makes running rigs whose controller is `probe.c`."""
+    made: list[Rig] = []
+
+    def make(*more: str, params: str = "") -> Rig:
+        made.append(Rig(probe, *more))
+        made[-1].host.params, made[-1].host.table = params, DROPS
+        made[-1].start()
+        made[-1].run()
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.close()

@@ -1,0 +1,242 @@
+"""Stops from outside: what still stops the wheels when the daemon cannot."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.robots.rig import MS, Rig, S
+from tests.robots.test_faults import still_within, told
+from vsense.base.clock import host_ns
+from vsense.base.native import lib
+from vsense.modes.lab.links import KINDS
+from vsense.modes.lab.microcontrollers import Actuation
+from vsense.robots.link.wire import StopCause
+
+Rigs = Callable[..., Rig]
+
+WATCHDOG_NS = 400 * MS
+STEP_NS = 100 * MS
+STOP_NS = 450 * MS
+IN_RESET = "base: its microcontroller does not answer and is being reset"
+
+
+def kill_both(rig: Rig) -> int:
+    """Kills worker and guard at once while the wheels turn; returns when."""
+
+    def tell(number: signal.Signals) -> int:
+        guard = rig.daemon.guard
+        assert guard is not None
+        now_ns = host_ns()
+        # The guard first: the kernel wakes what is stopped when its parent ends.
+        for pid in (guard, rig.daemon.process.pid):
+            os.kill(pid, number)
+        return now_ns
+
+    while True:
+        rig.run()
+        stopped_ns = tell(signal.SIGSTOP)
+        rig.live_for(20 * MS)  # what was under way arrives
+        if rig.moving:
+            break
+        tell(signal.SIGCONT)
+    tell(signal.SIGKILL)
+    rig.wait_for(lambda: not rig.daemon.open, "the end of both processes")
+    return stopped_ns
+
+
+def stopped_ns(rig: Rig, since_ns: int) -> int:
+    """When the wheels came to rest for good."""
+    rests = [a.time_ns for a in rig.applied if (a.left_steps_s, a.right_steps_s) == (0, 0)]
+    return next(at_ns for at_ns in rests if at_ns >= since_ns)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_both_processes_killed_at_once_with_a_firmware_watchdog(rigs: Rigs, kind: str) -> None:
+    rig = rigs(kind=kind, watchdog=True)
+    rig.start()
+    rig.run()
+    rig.live_for(S)
+    assert rig.link.program.state.body.stops == 0, "a daemon that lives feeds it"
+    killed_ns = kill_both(rig)
+    rig.wait_for(lambda: not rig.moving, "rest")
+    assert stopped_ns(rig, killed_ns) - killed_ns <= WATCHDOG_NS + STEP_NS
+    assert rig.link.program.state.body.stops == 1
+    rig.start()
+    rig.run()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_both_processes_killed_at_once_without_one(rigs: Rigs, kind: str) -> None:
+    """README and `--help` say so; the next daemon finds the robot and stops it."""
+    rig = rigs(kind=kind)
+    rig.start()
+    kill_both(rig)
+    rig.live_for(2 * S)
+    assert rig.moving, "nobody is left who could stop the wheels"
+    rig.start()
+    rig.wait_for(lambda: not rig.moving, "standing wheels")
+
+
+def wire_reset(rig: Rig, folder: Path) -> None:
+    """Makes a GPIO's folder, and has its value reset the microcontroller while it is 0.
+
+    A reset frees the bus that the microcontroller holds low.
+    """
+    for name in ("direction", "value"):
+        (folder / name).touch()
+    value = folder / "value"
+    link, base = rig.link, rig.base
+    advance = base.advance
+    reset = getattr(lib, f"{link.program.kind.prefix}_reset")
+
+    def reset_or_advance(now_ns: int) -> list[Actuation]:
+        if value.read_bytes() == b"0":
+            reset(link.program.state, now_ns // 1000)
+            link.wires.stuck = 0
+            base.wake()
+        return advance(now_ns)
+
+    base.advance = reset_or_advance  # type: ignore[method-assign]
+
+
+@pytest.mark.parametrize("kind", ["gctronic", "york"])
+def test_a_stuck_bus_is_freed_by_a_reset(rigs: Rigs, tmp_path: Path, kind: str) -> None:
+    rig = rigs(kind=kind, options=f",reset={tmp_path}")
+    wire_reset(rig, tmp_path)
+    rig.start()
+
+    def fail() -> int:
+        rig.link.wires.stuck = 1
+        return host_ns()
+
+    still_within(rig, STOP_NS, fail, lambda: None)
+    assert rig.link.wires.stuck == 0 and IN_RESET in rig.daemon.said
+    rig.run()
+    assert (tmp_path / "direction").read_text() == "high"
+    assert (tmp_path / "value").read_text() == "1"
+
+
+@pytest.mark.parametrize("kind", ["gctronic", "york"])
+def test_without_a_reset_a_stuck_bus_leaves_the_wheels_turning(rigs: Rigs, kind: str) -> None:
+    rig = rigs(kind=kind)
+    rig.start()
+    rig.run()
+    rig.link.wires.stuck = 1
+    told(rig, 1, "wheels held: the base does not answer")
+    rig.live_for(S)
+    assert rig.moving
+    rig.link.wires.stuck = 0
+    rig.wait_for(lambda: not rig.moving, "standing wheels")
+
+
+def test_a_robot_that_is_switched_off_is_reset_now_and_then(rigs: Rigs, tmp_path: Path) -> None:
+    rig = rigs(kind="gctronic", options=f",reset={tmp_path}")
+    wire_reset(rig, tmp_path)
+    rig.link.program.state.device.address = 0x7F
+    rig.start()
+    rig.wait_for(lambda: IN_RESET in rig.daemon.said, "a reset")
+    rig.live_for(S)
+    assert (tmp_path / "value").read_text() == "1", "it is let go, and has time to boot"
+
+
+@pytest.fixture
+def watched(rigs: Rigs, tmp_path: Path) -> Iterator[tuple[Rig, int]]:
+    """A rig that drives, and what its daemon writes to its watchdog."""
+    path = tmp_path / "watchdog"
+    os.mkfifo(path)
+    reader = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    rig = rigs("--watchdog", str(path))
+    rig.start()
+    rig.run()
+    yield rig, reader
+    os.close(reader)
+
+
+def test_guard_feeds_the_boards_watchdog_and_an_orderly_end_closes_it(
+    watched: tuple[Rig, int],
+) -> None:
+    rig, reader = watched
+    rig.live_for(3 * S)
+    fed = os.read(reader, 100)
+    assert 2 <= len(fed) <= 8 and set(fed) == {0}
+    guard = rig.daemon.guard
+    assert guard is not None
+    os.kill(guard, signal.SIGKILL)
+    rig.wait_for(lambda: rig.host.last.guard_restarts == 1, "another guard")
+    rig.run()
+    os.read(reader, 100)
+    rig.live_for(2 * S)
+    assert set(os.read(reader, 100)) == {0}, "the next guard feeds it, too"
+    rig.daemon.process.terminate()
+    rig.wait_for(lambda: rig.daemon.process.poll() == 0, "the end")
+    assert os.read(reader, 100).endswith(b"V")
+
+
+def test_the_boards_watchdog_outlives_a_daemon_that_is_killed(watched: tuple[Rig, int]) -> None:
+    rig, reader = watched
+    kill_both(rig)
+    assert b"V" not in os.read(reader, 100)
+
+
+def test_daemon_does_without_a_watchdog_that_it_cannot_have(rigs: Rigs) -> None:
+    rig = rigs("--watchdog", "/nowhere/watchdog")
+    rig.start()
+    rig.run()
+    words = "--watchdog /nowhere/watchdog: No such file or directory; going on without it"
+    assert rig.daemon.said.count(words) == 1
+
+
+def test_a_file_is_no_watchdog_and_stays_as_it_is(rigs: Rigs, tmp_path: Path) -> None:
+    path = tmp_path / "notes"
+    path.write_text("do not lose this")
+    rig = rigs("--watchdog", str(path))
+    rig.start()
+    rig.run()
+    told(rig, 1, f"--watchdog {path}: is no device; going on without it")
+    rig.live_for(2 * S)
+    assert path.read_text() == "do not lose this"
+
+
+def set_battery(rig: Rig, millivolts: int) -> None:
+    rig.link.program.state.body.inputs.battery_mv = millivolts
+
+
+def test_a_pi_pucks_battery_reaches_the_host_and_stops_the_robot(rigs: Rigs) -> None:
+    rig = rigs("--battery-stop-mv", "3500", kind="gctronic", options=",battery")
+    rig.start()
+    rig.run()
+    rig.wait_for(lambda: (rig.host.last.battery_mv, rig.host.last.battery_low) == (4000, 0), "it")
+    set_battery(rig, 3300)
+    rig.wait_for(lambda: rig.host.last.stop_cause == StopCause.BATTERY, "the cause")
+    rig.wait_for(lambda: not rig.moving, "rest")
+    assert (rig.host.last.battery_mv, rig.host.last.battery_low) == (3300, 1)
+    told(rig, 1, "wheels held: the battery is empty")
+    set_battery(rig, 3640)
+    rig.live_for(2 * S)
+    assert not rig.moving, "a battery rises when the wheels rest"
+    set_battery(rig, 3700)
+    rig.run()
+
+
+def test_a_battery_that_is_only_told_to_be_low_stops_the_robot(rigs: Rigs) -> None:
+    rig = rigs("--battery-stop-mv", "3400")
+    rig.start()
+    rig.run()
+    set_battery(rig, 3300)
+    rig.wait_for(lambda: rig.host.last.stop_cause == StopCause.BATTERY, "the cause")
+    rig.wait_for(lambda: not rig.moving, "rest")
+    assert rig.host.last.battery_mv == 0
+
+
+def test_a_battery_stops_nobody_who_has_not_asked_for_it(rigs: Rigs) -> None:
+    rig = rigs(kind="asercom")
+    rig.start()
+    rig.run()
+    set_battery(rig, 3000)
+    rig.live_for(5 * S)
+    assert rig.moving and rig.host.last.battery_low == 1

@@ -1,0 +1,179 @@
+"""The way home in the bench's physics, with the daemon's own walk, and what goes wrong on it."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from vsense.base.arena import POSE, ArenaState
+from vsense.config.specs import Pose
+from vsense.robots.link.peer import STAY
+from vsense.run.homing import motion
+from vsense.run.homing.floor import DrivingFloor
+from vsense.run.homing.homing import Homing
+from vsense.run.homing.robots import HomingLimits, Trouble
+from vsense.tools.bench.homing import HomingField
+from vsense.world.entities import BODY_RADIUS_M, Arena
+
+ARENA = Arena((2.0, 2.0, 1.0), (0.0, 0.0, 0.0))
+WALL = (0.0, 0.0, 0.0, 0.04, 1.2)
+"""Across the middle, free at both ends."""
+
+
+def test_robots_come_home_past_one_that_is_dead_and_one_that_is_not_seen() -> None:
+    row = HomingField(3).run(3)
+    assert (row.home, row.able) == (14, 14)
+    assert row.is_good
+
+
+def homing(homes: dict[int, Pose], floor: DrivingFloor | None = None, **limits: float) -> Homing:
+    names = {tag: f"epuck_{tag}" for tag in homes}
+    kinds = dict.fromkeys(homes, "a")
+    return Homing(homes, names, kinds, floor or DrivingFloor(ARENA), HomingLimits(**limits))
+
+
+def state(number: int, poses: dict[int, Pose]) -> ArenaState:
+    rows = np.zeros(len(poses), dtype=POSE)
+    for row, (tag, pose) in zip(rows, sorted(poses.items())):
+        row["tag"], row["seen"] = tag, True
+        row["x_m"], row["y_m"], row["yaw_rad"] = pose
+    now_ns = 10**9 + number * 10**8
+    return ArenaState(timestep=number, capture_ns=now_ns, robots=rows, detected=len(poses))
+
+
+def test_who_is_home_stays_and_all_are_done() -> None:
+    homes = {1: Pose(0.0, 0.0, 1.0), 2: Pose(0.5, 0.0, 0.0)}
+    planned = homing(homes)
+    goals = [planned.step(state(n, homes), {}) for n in range(8)]
+    assert goals[0] == {1: STAY, 2: STAY}
+    assert planned.done and not planned.news
+    assert [arrival.trouble for arrival in planned.arrivals()] == ["", ""]
+
+
+def test_a_goal_is_ahead_and_to_the_left_as_the_robot_sees_it() -> None:
+    planned = homing({1: Pose(0.0, 0.05, 0.0)})
+    # It looks along -y: what lies at +y is behind it.
+    goal = planned.step(state(0, {1: Pose(0.0, 0.0, -math.pi / 2.0)}), {})[1]
+    assert goal.x_mm <= -20 and abs(goal.y_mm) <= 1
+    goal = planned.step(state(1, {1: Pose(0.05, 0.05, math.pi / 2.0)}), {})[1]
+    assert goal.y_mm >= 20 and abs(goal.x_mm) <= 1
+    goal = planned.step(state(2, {1: Pose(0.0, 0.05, -1.0)}), {})[1]
+    assert goal == (0, 0, 10000)
+
+
+def test_a_robot_that_does_not_move_is_freed_then_left_and_named() -> None:
+    planned = homing({1: Pose(0.5, 0.0, 0.0)})
+    stuck = {1: Pose(-0.5, 0.0, 0.0)}
+    for number in range(200):
+        planned.step(state(number, stuck), {})
+        if planned.done:
+            break
+    assert [line for line in planned.news if "to free it" in line][-1].endswith(
+        "try 3 of 3 to free it"
+    )
+    assert planned.news[-1] == "robot 1 (epuck_1) is left where it is, 1.00 m from its start: stuck"
+    assert planned.arrivals()[0].trouble == "stuck"
+    assert planned.step(state(200, stuck), {}) == {1: STAY}
+
+
+@pytest.mark.parametrize(
+    ("trouble", "words"),
+    [(Trouble.NO_LINK, "no link"), (Trouble.TOO_OLD, "deploy"), (Trouble.HELD, "battery")],
+)
+def test_who_cannot_be_told_is_named_and_waited_for_in_vain(trouble: Trouble, words: str) -> None:
+    homes = {1: Pose(0.5, 0.0, 0.0), 2: Pose(-0.5, 0.0, 0.0)}
+    planned = homing(homes, hindered_s=2.0)
+    there = {1: homes[1], 2: Pose(0.0, 0.5, 0.0)}
+    for number in range(60):
+        planned.step(state(number, there), {2: trouble})
+    assert planned.done
+    assert words in planned.news[0]
+    assert [words in arrival.trouble for arrival in planned.arrivals()] == [False, True]
+
+
+def test_who_is_not_seen_stands_until_it_is_and_nobody_else_does() -> None:
+    homes = {1: Pose(0.8, 0.0, 0.0), 2: Pose(-0.8, 0.0, 0.0)}
+    there = {1: Pose(0.0, 0.5, 0.0), 2: Pose(0.0, -0.5, math.pi)}
+    planned = homing(homes)
+    planned.step(state(0, there), {})
+    goals = [planned.step(state(n, {2: there[2]}), {}) for n in range(1, 6)]
+    assert goals[-1][1] == STAY and goals[-1][2] != STAY
+    assert "not seen" in planned.news[0]
+    assert planned.step(state(7, there), {})[1] != STAY
+    assert "drives on" in planned.news[1]
+
+
+def test_who_stays_unseen_is_left_where_it_was_and_named() -> None:
+    homes = {1: Pose(0.8, 0.0, 0.0), 2: Pose(-0.8, 0.0, 0.0), 3: Pose(0.0, 0.8, 0.0)}
+    planned = homing(homes, hindered_s=2.0)
+    for number in range(60):
+        seen = {1: homes[1], 3: Pose(0.0, 0.3, 0.0)} if number < 3 else {1: homes[1]}
+        planned.step(state(number, seen), {})
+    assert planned.done
+    assert "robot 3 (epuck_3) is left where it is, 0.50 m from its start: not seen" in planned.news
+    assert "robot 2 (epuck_2) is left where it is: not seen" in planned.news, "it never was seen"
+    assert {a.tag: a.trouble for a in planned.arrivals()} == {1: "", 2: "not seen", 3: "not seen"}
+
+
+def test_ways_lead_around_walls_and_there_may_be_none() -> None:
+    floor = DrivingFloor(ARENA, [WALL])
+    way = floor.way((-0.5, 0.0), (0.5, 0.0), 0.05)
+    assert way is not None and way[-1] == (0.5, 0.0)
+    assert max(abs(y) for _, y in way) > 0.6
+    points = [(-0.5, 0.0), *way]
+    shortest_m = 2.0 * math.hypot(0.5, 0.65)
+    length_m = sum(map(math.dist, points, points[1:]))
+    assert shortest_m <= length_m < 1.15 * shortest_m
+    closed = DrivingFloor(ARENA, [(0.0, 0.0, 0.0, 0.04, 2.0)])
+    assert closed.way((-0.5, 0.0), (0.5, 0.0), 0.05) is None
+
+
+def test_a_blocked_robot_is_told_and_left_after_the_time() -> None:
+    planned = homing(
+        {1: Pose(0.5, 0.0, 0.0)}, DrivingFloor(ARENA, [(0.0, 0.0, 0.0, 0.04, 2.0)]), all_s=3.0
+    )
+    for number in range(40):
+        planned.step(state(number, {1: Pose(-0.5, 0.0, 0.0)}), {})
+    assert planned.done and planned.arrivals()[0].trouble == "blocked"
+    assert "blocked" in planned.news[0]
+
+
+def test_a_pause_takes_nobodys_time() -> None:
+    planned = homing({1: Pose(0.5, 0.0, 0.0)}, all_s=3.0)
+    for number in (0, 1, 2, 500, 501):
+        planned.rest()
+        planned.step(state(number, {1: Pose(-0.5, 0.0, 0.0)}), {})
+    assert not planned.done and planned.spent_s < 1.0
+
+
+def test_the_planner_foretells_what_the_daemon_does() -> None:
+    """The numbers of `robot/homing.c`: 930 and 350 steps/s of 0.1288 mm, wheels 53 mm apart."""
+    assert pytest.approx(930 * 0.1288e-3, rel=0.01) == motion.MAX_M_S
+    assert pytest.approx(2 * 350 * 0.1288 / 53.0, rel=0.01) == motion.TURN_MAX_RAD_S
+    assert pytest.approx(2 * 514 * 0.1288 / 53.0, rel=0.01) == motion.TURN_RATE_PER_S
+    poses = np.array([[0.0, 0.0, 0.0]])
+    ahead = motion.foretell(poses, np.zeros((1, 1)), np.full((1, 1), 0.12), np.array([0.2]))
+    assert ahead[0, 0, 3, 0] == pytest.approx(0.12) and ahead[0, 0, -1, 0] == pytest.approx(0.2)
+
+
+def test_ways_lead_around_tagged_objects_and_robots_that_do_not_play() -> None:
+    """The polluter of the thesis stands in the arena, and spares may: bodies that nobody drives."""
+    planned = homing({1: Pose(0.5, 0.0, 0.0), 2: Pose(0.0, 0.5, 0.0)})
+    there = {1: Pose(-0.5, 0.0, 0.0), 2: Pose(0.0, 0.5, 0.0), 99: Pose(0.0, 0.0, 0.0)}
+    goals = planned.step(state(0, there), {})
+    assert set(goals) == {1, 2}
+    way = [there[1][:2], *planned.robots[1].way]
+    line = np.concatenate([np.linspace(*ends, 50) for ends in pairwise(way)])
+    assert np.hypot(line[:, 0], line[:, 1]).min() > 2.0 * BODY_RADIUS_M
+    assert [arrival.tag for arrival in planned.arrivals()] == [1, 2]
+
+
+def test_a_home_that_is_taken_goes_to_nobody_who_could_have_another() -> None:
+    homes = {1: Pose(0.5, 0.0, 0.0), 2: Pose(-0.5, 0.0, 0.0)}
+    planned = homing(homes)
+    dead = {1: Pose(0.0, 0.3, 0.0), 2: Pose(0.5, 0.0, 0.0)}
+    planned.step(state(0, dead), {2: Trouble.NO_LINK})
+    assert planned.robots[1].home == homes[2]

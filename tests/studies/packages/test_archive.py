@@ -1,0 +1,169 @@
+"""Packages that strangers, thieves and bad disks have made: one clear error, nothing unpacked."""
+
+from __future__ import annotations
+
+import io
+import os
+import shutil
+import stat
+import subprocess
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vsense.base.errors import VsenseError
+from vsense.studies.packages import archive
+from vsense.studies.packages.archive import MANIFEST, Damaged, Package, PackageError, manifest_of
+
+FILES: dict[str, bytes] = {"a.txt": b"one\n", "runs/b.csv": b"x\n1\n" * 50, "runs/c.npz": b"\0" * 9}
+
+
+def sums(files: dict[str, bytes]) -> bytes:
+    return manifest_of({name: archive.digest_of(data)[0] for name, data in files.items()})
+
+
+@pytest.fixture
+def whole(tmp_path: Path) -> Path:
+    path = tmp_path / "whole.zip"
+    archive.write(path, {**FILES, MANIFEST: sums(FILES)})
+    return path
+
+
+def zipped(path: Path, members: list[tuple[zipfile.ZipInfo | str, bytes]]) -> Path:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as target:
+        for name, data in members:
+            target.writestr(name, data)
+    return path
+
+
+def test_the_same_files_are_the_same_bytes_and_come_out_again(whole: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other.zip"
+    os.utime(whole, (1, 1))
+    archive.write(other, dict(reversed([*FILES.items(), (MANIFEST, sums(FILES))])))
+    assert other.read_bytes() == whole.read_bytes()
+    with Package(whole) as package:
+        package.verify()
+        package.unpack(tmp_path / "out")
+    for name, data in FILES.items():
+        assert (tmp_path / "out" / name).read_bytes() == data
+    if shutil.which("sha256sum"):
+        asked = ["sha256sum", "-c", "--strict", "--quiet", MANIFEST]
+        subprocess.run(asked, cwd=tmp_path / "out", check=True)
+    with pytest.raises(PackageError, match="is there already"):
+        archive.write(whole, FILES)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["other.zip", "out", "whole.zip"]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"runs/b.csv": b"x\n2\n"}, "runs/b.csv has changed"),
+        ({"runs/b.csv": None}, "runs/b.csv is missing"),
+        ({"runs/new.csv": b""}, "runs/new.csv was added"),
+        ({MANIFEST: b"abc  a.txt\n"}, f"line 1 of {MANIFEST}"),
+        ({MANIFEST: sums(FILES) * 2}, "line 4"),
+    ],
+)
+def test_what_was_changed_is_named(
+    change: dict[str, bytes | None], words: str, tmp_path: Path
+) -> None:
+    files = {**FILES, MANIFEST: sums(FILES), **change}
+    kept = [(name, data) for name, data in files.items() if data is not None]
+    path = zipped(tmp_path / "changed.zip", list(kept))
+    with pytest.raises(Damaged, match=words), Package(path) as package:
+        package.verify()
+
+
+def link(name: str) -> zipfile.ZipInfo:
+    info = zipfile.ZipInfo(name)
+    info.create_system, info.external_attr = 3, (stat.S_IFLNK | 0o777) << 16
+    return info
+
+
+def bomb() -> list[tuple[zipfile.ZipInfo | str, bytes]]:
+    return [(f"zeros-{n}", b"\0" * (1 << 20)) for n in range(5)]
+
+
+HOSTILE: dict[str, Callable[[], list[tuple[zipfile.ZipInfo | str, bytes]]]] = {
+    "leads out of the package": lambda: [("../../etc/passwd", b"")],
+    "is no path inside": lambda: [("/etc/passwd", b"")],
+    "leads out of the package, or nowhere": lambda: [("runs//x", b"")],
+    "has signs that no file": lambda: [("runs\\..\\x", b""), ("a", b"")],
+    "is a link": lambda: [(link("runs/link"), b"/etc/passwd")],
+    "is too long": lambda: [("x" * 201, b"")],
+    "is a file and a folder": lambda: [("runs", b""), ("runs/x", b"")],
+    "twice": lambda: [("a", b"1"), ("a", b"2")],
+    "more than any package": bomb,
+    f"has no {MANIFEST}": lambda: [("a", b"")],
+}
+
+
+@pytest.mark.parametrize("words", HOSTILE)
+@pytest.mark.filterwarnings("ignore:Duplicate name")
+def test_hostile_packages_are_refused_before_anything_is_unpacked(
+    words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(archive, "_FREE_BYTES", 1 << 20)
+    path = zipped(tmp_path / "hostile.zip", HOSTILE[words]())
+    with pytest.raises(PackageError, match=words):
+        Package(path)
+
+
+def test_what_is_encrypted_or_packed_otherwise_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "other.zip"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_LZMA) as target:
+        target.writestr("a", b"")
+    with pytest.raises(PackageError, match="compressed in a way"):
+        Package(path)
+    zipped(path, [("a", b"secret")])
+    data = bytearray(path.read_bytes())
+    data[data.index(b"PK\x01\x02") + 8] |= 1  # Source: APPNOTE.TXT, 4.4.4, bit 0
+    path.write_bytes(data)
+    with pytest.raises(PackageError, match="encrypted"):
+        Package(path)
+
+
+def test_what_is_no_file_or_no_zip_is_named(tmp_path: Path) -> None:
+    (tmp_path / "text.zip").write_text("no zip\n")
+    os.mkfifo(tmp_path / "pipe.zip")
+    for name, words in (
+        ("text.zip", "is no package"),
+        ("pipe.zip", "is a pipe"),
+        ("gone.zip", "No such file"),
+        (".", "directory"),
+    ):
+        with pytest.raises(PackageError, match=words):
+            Package(tmp_path / name)
+
+
+WHOLE = io.BytesIO()
+with zipfile.ZipFile(WHOLE, "w", zipfile.ZIP_DEFLATED) as _target:
+    for _name, _data in {**FILES, MANIFEST: sums(FILES)}.items():
+        _target.writestr(zipfile.ZipInfo(_name), _data)
+
+
+@settings(max_examples=150)
+@given(
+    place=st.integers(0, len(WHOLE.getvalue()) - 1),
+    byte=st.integers(1, 255),
+    cut=st.booleans(),
+)
+def test_a_changed_byte_is_found_or_changes_no_file(
+    place: int, byte: int, cut: bool, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """A few bytes of a zip mean nothing: dates, comments, who made it."""
+    data = bytearray(WHOLE.getvalue())
+    data[place] ^= byte
+    path = tmp_path_factory.getbasetemp() / "flipped.zip"
+    path.write_bytes(data[:place] if cut else data)
+    try:
+        with Package(path) as package:
+            package.verify()
+            found = {name: package.read(name, 1 << 20) for name in package.names}
+    except VsenseError:
+        return
+    assert found == FILES and not cut

@@ -1,0 +1,254 @@
+"""A series that somebody else makes the runs of: what is repeated, what ends it, what is kept."""
+
+from __future__ import annotations
+
+import io
+import json
+import resource
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from vsense.base.errors import UsageError, VsenseError
+from vsense.base.terminal import Console, Interruption
+from vsense.modes.sim.outcome import Interrupted
+from vsense.run.directory import TIMESTEPS
+from vsense.run.runs_csv import RunRow, read_runs
+from vsense.studies.series import simulated
+from vsense.studies.series.criteria import Evidence
+from vsense.studies.series.folder import SeriesFolder
+from vsense.studies.series.order import PlannedRun, VoidLimit, cells, pending
+from vsense.studies.series.parts import PlanLoader
+from vsense.studies.series.plan import SeriesPlan, read
+from vsense.studies.series.series import Made, RunOutcome, SeriesLoop
+from vsense.studies.series.simulated import SimulatedRuns
+
+PLAN = """
+name = "walks"
+mode = "lab"
+experiment = "foraging"
+again = 1
+[[condition]]
+name = "a"
+[[condition]]
+name = "b"
+[[start]]
+name = "s"
+seed = 7
+[void]
+lost_s = 5
+"""
+
+
+class Script:
+    """Makes runs as a script says: the evidence of one after the other, then good ones."""
+
+    def __init__(self, *script: RunOutcome | None, interrupted: Interruption) -> None:
+        self.made: list[str] = []
+        self._script = list(script)
+        self._interrupted = interrupted
+
+    def make(self, runs: Sequence[PlannedRun], folder: SeriesFolder) -> Iterator[Made]:
+        outcome = self._script.pop(0) if self._script else outcome_of(Evidence())
+        self.made.append(runs[0].name)
+        directory = folder.of_run(runs[0])
+        (directory / TIMESTEPS).touch()
+        if outcome is None:
+            raise VsenseError("the lamp is broken")
+        if outcome.evidence.ended == "interrupted":
+            self._interrupted.set()
+        yield runs[0], outcome
+
+
+def outcome_of(evidence: Evidence, stays: str = "") -> RunOutcome:
+    row = RunRow(run="", mode="lab", experiment="foraging", condition="", measures={"food": 3.0})
+    return RunOutcome(row, evidence, stays)
+
+
+LOST = outcome_of(Evidence(lost_s={"seven": 6.0}))
+
+
+@pytest.fixture
+def plan(tmp_path: Path) -> SeriesPlan:
+    path = tmp_path / "plan.toml"
+    path.write_text(PLAN)
+    return read(path)
+
+
+def carried_out(plan: SeriesPlan, *script: RunOutcome | None) -> tuple[SeriesLoop, list[str], str]:
+    """One call of the command: the loop, the runs that were made, and what was said."""
+    said, interrupted = io.StringIO(), Interruption()
+    maker = Script(*script, interrupted=interrupted)
+    with SeriesFolder(plan.path.parent / "walks", plan, [plan.path]) as folder:
+        loop = SeriesLoop(plan, folder, maker, Console(said), interrupted)
+        try:
+            loop.run()
+        except VsenseError as error:
+            said.write(f"failed: {error}")
+    return loop, maker.made, said.getvalue()
+
+
+def rows(plan: SeriesPlan) -> list[tuple[str, str]]:
+    return [(r.run, r.why) for r in read_runs(plan.path.parent / "walks" / "runs.csv")]
+
+
+def test_void_runs_are_kept_named_and_repeated(plan: SeriesPlan) -> None:
+    loop, made, said = carried_out(plan, LOST)
+    assert made == ["run-001", "run-002", "run-001-2"]
+    why = "seven lost for 6.0 s"
+    assert rows(plan) == [("run-001", why), ("run-002", ""), ("run-001-2", "")]
+    assert f"is void: {why}" in said and (loop.why, loop.valid) == ("", 2)
+    assert loop.facts()["void"] == [{"run": "run-001", "why": why}]
+    assert carried_out(plan)[1] == [], "all is done"
+
+
+def test_too_many_void_runs_end_it_with_every_why(plan: SeriesPlan) -> None:
+    _, made, said = carried_out(plan, LOST, outcome_of(Evidence()), LOST)
+    assert made == ["run-001", "run-002", "run-001-2"]
+    assert "failed: " in said and "void 2 times" in said
+    assert "run-001: seven lost for 6.0 s; run-001-2: seven lost" in said
+    with SeriesFolder(plan.path.parent / "walks", plan, []) as folder, pytest.raises(VoidLimit):
+        SeriesLoop(plan, folder, Script(interrupted=Interruption()), Console(io.StringIO()),
+                   Interruption()).run()  # fmt: skip
+
+
+def test_who_stops_a_run_ends_the_series_and_it_goes_on_later(plan: SeriesPlan) -> None:
+    by = "stopped by ben (terminal)"
+    loop, made, _ = carried_out(plan, outcome_of(Evidence(by), stays=by))
+    assert (loop.why, made) == (by, ["run-001"])
+    assert carried_out(plan)[1] == ["run-002", "run-001-2"]
+
+
+def test_what_was_simulated_before_it_ends_is_kept(
+    plan: SeriesPlan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first run takes longer than the second one, in which Ctrl-C comes."""
+
+    def simulate(todo: Sequence[Any], *rest: object) -> Iterator[tuple[Any, dict[str, Any]]]:
+        yield todo[1], {}
+        raise Interrupted
+
+    monkeypatch.setattr(simulated, "simulate_all", simulate)
+
+    def task(maker: SimulatedRuns, run: PlannedRun, folder: SeriesFolder) -> object:
+        return SimpleNamespace(job=SimpleNamespace(recording=str(folder.of_run(run) / "a.mcap")))
+
+    monkeypatch.setattr(SimulatedRuns, "_task", task)
+    monkeypatch.setattr(SimulatedRuns, "_outcome", lambda *some: outcome_of(Evidence()))
+    runs = pending(plan, [])
+    never = Interruption()
+    maker = SimulatedRuns(PlanLoader(plan), {}, Console(io.StringIO()), never, record=True)
+    with SeriesFolder(plan.path.parent / "walks", plan, []) as folder:
+        made = maker.make(runs, folder)
+        assert next(made)[0] is runs[1]
+        with pytest.raises(Interrupted):
+            next(made)
+        there = [run.name for run in runs if (folder.path / run.name).exists()]
+    assert there == [runs[1].name], "nor is there a folder of what never began"
+
+
+def test_what_is_cut_off_is_told_and_counts_for_nothing(plan: SeriesPlan) -> None:
+    cut = outcome_of(Evidence("interrupted"))
+    for attempt in ("run-001", "run-002", "run-001-2"):
+        loop, made, _ = carried_out(plan, cut)
+        assert (loop.why, made) == ("interrupted", [attempt])
+    # As a killed process leaves it: a folder with timesteps, and no row.
+    _, _, said = carried_out(plan, None)
+    assert "failed: the lamp is broken" in said
+    _, made, _ = carried_out(plan)
+    assert made == ["run-001-3", "run-002-3"]
+    assert dict(rows(plan))["run-002-2"] == "cut off: vsense was ended in it"
+    table = read_runs(plan.path.parent / "walks" / "runs.csv")
+    assert {row.experiment for row in table} == {"foraging"}, "a report counts it with the others"
+
+
+def test_a_run_that_was_only_waited_for_leaves_no_trace(plan: SeriesPlan) -> None:
+    folder = plan.path.parent / "walks"
+    carried_out(plan)
+    with SeriesFolder(folder, plan, []) as taken:
+        run = PlannedRun(cells(plan)[0], 5)
+        waited = taken.of_run(run)
+        (waited / "log.txt").touch()
+        assert not taken.cut(run)
+        assert taken.of_run(run) == waited and not any(waited.iterdir())
+
+
+def test_one_process_at_a_time_and_no_folder_of_something_else(plan: SeriesPlan) -> None:
+    folder = plan.path.parent / "walks"
+    other = SeriesFolder(folder, plan, [])
+    with (
+        SeriesFolder(folder, plan, []),
+        pytest.raises(UsageError, match="carries this series out already"),
+    ):
+        other.__enter__()
+    with pytest.raises(UsageError, match="is not empty, and of no series"):
+        SeriesFolder(plan.path.parent, plan, []).__enter__()
+    (folder / "series.json").write_text('{"experiment": "foraging"}')  # of lab --runs
+    with pytest.raises(UsageError, match="is of no series by a plan"):
+        SeriesFolder(folder, plan, []).__enter__()
+
+
+def test_a_full_disk_is_told(plan: SeriesPlan) -> None:
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, limits[1]))
+    try:
+        with pytest.raises(VsenseError, match=r"cannot write to .*: File too large"):
+            SeriesFolder(plan.path.parent / "walks", plan, []).__enter__()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+def test_a_folder_that_was_only_begun_is_taken(plan: SeriesPlan) -> None:
+    folder = plan.path.parent / "walks"
+    folder.mkdir()
+    (folder / ".series.json.0a1b2c3d").touch()  # as a kill leaves it
+    assert carried_out(plan)[0].valid == 2
+
+
+def test_a_plan_may_try_more_often_and_not_less(plan: SeriesPlan) -> None:
+    assert "void 2 times" in carried_out(plan, LOST, outcome_of(Evidence()), LOST)[2]
+    plan.path.write_text(PLAN.replace("again = 1", "again = 2\nrepetitions = 2"))
+    more = read(plan.path)
+    _, made, said = carried_out(more)
+    assert "again: 1 before, now 2" in said and "repetitions: 1 before, now 2" in said
+    assert made == ["run-001-3", "run-003", "run-004"]
+    noted = json.loads((plan.path.parent / "walks" / "series.json").read_text())
+    assert len(noted["changes"]) == 1 and len(noted["changes"][0]["what"]) == 2
+    assert "before, now" not in carried_out(more)[2], "it is told once"
+    with pytest.raises(UsageError, match="repetitions: 2 before, now 1"):
+        carried_out(plan)
+
+
+def test_files_that_have_changed_are_told(plan: SeriesPlan) -> None:
+    program = plan.path.with_name("walk.c")
+    program.write_text("one")
+    folder = plan.path.parent / "walks"
+    with SeriesFolder(folder, plan, [program]) as first:
+        assert first.changed == []
+    program.write_text("two")
+    with SeriesFolder(folder, plan, [program]) as again:
+        assert again.changed == [str(program)] and again.look() == []
+        program.write_text("one")
+        assert (again.look(), again.changed) == ([], [])
+        program.unlink()
+        assert again.look() == [str(program)]
+
+
+def test_rows_say_that_a_file_changed_while_the_series_went_on(plan: SeriesPlan) -> None:
+    def first(runs: Sequence[PlannedRun], folder: SeriesFolder) -> Iterator[Made]:
+        yield runs[0], outcome_of(Evidence())
+        plan.path.with_name("walk.c").write_text("another")
+        yield runs[1], outcome_of(Evidence())
+
+    program = plan.path.with_name("walk.c")
+    program.write_text("one")
+    said, maker, never = io.StringIO(), Script(interrupted=Interruption()), Interruption()
+    maker.make = first  # type: ignore[method-assign]
+    with SeriesFolder(plan.path.parent / "walks", plan, [program]) as folder:
+        SeriesLoop(plan, folder, maker, Console(said), never).run()
+        notes = [row.note for row in folder.rows]
+    assert notes == ["", "changed since the series began: walk.c"]
+    assert said.getvalue().count(f"{program} has changed since") == 1

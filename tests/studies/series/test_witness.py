@@ -1,0 +1,112 @@
+"""Who is lost, and who is moved by hand: nobody else is accused."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import pytest
+
+from tests.run.stage import status
+from vsense.base.arena import POSE, ArenaState
+from vsense.robots.link.status import RobotStatus
+from vsense.robots.link.wire import Telemetry
+from vsense.studies.series.witness import Witness
+
+MS = 1_000_000
+STANDS, DRIVES = Telemetry(), Telemetry(left_steps_s=900, right_steps_s=900)
+NAMES = {7: "seven", 8: "eight"}
+
+
+def arena(ms: int, places: dict[int, tuple[float, float]]) -> ArenaState:
+    robots = np.zeros(len(places), dtype=POSE)
+    for row, (tag, (x_m, y_m)) in zip(robots, places.items()):
+        row["tag"], row["seen"], row["x_m"], row["y_m"] = tag, True, x_m, y_m
+    return ArenaState(ms // 100, ms * MS, robots, 1)
+
+
+def both(said: Telemetry, **seven: object) -> dict[int, RobotStatus]:
+    return {
+        7: status(7, "seven", **{"telemetry": said, "connected": True, **seven}),
+        8: status(8, "eight", telemetry=DRIVES, connected=True),
+    }
+
+
+def watched(moments: Iterable[tuple[int, float]], said: Telemetry, eight_m: float) -> Witness:
+    """Robot 7 at x by ms, and robot 8 somewhere."""
+    witness = Witness(NAMES)
+    for ms, x_m in moments:
+        witness.observe(arena(ms, {7: (x_m, 0.0), 8: (eight_m, 0.0)}), both(said), ms * MS)
+    return witness
+
+
+def test_who_is_neither_seen_nor_connected_is_lost() -> None:
+    witness = Witness(NAMES)
+    for ms in range(0, 10_000, 100):
+        unseen, unlinked = 2000 <= ms < 5000, 4000 <= ms < 7500
+        places = {8: (1.0, 0.0)} if unseen else {7: (0.0, 0.0), 8: (1.0, 0.0)}
+        witness.observe(arena(ms, places), both(STANDS, connected=not unlinked), ms * MS)
+    assert witness.lost_s == pytest.approx({"seven": 5.6, "eight": 0.1})
+    assert witness.gone == []
+
+
+def test_who_was_never_there_and_who_is_gone_at_the_end() -> None:
+    witness = Witness(NAMES)
+    for ms in range(0, 3100, 100):
+        places = {7: (0.0, 0.0)} if ms < 1000 else {}
+        witness.observe(arena(ms, places), both(STANDS), ms * MS)
+    assert witness.lost_s == pytest.approx({"seven": 2.1, "eight": 3.0})
+    assert witness.gone == [7, 8]
+
+
+def test_nobody_is_lost_in_a_pause_nor_by_one_timestep_at_the_end() -> None:
+    witness = Witness(NAMES)
+    for run_ms in range(0, 3100, 100):
+        ms = run_ms + (60_000 if run_ms >= 1000 else 0)
+        places = {7: (0.0, 0.0), 8: (1.0, 0.0)} if run_ms < 3000 else {8: (1.0, 0.0)}
+        witness.observe(arena(ms, places), both(STANDS), run_ms * MS)
+    assert witness.lost_s == pytest.approx({"seven": 0.1, "eight": 0.1})
+    assert witness.gone == []
+
+
+def test_who_is_moved_in_a_pause_is_moved_by_hand() -> None:
+    witness = Witness(NAMES)
+    for run_ms, ms, x_m in ((0, 0, 0.0), (100, 100, 0.0), (200, 9200, 0.3)):
+        witness.observe(arena(ms, {7: (x_m, 0.0), 8: (1.0, 0.0)}), both(DRIVES), run_ms * MS)
+    assert witness.moved_mm["seven"] == pytest.approx(300 - 16)
+
+
+def test_a_robot_that_drives_as_fast_as_it_can_is_not_moved_by_hand() -> None:
+    drive = [(ms, 0.129 * ms / 1000.0) for ms in range(0, 8000, 100)]
+    assert watched(drive, DRIVES, 3.0).moved_mm["seven"] == 0.0
+    # Nor is one that was not seen for three seconds of that.
+    assert watched(drive[:20] + drive[50:], DRIVES, 3.0).moved_mm["seven"] == 0.0
+
+
+def test_a_robot_that_jumps_is() -> None:
+    jump = [(0, 0.0), (100, 0.01), (200, 0.25), (300, 0.26)]
+    assert watched(jump, DRIVES, 3.0).moved_mm["seven"] == pytest.approx(240 - 16)
+
+
+def test_a_robot_that_stands_and_is_moved_slowly_is() -> None:
+    pushed = [(ms, 0.05 * max(ms - 2000, 0) / 1000.0) for ms in range(0, 4000, 100)]
+    assert watched(pushed, STANDS, 3.0).moved_mm["seven"] == pytest.approx(50.0, abs=6.0)
+    assert watched(pushed, DRIVES, 3.0).moved_mm["seven"] == 0.0
+    # Another robot stands beside it, and may have pushed it.
+    assert watched(pushed, STANDS, 0.08).moved_mm["seven"] == 0.0
+
+
+def test_cameras_that_tremble_move_nobody() -> None:
+    tremble = [(ms, 0.002 * (ms // 100 % 2) + 1e-6 * ms) for ms in range(0, 20_000, 100)]
+    assert watched(tremble, STANDS, 3.0).moved_mm["seven"] < 5.0
+
+
+def test_who_they_are_and_what_they_run() -> None:
+    witness = Witness(NAMES)
+    told = both(
+        Telemetry(battery_mv=3700), uid=b"\x01" * 16, controller="walk", hash="abc", connected=True
+    )
+    witness.observe(arena(0, {}), told, 0)
+    assert witness.volts == [3.7]
+    assert witness.uids[0] == "01" * 16
+    assert "walk=abc" in witness.programs

@@ -1,0 +1,146 @@
+"""`vsense new`: what it makes loads without a warning, compiles, runs, and is explained."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import require_tool
+from vsense import cli
+from vsense.base.errors import UsageError
+from vsense.config.experiment import load
+from vsense.robots.build import source_tree
+from vsense.tools.shipped import guide
+from vsense.tools.shipped.templates import make, templates
+
+
+@pytest.mark.parametrize("sensor", [False, True])
+@pytest.mark.parametrize("source", templates())
+def test_what_is_made_loads_and_is_its_own(source: str, sensor: bool, tmp_path: Path) -> None:
+    folder = tmp_path / "mine"
+    made = make(folder, source, sensor)
+    assert set(made) == set(folder.iterdir())
+    experiment = load(made[0])
+    experiment.refuse_warnings()
+    assert experiment.name == "mine"
+    used = [*(p for spec in experiment.controllers for p in spec.program.sources)]
+    used += [experiment.loop_functions.path] if experiment.loop_functions else []
+    assert {path.parent for path in used} == {folder.resolve()}, "nothing is the shipped one's"
+    for spec in experiment.controllers:
+        assert ("crowd" in [s.sensor.name for s in spec.sensors]) is sensor
+    texts = [path.read_text() for path in made]
+    assert not re.search(rf"\b{source}\.(argos|py)\b", "".join(texts[:-1]))
+    assert f"vsense lab {source}\n" not in texts[0]
+
+
+@pytest.mark.parametrize("source", templates())
+def test_controllers_that_read_the_sensor_compile(source: str, tmp_path: Path) -> None:
+    compiler = require_tool("cc", "build-essential")
+    controllers = [path for path in make(tmp_path / "mine", source, True) if path.suffix == ".c"]
+    assert all('vs_robot_show(robot, "crowd"' in path.read_text() for path in controllers)
+    flags = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-fsyntax-only"]
+    folders = [f"-I{folder}" for folder in source_tree().includes()]
+    subprocess.run([compiler, *flags, *folders, *controllers], check=True)
+
+
+@pytest.mark.parametrize("source", templates())
+def test_the_readme_explains_every_line(source: str, tmp_path: Path) -> None:
+    made = make(tmp_path / "mine", source, True)
+    argos, readme = made[0].read_text().splitlines(), made[-1].read_text()
+    rows = re.findall(r"^\| ([0-9]+)(?: to [0-9]+)? \| `(<[\w:-]+)[^|]*` \| (.*) \|$", readme, re.M)
+    assert all(tag in argos[int(line) - 1] for line, tag, _ in rows)
+    # What an element holds inside is explained with it.
+    inner = {"<body", "<controller", "<dynamics2d", "<led"}
+    tags = {tag for text in argos for tag in re.findall(r"^\s*(<[a-z][\w:-]*)", text)}
+    assert {tag for _, tag, _ in rows} == tags - inner
+    assert [row for row in rows if not row[2].strip()] == []
+    calls = re.findall(r"^\| `(vs_\w+)` \| (.+) \|$", readme, re.M)
+    used = set(
+        re.findall(r"\b(vs_\w+)\(", "".join(p.read_text() for p in made if p.suffix == ".c"))
+    )
+    assert used == {name for name, _ in calls}
+    hooks = {"reset", "pre_step", "post_step", "end"}
+    python = "".join(path.read_text() for path in made if path.name == "mine.py")
+    assert {h for h in hooks if f"`{h}`: called" in readme} == {
+        h for h in hooks if f"def {h}(self, world" in python
+    }
+
+
+def test_every_function_of_the_headers_is_explained() -> None:
+    headers = [source_tree().root / "robot" / name for name in ("controller.h", "walk.h")]
+    declared = {
+        name
+        for path in headers
+        for name in re.findall(r"^\w.*?\b(vs_\w+)\(", path.read_text(), re.M)
+    }
+    assert len(declared) > 15
+    assert guide.calls().keys() == declared
+
+
+def test_it_runs_as_the_readme_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    require_tool("cc", "build-essential")
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["new", "mine", "--sensor"]) == 0
+    said = capsys.readouterr()
+    assert (
+        said.out.splitlines()[0] == "mine/mine.argos" and "vsense sim mine/mine.argos" in said.err
+    )
+    assert cli.main(["sim", "mine/mine.argos", "--duration", "20", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["measures"]["robots_on_spot_mean"] > 0.0
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["9x"], "'9x': expected a name of letters"),
+        (["a b"], "'a b': expected a name"),
+        (["x" * 32], "expected a name"),
+        ([".."], "'..': expected a name"),
+        (["foraging"], "'foraging' is the name of what comes with vsense: choose another one"),
+        (["mine", "--from", "forageing"], "no experiment 'forageing' to begin with; is 'foraging'"),
+        (
+            ["mine", "--from", "/etc/passwd"],
+            "no experiment '/etc/passwd' to begin with; there are:",
+        ),
+        (["full"], "full is not empty: choose another name"),
+        (["file"], "cannot make file: Not a directory"),
+        (["file/mine"], "cannot make file/mine: "),
+    ],
+)
+def test_what_cannot_be_made_is_one_line_and_leaves_nothing(
+    words: list[str],
+    told: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full/theirs").touch()
+    (tmp_path / "file").touch()
+    before = sorted(tmp_path.rglob("*"))
+    assert cli.main(["new", *words]) == 2
+    said = capsys.readouterr()
+    assert told in said.err and said.err.count("\n") == 1 and said.out == ""
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_an_empty_folder_is_filled_and_a_failure_leaves_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "mine").mkdir()
+    assert make(tmp_path / "mine")[0].is_file()
+
+    def full(*arguments: object, **options: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(UsageError, match=r"cannot make .*other: No space left on device"):
+        make(tmp_path / "other")
+    assert [path.name for path in tmp_path.iterdir()] == ["mine"]

@@ -1,0 +1,109 @@
+"""Hard pictures, and sequences of moving robots with every way to search them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, render
+from vsense.base.arena import UNNAMED, Frame
+from vsense.tools.bench.frames import FRAMES_PER_S, MARKER_M, FrameSet, Painter, cameras
+from vsense.tools.bench.tracking import TABLE_2_1
+from vsense.vision.cameras.camera import Camera
+from vsense.vision.markers.codes import choose_tags
+from vsense.vision.markers.families import MarkerFamily, load_family
+from vsense.vision.tracking.arena_tracker import ArenaTracker
+from vsense.vision.tracking.detector import make_detector
+from vsense.vision.tracking.prediction import SearchPlan
+
+FAMILIES = ("arrow4x4", "arrow4x4-thesis")
+ROBOTS = 20
+LENS = (-0.12, 0.02, 0.0, 0.0, 0.0)
+WIDE = Camera.looking_down("wide", 0.0, 0.0, 2.43, 1620.0, (1620, 1220), LENS)
+HARD = Look(psf_px=1.2, noise=5.0, exposure_s=0.03, light=0.6)
+
+
+def arrows(name: str) -> tuple[MarkerFamily, list[int]]:
+    """Returns a family and tags that stay apart under its hardest blur."""
+    family = load_family(name)
+    assert isinstance(family, MarkerFamily)
+    return family, choose_tags(family, ROBOTS, 2.5, seed=14)
+
+
+def crowd(tags: list[int], seed: int) -> list[Robot]:
+    rng = np.random.default_rng(seed)
+    spots: list[np.ndarray] = []
+    while len(spots) < len(tags):
+        spot = rng.uniform((-1.03, -0.75), (1.03, 0.75))
+        if all(np.hypot(*(spot - other)) > 0.0705 for other in spots):
+            spots.append(spot)
+    return [
+        Robot(tag, float(x), float(y), rng.uniform(-np.pi, np.pi), 0.12)
+        for tag, (x, y) in zip(tags, spots, strict=True)
+    ]
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_blur_noise_and_uneven_light_cost_at_most_one_name_in_a_hundred(name: str) -> None:
+    family, tags = arrows(name)
+    detector = make_detector(family, tags, HEIGHT_M)
+    named = 0
+    for seed in range(3):
+        robots = {robot.tag: robot for robot in crowd(tags, 700 + seed)}
+        found = detector.detect(render(WIDE, family, [*robots.values()], HARD, seed=seed), WIDE)
+        found = found[found["tag"] != UNNAMED]
+        places = WIDE.to_plane(np.stack((found["x_px"], found["y_px"]), axis=1), HEIGHT_M)
+        for tag, place in zip(found["tag"].tolist(), places, strict=True):
+            assert np.hypot(*(place - (robots[tag].x_m, robots[tag].y_m))) < 1e-3
+        named += len(set(found["tag"].tolist()))
+    assert named >= 3 * ROBOTS - 1
+
+
+@pytest.fixture(scope="module", params=FAMILIES)
+def walk(request: pytest.FixtureRequest) -> FrameSet:
+    """60 pictures of 20 robots that drive, turn and spin below one camera."""
+    _, tags = arrows(request.param)
+    return Painter("walk", request.param, tuple(tags), cameras(1, 1)).walk(60)
+
+
+@pytest.mark.parametrize("plan", [*TABLE_2_1, (15, 0.11, True)])
+def test_every_plan_of_the_thesis_detects_20_of_20(
+    walk: FrameSet, plan: tuple[int, float] | tuple[int, float, bool]
+) -> None:
+    camera = walk.cameras[0]
+    family = load_family(walk.family)
+    heights = dict.fromkeys(walk.tags, MARKER_M)
+    tracker = ArenaTracker.for_family([camera], family, heights, plan=SearchPlan(*plan))
+    for number, (image, truth) in enumerate(zip(walk.images, walk.truth, strict=True)):
+        capture_ns = round(1e9 * number / FRAMES_PER_S)
+        state = tracker.update([Frame(camera.id, image, number, capture_ns, capture_ns)])
+        assert state.detected == ROBOTS and state.unnamed == 0 and state.robots["seen"].all()
+        poses = state.robots
+        seen = camera.project(
+            np.column_stack((poses["x_m"], poses["y_m"], np.full(ROBOTS, MARKER_M)))
+        )
+        order = np.argsort(truth.tags)
+        assert np.hypot(*(seen - truth.centres_px[order]).T).max() < 0.5
+    tracker.close()
+
+
+def test_a_cable_across_a_known_robot_does_not_lose_it() -> None:
+    family, tags = arrows("arrow4x4")
+    camera = Camera.looking_down("small", 0.0, 0.0, 2.43, 1620.0, (480, 360), LENS)
+    tracker = ArenaTracker.for_family([camera], family, dict.fromkeys(tags, HEIGHT_M))
+    lost = 0
+    for step in range(12):
+        robots = [
+            Robot(tag, -0.2 + 0.1 * k + 0.008 * step, 0.05 * (k % 2), 0.0, 0.12)
+            for k, tag in enumerate(tags[:4])
+        ]
+        picture = render(camera, family, robots, Look(litter=0), seed=step)
+        if step >= 3:
+            picture[:, 255:258] = 25
+        state = tracker.update([Frame("small", picture, step, step * 66_000_000, 0)])
+        lost += 4 - int(state.robots["seen"].sum())
+        for row in state.robots[state.robots["seen"]]:
+            (robot,) = (r for r in robots if r.tag == row["tag"])
+            assert np.hypot(row["x_m"] - robot.x_m, row["y_m"] - robot.y_m) < 2e-3
+    tracker.close()
+    assert lost <= 3

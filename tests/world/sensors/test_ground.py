@@ -1,0 +1,54 @@
+"""The ground sensor: three grey values, left to right."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.world.sensors.scenes import read, sensor
+from vsense.world.entities import Zone
+from vsense.world.floor import Floor
+
+
+def spot(x: float, y: float, color: tuple[int, int, int], radius: float = 0.005) -> Zone:
+    return Zone(f"{x}{y}", "circle", x, y, radius_m=radius, color=color)
+
+
+@pytest.mark.parametrize(
+    ("color", "grey"),
+    [
+        ((255, 255, 255), 1.0),
+        ((0, 0, 0), 0.0),
+        ((255, 0, 0), 0.299),
+        ((0, 255, 0), 0.587),
+        ((0, 0, 255), 0.114),
+        ((100, 150, 200), (0.299 * 100 + 0.587 * 150 + 0.114 * 200) / 255),
+    ],
+)
+def test_grey_is_the_weighted_sum_of_the_colours(color: tuple[int, int, int], grey: float) -> None:
+    (reading,) = read(sensor("<virtual_ground_sensor/>"), {1: (0, 0, 0)}, floor=Floor(color=color))
+    assert reading == pytest.approx([grey] * 3, abs=1e-12)
+    assert max(reading) <= 1.0
+
+
+@pytest.mark.parametrize("yaw_deg", [0.0, 90.0, 180.0, -135.0])
+def test_left_centre_and_right_look_where_they_sit_on_the_robot(yaw_deg: float) -> None:
+    yaw = math.radians(yaw_deg)
+    spots = []
+    for left, level in ((0.009, 51), (0.0, 102), (-0.009, 153)):
+        x = 1.0 + 0.03 * math.cos(yaw) - left * math.sin(yaw)
+        y = -0.5 + 0.03 * math.sin(yaw) + left * math.cos(yaw)
+        spots.append(spot(x, y, (level, level, level), 0.004))
+    (reading,) = read(sensor("<virtual_ground_sensor/>"), {1: (1.0, -0.5, yaw)}, spots)
+    assert reading == pytest.approx([0.2, 0.4, 0.6])
+
+
+def test_the_floors_picture_has_its_last_row_at_the_lowest_y() -> None:
+    picture = np.zeros((2, 2, 3), np.uint8)
+    picture[1, 1] = 255
+    floor = Floor(picture, (2.0, 2.0))
+    places = {1: (0.5, -0.5, 0.0), 2: (0.5, 0.5, 0.0), 3: (-0.5, -0.5, 0.0), 4: (9.0, -9.0, 0.0)}
+    readings = read(sensor("<virtual_ground_sensor/>"), places, floor=floor)
+    assert [round(reading[1], 9) for reading in readings] == [1, 0, 0, 1]

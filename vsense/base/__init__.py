@@ -1,0 +1,1 @@
+"""What all rooms stand on: poses, clocks, errors, files, processes, XML, the C libraries."""

@@ -1,0 +1,332 @@
+"""A terminal: messages and a live line on standard error, blocks of lines that are drawn over
+themselves, columns, and Ctrl-C, SIGTERM and a closed terminal as an event."""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from queue import Empty, SimpleQueue
+from types import FrameType
+from typing import Literal, TextIO
+
+from vsense.base.clock import host_ns
+from vsense.base.errors import CutShort, VsenseError, failing_as
+
+Level = Literal["info", "warning", "trouble"]
+
+QUIET_PERIOD_NS = 10_000_000_000
+"""Time between progress lines where the stream is no terminal."""
+
+
+_CONTROLS = re.compile(
+    "[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
+)
+"""Control characters, line separators, what changes the direction of writing, and halves of
+characters: the same as the wire's (`c_src/PROTOCOL.md`)."""
+
+
+def printable(text: str) -> str:
+    """Words of others, on one line, with an escape such as \\x1b for what would control a terminal.
+
+    Every text from a network passes through here before somebody sees it; that of robots is checked
+    where packets are read.
+    """
+    return _CONTROLS.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
+
+
+def printable_lines(text: str) -> str:
+    """As `printable`, of each line."""
+    return "\n".join(map(printable, text.split("\n")))
+
+
+class Console:
+    """One live line that is drawn over itself, and messages that scroll away above it.
+
+    For any thread. The stream is by default standard error; where it is no terminal the live line
+    becomes a plain line every ten seconds, where it is closed nothing is printed.
+
+    Attributes:
+        newest: the live line in its full length.
+        also: takes every message, too; must not wait.
+    """
+
+    def __init__(self, stream: TextIO | None = None) -> None:
+        self._stream = stream or sys.stderr or io.StringIO()
+        self._live = self._stream.isatty()
+        self._line = ""
+        self._printed_ns: int | None = None
+        self._lock = threading.Lock()
+        self.newest = ""
+        self.also: Callable[[str, Level], None] = lambda text, level: None
+
+    def say(self, text: str, level: Level = "info") -> None:
+        """Prints a message of its own; `level` says how bad it is."""
+        text = printable_lines(text)
+        self.also(text, level)
+        self.whisper(text)
+
+    def whisper(self, text: str) -> None:
+        """Prints a message on the stream only, for secrets: neither `also` nor a log gets it."""
+        # A stream that was closed must not end an experiment.
+        with self._lock, suppress(OSError):
+            self._erase()
+            print(printable_lines(text), file=self._stream)
+            self._printed_ns = None
+            self._draw()
+
+    def progress(self, line: str) -> None:
+        """Replaces the live line."""
+        self.newest = line = printable(line)
+        with self._lock, suppress(OSError):
+            if self._live:
+                self._erase()
+                self._line = line[: os.get_terminal_size(self._stream.fileno()).columns - 1]
+                self._draw()
+            elif self._is_due():
+                self._printed_ns = host_ns()
+                print(line, file=self._stream, flush=True)
+
+    def end_progress(self) -> None:
+        """Leaves the live line where it is and goes on below it."""
+        with self._lock, suppress(OSError):
+            if self._live and self._line:
+                print(file=self._stream, flush=True)
+            self._line = ""
+
+    def _is_due(self) -> bool:
+        """Whether a plain line is due: the first after a message, then every ten seconds."""
+        printed_ns = self._printed_ns
+        return printed_ns is None or host_ns() - printed_ns >= QUIET_PERIOD_NS
+
+    def _erase(self) -> None:
+        if self._live and self._line:
+            self._stream.write("\r\x1b[K")
+
+    def _draw(self) -> None:
+        if self._live:
+            self._stream.write(self._line)
+        self._stream.flush()
+
+
+LONG_S = 2.0
+"""What takes longer is told while it goes on."""
+
+
+@contextmanager
+def patience(console: Console, text: str) -> Iterator[None]:
+    """Says what is waited for, and for how long, where that is longer than `LONG_S`."""
+    over, begun_s = threading.Event(), time.monotonic()
+
+    def tell() -> None:
+        wait_s = LONG_S
+        while not over.wait(wait_s):
+            console.progress(f"{text}: {time.monotonic() - begun_s:.0f} s")
+            wait_s = 1.0
+
+    thread = threading.Thread(target=tell, name="vsense-patience", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+        console.end_progress()
+
+
+LAST_S = 1.7
+"""After SIGTERM a command takes no longer than this, but for the moment of leaving."""
+
+LEAST_S = 0.1
+
+LOOK_S = 0.5
+"""A signal that comes in the moment before a wait begins does not end it: Python's handler runs
+when the wait is over. So no wait lasts longer than this."""
+
+
+class Interruption(threading.Event):
+    """Set by the first of SIGINT, SIGTERM and SIGHUP that comes.
+
+    Attributes:
+        code: the command's exit code by then, 128 and the signal's number as in a shell: 130 after
+            Ctrl-C, which is also what it is before any signal, and 143 after SIGTERM.
+    """
+
+    code = 128 + signal.SIGINT
+    _came = _raises = _leaves_time = False
+    _last_s: float | None = None
+
+    def __init__(self) -> None:
+        super().__init__()
+        # What `threading.Event` holds while it waits and sets is not for a signal's handler, which
+        # may come in the middle of it: it would wait for itself. This is.
+        self._wakes: SimpleQueue[None] = SimpleQueue()
+
+    def is_set(self) -> bool:
+        """Whether a signal has come."""
+        return self._came
+
+    def set(self) -> None:
+        """Wakes all that wait; for handlers of signals, too."""
+        self._came = True
+        self._wakes.put(None)
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Waits for a signal, for `timeout` s at the longest; gives whether one has come."""
+        end_s = None if timeout is None else time.monotonic() + timeout
+        while not self._came:
+            left_s = LOOK_S if end_s is None else min(LOOK_S, end_s - time.monotonic())
+            if left_s <= 0.0:
+                break
+            with suppress(Empty):
+                self._wakes.get(timeout=left_s)
+                self._wakes.put(None)  # for whoever else waits
+        return self._came
+
+    def interrupt(self, number: int, frame: FrameType | None) -> None:
+        """The signals' handler."""
+        again = self.is_set()
+        if not again:
+            self.code = 128 + number
+        if number != signal.SIGINT and self._last_s is None:
+            self._last_s = time.monotonic() + LAST_S
+        self.set()
+        if self._raises or (self._leaves_time and again):
+            self._raises = self._leaves_time = False
+            raise CutShort(self.code)
+        if self._leaves_time:
+            self._set_alarm()
+
+    @contextmanager
+    def at_once(self) -> Iterator[None]:
+        """Has a signal raise CutShort where the main thread is, which looks at nothing there."""
+        self._raises = True
+        try:
+            if self.is_set():
+                raise CutShort(self.code)
+            yield
+        finally:
+            self._raises = False
+
+    @contextmanager
+    def in_time(self) -> Iterator[None]:
+        """What is worth some seconds after Ctrl-C: CutShort where it is not over `LAST_S` after a
+        SIGTERM, or at the next signal."""
+        before = signal.signal(signal.SIGALRM, self._ring)
+        self._leaves_time = True
+        try:
+            self._set_alarm()
+            yield
+        finally:
+            self._leaves_time = False
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            signal.signal(signal.SIGALRM, before)
+
+    def _set_alarm(self) -> None:
+        if self._last_s is not None:
+            left_s = max(self._last_s - time.monotonic(), LEAST_S)
+            signal.setitimer(signal.ITIMER_REAL, left_s)
+
+    def _ring(self, number: int, frame: FrameType | None) -> None:
+        raise CutShort(self.code)
+
+
+@contextmanager
+def interruption() -> Iterator[Interruption]:
+    """Gives an event that SIGINT, SIGTERM and SIGHUP set, instead of what they did before.
+
+    SIGHUP is left alone where it is ignored: `nohup` did that.
+    """
+    interrupted = Interruption()
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
+        numbers.append(signal.SIGHUP)
+    before = {number: signal.signal(number, interrupted.interrupt) for number in numbers}
+    try:
+        yield interrupted
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+class LiveBlock:
+    """A block of lines at the foot of a terminal; where there is none, it is printed once more.
+
+    `has_blocks`: whether the stream takes Unicode's block characters.
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._live = stream.isatty()
+        self._drawn = 0
+        self.has_blocks = (stream.encoding or "").lower().replace("-", "") == "utf8"
+
+    def draw(self, lines: Sequence[str]) -> None:
+        """Draws lines in the place of those before."""
+        if self._live:
+            columns = shutil.get_terminal_size().columns
+            # A line that the terminal breaks is two, and the next block would begin too low.
+            lines = [line[: columns - 1] for line in lines]
+            if self._drawn:
+                self._stream.write(f"\x1b[{self._drawn}A\r\x1b[J")
+        self._stream.write("".join(f"{line}\n" for line in lines))
+        self._stream.flush()
+        self._drawn = len(lines)
+
+
+def aligned(rows: Sequence[Sequence[str]], left: int | None = None) -> list[str]:
+    """Aligns cells in columns, two blanks apart: `left` of them flush left, None: all."""
+    widths = [max(map(len, column)) for column in zip(*rows)]
+    lines = []
+    for row in rows:
+        cells = [
+            cell.ljust(width) if left is None or number < left else cell.rjust(width)
+            for number, (cell, width) in enumerate(zip(row, widths))
+        ]
+        lines.append("  ".join(cells).rstrip())
+    return lines
+
+
+def paged(text: str) -> None:
+    """Prints on standard output; on a terminal, with `$PAGER` or less where it is longer than that.
+
+    Who reads only its begin ends nothing. VsenseError if it cannot be written.
+    """
+    stream = sys.stdout or io.StringIO()
+    words = (os.environ.get("PAGER") or "less").split()
+    fits = text.count("\n") < shutil.get_terminal_size().lines
+    if not stream.isatty() or fits or not words or shutil.which(words[0]) is None:
+        try:
+            print(text, end="", flush=True, file=stream)
+        except BrokenPipeError:
+            drop_output()
+        except OSError as error:
+            drop_output()
+            raise VsenseError(f"standard output: {error.strerror}") from None
+        return
+    # Ctrl-C is the pager's, which goes on: who would restore the terminal if it were left alone?
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        options = {"LESS": "FRX", **os.environ}
+        subprocess.run(words, input=text, encoding="utf-8", env=options, check=False)
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def drop_output() -> None:
+    """Discards what is printed from now on: the program that read it has ended."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def print_data(text: str) -> None:
+    """Prints on standard output, at once; VsenseError if it is closed."""
+    with failing_as(VsenseError, "standard output"):
+        print(text, flush=True)

@@ -1,1 +1,0 @@
-"""The link to robots that run vsensed."""

@@ -1,0 +1,1 @@
+"""Three ways to run an experiment: simulated, in the lab, with real robots."""

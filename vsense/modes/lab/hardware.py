@@ -1,0 +1,172 @@
+"""What the lab's robots differ in: wheels, axles, sensors, and markers that were put on by hand.
+
+Each is drawn by its tag and a seed of its own: the robot with a marker is the same one in every
+experiment and run, as in a real lab, until another seed buys new robots.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.config.roster_fields import MarkerOffset
+from vsense.modes.lab.radio import EmulatedRadio
+from vsense.modes.lab.real_sensors import SensorHardware, draw_sensors
+from vsense.vision.tracking.marker_offsets import turned
+from vsense.world.physics.motion import AXLE_M, STEP_M
+
+Floats = NDArray[np.float64]
+
+DIAMETER_MM = 1000.0 * STEP_M * 1000.0 / math.pi
+"""Of the nominal wheel: 41."""
+
+_MOST_RATIO = 1.095
+"""Of two wheels: what `vsensed` can be told ends at 1.1."""
+
+
+@dataclass(frozen=True, slots=True)
+class HardwareErrors:
+    """How far robots may be off, each up to so much both ways; all 0: none is.
+
+    Attributes:
+        marker_m, marker_rad: a marker's centre, in any direction, and its heading.
+        wheel: each wheel's diameter, and the axle's length, as a share.
+        sensor: each sensor's sensitivity, as a share; see `draw_sensors`.
+        seed: of the draw.
+    """
+
+    marker_m: float = 0.0
+    marker_rad: float = 0.0
+    wheel: float = 0.0
+    seed: int = 0
+    sensor: float = 0.0
+
+    @property
+    def any(self) -> bool:
+        """Whether anything is drawn."""
+        return max(self.marker_m, self.marker_rad, self.wheel, self.sensor) > 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class RobotHardware:
+    """How one robot is built.
+
+    Attributes:
+        left, right: way of a wheel over that of the nominal one.
+        axle_m: distance of the wheels.
+        sensors: how they are; None: nominal.
+    """
+
+    marker: MarkerOffset
+    left: float
+    right: float
+    axle_m: float
+    sensors: SensorHardware | None = None
+
+    @property
+    def wheel_diameter_mm(self) -> float:
+        """The mean of both wheels."""
+        return DIAMETER_MM * (self.left + self.right) / 2.0
+
+    @property
+    def wheel_ratio(self) -> float:
+        """The right wheel over the left one."""
+        return self.right / self.left
+
+    def told(self) -> dict[str, Any]:
+        """What reports and recordings say of it, by the roster's names."""
+        return {
+            "wheel_diameter_mm": round(self.wheel_diameter_mm, 4),
+            "wheel_ratio": round(self.wheel_ratio, 6),
+            "axle_length_mm": round(1000.0 * self.axle_m, 4),
+            "marker": self.marker.values,
+            **({} if self.sensors is None else scales(self.sensors.spans)),
+        }
+
+    def for_physics(self) -> list[float]:
+        """What the lab's physics process is told."""
+        return [self.left, self.right, self.axle_m]
+
+
+def scales(spans: Mapping[str, Floats]) -> dict[str, str]:
+    """Spans (n, 2) of raw readings as the roster has them: "67:1466,..."."""
+    return {
+        name: ",".join(f"{low:.0f}:{high:.0f}" for low, high in rows)
+        for name, rows in spans.items()
+    }
+
+
+def draw(tag: int, errors: HardwareErrors) -> RobotHardware:
+    """Draws the robot with a tag."""
+    random = np.random.default_rng([errors.seed, tag, 11])
+    # A disc's even distribution; all numbers are always drawn, so that each depends on itself only.
+    away_m = errors.marker_m * math.sqrt(random.random())
+    bearing_rad = random.uniform(-math.pi, math.pi)
+    yaw_rad = errors.marker_rad * random.uniform(-1.0, 1.0)
+    left, right, axle = 1.0 + errors.wheel * random.uniform(-1.0, 1.0, 3)
+    right = float(np.clip(right, left / _MOST_RATIO, left * _MOST_RATIO))
+    sensors = draw_sensors(random, errors.sensor) if errors.sensor > 0.0 else None
+    x_m, y_m = away_m * math.cos(bearing_rad), away_m * math.sin(bearing_rad)
+    return RobotHardware(
+        MarkerOffset(x_m, y_m, float(yaw_rad)),
+        float(left),
+        right,
+        float(AXLE_M * axle),
+        sensors,
+    )
+
+
+_DEAD = 1e-6
+"""What the wheels of dead motors still do: physics divides by it."""
+
+
+def draw_all(
+    tags: Sequence[int], errors: HardwareErrors, dead: Collection[int] = ()
+) -> dict[int, RobotHardware]:
+    """Draws the robots with these tags, of which the `dead` do not move; none where all is as it
+    should be."""
+    if not errors.any and not dead:
+        return {}
+    robots = {tag: draw(tag, errors) for tag in tags}
+    return robots | {tag: replace(robots[tag], left=_DEAD, right=_DEAD) for tag in dead}
+
+
+def told_all(robots: Mapping[int, RobotHardware]) -> dict[str, Any]:
+    """The truth about drawn robots for reports and recordings: "hardware", by tag; or nothing."""
+    told = {str(tag): robot.told() for tag, robot in robots.items()}
+    return {"hardware": told} if told else {}
+
+
+@dataclass(frozen=True, slots=True)
+class LabRobots:
+    """How a lab's robots differ from nominal ones, and what is known of that.
+
+    Attributes:
+        hardware: how robots are built, by tag; empty: as they should be.
+        markers: by tag, where the tracker takes markers to sit on their robots.
+        settings: by tag, what `vsensed` is told that was measured of its robot.
+        worn: by tag, the markers of robots that wear another one.
+        radios: by tag, the Wi-Fi of robots that have one.
+        black: x, y, radius [m] of black discs on the floor, which ground sensors see.
+    """
+
+    hardware: Mapping[int, RobotHardware] = field(default_factory=dict)
+    markers: Mapping[int, MarkerOffset] = field(default_factory=dict)
+    settings: Mapping[int, Mapping[str, str]] = field(default_factory=dict)
+    worn: Mapping[int, int] = field(default_factory=dict)
+    radios: Mapping[int, EmulatedRadio] = field(default_factory=dict)
+    black: Sequence[tuple[float, float, float]] = ()
+
+
+NOMINAL = LabRobots()
+
+
+def to_markers(poses: Floats, offsets: Floats) -> Floats:
+    """Poses (n, 3) of markers from those of their bodies, with offsets (n, 3) in their frames."""
+    arm_x, arm_y = turned(offsets, poses[:, 2])
+    return np.column_stack((poses[:, 0] + arm_x, poses[:, 1] + arm_y, poses[:, 2] + offsets[:, 2]))

@@ -1,0 +1,348 @@
+"""One run in the lab: starts every process, handles all timesteps, and ends everything again."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.base.arena import Frame
+from vsense.base.errors import VsenseError
+from vsense.base.shared import LabError
+from vsense.config.casting import Pair
+from vsense.config.parts import spares_for
+from vsense.config.specs import Experiment
+from vsense.modes.lab.calibrated import CalibratedRig
+from vsense.modes.lab.camera_spec import CameraGrid, robot_body, spec_for
+from vsense.modes.lab.canary import Canary
+from vsense.modes.lab.grabber import LabGrabber
+from vsense.modes.lab.hardware import NOMINAL, LabRobots, to_markers
+from vsense.modes.lab.metrics import TrackingTally
+from vsense.modes.lab.physics_process import FloorProcess
+from vsense.modes.lab.swarm import Robot, Swarm
+from vsense.modes.lab.truth import TruthReader, make_ring
+from vsense.modes.live.session import PATIENCE_S, ExperimentSession, RunSetup
+from vsense.monitor.pictures.run_samples import RunSamples
+from vsense.robots import build
+from vsense.robots.link.status import RobotStatus
+from vsense.run.changing import Ground
+from vsense.run.directory import RunTables, step_row
+from vsense.run.figures import Figures
+from vsense.run.recasting import played
+from vsense.run.robots import Readiness
+from vsense.run.runtime import Step
+from vsense.vision.markers.families import load_family
+from vsense.vision.tracking.arena_tracker import ArenaTracker
+from vsense.vision.tracking.camera_tracking import CameraTracking
+
+READY_TIMEOUT_S = 20.0
+"""All robots must be connected and seen within this time."""
+
+
+class StepTimes:
+    """The times of a run's timesteps, 40 bytes each: a run may take days."""
+
+    def __init__(self) -> None:
+        self._numbers = array("q")
+
+    def __len__(self) -> int:
+        return len(self._numbers) // 5
+
+    def add(self, step: Step) -> None:
+        """Adds a timestep."""
+        self._numbers.extend(
+            (step.timestep, step.run_timestep, step.capture_ns, step.arena_ns, step.sent_ns)
+        )
+
+    def columns(self) -> NDArray[np.int64]:
+        """All so far: (5, n) timestep, run_timestep, capture_ns, arena_ns, sent_ns."""
+        columns: NDArray[np.int64] = np.array(self._numbers, dtype=np.int64).reshape(-1, 5).T
+        return columns
+
+
+LINK_COUNTERS = ("sent", "received", "dropped", "defects")
+
+
+@dataclass(slots=True)
+class RunNotes:
+    """The host's notes of a run.
+
+    Attributes:
+        directory: where the run's figures go.
+        resting: robots that were not in it, as `ExperimentSession.resting`.
+        experiment: with who plays in this run.
+        robots: they, in its order.
+        parts: who played which part, as in summaries.
+        ended: what ended it, as `Runner.ended`.
+        steps: the run's timesteps.
+        tracking: what was read of the markers, against the truth.
+        samples: the virtual world and the experiment's measures over time.
+        measures: the experiment's own, of the whole run.
+        pictures: the cameras' pictures at chosen timesteps of the run.
+        link: `sent`, `received`, `dropped` packets with readings, `reconnects`, `defects`.
+        lateness_ms: the canary's ticks.
+        light_level: how light the first pictures were, 0 to 1.
+    """
+
+    samples: RunSamples
+    tracking: TrackingTally
+    seed: int
+    directory: Path
+    experiment: Experiment
+    robots: Sequence[Robot]
+    parts: Sequence[Mapping[str, Any]] = ()
+    resting: tuple[str, ...] = ()
+    ended: str = ""
+    measures: dict[str, float] = field(default_factory=dict)
+    steps: StepTimes = field(default_factory=StepTimes)
+    pictures: dict[int, list[Frame]] = field(default_factory=dict)
+    link: dict[str, int] = field(
+        default_factory=lambda: dict.fromkeys((*LINK_COUNTERS, "reconnects"), 0)
+    )
+    lateness_ms: list[float] = field(default_factory=list)
+    light_level: float | None = None
+
+
+class Session(ExperimentSession):
+    """Everything that runs in the lab; no process is left behind."""
+
+    quiet = frozenset({"connected"})
+
+    def __init__(
+        self,
+        setup: RunSetup,
+        directory: Path,
+        base: str,
+        watchdog: bool = False,
+        legacy_port: int | None = None,
+        grid: CameraGrid | None = None,
+        known: CalibratedRig | None = None,
+        robots: LabRobots = NOMINAL,
+    ) -> None:
+        """Prepares runs of robots on a `base` of `modes/lab/links.py`; `directory` exists.
+
+        Their firmware has a `watchdog`, as in `Microcontrollers`, or none. On `legacy_port` the
+        original's client gets the readings of a robot of the lab. `grid` is the cameras', as in
+        `vsense.modes.lab.camera_spec.rig`; `known` are others, tracked with as far as they are
+        known; `robots` what they differ in.
+
+        Raises:
+            VsenseError: something in the experiment cannot be made.
+        """
+        super().__init__(setup, legacy_port)
+        self.directory = directory
+        self.truth_log = directory / "truth.bin"
+        self.recordings: list[RunNotes] = []
+        self._base = base
+        self._watchdog = watchdog
+        self._grid = grid
+        self.known, self.robots = known, robots
+        self._ready = False
+        self.dt_ns = setup.experiment.timestep_ns
+
+    def _open(self) -> None:
+        experiment, seed = self.experiment, self.setup.seed
+        port = self._start_server()
+        truth = make_ring(len(experiment.robots) + len(experiment.objects))
+        self._stack.callback(truth.close)
+        self._truth = TruthReader(truth.name)
+        self._stack.callback(self._truth.close)
+        # The cameras build their scene while everything else starts.
+        hardware = self.robots.hardware
+        true = None if self.known is None else self.known.true
+        where = truth.name, seed, self.truth_log, self._grid
+        spec = spec_for(experiment, *where, true, hardware, self.robots.worn)
+        self._markers = np.array([body.marker for body in spec.bodies])
+        grabber = LabGrabber(spec)
+        self._stack.callback(grabber.close)
+        self._grabber = grabber
+        daemons = {c.id: build.daemon(c.program) for c in experiment.controllers}
+        self.cameras = grabber.cameras if self.known is None else list(self.known.found)
+        self.tracking = self._track(grabber)
+        self._stack.callback(self.tracking.close)
+        floor = experiment, truth.name, seed, self.directory, self._base, self._watchdog
+        self.floor = FloorProcess(*floor, hardware, self.robots.black)
+        self._stack.callback(self.floor.close)
+        keys = self.setup.trust.keys
+        place = experiment.host, port, seed, self.directory / "robots"
+        self.swarm = Swarm(*place, keys, self.robots.radios)
+        self._stack.callback(self.swarm.end)
+        for robot, base in zip(experiment.robots, self.floor.bases):
+            settings = self.robots.settings.get(robot.tag, {})
+            self.swarm.start(daemons[robot.controller], robot.tag, robot.id, base, settings)
+        self.setup.room.recorders.watch_family(experiment.marker, self.tracking)
+        scene = self._scene("lab", self.cameras, {}, self.tracking.troubles)
+        if self.known is not None:
+            scene = replace(scene, calibration=self.known.checked)
+        runtime = self._open_room(self.tracking, scene, ground=Ground(self.floor.put))
+        grabber.start()
+        runtime.open()
+        self._stack.callback(runtime.close)
+
+    def _track(self, grabber: LabGrabber) -> CameraTracking:
+        experiment = self.experiment
+        # Who may be put in between runs is known as soon as it is seen.
+        tags = (*self._tags, *spares_for(experiment))
+        heights = dict.fromkeys(tags, experiment.marker.height_m)
+        family = load_family(experiment.marker.family)
+        offsets = self.robots.markers
+        tracker = ArenaTracker.for_family(self.cameras, family, heights, offsets=offsets)
+        return CameraTracking(grabber, tracker, self.setup.console.say)
+
+    @property
+    def _tags(self) -> list[int]:
+        """The markers of all bodies, in the order of the truth."""
+        experiment = self.experiment
+        return [*(r.tag for r in experiment.robots), *(t.tag for t in experiment.objects)]
+
+    def wait_until_ready(self) -> None:
+        """Handles timesteps until every robot is connected and every tag is seen.
+
+        Later runs of a series start without those that are missing after `PATIENCE_S`.
+
+        Raises:
+            LabError: before the first run a daemon has ended, or a robot or tag is still missing
+                after `READY_TIMEOUT_S`; the message names them.
+            NobodyThere: before a later run no robot is there.
+        """
+        if self.runner.control.run > 1:
+            self.wait_for_some(PATIENCE_S)
+            return
+        try:
+            readiness = self.runner.wait(READY_TIMEOUT_S)
+        except VsenseError:
+            self.floor.check()
+            raise
+        self._ready = True
+        started = self.setup.interrupted.is_set() or self.runner.control.asked
+        if not readiness.complete and not started:
+            logs = f" (the robots' logs are in {self.directory / 'robots'})"
+            raise LabError(
+                f"the swarm is not ready after {READY_TIMEOUT_S:.0f} s;"
+                f" {readiness.missing_text()}{logs if readiness.absent else ''}"
+            )
+
+    def wait_patiently(self, limit_s: float | None) -> Readiness:
+        """See `ExperimentSession`; a daemon that ends is told from now on, and the rest goes on."""
+        self._ready = True
+        try:
+            return super().wait_patiently(limit_s)
+        except VsenseError:
+            self.floor.check()
+            raise
+
+    def _observe(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
+        """Checks cameras and daemons; LabError where one has ended before all were ready."""
+        self.tracking.check_cameras()
+        super()._observe(step, robots)
+        for robot, how in self.swarm.fallen():
+            log = self.swarm.log(robot.tag)
+            if not self._ready:
+                said = log.read_text(errors="replace").strip().splitlines()
+                raise LabError(f"robot {robot.name}: its daemon {how}: {said[-1] if said else ''}")
+            self.setup.console.say(
+                f"robot {robot.name}: its daemon {how} (log: {log});"
+                " the experiment goes on without it;"
+                f" start it again with {self.swarm.script(robot.tag)}"
+            )
+
+    def run(self, directory: Path, observe: Callable[[Step], None]) -> None:
+        """Starts all robots together, handles the run's timesteps, and stops them.
+
+        `directory` is that of the run's figures; `observe` is called after every timestep.
+
+        Raises:
+            VsenseError: something has failed; what was recorded until then is kept.
+        """
+        tracking = TrackingTally(self._tags)
+        seed = self.environment.seed
+        who = self.experiment, tuple(self.swarm.robots)
+        notes = RunNotes(RunSamples(self.experiment), tracking, seed, directory, *who)
+        notes.resting = self.resting
+        self.recordings.append(notes)
+        canary = Canary()
+        self._stack.callback(canary.close)
+        failure: VsenseError | None = None
+        try:
+            self._run_timesteps(notes, observe)
+        except VsenseError as error:
+            failure = error
+        self.stop()
+        notes.parts = played(self.experiment, self.runner.robots)
+        notes.ended, counters = self.runner.ended, self.runner.counters
+        notes.lateness_ms = canary.end()
+        notes.link = {name: getattr(counters, name) for name in LINK_COUNTERS}
+        notes.link["reconnects"] = self.runner.reconnects
+        if failure is not None:
+            # Without physics the cameras fail, too: report what failed first.
+            self.floor.check()
+            raise failure
+        try:
+            notes.measures = self.environment.end()
+        finally:
+            for text in self.environment.said():
+                self.setup.console.say(f"loop functions: {text}")
+
+    def _run_timesteps(self, notes: RunNotes, observe: Callable[[Step], None]) -> None:
+        pictures, samples = notes.pictures, notes.samples
+        counted, world = Figures(self.experiment), self.environment.world
+        trouble = lambda text: self.setup.console.say(f"vsense: {text}", "trouble")  # noqa: E731
+        tables = RunTables(notes.directory, self.experiment.timestep_s, trouble)
+        step: Step | None = None
+        try:
+            for step in self.runner.timesteps():
+                notes.steps.add(step)
+                moment = counted.observe(step, self.runner.robots)
+                counts = moment.connected, moment.seen, moment.stale
+                tables.add(*step_row(step), counts, world.results)
+                self._judge(step, notes.tracking)
+                samples.add(step.run_timestep, self.environment.world)
+                if step.run_timestep in samples.kept:
+                    pictures[step.run_timestep] = copy_frames(step.frames)
+                observe(step)
+        finally:
+            notes.light_level = counted.light_level
+            tables.close()
+            samples.end(self.environment.world)
+            if step is not None:
+                pictures[step.run_timestep] = copy_frames(step.frames)
+
+    def _unable(self, tag: int) -> str:
+        """See `ExperimentSession`."""
+        family = load_family(self.experiment.marker.family)
+        if not 0 <= tag < family.tags:
+            return f"the markers {family.name} have tags from 0 to {family.tags - 1}"
+        if self.robots.hardware and tag not in self.robots.hardware:
+            return f"the lab has drawn no robot {tag}: --roster names those that it has"
+        return ""
+
+    def _make_room(self, pair: Pair, experiment: Experiment) -> None:
+        """Another robot stands where the one stood, with a marker and a daemon of its own."""
+        out, new = pair
+        row = next(n for n, robot in enumerate(self.experiment.robots) if robot.tag == out)
+        robot, built = experiment.robots[row], self.robots.hardware.get(new)
+        body = robot_body(experiment, new, built, self.robots.worn)
+        if built is not None:
+            self.floor.rebuild(row, built)
+        self._grabber.dress(row, body)
+        self._markers[row] = body.marker
+        daemon = build.daemon(experiment.controller_of(robot).program)
+        self.swarm.replace(row, daemon, new, self.robots.settings.get(new, {}))
+
+    def _judge(self, step: Step, tracking: TrackingTally) -> None:
+        """Compares what was read of the markers with the truth, while the ring holds it."""
+        try:
+            poses, _ = self._truth.at(step.capture_ns)
+        except LabError:
+            return  # the host is seconds late, and says so
+        tracking.add(step.state.sightings, to_markers(poses, self._markers))
+
+
+def copy_frames(frames: Sequence[Frame]) -> list[Frame]:
+    """Copies pictures that are kept, so that their slots return to the cameras."""
+    return [replace(frame, image=frame.image.copy()) for frame in frames]

@@ -1,0 +1,293 @@
+"""The robots' daemons: one real `vsensed` per robot, started, watched and ended; and their traces.
+
+`vsensed --trace` writes the readings of each controller at every step.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import random
+import shlex
+import struct
+import subprocess
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.base.clock import pace
+from vsense.base.processes import describe_exit, end
+from vsense.base.shared import LabError
+from vsense.modes.lab.radio import EmulatedRadio
+from vsense.robots.link.keys import SwarmKeys, robot_file, write_private
+
+CLOCK_OFFSET_NS = 3_600_000_000_000
+"""Every robot's clock is off by up to an hour ..."""
+
+CLOCK_DRIFT_PPM = 100.0
+"""... and runs fast or slow by up to this much, as real boards do."""
+
+
+_NONE: Mapping[str, str] = {}
+_NO_RADIOS: Mapping[int, EmulatedRadio] = {}
+
+
+@dataclass(frozen=True, slots=True)
+class Robot:
+    """One robot of the lab.
+
+    Attributes:
+        daemon: its program.
+        name: its id in the experiment.
+        base: its daemon's `--base`, `KIND:DEVICE`.
+        clock_offset_ns: how far its own clock is ahead of the host's.
+        clock_drift_ppm: how much too fast its own clock runs.
+        trace: file of its daemon's control steps.
+        settings: more options of its daemon.
+    """
+
+    daemon: Path
+    tag: int
+    name: str
+    base: str
+    clock_offset_ns: int
+    clock_drift_ppm: float
+    trace: Path
+    settings: tuple[str, ...] = ()
+
+    def host_time_ns(self, local_ns: int) -> int:
+        """The host's clock when this robot's own clock shows `local_ns`."""
+        ahead_ns = local_ns - self.clock_offset_ns
+        # In integers: a double holds a month in nanoseconds only to half a microsecond.
+        return ahead_ns - round(ahead_ns * self.clock_drift_ppm / (1e6 + self.clock_drift_ppm))
+
+
+class Swarm:
+    """All daemons of one run. They are in sessions of their own: Ctrl-C is the lab's to handle."""
+
+    def __init__(
+        self,
+        host: str,
+        port: int,
+        seed: int,
+        directory: Path,
+        keys: SwarmKeys | None,
+        radios: Mapping[int, EmulatedRadio] = _NO_RADIOS,
+    ) -> None:
+        """Prepares an empty swarm; traces, logs and start scripts go into `directory`.
+
+        Each robot has a key made of `keys`; None: none has. Their files go with the swarm. Who is
+        in `radios`, by tag, tells of that; the others tell of none.
+        """
+        self._radios = radios
+        self._keys = keys
+        self._host = host
+        self._port = port
+        self._random = random.Random(seed)
+        self._directory = directory
+        self._directory.mkdir(parents=True, exist_ok=True)
+        self._processes: dict[int, subprocess.Popen[bytes]] = {}
+        self.robots: list[Robot] = []
+        self._ever: list[Robot] = []
+
+    def start(
+        self, daemon: Path, tag: int, name: str, base: str, settings: Mapping[str, str] = _NONE
+    ) -> Robot:
+        """Starts the daemon of one robot and leaves a script that starts it again.
+
+        `settings` are more options of it, by name.
+        """
+        trace, again = self._directory / f"{tag}.trace", 1
+        while trace in (robot.trace for robot in self._ever):
+            again += 1
+            trace = self._directory / f"{tag}-{again}.trace"
+        robot = Robot(
+            daemon,
+            tag,
+            name,
+            base,
+            self._random.randrange(-CLOCK_OFFSET_NS, CLOCK_OFFSET_NS),
+            round(self._random.uniform(-CLOCK_DRIFT_PPM, CLOCK_DRIFT_PPM), 3),
+            trace,
+            tuple(word for name, value in settings.items() for word in (f"--{name}", value)),
+        )
+        self.robots.append(robot)
+        self._ever.append(robot)
+        script = self.script(tag)
+        try:
+            command = self._command(robot)
+            if (radio := self._radios.get(tag)) is not None:
+                self.radio_file(tag).write_text(radio.file_text())
+            script.write_text(
+                f"#!/bin/sh\n# Starts this robot's daemon again.\nexec {shlex.join(command)}\n"
+            )
+            script.chmod(0o755)
+            log = self.log(tag).open("ab")
+        except OSError as error:
+            raise LabError(f"{error.filename}: {error.strerror}") from None
+        with log:
+            self._processes[tag] = subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
+            )
+        return robot
+
+    def replace(
+        self, row: int, daemon: Path, tag: int, settings: Mapping[str, str] = _NONE
+    ) -> None:
+        """Ends the daemon of the robot in a row, and starts that of another one in its part."""
+        gone = self.robots.pop(row)
+        process = self._processes.pop(gone.tag, None)
+        if process is not None:
+            process.terminate()
+            end(process)
+        self._key_file(gone).unlink(missing_ok=True)
+        self.start(daemon, tag, gone.name, gone.base, settings)
+        self.robots.insert(row, self.robots.pop())
+
+    def script(self, tag: int) -> Path:
+        """The script that starts a robot's daemon again."""
+        return self._directory / f"{tag}.sh"
+
+    def radio_file(self, tag: int) -> Path:
+        """What a robot reads of its radio, once a second; it is there where it has one."""
+        return self._directory / f"{tag}.radio"
+
+    def log(self, tag: int) -> Path:
+        """The output of a robot's daemon."""
+        return self._directory / f"{tag}.log"
+
+    def complaints(self) -> list[str]:
+        """What the controllers asked for in vain, or do not know: each complaint once."""
+        said = dict.fromkeys(
+            line.partition(": ")[2]
+            for robot in self.robots
+            for line in self.log(robot.tag).read_text(errors="replace").splitlines()
+            if line.startswith(f"vsensed {robot.tag}: controller '")
+        )
+        return list(said)
+
+    def fallen(self) -> list[tuple[Robot, str]]:
+        """Daemons that have ended since the last call, and how."""
+        ended = []
+        for robot in self.robots:
+            process = self._processes.get(robot.tag)
+            if process is not None and process.poll() is not None:
+                del self._processes[robot.tag]
+                ended.append((robot, describe_exit(process.returncode)))
+        return ended
+
+    def end(self) -> None:
+        """Ends all daemons: SIGTERM, and SIGKILL for those that do not end."""
+        for process in self._processes.values():
+            process.terminate()
+        for process in self._processes.values():
+            end(process)
+        self._processes.clear()
+        for robot in self.robots:
+            self._key_file(robot).unlink(missing_ok=True)
+
+    def _key_file(self, robot: Robot) -> Path:
+        return self._directory / f"{robot.tag}.key"
+
+    def _who(self, robot: Robot) -> list[str]:
+        """The options that say who a robot is; writes its key's file."""
+        uid = hashlib.sha256(f"vsense lab robot {robot.tag}".encode()).digest()[:16]
+        if self._keys is None:
+            return ["--uid", uid.hex(), "--insecure"]
+        file = self._key_file(robot)
+        write_private(file, robot_file(uid, self._keys.robot_key(uid)), 0o600)
+        return ["--key", str(file.resolve())]
+
+    def _command(self, robot: Robot) -> list[str]:
+        return [
+            str(robot.daemon),
+            *("--host", self._host, "--port", str(self._port)),
+            *("--tag", str(robot.tag), "--name", robot.name, *self._who(robot)),
+            *("--base", robot.base, "--trace", str(robot.trace.resolve())),
+            # This machine's own radio is no robot's.
+            *("--radio", str(self.radio_file(robot.tag).resolve())),
+            *robot.settings,
+            *("--clock-offset-ns", str(robot.clock_offset_ns)),
+            *("--clock-drift-ppm", str(robot.clock_drift_ppm)),
+            *(("--clock-permille", str(round(pace() * 1000))) if pace() < 1.0 else ()),
+        ]
+
+
+TRACE = np.dtype(
+    [
+        ("step", "i8"), ("timestep", "i8"), ("now_ns", "i8"), ("rx_ns", "i8"),
+        ("newest_ns", "i8"), ("known", "?"), ("value", "f8"), ("capture_ns", "i8"),
+        ("age_ns", "i8"), ("stale", "?"), ("left", "i8"), ("right", "i8"),
+    ]
+)  # fmt: skip
+"""One control step of one robot; all times on the host's clock.
+
+`now_ns` is when the controller was called, `rx_ns` when the datagram with the newest capture had
+come, `newest_ns` the time of that capture. `known` is whether the controller had a value of every
+virtual sensor, `value` that of the judged one, `capture_ns` when it was measured (the oldest one,
+where none is judged); `age_ns` (-1: unknown) and `stale` are the controller's. `left` and `right`
+are the commanded wheel speeds [steps/s].
+"""
+
+UNKNOWN_AGE = -1
+
+
+def read_trace(robot: Robot, sensors: Sequence[str], judged: str | None) -> NDArray[np.void]:
+    """Reads a robot's trace: (n,) TRACE; empty where the daemon never made a step.
+
+    `judged` is the one of its sensors whose value, one single, is read; None: no value is read. A
+    last line that the daemon did not finish is left out.
+
+    Raises:
+        LabError: a line is no trace line.
+    """
+    if not robot.trace.is_file():
+        return np.empty(0, TRACE)
+    rows = []
+    for number, line in enumerate(robot.trace.read_text().splitlines(keepends=True), 1):
+        words = line.split()
+        if line.endswith("\n") and words and words[0] == "step":
+            rows.append(_row(robot, words, sensors, judged, f"{robot.trace}:{number}"))
+    return np.array(rows, TRACE)
+
+
+def _row(
+    robot: Robot, words: list[str], sensors: Sequence[str], judged: str | None, where: str
+) -> tuple[object, ...]:
+    fields = dict(zip(words[::2], words[1::2]))
+    try:
+        return (
+            int(fields["step"]),
+            int(fields["timestep"]),
+            robot.host_time_ns(int(fields["now_ns"])),
+            robot.host_time_ns(int(fields["rx_ns"])),
+            int(fields["capture_ns"]),
+            *_held(fields["values"], sensors, judged),
+            int(fields["left"]),
+            int(fields["right"]),
+        )
+    except (KeyError, ValueError) as error:
+        raise LabError(f"{where}: not a trace line: {error}") from None
+
+
+def _held(
+    text: str, sensors: Sequence[str], judged: str | None
+) -> tuple[bool, float, int, int, bool]:
+    """Known, value, capture, age and stale out of "name=hex@capture:age:stale,...".
+
+    The times are those of the judged sensor; without one the oldest reading's, so that no
+    fresh sensor hides another's age.
+    """
+    found = dict(item.split("=", 1) for item in text.split(",")) if sensors else {}
+    held = [found[name] for name in sensors]
+    if not held or "-" in held:
+        return False, 0.0, 0, UNKNOWN_AGE, True
+    timed = held if judged is None else [found[judged]]
+    times = [item.split("@")[1].split(":") for item in timed]
+    capture, age, stale = min(times, key=lambda time: int(time[0]))
+    value = 0.0
+    if judged is not None:
+        (value,) = struct.unpack("<f", bytes.fromhex(found[judged].split("@")[0]))
+    return True, value, int(capture), int(age), stale != "0"

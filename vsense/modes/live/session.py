@@ -1,0 +1,398 @@
+"""One process's runs: the virtual world, the link to the robots, and the arena state's source."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from vsense.base.errors import VsenseError
+from vsense.base.files import read_bytes
+from vsense.base.sharing import user_name
+from vsense.base.terminal import Console, Interruption, Level
+from vsense.config.casting import Pair
+from vsense.config.parts import only_spares, parts_of, recast, spares_for
+from vsense.config.specs import Experiment
+from vsense.modes.live.batteries import RunBatteries
+from vsense.modes.live.sources import SteadySource, open_source
+from vsense.monitor.ui.access import is_loopback
+from vsense.monitor.ui.messages import ExperimentFacts
+from vsense.monitor.ui.room import ControlRoom
+from vsense.robots.link.keys import LinkTrust
+from vsense.robots.link.legacy.server import MixedServer
+from vsense.robots.link.server import LinkEvent, VirtualSensorServer
+from vsense.robots.link.status import EventKind, RobotStatus
+from vsense.robots.link.wire import GoodbyeCause
+from vsense.run.changes import Changes
+from vsense.run.changing import HANDS, Ground
+from vsense.run.control import Control, State
+from vsense.run.environment import Environment
+from vsense.run.homecoming import Starts, tell_end
+from vsense.run.homing.homing import Homing
+from vsense.run.orders import OrderError
+from vsense.run.recasting import Recasting
+from vsense.run.robots import (
+    Readiness,
+    battery_words,
+    expected_robots,
+    low_batteries,
+    make_server,
+    shorten,
+)
+from vsense.run.runner import Runner
+from vsense.run.runtime import Runtime, Step
+from vsense.run.watch import ArenaSource
+from vsense.vision.calibration.checked import of_tracking
+from vsense.vision.cameras.camera import Camera
+from vsense.vision.cameras.grabber import Troubles
+from vsense.vision.tracking.opening import masks_px
+
+TROUBLES = frozenset({"doubt", "defect"})
+"""Kinds of link events that somebody has to look after."""
+
+PATIENCE_S = 10.0
+"""In a series, every run but the first waits this long for robots, then starts without them."""
+
+
+class NobodyThere(VsenseError):
+    """A run cannot begin: not one robot is there."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunSetup:
+    """What all runs of one process are made from.
+
+    Attributes:
+        seed: of everything that is drawn in the first run.
+        blind: hold the virtual sensors at 0.
+        address: interface and port for the robots; port 0 takes a free one.
+        trust: which robots are believed.
+        interrupted: set to end everything.
+        room: where the runs are seen and steered.
+        made: how the experiment was read, for recordings; see `vsense.monitor.recording.resense`.
+        starts: where robots drive before each run; None: they stay where they are.
+        battery_v: who has less before a run, when it has driven to its start, rests in it; 0:
+            nobody does.
+        lease: takes robots that are put in between runs, by their tags, before they hear of it.
+    """
+
+    experiment: Experiment
+    seed: int
+    blind: bool
+    address: tuple[str, int]
+    trust: LinkTrust
+    console: Console
+    interrupted: Interruption
+    room: ControlRoom
+    made: Mapping[str, Any] = field(default_factory=dict)
+    starts: Starts | None = None
+    battery_v: float = 0.0
+    lease: Callable[[Collection[int]], None] = lambda tags: None
+
+
+class ExperimentSession(ABC):
+    """What `vsense run` and `vsense lab` share; a context that leaves no thread and no socket.
+
+    Attributes:
+        environment: the virtual world of the present run.
+        runner: waits for the robots and carries out the runs.
+        resting: robots that are not in the present run, by name: their batteries are low.
+        quiet: kinds of link events that are not printed.
+    """
+
+    quiet: frozenset[EventKind] = frozenset()
+    resting: tuple[str, ...] = ()
+
+    def __init__(self, setup: RunSetup, legacy_port: int | None = None) -> None:
+        """Makes the first world; `legacy_port` is for robots with the original's client."""
+        self.setup, self.experiment = setup, setup.experiment
+        self.environment = Environment(setup.experiment, setup.seed, setup.blind)
+        self.server: VirtualSensorServer = make_server(
+            setup.experiment,
+            self.environment.tables,
+            setup.address,
+            setup.seed,
+            setup.trust,
+            self._on_link_event,
+            legacy_port,
+        )
+        self._stack, self._over = ExitStack(), False
+        lease = lambda tag: setup.lease([tag])  # noqa: E731
+        self._recasting = Recasting(lambda: self.experiment, lease, self._unable)
+        self._put_in: set[int] = set()
+        self._emptied: set[int] = set()
+        roster = setup.experiment.casting.roster
+        self._batteries = RunBatteries(roster, setup.experiment.timestep_s)
+
+    def __enter__(self) -> None:
+        try:
+            with self.setup.interrupted.at_once():
+                self._open()
+        except BaseException:
+            self._stack.close()
+            raise
+
+    def __exit__(self, *exception: object) -> None:
+        self._stack.close()
+
+    @abstractmethod
+    def _open(self) -> None:
+        """Opens everything; `_stack` closes it again."""
+
+    def _start_server(self) -> int:
+        """Takes the robots' port; gives its number."""
+        port = self.server.start()
+        self._stack.callback(self._close_server)
+        return port
+
+    def _open_room(
+        self,
+        source: ArenaSource,
+        scene: ExperimentFacts,
+        suspends: bool = False,
+        ground: Ground = HANDS,
+    ) -> Runtime:
+        """Makes the runner and opens the control room; for `suspends` see `Control`.
+
+        Gives the runtime, which has yet to be opened.
+        """
+        setup, server = self.setup, self.server
+        changes = Changes(setup.console.say, setup.room.locked, ground)
+        runtime = Runtime(source, self.environment, server, changes=changes)
+        control = Control(server.command, setup.console.say, setup.room.holds, suspends)
+        self.runner = Runner(
+            *(setup.experiment, runtime, server, setup.console, setup.interrupted),
+            *(self._observe, control),
+            between=self._between,
+        )
+        if not isinstance(server, MixedServer):
+            control.replace = self._recasting.ask
+            setup.room.spares = lambda: spares_for(self.experiment)
+        setup.room.doubts, runner = self.doubts(), self.runner
+        setup.room.alarms, setup.room.leave = lambda: runner.alarms, setup.interrupted.set
+        setup.room.open(scene, self.environment, server, runtime, control)
+        return runtime
+
+    def _scene(
+        self, command: str, cameras: Sequence[Camera], trackers: dict[str, str], troubles: Troubles
+    ) -> ExperimentFacts:
+        text = read_bytes(self.experiment.path).decode(errors="replace")
+        made = dict(self.setup.made)
+        blind, user = self.setup.blind, user_name()
+        return ExperimentFacts(
+            *(command, text, blind, cameras, trackers, troubles, made), user=user
+        )
+
+    def _observe(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
+        """Is called after every timestep; see `vsense.run.runner.Observer`."""
+        self.setup.room.update(step, robots)
+        if step is not None and step.run_timestep >= 0:
+            self._batteries.update(step.run_timestep, robots)
+
+    def wait_patiently(self, limit_s: float | None) -> Readiness:
+        """Waits for all robots, at the longest so long, None: for ever.
+
+        Whoever is missing then may come later.
+        """
+        return self.runner.wait(limit_s)
+
+    def wait_for_some(self, limit_s: float | None) -> Readiness:
+        """As `wait_patiently`, and says without whom the run starts.
+
+        Raises:
+            NobodyThere: not one robot is there.
+        """
+        readiness = self.wait_patiently(limit_s)
+        if readiness.complete or self.setup.interrupted.is_set():
+            return readiness
+        missing = readiness.missing
+        if not {robot.id for robot in self.experiment.robots} - set(missing):
+            raise NobodyThere(f"no robot is there; {readiness.missing_text()}")
+        words = f"starting without {shorten(missing)}; {readiness.missing_text()}"
+        self.setup.console.say(words, "warning")
+        return readiness
+
+    def home(self) -> Homing | None:
+        """Has the robots drive to the starts of the present run, where that is wanted.
+
+        Gives how it went; None where they stay where they are. Who has too little in its battery
+        by then rests in the run.
+        """
+        starts, homing = self.setup.starts, None
+        if starts is not None:
+            homing = starts.homing(self.environment.experiment, self.environment.seed)
+            self.runner.home(homing)
+            if homing.done or homing.spent_s:  # else somebody has ended it before it began
+                tell_end(homing, self.setup.console)
+        self._leave_out_low()
+        return homing
+
+    def _leave_out_low(self) -> None:
+        """Has those whose batteries are low rest in the run, and says who they are."""
+        low = low_batteries(self.runner.robots, self.setup.battery_v)
+        for tag, volts in low.items():
+            name = self.runner.robots[tag].name
+            words = f"robot {tag} ({name}) {battery_words(volts)}: it stands in this run"
+            self.setup.console.say(words, "warning")
+        self.resting = tuple(self.runner.robots[tag].name for tag in low)
+        self.server.rest(low)
+
+    def _unable(self, tag: int) -> str:
+        """Why a robot cannot be put in; "": it can."""
+        return ""
+
+    @abstractmethod
+    def _make_room(self, pair: Pair, experiment: Experiment) -> None:
+        """Has whatever sees and moves robots know of one who is put in for another.
+
+        Raises:
+            VsenseError: that cannot be; everything is as before.
+        """
+
+    def _between(self) -> None:
+        """Puts robots in that people wish for; between runs, before a timestep."""
+        for wish in self._recasting.due():
+            out, new = wish.pair
+            try:
+                self._recast(wish.pair)
+            except VsenseError as error:
+                text = f"robot {new} is not put in for {out}: {error}"
+                self.setup.console.say(text, "trouble")
+                continue
+            name = next(robot.id for robot in self.experiment.robots if robot.tag == new)
+            part = parts_of(self.experiment)[new]
+            whose = "its own part" if part == new else f"the part of {part}"
+            control = self.runner.control
+            run = control.run + (control.state is State.ENDED)
+            text = f"robot {new} plays {whose} ({name}) from run {run} on"
+            self.setup.console.say(f"{wish.by}: {text}", "warning")
+
+    def _put_in_spares(self) -> None:
+        """Has the roster's spares play for robots whose batteries are low, while there are some."""
+        if isinstance(self.server, MixedServer):
+            return
+        low = low_batteries(self.runner.robots, self.setup.battery_v)
+        spares = [t for t in only_spares(self.experiment) if t not in self._emptied | low.keys()]
+        for (tag, volts), spare in zip(low.items(), spares):
+            self._emptied.add(tag)
+            try:
+                self._recasting.ask((tag, spare), f"robot {tag} {battery_words(volts)}")
+            except OrderError as error:
+                self.setup.console.say(f"no spare for robot {tag}: {error}", "warning")
+
+    def _recast(self, pair: Pair) -> None:
+        experiment, settled = recast(self.experiment, pair), self.environment.experiment
+        environment = self.environment.recast(recast(settled, pair))
+        self._make_room(pair, experiment)
+        self.experiment, self.environment = experiment, environment
+        starts = self.setup.starts
+        if starts is not None:
+            starts = replace(starts, experiment=recast(starts.experiment, pair))
+        self.setup = replace(self.setup, experiment=experiment, starts=starts)
+        self._put_in.add(pair[1])
+        self.server.recast(expected_robots(experiment, environment.tables, self._put_in))
+        self.runner.recast(environment)
+        self.setup.room.recast(environment)
+
+    def next_run(self) -> None:
+        """Goes back to before the start of the next run, whose seed is one more."""
+        self._put_in_spares()
+        self._between()
+        self.environment = self.environment.following()
+        self.runner.next_run(self.environment)
+        self._over = False
+
+    def stop(self) -> None:
+        """Stops all robots and waits for their last telemetry; see `Runner.stop`."""
+        # The words before a failure; otherwise they were told with their timestep.
+        for text in self.environment.said():
+            self._tell(f"loop functions: {text}")
+        # From here on silence is expected and not reported.
+        self._over = True
+        self.runner.stop()
+        try:
+            self._batteries.end()
+        except VsenseError as error:
+            self.setup.console.say(f"the batteries' history: {error}", "trouble")
+
+    def doubts(self) -> list[str]:
+        """How other machines could move robots without showing who they are."""
+        server, host = self.server, self.setup.address[0]
+        if is_loopback(host):
+            return []
+        doubts = []
+        if self.setup.trust.insecure:
+            doubts.append(f"robots' port on {host} (--insecure): anybody can drive robots")
+        if isinstance(server, MixedServer):
+            where = f"original client's port {server.legacy_port} on {host}"
+            doubts.append(f"{where}: whoever has a robot's address is taken for it")
+        return doubts
+
+    def _close_server(self) -> None:
+        self._over = True
+        self.server.close(GoodbyeCause.END, "the run has ended")
+
+    def _on_link_event(self, event: LinkEvent) -> None:
+        if event.kind not in self.quiet:
+            self._tell(event.text, "trouble" if event.kind in TROUBLES else "info")
+
+    def _tell(self, text: str, level: Level = "info") -> None:
+        if not self._over:
+            self.setup.console.say(text, level)
+
+
+class RunSession(ExperimentSession):
+    """The runs with real robots, from the arena states of `source`; they connect to `port`."""
+
+    def __init__(
+        self, setup: RunSetup, tracking: tuple[str, str] | None, legacy_port: int | None
+    ) -> None:
+        """Prepares the runs; for `tracking` see `open_source`."""
+        super().__init__(setup, legacy_port)
+        self._tracking = tracking
+
+    def _open(self) -> None:
+        self.source: SteadySource = open_source(self.experiment, self._tracking, self._tell)
+        self._stack.callback(self.source.close)
+        self.port = self._start_server()
+        own = self.source.own
+        if own is not None:
+            # Recordings hold what the tracker sees.
+            self.setup.room.recorders.watch_session(own.session, own.tracking)
+        views = () if own is None else own.session.views
+        scene = self._scene(
+            "run",
+            [view.camera for view in views],
+            {view.camera.id: view.tracker.id for view in views},
+            Troubles() if own is None else own.tracking.troubles,
+        )
+        if own is not None:
+            scene = replace(
+                scene,
+                recorded=not own.session.is_live,
+                masks=masks_px(own.session),
+                calibration=of_tracking(own.session),
+            )
+        # STOP may only suspend a run (thesis, 2.3.1).
+        suspends = own is not None and not own.session.record.change_root_directory_on_start
+        runtime = self._open_room(self.source, scene, suspends)
+        runtime.open()
+        self._stack.callback(runtime.close)
+        # Closed first of all: the thread that watches the arena waits in it.
+        self._stack.callback(self.source.close)
+
+    def _make_room(self, pair: Pair, experiment: Experiment) -> None:
+        """See `ExperimentSession`."""
+        self.source.expect(experiment)
+
+    def doubts(self) -> list[str]:
+        """See `ExperimentSession.doubts`."""
+        return [*super().doubts(), *([self.source.doubt] if self.source.doubt else [])]
+
+    def _observe(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
+        """Checks the cameras, too: the timestep's readings have left."""
+        if self.source.own is not None:
+            self.source.own.tracking.check_cameras()
+        super()._observe(step, robots)

@@ -1,0 +1,245 @@
+"""Where a run takes its arena states from: cameras of our own, a recording, or another tracker."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, replace
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+from vsense.base.arena import ArenaState, Frame
+from vsense.base.clock import host_ns
+from vsense.base.errors import UsageError
+from vsense.config import tracking_session
+from vsense.config.specs import Experiment, JsonLinesTracker, TrackerAddress
+from vsense.monitor.ui.access import is_loopback
+from vsense.robots.link.status import LinkError
+from vsense.robots.link.trackers.client import ArenaClient, TrackerEnded
+from vsense.robots.link.trackers.lines import ArenaListener
+from vsense.run.runtime import Pace
+from vsense.run.watch import ArenaSource
+from vsense.vision.cameras.grabber import GrabberError, NoMorePictures
+from vsense.vision.tracking.camera_tracking import CameraTracking
+from vsense.vision.tracking.opening import open_tracking
+from vsense.vision.tracking.specs import TrackingSession
+
+Tell = Callable[[str], None]
+"""Takes a line for a person, from any thread; does not wait."""
+Expect = Callable[[Experiment], None]
+"""Tells a source of an experiment's tags, from any thread; VsenseError: it can look for others
+only."""
+Clock = Callable[[], int]
+"""The host's monotonic clock [ns]."""
+
+
+class ClosableSource(ArenaSource, Protocol):
+    """A source that holds sockets, cameras or files."""
+
+    def close(self) -> None:
+        """Ends a waiting `next` and releases everything; can be called again."""
+
+
+class OwnCameras(NamedTuple):
+    """Cameras of our own, or recordings in their place; `tracking` is opened from `session`."""
+
+    session: TrackingSession
+    tracking: CameraTracking
+
+
+class SteadySource:
+    """A source that goes on: silence is no failure, and timesteps are as long as they should be.
+
+    Attributes:
+        kind: "cameras", "recording", "original" or "lines".
+        name: where the states come from, for people.
+        own: None where another tracker is used.
+        doubt: how other machines could move robots through it, "": they cannot.
+        expect: has it look for the tags of a changed experiment; VsenseError: it cannot.
+    """
+
+    def __init__(
+        self,
+        kind: str,
+        name: str,
+        source: ClosableSource,
+        timestep_ns: int,
+        figures: Callable[[], Mapping[str, int]],
+        own: OwnCameras | None = None,
+        doubt: str = "",
+        expect: Expect = lambda experiment: None,
+    ) -> None:
+        """Takes over a source with a rate of its own.
+
+        `figures` gives its counters; `expect` tells it of other tags.
+        """
+        self.expect = expect
+        self.kind = kind
+        self.name = name
+        self.own = own
+        self.doubt = doubt
+        self._source = source
+        self._pace = Pace(timestep_ns)
+        self._figures = figures
+        self._closed = False
+
+    def next(self, timeout_s: float) -> tuple[ArenaState, Sequence[Frame]]:
+        """Waits for the arena state that begins the next timestep, however long that takes.
+
+        The state has the timestep's number. After `timeout_s` without one the source looks after
+        its connections.
+
+        Raises:
+            NoMorePictures: a recording has come to its end.
+            TrackerEnded: the tracker has ended the run.
+            VsenseError: the tracker has failed, or `close` was called.
+        """
+        while True:
+            try:
+                state, frames = self._source.next(timeout_s)
+            except (NoMorePictures, TrackerEnded):
+                raise
+            except (GrabberError, LinkError):
+                if self._closed:
+                    raise
+                continue
+            timestep = self._pace.timestep(state.capture_ns)
+            if timestep is not None:
+                return replace(state, timestep=timestep), frames
+
+    def start(self) -> None:
+        """See `ArenaSource.start`."""
+        self._source.start()
+
+    def stop(self) -> None:
+        """See `ArenaSource.stop`."""
+        self._source.stop()
+
+    def figures(self) -> dict[str, object]:
+        """Kind, name and counters, for the run's report."""
+        return {"kind": self.kind, "name": self.name, **self._figures()}
+
+    def close(self) -> None:
+        """See `ClosableSource.close`."""
+        self._closed = True
+        self._source.close()
+
+
+def require_source(experiment: Experiment, tracking: tuple[str, str] | None) -> None:
+    """Raises UsageError if neither the command line (`tracking`) nor the experiment names one."""
+    if tracking is None and experiment.tracker is None:
+        raise UsageError(
+            f"{experiment.file} names no tracker: give --tracking RESOURCES.xml SESSION.xml for"
+            ' cameras of your own, --tracker WHERE for another one, or ats_host="..." or'
+            ' <vs:tracker format="lines" /> in its <framework>'
+        )
+
+
+def open_source(
+    experiment: Experiment,
+    tracking: tuple[str, str] | None,
+    tell: Tell,
+    clock: Clock = host_ns,
+) -> SteadySource:
+    """Opens what the command line or the experiment names.
+
+    Args:
+        experiment: whose tags are looked for.
+        tracking: resources file and experiment file of a tracking session; None: what the
+            experiment names.
+        tell: takes what happens to cameras and trackers.
+        clock: the host's monotonic clock [ns].
+
+    Raises:
+        UsageError: nothing is named.
+        VsenseError: it cannot be used.
+    """
+    require_source(experiment, tracking)
+    tracker = experiment.tracker
+    if tracking is not None:
+        return _own_cameras(experiment, tracking, tell, clock)
+    if isinstance(tracker, TrackerAddress):
+        return _original(experiment, tracker, tell, clock)
+    assert tracker is not None
+    return _lines(experiment, tracker, tell, clock)
+
+
+def _own_cameras(
+    experiment: Experiment, files: tuple[str, str], tell: Tell, clock: Clock
+) -> SteadySource:
+    session = tracking_session.load(*files).within(experiment.arena.corners_m)
+    session = replace(session, offsets=experiment.markers)
+    _check_roster(experiment, session)
+    tracking = open_tracking(session, clock, tell, experiment.timestep_ns / 1e9)
+    count = len(session.views)
+    cameras = f"{count} camera{'s' if count > 1 else ''} of {Path(session.file).name}"
+    kind = "cameras" if session.is_live else "recording"
+    name = cameras if session.is_live else f"recordings of {cameras}"
+    own = OwnCameras(session, tracking)
+    expect = partial(_check_roster, session=session)
+    figures = tracking.figures
+    return SteadySource(kind, name, tracking, experiment.timestep_ns, figures, own, expect=expect)
+
+
+def _check_roster(experiment: Experiment, session: TrackingSession) -> None:
+    """Raises ConfigError for a tag that no tracker looks for, and none can learn of."""
+    if any(view.tracker.open_roster for view in session.views):
+        return
+    known = session.heights_m
+    bodies = [(body.line, body.id, body.tag) for body in experiment.robots]
+    bodies += [(body.line, body.id, body.tag) for body in experiment.objects]
+    for line, name, tag in bodies:
+        if tag not in known:
+            tags = ", ".join(map(str, sorted(known)))
+            message = f"{name!r}: no tracker of {session.file} looks for its tag {tag}"
+            raise experiment.error(line, f"{message}; they look for: {tags}")
+
+
+def _original(
+    experiment: Experiment, tracker: TrackerAddress, tell: Tell, clock: Clock
+) -> SteadySource:
+    client = ArenaClient(
+        tracker.host,
+        tracker.port,
+        _tags(experiment),
+        tell,
+        round(tracker.latency_s * 1e9),
+        tracker.origin_m,
+        clock,
+    )
+
+    def figures() -> dict[str, int]:
+        reconnects = max(client.connections - 1, 0)
+        return asdict(client.counters) | asdict(client.repairs) | {"reconnects": reconnects}
+
+    name, doubt = f"the tracker {client.name}", ""
+    if not is_loopback(tracker.host):
+        doubt = f"{name}: whoever answers in its place moves every robot"
+    return SteadySource(
+        *("original", name, client, experiment.timestep_ns, figures),
+        doubt=doubt,
+        expect=lambda changed: client.expect(_tags(changed)),
+    )
+
+
+def _lines(
+    experiment: Experiment, tracker: JsonLinesTracker, tell: Tell, clock: Clock
+) -> SteadySource:
+    listener = ArenaListener(tracker.host, tracker.port, _tags(experiment), tell, clock)
+
+    def figures() -> dict[str, int]:
+        return asdict(listener.counters) | asdict(listener.repair.counters)
+
+    name, doubt = f"a tracker that writes lines to {tracker.host}, port {listener.port}", ""
+    if not is_loopback(tracker.host):
+        doubt = f"port {listener.port} on {tracker.host}: whoever writes lines moves every robot"
+    return SteadySource(
+        *("lines", name, listener, experiment.timestep_ns, figures),
+        doubt=doubt,
+        expect=lambda changed: listener.repair.expect(_tags(changed)),
+    )
+
+
+def _tags(experiment: Experiment) -> list[int]:
+    """Tags of all that wears a marker."""
+    return [*(r.tag for r in experiment.robots), *(thing.tag for thing in experiment.objects)]

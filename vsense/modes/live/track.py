@@ -1,0 +1,391 @@
+"""`vsense track`: the loop over a session's timesteps, its recording, and the live line."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.base import arena
+from vsense.base.arena import ArenaState, Frame
+from vsense.base.clock import host_ns
+from vsense.base.errors import UsageError, VsenseError, failing_as
+from vsense.base.message_bus import MessageBus
+from vsense.base.terminal import Console, Interruption, drop_output, interruption
+from vsense.config import tracking_session
+from vsense.modes.live.runs import RunPictures, Runs
+from vsense.modes.live.talk import Talk
+from vsense.modes.live.track_room import TrackRoom, name_of
+from vsense.monitor import recording
+from vsense.monitor.pictures import snapshot
+from vsense.monitor.recording.pictures import (
+    BackgroundRecorder,
+    PictureRecorder,
+    PictureRecordingError,
+    write_session_files,
+)
+from vsense.monitor.ui.access import FoxgloveAddress, WebAddress
+from vsense.monitor.ui.foxglove_server import check_foxglove
+from vsense.monitor.ui.recorders import Recorders
+from vsense.run import directory as run_directory
+from vsense.run.control import BEFORE, Control, State
+from vsense.vision.calibration.checked import told_of
+from vsense.vision.cameras.grabber import GrabberError, NoMorePictures, Troubles
+from vsense.vision.tracking.arena_tracker import TrackerCounters
+from vsense.vision.tracking.camera_tracking import CameraTracking
+from vsense.vision.tracking.marker_offsets import PlacedMarker
+from vsense.vision.tracking.opening import OFFLINE, PACED, open_tracking
+from vsense.vision.tracking.specs import TrackingSession
+
+FIRST_PICTURE_NS = 15_000_000_000
+"""Cameras that give nothing for this long at the beginning do not work at all."""
+SILENCE_S = 0.5
+"""A run without pictures checks this often whether it shall end."""
+HELD_S = 0.1
+"""A recording that waits, or whose run is suspended, shows its pictures this often."""
+
+Timesteps = Iterator[tuple[ArenaState, Sequence[Frame]]]
+"""Arena states, each with the pictures that it was made from."""
+Found = Mapping[str, NDArray[np.void]]
+"""By the camera's id the DETECTION array of its picture."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrackOptions:
+    """What `vsense track` is asked for.
+
+    Attributes:
+        resources, experiment: paths of the two files; without an experiment file all that the
+            resources, or their folder, name.
+        offline: as fast as possible, not at the pace of a recording's pictures.
+        format: of the states on standard output: "jsonl" or "csv".
+        json: figures at the end instead of states.
+        snapshot: picture file of the last state, None: none is drawn.
+        frames: timesteps of runs after which it ends, None: never.
+        hold: every run waits for a START.
+        record, record_images: every run is recorded, the latter with its pictures.
+        output: folder for what runs leave, None: one in `runs/` if they leave something.
+        web: where the page is served, None: nowhere.
+        foxglove: where Foxglove is served, None: nowhere.
+        markers: by tag, where markers sit on their robots.
+    """
+
+    resources: str
+    experiment: str | None
+    offline: bool = False
+    format: str = "jsonl"
+    json: bool = False
+    snapshot: Path | None = None
+    frames: int | None = None
+    hold: bool = False
+    record: bool = False
+    record_images: bool = False
+    output: Path | None = None
+    web: WebAddress | None = None
+    foxglove: FoxgloveAddress | None = None
+    markers: Mapping[int, PlacedMarker] = field(default_factory=dict)
+
+    @property
+    def is_watched(self) -> bool:
+        """Whether somebody looks on, or it is kept as it happens: pictures are dated by now."""
+        served = self.web is not None or self.foxglove is not None
+        return self.hold or served or self.is_recorded
+
+    @property
+    def is_recorded(self) -> bool:
+        """Whether every run is recorded."""
+        return self.record or self.record_images
+
+
+def run(options: TrackOptions) -> int:
+    """Tracks until the recording ends, `frames` are done or a run was stopped: 0; 130 after Ctrl-C,
+    143 after SIGTERM. With `hold`, or cameras in the page, it goes on after a run.
+    """
+    if options.experiment is None:
+        session = tracking_session.load_whole(options.resources)
+    else:
+        session = tracking_session.load(options.resources, options.experiment)
+    session = replace(session, offsets=options.markers)
+    _check(options, session)
+    with ExitStack() as stack:
+        interrupted = stack.enter_context(interruption())
+        console = Console()
+        talk = Talk(console, host_ns, options.frames)
+        made = Making(options, session, console, talk, Troubles())
+        with interrupted.at_once():
+            tracking = made.tracking()
+        stack.callback(tracking.close)
+        one = TrackingRun(made, tracking, interrupted)
+        # Each run of a recording has opened it anew.
+        stack.callback(lambda: one.tracking.close())
+        one.open(stack)
+        one.run()
+        return interrupted.code if interrupted.is_set() else 0
+
+
+def _check(options: TrackOptions, session: TrackingSession) -> None:
+    """Refuses what does not go together, before anything is opened."""
+    if options.offline and session.is_live:
+        raise UsageError(f"--offline: {session.file} uses cameras, expected recordings")
+    if options.offline and options.is_watched:
+        raise UsageError(
+            "--offline: is faster than anybody looks; --web, --foxglove, --hold and --record"
+            " go at the pictures' own pace"
+        )
+    if options.is_recorded:
+        recording.require()
+    check_foxglove(options.foxglove, () if options.web is None else (options.web.port,))
+
+
+@dataclass(frozen=True, slots=True)
+class Making:
+    """What a command's tracking is made from, again and again where each run plays a recording."""
+
+    options: TrackOptions
+    session: TrackingSession
+    console: Console
+    talk: Talk
+    troubles: Troubles
+
+    def tracking(self) -> CameraTracking:
+        """Opens cameras or recordings; raises as `open_tracking`."""
+        options, session = self.options, self.session
+        pace: str | float = OFFLINE if options.offline else PACED
+        if options.is_watched and not session.is_live:
+            pace = HELD_S
+        tracking = open_tracking(session, host_ns, self.talk.say, pace, self.troubles)
+        if not options.hold:
+            self.talk.expect(known_timesteps(options.frames, tracking))
+        return tracking
+
+
+class TrackingRun:
+    """The command's runs, from the first picture to the summary; `tracking` is what is open."""
+
+    def __init__(self, made: Making, tracking: CameraTracking, interrupted: Interruption) -> None:
+        options, session, console, talk = made.options, made.session, made.console, made.talk
+        self.tracking = tracking
+        self._made, self._options, self._talk = made, options, talk
+        self._interrupted = interrupted
+        self._live = session.is_live
+        bus, record = MessageBus(), session.record
+        self._room = TrackRoom(
+            *(options.web, session, made.troubles, console), bus=bus, foxglove=options.foxglove
+        )
+        each_run = record.change_root_directory_on_start
+        tell = lambda text: console.say(text, "trouble")  # noqa: E731
+        self._runs = Runs(
+            name_of(session),
+            Control(lambda wanted: None, console.say, options.hold, not each_run),
+            Recorders(bus, options.is_recorded, options.record_images, tell, console.say),
+            RunPictures(lambda: begin_recording(session, talk), each_run, tell),
+            console,
+            interrupted,
+            stays=options.hold or (options.web is not None and session.is_live),
+            folders=record.record_image,
+        )
+        self._begun_ns, self._came, self._done = host_ns(), False, 0
+        self._stands = False
+        self._missed, self._counters = 0, TrackerCounters()
+        self._last: tuple[ArenaState, Sequence[Frame], Found] | None = None
+
+    def open(self, stack: ExitStack) -> None:
+        """Opens folder, page and control socket; what is opened ends with `stack`."""
+        options, runs = self._options, self._runs
+        if options.output is not None or options.is_recorded:
+            runs.keep_in(options.output)
+        runs.recorders.watch_session(self._made.session, self.tracking, by_file=False)
+        stack.enter_context(self._room)
+        if text := told_of(self._made.session):
+            self._talk.say(text)
+        watched = options.is_watched
+        self._room.steer(runs, options.hold or options.web is not None, dated=self._live or watched)
+
+    def run(self) -> None:
+        """Tracks to the end, and leaves picture, recordings and summary."""
+        runs, options = self._runs, self._options
+        try:
+            self._track()
+        except BrokenPipeError:
+            drop_output()
+        finally:
+            self._end_run()
+            runs.pictures.close()
+        self._count()
+        self._talk.summary(self._missed, self._counters, self._made.troubles)
+        runs.report(options.json)
+        if options.snapshot is not None:
+            self._draw(options.snapshot)
+        if runs.failure is not None:
+            raise runs.failure
+
+    def _track(self) -> None:
+        csv = self._options.format == "csv"
+        if csv and not self._options.json:
+            print(arena.CSV_HEADER, flush=True)
+        while self._goes_on():
+            if (moment := self._next()) is not None:
+                self._take(*moment, csv)
+            else:
+                self._room.rest()
+
+    def _goes_on(self) -> bool:
+        """Carries out what orders want; gives whether there is more to come."""
+        control = self._runs.control
+        if self._done == self._options.frames:
+            control.end("all timesteps are done")
+            return False
+        if self._interrupted.is_set():
+            return False
+        if control.state in BEFORE:
+            control.ready()
+            if (control.asked or not control.holds) and control.begin(self.tracking.start):
+                self._runs.begin(self.tracking)
+        elif control.state == State.PAUSED:
+            if control.asked and control.begin(self.tracking.go_on):
+                self._stands = False
+                self._runs.recorders.go_on()
+            elif not self._stands:
+                self._stands = True
+                self.tracking.pause()
+                self._runs.suspend()
+        elif control.state == State.ENDED:
+            ended = self._end_run()
+            if not (self._runs.stays or control.next_asked):
+                return False
+            if ended and not self._live:
+                self._play_anew()
+            if control.next_asked:
+                self._runs.next_run()
+        return True
+
+    def _end_run(self) -> bool:
+        """Completes what the run has kept; False where there was none, or it is done."""
+        control, self._stands = self._runs.control, False
+        control.end("interrupted")
+        if not control.begun or self._runs.ended == control.run:
+            return False
+        self._runs.end(self.tracking)
+        return True
+
+    def _play_anew(self) -> None:
+        """Opens the recording for another run, which is looked at until then."""
+        self._count()
+        self.tracking.close()
+        self.tracking = self._made.tracking()
+        self._runs.recorders.watch_session(self._made.session, self.tracking, by_file=False)
+
+    def _count(self) -> None:
+        """Adds what the present tracking has noticed, before it is closed, to that of all."""
+        self._missed += self.tracking.grabber.missed
+        self._counters.add(self.tracking.tracker.counters)
+
+    def _next(self) -> tuple[ArenaState, Sequence[Frame]] | None:
+        """Tracks the next pictures; None where none came, or there are no more.
+
+        Raises:
+            GrabberError: cameras gave nothing at the beginning.
+            VsenseError: the tracker has failed.
+        """
+        try:
+            moment = self.tracking.next(SILENCE_S)
+        except NoMorePictures:
+            self._runs.control.end("the recording has ended")
+            return None
+        except GrabberError:
+            if not self._came and host_ns() - self._begun_ns > FIRST_PICTURE_NS:
+                raise
+            return None
+        self._came = True
+        return moment
+
+    def _take(self, state: ArenaState, frames: Sequence[Frame], csv: bool) -> None:
+        """Hands a timestep on; what belongs to no run is only looked at."""
+        runs, running = self._runs, self._runs.running
+        if running:
+            self._last = state, frames, self.tracking.tracker.found
+            self._done += 1
+            runs.counts.add(state, len(frames))
+            self._print(state, csv)
+            runs.pictures.timestep(True, frames)
+            self._talk.timestep(state, len(frames))
+        else:
+            self._talk.rest(runs.control, state)
+        self._room.update(state, frames)
+        self.tracking.check_cameras()
+
+    def _print(self, state: ArenaState, csv: bool) -> None:
+        if self._options.json:
+            return
+        text = arena.to_csv(state) if csv else arena.to_json(state)
+        if text:
+            # A reader at the other end of a pipe wants a state when it is new.
+            print(text, flush=not self._options.offline)
+
+    def _draw(self, path: Path) -> None:
+        """Draws the last state into a file."""
+        if self._last is None:
+            raise VsenseError(f"{path}: not drawn, because there was no picture")
+        # The recording may have been opened anew since.
+        state, frames, found = self._last
+        tracker = self.tracking.tracker
+        picture = snapshot.draw(state, frames, tracker.cameras, found, tracker.heights_m)
+        suffix = path.suffix.lower() if path.suffix.lower() in (".png", ".jpg") else ".png"
+        with failing_as(VsenseError, f"{path}: cannot be written"):
+            path.write_bytes(cv2.imencode(suffix, picture)[1].tobytes())
+
+
+def timesteps(
+    tracking: CameraTracking, interrupted: threading.Event, most: int | None = None
+) -> Timesteps:
+    """Tracks until `interrupted` (within `SILENCE_S`), a recording ends or `most` are done.
+
+    Yields each state with its pictures; the cameras are checked when each was handed on.
+
+    Raises:
+        GrabberError: cameras gave nothing at the beginning.
+        VsenseError: the tracker has failed.
+    """
+    begun_ns, done = host_ns(), 0
+    while not interrupted.is_set() and done != most:
+        try:
+            state, frames = tracking.next(SILENCE_S)
+        except NoMorePictures:
+            return
+        except GrabberError:
+            if not done and host_ns() - begun_ns > FIRST_PICTURE_NS:
+                raise
+            continue
+        done += 1
+        yield state, frames
+        tracking.check_cameras()
+
+
+def known_timesteps(wanted: int | None, tracking: CameraTracking) -> int | None:
+    """Gives how many there will be, where that is known; `wanted` is the most."""
+    return min((n for n in (wanted, tracking.grabber.timesteps) if n is not None), default=None)
+
+
+def begin_recording(session: TrackingSession, talk: Talk) -> BackgroundRecorder | None:
+    """Begins the recording that the experiment file asks for."""
+    record = session.record
+    if not record.record_image:
+        return None
+    directory = record.root_directory
+    if record.change_root_directory_on_start:
+        with failing_as(PictureRecordingError, f"{directory}: cannot be written"):
+            directory = run_directory.make_new(directory / time.strftime("%Y-%m-%d-%H%M%S"))
+    cameras = [view.camera for view in session.views]
+    recorder = PictureRecorder(directory, cameras, record.image_format)
+    trackers = {view.camera.id: view.tracker for view in session.views}
+    with failing_as(PictureRecordingError, f"{directory}: cannot be written"):
+        write_session_files(directory, cameras, trackers, session.mask)
+    talk.say(f"recording into {directory}")
+    return BackgroundRecorder(recorder)

@@ -1,0 +1,130 @@
+"""Runs on other machines: by any engine that has the interface of `concurrent.futures.Executor`.
+
+The engine schedules, retries and moves data. Here jobs are handed to it, and what becomes of them
+is taken back.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import CancelledError
+from dataclasses import dataclass, field, replace
+from itertools import islice
+from typing import Any, Protocol
+
+from vsense.base.errors import VsenseError
+from vsense.modes.sim import fingerprint
+from vsense.modes.sim.job import Origin
+from vsense.modes.sim.outcome import Answer, Interrupted, Task
+from vsense.modes.sim.remote import Place, do
+from vsense.modes.sim.watch import POLL_S, Show
+
+AHEAD = 1000
+"""An engine is handed so many jobs at a time: more than most clusters have processors, and few
+enough to be looked at `POLL_S` after `POLL_S`."""
+
+
+class PendingJob(Protocol):
+    """What an engine gives for a job: a `concurrent.futures.Future`, or something like it."""
+
+    def done(self) -> bool:
+        """Whether it has an answer, or never will."""
+        ...
+
+    def result(self) -> Any:
+        """The answer; raises what the engine says where there is none."""
+        ...
+
+    def cancel(self) -> Any:
+        """Nobody waits for it any more."""
+        ...
+
+
+class JobExecutor(Protocol):
+    """What takes jobs: a `concurrent.futures.Executor`, or something like it."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any) -> PendingJob:
+        """Has `fn(*args)` called somewhere."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Engine:
+    """Where the runs of a campaign are done.
+
+    Attributes:
+        name: for people.
+        place: how a worker of it names itself, and learns that a job is no longer wanted.
+    """
+
+    name: str
+    executor: JobExecutor
+    place: Place = field(default_factory=Place)
+
+    def simulate(
+        self, tasks: Iterable[Task], interrupted: threading.Event, show: Show
+    ) -> Iterator[tuple[Task, dict[str, Any]]]:
+        """Does runs; yields each task with its result when it is done.
+
+        Args:
+            show: called every `POLL_S`; the processes are not here, so there are none.
+
+        Raises:
+            Interrupted: `interrupted` was set.
+            VsenseError: a run has failed, cannot be done on a worker, or the engine gave it up.
+        """
+        waiting, going = enumerate(_lines(tasks)), dict[int, tuple[Task, PendingJob]]()
+        try:
+            while True:
+                for number, (task, line) in islice(waiting, AHEAD - len(going)):
+                    going[number] = task, self._submit(task, line)
+                if not going:
+                    return
+                for number in [number for number, (_, job) in going.items() if job.done()]:
+                    task, job = going.pop(number)
+                    yield task, task.result(self._answer(task, job))
+                show([])
+                if interrupted.wait(POLL_S):
+                    raise Interrupted
+        finally:
+            for _, job in going.values():
+                job.cancel()
+
+    def _submit(self, task: Task, line: str) -> PendingJob:
+        try:
+            return self.executor.submit(do, line, fingerprint.of_machine(), self.place)
+        except Exception as error:
+            raise self._error(task, "takes no jobs any more", error) from None
+
+    def _answer(self, task: Task, job: PendingJob) -> Answer:
+        try:
+            answer: Answer = job.result()
+        except CancelledError:
+            words = "has dropped it: nothing answers there any more, or somebody has cancelled it"
+            raise self._error(task, words) from None
+        except Exception as error:
+            raise self._error(task, "gave it up", error) from None
+        return answer
+
+    def _error(self, task: Task, words: str, error: Exception | None = None) -> VsenseError:
+        why = "" if error is None else f": {type(error).__name__}: {error}"
+        return VsenseError(task.named(f"{self.name} {words}{why}"))
+
+
+def _lines(tasks: Iterable[Task]) -> Iterator[tuple[Task, str]]:
+    """Each task with its job as it travels; those of one experiment follow each other."""
+    experiment, origin = None, None
+    for task in tasks:
+        if task.experiment is not experiment:
+            experiment, origin = task.experiment, _origin(task)
+        job = replace(task.job, libraries={}, origin=origin)
+        yield task, job.to_line().decode()
+
+
+def _origin(task: Task) -> Origin:
+    """What a job finds on this machine; raises as `of_files`."""
+    cxxflags, files = os.environ.get("CXXFLAGS"), fingerprint.of_files(task)
+    return Origin(socket.gethostname(), os.getcwd(), cxxflags, files)

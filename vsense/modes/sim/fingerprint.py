@@ -1,0 +1,222 @@
+"""What results depend on: a campaign's files and programs, and the machine that runs it.
+
+Two machines give the same bits where they have the same vsense, NumPy, OpenCV and Python (from 3.12
+on it sums floats otherwise), and where their processors and C libraries agree in the last digit of
+sines and exponentials: NumPy computes them with the instructions that the processor has.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import html
+import json
+import math
+import os
+import re
+import sys
+from collections.abc import Callable, Mapping
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense import __version__
+from vsense.base.errors import VsenseError
+from vsense.base.files import PACKAGE_FOLDER
+from vsense.modes.sim.outcome import Task
+from vsense.robots import build
+from vsense.robots.compiling import native
+from vsense.run.programs import loop_object
+
+MAX_NAME = 256
+"""[byte] Longer texts are no file names, and the system refuses to look for them."""
+
+_DIGITS = 12
+
+
+def of_campaign(task: Task) -> str:
+    """What all runs of a campaign have in common, as 8 hexadecimal digits.
+
+    That is the experiment's file with the files it names, the programs, the length, the robots,
+    whether they are blind, vsense itself, and which settings vary; not their values and the seeds,
+    of which more may come.
+
+    Raises:
+        VsenseError: a file cannot be read.
+    """
+    setup = task.job.setup
+    digest = hashlib.sha256()
+    for file in named_files(task.experiment.path):
+        digest.update(bytes.fromhex(of_file(file)))
+    built = [Path(library).parent.name for library in task.job.libraries.values()]
+    loop_functions = loop_object(task.experiment)
+    if loop_functions is not None:
+        built.append(loop_functions.parent.name)
+    words = [*built, setup.duration_s, setup.robots, setup.blind, *setup.settings]
+    digest.update(json.dumps([__version__, *words]).encode())
+    return digest.hexdigest()[:8]
+
+
+def of_file(path: Path) -> str:
+    """The SHA-256 of a file.
+
+    Raises:
+        VsenseError: it cannot be read.
+    """
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise VsenseError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+def of_files(task: Task) -> dict[str, str]:
+    """The digests of all files of a user that a run reads, by their absolute paths.
+
+    What the Python files among them open themselves is not known.
+
+    Raises:
+        VsenseError: a file cannot be read, or a controller's headers not be found.
+    """
+    experiment = task.experiment
+    programs = [controller.program for controller in experiment.controllers]
+    files = dict.fromkeys(named_files(experiment.path))
+    if experiment.loop_functions is not None:
+        files[experiment.loop_functions.path] = None
+        programs += [p for p in [experiment.loop_functions.program] if p is not None]
+    for program in programs:
+        sources = build.source_tree().runtime(program).dependencies(native())
+        files.update(dict.fromkeys(sources))
+    ours = [PACKAGE_FOLDER, *_folders()]
+    users = [p for p in files if not any(p.resolve().is_relative_to(root) for root in ours)]
+    return {os.path.abspath(path): of_file(path) for path in users}
+
+
+def _folders() -> list[Path]:
+    """Where vsense's own C sources are."""
+    root = build.source_tree().root.resolve()
+    return [root / "c_src", root / "robot"]
+
+
+_QUOTED = re.compile(r"\"([^\"<]*)\"|'([^'<]*)'")
+_IMPORT = re.compile(r"^\s*(?:from|import)\s+(\w+)", re.M)
+
+
+def named_files(path: Path) -> list[Path]:
+    """An experiment's file, every file that an attribute in it names, and what Python among them
+    imports from beside it.
+
+    The file is not parsed: ARGoS's files need not be well-formed.
+    """
+    quoted = _QUOTED.findall(_text(path))
+    values = {html.unescape(double or single) for double, single in quoted}
+    named = (path.parent / value for value in sorted(values) if value and len(value) < MAX_NAME)
+    found = dict.fromkeys([path, *(file for file in named if file.is_file())])
+    waiting = [file for file in found if file.suffix == ".py"]
+    while waiting:
+        file = waiting.pop()
+        beside = (file.with_name(f"{name}.py") for name in _IMPORT.findall(_text(file)))
+        waiting += (more := [other for other in beside if other not in found and other.is_file()])
+        found.update(dict.fromkeys(more))
+    return list(found)
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8", errors="replace")
+    except OSError as error:
+        raise VsenseError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+Machine = Mapping[str, str]
+"""What of a machine changes results, by the names of `of_machine`."""
+
+VERSIONS = ("vsense", "Python", "NumPy", "OpenCV")
+_OWN = "sources"
+
+
+@lru_cache(maxsize=1)
+def of_machine() -> Machine:
+    """This machine: versions, vsense's own sources, and the last digits of functions.
+
+    Raises:
+        VsenseError: vsense's own C sources are missing.
+    """
+    import cv2  # only a cluster asks
+
+    python = ".".join(map(str, sys.version_info[:2]))
+    versions = zip(VERSIONS, (__version__, python, np.__version__, cv2.__version__))
+    return {**dict(versions), _OWN: _own_sources(), **_last_digits()}
+
+
+def difference(expected: Machine) -> str:
+    """Says in words why this machine would give other results; "": it would not.
+
+    `expected`: `of_machine` where the campaign was begun.
+    """
+    found = of_machine()
+    for name in VERSIONS:
+        if found[name] != expected.get(name):
+            return f"has {name} {found[name]}, expected {expected.get(name)}"
+    if found[_OWN] != expected[_OWN]:
+        return (
+            f"has other sources of vsense {__version__} ({found[_OWN]}, expected"
+            f" {expected[_OWN]}): install the same there, and start the worker again"
+        )
+    others = [name for name in found if found[name] != expected.get(name)]
+    if others:
+        return (
+            f"computes other last digits ({', '.join(others)}): its processor or C library is of"
+            " another kind, and its results would not be those of this machine"
+        )
+    return ""
+
+
+def _own_sources() -> str:
+    """Digest of what vsense runs; the same in a checkout and where it is installed."""
+    found: list[tuple[str, Path, tuple[str, ...]]]
+    found = [("vsense", PACKAGE_FOLDER, (".py", ".argos", ".json"))]
+    found += [(folder.name, folder, (".c", ".cpp", ".h", ".hpp", ".txt")) for folder in _folders()]
+    digest = hashlib.sha256()
+    for name, folder, suffixes in found:
+        for path in sorted(p for p in folder.rglob("*") if p.suffix in suffixes):
+            below = path.relative_to(folder)
+            # What only the host runs is compiled, and its sources are not installed.
+            if below.parts[0] not in ("_sources", "host"):
+                digest.update(f"{name}/{below.as_posix()} {of_file(path)}\n".encode())
+    return digest.hexdigest()[:_DIGITS]
+
+
+Function = Callable[[NDArray[np.float64]], Any]
+
+
+def _each(function: Callable[[float], float], numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.array([function(number) for number in numbers])
+
+
+def _last_digits() -> dict[str, str]:
+    """Digests of what functions give for some thousand numbers."""
+    numbers = np.linspace(-20.0, 20.0, 4096)
+    other = numbers[::-1]
+    functions: dict[str, Function] = {
+        "sin": np.sin,
+        "cos": np.cos,
+        "tan": np.tan,
+        "exp": np.exp,
+        "log": lambda x: np.log(np.abs(x) + 0.1),
+        "arctan2": lambda x: np.arctan2(x, other),
+        "hypot": lambda x: np.hypot(x, other),
+        "norm": lambda x: np.linalg.norm(x.reshape(-1, 4), axis=-1),
+        "einsum": lambda x: np.einsum("ni,ni->n", x.reshape(-1, 4), other.reshape(-1, 4)),
+        "matmul": lambda x: x.reshape(-1, 4) @ other[:4],
+        "standard_normal": lambda x: np.random.default_rng(1).standard_normal(len(x)),
+    }
+    for one in (math.sin, math.cos, math.exp, math.atan):
+        functions[f"C's {one.__name__}"] = partial(_each, one)
+    return {
+        name: hashlib.sha256(np.ascontiguousarray(function(numbers)).tobytes()).hexdigest()[
+            :_DIGITS
+        ]
+        for name, function in functions.items()
+    }

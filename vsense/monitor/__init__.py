@@ -1,0 +1,1 @@
+"""Whatever looks at a run: the page, recordings, Foxglove, pictures."""

@@ -1,0 +1,287 @@
+"""Foxglove's channels, derived from ours: what a recording, an export and the live server share.
+
+Every message is whole in itself: a viewer that comes later or jumps to another time is given the
+newest one of each topic.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import cv2
+
+from vsense.base.message_bus import Message
+from vsense.monitor.foxglove import pictures, scene, schemas, shapes
+from vsense.monitor.foxglove.pictures import ShownScale
+from vsense.monitor.foxglove.shapes import ARENA, Data
+from vsense.vision.cameras.camera import Camera, CameraError
+
+PICTURE = "/picture/"
+TF, TF_CAMERAS, POSES = "/tf", "/tf_static", "/poses"
+WORLD, ROBOTS, LEDS, CONES = "/scene/world", "/scene/robots", "/scene/leds", "/scene/cones"
+FLOOR, FIELD, LOG = "/floor", "/field/", "/log"
+CALIBRATION, ANNOTATIONS = "/calibration/", "/annotations/"
+MEASURES = "/measures"
+
+_SCHEMAS = {
+    TF: schemas.FRAMES, TF_CAMERAS: schemas.FRAMES, POSES: schemas.POSES, WORLD: schemas.SCENE,
+    ROBOTS: schemas.SCENE, LEDS: schemas.SCENE, CONES: schemas.SCENE, FLOOR: schemas.GRID,
+    FIELD: schemas.GRID, LOG: schemas.LOG, CALIBRATION: schemas.CALIBRATION,
+    ANNOTATIONS: schemas.ANNOTATIONS, MEASURES: schemas.MEASURES,
+}  # fmt: skip
+
+_SOURCES: Mapping[str, frozenset[str]] = {
+    topic: frozenset(found)
+    for topic, found in {
+        TF: {"/arena"}, POSES: {"/arena"}, ROBOTS: {"/arena"}, LEDS: {"/robots", "/signals"},
+        CONES: {"/signals"}, MEASURES: {"/signals"}, FIELD: {"/fields"}, ANNOTATIONS: {"/arena"},
+    }.items()
+}  # fmt: skip
+
+LASTING = frozenset({"/experiment", "/world", "/run", "/event", "/gap"})
+"""Topics that come rarely, and that whoever begins to look later needs: always to be converted."""
+
+_LEVELS = {"info": 2, "warning": 3, "trouble": 4}
+_DAMAGED = (
+    *(KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError, RecursionError),
+    *(CameraError, cv2.error, struct.error),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Derived:
+    """A message of Foxglove's: `schema` is the name of one of `schemas.SCHEMAS`.
+
+    `time_ns` is on the clock of the message it was made from; the times in `data` are UTC.
+    """
+
+    topic: str
+    schema: str
+    time_ns: int
+    data: Data
+
+
+def schema_of(topic: str) -> str:
+    """The name of a derived topic's schema; KeyError: there is no such topic."""
+    family = topic if topic in _SCHEMAS else topic[: topic.find("/", 1) + 1]
+    return _SCHEMAS[family]
+
+
+def sources_of(topic: str) -> frozenset[str]:
+    """The topics of ours, beside `LASTING`, that a derived topic is made from."""
+    family = topic if topic in _SOURCES else topic[: topic.find("/", 1) + 1]
+    found = _SOURCES.get(family, frozenset())
+    if family in (ANNOTATIONS, CALIBRATION):  # a picture says at which scale it is shown
+        found |= {PICTURE + topic.removeprefix(family)}
+    return found
+
+
+class Channels:
+    """Makes Foxglove's messages of ours, in the order in which those come. For one thread.
+
+    Args:
+        utc_shift_ns: UTC less the clock of the messages' times.
+        wants: whether somebody wants a derived topic now; by default everything is wanted.
+        full_size: cameras' pictures come too, and as they are. Otherwise a camera's annotations
+            begin with its first picture, which says at which scale it is shown.
+    """
+
+    def __init__(
+        self,
+        utc_shift_ns: int,
+        wants: Callable[[str], bool] = lambda topic: True,
+        full_size: bool = False,
+    ) -> None:
+        self._shift_ns = utc_shift_ns
+        self._full_size = full_size
+        self._wants = wants
+        self._arena: Mapping[str, Any] | None = None
+        self._world: Message | None = None
+        self._cameras: dict[str, Camera] = {}
+        self._shown: dict[str, ShownScale] = {}
+        self._names: dict[int, str] = {}
+        self._heights_m: dict[int, float] = {}
+        self._objects: tuple[int, ...] = ()
+        self._lit: dict[int, int] = {}
+        self._colors: dict[int, Sequence[float]] = {}
+        self._virtual: list[Mapping[str, Any]] = []
+        self._told: dict[str, object] = {}
+        self._makers: Mapping[str, Callable[[Message], Iterator[Derived]]] = {
+            "/experiment": self._of_experiment,
+            "/world": self._of_world,
+            "/arena": self._of_arena,
+            "/signals": self._of_signals,
+            "/robots": self._of_robots,
+            "/fields": self._of_fields,
+            "/event": self._of_event,
+            "/gap": self._of_gap,
+        }
+
+    def topics(self) -> list[str]:
+        """The derived topics that are known to come: of the experiment's cameras, and of all."""
+        own = [topic for topic in _SCHEMAS if not topic.endswith("/")]
+        named = [family + c for c in self._cameras for family in (CALIBRATION, ANNOTATIONS)]
+        return own + named
+
+    def convert(self, message: Message) -> list[Derived]:
+        """Gives what follows from a message of ours; nothing of one that is damaged."""
+        maker = self._makers.get(message.topic)
+        if maker is None and message.topic.startswith(PICTURE):
+            maker = self._of_picture
+        if maker is None:
+            return []
+        try:
+            return list(maker(message))
+        except _DAMAGED:
+            return []
+
+    def forget(self) -> None:
+        """Makes everything anew: who looks has dropped what was told, as after a jump in time."""
+        self._told.clear()
+
+    def _made(self, topic: str, message: Message, data: Data) -> Derived:
+        return Derived(topic, schema_of(topic), message.time_ns, data)
+
+    def _if_new(
+        self, topic: str, key: object, message: Message, make: Callable[[int], Data | None]
+    ) -> Iterator[Derived]:
+        """Makes a message where it is wanted and `key`, all that is in it, is another."""
+        if self._wants(topic) and self._told.get(topic) != key:
+            self._told[topic] = key
+            data = make(message.time_ns + self._shift_ns)
+            if data is not None:
+                yield self._made(topic, message, data)
+
+    def _of_experiment(self, message: Message) -> Iterator[Derived]:
+        data = message.data
+        robots, objects = list(data.get("robots") or ()), list(data.get("objects") or ())
+        self._names = {int(one["tag"]): str(one["name"]) for one in robots + objects}
+        self._heights_m = {int(one["tag"]): float(one["height_m"]) for one in robots}
+        self._objects = tuple(int(one["tag"]) for one in objects)
+        self._arena = data.get("arena")
+        models = [camera["model"] for camera in data.get("cameras") or ()]
+        self._cameras = {c.id: c for c in (Camera.from_json(json.dumps(m)) for m in models)}
+        yield from self._of_cameras(message)
+        if self._world is not None and self._wants(WORLD):
+            yield from self._of_world(replace(self._world, time_ns=message.time_ns))
+
+    def _of_cameras(self, message: Message) -> Iterator[Derived]:
+        utc_ns = message.time_ns + self._shift_ns
+        if self._cameras:
+            frames = [pictures.frame(camera, utc_ns) for camera in self._cameras.values()]
+            yield self._made(TF_CAMERAS, message, {"transforms": frames})
+        for name in self._cameras:
+            yield self._lens(name, message)
+
+    def _lens(self, camera: str, message: Message) -> Derived:
+        shown = self._shown.get(camera, ShownScale())
+        utc_ns = message.time_ns + self._shift_ns
+        data = pictures.calibration(self._cameras[camera], shown, utc_ns)
+        return self._made(CALIBRATION + camera, message, data)
+
+    def _of_picture(self, message: Message) -> Iterator[Derived]:
+        camera = message.topic.removeprefix(PICTURE)
+        shown, before = ShownScale.of(message.data), self._shown.get(camera)
+        self._shown[camera] = shown
+        if camera in self._cameras and shown != (before or ShownScale()):
+            yield self._lens(camera, message)
+
+    def _of_world(self, message: Message) -> Iterator[Derived]:
+        self._world, data = message, message.data
+        entities = data["entities"]
+        self._virtual = [thing for thing in entities if thing["kind"] == "robot"]
+        if self._wants(WORLD):
+            utc_ns = message.time_ns + self._shift_ns
+            yield self._made(WORLD, message, scene.world(data, self._arena, utc_ns))
+        floor = data.get("floor") or {}
+        key = [floor.get(name) for name in ("png", "size_m", "centre_m")]
+        yield from self._if_new(FLOOR, key, message, lambda utc_ns: scene.floor(floor, utc_ns))
+
+    def _of_arena(self, message: Message) -> Iterator[Derived]:
+        robots, utc_ns = message.data["robots"], message.time_ns + self._shift_ns
+        columns = [robots[name] for name in ("tag", "x_m", "y_m", "yaw_rad")]
+        if self._wants(TF):
+            virtual = [(r["tag"], r["x_m"], r["y_m"], r["yaw_rad"]) for r in self._virtual]
+            frames = [_transform(utc_ns, *row) for row in (*zip(*columns), *virtual)]
+            yield self._made(TF, message, {"transforms": frames})
+        if self._wants(POSES):
+            poses = [shapes.pose((x, y, 0.0), yaw) for _, x, y, yaw in zip(*columns)]
+            data = {"timestamp": shapes.stamp(utc_ns), "frame_id": ARENA, "poses": poses}
+            yield self._made(POSES, message, data)
+        seen = {int(tag): bool(now) for tag, now in zip(robots["tag"], robots["seen"])}
+        heights_m = self._heights_of(seen)
+        known = self._names, self._objects, heights_m
+        yield from self._if_new(
+            *(ROBOTS, (seen, *known), message),
+            lambda utc_ns: scene.robots(seen, *known, utc_ns),
+        )
+        yield from self._of_images(message)
+
+    def _heights_of(self, tags: Iterable[int]) -> dict[int, float]:
+        """The markers' heights; of robots that are not listed as of the others, or 0."""
+        usual_m = max(self._heights_m.values(), default=0.0)
+        return {tag: self._heights_m.get(tag, usual_m) for tag in tags}
+
+    def _of_images(self, message: Message) -> Iterator[Derived]:
+        """The annotations of the cameras whose pictures come."""
+        images = message.data.get("images") or {}
+        for place, camera in enumerate(message.data.get("cameras") or ()):
+            topic, shown = ANNOTATIONS + camera, self._full_size or camera in self._shown
+            if not (images and shown and camera in self._cameras and self._wants(topic)):
+                continue
+            rows = [row for row, which in enumerate(images["camera"]) if which == place]
+            own = {name: [column[row] for row in rows] for name, column in images.items()}
+            data = pictures.marks(
+                *(self._cameras[camera], own, self._names, self._heights_of(own["tag"])),
+                *(self._shown.get(camera, ShownScale()), message.time_ns + self._shift_ns),
+            )
+            yield self._made(topic, message, data)
+
+    def _of_signals(self, message: Message) -> Iterator[Derived]:
+        leds, cones = message.data["leds"], message.data["cones"]
+        self._colors = {int(tag): rgb for tag, rgb in zip(leds["tag"], leds["color"])}
+        yield from self._of_leds(message)
+        measures = message.data["measures"]
+        if measures and self._wants(MEASURES):
+            values = [{"label": n, "value": v} for n, v in measures.items() if v is not None]
+            yield self._made(MEASURES, message, {"values": values})
+        yield from self._if_new(CONES, cones, message, lambda utc_ns: scene.cones(cones, utc_ns))
+
+    def _of_robots(self, message: Message) -> Iterator[Derived]:
+        data = message.data
+        self._lit = {int(tag): int(bits) for tag, bits in zip(data["tag"], data["leds"]) if bits}
+        yield from self._of_leds(message)
+
+    def _of_leds(self, message: Message) -> Iterator[Derived]:
+        lit, colors = self._lit, self._colors
+        make = lambda utc_ns: scene.leds(lit, colors, utc_ns)  # noqa: E731
+        yield from self._if_new(LEDS, (lit, colors), message, make)
+
+    def _of_fields(self, message: Message) -> Iterator[Derived]:
+        for field in message.data["fields"]:
+            topic = FIELD + str(field["id"])
+            if self._wants(topic):
+                data = scene.field(field, message.time_ns + self._shift_ns)
+                yield self._made(topic, message, data)
+
+    def _of_event(self, message: Message) -> Iterator[Derived]:
+        data = message.data
+        level = _LEVELS.get(data.get("level", ""), 2)
+        yield self._line(message, level, str(data["text"]), str(data.get("by") or "vsense"))
+
+    def _of_gap(self, message: Message) -> Iterator[Derived]:
+        yield self._line(message, _LEVELS["warning"], f"not whole: {message.data['why']}", "vsense")
+
+    def _line(self, message: Message, level: int, text: str, name: str) -> Derived:
+        stamp = shapes.stamp(message.time_ns + self._shift_ns)
+        data = {"timestamp": stamp, "level": level, "message": text, "name": name}
+        return self._made(LOG, message, {**data, "file": "", "line": 0})
+
+
+def _transform(utc_ns: int, tag: int, x_m: float, y_m: float, yaw_rad: float) -> Data:
+    frame, turn = shapes.robot_frame(tag), shapes.yaw_turn(yaw_rad)
+    return shapes.transform(utc_ns, ARENA, frame, (x_m, y_m, 0.0), turn)

@@ -1,0 +1,180 @@
+"""Recordings as CSV tables. README.md describes the columns."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import ExitStack
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from vsense.base.errors import failing_as
+from vsense.base.message_bus import Message
+from vsense.monitor.recording import form
+from vsense.monitor.recording.form import EVENTS, ROBOTS, SHOWN, ExperimentMessage, RecordingError
+from vsense.monitor.recording.reader import Recording, read_gap
+from vsense.monitor.recording.senses import changes
+
+Row = list[Any]
+
+_POSES = ("x_m", "y_m", "yaw_rad", "speed_m_s", "age_ns", "confidence", "cameras", "seen")
+_SPREADS = (0, 1, 2, 4, 5, 8)
+"""Places of a covariance's upper half in its nine numbers."""
+TRAJECTORIES = (
+    "time_s", "timestep", "run_timestep", "tag", *_POSES,
+    "covariance_xx_m2", "covariance_xy_m2", "covariance_x_yaw_m_rad",
+    "covariance_yy_m2", "covariance_y_yaw_m_rad", "covariance_yaw_yaw_rad2",
+)  # fmt: skip
+TABLES = ("trajectories", "readings", "robots", "shown", "measures", "events")
+
+
+def export_csv(recording: Recording, folder: Path) -> dict[str, int]:
+    """Writes a recording's tables into a folder; gives how many rows each has.
+
+    RecordingError if there are tables already, or they cannot be written.
+    """
+    paths = {name: folder / f"{name}.csv" for name in TABLES}
+    for path in paths.values():
+        if path.exists():
+            raise RecordingError(f"{path}: is there already; expected another folder")
+    with failing_as(RecordingError, f"{folder}: cannot be written"), ExitStack() as stack:
+        folder.mkdir(parents=True, exist_ok=True)
+        # A recording that somebody made may hold half a character.
+        create = partial(Path.open, mode="x", encoding="utf-8", errors="replace", newline="")
+        files = {name: stack.enter_context(create(path)) for name, path in paths.items()}
+        writers = {name: csv.writer(file).writerow for name, file in files.items()}
+        return _Export(recording, writers).write()
+
+
+class _Export:
+    """One export; damaged messages are left out."""
+
+    def __init__(self, recording: Recording, write: Mapping[str, Callable[[Row], Any]]) -> None:
+        self._recording = recording
+        self._write = write
+        self._rows = dict.fromkeys(TABLES, 0)
+        experiment = ExperimentMessage.read(recording.experiment)
+        self._sensors = [_sensors_of(controller) for controller in experiment.controllers] or [[]]
+        self._controller_of = experiment.controller_of()
+        self._columns = _columns(self._sensors)
+        self._measures = self._measure_names()
+        self._shown: dict[int, dict[str, Any]] = {}
+
+    def write(self) -> dict[str, int]:
+        write = self._write
+        write["trajectories"](list(TRAJECTORIES))
+        write["robots"](["time_s", *ROBOTS])
+        write["events"](list(EVENTS))
+        write["shown"](list(SHOWN))
+        write["measures"](["time_s", "timestep", *self._measures])
+        names = [[f"{s}_{n}" for n in range(k)] + [f"{s}_age_s"] for s, k in self._columns.items()]
+        write["readings"](["time_s", "timestep", "tag", *(n for each in names for n in each)])
+        rows: dict[str, list[tuple[str, Callable[[Message], Iterable[Row]]]]] = {
+            "/arena": [("trajectories", _poses)],
+            "/readings": [("readings", self._readings)],
+            "/robots": [("robots", _robots), ("shown", self._changes)],
+            "/signals": [("measures", self._measure)],
+            "/event": [("events", _event)],
+            form.GAP: [("events", _gap)],
+        }
+        for message in self._recording.messages(rows.keys()):
+            time_s = round((message.time_ns - self._recording.begin_ns) / 1e9, 9)
+            for table, make in rows[message.topic]:
+                try:
+                    made = [[time_s, *row] for row in make(message)]
+                except (KeyError, TypeError, ValueError, IndexError, AttributeError):
+                    continue
+                for row in made:
+                    write[table](row)
+                self._rows[table] += len(made)
+        return self._rows
+
+    def _measure_names(self) -> list[str]:
+        """All measures of the recording, in their order of appearance."""
+        names: dict[str, None] = {}
+        for message in self._recording.messages({"/signals"}):
+            measures = message.data.get("measures")
+            if isinstance(measures, dict):
+                names |= dict.fromkeys(measures)
+        return list(names)
+
+    def _measure(self, message: Message) -> Iterable[Row]:
+        measures = message.data["measures"]
+        if measures:
+            yield [message.data["timestep"], *(measures.get(name) for name in self._measures)]
+
+    def _changes(self, message: Message) -> Iterable[Row]:
+        """What controllers show, where it changes."""
+        for tag, values in zip(message.data["tag"], message.data.get("shown") or []):
+            before, self._shown[tag] = self._shown.get(tag, {}), values
+            yield from ([tag, name, value] for name, value in changes(before, values))
+
+    def _readings(self, message: Message) -> Iterable[Row]:
+        data = message.data
+        for tag, values, taken in zip(data["tag"], data["values"], data["captured_ns"]):
+            own = [name for name, _ in self._sensors[self._controller_of.get(tag, 0)]]
+            row: Row = [data["timestep"], tag]
+            for name, count in self._columns.items():
+                place = own.index(name) if name in own else None
+                numbers, taken_ns = ([], -1) if place is None else (values[place], taken[place])
+                row += [*numbers, *([None] * (count - len(numbers)))][:count]
+                row.append(None if taken_ns < 0 else (data["capture_ns"] - taken_ns) / 1e9)
+            yield row
+
+
+Sensors = list[tuple[str, int]]
+"""Names, and how many numbers each has."""
+
+
+def _sensors_of(controller: Any) -> Sensors:
+    sensors = controller.get("sensors") if isinstance(controller, dict) else None
+    found = sensors if isinstance(sensors, list) else []
+    return [(str(s["name"]), int(s["count"])) for s in found if _is_sensor(s)]
+
+
+def _columns(controllers: Iterable[Sensors]) -> dict[str, int]:
+    """The sensors of all controllers with the most numbers that one of this name has."""
+    columns: dict[str, int] = {}
+    for name, count in (sensor for sensors in controllers for sensor in sensors):
+        columns[name] = max(count, columns.get(name, 0))
+    return columns
+
+
+def _is_sensor(sensor: Any) -> bool:
+    return isinstance(sensor, dict) and "name" in sensor and isinstance(sensor.get("count"), int)
+
+
+def _poses(message: Message) -> Iterable[Row]:
+    data, robots = message.data, message.data["robots"]
+    head = [data["timestep"], data.get("run_timestep")]
+    columns = zip(robots["tag"], robots["covariance"], *(robots[name] for name in _POSES))
+    for tag, spread, *values in columns:
+        spreads = [None] * len(_SPREADS) if spread is None else [spread[n] for n in _SPREADS]
+        yield [*head, tag, *map(_cell, values), *spreads]
+
+
+def _robots(message: Message) -> Iterable[Row]:
+    columns = [message.data.get(name) or [] for name in ROBOTS]
+    for row in range(len(columns[0])):
+        yield [_cell(column[row]) if row < len(column) else None for column in columns]
+
+
+def _event(message: Message) -> Iterable[Row]:
+    yield [message.data.get("level"), message.data.get("by"), message.data["text"]]
+
+
+def _gap(message: Message) -> Iterable[Row]:
+    gap = read_gap(message.data)
+    if gap is not None:
+        length_s = (gap.to_ns - gap.from_ns) / 1e9
+        text = (
+            f"{length_s:.3f} s before this are not recorded whole ({gap.messages} messages,"
+            f" {gap.pictures} pictures): {gap.why}"
+        )
+        yield ["gap", None, text]
+
+
+def _cell(value: Any) -> Any:
+    """Yes and no as 1 and 0: every tool reads these."""
+    return int(value) if isinstance(value, bool) else value

@@ -1,0 +1,242 @@
+"""Access control: the Host and Origin of every request, and the token that it carries.
+
+A page that other machines may open has two tokens: one to look, one to control.
+"""
+
+from __future__ import annotations
+
+import hmac
+import ipaddress
+import secrets
+import socket
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from vsense.base.errors import ConfigError, VsenseError
+from vsense.base.files import check_private, open_bytes, read_open
+
+TOKEN_BYTES = 16
+"""128 bits cannot be guessed."""
+MIN_LENGTH = 8
+"""Of a token that a person made up."""
+_NAMES = ("look", "control")
+
+
+class Rights(Enum):
+    """What a viewer of the page may do."""
+
+    NONE = "none"
+    LOOK = "look"
+    CONTROL = "control"
+
+
+@dataclass(frozen=True, slots=True)
+class WebAddress:
+    """Where the page is served, and how.
+
+    Attributes:
+        host, port: the interface's address, and the port; 0 takes any free one.
+        tokens: a file with the two tokens, see `read_tokens`; None: they are drawn.
+        certificate, key: files for HTTPS; without a key the certificate's file has it. Without both
+            a certificate is made where other machines may open the page.
+        insecure: other machines may open it with plain HTTP.
+    """
+
+    host: str
+    port: int
+    tokens: Path | None = None
+    certificate: Path | None = None
+    key: Path | None = None
+    insecure: bool = False
+
+
+FOXGLOVE_PORT = 8765
+"""Where Foxglove looks by itself."""
+
+
+@dataclass(frozen=True, slots=True)
+class FoxgloveAddress:
+    """Where Foxglove is served: the interface's address and the port, 0 for any free one."""
+
+    host: str = "127.0.0.1"
+    port: int = FOXGLOVE_PORT
+
+    def warnings(self) -> list[str]:
+        """What people should know of who can look."""
+        if is_loopback(self.host):
+            return []
+        return [
+            f"Foxglove: everybody who reaches {self.host} can look: there are no tokens, and"
+            " nothing is encrypted"
+        ]
+
+
+@dataclass(frozen=True, slots=True)
+class Tokens:
+    """What a viewer has to show: `look` to look, `control` to look and to give orders."""
+
+    look: str = field(repr=False)
+    control: str = field(repr=False)
+
+    def rights(self, token: str) -> Rights:
+        """The rights of a token; takes equally long for every wrong one."""
+        shown = token.encode(errors="replace")
+        control = hmac.compare_digest(shown, self.control.encode())
+        look = hmac.compare_digest(shown, self.look.encode())
+        if control:
+            return Rights.CONTROL
+        return Rights.LOOK if look else Rights.NONE
+
+
+def make_tokens() -> Tokens:
+    """Draws two tokens."""
+    return Tokens(secrets.token_urlsafe(TOKEN_BYTES), secrets.token_urlsafe(TOKEN_BYTES))
+
+
+PRIVATE_MODE = 0o750
+"""Of a file with tokens or the page's key, the bits of its mode that it may have: nobody but the
+owner changes it, and a group may read it."""
+
+
+def read_tokens(path: Path) -> Tokens:
+    """Reads tokens from a file of two lines, `look=...` and `control=...`; # begins a comment.
+
+    Raises:
+        VsenseError: the file cannot be read, or a token is missing.
+        ConfigError: a line is something else; the message names it.
+    """
+    try:
+        with open_bytes(path) as file:
+            lines = read_open(file, path).decode().splitlines()
+            check_private(file, path, "the tokens", PRIVATE_MODE)
+    except OSError as error:
+        raise VsenseError(f"{path}: cannot read the tokens: {error.strerror}") from error
+    except UnicodeError as error:
+        raise VsenseError(f"{path}: cannot read the tokens: not a text file") from error
+    found: dict[str, str] = {}
+    for number, line in enumerate(lines, start=1):
+        text = line.strip()
+        if text and not text.startswith("#"):
+            name, token = _token(text, str(path), number)
+            if name in found:
+                raise ConfigError(str(path), number, f"a second '{name}=' line")
+            found[name] = token
+    for name in _NAMES:
+        if name not in found:
+            raise VsenseError(f"{path}: no line '{name}=...': both tokens are needed")
+    if found["look"] == found["control"]:
+        raise VsenseError(
+            f"{path}: look and control are the same token: whoever looks would control"
+        )
+    return Tokens(found["look"], found["control"])
+
+
+def _token(text: str, file: str, line: int) -> tuple[str, str]:
+    """Splits one line; the token itself stays out of error messages."""
+    name, equals, token = (part.strip() for part in text.partition("="))
+    if not equals or name not in _NAMES:
+        raise ConfigError(file, line, "expected 'look=...' or 'control=...'")
+    plain = token.isascii() and token.isprintable() and not set(token) & set(' ";,\\')
+    if len(token) < MIN_LENGTH or not plain:
+        expected = f"at least {MIN_LENGTH} letters, digits or signs, without spaces, quotes, ; , \\"
+        raise ConfigError(file, line, f"the {name} token is not usable: expected {expected}")
+    return name, token
+
+
+LOCAL_NAMES = frozenset({"localhost", "localhost.localdomain", "ip6-localhost"})
+
+
+class Forbidden(Exception):
+    """A request that is refused; the text says why, for people."""
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine reaches a server that listens there."""
+    address = _address(host)
+    return host.lower() in LOCAL_NAMES if address is None else address.is_loopback
+
+
+class AccessControl:
+    """Decides about requests to a server that listens on `host`, as it was configured.
+
+    Viewers must show one of `tokens`; None admits all that pass the other checks. `secure`: it
+    speaks HTTPS.
+    """
+
+    def __init__(self, host: str, port: int, tokens: Tokens | None, secure: bool) -> None:
+        self._host = host.lower()
+        self.tokens = tokens
+        # A proxy before a server that speaks HTTP may speak HTTPS.
+        self._schemes = ("https",) if secure else ("http", "https")
+        self._local = is_loopback(host)
+        # Cookies do not depend on ports: two servers on one machine must not share one.
+        self.cookie = f"vsense_{port}"
+
+    def check_host(self, headers: Mapping[str, str]) -> None:
+        """Raises Forbidden for a Host that is not this server: a foreign name is an attack.
+
+        Addresses cannot be rebound as names can, so any is accepted where other machines may come.
+        """
+        name = _name(headers.get("Host", ""))
+        known = name == self._host or is_loopback(name)
+        if not self._local and not known:
+            known = _address(name) is not None or name in _own_names()
+        if not known:
+            raise Forbidden(
+                f"this server is not '{name}': open it by the address that vsense printed"
+            )
+
+    def check_origin(self, headers: Mapping[str, str], needed: bool) -> None:
+        """Raises Forbidden for other pages; where `needed`, for a request without Origin, too."""
+        origin = headers.get("Origin")
+        if origin is None and not needed:
+            return
+        if origin is None:
+            raise Forbidden("a WebSocket needs an Origin header that names this server")
+        try:
+            parts = urlsplit(origin)
+            same = parts.netloc.lower() == headers.get("Host", "").lower()
+        except ValueError:
+            same = False
+        if not same or parts.scheme not in self._schemes:
+            raise Forbidden(f"the page '{origin:.80}' may not talk to this server")
+
+    def rights(self, token: str | None, cookies: Mapping[str, str]) -> Rights:
+        """The rights of a request, by the token in its address or else by that in its cookies."""
+        if self.tokens is None:
+            return Rights.CONTROL
+        return self.tokens.rights(cookies.get(self.cookie, "") if token is None else token)
+
+
+def _name(host: str) -> str:
+    """The name or address in a Host header, without port and brackets."""
+    try:
+        return (urlsplit(f"//{host}").hostname or "").lower()
+    except ValueError:
+        return ""
+
+
+def _address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
+    try:
+        return ipaddress.ip_address(host.strip("[]"))
+    except ValueError:
+        return None
+
+
+def own_address() -> str:
+    """This machine's address for others; nothing is sent to find it."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))
+            return str(probe.getsockname()[0])
+        except OSError:
+            return socket.gethostname()
+
+
+def _own_names() -> set[str]:
+    """This machine's names, without a lookup."""
+    own = socket.gethostname().lower()
+    return {own, own.partition(".")[0], f"{own.partition('.')[0]}.local"}

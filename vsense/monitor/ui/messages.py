@@ -1,0 +1,254 @@
+"""The data of messages, made from the run's state; `MESSAGES.md` describes every topic.
+
+Arrays become columns; what is no number is null.
+"""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from dataclasses import fields as fields_of
+
+import cv2
+import numpy as np
+
+import vsense
+from vsense.config.specs import ControllerSpec, Experiment
+from vsense.monitor.pictures.camera_view import as_they_hang
+from vsense.monitor.recording.form import PART_COLUMNS, Data, ExperimentMessage
+from vsense.robots.link.table import Direction, Entry
+from vsense.run.environment import Environment, Equipment
+from vsense.vision.cameras.camera import Camera
+from vsense.vision.cameras.grabber import Troubles
+from vsense.world.entities import BODY_RADIUS_M, Entity
+from vsense.world.fields import Field
+from vsense.world.floor import Floor
+from vsense.world.sensors.base import VirtualSensor, layout_dtype
+from vsense.world.world import World
+
+KINDS = {
+    "Box": "box", "Cylinder": "cylinder", "Light": "light", "Zone": "zone", "VirtualRobot": "robot",
+}  # fmt: skip
+
+MOST_CELLS = 160
+"""A field is shown with at most so many columns and rows."""
+
+MOST_PIXELS = 1024
+"""A floor's picture is shown with at most so many columns and rows."""
+
+
+def world(world: World) -> Data:
+    """Gives /world: all virtual things and the floor."""
+    floor = world.floor.with_zones(())
+    return {"entities": [entity(e) for e in world.entities.values()], "floor": floor_data(floor)}
+
+
+def entity(thing: Entity) -> Data:
+    """One entity: its kind and its fields."""
+    found: Data = {"kind": KINDS[type(thing).__name__]}
+    for field in fields_of(thing):
+        value = getattr(thing, field.name)
+        found[field.name] = list(value) if isinstance(value, tuple) else value
+    return found
+
+
+def floor_data(floor: Floor) -> Data:
+    """The floor without its zones, its picture as PNG."""
+    png = None
+    if floor.image is not None:
+        image = floor.image
+        step = -(-max(image.shape[:2]) // MOST_PIXELS)
+        order = [2, 1, 0, 3][: image.shape[2]]
+        encoded = cv2.imencode(".png", image[::step, ::step, order])[1]
+        png = base64.b64encode(encoded.tobytes()).decode()
+    return {
+        "color": list(floor.color),
+        "size_m": list(floor.size_m),
+        "centre_m": list(floor.centre_m),
+        "png": png,
+    }
+
+
+def signals(world: World) -> Data:
+    """Gives /signals: what the world shows and measures in this timestep."""
+    lit = np.flatnonzero(world.leds.any(axis=1))
+    cones = (world.cone(source) for source in world.sources)
+    return {
+        "timestep": world.run_timestep,
+        "time_s": world.time_s,
+        "leds": {"tag": world.robots["tag"][lit].tolist(), "color": world.leds[lit].tolist()},
+        "cones": [dict(zip(("x_m", "y_m"), c.vertices().T.tolist())) for c in cones if c],
+        "measures": {name: finite(value) for name, value in world.results.items()},
+    }
+
+
+def fields(grids: Iterable[Field]) -> Data:
+    """Gives /fields: concentrations as shares of the highest, at display resolution."""
+    return {"fields": [_field(grid) for grid in grids]}
+
+
+def _field(grid: Field) -> Data:
+    rows, cols = grid.concentration.shape
+    step = -(-max(rows, cols) // MOST_CELLS)
+    shown = grid.concentration[::step, ::step]
+    peak = float(shown.max())
+    levels = np.round(shown * (255.0 / peak)) if peak > 0.0 else np.zeros(shown.shape)
+    return {
+        "id": grid.id,
+        "corner_m": grid.corner_m.tolist(),
+        "cell_m": grid.cell_m * step,
+        "columns": shown.shape[1],
+        "rows": shown.shape[0],
+        "peak": peak,
+        "levels": base64.b64encode(levels.astype(np.uint8).tobytes()).decode(),
+    }
+
+
+def numbers(entries: Sequence[Entry], payload: bytes) -> list[list[float]]:
+    """A robot's actuators as numbers, one list for each."""
+    found, begin = [], 0
+    for entry in entries:
+        count, kind = layout_dtype(entry.layout)
+        end = begin + count * kind.itemsize
+        found.append(np.frombuffer(payload[begin:end], kind).tolist())
+        begin = end
+    return found
+
+
+def finite(value: float) -> float | None:
+    """A number for JSON."""
+    return float(value) if math.isfinite(value) else None
+
+
+@dataclass(frozen=True, slots=True)
+class ExperimentFacts:
+    """What is the same in all runs of one process.
+
+    Attributes:
+        command: "sim", "lab" or "run".
+        file_text: the experiment's file.
+        blind: the virtual sensors are held at 0.
+        cameras: our own, in no order.
+        trackers: name of each camera's tracker, by camera; without one the camera's own.
+        troubles: of the cameras.
+        made: see `vsense.modes.live.session.RunSetup`.
+        mode: of the page, see `MESSAGES.md`.
+        recorded: the cameras are recordings.
+        user: whose run it is; None: nobody else can steer it.
+        masks: see `cameras`.
+        calibration: what is known of the cameras' calibration, see
+            `vsense.vision.calibration.checked`.
+    """
+
+    command: str
+    file_text: str
+    blind: bool
+    cameras: Sequence[Camera]
+    trackers: dict[str, str]
+    troubles: Troubles
+    made: Data = dataclasses.field(default_factory=dict)
+    mode: str = "live"
+    recorded: bool = False
+    user: str | None = None
+    masks: Mapping[str, object] | None = None
+    calibration: Data | None = None
+
+
+def experiment(facts: ExperimentFacts, environment: Environment) -> Data:
+    """Gives /experiment."""
+    spec = environment.experiment
+    arena = spec.arena
+    return ExperimentMessage(
+        mode=facts.mode,
+        command=facts.command,
+        user=facts.user,
+        recorded=facts.recorded,
+        name=spec.name,
+        seed=environment.seed,
+        blind=facts.blind,
+        version=vsense.__version__,
+        file_text=facts.file_text,
+        made=_made(facts, spec),
+        timestep_s=spec.timestep_s,
+        length_s=spec.length_s or None,
+        arena={"size_m": list(arena.size_m), "centre_m": list(arena.centre_m)},
+        robots=[
+            {"tag": robot.tag, "name": robot.id, "height_m": spec.marker.height_m}
+            for robot in spec.robots
+        ],
+        objects=[{"tag": thing.tag, "name": thing.id} for thing in spec.objects],
+        controllers=[_controller(*which) for which in zip(spec.controllers, environment.equipment)],
+        cameras=cameras(facts.cameras, facts.trackers, facts.masks),
+        calibration=facts.calibration,
+        body_radius_m=BODY_RADIUS_M,
+    ).data()
+
+
+def parts(rows: Sequence[Data], run: int, timestep: int) -> Data:
+    """Gives /parts, of rows of `vsense.run.recasting.played`."""
+    return {
+        "run": run,
+        "timestep": timestep,
+        **{name: [row[name] for row in rows] for name in PART_COLUMNS},
+    }
+
+
+def _made(facts: ExperimentFacts, spec: Experiment) -> Data:
+    """How the experiment was read; with who plays, where that does not follow from its file."""
+    casting = spec.casting
+    if not facts.made or not (casting.roster or casting.replaced):
+        return facts.made
+    return {**facts.made, "casting": dataclasses.asdict(casting)}
+
+
+def _controller(spec: ControllerSpec, equipment: Equipment) -> Data:
+    return {
+        "id": spec.id,
+        "library": spec.library,
+        "tags": list(equipment.tags),
+        "sensors": [_sensor(mounted.sensor) for mounted in spec.sensors],
+        "actuators": [
+            {"name": e.name, "layout": e.layout, "count": layout_dtype(e.layout)[0]}
+            for e in equipment.table.entries
+            if e.direction == Direction.ACTUATOR
+        ],
+    }
+
+
+def _sensor(sensor: VirtualSensor) -> Data:
+    angles_rad = getattr(getattr(sensor, "ring", None), "angles_rad", None)
+    return {
+        "name": sensor.name,
+        "layout": sensor.layout,
+        "count": layout_dtype(sensor.layout)[0],
+        "unit": getattr(sensor, "unit", None),
+        "angles_rad": None if angles_rad is None else angles_rad.tolist(),
+    }
+
+
+def cameras(
+    found: Sequence[Camera], trackers: dict[str, str], masks: Mapping[str, object] | None = None
+) -> list[Data]:
+    """Gives the cameras with their places in a grid as seen from above, +y up.
+
+    `masks` are, by camera, the polygons in its picture [px] in which markers are looked for.
+    """
+    return [
+        {
+            "id": camera.id,
+            "tracker": trackers.get(camera.id, camera.id),
+            "width_px": camera.width_px,
+            "height_px": camera.height_px,
+            "position_m": list(camera.position_m),
+            "row": row,
+            "column": column,
+            "model": json.loads(camera.to_json()),
+            **({"mask_px": masks[camera.id]} if masks else {}),
+        }
+        for row, line in enumerate(as_they_hang(found))
+        for column, camera in enumerate(line)
+    ]

@@ -1,0 +1,203 @@
+"""The recordings of one process: a file per run, begun with it or by an order."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vsense.base.arena import Frame
+from vsense.base.errors import VsenseError
+from vsense.base.message_bus import MessageBus
+from vsense.base.terminal import Level
+from vsense.monitor import recording
+from vsense.monitor.recording.form import Data
+
+if TYPE_CHECKING:
+    from vsense.config.specs import MarkerSpec
+    from vsense.monitor.recording.recorder import Recorder
+    from vsense.vision.tracking.camera_tracking import CameraTracking
+    from vsense.vision.tracking.specs import TrackingSession
+
+OFF: Data = {"on": False, "file": None, "bytes": 0, "lost_messages": 0, "trouble": None}
+
+
+class Recorders:
+    """Makes and ends recordings; its methods may be called by any thread.
+
+    Args:
+        bus: what is recorded.
+        wanted: every run is recorded from its beginning; else only by an order.
+        pictures: cameras' pictures are recorded, too.
+        trouble: takes a line about what cannot be recorded; any thread.
+        say: likewise about what is recorded, and where.
+    """
+
+    def __init__(
+        self,
+        bus: MessageBus,
+        wanted: bool,
+        pictures: bool,
+        trouble: Callable[[str], None],
+        say: Callable[[str], None] = lambda text: None,
+    ) -> None:
+        self._tracker: Mapping[str, Any] | None = None
+        self._bus = bus
+        self._wanted = wanted
+        self._pictures = pictures
+        self._trouble, self._say = trouble, say
+        self._path: Path | None = None
+        self._recorder: Recorder | None = None
+        self._suspended = False
+        self._lock = threading.RLock()
+
+    def begin_run(self, path: Path) -> None:
+        """Begins a run, whose recording goes to `path`."""
+        self.end_run()
+        with self._lock:
+            self._path, self._suspended = path, False
+            if self._wanted and self._open():
+                self._say(f"recording to {path}")
+
+    def end_run(self) -> Data:
+        """Completes the run's recording, says where it is, and gives its last `state`."""
+        with self._lock:
+            recorder, self._recorder, self._path = self._recorder, None, None
+        if recorder is None:
+            return dict(OFF)
+        # While what waits is written; it may be seconds.
+        self._say(f"completing the recording {recorder.path}")
+        seconds = recorder.seconds
+        recorder.close()
+        made = recorder.state()
+        self._say(recording.size_line(recorder.path, made["bytes"], seconds))
+        if made["lost_messages"]:
+            self._trouble(
+                f"the recording lacks {made['lost_messages']} messages and pictures: the disk was"
+                " too slow or full; vsense report shows when"
+            )
+        return made
+
+    @property
+    def wanted(self) -> bool:
+        """Whether this run, or the next one, is to be recorded."""
+        return self._wanted
+
+    def suspend(self) -> None:
+        """The run stands still, and so does its recording, until `go_on`."""
+        with self._lock:
+            self._suspended = True
+            if self._recorder is not None:
+                self._recorder.pause()
+
+    def go_on(self) -> None:
+        """The run goes on, and so does its recording, if it is wanted."""
+        with self._lock:
+            self._suspended = False
+            if not self._wanted:
+                return
+            if self._recorder is not None:
+                self._recorder.resume()
+            elif self._open():
+                self._say(f"recording to {self._path}")
+
+    def switch(self, on: bool) -> str:
+        """Switches the recording on or off; gives a line for people, and does not wait for disks.
+
+        UsageError if a library is missing.
+        """
+        recording.require()
+        with self._lock:
+            self._wanted, recorder, path = on, self._recorder, self._path
+        if path is None:
+            return f"the next run is {'' if on else 'not '}recorded"
+        if self._suspended:
+            return f"the run is {'' if on else 'not '}recorded when it goes on"
+        if recorder is None and on:
+            threading.Thread(target=self._open_late, name="vsense-record", daemon=True).start()
+            return f"recording to {path}"
+        if recorder is None:
+            return "nothing was being recorded"
+        if on:
+            recorder.resume()
+            return f"recording goes on in {recorder.path}"
+        recorder.pause()
+        return f"recording is off: {recorder.path}"
+
+    def watch_session(
+        self, session: TrackingSession, tracking: CameraTracking, by_file: bool = True
+    ) -> None:
+        """Records the pictures of a tracking session, if options or, `by_file`, its file want them.
+
+        UsageError if a library is missing.
+        """
+        wanted = by_file and session.record.record_image
+        self._wanted, self._pictures = self._wanted or wanted, self._pictures or wanted
+
+        def describe() -> Mapping[str, Any]:
+            from vsense.monitor.recording import tracker_made
+
+            return tracker_made.of_session(session)
+
+        self._watch(tracking, describe)
+
+    def watch_family(self, marker: MarkerSpec, tracking: CameraTracking) -> None:
+        """Records the pictures of cameras that look for one family of markers, if wanted.
+
+        UsageError if a library is missing.
+        """
+        tracker = tracking.tracker
+        cameras, heights_m, offsets = tracker.cameras, dict(tracker.heights_m), tracker.offsets
+
+        def describe() -> Mapping[str, Any]:
+            from vsense.monitor.recording import tracker_made
+
+            return tracker_made.of_family(cameras, marker.family, heights_m, offsets=offsets)
+
+        self._watch(tracking, describe)
+
+    def _watch(self, tracking: CameraTracking, describe: Callable[[], Mapping[str, Any]]) -> None:
+        """`describe` imports the arena tracker, which only pictures need."""
+        if not self._pictures:
+            return
+        recording.require()
+        self._tracker = describe()
+
+        def record(frames: Sequence[Frame]) -> None:
+            recorder = self._recorder
+            if recorder is not None:
+                recorder.pictures(frames, tracking.tracker)
+
+        tracking.record = record
+
+    def state(self) -> Data:
+        """The "recording" of the message /run."""
+        recorder = self._recorder
+        return dict(OFF) if recorder is None else recorder.state()
+
+    def _tell(self, text: str, level: Level) -> None:
+        """Takes what a recorder says; any thread."""
+        (self._trouble if level == "trouble" else self._say)(text)
+
+    def _open_late(self) -> None:
+        with self._lock:
+            if self._wanted and self._recorder is None:
+                self._open()
+
+    def _open(self) -> bool:
+        """Begins the run's recording, or says what prevents it."""
+        if self._path is None:
+            return False
+        try:
+            recording.require()
+            from vsense.monitor.recording.recorder import Recorder
+
+            recorder = Recorder(self._bus, self._path, self._pictures, self._tell)
+        except VsenseError as error:
+            self._trouble(f"run not recorded: {error}")
+            return False
+        if self._tracker is not None:
+            recorder.describe_tracker(self._tracker)
+        self._recorder = recorder
+        return True

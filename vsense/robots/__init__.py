@@ -1,0 +1,1 @@
+"""Robots: the daemon built and deployed, and the link to it."""

@@ -1,0 +1,168 @@
+"""What ARGoS's controllers and loop functions are compiled with: headers, sources, flags.
+
+`robot/argos/headers.txt` says which of our headers stands for which one of ARGoS's. From it a
+folder of headers of one line each is made in the cache.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from vsense.robots.programs import ARGOS, Program, content, headers, included, known_headers
+
+PAGE = "vsense/config/ARGOS.md"
+"""What users read about it."""
+
+STANDARD = "-std=gnu++17"
+"""As CMake has it, with GNU's extensions; ARGoS's users write C++11 to C++17."""
+
+_REMOVED = (
+    "AUTO_PTR",
+    "BINDERS",
+    "RANDOM_SHUFFLE",
+    "UNARY_BINARY_FUNCTION",
+    "UNEXPECTED_FUNCTIONS",
+)
+
+FLAGS = (
+    "-DVSENSE",
+    *(f"-D_LIBCPP_ENABLE_CXX17_REMOVED_{name}" for name in _REMOVED),
+    "-D_GLIBCXX_USE_DEPRECATED=1",
+)
+"""Besides the standard: users may ask who compiles, and what C++17 took away from the library is
+there."""
+
+CONTROLLER_PARTS = (
+    *("base", "configuration", "random"),
+    *("controller", "rings", "devices", "neighbours", "virtual_sensors"),
+)
+"""What of `robot/argos/` a controller needs."""
+
+LOOP_PARTS = ("base", "configuration", "random", "entities", "loop_functions")
+"""What of `robot/argos/` loop functions need."""
+
+ENTRY = "controller"
+"""Which of these makes the program's class a controller of the daemon."""
+
+_WORDS = re.compile(
+    rb"""//[^\n]*|/\*.*?\*/|"(?:\\.|[^"\\\n])*"|'(?:\\.|[^'\\\n])*'"""
+    rb"""|\b(try|catch|throw|dynamic_cast|typeid)\b""",
+    re.S,
+)
+"""Comments, texts, and what needs exceptions or types at run time."""
+
+_GET_CONTROLLER = re.compile(
+    rb"""//[^\n]*|/\*.*?\*/|"(?:\\.|[^"\\\n])*"|\b(GetController)\s*\(\s*\)""", re.S
+)
+"""Comments, texts, and where loop functions ask for the object of a controller."""
+
+
+def forwarding(argos: Path, cache: Path) -> Path:
+    """Gives the folder that is searched for ARGoS's headers, made in `cache` where needed.
+
+    Args:
+        argos: our headers' folder, `robot/argos`.
+    """
+    table = (argos / "headers.txt").read_text(encoding="utf-8")
+    digest = hashlib.sha256(f"{argos}\0{table}".encode()).hexdigest()[:16]
+    folder = cache / f"argos-{digest}"
+    if folder.is_dir():
+        return folder
+    cache.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=f"{folder.name}.", dir=cache) as making:
+        whole = Path(making) / "whole"
+        for theirs, ours in known_headers().items():
+            header = whole / theirs
+            header.parent.mkdir(parents=True, exist_ok=True)
+            header.write_text(f'#include "{argos / ours}"\n', encoding="utf-8")
+        try:
+            whole.rename(folder)
+        except OSError:
+            if not folder.is_dir():  # another process was faster: its folder is the same
+                raise
+    return folder
+
+
+def own_files(program: Program) -> list[Path]:
+    """A program's sources and all headers of its own."""
+    used = headers(program.sources, program.includes)
+    return [*program.sources, *(path for path in used if path not in program.sources)]
+
+
+def missing_headers(program: Program) -> list[tuple[Path, int, str]]:
+    """What of ARGoS's headers a program includes and nobody has: file, line, header."""
+    found = []
+    for path in own_files(program):
+        for name, _ in included(path):
+            if not name.startswith(ARGOS) or name in known_headers():
+                continue
+            if not any((folder / name).is_file() for folder in program.includes):
+                found.append((path, _line(path, name), name))
+    return found
+
+
+def explain_missing(missing: Sequence[tuple[Path, int, str]]) -> str:
+    """What a user can do about missing headers."""
+    lines = [f"{path}:{line}: <{name}>" for path, line, name in missing]
+    words = (
+        "vsense has none of these headers of ARGoS. One of a library of your own, or of another"
+        " repository's, is found with --include PREFIX=FOLDER (such as"
+        " --include argos3/demiurge/epuck-dao=../demiurge-epuck-dao/src);"
+        f" {PAGE} says what there is"
+    )
+    return "\n".join([words, *lines])
+
+
+def needs_runtime(program: Program) -> bool:
+    """Whether a program uses exceptions, or types at run time: `try`, `catch`, `throw`,
+    `dynamic_cast` or `typeid` in a source or header of its own, outside of comments and texts."""
+    return any(found[1] for path in own_files(program) for found in _WORDS.finditer(content(path)))
+
+
+def explain_controllers(program: Program) -> str:
+    """What a user can do whose loop functions use a controller's class; "": they do not."""
+    found = [
+        f"{path}:{_line_at(path, use.start())}: GetController()"
+        for path in own_files(program)
+        for use in _GET_CONTROLLER.finditer(content(path))
+        if use[1]
+    ]
+    if not found:
+        return ""
+    words = (
+        "they use the class of a controller. Controllers run apart from loop functions here, in the"
+        " end on robots: their members are out of reach. Have the controller show what is wanted of"
+        " it with its LEDs, which loop functions see (GetLEDEquippedEntity()); lines for ARGoS"
+        f" alone go between #ifndef VSENSE and #endif; see {PAGE}"
+    )
+    return "\n".join([words, *found])
+
+
+def explain_simulator(program: Program) -> str:
+    """What a user can do whose controller uses the simulator; "": it includes nothing of it."""
+    found = [
+        f"{path}:{_line(path, name)}: <{name}>"
+        for path in own_files(program)
+        for name, _ in included(path)
+        if name.startswith(ARGOS) and "/simulator/" in name
+    ]
+    if not found:
+        return ""
+    words = (
+        "it uses ARGoS's simulator, which is out of a controller's reach here: it runs on robots,"
+        " too. Count control steps for the time; lines for ARGoS alone go between #ifndef VSENSE"
+        f" and #endif; see {PAGE}"
+    )
+    return "\n".join([words, *found])
+
+
+def _line(path: Path, name: str) -> int:
+    return _line_at(path, content(path).find(name.encode()))
+
+
+def _line_at(path: Path, place: int) -> int:
+    return content(path).count(b"\n", 0, place) + 1

@@ -1,0 +1,209 @@
+"""Builds `vsensed` with a user's controller for robots' boards; where their compilers come from.
+
+Two cross compilers are known. `ziglang` from PyPI (the extra `robot`) makes every target, static
+against musl, so that the board's own C library and float ABI do not matter. Where it is not
+installed Debian's cross compilers do, with the larger glibc.
+
+Sources: embedded.md section 1 (which versions link ARMv5, which flags, sizes); epuck.md section 7
+(the boards). Debian's armhf compiler is left out on purpose: its libc is ARMv7, and the Pi Zero
+is not.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import platform
+import re
+import shutil
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from vsense.base.errors import UsageError, pip_line
+from vsense.base.processes import python_module
+from vsense.robots.build import cache_directory, source_tree
+from vsense.robots.compiling import BuildError, Toolchain, native
+from vsense.robots.programs import Program
+
+SMALL = ("-Os", "-static", "-fno-unwind-tables", "-fno-asynchronous-unwind-tables")
+"""Boards have little room: -O2 is 12 % larger, and a step has hardly fewer instructions. Nothing
+unwinds the stack of a C program."""
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """A kind of board.
+
+    Attributes:
+        name: as the command line calls it.
+        help: which boards these are.
+        zig: what the zig compiler is told to compile for; empty: this machine.
+        small: what it is told for small code (Thumb: on ARMv5 three quarters of the bytes); empty:
+            nothing makes any.
+        debian: Debian's compiler and what it is told; empty: there is none.
+        package: Debian's package of that compiler.
+    """
+
+    name: str
+    help: str
+    zig: tuple[str, ...]
+    small: tuple[str, ...]
+    debian: tuple[str, ...]
+    package: str
+
+
+TARGETS = {
+    target.name: target
+    for target in (
+        Target(
+            "epuck",
+            "any 32-bit ARM board of an e-puck: ARMv5TE, soft float (Gumstix Overo, AT91, Pi Zero)",
+            ("-target", "arm-linux-musleabi", "-mcpu=arm926ej_s"),
+            ("-target", "thumb-linux-musleabi", "-mcpu=arm926ej_s"),
+            ("arm-linux-gnueabi-gcc", "-march=armv5te", "-mtune=arm926ej-s", "-marm"),
+            "gcc-arm-linux-gnueabi",
+        ),
+        Target(
+            "pi-puck",
+            "a Pi-puck's Raspberry Pi Zero: ARMv6 with its floating point unit",
+            ("-target", "arm-linux-musleabihf", "-mcpu=arm1176jzf_s"),
+            (),
+            ("arm-linux-gnueabi-gcc", "-march=armv6", "-mtune=arm1176jzf-s", "-marm"),
+            "gcc-arm-linux-gnueabi",
+        ),
+        Target(
+            "aarch64",
+            "64-bit ARM boards (Raspberry Pi Zero 2 and newer)",
+            ("-target", "aarch64-linux-musl"),
+            (),
+            ("aarch64-linux-gnu-gcc",),
+            "gcc-aarch64-linux-gnu",
+        ),
+        Target("host", "this machine", (), (), (), "build-essential"),
+    )
+}
+
+
+def toolchain(target: Target, cache: Path) -> Toolchain:
+    """Finds the compiler for a target.
+
+    Args:
+        target: what to compile for.
+        cache: folder in which zig keeps what it has compiled, its C library above all.
+
+    Raises:
+        BuildError: there is none here; the message says how to get one.
+    """
+    zig = _zig(target, cache)
+    if zig is not None:
+        return zig
+    if target.name == "host":
+        found = native()
+        return replace(found, flags=SMALL)
+    command, *flags = target.debian
+    if shutil.which(command) is None:
+        raise BuildError(
+            f"no compiler for {target.name} boards: install one with: {pip_line('ziglang')}"
+            f" (or, for Debian's: sudo apt install {target.package})"
+        )
+    return Toolchain(
+        (command,),
+        (*SMALL, *flags),
+        cxx=(f"{command.removesuffix('gcc')}g++",),
+        cxx_line=f"sudo apt install {target.package.replace('gcc-', 'g++-')}",
+    )
+
+
+def _zig(target: Target, cache: Path) -> Toolchain | None:
+    """The zig compiler, where it is installed and knows the target."""
+    flags = target.zig or ("-target", f"{platform.machine()}-linux-musl")
+    known = target.zig or platform.machine() in ("x86_64", "aarch64", "riscv64")
+    if not known or importlib.util.find_spec("ziglang") is None:
+        return None
+    folders = {
+        "ZIG_GLOBAL_CACHE_DIR": str(cache / "zig"),
+        "ZIG_LOCAL_CACHE_DIR": str(cache / "zig"),
+    }
+    zig = python_module("ziglang")
+    small = (*SMALL, *target.small) if target.small else ()
+    return Toolchain((*zig, "cc"), (*SMALL, *flags), folders, small, cxx=(*zig, "c++"))
+
+
+@dataclass(frozen=True, slots=True)
+class Built:
+    """A daemon that was built.
+
+    Attributes:
+        path: the executable.
+        target: name of what it runs on.
+        size: bytes, stripped.
+        controller: the controller's source, its first one where there are several.
+        hash: of the controller and the headers of its own, hexadecimal. The daemon tells it, too:
+            `vsensed --version`.
+        compiler: the words that start it.
+    """
+
+    path: Path
+    target: str
+    size: int
+    controller: Path
+    hash: str
+    compiler: str
+
+
+def build(controller: str | Program, target: str, output: Path) -> Built:
+    """Builds one.
+
+    Args:
+        controller: a program, a shipped controller's name or the path of a `.c` or `.cpp` file.
+        target: a name in `TARGETS`.
+        output: where it goes; what was there is replaced whole, or stays as it is.
+
+    Raises:
+        UsageError: no such controller.
+        BuildError: no compiler, a source that does not compile, or it cannot be written.
+    """
+    tree = source_tree()
+    program = tree.program(controller)
+    board = TARGETS[target]
+    compiler = toolchain(board, cache_directory())
+    sources = tree.daemon(program, plain=True)
+    try:
+        digest = sources.link_daemon(compiler, output)
+    except BuildError as error:
+        raise BuildError(_explain(board, compiler, str(error))) from None
+    return Built(
+        path=output,
+        target=target,
+        size=output.stat().st_size,
+        controller=program.sources[0],
+        hash=digest,
+        compiler=" ".join(Path(word).name for word in compiler.command),
+    )
+
+
+def _explain(board: Target, compiler: Toolchain, said: str) -> str:
+    """Adds what a linker does not say: which compilers cannot link ARMv5."""
+    if board.name == "epuck" and re.search(r"undefined symbol: __sync_", said):
+        version = compiler.version().splitlines()[:1]
+        return (
+            f"{' '.join(version)} cannot link for ARMv5: versions after ziglang 0.15.2 use"
+            f" instructions that these boards do not have; {pip_line('ziglang')}\n{said}"
+        )
+    return said
+
+
+def load(binary: Path) -> bytes:
+    """Reads a daemon.
+
+    Raises:
+        UsageError: it is not there, or no program.
+    """
+    try:
+        content = binary.read_bytes()
+    except OSError as error:
+        raise UsageError(
+            f"cannot read {binary}: {error.strerror}; make it with: vsense robot build"
+        ) from None
+    if not content.startswith(b"\x7fELF"):
+        raise UsageError(f"{binary} is no program for Linux; make it with: vsense robot build")
+    return content

@@ -1,0 +1,279 @@
+"""Builds the robots' code for this machine from the C sources that come with vsense: the daemon
+`vsensed`, and for simulations all robots as one shared object.
+
+A build lands in the user's cache directory under a name made of the hash of everything that
+went into it, so a second start finds it and an edited controller is never mistaken for the old
+one. An installed vsense carries one daemon ready made, with the shipped controller; a machine
+without a compiler can run that.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+from vsense.base.errors import UsageError, instead
+from vsense.robots import cache
+from vsense.robots.argos_code import CONTROLLER_PARTS, FLAGS, LOOP_PARTS, STANDARD
+from vsense.robots.cache import cache_directory
+from vsense.robots.compiling import (
+    CFLAGS,
+    CXX_LIBRARIES,
+    CXXFLAGS,
+    SUFFIXES,
+    BuildError,
+    Sources,
+    native,
+    own_cxxflags,
+)
+from vsense.robots.programs import Program, source_roots
+
+__all__ = ["BuildError", "SourceTree", "cache_directory", "daemon", "shared"]
+
+SHARED_FLAGS = ("-fPIC", "-shared", "-fvisibility=hidden", "-ffp-contract=off", "-Wl,-z,defs")
+"""For the shared object that simulations load. What a controller calls its own stays its own; and
+no machine fuses two roundings into one, so that a seed gives the same run on all of them."""
+
+RUNTIME_PARTS = (
+    *("err", "bytes", "tag", "wire", "table", "shown", "body"),
+    *("peer", "clock", "offer", "greeting", "session"),
+)
+"""What of `c_src/` a robot's controller runtime needs beside `robot/`: the protocol's own files."""
+
+SYSTEM_PARTS = (
+    "atomics",
+    *("base", "base_argos", "base_asercom", "base_boards", "base_config", "base_gctronic"),
+    *("base_reset", "base_serial", "base_york", "board_link", "board_process", "calls", "check"),
+    "controller_hash",
+    *("guard", "guard_link", "guard_process", "guard_rights", "key", "main", "memory", "net"),
+    *(
+        "networks",
+        "options",
+        "options_help",
+        "presets",
+        "radio",
+        "random",
+        "report",
+        "restart",
+        "settings",
+        "signals",
+        "talk",
+        "trace",
+        "uid",
+    ),
+    *("watchdog", "worker"),
+)
+"""What of `robot/` only a daemon needs: processes, files, network, and the base."""
+
+SIMULATION_PART = "inprocess"
+"""What of `robot/` only a simulation needs."""
+
+FAST_PARTS = (
+    *("vs_body", "vs_clock", "vs_peer", "vs_session", "vs_tag", "vs_wire"),
+    *("epuck_argos", "epuck_bytes", "base", "base_serial"),
+    *("guard", "loop", "memory", "robot"),
+)
+"""What a control step runs through, of most instructions. All else is compiled to small code."""
+
+SHIPPED_CONTROLLER = "pollutant"
+
+
+@dataclass(frozen=True, slots=True)
+class SourceTree:
+    """The folders `c_src/` and `robot/` as they lie in a checkout or in an installed package."""
+
+    root: Path
+
+    @property
+    def prebuilt(self) -> Path:
+        """Where an installed package carries its ready-made daemon."""
+        return self.root / "bin" / "vsensed"
+
+    def daemon_sources(self) -> list[Path]:
+        """All C files of the daemon but its controller, in a fixed order."""
+        folders = (sorted((self.root / folder).glob("*.c")) for folder in ("c_src", "robot"))
+        return [p for files in folders for p in files if p.stem != SIMULATION_PART]
+
+    def runtime_sources(self) -> list[Path]:
+        """The C files of all robots of a simulation but their controller, in a fixed order."""
+        protocol = [self.root / "c_src" / f"vs_{part}.c" for part in RUNTIME_PARTS]
+        robot = sorted((self.root / "robot").glob("*.c"))
+        return [*protocol, *(p for p in robot if p.stem not in SYSTEM_PARTS)]
+
+    def headers(self) -> list[Path]:
+        """All headers of the daemon, in a fixed order."""
+        return [p for folder in self.includes() for p in sorted(folder.glob("*.h"))]
+
+    def argos_headers(self) -> list[Path]:
+        """All headers for ARGoS's code, and their table."""
+        return sorted(p for p in (self.root / "robot" / "argos").iterdir() if p.suffix != ".cpp")
+
+    def program(self, controller: str | Program, beside: Path | None = None) -> Program:
+        """Finds a program by the name or path of its one file; see `controller`."""
+        if isinstance(controller, Program):
+            return controller
+        return Program((self.controller(controller, beside),))
+
+    def daemon(self, program: Program, plain: bool = False) -> Sources:
+        """What a daemon with this controller is made of; `plain`: see `Sources`."""
+        memory = sorted((self.root / "robot").glob("*.cpp"))
+        own_cxx, folder = [*memory, *self._argos(program)], _cache_for(program)
+        return Sources(
+            self.daemon_sources(), program, self.includes(), own_cxx, FAST_PARTS, folder, plain
+        )
+
+    def runtime(self, program: Program) -> Sources:
+        """What the robots of a simulation with this controller are made of."""
+        own_cxx, folder = self._argos(program), _cache_for(program)
+        return Sources(self.runtime_sources(), program, self.includes(), own_cxx, cache=folder)
+
+    def loop(self, program: Program) -> Sources:
+        """What the shared object of ARGoS's loop functions is made of."""
+        own_cxx, folder = self._argos(program, LOOP_PARTS), _cache_for(program)
+        return Sources((), program, self.includes(), own_cxx, cache=folder, what="loop functions")
+
+    def _argos(self, program: Program, parts: Sequence[str] = CONTROLLER_PARTS) -> list[Path]:
+        """Our files that code for ARGoS needs."""
+        folder = self.root / "robot" / "argos"
+        return [folder / f"{part}.cpp" for part in parts] if program.is_argos else []
+
+    def includes(self) -> list[Path]:
+        """The folders of the headers."""
+        return [self.root / folder for folder in ("c_src", "robot")]
+
+    def controllers(self) -> dict[str, Path]:
+        """The shipped controllers by name."""
+        return {p.stem: p for p in sorted((self.root / "robot" / "controllers").glob("*.c"))}
+
+    def controller(self, name: str, beside: Path | None = None) -> Path:
+        """Finds a controller's source.
+
+        Args:
+            name: a shipped controller's name, or the path of a `.c` or `.cpp` file.
+            beside: folder that a relative path is taken from.
+
+        Raises:
+            UsageError: there is no such controller.
+        """
+        shipped = self.controllers()
+        if name in shipped:
+            return shipped[name]
+        path = (beside or Path()) / name
+        if path.suffix in SUFFIXES and path.is_file():
+            return path.resolve()
+        raise UsageError(
+            f"no controller {name!r}: expected the path of a .c or .cpp file, or a shipped one;"
+            f" {instead(name, shipped)}"
+        )
+
+
+def source_tree() -> SourceTree:
+    """Finds the C sources: inside the installed package, or in the checkout around it.
+
+    Raises:
+        BuildError: neither is there.
+    """
+    for root in source_roots():
+        if (root / "robot" / "main.c").is_file():
+            return SourceTree(root)
+    raise BuildError(
+        f"the daemon's C sources are missing from {source_roots()[0]}: install vsense again"
+    )
+
+
+def daemon(controller: str | Program = SHIPPED_CONTROLLER, beside: Path | None = None) -> Path:
+    """Gives the host's `vsensed` with this controller, building it where needed.
+
+    Args:
+        controller: a program, a shipped controller's name, or the path of a `.c` or `.cpp` file.
+        beside: folder that a relative path is taken from (the experiment file's).
+
+    Returns:
+        Path of the executable.
+
+    Raises:
+        UsageError: no such controller.
+        BuildError: no compiler, a source that does not compile, or no cache directory.
+    """
+    tree = source_tree()
+    program = tree.program(controller, beside)
+    shipped = (tree.controllers()[SHIPPED_CONTROLLER],)
+    if program.sources == shipped and tree.prebuilt.is_file():
+        return tree.prebuilt
+    target = cache_directory() / _fingerprint(tree, program) / "vsensed"
+    return cache.built(target, partial(compile_daemon, tree, program))
+
+
+def shared(controller: str | Program, beside: Path | None = None) -> Path:
+    """Gives the shared object of `robot/inprocess.h` with this controller, building it if needed.
+
+    Args:
+        controller: a program, a shipped controller's name, or the path of a `.c` or `.cpp` file.
+        beside: folder that a relative path is taken from (the experiment file's).
+
+    Returns:
+        Path of the shared object.
+
+    Raises:
+        UsageError: no such controller.
+        BuildError: no compiler, a source that does not compile, or no cache directory.
+    """
+    tree = source_tree()
+    program = tree.program(controller, beside)
+    target = cache_directory() / _fingerprint(tree, program) / "inprocess.so"
+    return cache.built(target, partial(_compile_runtime, tree, program))
+
+
+def loop_functions(program: Program) -> Path:
+    """Gives the shared object of ARGoS's loop functions, building it where needed.
+
+    Raises:
+        BuildError: no compiler, a source that does not compile, or no cache directory.
+    """
+    tree = source_tree()
+    # The label is chosen when they are called.
+    program = replace(program, label="")
+    sources = tree.loop(program)
+    target = cache_directory() / _fingerprint(tree, program, sources) / "loop_functions.so"
+    return cache.built(target, lambda target: sources.link(native(), target, SHARED_FLAGS))
+
+
+def compile_daemon(tree: SourceTree, program: Program, target: Path) -> None:
+    """Links `vsensed`, whose own files are compiled once for all controllers, into place whole.
+
+    Raises:
+        BuildError: the compiler is missing or refuses a source, or the folder cannot be written.
+    """
+    compiler = native()
+    cache.with_parts(tree.daemon(program), compiler).link_daemon(compiler, target)
+
+
+def _compile_runtime(tree: SourceTree, program: Program, target: Path) -> None:
+    compiler = native()
+    runtime = cache.with_parts(tree.runtime(program), compiler, SHARED_FLAGS)
+    runtime.link(compiler, target, SHARED_FLAGS)
+
+
+def _cache_for(program: Program) -> Path | None:
+    """Where the compiled files of code for ARGoS stay; other code needs no cache for it."""
+    return cache_directory() if program.is_argos else None
+
+
+def _fingerprint(tree: SourceTree, program: Program, sources: Sources | None = None) -> str:
+    """Hash of the compiler, the flags and every source and header that goes into a build."""
+    compiler = native()
+    flags = f"{CFLAGS}{SHARED_FLAGS}{CXXFLAGS}{own_cxxflags()}{CXX_LIBRARIES}{compiler.cxx}"
+    sources = sources or tree.daemon(program)
+    versions = compiler.version() + (compiler.for_cxx().version() if sources.is_cxx else "")
+    digest = hashlib.sha256(f"{list(compiler.command)}{versions}{flags}".encode())
+    argos = tree.argos_headers() if program.is_argos else []
+    if program.is_argos:
+        digest.update(f"{FLAGS}{STANDARD}{program}".encode())
+    own = sources.dependencies(compiler)
+    for path in (*sources.own, *sources.own_cxx, *tree.headers(), *argos, *own):
+        digest.update(os.fsencode(path.name) + b"\0" + path.read_bytes() + b"\0")
+    return digest.hexdigest()[:24]

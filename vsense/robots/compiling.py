@@ -1,0 +1,398 @@
+"""Runs C compilers over the robots' sources: this machine's, or one for a robot's processor."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import re
+import shlex
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Collection, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from vsense.base.errors import VsenseError
+from vsense.robots import argos_code
+from vsense.robots.programs import Program, content, headers
+
+SECTIONS = ("-O2", "-ffunction-sections", "-fdata-sections")
+
+HOST_FLAGS = ("-DVSENSED_SLOW_CLOCK",)
+"""Of daemons for this machine, whose clock can be slow for a lab; a robot's cannot."""
+
+CFLAGS = ("-std=c99", "-D_POSIX_C_SOURCE=200809L", *SECTIONS)
+
+PLAIN = ("-fno-exceptions", "-fno-rtti")
+
+CXXFLAGS = ("-std=c++17", *SECTIONS, *PLAIN, "-fno-threadsafe-statics")
+"""For a controller in C++; the user's own CXXFLAGS come after them. Exceptions and their tables
+would more than double the daemon, and nothing on a robot has two threads."""
+
+CXX_SUFFIXES = (".cpp", ".cc", ".cxx")
+SUFFIXES = (".c", *CXX_SUFFIXES)
+"""Of a controller's file, in the order in which they are looked for."""
+
+LIBRARIES = ("-Wl,--gc-sections", "-Wl,--as-needed", "-lm")
+"""What only the host uses of the C library is left out. The daemon needs libc alone; a user's
+controller may want sines, and only then gets libm."""
+
+CXX_LIBRARIES = ("-Wl,--as-needed", "-lstdc++", *LIBRARIES)
+
+HASH_DIGITS = 12
+"""Of a controller's hash so many are told: enough to tell any two apart."""
+
+_OLDER = "ISO C++17 does not allow"
+"""What GCC and Clang say of code that is older."""
+
+APT_LINE = "sudo apt install build-essential python3-dev python3-venv"
+
+
+class BuildError(VsenseError):
+    """The robots' code cannot be built here."""
+
+
+@dataclass(frozen=True, slots=True)
+class Toolchain:
+    """A C compiler and its flags for a target.
+
+    Attributes:
+        command: the words that start it.
+        flags: what it is told beside `CFLAGS`, and after them.
+        environment: variables that it needs beside the caller's own.
+        small: what makes it compile for the same target to smaller and slower code, in place of
+            `flags`; empty: nothing does.
+        cxx: the words that start the C++ compiler for the same target.
+        cxx_line: the line that installs that one.
+    """
+
+    command: tuple[str, ...]
+    flags: tuple[str, ...] = ()
+    environment: Mapping[str, str] = field(default_factory=dict)
+    small: tuple[str, ...] = ()
+    cxx: tuple[str, ...] = ("c++",)
+    cxx_line: str = APT_LINE
+
+    def for_cxx(self) -> Toolchain:
+        """The C++ compiler for the same target.
+
+        Raises:
+            BuildError: it is not there; the message holds the line that installs one.
+        """
+        if shutil.which(self.cxx[0]) is None:
+            raise BuildError(
+                f"no C++ compiler '{self.cxx[0]}' for a controller in C++; install one with:"
+                f" {self.cxx_line}"
+            )
+        return replace(self, command=self.cxx)
+
+    def run(self, arguments: Sequence[str]) -> subprocess.CompletedProcess[str]:
+        """Runs it; in a session of its own, since Ctrl-C is for the caller to handle."""
+        return subprocess.run(
+            [*self.command, *arguments],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            errors="surrogateescape",
+            start_new_session=True,
+            env={**os.environ, **self.environment},
+        )
+
+    def version(self) -> str:
+        """What it says about itself: a newer one makes other programs of the same source.
+
+        And on which kind of machine: several may share a home, and not run each other's programs.
+        """
+        machine = " ".join([platform.machine(), *platform.libc_ver()])
+        return f"{self.run(['--version']).stdout}{machine}\n"
+
+
+@dataclass(frozen=True, slots=True)
+class Sources:
+    """What is compiled together.
+
+    Attributes:
+        own: files that come with vsense.
+        program: the controller's files.
+        includes: folders of headers that come with vsense.
+        own_cxx: C++ files that come with vsense, for a controller in C++.
+        fast: names, without suffix, of those of `own` that a control step runs through. The others
+            become small code, where the toolchain has such.
+        cache: folder in which code for ARGoS has its headers and stays when it is compiled; None
+            for other code.
+        plain: code for ARGoS is compiled without exceptions and types at run time if it uses none.
+        what: what the program is, as messages call it.
+    """
+
+    own: Sequence[Path]
+    program: Program
+    includes: Sequence[Path]
+    own_cxx: Sequence[Path] = ()
+    fast: Collection[str] = ()
+    cache: Path | None = None
+    plain: bool = False
+    what: str = "controller"
+
+    def link(self, toolchain: Toolchain, target: Path, flags: Sequence[str] = ()) -> None:
+        """Compiles and links everything and moves it into place whole, stripped.
+
+        Raises:
+            BuildError: the compiler refuses a source, or the folder cannot be written.
+        """
+        try:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            folder = tempfile.TemporaryDirectory(prefix=f"{target.name}.", dir=target.parent)
+        except OSError as error:
+            raise BuildError(f"cannot build in {target.parent}: {error.strerror}") from error
+        with folder as name:
+            made = Path(name) / "made"
+            self._link(toolchain, made, flags)
+            made.chmod(0o755)
+            try:
+                os.replace(made, target)
+            except IsADirectoryError as error:
+                raise BuildError(f"cannot write {target}: it is a folder") from error
+
+    def _link(self, toolchain: Toolchain, made: Path, flags: Sequence[str]) -> None:
+        """Compiles and links everything: the C in one go, small code and C++ before it."""
+        names = [str(path) for path in self.own if not toolchain.small or path.stem in self.fast]
+        if toolchain.small:
+            names.append(f"{made.with_name('small')}.o")
+            seldom = [str(path) for path in self.own if path.stem not in self.fast]
+            small = replace(toolchain, flags=toolchain.small)
+            self._run(small, CFLAGS, [*flags, "-c", "-o", names[-1], *seldom])
+        if self.is_cxx:
+            names += self._objects(toolchain, made, flags)
+        else:
+            names += [str(path) for path in self.program.sources]
+        libraries = CXX_LIBRARIES if self.is_cxx else LIBRARIES
+        if self.program.is_argos and "ziglang" not in toolchain.command:
+            # What is defined in headers: in ARGoS's shared libraries the first one counts, too.
+            libraries = (*libraries, "-Wl,-z,muldefs")
+        self._run(toolchain, CFLAGS, [*flags, "-s", "-o", str(made), *names, *libraries])
+
+    def _objects(self, toolchain: Toolchain, made: Path, flags: Sequence[str]) -> list[str]:
+        """Compiles the program and our C++, as many files at a time as there are processors."""
+        self._check_headers()
+        flags = [flag for flag in flags if flag.startswith("-f")]  # for code, not for its linker
+        compiler = toolchain.for_cxx()
+        version, ours = compiler.version(), self._for_all()
+
+        def compiled(numbered: tuple[int, Path]) -> str:
+            number, source = numbered
+            target = made.with_name(f"{made.name}_{source.stem}-{number}.o")
+            language, after = self._language(source, ours)
+            words = [*compiler.command, *compiler.flags, *language, *after, *flags]
+            kept = self._kept(source, [version, *words])
+            if kept is not None and kept.is_file():
+                return str(kept)
+            self._run(compiler, language, [*after, *flags, "-c", str(source), "-o", str(target)])
+            if kept is None:
+                return str(target)
+            _keep(target, kept)
+            return str(kept)
+
+        files = list(enumerate((*self.program.sources, *self.own_cxx)))
+        with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as workers:
+            return list(workers.map(compiled, files))
+
+    def _kept(self, source: Path, words: Sequence[str]) -> Path | None:
+        """Where a compiled file stays: its name tells all that went into it."""
+        if self.cache is None:
+            return None
+        digest = hashlib.sha256("\0".join([*words, str(source)]).encode())
+        ours = sorted(path for folder in self._our_folders() for path in folder.glob("*.h*"))
+        for path in (source, *headers([source], self.program.includes), *ours):
+            digest.update(content(path))
+        return self.cache / "objects" / f"{digest.hexdigest()[:32]}.o"
+
+    def compile(self, toolchain: Toolchain, source: Path, made: Path, flags: Sequence[str]) -> None:
+        """Compiles one C file of `own`; BuildError: the compiler refuses it."""
+        self._run(toolchain, CFLAGS, [*flags, "-c", str(source), "-o", str(made)])
+
+    def link_daemon(self, toolchain: Toolchain, target: Path) -> str:
+        """Links a daemon that tells which controller it has; gives the controller's hash.
+
+        Raises:
+            BuildError: see `link`; or a header is missing.
+        """
+        digest = self.controller_hash(toolchain)
+        self.link(toolchain, target, [f'-DVSENSED_CONTROLLER_HASH="{digest}"'])
+        return digest
+
+    def controller_hash(self, toolchain: Toolchain) -> str:
+        """Hash of the controller's source and of every header that it does not share with all.
+
+        It says which controller runs on a robot: the same file gives the same one on any machine.
+
+        Raises:
+            BuildError: a header is missing.
+        """
+        shared = {folder.resolve() for folder in self.includes}
+        own = [p for p in self.dependencies(toolchain) if p.resolve().parent not in shared]
+        own = [*(path for path in self.program.sources if path not in own), *own]
+        digest = hashlib.sha256(self.program.label.encode())
+        for path in own:
+            digest.update(os.fsencode(path.name) + b"\0" + path.read_bytes() + b"\0")
+        return digest.hexdigest()[:HASH_DIGITS]
+
+    def dependencies(self, toolchain: Toolchain) -> list[Path]:
+        """The controller's sources and every header that they include, but for the system's.
+
+        Raises:
+            BuildError: the compiler does not find one of them.
+        """
+        if self.program.is_argos:
+            return argos_code.own_files(self.program)
+        (source,) = self.program.sources
+        asked = ["-MM", "-MT", "it", str(source)]
+        if self.is_cxx:
+            rule = self._run(toolchain.for_cxx(), CXXFLAGS, [*own_cxxflags(), *asked])
+        else:
+            rule = self._run(toolchain, CFLAGS, asked)
+        # A rule for make: its lines end in a backslash, and blanks in names have one before them.
+        names = re.findall(r"(?:\\[ #]|\S)+", rule.replace("\\\n", " ").removeprefix("it:"))
+        return [Path(re.sub(r"\\([ #])", r"\1", name).replace("$$", "$")) for name in names]
+
+    @property
+    def is_cxx(self) -> bool:
+        """Whether the controller is C++."""
+        return any(path.suffix in CXX_SUFFIXES for path in self.program.sources)
+
+    def _our_folders(self) -> list[Path]:
+        """Our headers, ARGoS's ones among them."""
+        return [*self.includes, *(folder / "argos" for folder in self.includes)]
+
+    def _argos(self) -> Path:
+        """The folder of our headers for ARGoS's code."""
+        return next(path for path in self._our_folders() if (path / "headers.txt").is_file())
+
+    def _check_headers(self) -> None:
+        """Raises BuildError where code for ARGoS includes what nobody has."""
+        if self.program.is_argos:
+            missing = argos_code.missing_headers(self.program)
+            if missing:
+                raise BuildError(argos_code.explain_missing(missing))
+
+    def _for_all(self) -> list[str]:
+        """What a C++ compiler is told for every file of code for ARGoS."""
+        if self.cache is None:
+            return []
+        with_runtime = not self.plain or argos_code.needs_runtime(self.program)
+        runtime = ("-fexceptions", "-funwind-tables") if with_runtime else PLAIN
+        try:
+            folder = argos_code.forwarding(self._argos(), self.cache)
+        except OSError as error:
+            raise BuildError(f"cannot build in {self.cache}: {error.strerror}") from error
+        return [*runtime, f"-I{folder}"]
+
+    def _language(self, source: Path, for_all: Sequence[str]) -> tuple[list[str], list[str]]:
+        """What a C++ compiler is told for a file before and after its target's flags.
+
+        Args:
+            for_all: as `_for_all` gives it.
+        """
+        program = self.program
+        if not program.is_argos:
+            return [*CXXFLAGS], own_cxxflags()
+        told: list[str] = []
+        if source not in self.own_cxx:
+            told = [f"-I{folder}" for folder in program.includes]
+        elif source.stem == argos_code.ENTRY:
+            label, name = program.label, program.short_name
+            told = [f'-DVS_ARGOS_LABEL="{label}"', f'-DVS_ARGOS_NAME="{name}"']
+        language = [argos_code.STANDARD, *SECTIONS, *argos_code.FLAGS, "-fno-threadsafe-statics"]
+        return language, [*for_all, *told, *own_cxxflags()]
+
+    def _run(self, toolchain: Toolchain, language: Sequence[str], arguments: Sequence[str]) -> str:
+        """Runs a compiler with our flags and these arguments; gives what it prints.
+
+        Raises:
+            BuildError: it refuses a source; the message says which.
+        """
+        folders = [f"-I{folder}" for folder in self.includes]
+        result = toolchain.run([*language, *toolchain.flags, *folders, *arguments])
+        if result.returncode != 0:
+            said = result.stderr.strip()
+            flags = " ".join(flag for flag in own_cxxflags() if flag in arguments)
+            told = f" with CXXFLAGS={flags}" if flags else ""
+            older = "\nolder C++ is compiled with CXXFLAGS=-std=gnu++11" * (_OLDER in said)
+            raise BuildError(f"{self._blame(said)}{told}:\n{said}{older}")
+        return result.stdout
+
+    def _blame(self, said: str) -> str:
+        """Says which source the compiler's words are about; a linker's words name no line."""
+
+        def is_named(path: Path) -> bool:
+            return re.search(rf"(?:^|from ){re.escape(str(path))}:\d", said, re.M) is not None
+
+        if self.program.is_argos and re.search("undefined (reference|symbol)", said):
+            is_controller = self.what == "controller"
+            explain = (
+                argos_code.explain_simulator if is_controller else argos_code.explain_controllers
+            )
+            why = explain(self.program)
+            if why:
+                return f"the {self.what} {self.program.sources[0]} {self._does} not build: {why}"
+        named = [path for path in self.program.sources if is_named(path)]
+        if named:
+            return f"the {self.what} {named[0]} {self._does} not build"
+        shipped = [str(path) for path in (*self.own, *self.own_cxx) if is_named(path)]
+        if shipped:
+            return f"a source of vsensed itself does not build: {', '.join(shipped)}"
+        if self.what != "controller":
+            return f"the {self.what} {self.program.sources[0]} {self._does} not build"
+        return f"vsensed with the controller {self.program.sources[0]} does not build"
+
+    @property
+    def _does(self) -> str:
+        return "do" if self.what.endswith("s") else "does"
+
+
+def _keep(made: Path, kept: Path) -> None:
+    """Puts a compiled file into the cache, whole or not at all; it may be another file system.
+
+    Raises:
+        BuildError: the cache cannot be written.
+    """
+    try:
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix="part.", dir=kept.parent) as part:
+            copy = shutil.copyfile(made, Path(part) / kept.name)
+            os.replace(copy, kept)
+    except OSError as error:
+        raise BuildError(f"cannot keep {kept}: {error.strerror}") from error
+
+
+def own_cxxflags() -> list[str]:
+    """What the user wants a C++ compiler to be told: `$CXXFLAGS`.
+
+    Raises:
+        BuildError: a quote in it is not closed.
+    """
+    return _words("CXXFLAGS")
+
+
+def _words(variable: str) -> list[str]:
+    """The words of an environment variable, of which quotes may hold several, as in a shell."""
+    text = os.environ.get(variable, "")
+    try:
+        return shlex.split(text)
+    except ValueError as error:
+        raise BuildError(f"{variable}={text}: {str(error).lower()}") from None
+
+
+def native() -> Toolchain:
+    """The compilers for this machine: `$CC` or `cc`, and `$CXX` or `c++`.
+
+    Raises:
+        BuildError: it is not there; the message holds the line that installs one.
+    """
+    command = _words("CC") or ["cc"]
+    if shutil.which(command[0]) is None:
+        raise BuildError(f"no C compiler '{command[0]}'; install one with: {APT_LINE}")
+    cxx = tuple(_words("CXX") or ["c++"])
+    return Toolchain(tuple(command), HOST_FLAGS, cxx=cxx)

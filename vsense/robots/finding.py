@@ -1,0 +1,216 @@
+"""Finds the sources of a library that an experiment file names, as repositories for ARGoS have it.
+
+In this order: the CMake target of the library's name; files that are called like the library,
+beside the experiment and in folders called `controllers`; the only file of the repository that
+registers the label. A repository is looked through from its topmost CMakeLists.txt, or from its
+`.git`.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+
+from vsense.robots import cmake
+from vsense.robots.programs import (
+    CONTROLLER,
+    Program,
+    belongs,
+    content,
+    files,
+    labels,
+    registers,
+    stem_of,
+    with_sources_of_headers,
+)
+
+_MAX_UP = 5
+"""Folders above the experiment in which a repository may begin."""
+_MAX_FILES = 20_000
+"""Of a repository that is looked through: what is larger is none of a few controllers."""
+_SKIPPED = {"build", "node_modules", "__pycache__", "CMakeFiles", "runs"}
+_PLACES = ("", "controllers", "src", "src/controllers", "../controllers", "../src/controllers")
+"""Where files called like the library may lie, from the experiment's folder."""
+
+
+def find(
+    library: str, label: str, folder: Path, extra: Sequence[Path] = (), macro: str = CONTROLLER
+) -> Program | None:
+    """Finds a library's program.
+
+    Args:
+        library: as the file names it; "" if it names none.
+        label: of the class that is wanted.
+        folder: the experiment file's.
+        extra: folders of headers besides those of the repository.
+        macro: what registers the class.
+
+    Returns:
+        The program, with the sources of what it includes; None: there is none here.
+    """
+    name = stem_of(library) if library else ""
+    for root in _roots(library, folder):
+        repository = repository_at(root)
+        sources = _sources(repository, name, label, folder, macro)
+        if sources:
+            return complete(sources, label, repository, extra, macro)
+    return None
+
+
+def find_in(
+    root: Path, library: str, label: str, extra: Sequence[Path] = (), macro: str = CONTROLLER
+) -> Program | None:
+    """Finds a library's program in the repository that begins at `root`; see `find`."""
+    repository = repository_at(root.resolve())
+    name = stem_of(library) if library else ""
+    sources = _sources(repository, name, label, root.resolve(), macro)
+    return complete(sources, label, repository, extra, macro) if sources else None
+
+
+def named(
+    patterns: Sequence[str],
+    folder: Path,
+    library: str,
+    label: str,
+    extra: Sequence[Path] = (),
+    macro: str = CONTROLLER,
+) -> Program | None:
+    """Makes a program of the files that patterns mean, or of the repository that one means.
+
+    Args:
+        patterns: of files, relative ones in `folder`; empty: nothing is named.
+
+    Raises:
+        UsageError: a pattern means no file.
+    """
+    if not patterns:
+        return None
+    if len(patterns) == 1 and (folder / patterns[0]).is_dir():
+        found = find_in(folder / patterns[0], library, label, extra, macro)
+        if found is not None:
+            return found
+    sources = files(patterns, folder)
+    if not any(registers(path, macro) for path in sources):
+        return Program(tuple(sources), tuple(extra))
+    return complete(sources, label, repository_of(sources[0]), extra, macro)
+
+
+def repository_of(source: Path) -> cmake.Repository | None:
+    """The repository that a source is part of; None: nothing says where it begins."""
+    root = _root(source.parent)
+    return None if root is None or root == source.parent else repository_at(root)
+
+
+def complete(
+    sources: Sequence[Path],
+    label: str,
+    repository: cmake.Repository | None,
+    extra: Sequence[Path] = (),
+    macro: str = CONTROLLER,
+) -> Program:
+    """Makes a program of sources: with the folders of its headers, and what these bring along."""
+    includes = dict.fromkeys(extra)
+    if repository is not None:
+        includes.update(dict.fromkeys(repository.includes))
+        beside = [repository.root, repository.root / "src"]
+        includes.update(dict.fromkeys(path for path in beside if path.is_dir()))
+    includes.update(dict.fromkeys(path.parent for path in sources))
+    chosen = [path for path in sources if belongs(path, macro)] or list(sources)
+    # The file that registers the label comes first: errors are about it.
+    chosen.sort(key=lambda path: not _has(path, label, macro))
+    every = with_sources_of_headers(chosen, list(includes), macro)
+    known = [label] if label else labels(every, macro)
+    return Program(tuple(every), tuple(includes), known[0] if len(known) == 1 else "")
+
+
+def _sources(
+    repository: cmake.Repository, name: str, label: str, folder: Path, macro: str
+) -> list[Path]:
+    target = repository.targets.get(name) or repository.targets.get(f"lib{name}")
+    if name and target is not None:
+        sources = repository.sources(name if name in repository.targets else f"lib{name}")
+        if any(registers(path, macro) for path in sources):
+            return sources
+    if name:
+        for place in _PLACES:
+            sources = _beside((folder / place).resolve(), name, macro)
+            if sources:
+                return sources
+    return _registering(repository, label, macro)
+
+
+def _beside(folder: Path, name: str, macro: str) -> list[Path]:
+    """Files called like the library, or all in a folder of its name."""
+    alone = [folder / f"{name}{suffix}" for suffix in cmake.SOURCE_SUFFIXES]
+    within = folder / name
+    several = sorted(within.iterdir()) if within.is_dir() else []
+    for found in (alone, [path for path in several if path.suffix in cmake.SOURCE_SUFFIXES]):
+        there = [path.resolve() for path in found if path.is_file()]
+        if any(registers(path, macro) for path in there):
+            return there
+    return []
+
+
+def _registering(repository: cmake.Repository, label: str, macro: str) -> list[Path]:
+    """The target of the only file that registers the label, or that file alone."""
+    found = [path for path in _files(repository.root) if _has(path, label, macro)]
+    if len(found) != 1:
+        return []
+    for name, target in repository.targets.items():
+        if found[0] in target.sources and not target.is_program:
+            return repository.sources(name)
+    return found
+
+
+def _has(path: Path, label: str, macro: str) -> bool:
+    if not label:
+        return registers(path, macro)
+    pattern = macro.encode() + rb'\s*\([^;{]*"' + re.escape(label.encode()) + rb'"'
+    return registers(path, macro) and re.search(pattern, content(path)) is not None
+
+
+def _roots(library: str, folder: Path) -> list[Path]:
+    """Where repositories begin: the experiment's, and the one that the library's path leads to."""
+    places = [folder.resolve()]
+    path = (folder / os.path.expanduser(library)).resolve() if "/" in library else None
+    if path is not None:
+        places += [next((p for p in path.parents if p.is_dir()), folder)]
+    return list(dict.fromkeys(root for place in places if (root := _root(place)) is not None))
+
+
+def _root(place: Path) -> Path | None:
+    """The topmost folder of a repository; the place itself where nothing says which."""
+    found = place
+    for path in (place, *list(place.parents)[:_MAX_UP]):
+        if path in (Path.home(), Path(path.anchor)):
+            break
+        if (path / ".git").exists():
+            return path
+        if (path / cmake.LIST).is_file():
+            found = path
+    return None if found in (Path.home(), Path(found.anchor)) else found
+
+
+@lru_cache(maxsize=16)
+def repository_at(root: Path) -> cmake.Repository:
+    """What the CMake files of the repository say that begins at `root`."""
+    return cmake.read(root, [path for path in _files(root) if path.name == cmake.LIST])
+
+
+@lru_cache(maxsize=16)
+def _files(root: Path) -> tuple[Path, ...]:
+    """Sources and CMake lists of a repository."""
+    found: list[Path] = []
+    seen = 0
+    for folder, below, names in os.walk(root):
+        below[:] = sorted(n for n in below if n not in _SKIPPED and not n.startswith("."))
+        found += [
+            Path(folder, n) for n in names if n.endswith(cmake.SOURCE_SUFFIXES) or n == cmake.LIST
+        ]
+        seen += len(names)
+        if seen > _MAX_FILES:
+            break
+    return tuple(sorted(found))

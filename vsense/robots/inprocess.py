@@ -1,0 +1,320 @@
+"""The robots of a simulation: the real controller in the daemon's own runtime, in this process.
+
+The shared object holds `robot/inprocess.c`, the controller runtime of a daemon's worker, and one
+controller (`vsense.robots.build.shared`). Its declarations are cut out of the header beside its
+sources.
+"""
+
+from __future__ import annotations
+
+import mmap
+from collections.abc import Mapping, Sequence
+from functools import cache, partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from cffi import FFI
+from numpy.typing import NDArray
+
+from vsense.base.errors import VsenseError
+from vsense.base.native import check, lib
+from vsense.robots import build
+from vsense.robots.link.roster import robot_seed
+from vsense.robots.link.status import LogLines
+from vsense.robots.link.table import Direction, Table
+from vsense.robots.link.wire import Header, PacketType, Shown, Wanted, Welcome, encode, shown_of
+from vsense.world.sensors.readings import SensorReadings
+
+PROGRESS_BYTES = 8
+"""`struct vs_inprocess_progress`: timestep and robot, two u32."""
+
+CONTROL_NS = 30_000_000
+"""From the capture to the controller of a robot that runs in this process, as long as it takes a
+real one: 10 ms readout, and 20 ms from the picture (`latency_ms.capture_to_control` of
+`vsense lab pollutant`)."""
+ACT_NS = 31_000_000
+"""From the capture to its wheels."""
+
+AMBIENT_RAW = 3000
+"""What every light sensor measures in an evenly lit room, higher is darker."""
+LIGHT_RAW: int = lib.EPUCK_ARGOS_RAW_MAX - AMBIENT_RAW
+"""The same as the controller is given it, higher is brighter."""
+
+
+class SimError(VsenseError):
+    """A simulation cannot go on; the message says why."""
+
+
+class ControllerFailure(SimError):
+    """The controller of robot `tag` cannot go on, and `words` say why."""
+
+    def __init__(self, tag: int, controller: str, words: str) -> None:
+        super().__init__(f"robot {tag}: controller '{controller}' cannot go on: {words}")
+        self.tag = tag
+        self.words = words
+
+
+@cache
+def declarations() -> FFI:
+    """Gives the declarations of `robot/inprocess.h`.
+
+    Raises:
+        BuildError: the C sources are not there.
+    """
+    header = (build.source_tree().root / "robot" / "inprocess.h").read_text()
+    lines = [line for line in header.splitlines() if not line.startswith("#")]
+    ffi = FFI()
+    ffi.cdef("\n".join(lines))
+    return ffi
+
+
+def _address(ffi: FFI, pointer: Any) -> int:
+    return int(ffi.cast("uintptr_t", pointer))
+
+
+class RobotProgram(NamedTuple):
+    """`struct vs_sim_program` but for which robots they are: addresses, and arrays of `Robots`."""
+
+    step: int
+    all: int
+    now: int
+    timestep: int
+    capture_ns: int
+    now_ns: int
+    logged: int
+    failed: int
+    prox: NDArray[np.int16]
+    wheels: NDArray[np.int16]
+    leds: NDArray[np.uint16]
+    shown: NDArray[np.uint8]
+    shown_before: NDArray[np.uint8]
+    reports: NDArray[np.uint8]
+
+
+class Robots:
+    """All robots of a run, each with a controller runtime of its own.
+
+    Attributes:
+        tags: the robots, n of them.
+        wheels_steps_s: (n, 2) int16, left and right, as commanded in the newest step, after
+            safety.
+        leds: (n,) uint16, bits 0-7 ring, 8 body, 9 front.
+    """
+
+    _shown_last: bytes
+
+    def __init__(
+        self,
+        library: Path,
+        tags: Sequence[int],
+        table: Table,
+        timestep_ns: int,
+        seed: int,
+        params: str | Mapping[int, str],
+        progress: Any = None,
+    ) -> None:
+        """Loads the controller and greets every robot.
+
+        Args:
+            tags: the robots.
+            table: what they sense and do virtually.
+            timestep_ns: length of a timestep.
+            seed: of the run; every robot's controller gets one of its own made from it.
+            params: the controller's settings, lines "key=value\\n"; by tag, or those of all.
+            progress: `PROGRESS_BYTES` of writable memory where the robots note what they do;
+                None: not wanted.
+
+        Raises:
+            SimError: the shared object cannot be loaded, or its controller cannot be run.
+            WireError: the experiment does not fit the robots' protocol.
+        """
+        self._ffi, self.tags = declarations(), list(tags)
+        try:
+            self._lib: Any = self._ffi.dlopen(str(library))
+        except OSError as error:
+            raise SimError(f"{library}: cannot be loaded: {error}") from None
+        self._begin(bytearray(PROGRESS_BYTES) if progress is None else progress)
+        for robot, tag in enumerate(self.tags):
+            text = params if isinstance(params, str) else params[tag]
+            welcome = Welcome(table, timestep_ns // 1000, robot_seed(seed, tag), text)
+            packet = encode(Header(PacketType.WELCOME, table_hash=table.hash), welcome)
+            # A virtual robot's tag is no marker's, and does not fit the wire's 16 bits.
+            wire_tag = tag % 2**16
+            code = self._lib.vs_inprocess_welcome(self._all, robot, wire_tag, packet, len(packet))
+            check(code, f"robot {tag}")
+        self._make_room(table)
+
+    def _begin(self, progress: Any) -> None:
+        """Gives all robots their memory."""
+        ffi, count = self._ffi, len(self.tags)
+        self._memory = mmap.mmap(-1, self._lib.vs_inprocess_size(count))
+        self._progress = progress
+        self._all = ffi.cast("struct vs_inprocess *", ffi.from_buffer(self._memory))
+        note = ffi.cast("struct vs_inprocess_progress *", ffi.from_buffer(progress))
+        if self._lib.vs_inprocess_init(self._all, count, note) < 0:
+            raise SimError(
+                f"controller '{self.controller}': expected a name of plain text of at most"
+                f" {lib.VS_NAME_MAX} bytes and a smaller state; see robot/controller.h"
+            )
+
+    @property
+    def controller(self) -> str:
+        """The controller's name, as it calls itself."""
+        name: bytes = self._ffi.string(self._lib.vs_inprocess_controller())
+        return name.decode(errors="replace")
+
+    def step(
+        self,
+        wanted: Wanted,
+        from_timestep: int,
+        timestep: int,
+        times_ns: tuple[int, int],
+        readings: SensorReadings,
+        prox_raw: NDArray[np.int16],
+    ) -> None:
+        """One control step of every robot.
+
+        Args:
+            wanted: what the host wants of them.
+            from_timestep: with RUN, the first timestep of the run.
+            timestep: of the arena state, from 0, rising.
+            times_ns: when the arena was seen, and when the controllers act on that.
+            readings: what they sense, in the table's order.
+            prox_raw: (n, 8) int16 of their own proximity sensors.
+
+        Raises:
+            ControllerFailure: a controller cannot go on.
+        """
+        self.sense(readings.of(self.tags))
+        self._prox[:] = prox_raw
+        now = self._now
+        now.wanted, now.from_timestep, now.timestep = wanted, from_timestep, timestep
+        now.capture_ns, now.now_ns = times_ns
+        check(self._lib.vs_inprocess_step(self._all, now), "robots whose run is over")
+        self.check()
+
+    def home(self, timestep: int, times_ns: tuple[int, int], goals: NDArray[np.int16]) -> None:
+        """One step of every robot's walk home, to goals (n, 3) as STATE has them; see `step`.
+
+        Of an experiment without virtual sensors.
+        """
+        now = self._now
+        self._goals = np.ascontiguousarray(goals)
+        self._point("goals", self._goals)
+        now.wanted, now.timestep = Wanted.HOME, timestep
+        now.capture_ns, now.now_ns = times_ns
+        check(self._lib.vs_inprocess_step(self._all, now), "robots whose run is over")
+
+    def sense(self, readings: SensorReadings) -> None:
+        """Sets what the robots sense: the arrays, in their order, as they are at each step."""
+        self._kept = readings
+        self._point("values", readings.block)
+        self._point("captures_ns", readings.captures_ns)
+
+    def program(self) -> RobotProgram:
+        """The robots as C steps them, with RUN in `from_timestep` as of the newest step."""
+        ffi, now, own = self._ffi, self._now, self._lib
+        address = partial(_address, ffi)
+        return RobotProgram(
+            step=address(ffi.addressof(own, "vs_inprocess_step")),
+            all=address(self._all),
+            now=address(now),
+            timestep=address(ffi.addressof(now, "timestep")),
+            capture_ns=address(ffi.addressof(now, "capture_ns")),
+            now_ns=address(ffi.addressof(now, "now_ns")),
+            logged=address(ffi.addressof(now, "logged")),
+            failed=address(ffi.addressof(now, "failed")),
+            prox=self._prox,
+            wheels=self.wheels_steps_s,
+            leds=self.leds,
+            shown=self._shown,
+            shown_before=self._shown_before,
+            reports=self._reports,
+        )
+
+    def end(self) -> None:
+        """The run is over: every controller ends what it began.
+
+        Raises:
+            ControllerFailure: a controller failed to.
+        """
+        self._lib.vs_inprocess_end(self._all)
+        self.check()
+
+    def check(self) -> None:
+        """Raises ControllerFailure where a controller cannot go on."""
+        robot = self._ffi.new("uint32_t *")
+        words = self._lib.vs_inprocess_failure(self._all, robot)
+        if words != self._ffi.NULL:
+            said: bytes = self._ffi.string(words)
+            text = said.decode(errors="replace")
+            raise ControllerFailure(self.tags[robot[0]], self.controller, text)
+
+    def reports(self) -> dict[int, bytes]:
+        """What every robot's virtual actuators say: by tag the actuators' block; {}: none."""
+        size = self._report_bytes
+        if not size:
+            return {}
+        whole = self._reports.tobytes()
+        return {tag: whole[i * size : (i + 1) * size] for i, tag in enumerate(self.tags)}
+
+    def shown(self) -> list[tuple[int, Shown]]:
+        """All values that a controller shows, by tag, where one has changed since the last call."""
+        now = self._shown.tobytes()
+        if now == self._shown_last:
+            return []
+        self._shown_last = now
+        changed = np.flatnonzero((self._shown != self._shown_before).any(axis=1))
+        self._shown_before[changed] = self._shown[changed]
+        return [
+            (self.tags[i], shown_of(self._shown[i, 1 : 1 + self._shown[i, 0]].tobytes()))
+            for i in changed
+        ]
+
+    def logged(self) -> list[tuple[int, str]]:
+        """What controllers have logged since the last call: tag, and what to say."""
+        if self._now.logged == 0:
+            return []
+        robot, number = self._ffi.new("uint32_t *"), self._ffi.new("uint32_t *")
+        line = self._ffi.new("const char **")
+        said = []
+        while self._lib.vs_inprocess_log(self._all, robot, number, line):
+            text = self._ffi.string(line[0]).decode()
+            said += [
+                (self.tags[robot[0]], each) for each in self._log[robot[0]].add(number[0], text)
+            ]
+        self._now.logged = 0
+        return said
+
+    def complaints(self) -> list[str]:
+        """What the controllers asked for and did not get, or do not know: each complaint once."""
+        said: bytes = self._ffi.string(self._lib.vs_inprocess_complaints(self._all))
+        return said.decode(errors="replace").splitlines()
+
+    def _make_room(self, table: Table) -> None:
+        """Lays out what goes into a step and comes out of it."""
+        ffi, count = self._ffi, len(self.tags)
+        sizes = dict.fromkeys(Direction, 0)
+        for entry, size in zip(table.entries, table.sizes):
+            sizes[entry.direction] += size
+        self._report_bytes = sizes[Direction.ACTUATOR]
+        self._reports = np.zeros((count, self._report_bytes), dtype=np.uint8)
+        self._prox = np.zeros((count, 8), dtype=np.int16)
+        self._light = np.full((count, 8), LIGHT_RAW, dtype=np.int16)
+        self.wheels_steps_s = np.zeros((count, 2), dtype=np.int16)
+        self.leds = np.zeros(count, dtype=np.uint16)
+        self._shown = np.zeros((count, 1 + lib.VS_SHOWN_MAX), dtype=np.uint8)
+        self._shown_before = self._shown.copy()
+        self._shown_last = self._shown.tobytes()
+        self._log = [LogLines() for _ in self.tags]
+        self._now = ffi.new("struct vs_inprocess_timestep *")
+        for name in ("reports", "prox", "light", "shown"):
+            self._point(name, getattr(self, f"_{name}"))
+        self._point("wheels_steps_s", self.wheels_steps_s)
+        self._point("leds", self.leds)
+
+    def _point(self, field: str, array: NDArray[Any]) -> None:
+        """Has a field point to an array."""
+        kind = f"{array.dtype.name}_t *"
+        setattr(self._now, field, self._ffi.cast(kind, array.ctypes.data))

@@ -1,0 +1,179 @@
+"""Which robots were given which key: a file beside the swarm's keys, with nothing secret in it.
+
+A robot in a line: its key's number, uid, tag, the day, and what `ssh` was told. `vsense robot
+deploy` writes it; robots keep their uid in it, whatever else is deployed to them.
+"""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
+
+from vsense.base.errors import ConfigError, VsenseError
+from vsense.base.files import read_text
+from vsense.robots.deploying import Outcome, RobotHost
+from vsense.robots.link import keys as swarm_keys
+from vsense.robots.link.keys import LinkTrust, SwarmKeys, write_private
+
+UID_BYTES = 16
+_HEAD = "# Which robot has which swarm key: key, uid, tag, since, destination. By vsense robot.\n"
+
+
+@dataclass(frozen=True, slots=True)
+class Holder:
+    """A robot that was given a key.
+
+    Attributes:
+        key: number of the swarm key that its own was made of.
+        uid: 32 hexadecimal digits.
+        since: the day, YYYY-MM-DD.
+        destination: what `ssh` was told.
+    """
+
+    key: int
+    uid: str
+    tag: int
+    since: str
+    destination: str
+
+
+def file_of(keys: Path) -> Path:
+    """The file that belongs to one of swarm keys."""
+    return keys.with_name(f"{keys.name}.robots")
+
+
+def read(path: Path) -> list[Holder]:
+    """Reads such a file; one that is not there names nobody.
+
+    Raises:
+        VsenseError: it cannot be read.
+        ConfigError: a line is wrong.
+    """
+    try:
+        lines = read_text(path).splitlines()
+    except FileNotFoundError:
+        return []
+    except (OSError, UnicodeDecodeError) as error:
+        raise VsenseError(f"{path}: cannot be read: {error}") from None
+    return [
+        _holder(str(path), number, line.split())
+        for number, line in enumerate(lines, 1)
+        if line.split("#")[0].strip()
+    ]
+
+
+def _holder(file: str, line: int, words: list[str]) -> Holder:
+    try:
+        key, uid, tag, since, destination = words
+        if len(bytes.fromhex(uid)) != UID_BYTES:
+            raise ValueError
+        return Holder(int(key), uid, int(tag), since, destination)
+    except ValueError:
+        raise ConfigError(file, line, "expected key, uid, tag, day and destination") from None
+
+
+def uids(holders: Iterable[Holder], robots: Iterable[RobotHost]) -> dict[str, bytes]:
+    """The uid of each robot, by its destination: its settings', else the one that it has had."""
+    had = {(holder.destination, holder.tag): holder.uid for holder in holders}
+    found = {}
+    for robot in robots:
+        known = had.get((robot.destination, int(robot.settings["tag"])), "")
+        text = robot.settings.get("uid", known)
+        found[robot.destination] = bytes.fromhex(text) if text else secrets.token_bytes(UID_BYTES)
+    return found
+
+
+def note(path: Path, key: int, outcomes: Iterable[Outcome]) -> list[Holder]:
+    """Notes to whom a key was brought; gives all that hold one.
+
+    Raises:
+        VsenseError: the file cannot be read or written.
+        ConfigError: a line of it is wrong.
+    """
+    with swarm_keys.changing(path):
+        holders = {(each.destination, each.tag): each for each in read(path)}
+        today = date.today().isoformat()
+        for one in outcomes:
+            if one.keyed:
+                tag, destination = int(one.robot.settings["tag"]), one.robot.destination
+                # A board that had another name or marker has no second key.
+                holders = {who: each for who, each in holders.items() if each.uid != one.uid}
+                holders[destination, tag] = Holder(key, one.uid, tag, today, destination)
+        rows = sorted(holders.values(), key=lambda each: (each.tag, each.destination))
+        text = "".join(f"{h.key} {h.uid} {h.tag} {h.since} {h.destination}\n" for h in rows)
+        try:
+            write_private(path, _HEAD + text, swarm_keys.mode_in(path.parent))
+        except OSError as error:
+            raise VsenseError(f"{path}: cannot be written: {error.strerror}") from None
+    return rows
+
+
+def trust(path: Path, known: SwarmKeys, insecure: bool = False) -> LinkTrust:
+    """Which robots a host with these keys believes; `path` is of the file of their holders.
+
+    Raises as `read`.
+    """
+    holders = read(path)
+    brought: dict[bytes, int] = {}
+    for holder in holders:
+        uid = bytes.fromhex(holder.uid)
+        brought[uid] = max(holder.key, brought.get(uid, 0))
+    return LinkTrust(known, insecure, brought, tuple(_former(known, holders)))
+
+
+def _former(known: SwarmKeys, holders: Iterable[Holder]) -> Iterator[str]:
+    """What is to be said of each key that is followed by another and still taken."""
+    rows = list(holders)
+    for number in sorted(known.keys.keys() - {known.newest}):
+        having = [str(each.tag) for each in rows if each.key == number]
+        if having:
+            yield (
+                f"key {number} is still taken: robots that key {known.newest} has not reached yet"
+                f" have it: {', '.join(having)}; bring it with vsense robot deploy"
+            )
+        else:
+            yield (
+                f"key {number} is still taken, and no robot is known to have it: if none has,"
+                f" vsense robot keys --forget {number}"
+            )
+
+
+def forget(
+    path: Path, known: SwarmKeys, holders: Iterable[Holder], robots: Iterable[RobotHost]
+) -> tuple[SwarmKeys, list[int]]:
+    """Takes former keys out of their file where no robot needs them any more.
+
+    That is where every robot that ever had a key, and every one of these, has the newest: a key
+    that was stolen is of no use then. Where no robot is known, nothing is forgotten.
+
+    Args:
+        path: the file of keys.
+        known: they.
+        holders: all that hold one.
+        robots: who is known beside them.
+
+    Returns:
+        The keys that are left, and the numbers of those that are forgotten.
+
+    Raises:
+        VsenseError: the file cannot be read or written.
+    """
+    rows = list(holders)
+    there = {(each.destination, each.tag) for each in rows}
+    all_there = all((r.destination, int(r.settings["tag"])) in there for r in robots)
+    if len(known.keys) < 2 or not rows or not all_there:
+        return known, []
+    if any(each.key != known.newest for each in rows):
+        return known, []
+    with swarm_keys.changing(path):
+        # Read again: somebody may have made another key since.
+        left = swarm_keys.read(path)
+        former = sorted(number for number in left.keys if number < known.newest)
+        for number in former:
+            left = left.without(number)
+        if former:
+            swarm_keys.write(path, left)
+    return left, former

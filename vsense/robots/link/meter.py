@@ -1,0 +1,206 @@
+"""What a robot's packets tell of its link: loss both ways, round trips, jitter, gaps, its radio.
+
+The echoes of the wire (`c_src/PROTOCOL.md`) make each telemetry a round-trip sample: it says which
+STATE its robot had heard last, and how long ago that was.
+"""
+
+from __future__ import annotations
+
+from array import array
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.base.clock import clock_difference_ns
+from vsense.robots.link.status import RadioStatus
+from vsense.robots.link.wire import Header, StopCause, Telemetry
+
+MS = 1_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class LinkFigures:
+    """One robot's link over a time; None is unknown.
+
+    Attributes:
+        heard_s: of the time, how long after the first packet.
+        packets: telemetry that came.
+        loss_up, loss_down: share of packets from the robot, and to it, that were lost, 0..1.
+        round_trip_p50_ms, round_trip_p99_ms: without the time that the robot held the echo.
+        jitter_ms: mean difference of two successive packets' times on their way (RFC 3550, 6.4.1).
+        gap_ms: longest time in which nothing was heard.
+        stale: how often the robot said that its wheels are held: what it heard was too old.
+        late: control steps that began late, as a share, 0..1.
+        signal_dbm: the median signal; `weakest_dbm` the weakest one.
+        bit_rate_mbit_s: the median bit rate.
+        retries: frames that the radio gave up meanwhile.
+        power_saving: whether it was on at some time.
+        sessions: that were opened; more than one: the link broke.
+    """
+
+    heard_s: float = 0.0
+    packets: int = 0
+    loss_up: float | None = None
+    loss_down: float | None = None
+    round_trip_p50_ms: float | None = None
+    round_trip_p99_ms: float | None = None
+    jitter_ms: float | None = None
+    gap_ms: float | None = None
+    stale: int = 0
+    overruns: int = 0
+    late: float | None = None
+    signal_dbm: float | None = None
+    weakest_dbm: int | None = None
+    bit_rate_mbit_s: float | None = None
+    retries: int | None = None
+    power_saving: bool | None = None
+    sessions: int = 0
+
+
+RADIO_NS = 1_000_000_000
+"""A robot asks its radio once a second."""
+
+
+@dataclass(slots=True)
+class LinkMeter:
+    """Measures one robot's link, from its first packet to `figures`."""
+
+    _arrivals_ns: array[int] = field(default_factory=lambda: array("q"))
+    _transits_ns: array[int] = field(default_factory=lambda: array("q"))
+    _trips_ns: array[int] = field(default_factory=lambda: array("q"))
+    _radios: list[RadioStatus] = field(default_factory=list)
+    _counts: list[_Span] = field(default_factory=list)
+    _stale: int = 0
+    _was_stale: bool = False
+    _radio_ns: int = -RADIO_NS
+
+    def hear(self, header: Header, told: Telemetry, sent: int, now_ns: int) -> None:
+        """Takes telemetry that was accepted.
+
+        Args:
+            sent: STATE packets that the host has sent to the robot so far.
+            now_ns: when it came, host's clock.
+        """
+        counts = _Counts(header.sequence, _taken(told), sent, told.overruns, told.control_step)
+        if not self._counts or self._counts[-1].session != header.session:
+            # What was counted before is no part of this measurement.
+            first = counts._replace(told=header.sequence - 1)
+            self._counts.append(_Span(header.session, first))
+        self._counts[-1].take(counts)
+        self._arrivals_ns.append(now_ns)
+        self._transits_ns.append(clock_difference_ns(now_ns, header.send_ns))
+        # An echo is of the host's own clock: of what it has not sent yet there is none.
+        if 0 < header.echo_ns <= now_ns:
+            self._trips_ns.append(max(0, now_ns - header.echo_ns - 1000 * header.hold_us))
+        stale = told.stop_cause == StopCause.STALE
+        # A session's first packets have heard no three STATEs yet.
+        self._stale += stale and not self._was_stale and self._counts[-1].packets > FIRST_PACKETS
+        self._was_stale = stale
+        if now_ns - self._radio_ns >= RADIO_NS:
+            self._radio_ns = now_ns
+            self._radios.append(RadioStatus.of(told))
+
+    def figures(self, now_ns: int) -> LinkFigures:
+        """What was measured up to `now_ns`, host's clock."""
+        if not self._arrivals_ns:
+            return LinkFigures()
+        arrivals = np.array([*self._arrivals_ns, now_ns], np.int64)
+        p50_ms, p99_ms = _percentiles(np.array(self._trips_ns, np.int64) / MS)
+        packets = len(self._arrivals_ns)
+        told, received, sent, overruns, steps = map(sum, zip(*(s.counted for s in self._counts)))
+        return LinkFigures(
+            heard_s=round((now_ns - self._arrivals_ns[0]) / 1e9, 3),
+            packets=packets,
+            loss_up=_lost(packets, told),
+            loss_down=_lost(received, sent),
+            round_trip_p50_ms=p50_ms,
+            round_trip_p99_ms=p99_ms,
+            jitter_ms=self._jitter_ms(),
+            gap_ms=round(float(np.diff(arrivals).max()) / MS, 3),
+            stale=self._stale,
+            overruns=overruns,
+            late=_share(overruns, steps),
+            **self._radio(),
+            sessions=len(self._counts),
+        )
+
+    def _jitter_ms(self) -> float | None:
+        """The clocks' difference is in all transits alike, and gone from their differences.
+
+        These are modulo 2^64, as the transits are.
+        """
+        if len(self._transits_ns) < 2:
+            return None
+        differences = np.diff(np.array(self._transits_ns, np.int64)).astype(np.float64)
+        return round(float(np.abs(differences).mean()) / MS, 3)
+
+    def _radio(self) -> dict[str, Any]:
+        signals = [r.signal_dbm for r in self._radios if r.signal_dbm is not None]
+        rates = [r.bit_rate_mbit_s for r in self._radios if r.bit_rate_mbit_s is not None]
+        counts = [r.retries for r in self._radios if r.retries is not None]
+        saved = [r.power_saving for r in self._radios if r.power_saving is not None]
+        return {
+            "signal_dbm": float(np.median(signals)) if signals else None,
+            "weakest_dbm": min(signals, default=None),
+            "bit_rate_mbit_s": float(np.median(rates)) if rates else None,
+            # A driver that was loaded again counts from 0.
+            "retries": max(counts[-1] - counts[0], 0) if counts else None,
+            "power_saving": any(saved) if saved else None,
+        }
+
+
+FIRST_PACKETS = 10
+"""Of a session: half a second."""
+
+
+class _Counts(NamedTuple):
+    """Counters as of one telemetry."""
+
+    told: int
+    received: int
+    sent: int
+    overruns: int
+    steps: int
+
+
+class _Span:
+    """One session's counts: first and newest ones."""
+
+    def __init__(self, session: int, first: _Counts) -> None:
+        self.session = session
+        self.packets = 0
+        self._first = self._last = first
+
+    def take(self, counts: _Counts) -> None:
+        self.packets += 1
+        self._last = counts
+
+    @property
+    def counted(self) -> _Counts:
+        """What has come to them meanwhile."""
+        return _Counts(*(last - first for first, last in zip(self._first, self._last)))
+
+
+def _taken(told: Telemetry) -> int:
+    """Packets that the robot took, each once."""
+    return told.received - told.old - told.foreign - told.corrupt
+
+
+def _lost(there: int, whole: int) -> float | None:
+    """A share; the few packets that are on their way count as lost."""
+    return _share(whole - there, whole)
+
+
+def _share(part: int, whole: int) -> float | None:
+    """From 0 to 1, whatever a robot says that it has counted."""
+    return round(min(max(part / whole, 0.0), 1.0), 5) if whole > 0 else None
+
+
+def _percentiles(values: NDArray[np.float64]) -> tuple[float | None, float | None]:
+    """The median and the 99th percentile."""
+    if not len(values):
+        return None, None
+    p50, p99 = np.percentile(values, (50, 99)).tolist()
+    return round(p50, 3), round(p99, 3)

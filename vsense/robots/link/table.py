@@ -1,0 +1,128 @@
+"""The sensor table: which virtual sensors and actuators a session carries, in which order."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+from vsense.base.native import check, ffi, lib
+
+
+def text_of(cdata: Any) -> str:
+    """Reads a zero-terminated text that C has checked."""
+    return str(ffi.string(cdata).decode())
+
+
+class Output:
+    """A C buffer that one packet is encoded into.
+
+    Attributes:
+        arguments: buffer, its size and where the length goes: the last three of every encoder.
+    """
+
+    def __init__(self, size: int) -> None:
+        self._buf = ffi.new("uint8_t[]", size)
+        self._length = ffi.new("size_t *")
+        self.arguments = (self._buf, size, self._length)
+
+    def packet(self, code: int) -> bytes:
+        """The packet, or the encoder's error."""
+        check(code)
+        return bytes(ffi.buffer(self._buf, self._length[0]))
+
+
+class Direction(IntEnum):
+    """Which way an entry's values travel."""
+
+    SENSOR = lib.VS_SENSOR
+    ACTUATOR = lib.VS_ACTUATOR
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One row of the table.
+
+    Attributes:
+        id: number on the wire, 0 to 255, unique in the table.
+        name: what controllers bind to, unique in the table.
+        layout: "[count*]type" with type u1 i2 u2 i4 u4 f4, little-endian.
+        direction: host to robot (sensor) or robot to host (actuator).
+    """
+
+    id: int
+    name: str
+    layout: str
+    direction: Direction = Direction.SENSOR
+
+
+class Table:
+    """An immutable sensor table.
+
+    Attributes:
+        entries: the rows, in wire order.
+        sizes: bytes of each row's payload.
+        hash: CRC-32 of the encoded table: both ends carry it in every packet.
+        cdata: the `struct vs_table`, for calls of the C library.
+
+    Raises:
+        WireError: an entry is not valid, or the table does not fit one datagram; the message names
+            the entry.
+    """
+
+    def __init__(self, entries: Iterable[Entry] = ()) -> None:
+        cdata = ffi.new("struct vs_table *")
+        lib.vs_table_init(cdata)
+        for entry in entries:
+            try:
+                name, layout = entry.name.encode(), entry.layout.encode()
+                code = lib.vs_table_add(cdata, entry.id, entry.direction, name, layout)
+            except OverflowError:
+                code = lib.VS_ERR_ARGUMENT
+            check(code, f"{entry.direction.name.lower()} '{entry.name}' ({entry.layout})")
+        self._adopt(cdata)
+
+    @classmethod
+    def decode(cls, data: bytes) -> Table:
+        """Reads a table as WELCOME carries it; raises WireError where the bytes are no table."""
+        cdata = ffi.new("struct vs_table *")
+        check(lib.vs_table_decode(cdata, data, len(data)), "sensor table")
+        return cls.of(cdata)
+
+    @classmethod
+    def of(cls, cdata: Any) -> Table:
+        """Copies a `struct vs_table`."""
+        table = cls.__new__(cls)
+        table._adopt(ffi.new("struct vs_table *", cdata[0]))
+        return table
+
+    def _adopt(self, cdata: Any) -> None:
+        self.cdata = cdata
+        rows = cdata.entries[0 : cdata.count]
+        self.entries = tuple(
+            Entry(r.id, text_of(r.name), text_of(r.layout), Direction(r.direction)) for r in rows
+        )
+        self.sizes = tuple(row.size for row in rows)
+        self.hash: int = cdata.hash
+
+    def encode(self) -> bytes:
+        """The table's bytes."""
+        out = Output(lib.VS_TABLE_BYTES)
+        return out.packet(lib.vs_table_encode(self.cdata, *out.arguments))
+
+    def of_direction(self, direction: Direction) -> list[tuple[Entry, int, int]]:
+        """Entries of one direction with the offset and size [byte] of their payload."""
+        rows = zip(self.entries, self.cdata.entries[0 : len(self.entries)])
+        return [
+            (entry, row.offset, row.size) for entry, row in rows if entry.direction == direction
+        ]
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Table) and self.entries == other.entries
+
+    def __hash__(self) -> int:
+        return self.hash
+
+    def __len__(self) -> int:
+        return len(self.entries)

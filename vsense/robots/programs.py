@@ -1,0 +1,284 @@
+"""What drives a robot, as source code: its files, folders of headers, and which class of ARGoS's.
+
+A program is one C or C++ file that defines `vs_controller` (robot/controller.h), or any number of
+C++ files for ARGoS, in which REGISTER_CONTROLLER names a class and its label.
+"""
+
+from __future__ import annotations
+
+import glob
+import hashlib
+import os
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+
+from vsense.base.errors import UsageError
+from vsense.base.files import PACKAGE_FOLDER
+from vsense.robots.cmake import SOURCE_SUFFIXES
+
+ARGOS = "argos3/"
+"""What names of ARGoS's headers begin with."""
+
+CONTROLLER = "REGISTER_CONTROLLER"
+LOOP_FUNCTIONS = "REGISTER_LOOP_FUNCTIONS"
+
+NAME_MAX = 31
+"""[byte] of a controller's name. Source: c_src/vs_table.h."""
+
+_OTHERS = (
+    CONTROLLER,
+    LOOP_FUNCTIONS,
+    "REGISTER_QTOPENGL_USER_FUNCTIONS",
+    "REGISTER_USER_FUNCTIONS",
+)
+_MAIN = re.compile(rb"^\s*int\s+main\s*\(", re.M)
+_INCLUDE = re.compile(rb'^[ \t]*#[ \t]*include[ \t]*([<"])([^>"\n]+)[>"]', re.M)
+
+
+def source_roots() -> tuple[Path, ...]:
+    """Where vsense's own C sources may be: inside the installed package, or in the checkout."""
+    return PACKAGE_FOLDER / "_sources", PACKAGE_FOLDER.parent
+
+
+@lru_cache(maxsize=1)
+def known_headers() -> Mapping[str, str]:
+    """Our headers' names in `robot/argos/` by what ARGoS's users include."""
+    tables = (root / "robot" / "argos" / "headers.txt" for root in source_roots())
+    table = next((path for path in tables if path.is_file()), None)
+    lines = [] if table is None else table.read_text(encoding="utf-8").splitlines()
+    pairs = (line.split() for line in lines if line and not line.startswith("#"))
+    return {ARGOS + theirs: ours for theirs, ours in pairs}
+
+
+@dataclass(frozen=True, slots=True)
+class Program:
+    """Sources that are compiled together.
+
+    Attributes:
+        sources: absolute paths; the first is the one that errors name.
+        includes: folders of headers, absolute.
+        label: which class of those that ARGoS's sources register; "": the only one.
+    """
+
+    sources: tuple[Path, ...]
+    includes: tuple[Path, ...] = ()
+    label: str = ""
+
+    @property
+    def is_argos(self) -> bool:
+        """Whether it is written for ARGoS."""
+        return any(registers(p, m) for p in self.sources for m in (CONTROLLER, LOOP_FUNCTIONS))
+
+    @property
+    def name(self) -> str:
+        """How people call it."""
+        return self.label or self.sources[0].stem
+
+    @property
+    def short_name(self) -> str:
+        """The same as a robot tells it, where it is written for ARGoS."""
+        return self.name.encode()[:NAME_MAX].decode(errors="ignore")
+
+
+@dataclass(frozen=True, slots=True)
+class CodeOptions:
+    """Where users' code lies, as the command line says: `--sources` and `--include`.
+
+    Attributes:
+        sources: patterns of files by what they make: a library's name without `lib` and suffix, or
+            a controller's label or id.
+        includes: folders of headers; "PREFIX=FOLDER": what is included as PREFIX/... is in FOLDER.
+    """
+
+    sources: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    includes: Sequence[str] = ()
+
+    @classmethod
+    def of(cls, sources: Iterable[str], includes: Iterable[str]) -> CodeOptions:
+        """Reads "NAME=PATTERN[,PATTERN...]" and folders.
+
+        Raises:
+            UsageError: an option has another form.
+        """
+        named: dict[str, list[str]] = {}
+        for option in sources:
+            name, equals, patterns = option.partition("=")
+            if not name or not equals or not patterns:
+                raise UsageError(f"--sources {option}: expected NAME=FILE[,FILE...]")
+            named.setdefault(stem_of(name), []).extend(filter(None, patterns.split(",")))
+        return cls(named, tuple(includes))
+
+    def absolute(self, folder: Path) -> CodeOptions:
+        """The same from wherever it is read; relative paths begin in `folder`."""
+
+        def whole(path: str) -> str:
+            return str(folder / os.path.expanduser(path))
+
+        sources = {name: [whole(path) for path in paths] for name, paths in self.sources.items()}
+        parts = [include.rpartition("=") for include in self.includes]
+        return CodeOptions(
+            sources, tuple(f"{name}{equals}{whole(at)}" for name, equals, at in parts)
+        )
+
+    def patterns(self, *names: str) -> Sequence[str]:
+        """What is said of something that has these names; empty: nothing."""
+        for name in names:
+            if name in self.sources:
+                return self.sources[name]
+        return ()
+
+
+_LIBRARY = re.compile(r"(?:.*/)?(?:lib)?([^/]+?)(?:\.so|\.dylib)?")
+
+
+def stem_of(library: str) -> str:
+    """The name of a library without folder, `lib` and suffix."""
+    found = _LIBRARY.fullmatch(library)
+    return library if found is None else found[1]
+
+
+def files(patterns: Iterable[str], folder: Path) -> list[Path]:
+    """The sources that patterns mean, relative ones in `folder`; a folder means all in it.
+
+    Raises:
+        UsageError: a pattern means none.
+    """
+    found: dict[Path, None] = {}
+    for pattern in patterns:
+        path = folder / os.path.expanduser(pattern)
+        names = (
+            [str(p) for p in path.iterdir()]
+            if path.is_dir()
+            else [str(path)]
+            if path.is_file()
+            else glob.glob(str(path), recursive=True)
+        )
+        here = [Path(name).resolve() for name in sorted(names) if name.endswith(SOURCE_SUFFIXES)]
+        if not here:
+            raise UsageError(f"{pattern}: no C or C++ file, looked for in {folder}")
+        found.update(dict.fromkeys(here))
+    return list(found)
+
+
+def folders(includes: Iterable[str], folder: Path, cache: Path) -> list[Path]:
+    """The folders of headers that `CodeOptions.includes` means, relative ones in `folder`.
+
+    For a prefix a folder with a link is made in `cache`.
+
+    Raises:
+        UsageError: there is no such folder.
+    """
+    found = []
+    for include in includes:
+        prefix, equals, name = include.rpartition("=")
+        path = (folder / os.path.expanduser(name)).resolve()
+        if not path.is_dir():
+            raise UsageError(f"--include {include}: {path} is no folder")
+        found.append(_linked(prefix, path, cache) if equals else path)
+    return found
+
+
+def _linked(prefix: str, path: Path, cache: Path) -> Path:
+    """A folder in which `prefix` leads to a path."""
+    parts = [part for part in prefix.split("/") if part not in ("", ".", "..")]
+    digest = hashlib.sha256(f"{parts}\0{path}".encode()).hexdigest()[:16]
+    made = cache / f"include-{digest}"
+    link = made.joinpath(*parts)
+    if not link.is_symlink():
+        link.parent.mkdir(parents=True, exist_ok=True)
+        with suppress(FileExistsError):  # another process was faster
+            link.symlink_to(path)
+    return made
+
+
+def content(path: Path) -> bytes:
+    """A file's bytes; none where it cannot be read."""
+    try:
+        return _content(path, path.stat().st_mtime_ns)
+    except OSError:
+        return b""
+
+
+@lru_cache(maxsize=4096)
+def _content(path: Path, time_ns: int) -> bytes:
+    return path.read_bytes()
+
+
+def registers(path: Path, macro: str) -> bool:
+    """Whether a source uses one of ARGoS's macros; what is in comments of one line does not."""
+    return registrations(path, macro) > 0
+
+
+def registrations(path: Path, macro: str) -> int:
+    """How often a source uses one of ARGoS's macros; see `registers`."""
+    return len(re.findall(rb"^[ \t]*" + macro.encode() + rb"\s*\(", content(path), re.M))
+
+
+def labels(sources: Iterable[Path], macro: str) -> list[str]:
+    """The labels that sources register, as far as they are plain texts."""
+    pattern = re.compile(macro.encode() + rb'\s*\([^;{"]*"([^"\n]*)"')
+    found = [label for path in sources for label in pattern.findall(content(path))]
+    return [label.decode(errors="replace") for label in found]
+
+
+def belongs(path: Path, macro: str) -> bool:
+    """Whether a source may be part of a program for `macro`: not of another one alone."""
+    others = any(registers(path, other) for other in _OTHERS if other != macro)
+    return (registers(path, macro) or not others) and _MAIN.search(content(path)) is None
+
+
+def included(path: Path) -> list[tuple[str, bool]]:
+    """What a file includes: name, and whether it is in quotes; conditions are not looked at."""
+    return [
+        (name.decode(errors="replace"), mark == b'"')
+        for mark, name in _INCLUDE.findall(content(path))
+    ]
+
+
+def headers(sources: Sequence[Path], includes: Sequence[Path]) -> dict[Path, None]:
+    """All files that sources include, directly or not, as far as they are in `includes` or beside
+    the file that includes them, and vsense has none of that name; in the order of the search."""
+    found: dict[Path, None] = {}
+    waiting = list(sources)
+    while waiting:
+        path = waiting.pop()
+        for name, is_quoted in included(path):
+            if name in known_headers():
+                continue
+            for folder in ([path.parent] if is_quoted else []) + list(includes):
+                candidate = folder / name
+                if candidate.is_file():
+                    candidate = candidate.resolve()
+                    if candidate not in found:
+                        found[candidate] = None
+                        waiting.append(candidate)
+                    break
+    return found
+
+
+def with_sources_of_headers(
+    sources: Sequence[Path], includes: Sequence[Path], macro: str = CONTROLLER
+) -> list[Path]:
+    """Adds, for each header that is included, the source beside it of the same name.
+
+    So a library that another repository builds comes along with the folder of its headers.
+    """
+    found = dict.fromkeys(sources)
+    while True:
+        used = headers(list(found), includes)
+        more = [
+            source
+            for header in used
+            for source in (header.with_suffix(suffix) for suffix in SOURCE_SUFFIXES)
+            if source not in found
+            and source not in used
+            and source.is_file()
+            and belongs(source, macro)
+        ]
+        if not more:
+            return list(found)
+        found.update(dict.fromkeys(more))

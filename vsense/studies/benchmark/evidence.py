@@ -1,0 +1,146 @@
+"""What the runs of a benchmark have left, read anew: their files, figures, poses and scores."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from vsense.base.errors import VsenseError
+from vsense.base.files import parse_json, read_text
+from vsense.monitor.recording import SUFFIX
+from vsense.monitor.recording.reader import Recording, open_recording
+from vsense.run.directory import SUMMARY
+from vsense.run.runs_csv import RUNS, RunRow, read_runs
+from vsense.studies.benchmark.definition import BLIND, digest
+from vsense.studies.benchmark.motion import RunMotion, read_motion
+from vsense.studies.benchmark.scores import recount
+from vsense.studies.series.order import Cell, cells
+from vsense.studies.series.parts import PlannedExperiment
+from vsense.studies.series.plan import SeriesPlan
+
+Tell = Callable[[str], None]
+"""Takes what is at work, for people."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunEvidence:
+    """What a valid run has left.
+
+    Attributes:
+        row: of runs.csv.
+        files: SHA-256 of its files, by their path in the series' folder.
+        counted: its measures, computed anew from the recording.
+        summary: its summary.json; empty in simulation.
+        calibration: what is known of the cameras' calibration; None: nothing.
+        motion: of its robots.
+    """
+
+    row: RunRow
+    files: Mapping[str, str]
+    counted: Mapping[str, float]
+    summary: Mapping[str, Any]
+    calibration: Mapping[str, Any] | None
+    motion: RunMotion
+
+
+def rows_of(folder: Path) -> list[RunRow]:
+    """The runs of a series' folder; VsenseError where there is no table that can be read."""
+    try:
+        return read_runs(folder / RUNS)
+    except OSError as error:
+        raise VsenseError(f"{folder / RUNS}: cannot be read: {error.strerror}") from None
+
+
+def misplaced(plan: SeriesPlan, rows: Sequence[RunRow]) -> Iterator[str]:
+    """What is wrong with the rows of a series, in words: each place of the plan has one valid run.
+
+    Void ones have to say why.
+    """
+    valid: dict[tuple[str, str, str], list[RunRow]] = {}
+    for row in rows:
+        if row.valid:
+            valid.setdefault((row.condition, row.start, row.repetition), []).append(row)
+        elif not row.why:
+            yield f"{row.run} is void and does not say why"
+    for cell in cells(plan):
+        made = valid.pop((cell.condition, cell.start, str(cell.repetition)), [])
+        where = f"{cell.condition}, {cell.start}, repetition {cell.repetition}"
+        if len(made) != 1:
+            yield f"{where}: {len(made)} valid runs, expected one"
+        for row in made:
+            if wrong := _differs(row, cell, plan.mode):
+                yield f"{row.run} ({where}): {wrong}"
+    for condition, start, repetition in valid:
+        yield f"{condition}, {start}, repetition {repetition}: not in the plan"
+
+
+def _differs(row: RunRow, cell: Cell, mode: str) -> str:
+    """What of a row is not as its place in the plan says; "": nothing."""
+    name = f"run-{cell.number:03d}"
+    if row.run != name and not row.run.startswith(f"{name}-"):
+        return f"its place in the order is {cell.number}"
+    if row.mode != mode:
+        return f"mode {row.mode}, expected {mode}"
+    if row.seed != cell.seed or row.block != str(cell.block):
+        return f"seed {row.seed} in block {row.block}, expected {cell.seed} in {cell.block}"
+    return ""
+
+
+def evidence_of(
+    folder: Path, plan: SeriesPlan, planned: PlannedExperiment, row: RunRow
+) -> RunEvidence:
+    """Reads what a valid run has left; `planned` is what its condition runs.
+
+    Raises:
+        VsenseError: something is missing, damaged, or not of this run.
+    """
+    place = folder / row.run
+    found = sorted(place.glob(f"*{SUFFIX}"))
+    if len(found) != 1:
+        raise VsenseError(f"{place}: {len(found)} recordings, expected one")
+    summary = _summary(place / SUMMARY) if row.mode != "sim" else {}
+    files = [found[0], *([place / SUMMARY] if summary else [])]
+    experiment = plan.start(row.start).places.settled(planned.experiment)
+    with open_recording(found[0]) as recording:
+        _require_kind(recording, row)
+        counted = recount(recording, experiment, row.seed or 0)
+        calibration = recording.experiment.get("calibration")
+        motion = read_motion(recording, not row.condition.endswith(BLIND))
+    digests = {str(path.relative_to(folder)): digest(path) for path in files}
+    return RunEvidence(row, digests, counted, summary, calibration, motion)
+
+
+def uncounted(run: RunEvidence) -> Iterator[str]:
+    """Measures that the table has otherwise than the recording, in words."""
+    for name in sorted({*run.counted, *run.row.measures}):
+        told, counted = run.row.measures.get(name), run.counted.get(name)
+        if told is None and counted is None:
+            continue
+        if told is None or counted is None or f"{told:.9g}" != f"{counted:.9g}":
+            yield f"{run.row.run}: {name} is {told} in {RUNS}, and {counted} by its recording"
+
+
+def _require_kind(recording: Recording, row: RunRow) -> None:
+    """Raises VsenseError where a recording is of another kind of run, or lacks something."""
+    told = recording.experiment
+    blind, command = row.condition.endswith(BLIND), told.get("command")
+    if told.get("blind") is not blind or command != row.mode:
+        kind = "blind" if told.get("blind") else "sighted"
+        raise VsenseError(f"{recording.path}: is of a {kind} run of vsense {command}")
+    if not recording.complete or recording.gaps:
+        raise VsenseError(f"{recording.path}: is not whole: it was cut off, or has gaps")
+
+
+def _summary(path: Path) -> dict[str, Any]:
+    try:
+        found = parse_json(read_text(path))
+        if isinstance(found, dict):
+            return found
+        raise ValueError("no object")
+    except OSError as error:
+        raise VsenseError(f"{path}: cannot be read: {error.strerror}") from None
+    except (json.JSONDecodeError, ValueError) as error:
+        raise VsenseError(f"{path}: is damaged: {error}") from None

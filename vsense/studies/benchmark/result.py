@@ -1,0 +1,230 @@
+"""A benchmark's result: one file, benchmark.json, from which others can compare and check."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from vsense.base.errors import UsageError, VsenseError
+from vsense.base.files import parse_json, read_text, replace_text
+from vsense.config.roster import Roster
+from vsense.run.directory import DirectoryError
+from vsense.run.runs_csv import RunRow, utc
+from vsense.studies.benchmark import qualification
+from vsense.studies.benchmark.definition import Definition, Mission
+from vsense.studies.benchmark.evidence import (
+    RunEvidence,
+    Tell,
+    evidence_of,
+    misplaced,
+    rows_of,
+    uncounted,
+)
+from vsense.studies.report.study.results import Questions, StudyResult, results_of
+from vsense.studies.series.parts import PlannedExperiment
+from vsense.studies.series.plan import SeriesPlan
+
+RESULT = "benchmark.json"
+DEFINITION = "definition"
+"""In the folder of the runs: the result, and a copy of the definition's files."""
+FORM = 1
+"""Of the result's file; it rises when an older vsense can no longer read it."""
+
+UNITS = {
+    "_s": "s", "_ms": "ms", "_mm": "mm", "_deg": "degrees", "_v": "V", "_share": "0 to 1",
+    "_over_": "ratio", "sigma": "its entry's unit",
+}  # fmt: skip
+"""What parts of names say; numbers of a mission and its measures are in the mission's unit."""
+
+
+@dataclass(frozen=True, slots=True)
+class LabSetup:
+    """What results call a lab, and how it was made, by option."""
+
+    name: str
+    setup: Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Benchmark:
+    """A benchmark that is carried out, or was.
+
+    Attributes:
+        folder: of the series.
+        known: what each condition runs.
+        quick: it is a first look only.
+    """
+
+    definition: Definition
+    plan: SeriesPlan
+    known: Mapping[str, PlannedExperiment]
+    folder: Path
+    quick: bool = False
+
+    @property
+    def robots(self) -> int:
+        """So many play."""
+        return self.definition.robots if self.plan.count is None else self.plan.count
+
+    @property
+    def deviations(self) -> list[str]:
+        """In what it is not the definition's."""
+        found = ["quick: a first look, never comparable"] if self.quick else []
+        if not self.quick and self.robots != self.definition.robots:
+            found.append(f"{self.robots} robots in place of {self.definition.robots}")
+        return found
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """The definition's files by their names."""
+        files = {path for planned in self.known.values() for path in planned.files}
+        files |= {self.definition.plan(), self.definition.plan(True)}
+        return {path.name: path for path in sorted(files, key=lambda path: path.name)}
+
+    def rows(self) -> list[RunRow]:
+        """All runs so far.
+
+        Raises:
+            VsenseError: some are missing, or are not the plan's.
+        """
+        rows = rows_of(self.folder)
+        if wrong := list(misplaced(self.plan, rows)):
+            raise VsenseError(f"{self.folder}: {'; '.join(wrong[:5])}")
+        return rows
+
+    def evidence(self, rows: Sequence[RunRow], tell: Tell) -> list[RunEvidence]:
+        """What the valid ones have left; raises as `evidence_of`."""
+        found, valid = [], [row for row in rows if row.valid]
+        for number, row in enumerate(valid, 1):
+            tell(f"reading the recordings: {number} of {len(valid)} ({row.run})")
+            planned = self.known[row.condition]
+            found.append(evidence_of(self.folder, self.plan, planned, row))
+        return found
+
+
+def make(benchmark: Benchmark, lab: LabSetup, roster: Roster | None, tell: Tell) -> dict[str, Any]:
+    """Measures a lab by the runs that it has made, all of which are there.
+
+    Raises:
+        VsenseError: runs or files are missing, or say different things.
+    """
+    rows = benchmark.rows()
+    runs = benchmark.evidence(rows, tell)
+    if wrong := [words for run in runs for words in uncounted(run)]:
+        raise VsenseError("; ".join(wrong[:5]))
+    tell("measuring the lab")
+    return {
+        "form": FORM,
+        "benchmark": benchmark.definition.name,
+        "definition_sha256": benchmark.definition.sha256,
+        "definition_files": dict(benchmark.definition.digests),
+        "quick": benchmark.quick,
+        "deviations": benchmark.deviations,
+        "robots": benchmark.robots,
+        "site": lab.name,
+        "mode": benchmark.plan.mode,
+        "setup": dict(lab.setup),
+        "made": utc(time.time()),
+        "versions": sorted({word for row in rows for word in row.versions}),
+        "units": UNITS,
+        **figures(benchmark.definition, rows, runs, roster),
+        "runs": [
+            {**asdict(row), "files": next((run.files for run in runs if run.row is row), {})}
+            for row in rows
+        ],
+    }
+
+
+def figures(
+    definition: Definition,
+    rows: Sequence[RunRow],
+    runs: Sequence[RunEvidence],
+    roster: Roster | None,
+) -> dict[str, Any]:
+    """All that is computed from runs: qualification and scores."""
+    return {
+        "counts": {"valid": len(runs), "void": len(rows) - len(runs)},
+        "latency": qualification.latency(runs),
+        "accuracy": qualification.accuracy(runs),
+        "noise": qualification.noise(runs, roster),
+        "missions": [
+            _mission(definition.measures[found.measures[0].measure], found)
+            for found in studies_of(definition, rows)
+        ],
+    }
+
+
+def studies_of(
+    definition: Definition, rows: Sequence[RunRow], tests: bool = False
+) -> list[StudyResult]:
+    """Each mission's runs, sighted and blind, in its score only; with `tests` needs SciPy."""
+    asked = Questions(only=list(definition.measures), tests=tests)
+    return results_of(rows, asked)
+
+
+def _mission(mission: Mission, found: StudyResult) -> dict[str, Any]:
+    """The score of a mission: sighted runs, blind ones, and how far these lie apart."""
+    measured = found.measures[0]
+    arms = {}
+    for name, arm, spread in zip(("sighted", "blind"), found.study.arms, measured.spreads):
+        assert spread is not None, "every place of the plan has a valid run"
+        arms[name] = {**asdict(spread), "void": len(arm.voids)}
+        arms[name]["quartiles"] = list(spread.quartiles)
+        arms[name]["notch"] = None if spread.notch is None else list(spread.notch)
+    effect = measured.pairs[0].effect
+    assert effect is not None, "both have runs"
+    better = effect.a12 if mission.better == "more" else 1.0 - effect.a12
+    return {
+        "mission": mission.name,
+        **{name: getattr(mission, name) for name in ("measure", "unit", "better", "margin")},
+        **arms,
+        "sighted_better": better,
+        "shift": effect.shift,
+        "shift_95": [effect.shift_low, effect.shift_high],
+    }
+
+
+def write(benchmark: Benchmark, told: Mapping[str, Any]) -> Path:
+    """Writes a result and the definition's files beside its runs; DirectoryError if it cannot."""
+    path, copies = benchmark.folder / RESULT, benchmark.folder / DEFINITION
+    try:
+        copies.mkdir(exist_ok=True)
+        for file in (*benchmark.files.values(), benchmark.definition.file):
+            shutil.copyfile(file, copies / file.name)
+        replace_text(path, json.dumps(told, indent=1) + "\n")
+    except OSError as error:
+        raise DirectoryError(f"{path}: cannot be written: {error.strerror}") from None
+    return path
+
+
+def read(path: Path) -> tuple[Path, dict[str, Any]]:
+    """Reads a result, or that of a folder; gives its path, too.
+
+    Raises:
+        UsageError: it is none, or was written by a newer vsense.
+    """
+    path = path / RESULT if path.is_dir() else path
+    try:
+        told = parse_json(read_text(path, most_bytes=256 << 20))
+    except OSError as error:
+        raise UsageError(f"cannot read {path}: {error.strerror}") from None
+    except (UnicodeDecodeError, ValueError, RecursionError) as error:
+        raise UsageError(f"{path}: is no {RESULT}: {error}") from None
+    kinds = {"form": int, "benchmark": str, "runs": list, "missions": list, "mode": str}
+    if not isinstance(told, dict) or any(type(told.get(n)) is not k for n, k in kinds.items()):
+        raise UsageError(f"{path}: is no {RESULT}: expected what `vsense benchmark` writes")
+    if told["form"] != FORM:
+        raise UsageError(f"{path}: has form {told['form']}, this vsense reads {FORM}")
+    return path, told
+
+
+def row_of(told: Mapping[str, Any]) -> RunRow:
+    """A run of a result as runs.csv has it; KeyError or TypeError where it is damaged."""
+    values = {name: told[name] for name in RunRow.__slots__}
+    lists = {name: tuple(values[name]) for name in ("tags", "uids", "batteries_v", "versions")}
+    return RunRow(**(values | lists))

@@ -1,0 +1,1 @@
+"""Campaigns of `vsense sim`: every combination of settings and seeds."""

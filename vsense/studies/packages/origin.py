@@ -1,0 +1,253 @@
+"""What runs were made from, kept beside what they leave: `made.zip`.
+
+It has the files of users that results depend on, as they were when the runs began, and how the
+experiment was read, so that a package can be made years later. A folder may have several: number n
+of `made-n.zip` is how many rows its runs.csv had when something in it had changed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+import platform
+import re
+import subprocess
+import zipfile
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from vsense.base.errors import VsenseError
+from vsense.base.files import MOST_BYTES, PACKAGE_FOLDER, read_bytes, replace_bytes
+from vsense.config.specs import Experiment
+from vsense.modes.sim import fingerprint
+from vsense.modes.sim.job import Setup
+from vsense.robots.compiling import native
+from vsense.robots.programs import headers, source_roots
+from vsense.studies.packages.archive import MOST_FILES
+
+MADE = "made"
+"""What the file's name begins with."""
+FACTS = "made.json"
+"""In it."""
+FORMAT = 1
+
+OWN = "vsense/"
+"""What names of vsense's own files begin with."""
+
+_SECRET = re.compile(rb"\A# Swarm keys of vsense|-----BEGIN [A-Z ]*PRIVATE KEY-----")
+_SECRETS = (".key", ".pem")
+_MOST_KEPT = 1 << 30
+_DATE = (1980, 1, 1, 0, 0, 0)
+
+
+@dataclass(frozen=True, slots=True)
+class RunOrigin:
+    """What some runs were made from.
+
+    Attributes:
+        mode: `sim`, `lab` or `run`.
+        machine: versions, and all else that changes results; see `fingerprint.of_machine`.
+        about: more of it, for people: system, compiler, Python.
+        setups: of simulated runs, by `key_of`.
+        files: bytes by name; names of vsense's own begin with `OWN`.
+        paths: where each file was, by name, absolute.
+    """
+
+    mode: str
+    machine: Mapping[str, str]
+    about: Mapping[str, str]
+    setups: Mapping[str, Mapping[str, Any]]
+    files: Mapping[str, bytes]
+    paths: Mapping[str, str]
+
+    @property
+    def own(self) -> list[str]:
+        """Names of the files that are vsense's own."""
+        return [name for name in self.files if name.startswith(OWN)]
+
+
+def key_of(condition: str = "", start: str = "") -> str:
+    """What the setup of a row is found by: its condition and its start, "" where all share it."""
+    return json.dumps([condition, start])
+
+
+def keep(
+    folder: Path,
+    mode: str,
+    experiments: Iterable[Experiment],
+    tell: Callable[[str], None],
+    setups: Mapping[str, Setup] | None = None,
+    others: Iterable[str | Path] = (),
+    stem: str = MADE,
+    rows: int = 0,
+) -> None:
+    """Keeps what runs are about to be made from, where it is not what is kept already.
+
+    Args:
+        folder: of the runs; `stem`: the file's name there.
+        mode: `sim`, `lab` or `run`.
+        tell: takes a line where it cannot be kept: no run shall end for it.
+        setups: of simulated runs, by `key_of`.
+        others: more files that results depend on, such as a tracking session's; of XML files also
+            those that they name.
+        rows: of the table of runs, so far.
+    """
+    try:
+        data = _packed(mode, list(experiments), setups or {}, map(Path, others))
+        there = kept_in(folder, stem)
+        if there and read_bytes(there[-1][1], _MOST_KEPT) == data:
+            return
+        name = f"{stem}-{rows}.zip" if there else f"{stem}.zip"
+        replace_bytes(folder / name, data)
+    except (OSError, VsenseError) as error:
+        tell(f"vsense: what the runs were made from is not kept: {error}")
+
+
+def kept_in(folder: Path, stem: str = MADE) -> list[tuple[int, Path]]:
+    """What a folder has kept: from which row on, and the file; in order."""
+    found = []
+    with suppress(OSError):
+        for path in folder.glob(f"{stem.replace('[', '[[]')}*.zip"):
+            number = re.fullmatch(rf"{re.escape(stem)}(?:-(\d{{1,9}}))?\.zip", path.name)
+            if number is not None:
+                found.append((int(number[1] or 0), path))
+    return sorted(found)
+
+
+def read(path: Path) -> RunOrigin:
+    """Reads what `keep` wrote; VsenseError if it is damaged."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(read_bytes(path, _MOST_KEPT))) as archive:
+            facts = json.loads(archive.read(FACTS))
+            files = {name: archive.read(name) for name in archive.namelist() if name != FACTS}
+        machine, about, setups = (dict(facts[name]) for name in ("machine", "about", "setups"))
+        paths = {name: str(facts["paths"][name]) for name in files}
+        return RunOrigin(str(facts["mode"]), machine, about, setups, files, paths)
+    except OSError as error:
+        raise VsenseError(f"{path}: cannot be read: {error.strerror}") from None
+    except Exception as error:  # zipfile raises anything
+        raise VsenseError(f"{path}: is damaged: {error!r}") from None
+
+
+def files_of(experiment: Experiment) -> list[Path]:
+    """The files that an experiment is made from, as far as they can be found without a compiler;
+    of vsense's own those that it names, no headers."""
+    loop = experiment.loop_functions
+    programs = [controller.program for controller in experiment.controllers]
+    found = dict.fromkeys(fingerprint.named_files(experiment.path))
+    if loop is not None:
+        found.update(dict.fromkeys(fingerprint.named_files(loop.path)))
+        programs += [] if loop.program is None else [loop.program]
+    for program in programs:
+        found.update(dict.fromkeys(program.sources))
+        used = headers(program.sources, program.includes)
+        found.update(dict.fromkeys(path for path in used if _own_name(path) is None))
+    if experiment.casting.roster:
+        found[Path(experiment.casting.roster)] = None
+    return list(found)
+
+
+def about_machine() -> dict[str, str]:
+    """What this machine is, for people; no names of anybody."""
+    compiler = ""
+    with suppress(VsenseError, OSError, subprocess.SubprocessError, IndexError):
+        asked = [*native().command, "--version"]
+        done = subprocess.run(asked, capture_output=True, text=True, timeout=5.0)
+        compiler = done.stdout.splitlines()[0]
+    return {
+        "system": f"{platform.system()} {platform.release()} {platform.machine()}",
+        "libc": " ".join(platform.libc_ver()),
+        "compiler": compiler,
+        "CXXFLAGS": os.environ.get("CXXFLAGS", ""),
+        "Python": platform.python_version(),
+    }
+
+
+def _packed(
+    mode: str,
+    experiments: Sequence[Experiment],
+    setups: Mapping[str, Setup],
+    others: Iterable[Path],
+) -> bytes:
+    """The bytes of what is kept; the same for the same runs."""
+    found = dict.fromkeys([*(p for e in experiments for p in files_of(e)), *others])
+    for path in [path for path in found if path.suffix == ".xml"]:
+        found.update(dict.fromkeys(fingerprint.named_files(path)))
+    # Where its folder truly is, under its own name: names in an experiment are beside that.
+    paths = dict.fromkeys(Path(os.path.realpath(path.parent), path.name) for path in found)
+    named = _names(_public(paths))
+    facts = {
+        "format": FORMAT,
+        "mode": mode,
+        "machine": dict(fingerprint.of_machine()),
+        "about": about_machine(),
+        "setups": {key: _absolute(setup) for key, setup in setups.items()},
+        "paths": {name: str(path) for name, path in named.items()},
+    }
+    target = io.BytesIO()
+    with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
+        text = json.dumps(facts, indent=1, sort_keys=True)
+        archive.writestr(zipfile.ZipInfo(FACTS, _DATE), text, zipfile.ZIP_DEFLATED)
+        for name in sorted(named):
+            data = read_bytes(named[name])
+            archive.writestr(zipfile.ZipInfo(name, _DATE), data, zipfile.ZIP_DEFLATED)
+    return target.getvalue()
+
+
+def _absolute(setup: Setup) -> dict[str, Any]:
+    """A setup that does not depend on the present folder."""
+    here, path = Path.cwd(), Path(setup.experiment)
+    name = str(path.absolute()) if path.is_file() else setup.experiment
+    return asdict(replace(setup, experiment=name, code=setup.code.absolute(here)))
+
+
+def _public(paths: Iterable[Path]) -> list[Path]:
+    """Files but for those that hold secrets, cannot be read, or are no files to keep."""
+    found = []
+    for path in list(paths)[:MOST_FILES]:
+        with suppress(OSError):
+            if path.suffix in _SECRETS or path.stat().st_size > MOST_BYTES:
+                continue
+            if not _SECRET.search(read_bytes(path)):
+                found.append(path)
+    return found
+
+
+def _names(paths: Iterable[Path]) -> dict[str, Path]:
+    """Names for files, which lie to each other as the files do."""
+    own = {path: name for path in paths if (name := _own_name(path)) is not None}
+    users = [path for path in paths if path not in own]
+    above = Path(os.path.commonpath([path.parent for path in users])) if users else Path("/")
+    found = {name: path for path, name in own.items()}
+    account = Path.home().name
+    for path in users:
+        parts = ("user" if part == account else part for part in path.relative_to(above).parts)
+        found["/".join(("files", *parts))] = path
+    return found
+
+
+def _own_name(path: Path) -> str | None:
+    """The name of a file that comes with vsense; None: it is a user's."""
+    whole = path.resolve()
+    if whole.is_relative_to(PACKAGE_FOLDER):
+        below = whole.relative_to(PACKAGE_FOLDER)
+        if below.parts[:1] != ("_sources",):
+            return f"{OWN}{below.as_posix()}"
+    for root in source_roots():
+        for folder in ("robot", "c_src"):
+            if whole.is_relative_to(root / folder):
+                return f"{OWN}{whole.relative_to(root).as_posix()}"
+    return None
+
+
+def digest(files: Mapping[str, bytes]) -> str:
+    """A digest of files, for the name of the folder that has them."""
+    whole = hashlib.sha256()
+    for name in sorted(files):
+        whole.update(name.encode() + b"\0" + hashlib.sha256(files[name]).digest())
+    return whole.hexdigest()[:8]

@@ -1,0 +1,376 @@
+"""Makes a package: gathers runs, leaves out who and where, makes the report, describes it all."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from vsense import __version__
+from vsense.base.errors import VsenseError, failing_as
+from vsense.base.files import read_bytes
+from vsense.monitor.recording import SUFFIX, require
+from vsense.run.runs_csv import utc
+from vsense.studies.packages import archive, contents, crate, figures, kinds, origin
+from vsense.studies.packages.archive import MANIFEST, PackageError
+from vsense.studies.packages.contents import CONTENTS, PackageContents, PackedRun
+from vsense.studies.packages.crate import Described, Person, Title
+from vsense.studies.packages.gathering import FoundRun, FoundSeries, gather
+from vsense.studies.packages.kinds import FileKind
+from vsense.studies.packages.origin import RunOrigin
+from vsense.studies.packages.scrub import OWN_FOLDERS, PACKAGE, Scrubber, folders_of
+from vsense.studies.report.study.results import Questions
+
+README = "README.md"
+_MOST_TEXT = 1 << 30
+_TEXTS = ("text", "paths", "roster")
+
+
+@dataclass(frozen=True, slots=True)
+class PackOptions:
+    """What is packed, and what is said of it.
+
+    Attributes:
+        name, about: of the package, for people; "": made of its runs.
+        authors, license: who made it, and the licence's address; "": not said.
+        date: its day, as ISO 8601; "": that of its last run.
+        pictures: the cameras' pictures and videos go in.
+        asked: what the report asks of tables; None: there is no report.
+    """
+
+    name: str = ""
+    about: str = ""
+    authors: Sequence[Person] = ()
+    license: str = ""
+    date: str = ""
+    pictures: bool = False
+    asked: Questions | None = field(default_factory=Questions)
+
+
+@dataclass(slots=True)
+class PackedFiles:
+    """What was packed.
+
+    Attributes:
+        runs, files, size: how many, and their bytes, unpacked.
+        lacks: what cannot be made anew, and why.
+        left_out: what was replaced or left out, and how often.
+        pictures_bytes: of what pictures and videos would add.
+    """
+
+    runs: int
+    files: int
+    size: int
+    lacks: Sequence[str]
+    left_out: dict[str, int]
+    pictures_bytes: int
+
+
+def pack(
+    paths: Sequence[Path],
+    target: Path,
+    options: PackOptions,
+    show: Callable[[str], None] = lambda text: None,
+) -> PackedFiles:
+    """Makes a package of runs.
+
+    Args:
+        paths: folders of series and of runs, tables of runs.
+        target: the new file.
+        show: takes what is going on.
+
+    Raises:
+        VsenseError: something is no run, cannot be read or written, or there is a file already.
+    """
+    if target.exists():
+        raise PackageError(f"{target}: is there already; expected a new file")
+    found = gather(paths)
+    with TemporaryDirectory(prefix="vsense-pack-") as folder:
+        packing = Packing(Path(folder), options, found, show)
+        packing.add_all()
+        archive.write(target, packing.entries, lambda name, share: show(f"writing {name}"))
+        return packing.result()
+
+
+class Packing:
+    """A package that is being made; `entries` are its files."""
+
+    def __init__(
+        self,
+        stage: Path,
+        options: PackOptions,
+        found: Sequence[FoundSeries],
+        show: Callable[[str], None],
+    ) -> None:
+        self.entries: dict[str, bytes | Path] = {}
+        self._stage, self._options, self._found, self._show = stage, options, found, show
+        self._origins: dict[Path, tuple[str, RunOrigin]] = {}
+        self._described: list[Described] = []
+        self._lacks: list[str] = []
+        self._out: dict[str, int] = {}
+        self._pictures_bytes = 0
+        self._runs: list[PackedRun] = []
+        self._title = _title(options, found)
+        self._scrubber = Scrubber(self._moved())
+
+    def add_all(self) -> None:
+        """Adds everything."""
+        for path, (name, kept) in self._origins.items():
+            self._add_origin(path, name, kept)
+        for series in self._found:
+            self._add_series(series)
+        report = self._add_report()
+        counts = {**self._scrubber.counts, **self._out}
+        told = PackageContents(
+            __version__,
+            self._runs,
+            report,
+            {} if self._options.asked is None else figures.to_data(self._options.asked),
+            self._lacks,
+            counts,
+        )
+        self._put(CONTENTS, told.to_bytes(), "Contents", "What vsense reproduces.", kinds.JSON)
+        text = crate.readme(self._title.name, told, self._found)
+        self._put(README, text.encode(), "Read me", "What this is.", "text/markdown")
+        self._describe()
+
+    def result(self) -> PackedFiles:
+        """What was packed."""
+        size = sum(
+            len(source) if isinstance(source, bytes) else source.stat().st_size
+            for source in self.entries.values()
+        )
+        out = {**self._scrubber.counts, **self._out}
+        told = len(self._runs), len(self.entries), size
+        return PackedFiles(*told, self._lacks, out, self._pictures_bytes)
+
+    def _moved(self) -> list[tuple[str, str]]:
+        """Paths, and what they are in the package; reads what runs were made from."""
+        pairs = [(str(path), name) for name, path in OWN_FOLDERS.items()]
+        for series in self._found:
+            for _, path in series.origins:
+                if path not in self._origins:
+                    kept = origin.read(path)
+                    name = f"{series.name}/sources-{origin.digest(kept.files)}"
+                    self._origins[path] = name, kept
+            pairs.append((str(series.folder.resolve()), f"{PACKAGE}/{series.name}"))
+        for name, kept in self._origins.values():
+            users = [n for n in kept.files if not n.startswith(origin.OWN)]
+            named = ((f"{PACKAGE}/{name}/{n}", kept.paths[n]) for n in users)
+            pairs += folders_of(named).items()
+        return pairs
+
+    def _add_origin(self, path: Path, name: str, kept: RunOrigin) -> None:
+        """Adds what runs were made from."""
+        for file, data in kept.files.items():
+            whole = f"{name}/{file}"
+            self._add(whole, data, kinds.of_source(file), whole.rpartition("/")[0])
+        facts = {
+            "mode": kept.mode,
+            "machine": dict(kept.machine),
+            "about": dict(kept.about),
+            "setups": self._scrubber.setup(dict(kept.setups)),
+        }
+        text = f"{json.dumps(facts, indent=1)}\n".encode()
+        about = "How runs were set up, and by which versions and machine."
+        self._put(f"{name}/{contents.MADE}", text, "Set-up", about, kinds.JSON)
+
+    def _add_series(self, series: FoundSeries) -> None:
+        folders = {run.folder for run in series.runs}
+        if series.folder not in folders:
+            self._add_files(series, series.files)
+        for run in series.runs:
+            self._add_run(series, run)
+        if not series.origins:
+            self._lacks.append(
+                f"{series.name}: what its runs were made from was not kept"
+                " (by a vsense before packages): simulated runs cannot be made anew"
+            )
+
+    def _add_run(self, series: FoundSeries, run: FoundRun) -> None:
+        """Adds a run's files, and says of it what it lacks."""
+        where = "" if run.folder is None else self._place(series, run)
+        if run.folder is not None:
+            files = sorted(path for path in run.folder.rglob("*") if path.is_file())
+            inner = [path for path in files if not _is_of_other(path, run.folder, series)]
+            self._add_files(series, inner, where, run.folder)
+        for name, path in run.files.items():
+            self._add(f"{series.name}/{name}", path, _kind(name), "")
+        recordings = [self._name(series, run, path) for path in run.recordings]
+        kept = series.origin_of(run)
+        name, made = self._origins[kept] if kept is not None else ("", None)
+        packed = PackedRun(
+            series=series.name,
+            name=run.name,
+            mode=run.facts.mode,
+            seed=run.facts.seed,
+            table=f"{series.name}/{series.table.name}" if series.table is not None else "",
+            row=run.row,
+            folder=where,
+            sources=name,
+            key="" if made is None else _key(made, run),
+            recordings=tuple(name for name in recordings if name in self.entries),
+        )
+        self._runs.append(packed)
+        if run.facts.mode != "sim" and not packed.recordings:
+            self._lacks.append(f"{packed.title}: no recording (--record)")
+        if run.facts.mode == "sim" and made is not None and not packed.key:
+            self._lacks.append(f"{packed.title}: its settings were not kept")
+
+    def _place(self, series: FoundSeries, run: FoundRun) -> str:
+        """The folder of a run's files in the package."""
+        assert run.folder is not None
+        inside = run.folder.relative_to(series.folder).as_posix()
+        return series.name if inside == "." else f"{series.name}/{inside}"
+
+    def _name(self, series: FoundSeries, run: FoundRun, path: Path) -> str:
+        for name, file in run.files.items():
+            if file == path:
+                return f"{series.name}/{name}"
+        return f"{self._place(series, run)}/{path.name}"
+
+    def _add_files(
+        self,
+        series: FoundSeries,
+        files: Sequence[Path],
+        where: str = "",
+        folder: Path | None = None,
+    ) -> None:
+        """Adds files of several runs, or of the run in `folder`, as far as they are known."""
+        base, place = folder or series.folder, where or series.name
+        for path in files:
+            name = path.relative_to(base).as_posix()
+            kind = kinds.of_runs(name) if base == series.folder else kinds.of_run(name)
+            if path == series.table:
+                kind = kinds.table(name)
+            whole = f"{place}/{name}"
+            if kind is None or path.is_symlink() or archive.wrong_name(whole):
+                if not kinds.is_passed_over(name):
+                    self._leave_out("files of other kinds, such as keys and robots' logs")
+            elif kind.large and not self._options.pictures:
+                self._leave_out("videos")
+                self._pictures_bytes += path.stat().st_size
+            else:
+                self._add(whole, path, kind, place)
+
+    def _add(self, name: str, source: bytes | Path, kind: FileKind, beside: str) -> None:
+        """Adds a file as its kind has it; texts relative to the folder `beside`."""
+        if name in self.entries:
+            return
+        with failing_as(PackageError, f"{source if isinstance(source, Path) else name}"):
+            if kind.scrub == "recording":
+                assert isinstance(source, Path)
+                source = self._copied(name, source)
+            elif kind.scrub in _TEXTS:
+                data = source if isinstance(source, bytes) else read_bytes(source, _MOST_TEXT)
+                source = self._cleaned(data, kind, beside)
+        self._put(name, source, kind.name, kind.about, kind.media)
+
+    def _cleaned(self, data: bytes, kind: FileKind, beside: str) -> bytes:
+        text = data.decode("utf-8", "surrogateescape")
+        if kind.scrub == "roster":
+            text = self._scrubber.roster(text)
+        elif kind.scrub == "paths":
+            text = self._scrubber.paths(text)
+        else:
+            text = self._scrubber.text(text, beside if kind.media == kinds.XML else "")
+        return text.encode("utf-8", "surrogateescape")
+
+    def _copied(self, name: str, path: Path) -> Path:
+        """A recording as others may have it."""
+        require()
+        from vsense.studies.packages import copying  # these need the extra `record`
+
+        into = self._stage / f"{len(self.entries)}{SUFFIX}"
+        pictures = self._options.pictures
+        tell = lambda share: self._show(f"copying {path}: {100 * share:.0f} %")  # noqa: E731
+        copied = copying.copy(path, into, self._scrubber, pictures, tell)
+        if copied.left_out:
+            self._leave_out("recordings' pictures (--pictures)")
+            self._pictures_bytes += path.stat().st_size - into.stat().st_size
+        self._lacks += [f"{name}: {words}" for words in copied.lacks]
+        return into
+
+    def _add_report(self) -> list[str]:
+        """Makes the report of what is packed; gives the names of what it is of."""
+        asked = self._options.asked
+        tables = list(dict.fromkeys(run.table for run in self._runs if run.table))
+        files = [*tables, *(name for run in self._runs for name in run.recordings)]
+        if asked is None or not files:
+            return []
+        if lacking := figures.cannot():
+            self._lacks.append(f"report: {lacking}")
+            return []
+        root = self._stage / "package"
+        for name in files:
+            path, source = root / name, self.entries[name]
+            path.parent.mkdir(parents=True, exist_ok=True)
+            if isinstance(source, Path):
+                path.symlink_to(source)
+            else:
+                path.write_bytes(source)
+        try:
+            show = lambda text: self._show(f"report: {text}")  # noqa: E731
+            made = figures.make(root, files, asked, self._stage / figures.REPORT, show)
+        except VsenseError as error:
+            self._lacks.append(f"report: {error}".replace(f"{root}/", ""))
+            return []
+        for path in made:
+            name, media = kinds.REPORT.get(path.suffix, ("Figure", kinds.BINARY))
+            about = "Made of the package's own tables and recordings."
+            self._put(f"{figures.REPORT}/{path.name}", path, name, about, media)
+        return files
+
+    def _describe(self) -> None:
+        """Adds checksums and description."""
+        sums = archive.entries_digests((d.name, self.entries[d.name]) for d in self._described)
+        whole = [replace(d, sha256=sums[d.name][0], size=sums[d.name][1]) for d in self._described]
+        data = crate.describe(self._title, whole, dict(self._origins.values()), self._found)
+        self.entries[crate.METADATA] = data
+        digests = {name: sum for name, (sum, _) in sums.items()}
+        digests[crate.METADATA] = archive.digest_of(data)[0]
+        self.entries[MANIFEST] = archive.manifest_of(digests)
+
+    def _put(self, name: str, source: bytes | Path, title: str, about: str, media: str) -> None:
+        self.entries[name] = source
+        self._described.append(Described(name, title, about, media))
+
+    def _leave_out(self, what: str) -> None:
+        self._out[what] = self._out.get(what, 0) + 1
+
+
+def _title(options: PackOptions, found: Sequence[FoundSeries]) -> Title:
+    """What is said of the package, as far as nobody says it: names and numbers of its runs."""
+    names = ", ".join(series.name for series in found)
+    facts = [run.facts for series in found for run in series.runs]
+    experiments = ", ".join(sorted({row.experiment for row in facts if row.experiment}))
+    about = f"{len(facts)} runs of {experiments}, with all that they were made from."
+    began = max((row.began for row in facts), default="")
+    files = [path for series in found for path in (series.table, *series.files) if path]
+    newest_s = max((path.stat().st_mtime for path in files), default=0.0)
+    date = options.date or (began or utc(newest_s))[:10]
+    return Title(options.name or names, options.about or about, options.authors,
+                 options.license, date)  # fmt: skip
+
+
+def _is_of_other(path: Path, folder: Path, series: FoundSeries) -> bool:
+    """Whether a file below a run's folder is another run's."""
+    others = [run.folder for run in series.runs if run.folder not in (None, folder)]
+    return any(path.is_relative_to(other) for other in others if other is not None)
+
+
+def _kind(name: str) -> FileKind:
+    kind = kinds.of_run(name.rpartition("/")[2])
+    assert kind is not None
+    return kind
+
+
+def _key(made: RunOrigin, run: FoundRun) -> str:
+    """The key of a simulated run's setup; "": it has none."""
+    row = run.facts
+    keys = [origin.key_of(row.condition, row.start), origin.key_of(row.condition)]
+    if run.row is None:
+        keys.append(origin.key_of())
+    return next((key for key in keys if key in made.setups), "")

@@ -1,0 +1,157 @@
+"""Runs of the lab and of real robots once more, from their recordings.
+
+Pictures are tracked again, arena states sensed again; the measures and the row of runs.csv follow
+from both. What robots and cameras did was measured once, and is not made anew.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+from vsense.base.errors import VsenseError
+from vsense.modes.sim.outcome import Interrupted
+from vsense.modes.sim.watch import Flag
+from vsense.monitor.recording import form
+from vsense.monitor.recording.form import ExperimentMessage
+from vsense.monitor.recording.reader import Recording, open_recording
+from vsense.monitor.recording.resense import Resensing
+from vsense.monitor.recording.retrack import Retracking
+from vsense.run.directory import MEASURES, TIMESTEPS
+from vsense.studies.packages import comparing
+from vsense.studies.packages.contents import NO_RECORDING, PackedRun
+from vsense.studies.packages.findings import Reproduction
+from vsense.studies.packages.places import PackagePlaces, Untrusted, is_own
+
+
+class RecordedRuns:
+    """The recorded runs of a package; for the arguments see `Simulating`."""
+
+    def __init__(
+        self,
+        places: PackagePlaces,
+        findings: Reproduction,
+        trusted: bool,
+        interrupted: Flag,
+        show: Callable[[str], None],
+    ) -> None:
+        self._places, self._findings, self._trusted = places, findings, trusted
+        self._interrupted, self._show = interrupted, show
+
+    def make(self, run: PackedRun) -> None:
+        """Makes anew what follows from the recordings of a run."""
+        if not run.recordings:
+            self._findings.cannot(f"{run.title}: readings and poses", NO_RECORDING)
+            return
+        for name in run.recordings:
+            for make in (self._track, self._sense):
+                try:
+                    with open_recording(self._places.package / name) as recording:
+                        make(run, name, recording)
+                except (VsenseError, *comparing.DAMAGED) as error:
+                    thing = "poses" if make == self._track else "readings"
+                    why = self._places.public(error).removeprefix(f"@package/{name}: ")
+                    self._findings.cannot(f"{name}: {thing}", why)
+
+    def _track(self, run: PackedRun, name: str, recording: Recording) -> None:
+        """Tracks the pictures again."""
+        if form.TRACKER not in recording.topics:
+            raise VsenseError("it holds no pictures of cameras of vsense's own (--record-images)")
+        tracking = Retracking(recording, lambda made: made)
+        for number, _ in enumerate(tracking.states(), 1):
+            self._tell(f"{name}: tracked again, timestep {number}")
+        found = tracking.comparison
+        differs = found.equal < found.timesteps or not found.timesteps
+        words = "; ".join(found.lines())
+        self._findings.judge(f"{name}: poses", words if differs else "", words)
+
+    def _sense(self, run: PackedRun, name: str, recording: Recording) -> None:
+        """Makes the world again, with readings, measures and the run's row."""
+        told = ExperimentMessage.read(recording.experiment)
+        made = told.made
+        if not made or not isinstance(made.get("path"), str):
+            raise VsenseError("it does not say how its experiment was read: an older vsense")
+        self._require_trust(told)
+        path = self._places.experiment_path(made["path"])
+        sensing = Resensing(recording, path, self._moved)
+        measures: dict[int, dict[str, float]] = {}
+        for run_timestep in sensing.timesteps():
+            self._tell(f"{name}: sensed again, timestep {run_timestep}")
+            if run_timestep >= 0:
+                measures[run_timestep] = sensing.measures
+        found = sensing.comparison
+        words = "; ".join(found.lines())
+        self._findings.judge(f"{name}: readings", words if found.different else "", words)
+        self._compare_measures(run, measures)
+        self._compare_row(run, told, {**sensing.measures, **sensing.end()})
+
+    def _require_trust(self, told: ExperimentMessage) -> None:
+        """Raises Untrusted unless the experiment is vsense's own, or the package is believed."""
+        made = told.made or {}
+        if not self._trusted and not is_own(made.get("path"), made, told.file_text):
+            raise Untrusted
+
+    def _moved(self, told: ExperimentMessage) -> ExperimentMessage:
+        """What a recording says of its experiment, with the paths of here; a recording may say
+        something else of it later, and Untrusted is raised for each."""
+        self._require_trust(told)
+        made = self._places.real(dict(told.made or {}))
+        code = made.get("code")
+        self._places.make_folders(code.get("includes", ()) if isinstance(code, dict) else ())
+        return replace(told, made=made, file_text=self._places.real(told.file_text))
+
+    def _compare_measures(self, run: PackedRun, now: Mapping[int, Mapping[str, float]]) -> None:
+        """Compares measures.csv, row by row."""
+        path = self._places.package / run.folder / MEASURES
+        if not run.folder or not path.is_file():
+            return
+        text = path.read_text(encoding="utf-8", errors="replace")
+        rows = list(csv.DictReader(text.splitlines()))
+        again = [text.partition("\n")[0]]
+        for row in rows:
+            step = int(row["run_timestep"]) if row["run_timestep"].isdigit() else -1
+            made = now.get(step, {})
+            cells = {n: "" if made.get(n) is None else f"{made[n]:.12g}" for n in row}
+            cells |= {n: row[n] for n in ("run_timestep", "time_s") if n in row and made}
+            again.append(",".join(cells.values()))
+        words = comparing.tables(text, "\n".join([*again, ""]))
+        self._findings.judge(f"{run.folder}/{MEASURES}", words, f"{len(rows)} timesteps")
+
+    def _compare_row(
+        self, run: PackedRun, told: ExperimentMessage, results: Mapping[str, float]
+    ) -> None:
+        """Compares what of a row follows from the recording and from timesteps.csv."""
+        if run.row is None or not run.table:
+            return
+        before = comparing.row_of(self._places.package / run.table, run.row)
+        tags = [robot.get("tag") for robot in told.robots if isinstance(robot, dict)]
+        now = {"robots": str(len(tags)), "tags": " ".join(map(str, tags))}
+        now |= {name: f"{value:.12g}" for name, value in results.items() if name in before}
+        now |= self._timing(run, told, before)
+        words = f"{', '.join(now)}; its other cells were measured"
+        thing = f"{run.title}: row of {run.table}"
+        self._findings.judge(thing, comparing.cells(before, now), words)
+
+    def _timing(
+        self, run: PackedRun, told: ExperimentMessage, before: Mapping[str, str]
+    ) -> dict[str, str]:
+        """The share of late timesteps, as `vsense.run.figures` counts it."""
+        path = self._places.package / run.folder / TIMESTEPS
+        if not run.folder or not path.is_file() or not told.timestep_s:
+            return {}
+        with path.open(encoding="utf-8", errors="replace") as file:
+            rows = list(csv.DictReader(file))
+        try:
+            dt_ns = round(told.timestep_s * 1e9)
+            wanted = round(float(before["duration_s"]) / told.timestep_s)
+            spans = [int(row["sent_ns"]) - int(row["capture_ns"]) for row in rows]
+        except (KeyError, TypeError, ValueError):
+            return {}
+        late = sum(span > dt_ns for span in spans) + wanted - len(rows)
+        return {"late": f"{late / wanted:.12g}"} if wanted else {}
+
+    def _tell(self, text: str) -> None:
+        self._show(text)
+        if self._interrupted.is_set():
+            raise Interrupted

@@ -1,0 +1,277 @@
+"""What a recording says, in numbers: of the run, of each robot, and of all trouble."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.monitor.recording.form import RecordingError
+from vsense.monitor.recording.reader import Gap, Recording, open_recording
+from vsense.studies.report.flow import SILENCE_NS, LinkHealth, Spell
+from vsense.studies.report.gather import Gatherer, gather
+from vsense.studies.report.tracks import RobotTrack
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class RobotRow:
+    """One robot in a run, from its `RobotTrack` and `LinkHealth`; None is unknown.
+
+    `seen` and `connected` are shares of the arena states and of the messages, 0..1; `speed_m_s` is
+    the mean while it was seen.
+    """
+
+    tag: int
+    name: str
+    controller: str | None
+    distance_m: float
+    speed_m_s: float | None
+    seen: float
+    longest_unseen_s: float
+    connected: float | None
+    losses: int | None
+    stops: Mapping[str, int]
+    battery_mv: float | None
+    base_errors: float | None
+    signal_dbm: float | None = None
+    silent_ms: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Amiss:
+    """Something that was amiss, in s since the run's beginning; `to_s` None: until the end."""
+
+    kind: str
+    from_s: float
+    to_s: float | None
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Findings:
+    """What a recording says. Times are in s since the run began (`zero_ns`, capture time).
+
+    Attributes:
+        version: the vsense that wrote it.
+        begun: when the recording began, UTC.
+        complete: it was ended in order.
+        damaged: parts that could not be read.
+        duration_s: of the recording.
+        zero_ns: when the run began; without a run, the first arena state or the recording.
+        run_s: length of the run as far as it is recorded.
+        amiss: gaps, silences, lost links, cameras in trouble, by time.
+    """
+
+    path: Path
+    version: str
+    begun: datetime | None
+    complete: bool
+    damaged: int
+    duration_s: float
+    zero_ns: int
+    run_s: float
+    found: Gatherer
+    robots: Sequence[RobotRow]
+    amiss: Sequence[Amiss]
+
+    @property
+    def label(self) -> str:
+        """The run's name, for headings."""
+        facts = self.found.facts
+        words = [facts.name or self.path.stem]
+        if facts.kind:
+            words.append(facts.kind)
+        if facts.blind is not None:
+            words.append("blind" if facts.blind else "sighted")
+        if facts.seed is not None:
+            words.append(f"seed {facts.seed}")
+        return ", ".join(words)
+
+    @property
+    def part(self) -> str:
+        """Which part of the recording is shown, in words."""
+        ran = self.found.ran
+        return f"the run ({self.run_s:.1f} s)" if ran else "the whole recording (it holds no run)"
+
+    def times_s(self, times_ns: array[int]) -> Floats:
+        """Times of the host's clock as s since the run began, (n,)."""
+        return (np.array(times_ns, np.int64) - self.zero_ns) / 1e9
+
+    @property
+    def latency(self) -> dict[str, float]:
+        """Latency's median, p95, p99, mean and greatest [ms]; empty: unknown."""
+        values = np.array(self.found.latency_ms)
+        if not len(values):
+            return {}
+        p50, p95, p99 = (float(value) for value in np.percentile(values, (50, 95, 99)))
+        mean, most = float(values.mean()), float(values.max())
+        return {"p50_ms": p50, "p95_ms": p95, "p99_ms": p99, "mean_ms": mean, "max_ms": most}
+
+    @property
+    def measures(self) -> dict[str, dict[str, float]]:
+        """Each measure's last value, and its mean, least and greatest over the run."""
+        return {
+            name: {
+                "end": values[-1],
+                "mean": float(np.mean(values)),
+                "min": min(values),
+                "max": max(values),
+            }
+            for name, (_, values) in self.found.measures.items()
+        }
+
+    @property
+    def lacks(self) -> list[str]:
+        """What the recording does not hold, in words."""
+        found = self.found
+        has = {
+            "arena states (/arena)": found.flow.lived,
+            "measures (/signals)": found.measures,
+            "the robots' links (/robots)": found.links.of,
+            "readings (/readings)": found.latency_ns or found.facts.simulated,
+            "the world (/world)": found.world,
+        }
+        return [words for words, value in has.items() if not value]
+
+    @property
+    def only_tracked(self) -> str:
+        """What a recording of `vsense track` cannot show, in words; "" where it is another one."""
+        if self.found.facts.command != "track":
+            return ""
+        return f"robots were only tracked (vsense track): it has no {', no '.join(self.lacks)}"
+
+
+def read_findings(path: Path, progress: Callable[[float], None] = lambda share: None) -> Findings:
+    """Reads a recording; `progress` takes now and then which share of it was read, 0..1.
+
+    RecordingError if it cannot be read, or holds nothing.
+    """
+    with open_recording(path) as recording:
+        whole_s = max(recording.duration_s, 1e-9)
+        found = gather(recording, lambda read_s: progress(min(max(read_s / whole_s, 0.0), 1.0)))
+        if not (found.flow.lived or found.measures or found.links.of or found.events):
+            raise RecordingError(
+                f"{path}: holds nothing that a report could show; expected arena states, measures,"
+                " robots or events"
+            )
+        flow = found.flow
+        zero_ns = recording.begin_ns if flow.begin_ns is None else flow.begin_ns
+        return Findings(
+            path=path,
+            version=recording.version,
+            begun=_utc(recording.begin_ns + recording.utc_shift_ns),
+            complete=recording.complete,
+            damaged=len(recording.damaged),
+            duration_s=recording.duration_s,
+            zero_ns=zero_ns,
+            # The last timestep has a duration, too.
+            run_s=(flow.end_ns - zero_ns) / 1e9 + found.facts.timestep_s if flow.lived else 0.0,
+            found=found,
+            robots=[_row(found, tag) for tag in sorted(_tags(found))],
+            amiss=_amiss(recording, found, zero_ns),
+        )
+
+
+def _utc(time_ns: int) -> datetime | None:
+    try:
+        return datetime.fromtimestamp(time_ns // 1_000_000_000, timezone.utc)
+    except (ValueError, OverflowError, OSError):
+        return None
+
+
+def _tags(found: Gatherer) -> set[int]:
+    return {*found.facts.robots, *found.tracks.of, *found.links.of}
+
+
+def _row(found: Gatherer, tag: int) -> RobotRow:
+    track, health = found.tracks.of.get(tag, RobotTrack()), found.links.of.get(tag, LinkHealth())
+    told = health.told > 0
+    return RobotRow(
+        tag=tag,
+        name=found.facts.robots.get(tag, str(tag)),
+        controller=found.facts.controllers.get(tag),
+        distance_m=track.distance_m,
+        speed_m_s=track.distance_m / track.followed_s if track.followed_s > 0.0 else None,
+        seen=track.seen / max(found.tracks.states, 1),
+        longest_unseen_s=track.longest_unseen_s,
+        connected=health.connected / health.told if told else None,
+        losses=health.losses if told else None,
+        stops=dict(health.stops),
+        battery_mv=health.battery_mv,
+        base_errors=health.base_errors,
+        signal_dbm=health.signal_dbm,
+        silent_ms=health.silent_ms,
+    )
+
+
+def _amiss(recording: Recording, found: Gatherer, zero_ns: int) -> list[Amiss]:
+    """All that was amiss, by time."""
+    spells = []
+    for gap in recording.gaps:
+        text = f"{gap.messages} messages, {gap.pictures} pictures: {gap.why}"
+        spells.append(("not recorded", Spell(text, gap.from_ns, gap.to_ns)))
+    for spell in found.flow.spells:
+        if not any(_overlap(gap, spell.from_ns, spell.to_ns) for gap in recording.gaps):
+            spells.append(("silence", spell))
+    end_ns = recording.begin_ns + round(1e9 * recording.duration_s)
+    newest_ns = found.flow.newest_ns
+    over = found.state in ("ended", "emergency")
+    if found.flow.lived and not over and end_ns - newest_ns > 2 * SILENCE_NS:
+        words = "no arena state until the recording's end"
+        spells.append(("silence", Spell(words, newest_ns)))
+    spells += [("no link", spell) for spell in found.links.losses]
+    spells += [("camera", spell) for spell in found.cameras.spells]
+    told = []
+    for kind, spell in sorted(spells, key=lambda pair: pair[1].from_ns):
+        to_s = None if spell.to_ns is None else (spell.to_ns - zero_ns) / 1e9
+        told.append(Amiss(kind, (spell.from_ns - zero_ns) / 1e9, to_s, spell.what))
+    return told
+
+
+def _overlap(gap: Gap, from_ns: int, to_ns: int | None) -> bool:
+    return gap.from_ns <= (gap.to_ns if to_ns is None else to_ns) and gap.to_ns >= from_ns
+
+
+def as_json(findings: Findings) -> dict[str, Any]:
+    """The figures of one recording for `--json`; times in s since the run began."""
+    found, facts = findings.found, findings.found.facts
+    return {
+        "file": str(findings.path),
+        "experiment": facts.name,
+        "kind": facts.kind,
+        "seed": facts.seed,
+        "blind": facts.blind,
+        "calibration": facts.calibration or None,
+        "version": findings.version,
+        "begun_utc": None if findings.begun is None else findings.begun.isoformat(),
+        "complete": findings.complete,
+        "damaged_parts": findings.damaged,
+        "odd_messages": found.odd,
+        "changes": found.changes,
+        "lacks": findings.lacks,
+        "duration_s": findings.duration_s,
+        "has_run": found.ran,
+        "run_s": findings.run_s,
+        "timesteps": found.flow.lived,
+        "missed_timesteps": found.flow.missed,
+        "late_timesteps": found.late,
+        "measures": findings.measures,
+        "latency": findings.latency or None,
+        "robots": [
+            {name: getattr(row, name) for name in RobotRow.__slots__} for row in findings.robots
+        ],
+        "cameras": {
+            name: {"rate_hz": total / count, "dropped": found.cameras.dropped.get(name)}
+            for name, (total, count) in found.cameras.rates_hz.items()
+        },
+        "amiss": [{name: getattr(one, name) for name in Amiss.__slots__} for one in findings.amiss],
+        "events": len(found.events) + found.more_events,
+    }

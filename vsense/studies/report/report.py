@@ -1,0 +1,205 @@
+"""Makes a report: reads recordings one after the other, draws, and writes the page and charts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from vsense.base.errors import failing_as
+from vsense.monitor.recording.form import RecordingError
+from vsense.studies.report import can_draw, charts, compare, findings, lacking, maps, plot
+from vsense.studies.report.campaigns import CampaignRuns, campaign_runs
+from vsense.studies.report.findings import Findings, read_findings
+from vsense.studies.report.markup import Shown
+from vsense.studies.report.page import Chapter, ComparedRuns, Studied, page
+from vsense.studies.report.study import SUFFIX, boxes, lacking_tests, results, words
+from vsense.studies.report.study.collect import TableOfRuns, read_tables
+from vsense.studies.report.study.results import Questions, StudyResult
+
+PAGE = "report.html"
+PAGE_PX_PER_IN = 128
+"""A column of 3.5 inches takes half of the page."""
+_MAKERS: Sequence[Callable[[Findings], plot.Drawing | None]] = (
+    maps.ways,
+    maps.occupancy,
+    charts.measures,
+    charts.robots,
+    charts.latencies,
+    charts.latency_over_time,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """The written files, the page first, and the findings of each recording.
+
+    `lacking` says why there are no charts, or no tests; `told` what is to be said of tables.
+    """
+
+    files: Sequence[Path]
+    findings: Sequence[Findings]
+    lacking: Sequence[str]
+    tables: Sequence[TableOfRuns] = ()
+    studied: Studied | None = None
+
+    @property
+    def told(self) -> Sequence[str]:
+        """What is to be said of the tables themselves."""
+        return () if self.studied is None else self.studied.told
+
+    def as_json(self) -> dict[str, Any]:
+        """The figures, for scripts."""
+        found = _compared(self.findings, self.tables)
+        told: dict[str, Any] = {
+            "files": [str(path) for path in self.files],
+            "recordings": [findings.as_json(one) for one in self.findings],
+            "comparison": compare.as_json(found),
+        }
+        if self.studied is not None:
+            studies = [result for result, _ in self.studied.studies]
+            told["seed"] = self.studied.asked.seed
+            told["told"] = [*self.lacking, *self.told]
+            told["studies"] = [results.as_json(result) for result in studies]
+            told["methods"] = words.methods(studies, self.studied.asked)
+        return told
+
+
+def make_report(
+    paths: Sequence[Path],
+    folder: Path,
+    progress: Callable[[Path, float], None] = lambda path, share: None,
+    form: str = "png",
+    sheet: str | None = None,
+    asked: Questions | None = None,
+    show: Callable[[str], None] = lambda text: None,
+) -> Report:
+    """Makes a report of recordings; without Matplotlib, one without charts.
+
+    Args:
+        paths: the recordings, and tables of runs, one at least; several are compared.
+        folder: where to; made if need be, must be empty.
+        progress, show: take which share of a recording was read, 0..1, and what is computed.
+        form: of the charts' files, one of `FORMATS`; the page holds PNG.
+        sheet: the user's style sheet, see `plot.styled`.
+        asked: what is asked of the tables' runs; None: what is always asked.
+
+    Raises:
+        RecordingError: one is no recording that can be read, the folder is not empty, or something
+            cannot be written.
+        UsageError: a style sheet or a table cannot be used, or has not what is asked of it.
+        VsenseError: the charts cannot be drawn in this style.
+    """
+    _check(folder, sheet)
+    tables = read_tables(path for path in paths if path.suffix == SUFFIX)
+    rows = [row for table in tables for row in table.rows]
+    asked = replace(asked or Questions(), tests=not lacking_tests())
+    studies = results.results_of(rows, asked, show), asked
+    read = [
+        read_findings(path, lambda share, path=path: progress(path, share))  # type: ignore[misc]
+        for path in paths
+        if path.suffix != SUFFIX
+    ]
+    with failing_as(RecordingError, f"{folder}: cannot be written"), ExitStack() as stack:
+        folder.mkdir(parents=True, exist_ok=True)
+        if can_draw():
+            stack.enter_context(plot.styled(sheet))
+        return _write(read, tables, studies, Charts(folder, form if can_draw() else ""))
+
+
+def _check(folder: Path, sheet: str | None) -> None:
+    """Raises what can be known before anything is read."""
+    require_empty(folder)
+    if sheet is not None and can_draw():
+        plot.require_sheet(sheet)
+
+
+def require_empty(folder: Path) -> None:
+    """Raises RecordingError if a report cannot be put into a folder."""
+    with failing_as(RecordingError, f"{folder}: cannot be read"):
+        taken = folder.exists() and (not folder.is_dir() or any(folder.iterdir()))
+    if taken:
+        raise RecordingError(f"{folder}: is there already; expected a new or an empty folder")
+
+
+class Charts:
+    """Writes charts of a form into a folder; "": there are no charts. `files` are all written."""
+
+    def __init__(self, folder: Path, form: str) -> None:
+        self.folder, self.form = folder, form
+        self.files: list[Path] = []
+
+    def keep(self, prefix: str, drawings: Iterable[plot.Drawing]) -> list[Shown]:
+        """Writes charts, and gives them for the page; none without a form."""
+        return [self._keep(prefix, each) for each in drawings] if self.form else []
+
+    def _keep(self, prefix: str, drawing: plot.Drawing) -> Shown:
+        png = plot.encode(drawing.figure, "png")
+        path = self.folder / f"{prefix}{drawing.name}.{self.form}"
+        path.write_bytes(png if self.form == "png" else plot.encode(drawing.figure, self.form))
+        self.files.append(path)
+        width_px = round(drawing.figure.get_size_inches()[0] * PAGE_PX_PER_IN)
+        return Shown(drawing.title, drawing.caption, png, width_px, drawing.wide)
+
+
+def _compared(read: Sequence[Findings], tables: Sequence[TableOfRuns]) -> list[compare.Group]:
+    """Recordings beside each other, and beside tables; tables alone are studies.
+
+    A run of which both its recording and its row are here is one run, and none if it is void.
+    """
+    recorded = {one.path.absolute().parent for one in read}
+    others, void = [], set[Path]()
+    for table in tables:
+        folder = table.path.absolute().parent
+        others.append(
+            replace(table, rows=[r for r in table.rows if folder / r.run not in recorded])
+        )
+        void |= {folder / row.run for row in table.rows if not row.valid}
+    read = [one for one in read if one.path.absolute().parent not in void]
+    if not read or len(read) + sum(bool(table.rows) for table in others) < 2:
+        return []
+    some: list[CampaignRuns] = [runs for table in others for runs in campaign_runs(table)]
+    return compare.groups(read, some)
+
+
+def _write(
+    read: Sequence[Findings],
+    tables: Sequence[TableOfRuns],
+    studies: tuple[Sequence[StudyResult], Questions],
+    kept: Charts,
+) -> Report:
+    studied = _studied(tables, *studies, kept) if tables else None
+    comparisons = []
+    experiments = compare.by_experiment(_compared(read, tables)).values()
+    for place, members in enumerate(experiments, start=1):
+        prefix = "compared-" if len(experiments) == 1 else f"compared-{place}-"
+        comparisons.append(ComparedRuns(members, kept.keep(prefix, charts.compared(members))))
+    chapters = []
+    for place, one in enumerate(read, start=1):
+        prefix = f"{place:02d}-{one.path.stem}-" if comparisons else ""
+        made = (make(one) for make in _MAKERS)
+        chapters.append(Chapter(one, kept.keep(prefix, (each for each in made if each))))
+    why_none = [] if kept.form else [lacking()]
+    why_none += [lacking_tests()] if studied is not None and lacking_tests() else []
+    path = kept.folder / PAGE
+    text = page(chapters, comparisons, why_none, studied)
+    path.write_text(text, encoding="utf-8", errors="replace")
+    return Report([path, *kept.files], read, why_none, tables, studied)
+
+
+def _studied(
+    tables: Sequence[TableOfRuns], found: Sequence[StudyResult], asked: Questions, kept: Charts
+) -> Studied:
+    """Draws the studies of tables."""
+    drawn = []
+    for place, result in enumerate(found, start=1):
+        prefix = "runs-" if len(found) == 1 else f"runs-{place}-"
+        drawn.append((result, kept.keep("", boxes.boxes(result, prefix))))
+    repeated = [table for table in tables if table.repeated]
+    told = [
+        f"{table.repeated} of the runs in {table.path} are named twice, and count once."
+        for table in repeated
+    ]
+    return Studied(asked, drawn, told)

@@ -1,0 +1,237 @@
+"""The folder of a series: its plan as it was begun with, its table of runs, a folder for each run.
+
+What is done stands in runs.csv and nowhere else. A run's folder without a row is of a run that was
+cut off.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import os
+import shutil
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from vsense import __version__
+from vsense.base.errors import UsageError, VsenseError, failing_as
+from vsense.base.files import read_text, replace_text
+from vsense.run.directory import TIMESTEPS, DirectoryError, make_new
+from vsense.run.runs_csv import RUNS, RunRow, RunsFile, utc
+from vsense.studies.series.order import PlannedRun
+from vsense.studies.series.plan import SeriesPlan
+
+SERIES = "series.json"
+"""What the plan said when the series began, and digests of the files that it names."""
+
+PLAN = "plan.toml"
+"""A copy of the plan as it is now."""
+
+_LOCK = ".lock"
+_FREE = ("again", "repetitions", "robots")
+"""What may change while a series goes on; of repetitions there may be more."""
+
+
+class SeriesFolder:
+    """The folder, which one process at a time has; a context that gives it back.
+
+    Attributes:
+        path: where it is.
+        table: its runs.csv.
+        told: what has changed in the plan that may change.
+    """
+
+    table: RunsFile
+
+    def __init__(self, path: Path, plan: SeriesPlan, files: Sequence[Path]) -> None:
+        """`files` are those of users that results depend on."""
+        self.path, self._plan = path, plan
+        self._files = {plan.beside(str(file)): file for file in files}
+        self._stamps = {name: _stamp(file) for name, file in self._files.items()}
+        self._digests = {name: _digest(file) for name, file in self._files.items()}
+        self._begun = self._digests
+        self.told: list[str] = []
+        self._stack = ExitStack()
+
+    def __enter__(self) -> SeriesFolder:
+        """Takes the folder, and makes it where there is none.
+
+        Raises:
+            UsageError: it is that of another plan, or another process has it.
+            VsenseError: it cannot be written.
+        """
+        try:
+            with failing_as(DirectoryError, f"cannot write to {self.path}"):
+                self._refuse_others()
+                self.path.mkdir(parents=True, exist_ok=True)
+                self._lock()
+            self._compare()
+            self.table = RunsFile(self.path / RUNS)
+        except BaseException:
+            self._stack.close()
+            raise
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._stack.close()
+
+    @property
+    def rows(self) -> Sequence[RunRow]:
+        """The runs so far."""
+        return self.table.rows
+
+    @property
+    def changed(self) -> list[str]:
+        """Files that were others when the series began, as they were looked at last."""
+        return [
+            str(self._files[name])
+            for name, digest in self._digests.items()
+            if self._begun.get(name, digest) != digest
+        ]
+
+    def look(self) -> list[str]:
+        """Looks at the files again; gives those of `changed` that were not among them before."""
+        before = self.changed
+        stamps = {name: _stamp(file) for name, file in self._files.items()}
+        new = {n: _digest(f) for n, f in self._files.items() if stamps[n] != self._stamps[n]}
+        self._stamps, self._digests = stamps, self._digests | new
+        return [file for file in self.changed if file not in before]
+
+    def of_run(self, run: PlannedRun) -> Path:
+        """Makes the folder of a run; DirectoryError where it cannot be made."""
+        wanted = self.path / run.name
+        with failing_as(DirectoryError, f"cannot make {wanted}"):
+            if wanted.is_dir() and not self.cut(run):
+                shutil.rmtree(wanted)  # of a run that was waited for, and never began
+            return make_new(wanted)
+
+    def cut(self, run: PlannedRun) -> bool:
+        """Whether a run of this name began, and nobody wrote down how it ended."""
+        return (self.path / run.name / TIMESTEPS).exists()
+
+    def _lock(self) -> None:
+        # Without a buffer: what a full disk refuses is not written once more when it is closed.
+        file = self._stack.enter_context((self.path / _LOCK).open("a+b", buffering=0))
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            file.seek(0)
+            who = file.read(40).decode(errors="replace").strip()
+            raise UsageError(
+                f"{self.path}: process {who} carries this series out already"
+            ) from None
+        file.truncate(0)
+        file.write(b"%d" % os.getpid())
+
+    def _refuse_others(self) -> None:
+        """Leaves folders alone that are of something else."""
+        if not self.path.is_dir() or (self.path / SERIES).exists():
+            return
+        # What it was killed in, or a full disk, has left of its first file is its own.
+        own = (_LOCK, f".{SERIES}.")
+        if any(not entry.name.startswith(own) for entry in self.path.iterdir()):
+            raise UsageError(f"{self.path}: is not empty, and of no series: choose a new folder")
+
+    def _compare(self) -> None:
+        """Compares the plan with that of before, or keeps it."""
+        now, before = self._plan.facts(), noted(self.path)
+        if before is None:
+            self._write({"plan": now, "files": self._digests, "version": __version__})
+            return
+        self.told = allowed_changes(self._plan, self.path)
+        if self.told:
+            changes = [*before.get("changes", ()), {"when": utc(time.time()), "what": self.told}]
+            self._write({**before, "plan": now, "changes": changes})
+        self._begun = before["files"]
+
+    def _write(self, facts: Mapping[str, Any]) -> None:
+        with failing_as(DirectoryError, f"cannot write to {self.path}"):
+            replace_text(self.path / SERIES, f"{json.dumps(facts, indent=2)}\n")
+            replace_text(self.path / PLAN, read_text(self._plan.path))
+
+
+def noted(folder: Path) -> dict[str, Any] | None:
+    """What the folder of a series has of its plan and files; None: no series has begun there.
+
+    Raises:
+        UsageError: it is of something else.
+        VsenseError: it cannot be read.
+    """
+    path = folder / SERIES
+    try:
+        found: dict[str, Any] = json.loads(read_text(path))
+        if not isinstance(found["plan"], dict) or not isinstance(found["files"], dict):
+            raise KeyError("plan")
+    except FileNotFoundError:
+        return None
+    except (KeyError, TypeError):
+        raise UsageError(f"{folder}: is of no series by a plan: choose a new folder") from None
+    except OSError as error:
+        raise VsenseError(f"{path}: cannot be read: {error.strerror}") from None
+    except ValueError as error:
+        raise VsenseError(f"{path}: is damaged: {error}") from None
+    return found
+
+
+def allowed_changes(plan: SeriesPlan, folder: Path) -> list[str]:
+    """What has changed in the plan since the series in a folder began, in words.
+
+    UsageError where that may not change; otherwise as `noted`.
+    """
+    before, now = noted(folder), plan.facts()
+    if before is None:
+        return []
+    written = before["plan"]
+    refused = differences(_binding(written), _binding(now))
+    if not refused and now["repetitions"] < written.get("repetitions", 0):
+        refused = differences(written["repetitions"], now["repetitions"], "repetitions")
+    if refused:
+        raise UsageError(
+            f"{plan.path}: the plan has changed since the series in {folder} began:"
+            f" {'; '.join(refused[:5])}. Change it back, or begin another series with -o"
+        )
+    return differences(written, now)
+
+
+def _binding(plan: Mapping[str, Any]) -> dict[str, Any]:
+    """What of a plan has to stay: neither how often is tried, nor what becomes of robots."""
+    return {name: value for name, value in plan.items() if name not in _FREE}
+
+
+def differences(before: Any, now: Any, name: str = "") -> list[str]:
+    """What is not the same in two plans, in words."""
+    if isinstance(before, Mapping) and isinstance(now, Mapping):
+        found = []
+        for key in dict.fromkeys((*before, *now)):
+            inner = f"{name}.{key}" if name else str(key)
+            found += differences(before.get(key), now.get(key), inner)
+        return found
+    if isinstance(before, list) and isinstance(now, list) and len(before) == len(now):
+        return [text for n, pair in enumerate(zip(before, now), 1)
+                for text in differences(*pair, f"{name} {n}")]  # fmt: skip
+    if before == now:
+        return []
+    if isinstance(before, list) and isinstance(now, list):
+        return [f"{name}: {len(before)} before, now {len(now)}"]
+    return [f"{name}: {before!r} before, now {now!r}"]
+
+
+def _digest(file: Path) -> str:
+    """The SHA-256 of a file; "": it cannot be read, which whoever needs it will say."""
+    try:
+        return hashlib.sha256(file.read_bytes()).hexdigest()
+    except OSError:
+        return ""
+
+
+def _stamp(file: Path) -> tuple[int, ...]:
+    """What is another one where somebody has changed a file."""
+    try:
+        found = file.stat()
+    except OSError:
+        return ()
+    return found.st_ino, found.st_size, found.st_mtime_ns

@@ -1,0 +1,176 @@
+"""The runs of a series with real robots: who can play, with its controller, from its start."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+
+from vsense.base.terminal import Console, Interruption
+from vsense.config.specs import Experiment
+from vsense.modes.live.run import OneRun
+from vsense.modes.live.session import RunSession, RunSetup
+from vsense.monitor.ui.room import ControlRoom, RoomOptions
+from vsense.robots.link.keys import LinkTrust
+from vsense.run.directory import RunLog
+from vsense.run.robots import Readiness
+from vsense.run.runtime import Step
+from vsense.studies.series.cast import SeriesCast
+from vsense.studies.series.folder import SeriesFolder
+from vsense.studies.series.order import PlannedRun
+from vsense.studies.series.parts import PlanLoader
+from vsense.studies.series.series import Made, RunOutcome
+from vsense.studies.series.staged import NotEnoughRobots, StagedRun, room_options
+
+Bring = Callable[[Experiment, Collection[int]], Mapping[int, str]]
+"""Brings robots with these tags what they run in an experiment; gives whom it did not reach, with
+why."""
+
+
+@dataclass(frozen=True, slots=True)
+class RealOptions:
+    """What a series with real robots is made with.
+
+    Attributes:
+        trust: which robots are believed.
+        host, port: where they connect to; None: as each experiment says.
+        tracking: files of our own cameras, as `open_source` has them; None: another tracker.
+        room: how runs are seen and kept.
+        bring: see `Bring`; None: nothing is ever brought.
+        lease: takes robots by their tags, before they hear of a run.
+    """
+
+    trust: LinkTrust
+    host: str | None = None
+    port: int | None = None
+    tracking: tuple[str, str] | None = None
+    room: RoomOptions = field(default_factory=RoomOptions)
+    bring: Bring | None = None
+    lease: Callable[[Collection[int]], None] = lambda tags: None
+
+
+class RealRuns:
+    """Runs with real robots; see `RunMaker`."""
+
+    def __init__(
+        self,
+        loader: PlanLoader,
+        cast: SeriesCast,
+        console: Console,
+        interrupted: Interruption,
+        options: RealOptions,
+    ) -> None:
+        self._loader, self._cast, self._options = loader, cast, options
+        self._console, self._interrupted = console, interrupted
+        self._has: dict[int, object] = {}
+
+    def make(self, runs: Sequence[PlannedRun], folder: SeriesFolder) -> Iterator[Made]:
+        """Makes the first of these runs, with whoever can play; none where the user ends it.
+
+        Raises:
+            NotEnoughRobots: fewer than the plan wants can.
+            VsenseError: robots or tracker cannot be reached.
+        """
+        run = runs[0]
+        directory, left_out = folder.of_run(run), set[int]()
+        with RunLog(directory) as log:
+            while not self._interrupted.is_set():
+                planned = self._cast.known[run.cell.condition]
+                staged = StagedRun.of(self._loader.plan, run, planned, left_out)
+                unable = self._bring(staged.experiment)
+                outcome = None
+                if not unable:
+                    unable, outcome = self._attempt(staged, directory, log)
+                if outcome is not None:
+                    yield run, outcome
+                    lost = "was lost when the run ended"
+                    self._cast.put_in_for(dict.fromkeys(staged.witness.gone, lost))
+                    return
+                self._do_without(unable, left_out, staged)
+
+    def _bring(self, experiment: Experiment) -> dict[int, str]:
+        """Brings controllers to those that have another one; gives whom they did not reach."""
+        bring = self._options.bring
+        runs = {r.tag: experiment.controller_of(r).program for r in experiment.robots}
+        lacking = [tag for tag, program in runs.items() if self._has.get(tag) != program]
+        if bring is None or not lacking:
+            return {}
+        self._options.lease(lacking)
+        failed = dict(bring(experiment, lacking))
+        self._has |= {tag: runs[tag] for tag in lacking if tag not in failed}
+        return failed
+
+    def _attempt(
+        self, staged: StagedRun, directory: Path, log: RunLog
+    ) -> tuple[dict[int, str], RunOutcome | None]:
+        """Tries to make a run; gives by tag who cannot play, and why, or what the run came to."""
+        told = room_options(self._options.room, staged.told())
+        self._options.lease([robot.tag for robot in staged.experiment.robots])
+        with ControlRoom(told, log) as room:
+            session = RunSession(self._setup(staged, room, log), self._options.tracking, None)
+            with session:
+                room.begin_run(session.environment, directory)
+                readiness = session.wait_patiently(staged.plan.robots.ready_s)
+                staged.follow(session.experiment)
+                self._cast.follow(staged.run.cell.condition, session.experiment.casting)
+                if self._interrupted.is_set():
+                    return {}, None
+                if not readiness.complete:
+                    return staged.missing(readiness), None
+                low = staged.low(session.runner.robots)
+                staged.homing = session.home()
+                if low or self._interrupted.is_set():
+                    return low, None
+                return {}, self._carry_out(staged, session, directory, readiness, log)
+
+    def _carry_out(
+        self,
+        staged: StagedRun,
+        session: RunSession,
+        directory: Path,
+        readiness: Readiness,
+        log: RunLog,
+    ) -> RunOutcome:
+        def observe(step: Step) -> None:
+            staged.observe(step, session.runner.robots)
+
+        run = staged.run
+        log.say(f"run {run.cell.number} of {staged.plan.runs}: {run.in_words()}")
+        log.begin_run(directory, session.experiment.timestep_s)
+        one = OneRun(session, directory, readiness, log, observe)
+        staged.begin()
+        one.run()
+        session.setup.room.recorders.end_run()
+        summary = one.report()
+        ended = session.runner.ended
+        if one.failure is not None:
+            ended = str(one.failure)
+        outcome = staged.outcome(summary, ended, session.runner.control)
+        return outcome if one.failure is None else replace(outcome, stays=ended)
+
+    def _setup(self, staged: StagedRun, room: ControlRoom, log: RunLog) -> RunSetup:
+        experiment, options, cell = staged.experiment, self._options, staged.run.cell
+        host = experiment.host if options.host is None else options.host
+        port = experiment.port if options.port is None else options.port
+        code = asdict(self._loader.code.absolute(Path.cwd()))
+        who = (host, port), options.trust, log, self._interrupted, room
+        made = staged.made(code) | {"virtual_devices": self._loader.virtual_devices}
+        blind = staged.planned.condition.blind
+        lease = options.lease
+        return RunSetup(experiment, cell.seed, blind, *who, made, staged.starts, lease=lease)
+
+    def _do_without(self, unable: Mapping[int, str], left_out: set[int], staged: StagedRun) -> None:
+        """Puts spares in for those that cannot play, or leaves them out of this run."""
+        still = self._cast.put_in_for(unable)
+        left_out |= set(still)
+        playing = [r.tag for r in staged.experiment.robots if r.tag not in still]
+        least = staged.plan.robots.least
+        if still and (least is None or len(playing) < least):
+            wanted = "all of them" if least is None else f"{least} robots"
+            why = ", ".join(f"robot {tag} {unable[tag]}" for tag in still)
+            raise NotEnoughRobots(
+                f"{staged.run.name} cannot begin: {why}; the plan wants {wanted} (least in its"
+                " [robots]). The same command goes on from there"
+            )
+        for tag in still:
+            self._console.say(f"robot {tag} is left out of {staged.run.name}", "warning")

@@ -1,0 +1,184 @@
+"""The runs of a series in the lab: each in processes of its own, robots where they stood."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from vsense.base.arena import ArenaState
+from vsense.base.errors import CutShort, VsenseError
+from vsense.base.terminal import Console, Interruption
+from vsense.config.specs import Experiment, Pose
+from vsense.modes.lab import report
+from vsense.modes.lab.calibrated import CalibratedRig, calibrate
+from vsense.modes.lab.camera_spec import CameraGrid, cameras_above
+from vsense.modes.lab.hardware import NOMINAL, LabRobots, told_all
+from vsense.modes.lab.session import Session
+from vsense.modes.live.session import RunSetup
+from vsense.monitor.ui.room import ControlRoom, RoomOptions
+from vsense.robots.link import keys
+from vsense.robots.link.keys import LinkTrust
+from vsense.run import directory as run_directory
+from vsense.run.runtime import Step
+from vsense.studies.series.cast import SeriesCast
+from vsense.studies.series.folder import SeriesFolder
+from vsense.studies.series.order import PlannedRun
+from vsense.studies.series.parts import PlanLoader
+from vsense.studies.series.series import Made
+from vsense.studies.series.staged import NotEnoughRobots, StagedRun, room_options
+from vsense.world.entities import Arena
+
+
+@dataclass(frozen=True, slots=True)
+class LabOptions:
+    """How the lab of a series is made.
+
+    Attributes:
+        base: what robots are based on, as `vsense lab --base`.
+        watchdog: their firmware has one.
+        port: for robots; None: the experiment's.
+        cameras: columns and rows of them; None: as many as it takes.
+        calibrate: they hang as people hang them, and are known from pictures of a board only.
+        room: how runs are seen and kept.
+        robots: what an experiment's robots differ in.
+    """
+
+    base: str
+    watchdog: bool = False
+    port: int | None = None
+    cameras: CameraGrid | None = None
+    calibrate: bool = False
+    room: RoomOptions = field(default_factory=RoomOptions)
+    robots: Callable[[Experiment], LabRobots] = lambda experiment: NOMINAL
+
+
+class LabRuns:
+    """Runs in the lab; see `RunMaker`."""
+
+    def __init__(
+        self,
+        loader: PlanLoader,
+        cast: SeriesCast,
+        console: Console,
+        interrupted: Interruption,
+        options: LabOptions,
+    ) -> None:
+        self._loader, self._cast, self._options = loader, cast, options
+        self._console, self._interrupted = console, interrupted
+        self._poses: dict[int, Pose] = {}
+        self._rigs: dict[tuple[Arena, float], CalibratedRig] = {}
+
+    def make(self, runs: Sequence[PlannedRun], folder: SeriesFolder) -> Iterator[Made]:
+        """Makes the first of these runs; none where the user ends it before.
+
+        Raises:
+            VsenseError: the lab cannot be made, or has failed.
+        """
+        run = runs[0]
+        directory = folder.of_run(run)
+        staged = StagedRun.of(self._loader.plan, run, self._cast.known[run.cell.condition])
+        told = room_options(self._options.room, staged.told())
+        with ControlRoom(told, self._console) as room:
+            session = self._session(staged, room, directory, self._rig(staged, folder))
+            try:
+                self._drive(staged, session, room, directory)
+            except VsenseError as error:
+                room.fail(error)
+                raise
+        self._console.end_progress()
+        if not session.recordings:
+            return
+        notes = session.recordings[-1]
+        ended, summary = notes.ended, None
+        if len(notes.steps):
+            with suppress(CutShort), self._interrupted.in_time():
+                summary = self._report(session, directory)
+        elif self._interrupted.is_set():
+            return
+        yield run, staged.outcome(summary, ended, session.runner.control)
+        lost = "was lost when the run ended"
+        self._cast.put_in_for(dict.fromkeys(staged.witness.gone, lost))
+
+    def _rig(self, staged: StagedRun, folder: SeriesFolder) -> CalibratedRig | None:
+        """The cameras of all runs in an arena, calibrated once; None: they are known exactly."""
+        experiment, options = staged.experiment, self._options
+        if not options.calibrate:
+            return None
+        key = experiment.arena, experiment.marker.height_m
+        if key not in self._rigs:
+            place = folder.path / f"arena-{len(self._rigs) + 1}" if self._rigs else folder.path
+            ideal, tell = cameras_above(experiment, options.cameras), self._console.progress
+            with self._interrupted.at_once():
+                found = calibrate(ideal, *key, staged.plan.seed, place, tell)
+            self._console.end_progress()
+            self._console.say(found.in_words())
+            self._rigs[key] = found
+        return self._rigs[key]
+
+    def _session(
+        self, staged: StagedRun, room: ControlRoom, directory: Path, known: CalibratedRig | None
+    ) -> Session:
+        options, robots = self._options, self._options.robots(staged.experiment)
+        base = options.base, options.watchdog, None, options.cameras, known, robots
+        made = staged.made(asdict(self._loader.code.absolute(Path.cwd())))
+        setup = self._setup(staged, room, made | told_all(robots.hardware))
+        return Session(setup, directory, *base)
+
+    def _setup(self, staged: StagedRun, room: ControlRoom, made: Mapping[str, Any]) -> RunSetup:
+        experiment, cell = staged.from_where(self._poses), staged.run.cell
+        port = experiment.port if self._options.port is None else self._options.port
+        starts = staged.starts if self._poses else None
+        who = (experiment.host, port), LinkTrust(keys.make()), self._console, self._interrupted
+        blind = staged.planned.condition.blind
+        return RunSetup(experiment, cell.seed, blind, *who, room, made, starts)
+
+    def _drive(
+        self, staged: StagedRun, session: Session, room: ControlRoom, directory: Path
+    ) -> None:
+        """Carries the run out, and notes where everybody is then."""
+        plan, run = staged.plan, staged.run
+        newest: list[ArenaState] = []
+
+        def observe(step: Step) -> None:
+            staged.observe(step, session.runner.robots)
+            newest[:] = [step.state]  # not its pictures, which are lent
+            time_s = step.run_timestep * session.experiment.timestep_s
+            self._console.progress(
+                f"run {run.cell.number} of {plan.runs} ({run.in_words()})"
+                f" {time_s:5.1f}/{session.experiment.length_s:g} s"
+            )
+
+        with session:
+            room.begin_run(session.environment, directory)
+            readiness = session.wait_patiently(plan.robots.ready_s)
+            staged.follow(session.experiment)
+            self._cast.follow(staged.run.cell.condition, session.experiment.casting)
+            if not readiness.complete and not self._interrupted.is_set():
+                logs = f"the robots' logs are in {directory / 'robots'}"
+                raise NotEnoughRobots(
+                    f"{run.name} cannot begin: {readiness.missing_text()} ({logs})"
+                )
+            staged.homing = session.home()
+            if self._interrupted.is_set():
+                return
+            staged.begin()
+            session.run(directory, observe)
+            room.recorders.end_run()
+        for state in newest:
+            rows = state.robots
+            for tag, x_m, y_m, yaw_rad in zip(
+                *(rows[name].tolist() for name in ("tag", "x_m", "y_m", "yaw_rad"))
+            ):
+                self._poses[tag] = Pose(x_m, y_m, yaw_rad)
+
+    def _report(self, session: Session, directory: Path) -> dict[str, Any]:
+        measured = report.gather(session, session.recordings[-1])
+        summary = report.summarise(session, len(session.recordings), measured)
+        run_directory.write_summary(directory, summary, False)
+        if not summary["unlogged_timesteps"]:
+            path = directory / f"{session.experiment.name}.png"
+            report.draw(session, session.recordings[-1], measured, path)
+        return summary

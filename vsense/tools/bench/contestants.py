@@ -1,0 +1,264 @@
+"""The detectors that are compared, vsense's, OpenCV's and AprilTag 3, behind one seam.
+
+A contestant does passes over its pictures. The time of each pass counts; what it found in the last
+one is compared with the truth.
+
+AprilTag 3 (pupil-apriltags) may crash its process when it ends, so it has one of its own. This
+module is both ends: the parent sends a line for each pass and gets one JSON line back.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from itertools import count
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.base.arena import Frame
+from vsense.base.processes import start_module
+from vsense.tools.bench.frames import FRAMES_PER_S, MARKER_M, FrameSet, Image
+from vsense.vision.cameras.camera import Camera
+from vsense.vision.markers.families import load_family
+from vsense.vision.tracking.arena_tracker import ArenaTracker
+from vsense.vision.tracking.marker_detector import MarkerDetector
+from vsense.vision.tracking.prediction import SearchPlan
+
+MAX_THREADS = 2
+
+
+class FoundTags(NamedTuple):
+    """Markers that were named in a picture, and their centres [px]."""
+
+    tags: NDArray[np.int64]
+    centres_px: NDArray[np.float64]
+
+
+Look = Callable[[Image, Camera], FoundTags]
+
+
+class Contestant(Protocol):
+    """A detector with its pictures and its number of threads; the report has its name."""
+
+    name: str
+    frames: FrameSet
+    threads: int
+
+    def run(self) -> tuple[list[float], list[FoundTags]]:
+        """Does one pass over the pictures.
+
+        Returns:
+            The time of each picture [ms], or the mean where they are done in parallel; what was
+            found in each.
+        """
+
+    def close(self) -> None: ...
+
+
+class Single:
+    """One picture after the other. OpenCV's own functions may use several threads."""
+
+    def __init__(self, name: str, frames: FrameSet, look: Look, threads: int = 1) -> None:
+        self.name, self.frames, self.threads, self._look = name, frames, threads, look
+
+    def run(self) -> tuple[list[float], list[FoundTags]]:
+        cv2.setNumThreads(self.threads)
+        times, found = [], []
+        for image, camera in zip(self.frames.images, self.frames.cameras, strict=True):
+            begin = time.perf_counter()
+            found.append(self._look(image, camera))
+            times.append(1e3 * (time.perf_counter() - begin))
+        cv2.setNumThreads(1)
+        return times, found
+
+    def close(self) -> None:
+        """Nothing was started."""
+
+
+class SharedOut:
+    """The pictures shared out to threads, one per function, each on a processor of its own."""
+
+    def __init__(self, name: str, frames: FrameSet, looks: Sequence[Look]) -> None:
+        self.name, self.frames, self.threads, self._looks = name, frames, len(looks), looks
+        turns = count()
+        self._pool = ThreadPoolExecutor(len(looks), initializer=lambda: _pin(next(turns)))
+
+    def run(self) -> tuple[list[float], list[FoundTags]]:
+        total = len(self.frames.images)
+        found: dict[int, FoundTags] = {}
+        turns = iter(range(total))
+
+        def work(look: Look) -> None:
+            for turn in turns:
+                found[turn] = look(self.frames.images[turn], self.frames.cameras[turn])
+
+        begin = time.perf_counter()
+        list(self._pool.map(work, self._looks))
+        spent = 1e3 * (time.perf_counter() - begin)
+        return [spent / total], [found[turn] for turn in range(total)]
+
+    def close(self) -> None:
+        self._pool.shutdown()
+
+
+class Tracked:
+    """Our arena tracker, new in each pass, on one camera's sequence with a plan of the thesis.
+
+    The pictures are `strides` times as far apart as the benchmark's usual ones.
+    """
+
+    def __init__(self, name: str, frames: FrameSet, plan: SearchPlan, strides: int = 1) -> None:
+        self.name, self.frames, self.threads, self._plan = name, frames, 1, plan
+        self._rate_hz = FRAMES_PER_S / strides
+        self._family = load_family(frames.family)
+
+    def run(self) -> tuple[list[float], list[FoundTags]]:
+        camera = self.frames.cameras[0]
+        heights = dict.fromkeys(self.frames.tags, MARKER_M)
+        tracker = ArenaTracker.for_family([camera], self._family, heights, plan=self._plan)
+        times, found = [], []
+        for number, image in enumerate(self.frames.images):
+            capture_ns = round(1e9 * number / self._rate_hz)
+            frame = Frame(camera.id, image, number, capture_ns, capture_ns)
+            begin = time.perf_counter()
+            state = tracker.update([frame])
+            times.append(1e3 * (time.perf_counter() - begin))
+            seen = state.robots[state.robots["seen"]]
+            points = np.column_stack((seen["x_m"], seen["y_m"], np.full(len(seen), MARKER_M)))
+            found.append(FoundTags(seen["tag"].astype(np.int64), camera.project(points)))
+        tracker.close()
+        return times, found
+
+    def close(self) -> None:
+        """Each pass has closed its tracker."""
+
+
+def ours(detector: MarkerDetector) -> Look:
+    """Wraps one of vsense's detectors."""
+
+    def look(image: Image, camera: Camera) -> FoundTags:
+        found = detector.detect(image, camera)
+        named = found[found["tag"] >= 0]
+        return FoundTags(
+            named["tag"].astype(np.int64), np.stack((named["x_px"], named["y_px"]), axis=1)
+        )
+
+    return look
+
+
+def opencv(dictionary: str, refine: bool, window_px: int | None = None) -> Look:
+    """Wraps OpenCV's detector of a dictionary; with `refine` it refines corners to sub-pixels.
+
+    `window_px` is the one window of the threshold (its best tuning); None: OpenCV's three.
+    """
+    settings = cv2.aruco.DetectorParameters()
+    if refine:
+        settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    if window_px is not None:
+        settings.adaptiveThreshWinSizeMin = settings.adaptiveThreshWinSizeMax = window_px
+    words = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary))
+    detector = cv2.aruco.ArucoDetector(words, settings)
+
+    def look(image: Image, camera: Camera) -> FoundTags:
+        corners, ids, _ = detector.detectMarkers(image)
+        if len(corners) == 0:
+            return FoundTags(np.zeros(0, dtype=np.int64), np.zeros((0, 2)))
+        points = np.array(corners, dtype=np.float64).reshape(-1, 4, 2)
+        return FoundTags(np.asarray(ids, dtype=np.int64).ravel(), crossing(points))
+
+    return look
+
+
+def crossing(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Crossings (n, 2) of the diagonals of quadrilaterals (n, 4, 2)."""
+    a, b, c, d = (corners[:, k] for k in range(4))
+    along, other, apart = c - a, d - b, b - a
+    share = (apart[:, 0] * other[:, 1] - apart[:, 1] * other[:, 0]) / (
+        along[:, 0] * other[:, 1] - along[:, 1] * other[:, 0]
+    )
+    return np.asarray(a + share[:, np.newaxis] * along)
+
+
+def _pin(turn: int) -> None:
+    """Keeps the calling thread on the processor of its turn, where the system can do that."""
+    if hasattr(os, "sched_setaffinity"):
+        allowed = sorted(os.sched_getaffinity(0))
+        os.sched_setaffinity(0, {allowed[turn % len(allowed)]})
+
+
+_OFFSET_PX = 0.5
+"""AprilTag counts pixels from their upper left corner, not from their middle."""
+
+
+def is_installed() -> bool:
+    """Whether pupil-apriltags is there."""
+    return importlib.util.find_spec("pupil_apriltags") is not None
+
+
+class AprilTag:
+    """AprilTag 3 on pictures of tag36h11."""
+
+    def __init__(self, name: str, frames: FrameSet, decimate: float, threads: int) -> None:
+        self.name, self.frames, self.threads = name, frames, threads
+        self._folder = tempfile.TemporaryDirectory(prefix="vsense-bench-")
+        pictures = Path(self._folder.name) / "pictures.npy"
+        np.save(pictures, np.array(frames.images))
+        words = str(pictures), str(decimate), str(threads)
+        self._process, self._stdin, self._stdout = start_module(
+            "vsense.tools.bench.contestants", *words, stderr=subprocess.DEVNULL
+        )
+
+    def run(self) -> tuple[list[float], list[FoundTags]]:
+        """Does one pass over the pictures; nothing is found where the process has crashed."""
+        try:
+            self._stdin.write(b"\n")
+            self._stdin.flush()
+            answer: dict[str, Any] = json.loads(self._stdout.readline())
+        except (BrokenPipeError, json.JSONDecodeError):
+            return [], []
+        found = [
+            FoundTags(
+                np.array(tags, dtype=np.int64),
+                np.array(centres, dtype=np.float64).reshape(-1, 2) - _OFFSET_PX,
+            )
+            for tags, centres in answer["found"]
+        ]
+        return answer["ms"], found
+
+    def close(self) -> None:
+        # In the middle of a pass it would wait for a reader of its answer.
+        self._process.kill()
+        self._process.wait()
+        self._stdin.close()
+        self._stdout.close()
+        self._folder.cleanup()
+
+
+def _serve(pictures: NDArray[np.uint8], decimate: float, threads: int) -> None:
+    """Answers each line on standard input with one pass over the pictures."""
+    module = importlib.import_module("pupil_apriltags")
+    detector = module.Detector(families="tag36h11", nthreads=threads, quad_decimate=decimate)
+    for _ in sys.stdin:
+        times, found = [], []
+        for picture in pictures:
+            begin = time.perf_counter()
+            seen = detector.detect(picture)
+            times.append(1e3 * (time.perf_counter() - begin))
+            found.append(([tag.tag_id for tag in seen], [tag.center.tolist() for tag in seen]))
+        print(json.dumps({"ms": times, "found": found}), flush=True)
+
+
+if __name__ == "__main__":
+    _serve(np.load(sys.argv[1]), float(sys.argv[2]), int(sys.argv[3]))

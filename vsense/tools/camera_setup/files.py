@@ -1,0 +1,225 @@
+"""`vsense cameras init`: configuration files for all cameras that are found, ready to edit."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+from vsense.base.errors import UsageError, VsenseError
+from vsense.config.resources import (
+    DEFAULT_HEIGHT_M,
+    DEFAULT_SPEED_M_S,
+    EXPOSURES_US,
+    GAINS,
+    RATES_HZ,
+    SIDES_PX,
+)
+from vsense.config.tracking_session import EXPERIMENT, RESOURCES
+from vsense.monitor.recording import pictures
+from vsense.tools.camera_setup.listing import NOTHING
+from vsense.vision.cameras.discovery import RATE_HZ, V4L2, FoundCamera, find
+from vsense.vision.cameras.genicam import FREE, PIXEL_FORMATS, SOFTWARE
+from vsense.vision.cameras.source import Bounds
+from vsense.vision.markers import codes
+from vsense.vision.markers.families import load_family
+from vsense.vision.tracking.specs import CAMERA, GENICAM, TrackerSpec
+
+FAMILY = "arrow4x4"
+TRACKER = "robots"
+
+_GRABBERS = """\
+    <!--
+      Cameras. Whatever one of them refuses or rounds is told when it is opened.
+
+      device             an IP address, or an id, serial number or MAC address of "vsense cameras"
+      width, height      [px] what it is calibrated with; offset_x, offset_y: where on the sensor
+      frame_rate         [1/s] also what the network's load and "too slow" are judged by
+      exposure_time_abs  [us] longer is brighter, and smears robots that move
+      gain_raw           in the camera's own unit: higher is brighter and noisier
+      trigger            "free", "software": all expose together, or a line such as "Line1"
+      pixel_format       "Mono8", or BayerRG8 and the like where there is no Mono8
+      packet_size        [bytes] left out: the largest that gets through; packet_delay: [us]
+
+      Any other feature of a camera is set by its name, inside its element:
+      <feature name="BlackLevelRaw" value="0" />
+    -->
+"""
+_TRACKERS = """\
+    <!--
+      family        the printed markers, see "vsense markers"
+      tags          the numbers of the markers in the arena; these are "auto:20" of vsense markers
+      robot_height  of the markers above the floor [m]
+      max_speed     of a robot [m/s]
+    -->
+"""
+_CAMERAS = """\
+    <!-- Where the cameras hang, and their lenses: the files that "vsense calibrate" writes. -->
+"""
+
+
+def resources_text(found: Sequence[FoundCamera], tags: Sequence[int]) -> str:
+    """Returns the resources file; `tags` is the roster."""
+    tracker = TrackerSpec(
+        TRACKER, FAMILY, 0.0, dict.fromkeys(tags, DEFAULT_HEIGHT_M), DEFAULT_SPEED_M_S, True, 0
+    )
+    trigger, rates_hz = way(found)
+    lines = [pictures.head("arena_tracking_system", "resources.xsd"), "  <grabbers>"]
+    lines.append(_GRABBERS)
+    for id, camera, rate_hz in zip(camera_ids(found), found, rates_hz):
+        lines += [_comment(camera), grabber(id, camera, trigger, rate_hz), ""]
+    lines += ["  </grabbers>", "", "  <trackers>", _TRACKERS.rstrip("\n")]
+    lines += pictures.tracker_lines(tracker)
+    lines += ["  </trackers>", "", "  <cameras>", _CAMERAS.rstrip("\n")]
+    lines += [
+        f'    <camera id="{id}" calibration="cameras/{id}.json" />' for id in camera_ids(found)
+    ]
+    return "\n".join([*lines, "  </cameras>", "", "</arena_tracking_system>", ""])
+
+
+def experiment_text(found: Sequence[FoundCamera]) -> str:
+    """Returns the experiment file."""
+    return pictures.session_text([(id, id, TRACKER) for id in camera_ids(found)])
+
+
+def camera_ids(found: Sequence[FoundCamera]) -> list[str]:
+    """Returns the cameras' ids in the files, which are also names of folders."""
+    return [f"cam{number}" for number in range(1, len(found) + 1)]
+
+
+def way(found: Sequence[FoundCamera]) -> tuple[str, list[float]]:
+    """Chooses how the cameras of a session take their pictures.
+
+    Returns:
+        The common trigger, and the rate of each camera: a common one where they are triggered.
+    """
+    # The usual rate is the limit, because many cameras share a link.
+    rates_hz = [min(_within(c.details.rate_hz, RATES_HZ) or RATE_HZ, RATE_HZ) for c in found]
+    if len(found) < 2 or any(camera.kind == V4L2 for camera in found):
+        return FREE, rates_hz
+    return SOFTWARE, [min(rates_hz)] * len(found)
+
+
+def grabber(id: str, camera: FoundCamera, trigger: str, rate_hz: float) -> str:
+    """Returns a camera's element, without values that a resources file does not take."""
+    details = camera.details
+    genicam = camera.kind != V4L2
+    rows: list[dict[str, object]] = [
+        {"id": id, "type": GENICAM if genicam else CAMERA, "device": device(camera)}
+    ]
+    size_px = details.size_px
+    if size_px is not None and None not in [_within(side, SIDES_PX) for side in size_px]:
+        rows.append({"width": size_px[0], "height": size_px[1]})
+        if genicam:
+            rows[-1] |= {"offset_x": 0, "offset_y": 0}
+    rows.append({"frame_rate": rate_hz})
+    rows[-1] |= {"exposure_time_abs": _within(details.exposure_us, EXPOSURES_US)}
+    rows[-1] |= {"gain_raw": _within(details.gain, GAINS)}
+    if genicam:
+        usable = [name for name in PIXEL_FORMATS if name in details.formats]
+        rows.append({"trigger": trigger, "pixel_format": usable[0] if usable else None})
+    return f"    <grabber {_joined(rows)} />"
+
+
+def device(camera: FoundCamera) -> str:
+    """Returns how a camera is opened: by its address, which is fastest, where it is its own."""
+    return camera.id if camera.trouble or camera.kind == V4L2 else camera.address or camera.id
+
+
+def write(directory: Path, found: Sequence[FoundCamera], tags: Sequence[int]) -> list[Path]:
+    """Writes both files and the schemas for editors; returns the files. Raises OSError."""
+    directory.mkdir(parents=True, exist_ok=True)
+    pictures.write_schemas(directory)
+    texts = {RESOURCES: resources_text(found, tags), EXPERIMENT: experiment_text(found)}
+    for name, text in texts.items():
+        (directory / name).write_text(text, encoding="utf-8")
+    return [directory / name for name in texts]
+
+
+def _within(value: float | None, bounds: Bounds) -> float | None:
+    """Returns a value that a resources file takes; None: unknown, or beyond the bounds."""
+    return value if value is not None and bounds[0] <= value <= bounds[1] else None
+
+
+def _joined(rows: Sequence[dict[str, object]]) -> str:
+    """Returns attributes, a line for each row, aligned."""
+    lines = [
+        " ".join(
+            f"{name}={quoteattr(_text(value))}" for name, value in row.items() if value is not None
+        )
+        for row in rows
+    ]
+    return f"\n{' ' * 13}".join(line for line in lines if line)
+
+
+def _comment(camera: FoundCamera) -> str:
+    """Describes a camera: its name, what it takes, and its trouble."""
+    details = camera.details
+    parts = [camera.model]
+    parts += [f"serial {camera.serial}"] if camera.serial else []
+    parts += [camera.id, camera.mac] if camera.kind != V4L2 else [camera.address]
+    lines = [", ".join(filter(None, parts))]
+    bounds = {"exposure": (details.exposure_bounds_us, " us"), "gain": (details.gain_bounds, "")}
+    takes = [
+        f"{name} {_text(limits[0])} to {_text(limits[1])}{unit}"
+        for name, (limits, unit) in bounds.items()
+        if limits is not None
+    ]
+    lines += [", ".join(takes)] if takes else []
+    lines += [f"formats {' '.join(details.formats)}"] if details.formats else []
+    lines += [f"NOT READY: {camera.trouble}"] if camera.trouble else []
+    # Two dashes would end the comment.
+    text = re.sub("-(?=-)", "- ", "\n         ".join(lines))
+    return f"    <!-- {text} -->"
+
+
+def _text(value: object) -> str:
+    """Writes a value; numbers without an exponent, which the schema's decimals do not have."""
+    return f"{value:.6f}".rstrip("0").rstrip(".") if isinstance(value, float) else str(value)
+
+
+ROSTER = "auto:20"
+BOARD = "charuco:7x5:80mm:4X4_50"
+
+
+def run(directory: Path, force: bool) -> int:
+    """Writes the files into a folder, and prints the next steps; `force` overwrites files.
+
+    Raises:
+        UsageError: A file exists already.
+        VsenseError: There is no camera, or a file cannot be written.
+    """
+    there = [name for name in (RESOURCES, EXPERIMENT) if (directory / name).exists()]
+    if there and not force:
+        raise UsageError(f"{directory / there[0]}: is there already; --force writes over it")
+    found, missing = find()
+    if missing:
+        print(f"vsense: {missing}", file=sys.stderr)
+    if not found:
+        raise VsenseError("\n".join(NOTHING))
+    roster = codes.parse_tags(ROSTER, load_family(FAMILY))
+    try:
+        files = write(directory, found, roster)
+    except OSError as error:
+        raise VsenseError(f"{error.filename}: cannot be written: {error.strerror}") from None
+    print("\n".join(map(str, files)))
+    for line in _next(directory, camera_ids(found)):
+        print(line, file=sys.stderr)
+    for id, camera in zip(camera_ids(found), found):
+        if camera.trouble:
+            print(f"vsense: {id}: {camera.id}: {camera.trouble}", file=sys.stderr)
+    return 0
+
+
+def _next(directory: Path, ids: list[str]) -> list[str]:
+    cameras = f"{len(ids)} camera{'' if len(ids) == 1 else 's'}"
+    step = "" if directory == Path() else f"  cd {directory}\n"
+    return [
+        f"{cameras}: {', '.join(ids)}. What comes next:",
+        f"{step}  vsense cameras tune {ids[0]} --resources {RESOURCES} --sweep",
+        f"  vsense cameras shoot {RESOURCES} --board {BOARD} -o shoot",
+        f"  vsense calibrate rig --board {BOARD} --pictures shoot --floor 'floor_*' -o cameras",
+        f"and then: vsense track {RESOURCES} {EXPERIMENT}",
+    ]

@@ -1,0 +1,176 @@
+"""`vsense cameras show`: one picture into a file, or live pictures in the page."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections import deque
+from collections.abc import Iterable, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from vsense.base.arena import POSE, ArenaState, Frame
+from vsense.base.clock import host_ns
+from vsense.base.errors import UsageError, VsenseError
+from vsense.base.terminal import Console, interruption
+from vsense.modes.live.track_room import TrackRoom
+from vsense.monitor.ui.access import WebAddress
+from vsense.tools.camera_setup.markers import MarkerFinder
+from vsense.tools.camera_setup.opening import OpenCamera, choose, make, session_of
+from vsense.vision.cameras.grabber import CameraEvent, GrabberError, Troubles
+from vsense.vision.cameras.health import Health
+from vsense.vision.cameras.opencv_source import Controls
+from vsense.vision.cameras.picture import Image
+from vsense.vision.markers.families import load_family
+from vsense.vision.tracking.legibility import cell_width
+from vsense.vision.tracking.opening import live_grabber
+from vsense.vision.tracking.specs import GrabberSpec, TrackingSession
+
+SUFFIXES = (".png", ".jpg", ".jpeg", ".pgm")
+WARM_UP = 3
+"""Pictures to skip, which may still have the earlier exposure."""
+
+
+def settled(camera: OpenCamera) -> Image:
+    """Takes a picture once exposure and gain have settled; raises as `OpenCamera.picture`."""
+    for _ in range(WARM_UP):
+        camera.picture()
+    return camera.picture().image
+
+
+def save_picture(image: Image, path: Path) -> None:
+    """Writes an (h, w) uint8 picture; raises VsenseError where it cannot be written."""
+    data = cv2.imencode(path.suffix.lower(), image)[1].tobytes()
+    try:
+        path.write_bytes(data)
+    except OSError as error:
+        raise VsenseError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+WINDOW = 20
+"""Pictures for the rate."""
+SILENCE_S = 0.5
+
+
+def run(
+    id: str,
+    wanted: Controls,
+    resources: str | None,
+    family: str,
+    save: Path | None,
+    web: WebAddress | None,
+) -> int:
+    """Shows a camera in the page until it is interrupted, or saves a picture.
+
+    `id`, `wanted` and `resources` are as in `choose`; with `save`, one picture goes into that
+    file.
+
+    Raises:
+        UsageError: There is no such camera, or a file of this kind cannot be written.
+        VsenseError: The camera does not open, or the page cannot be served.
+    """
+    if save is not None and save.suffix.lower() not in SUFFIXES:
+        raise UsageError(f"{save}: expected a name that ends in {', '.join(SUFFIXES)}")
+    with ExitStack() as stack:
+        interrupted = stack.enter_context(interruption())
+        spec = choose(id, wanted, resources)
+        markers = load_family(family)
+        finder = MarkerFinder(markers)
+        image = _look(spec, save)
+        if save is None and not interrupted.is_set():
+            finder.find(image)
+            console, troubles = Console(), Troubles()
+            width = cell_width(markers, finder.px_per_m) if finder.px_per_m else None
+            if width is not None and width.is_small:
+                console.say(f"vsense: {spec.id}: {width.in_words()}")
+            sizes_px = {spec.id: (image.shape[1], image.shape[0])}
+            session = session_of(spec.id, [spec], sizes_px, finder.px_per_m)
+            room = stack.enter_context(TrackRoom(web, session, troubles, console))
+            ShowSession(session, finder, room, console, troubles).run(interrupted)
+        return interrupted.code if interrupted.is_set() else 0
+
+
+def _look(spec: GrabberSpec, save: Path | None) -> Image:
+    """Takes a first picture, and saves it if wanted."""
+    camera = make(spec)
+    try:
+        told = camera.open()
+        image = camera.picture().image if save is None else settled(camera)
+    finally:
+        camera.source.close()
+    if save is not None:
+        height, width = image.shape
+        for text in told:
+            print(f"vsense: {spec.id}: {text}", file=sys.stderr)
+        save_picture(image, save)
+        print(save)
+        print(f"vsense: {width} x {height} px, mean grey {image.mean():.0f}", file=sys.stderr)
+    return image
+
+
+class ShowSession:
+    """Pictures in the page, with the markers that can be read in them."""
+
+    def __init__(
+        self,
+        session: TrackingSession,
+        finder: MarkerFinder,
+        room: TrackRoom,
+        console: Console,
+        troubles: Troubles,
+    ) -> None:
+        """Takes a session of one camera; `troubles` are also those of the room."""
+        self._session = session
+        self._finder = finder
+        self._room = room
+        self._console = console
+        self._troubles = troubles
+        self._camera = session.views[0].camera
+        self._health = Health([self._camera], {})
+        self._times_ns: deque[int] = deque(maxlen=WINDOW)
+
+    def run(self, interrupted: threading.Event) -> None:
+        """Shows the camera until it is interrupted; a lost camera is reopened."""
+        size_px = self._camera.width_px, self._camera.height_px
+        sizes_px = {self._camera.id: size_px}
+        grabber = live_grabber(self._session, sizes_px, host_ns)
+        self._console.say("Ctrl-C ends")
+        try:
+            while not interrupted.is_set():
+                try:
+                    frames = grabber.next(SILENCE_S)
+                except GrabberError:
+                    frames = []
+                self._tell(grabber.events())
+                if frames:
+                    self._tell(self._health.update(frames, {}))
+                    self._show(frames)
+        finally:
+            self._console.end_progress()
+            grabber.close()
+
+    def _show(self, frames: Sequence[Frame]) -> None:
+        (frame,) = frames
+        found = self._finder.find(frame.image)
+        state = ArenaState(
+            frame.timestep,
+            frame.capture_ns,
+            np.zeros(0, dtype=POSE),
+            len(found.tags),
+            cameras=(frame.camera,),
+            images=found.poses(),
+        )
+        self._room.update(state, frames)
+        self._times_ns.append(frame.capture_ns)
+        since_ns = max(self._times_ns[-1] - self._times_ns[0], 1)
+        self._console.progress(
+            f"{frame.camera}: {1e9 * (len(self._times_ns) - 1) / since_ns:.1f} pictures/s,"
+            f" mean grey {frame.image.mean():.0f}, {found.count} markers"
+        )
+
+    def _tell(self, events: Iterable[CameraEvent]) -> None:
+        for line in self._troubles.lines(events):
+            self._console.say(f"vsense: {line}")

@@ -1,0 +1,188 @@
+"""What a calibration found: for people, for programs, and for the roster."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from vsense.base.terminal import aligned
+from vsense.config.roster import RosterRobot
+from vsense.modes.lab.hardware import RobotHardware, scales
+from vsense.tools.robot_calibration import sensor_results
+from vsense.tools.robot_calibration.motion_fit import PARAMETERS, MotionFit
+from vsense.tools.robot_calibration.sensor_fit import Floats, SensorFit
+from vsense.tools.robot_calibration.sensor_results import scale_name
+
+_NUMBERS: Mapping[str, tuple[str, int]] = {
+    "wheel_diameter_mm": ("wheel mm", 2),
+    "wheel_ratio": ("ratio", 4),
+    "axle_length_mm": ("axle mm", 2),
+    "x_mm": ("x mm", 2),
+    "y_mm": ("y mm", 2),
+    "yaw_deg": ("yaw deg", 2),
+}
+"""Names as the roster's, with their columns' heads and digits."""
+
+_MARKER = ("x_mm", "y_mm", "yaw_deg")
+
+
+@dataclass(frozen=True, slots=True)
+class RobotResult:
+    """One robot of a calibration.
+
+    Attributes:
+        name: its own in the experiment.
+        fit: what was found; None: it was left out.
+        why: it was left out.
+        truth: what the lab knows of it; None: it is no lab's, or is as it should be.
+        before: what the roster held; None: it has no such robot.
+        sensors: what was found of them, by name.
+        troubles: what was to be found of them and was not, and why, by name.
+    """
+
+    tag: int
+    name: str
+    fit: MotionFit | None
+    why: str = ""
+    truth: RobotHardware | None = None
+    before: RosterRobot | None = None
+    sensors: Mapping[str, SensorFit] = field(default_factory=dict)
+    troubles: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether all was found that was to be."""
+        return self.fit is not None and not self.troubles
+
+    @property
+    def found(self) -> dict[str, float]:
+        """The numbers that were found, by the roster's names; none where it was left out."""
+        return {} if self.fit is None else _numbers(self.fit)
+
+    @property
+    def changes(self) -> dict[str, float]:
+        """What was found of wheels, axle and sensors over what the roster held, by its names.
+
+        Of a scale's spans that counts which has changed most.
+        """
+        if self.before is None:
+            return {}
+        held = self.before.calibration
+        ratios = {
+            name: value / old
+            for name, value in self.found.items()
+            if name not in _MARKER and (old := getattr(held, name)) is not None
+        }
+        for name, fit in self.sensors.items():
+            if (text := getattr(held, scale_name(name))) is not None:
+                ratios[scale_name(name)] = sensor_results.over(fit, text)
+        return ratios
+
+    @property
+    def _true_spans(self) -> Mapping[str, Floats]:
+        built = None if self.truth is None else self.truth.sensors
+        return {} if built is None else built.spans
+
+    def sensor_rows(self) -> list[list[str]]:
+        """Its rows of the sensors' table."""
+        rows = sensor_results.rows(self.sensors, self._true_spans)
+        heads = [[str(self.tag), self.name], *([["", ""]] * len(rows))]
+        return [[*head, *row] for head, row in zip(heads, rows)]
+
+    def sensor_errors(self) -> dict[str, float]:
+        """How far its sensors are from the lab's truth."""
+        return sensor_results.errors(self.sensors, self._true_spans)
+
+    def as_json(self) -> dict[str, Any]:
+        """All of it; numbers by the roster's names."""
+        told: dict[str, Any] = {"tag": self.tag, "name": self.name, "calibrated": bool(self.found)}
+        if self.fit is None:
+            return {**told, "why": self.why}
+        fit = self.fit
+        told |= {"found": _rounded(self.found, 6), "sigma": _rounded(fit.sigmas, 6)}
+        told["covariance"] = {"of": list(PARAMETERS), "rows": fit.covariance.tolist()}
+        told |= {"poses": fit.poses, "rms_mm": round(1000.0 * fit.rms_m, 4)}
+        told["rms_deg"] = round(math.degrees(fit.rms_rad), 4)
+        if self.truth is not None:
+            told["truth"] = _rounded(_numbers(self.truth), 6)
+        told |= sensor_results.as_json(self.sensors, self.troubles, self._true_spans)
+        if self.changes:
+            told["over_roster"] = _rounded(self.changes, 6)
+        return told
+
+    def for_roster(self, today: str) -> dict[str, Any]:
+        """What `vsense.config.roster.update` takes."""
+        found = _rounded(self.found, 4)
+        parts = {n: "marker" if n in _MARKER else "calibration" for n in found}
+        values: dict[str, Any] = {f"{parts[n]}.{n}": value for n, value in found.items()}
+        spans = {scale_name(name): fit.spans for name, fit in self.sensors.items()}
+        values |= {f"calibration.{name}": text for name, text in scales(spans).items()}
+        return values | {"marker.when": today, "calibration.when": today}
+
+
+def table(results: list[RobotResult]) -> str:
+    """The table for people; below what was found stands the truth, where a lab has it."""
+    head = ["tag", "robot", *(head for head, _ in _NUMBERS.values()), "left over", "poses"]
+    rows = [head]
+    for one in (result for result in results if result.fit is not None):
+        fit = one.fit
+        assert fit is not None
+        rest = f"{1000.0 * fit.rms_m:.2f} mm {math.degrees(fit.rms_rad):.2f} deg"
+        rows.append([str(one.tag), one.name, *_cells(one.found), rest, str(fit.poses)])
+        if one.truth is not None:
+            rows.append(["", "  truth", *_cells(_numbers(one.truth)), "", ""])
+    lines = aligned(rows, 2) if len(rows) > 1 else []
+    rows = [row for one in results for row in one.sensor_rows()]
+    if rows:
+        lines += ["", *aligned([["tag", "robot", *sensor_results.HEAD], *rows], 2)]
+    lines += [f"{one.tag} {one.name}: left out: {one.why}" for one in results if one.fit is None]
+    lines += [
+        f"{one.tag} {one.name}: {name}: {why}"
+        for one in results
+        if one.fit is not None
+        for name, why in one.troubles.items()
+    ]
+    return "\n".join(lines)
+
+
+def worst(results: list[RobotResult]) -> dict[str, float]:
+    """The largest errors against a lab's truth; empty where there is none.
+
+    `marker_mm`, `marker_deg`; `distance` and `turn`: shares of a way straight ahead, and of a turn
+    on the spot; and those of `sensor_results.errors`.
+    """
+    known = [one for one in results if one.fit is not None and one.truth is not None]
+    errors: dict[str, float] = {}
+    for one in known:
+        found, true = one.found, _numbers(one.truth)  # type: ignore[arg-type]
+        off = math.hypot(found["x_mm"] - true["x_mm"], found["y_mm"] - true["y_mm"])
+        way = found["wheel_diameter_mm"] / true["wheel_diameter_mm"]
+        own = {
+            "marker_mm": off,
+            "marker_deg": abs(found["yaw_deg"] - true["yaw_deg"]),
+            "distance": abs(way - 1.0),
+            "turn": abs(way * true["axle_length_mm"] / found["axle_length_mm"] - 1.0),
+        }
+        own |= one.sensor_errors()
+        errors |= {name: max(value, errors.get(name, 0.0)) for name, value in own.items()}
+    return errors
+
+
+def _numbers(of: MotionFit | RobotHardware) -> dict[str, float]:
+    """What was found or is true, by the roster's names."""
+    wheels = {
+        "wheel_diameter_mm": of.wheel_diameter_mm,
+        "wheel_ratio": of.wheel_ratio,
+        "axle_length_mm": 1000.0 * of.axle_m,
+    }
+    return wheels | {name: float(of.marker.values[name]) for name in _MARKER}
+
+
+def _rounded(values: Mapping[str, float], digits: int) -> dict[str, float]:
+    return {name: round(value, digits) + 0.0 for name, value in values.items()}  # no "-0.0"
+
+
+def _cells(values: Mapping[str, float]) -> list[str]:
+    return [f"{values[name]:.{digits}f}" for name, (_, digits) in _NUMBERS.items()]

@@ -1,0 +1,180 @@
+"""Makes the files of a new experiment: copies of a shipped one, renamed.
+
+The copy of an experiment has its `.argos` file, its controllers in C and its loop functions. What
+was called as the experiment is called as the new one; several controllers keep their names.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from vsense.base.errors import UsageError, failing_as, instead
+from vsense.config.experiment import SHIPPED_FOLDER, SUFFIX, shipped
+from vsense.robots.build import BuildError, source_tree
+from vsense.robots.programs import NAME_MAX
+from vsense.tools.shipped import guide
+
+START = "start"
+"""The template that is made to begin with: the smallest experiment that has everything."""
+
+_NAME = re.compile(rf"[A-Za-z][A-Za-z0-9_-]{{0,{NAME_MAX - 1}}}")
+
+_SENSOR = """
+        <!-- A sensor of your own, {file}: how many others are within reach [m]. -->
+        <vs:sensor file="{file}" reach="0.3" />
+"""
+
+_INIT = re.compile(r"^static void init\([^)]*\)\s*\{\s*struct (\w+) \*(\w+) = state;\n\n", re.M)
+_STEP = re.compile(r"^static void step\(.*?\n\n", re.M | re.S)
+
+
+def templates() -> tuple[str, ...]:
+    """The names of what an experiment can be made from."""
+    return (START, *shipped())
+
+
+@dataclass(frozen=True, slots=True)
+class _Template:
+    """An experiment's files as they are shipped.
+
+    Attributes:
+        argos: text of the experiment file.
+        folder: where it is, and its loop functions.
+        controllers: paths of the controllers by the library that the file names.
+    """
+
+    argos: str
+    folder: Path
+    controllers: Mapping[str, Path]
+
+
+def make(folder: Path, source: str = START, sensor: bool = False) -> tuple[Path, ...]:
+    """Makes a folder with an experiment's files and a README that explains them line by line.
+
+    Args:
+        folder: where they go: it is new, or empty. Its name is the experiment's.
+        source: what is copied, one of `templates()`.
+        sensor: a virtual sensor of one's own is added, which the controllers read and show.
+
+    Returns:
+        The files, the one to run first.
+
+    Raises:
+        UsageError: the name cannot be an experiment's, there is no such template, or the folder
+            holds something or cannot be written.
+        BuildError: vsense's own files are incomplete.
+    """
+    name = _checked(folder)
+    if source not in templates():
+        raise UsageError(
+            f"there is no experiment {source!r} to begin with; {instead(source, templates())}"
+        )
+    texts = _renamed(_read(source), source, name)
+    if sensor:
+        texts = _with_sensor(texts, name)
+    texts["README.md"] = guide.write(name, source, texts)
+    _write(folder, texts)
+    return tuple(folder / file for file in texts)
+
+
+def _checked(folder: Path) -> str:
+    """The name of a new experiment; UsageError where it can be none."""
+    name = folder.name
+    if not _NAME.fullmatch(name):
+        raise UsageError(
+            f"{name or str(folder)!r}: expected a name of letters, digits, - and _, at most"
+            f" {NAME_MAX}, a letter first"
+        )
+    if name in shipped() or name in source_tree().controllers():
+        raise UsageError(f"{name!r} is the name of what comes with vsense: choose another one")
+    if folder.is_symlink() or folder.exists():
+        with failing_as(UsageError, f"cannot make {folder}"):
+            if any(folder.iterdir()):
+                raise UsageError(f"{folder} is not empty: choose another name")
+    return name
+
+
+def _read(source: str) -> _Template:
+    folder = SHIPPED_FOLDER
+    folder = folder / START if source == START else folder
+    argos = (folder / f"{source}{SUFFIX}").read_text(encoding="utf-8")
+    known = source_tree().controllers() | {f"{START}.c": folder / f"{START}.c"}
+    named = re.findall(r'<\w+_controller [^>]*?library="([^"]+)"', argos)
+    return _Template(argos, folder, {library: known[library] for library in named})
+
+
+def _renamed(template: _Template, source: str, name: str) -> dict[str, str]:
+    """The texts of the new files by their names, the experiment's first."""
+    argos = template.argos
+    single = len(template.controllers) == 1
+    files = {f"{source}{SUFFIX}": f"{name}{SUFFIX}"}
+    texts = {}
+    for library, path in template.controllers.items():
+        stem = name if single else path.stem
+        files[path.name] = f"{stem}.c"
+        argos = argos.replace(f' library="{library}"', f' library="{stem}.c"')
+        text = path.read_text(encoding="utf-8")
+        texts[f"{stem}.c"] = text.replace(
+            f'vs_controller = {{"{path.stem}"', f'vs_controller = {{"{stem}"'
+        )
+    for python in re.findall(r'<loop_functions library="([^"]+)"', argos):
+        files[python] = f"{name}.py"
+        texts[f"{name}.py"] = (template.folder / python).read_text(encoding="utf-8")
+    texts = {f"{name}{SUFFIX}": argos, **texts}
+    return {file: _reworded(text, files, source, name) for file, text in texts.items()}
+
+
+def _reworded(text: str, files: Mapping[str, str], source: str, name: str) -> str:
+    """A file's text in which the copies are called as they are now."""
+    called = re.compile(
+        rf"(?<![\w./-])(?:robot/controllers/)?({'|'.join(map(re.escape, files))})(?![\w-])"
+    )
+    text = called.sub(lambda found: files[found[1]], text)
+    command = re.compile(rf"\b(vsense (?:sim|lab|run)) {re.escape(source)}(?![\w.-])")
+    return command.sub(rf"\1 {name}{SUFFIX}", text)
+
+
+def _with_sensor(texts: Mapping[str, str], name: str) -> dict[str, str]:
+    """The files with a sensor: mounted on all robots, read and shown by all controllers."""
+    file = f"{name}_sensor.py"
+    sensor = SHIPPED_FOLDER / START / "crowd.py"
+    mounted = _SENSOR.format(file=file)
+    found = {
+        key: re.sub(r"(\n)( *</sensors>)", lambda end: f"{mounted}{end[2]}", text)
+        if key.endswith(SUFFIX)
+        else _reading(text)
+        if key.endswith(".c")
+        else text
+        for key, text in texts.items()
+    }
+    return found | {file: sensor.read_text(encoding="utf-8").replace("crowd.py", file)}
+
+
+def _reading(controller: str) -> str:
+    """A controller that reads the sensor, and shows what it reads."""
+    begun = _INIT.search(controller)
+    if begun is None:
+        raise BuildError("a shipped controller has no init: install vsense again")
+    state, pointer = f"struct {begun[1]} {{\n", begun[2]
+    bind = f'    {pointer}->crowd = vs_robot_sensor(robot, "crowd");\n'
+    show = f'    vs_robot_show(robot, "crowd", vs_robot_read(robot, {pointer}->crowd).value);\n'
+    text = _INIT.sub(lambda found: f"{found[0]}{bind}", controller)
+    text = _STEP.sub(lambda found: f"{found[0]}{show}", text)
+    return text.replace(state, f"{state}    int crowd; /* how many others are near */\n", 1)
+
+
+def _write(folder: Path, texts: Mapping[str, str]) -> None:
+    """Makes the folder with all files in it, or nothing."""
+    with failing_as(UsageError, f"cannot make {folder}"):
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent) as made:
+            new = Path(made) / folder.name
+            new.mkdir()
+            for file, text in texts.items():
+                (new / file).write_text(text, encoding="utf-8")
+            os.replace(new, folder)

@@ -1,0 +1,1 @@
+"""What is seen: cameras, fiducial markers, tracking, calibration."""

@@ -1,0 +1,203 @@
+"""`vsense arena align`: the arena frame moved onto the real walls, for all cameras together.
+
+Where the arena is, is not in the experiment: it says how large the arena is, and the camera files
+say where. So all camera files turn and shift together, and whatever uses them follows. How the
+cameras are to each other, which the pictures of a board have said, stays as it is to the last bit
+that a rotation leaves.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vsense.base.errors import UsageError, failing_as
+from vsense.base.files import parse_json, replace_text
+from vsense.base.terminal import aligned
+from vsense.vision.calibration.check import PointSight, rms
+from vsense.vision.calibration.checked import FILE as CHECK
+from vsense.vision.calibration.frame import FrameShift
+from vsense.vision.calibration.session import cameras_of
+from vsense.vision.cameras.camera import Camera, Floats
+
+CORNERS = ("sw", "se", "ne", "nw")
+"""Names of an arena's corners: south is low y, west low x."""
+FILE = Path("report", "align.json")
+BEFORE = Path("report", "before-align")
+"""Beside the camera files: what was found, and the camera files as they were before."""
+FAR_M = 0.01
+"""A corner that is farther off than this after the shift was clicked wrongly, or is not where the
+experiment says."""
+_SAME = 1e-5
+"""What the rounding of a shift in `FILE` may change: in m, and of a rotation."""
+
+
+@dataclass(frozen=True, slots=True)
+class Alignment:
+    """The shift that brings what was clicked to where it is to be.
+
+    Attributes:
+        shift: from the frame of the camera files to the arena's.
+        off_m: (n, 2) what remains at each click, seen minus wanted.
+    """
+
+    clicks: Sequence[PointSight]
+    shift: FrameShift
+    off_m: Floats
+
+    @property
+    def rms_m(self) -> float:
+        """Root mean square of what remains."""
+        return rms(np.linalg.norm(self.off_m, axis=1))
+
+    @property
+    def worst_m(self) -> float:
+        """The largest of what remains."""
+        return float(np.linalg.norm(self.off_m, axis=1).max())
+
+
+def solve(
+    cameras: Mapping[str, Camera], points_m: Mapping[str, Floats], clicks: Sequence[PointSight]
+) -> Alignment:
+    """Finds the shift by least squares.
+
+    Args:
+        points_m: by name (3,) where each point is to be.
+        clicks: where cameras show them; two different points at least.
+
+    Raises:
+        UsageError: there are fewer points, or one is no place for its camera.
+    """
+    if len({click.point for click in clicks}) < 2:
+        raise UsageError("expected clicks on two different points or more")
+    seen = np.array(
+        [cameras[c.camera].to_plane(c.pixel, float(points_m[c.point][2])) for c in clicks]
+    )
+    for click, place in zip(clicks, seen):
+        if not np.isfinite(place).all():
+            raise UsageError(f"click on {click.point}: {click.camera} shows no floor there")
+    wanted = np.array([points_m[click.point][:2] for click in clicks])
+    shift = FrameShift.between(seen, wanted)
+    return Alignment(clicks, shift, shift.apply(seen) - wanted)
+
+
+def points_of(corners_m: Sequence[Sequence[float]], height_m: float) -> dict[str, Floats]:
+    """The corners of an arena by their names, at a height above the floor."""
+    return {name: np.array((x, y, height_m)) for name, (x, y) in zip(CORNERS, corners_m)}
+
+
+def apply(folder: Path, found: Alignment) -> list[Path]:
+    """Moves all camera files of a folder, and keeps those from before in `BEFORE`.
+
+    A file is whole at any moment. Returns the files; raises UsageError where one cannot be written.
+    """
+    cameras = cameras_of("--cameras", folder)
+    files = {Camera.from_json(path.read_text()).id: path for path in sorted(folder.glob("*.json"))}
+    with failing_as(UsageError, f"{folder}: cannot be written"):
+        (folder / BEFORE).mkdir(parents=True, exist_ok=True)
+        (folder / FILE).unlink(missing_ok=True)  # of an earlier time; it stands for whole moves
+        for path in files.values():
+            shutil.copyfile(path, folder / BEFORE / path.name)
+        for id, path in files.items():
+            replace_text(path, found.shift.moved(cameras[id]).to_json() + "\n")
+        (folder / FILE).write_text(json.dumps(as_json(found), indent=2) + "\n", encoding="utf-8")
+    return list(files.values())
+
+
+def undo(folder: Path) -> list[Path]:
+    """Puts the camera files back that `apply` has kept.
+
+    UsageError where there are none, or where the cameras were calibrated anew since.
+    """
+    kept = sorted((folder / BEFORE).glob("*.json"))
+    if not kept:
+        raise UsageError(f"{folder / BEFORE}: nothing was aligned here, or it was undone")
+    for path in kept:
+        if not _is_moved(path, folder / path.name, folder / FILE):
+            raise UsageError(
+                f"{folder / path.name}: is not what was aligned, it was made anew since; what was"
+                f" before that is in {folder / BEFORE}"
+            )
+    with failing_as(UsageError, f"{folder}: cannot be written"):
+        for path in kept:
+            replace_text(folder / path.name, path.read_text(encoding="utf-8"))
+        shutil.rmtree(folder / BEFORE)
+        (folder / FILE).unlink(missing_ok=True)
+    return [folder / path.name for path in kept]
+
+
+def _is_moved(before: Path, after: Path, file: Path) -> bool:
+    """Whether a camera file is another one moved as a file of `apply` says, as far as that tells.
+
+    Where files were moved by halves, as they were is right, too.
+    """
+    try:
+        told = parse_json(file.read_text(encoding="utf-8"))["shift"] if file.exists() else None
+        old, now = (Camera.from_json(path.read_text()) for path in (before, after))
+    except (OSError, ValueError, KeyError, TypeError):
+        return True
+    if told is None:
+        return True
+    yaw_rad = math.radians(told["yaw_deg"])
+    moved = FrameShift(1e-3 * told["x_mm"], 1e-3 * told["y_mm"], yaw_rad).moved(old)
+    return now == old or (
+        np.allclose(now.position_m, moved.position_m, rtol=0.0, atol=_SAME)
+        and np.allclose(now.rotation, moved.rotation, rtol=0.0, atol=_SAME)
+        and now.fx_px == old.fx_px
+    )
+
+
+def as_json(found: Alignment) -> dict[str, Any]:
+    """What was found, for the file and for scripts; lengths in mm."""
+    return {
+        "when": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        "shift": {
+            "x_mm": round(1e3 * found.shift.x_m, 3),
+            "y_mm": round(1e3 * found.shift.y_m, 3),
+            "yaw_deg": round(float(np.degrees(found.shift.yaw_rad)), 5),
+        },
+        "rms_mm": round(1e3 * found.rms_m, 2),
+        "worst_mm": round(1e3 * found.worst_m, 2),
+        "clicks": [
+            {
+                "point": click.point,
+                "camera": click.camera,
+                "pixel": [round(float(v), 2) for v in click.pixel],
+                "off_mm": [round(1e3 * float(v), 2) for v in off],
+            }
+            for click, off in zip(found.clicks, found.off_m)
+        ],
+    }
+
+
+def as_text(found: Alignment) -> list[str]:
+    """What was found as lines: what remains at each click, and the shift."""
+    rows: list[tuple[str, ...]] = [("point", "camera", "x mm", "y mm", "left mm")]
+    for click, (x, y) in zip(found.clicks, (1e3 * found.off_m).tolist()):
+        left = f"{float(np.hypot(x, y)):.1f}"
+        rows.append((click.point, click.camera, f"{x:+.1f}", f"{y:+.1f}", left))
+    lines = [
+        *aligned(rows, left=2),
+        f"the frame moves {found.shift.in_words()}; {1e3 * found.rms_m:.1f} mm rms are left",
+    ]
+    if found.worst_m > FAR_M:
+        lines.append(
+            f"{1e3 * found.worst_m:.0f} mm at worst: a click is wrong, or the real arena is not as"
+            " large as the experiment's"
+        )
+    return lines
+
+
+def stale_check(folder: Path) -> str:
+    """What to say of an earlier check; "" where there was none."""
+    if not (folder / CHECK).exists():
+        return ""
+    return "the calibration was checked before it was moved: vsense calibrate check again"

@@ -1,0 +1,274 @@
+"""Boards: flat printed patterns whose inner corners are known to a tenth of a millimetre.
+
+A board's frame lies on its printed face: origin in the lower left corner of the lower left square,
+x to the right, y up, z towards the viewer. The z of a board on the floor is the arena's.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import cv2
+import numpy as np
+
+from vsense.base.errors import UsageError
+from vsense.vision.cameras.picture import Image
+from vsense.vision.markers.paper import Fill, Floats, Page, Text, line
+
+CHESSBOARD = "chessboard"
+CHARUCO = "charuco"
+
+MARKER_SHARE = 0.75
+"""Default side of a ChArUco marker over that of its square."""
+
+_EXPECTED = "expected chessboard:7x5:30mm (inner corners) or charuco:4x5:54mm:4X4_1000 (squares)"
+_SIZE = re.compile(r"(\d+)x(\d+)$")
+_LENGTH = re.compile(r"(\d+(?:\.\d*)?|\.\d+)(mm|cm|m|in)$")
+_UNIT_M = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
+_LEAST, _MOST = 3, 64
+
+
+@dataclass(frozen=True)
+class Board:
+    """One kind of board.
+
+    Attributes:
+        kind: CHESSBOARD or CHARUCO.
+        columns, rows: Squares along x and y.
+        square_m: Side of a square.
+        dictionary: ChArUco only: OpenCV's name of the markers' dictionary without "DICT_".
+        marker_share: ChArUco only: a marker's side over the square's.
+        inverted: Printed white on black.
+        legacy: ChArUco of OpenCV before 4.6, which differs where the number of rows is even.
+    """
+
+    kind: str
+    columns: int
+    rows: int
+    square_m: float
+    dictionary: str = ""
+    marker_share: float = MARKER_SHARE
+    inverted: bool = False
+    legacy: bool = False
+
+    @classmethod
+    def parse(cls, text: str) -> Board:
+        """Reads `chessboard:7x5:30mm` or `charuco:4x5:54mm:4X4_1000[:inverted][:legacy]...`.
+
+        A chessboard is counted in inner corners, a ChArUco board in squares, as OpenCV does.
+        `marker=0.8` is the share of a square that a ChArUco marker takes.
+
+        Raises:
+            UsageError: The text is no board.
+        """
+        kind, *rest = text.split(":")
+        least = {CHESSBOARD: 2, CHARUCO: 3}.get(kind)
+        if least is None or len(rest) < least:
+            raise UsageError(f"board '{text}': {_EXPECTED}")
+        columns, rows = _size(text, rest[0])
+        inner = kind == CHESSBOARD
+        options = _options(text, rest[least:])
+        board = cls(
+            kind,
+            columns + inner,
+            rows + inner,
+            _length_m(text, rest[1]),
+            "" if inner else dictionary_name(rest[2]),
+            **options,
+        )
+        if not inner:
+            board.charuco  # noqa: B018  raises here
+        return board
+
+    @cached_property
+    def points_m(self) -> Floats:
+        """(n, 3) inner corners in the board's frame, row by row from the upper left one."""
+        column, row = np.meshgrid(np.arange(1, self.columns), np.arange(self.rows - 1, 0, -1))
+        flat = np.column_stack((column.ravel(), row.ravel(), np.zeros(column.size)))
+        return np.asarray(flat * self.square_m, dtype=np.float64)
+
+    @property
+    def size_m(self) -> tuple[float, float]:
+        """Extent along x and y."""
+        return self.columns * self.square_m, self.rows * self.square_m
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether the board looks the same after half a turn."""
+        return self.kind == CHESSBOARD and (self.columns + self.rows) % 2 == 0
+
+    @cached_property
+    def charuco(self) -> Any:
+        """OpenCV's board, y down, same corner numbers; raises UsageError for too few markers."""
+        name = f"DICT_{self.dictionary}"
+        dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+        if len(dictionary.bytesList) < self.columns * self.rows // 2:
+            raise UsageError(
+                f"board {self}: {self.dictionary} has {len(dictionary.bytesList)} markers, "
+                f"the board needs {self.columns * self.rows // 2}"
+            )
+        marker_m = self.marker_share * self.square_m
+        size = (self.columns, self.rows)
+        board = cv2.aruco.CharucoBoard(size, self.square_m, marker_m, dictionary)
+        board.setLegacyPattern(self.legacy)
+        return board
+
+    def __str__(self) -> str:
+        """The text that `parse` reads."""
+        if self.kind == CHESSBOARD:
+            parts = [f"{self.columns - 1}x{self.rows - 1}", f"{self.square_m * 1e3:g}mm"]
+        else:
+            parts = [f"{self.columns}x{self.rows}", f"{self.square_m * 1e3:g}mm", self.dictionary]
+        if self.marker_share != MARKER_SHARE:
+            parts.append(f"marker={self.marker_share:g}")
+        flags = [name for name in ("inverted", "legacy") if getattr(self, name)]
+        return ":".join([self.kind, *parts, *flags])
+
+
+def _size(text: str, part: str) -> tuple[int, int]:
+    found = _SIZE.match(part)
+    columns, rows = (int(n) for n in found.groups()) if found else (0, 0)
+    if not (_LEAST <= columns <= _MOST and _LEAST <= rows <= _MOST):
+        raise UsageError(f"board '{text}': size '{part}': expected e.g. 7x5, {_LEAST} to {_MOST}")
+    return columns, rows
+
+
+def _length_m(text: str, part: str) -> float:
+    found = _LENGTH.match(part)
+    length_m = float(found[1]) * _UNIT_M[found[2]] if found else 0.0
+    if not 1e-3 <= length_m <= 2.0:
+        raise UsageError(f"board '{text}': square '{part}': expected e.g. 30mm, 1 mm to 2 m")
+    return length_m
+
+
+def dictionary_name(text: str) -> str:
+    """Returns OpenCV's name of a dictionary, without "DICT_"; raises UsageError without one."""
+    for name in (text, text.removeprefix("DICT_"), f"APRILTAG_{text}"):
+        if isinstance(getattr(cv2.aruco, f"DICT_{name}", None), int):
+            return name
+    raise UsageError(f"dictionary '{text}': expected e.g. 4X4_50 or 36h11")
+
+
+def _options(text: str, parts: list[str]) -> dict[str, Any]:
+    options: dict[str, Any] = {}
+    for part in parts:
+        name, _, value = part.partition("=")
+        if part in ("inverted", "legacy"):
+            options[part] = True
+        elif name == "marker" and re.fullmatch(r"0?\.\d+", value) and 0.3 <= float(value) < 1.0:
+            options["marker_share"] = float(value)
+        else:
+            raise UsageError(
+                f"board '{text}': '{part}': expected inverted, legacy or marker=0.75 (0.3 to 1)"
+            )
+    return options
+
+
+_MARGIN_MM = 12.0
+"""White border, for detectors and for the edge that printers cannot reach."""
+_ISO_M = ((0.210, 0.297), (0.297, 0.420), (0.420, 0.594), (0.594, 0.841), (0.841, 1.189))
+_RULER_MM = 100.0
+
+
+def dark_cells(board: Board) -> Floats:
+    """Returns what is dark on a board that is not inverted, as (n, 4) rectangles.
+
+    A rectangle is left, bottom, width, height in the board's frame [m].
+    """
+    squares = [
+        (column, row)
+        for row in range(board.rows)
+        for column in range(board.columns)
+        if (column + row) % 2 == 0
+    ]
+    if board.kind == CHESSBOARD:
+        return np.array([(c, r, 1.0, 1.0) for c, r in squares]) * board.square_m
+    markers = np.array(board.charuco.getObjPoints(), dtype=np.float64) / board.square_m
+    taken = {(int(x), int(y)) for x, y, _ in markers.mean(axis=1)}
+    cells = [
+        (column, board.rows - 1 - row, 1.0, 1.0)
+        for row in range(board.rows)
+        for column in range(board.columns)
+        if (column, row) not in taken
+    ]
+    dictionary = board.charuco.getDictionary()
+    across = dictionary.markerSize + 2
+    for corners, id in zip(markers, board.charuco.getIds().ravel()):
+        bits = cv2.aruco.generateImageMarker(dictionary, int(id), across)
+        left, top = corners.min(axis=0)[:2]
+        side = board.marker_share / across
+        cells += [
+            (left + column * side, board.rows - top - (row + 1) * side, side, side)
+            for row, column in zip(*np.nonzero(bits == 0))
+        ]
+    return np.array(cells) * board.square_m
+
+
+def raster(board: Board, px_per_m: float, margin_m: float) -> Image:
+    """Returns an (h, w) uint8 picture of the board, 0 ink and 255 paper, with smooth edges.
+
+    Rows run along -y; `margin_m` is an empty border.
+    """
+    width, height = (round((size + 2.0 * margin_m) * px_per_m) for size in board.size_m)
+    ink = np.zeros((height, width))
+    for left, bottom, across, up in dark_cells(board):
+        first_x, x_share = _cover((left + margin_m) * px_per_m, across * px_per_m, width)
+        first_y, y_share = _cover((bottom + margin_m) * px_per_m, up * px_per_m, height)
+        part = ink[first_y : first_y + len(y_share), first_x : first_x + len(x_share)]
+        part += np.outer(y_share, x_share)
+    grey = np.clip(ink if board.inverted else 1.0 - ink, 0.0, 1.0)
+    return np.asarray(np.rint(255.0 * grey[::-1]), dtype=np.uint8)
+
+
+def _cover(start: float, length: float, size: int) -> tuple[int, Floats]:
+    """The first pixel that an interval touches, and the covered share of each pixel."""
+    first, last = max(int(start), 0), min(int(np.ceil(start + length)), size)
+    edges = np.clip(np.arange(first, last + 1), start, start + length)
+    return first, np.diff(edges)
+
+
+def page(board: Board) -> Page:
+    """Returns a sheet with the board in its true size, its name, its axes and a ruler.
+
+    The paper is the smallest of A4 to A0 that holds it, else as large as needed.
+    """
+    width, height = (1e3 * side for side in _paper_m(board))
+    across, up = (1e3 * side for side in board.size_m)
+    left, bottom = (width - across) / 2.0, (height - up) / 2.0
+    place = np.array((left, bottom))
+    sheet = Page(width, height)
+    ink, paper = (1.0, 0.0) if board.inverted else (0.0, 1.0)
+    if board.inverted:
+        rim = _MARGIN_MM / 2.0
+        around = np.array((-rim, -rim, across + 2.0 * rim, up + 2.0 * rim))
+        sheet.items.append(Fill([_corners(around) + place], paper))
+    cells = 1e3 * dark_cells(board)
+    sheet.items.append(Fill([_corners(cell) + place for cell in cells], ink))
+    foot = bottom - 0.7 * _MARGIN_MM
+    ruler = min(_RULER_MM, across / 2.0)
+    for start, end in (((0, 0), (ruler, 0)), ((0, -1), (0, 1)), ((ruler, -1), (ruler, 1))):
+        x0, y0, x1, y1 = left + start[0], foot + start[1], left + end[0], foot + end[1]
+        sheet.items.append(line(x0, y0, x1, y1, 0.3))
+    label = f"{board}    origin: lower left corner, x to the right, y up    bar: {ruler:g} mm"
+    sheet.items.append(Text(left, foot - 4.0, 2.6, label))
+    return sheet
+
+
+def _corners(cell: Floats) -> Floats:
+    """The (4, 2) corners of left, bottom, width, height."""
+    left, bottom, width, height = cell
+    x, y = (left, left + width), (bottom, bottom + height)
+    return np.array(((x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1])))
+
+
+def _paper_m(board: Board) -> tuple[float, float]:
+    margin = _MARGIN_MM / 1e3
+    needed = (board.size_m[0] + 2.0 * margin, board.size_m[1] + 2.0 * margin)
+    for short, long in _ISO_M:
+        for paper in ((short, long), (long, short)):
+            if paper[0] >= needed[0] and paper[1] >= needed[1]:
+                return paper
+    return needed

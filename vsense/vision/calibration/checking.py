@@ -1,0 +1,317 @@
+"""`vsense calibrate check`, from files and pictures on the disk to `report/check.json`."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vsense.base.errors import ConfigError, UsageError, VsenseError
+from vsense.base.terminal import aligned
+from vsense.vision.calibration import check
+from vsense.vision.calibration.board import Board
+from vsense.vision.calibration.check import PointCheck, PointSight, rms, steps_m
+from vsense.vision.calibration.checked import FILE
+from vsense.vision.calibration.floor import SEEN_COLUMNS, FloorReference, TagFinder
+from vsense.vision.calibration.frame import FrameShift
+from vsense.vision.calibration.pictures import gather, inspect
+from vsense.vision.calibration.session import cameras_of
+from vsense.vision.calibration.views import CornerFinder, View, number_at, read_table
+from vsense.vision.cameras.camera import Camera, Floats
+from vsense.vision.cameras.picture import Image
+from vsense.vision.markers.families import load_family
+from vsense.vision.tracking.detector import make_detector
+
+Find = Callable[[Camera, Image], dict[str, Floats]]
+"""What finds known points in a picture: name -> (2,) pixel."""
+
+_MOST_ROWS = 40
+_FRAME_SHARE = 0.7
+"""Where the frame as a whole is at fault, less than this remains of the errors without it."""
+
+
+@dataclass(frozen=True, slots=True)
+class CheckOptions:
+    """What a calibration is checked with; see `vsense calibrate check -h`.
+
+    `limit` and `thickness` are in m.
+    """
+
+    cameras: Path
+    points: Path | None
+    seen: Path | None
+    tags: str | None
+    markers: str | None
+    distances: Path | None
+    board: str | None
+    floor: list[str] | None
+    thickness: float
+    pictures: list[Path] | None
+    camera: str | None
+    every: int
+    limit: float | None
+    json: bool
+
+
+class PoorCalibration(VsenseError):
+    """A point is farther off than the caller allows."""
+
+
+def run(options: CheckOptions) -> int:
+    """Checks a calibration, says how true it is, and keeps that beside the camera files; returns 0.
+
+    Raises:
+        UsageError, ConfigError: options or files are wrong.
+        PoorCalibration: a point is farther off than `limit`.
+        VsenseError: the pictures show nothing of what was measured.
+    """
+    _check_options(options)
+    cameras = cameras_of("--cameras", options.cameras)
+    found = _with_board(options, cameras) if options.board else _with_points(options, cameras)
+    now = datetime.now(timezone.utc).isoformat(timespec="seconds")
+    data = check.as_json(found, now, "board" if options.board else "points")
+    path = options.cameras / FILE
+    text = json.dumps(data, indent=2) + "\n"
+    try:
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be written: {error.strerror}") from None
+    for line in as_text(found, data):
+        _say(line)
+    _say("runs with these cameras tell it from now on, until their files change")
+    print(text if options.json else path, end="" if options.json else "\n")
+    if options.limit is not None and data["worst_mm"] > 1e3 * options.limit:
+        raise PoorCalibration(
+            f"{data['worst_mm']} mm at worst, expected {1e3 * options.limit:g} mm at most (--limit)"
+        )
+    return 0
+
+
+def _check_options(options: CheckOptions) -> None:
+    """Refuses options that do not go together."""
+    if bool(options.points) == bool(options.board):
+        raise UsageError("expected one of --points and --board")
+    if options.board and not options.floor:
+        raise UsageError("--board: expected --floor, the moments when it lay on the floor")
+    if (options.board or options.tags or options.markers) and not options.pictures:
+        raise UsageError("expected --pictures to look at")
+    ways = [options.seen, options.tags, options.markers]
+    if options.points and sum(map(bool, ways)) != 1:
+        raise UsageError("--points: expected one of --seen, --tags and --markers")
+    if options.distances and not options.points:
+        raise UsageError("--distances: expected --points")
+
+
+def _with_points(options: CheckOptions, cameras: Mapping[str, Camera]) -> PointCheck:
+    assert options.points is not None
+    points = check.read_places(options.points)
+    tapes = check.read_distances(options.distances, points) if options.distances else []
+    if options.seen:
+        sights = read_seen(options.seen, points, cameras)
+    else:
+        sights = _looked(options, cameras, points)
+    seen = {sight.point for sight in sights}
+    for name in points:
+        if name not in seen:
+            _say(f"point {name}: no camera shows it")
+    if not sights:
+        raise VsenseError(f"{options.points}: none of its points was seen")
+    tapes = [tape for tape in tapes if tape.first in seen and tape.second in seen]
+    return check.check(cameras, points, sights, tapes)
+
+
+def read_seen(
+    path: Path, points: Mapping[str, Floats], cameras: Mapping[str, Camera]
+) -> list[PointSight]:
+    """Reads where cameras see points, `camera,id,x_px,y_px`; raises UsageError or ConfigError."""
+    sights = []
+    for line, (camera, id, *place) in read_table(path, SEEN_COLUMNS):
+        if camera not in cameras:
+            known = ", ".join(cameras)
+            raise ConfigError(str(path), line, f"camera: '{camera}': expected {known}")
+        if id not in points:
+            raise ConfigError(str(path), line, f"id: '{id}' is not among the points")
+        x, y = (number_at(path, line, n, text) for n, text in zip(SEEN_COLUMNS[2:], place))
+        sights.append(PointSight(camera, id, np.array((x, y))))
+    return sights
+
+
+def _looked(
+    options: CheckOptions, cameras: Mapping[str, Camera], points: Mapping[str, Floats]
+) -> list[PointSight]:
+    """Looks for tags or markers at measured places; of several pictures the median counts."""
+    if options.tags:
+        finder = TagFinder(options.tags, list(points))
+        make = lambda: lambda camera, image: finder.find(image)  # noqa: E731
+    else:
+        assert options.markers is not None
+        make = _marker_finder(options.markers, points)
+    seen: dict[tuple[str, str], list[Floats]] = {}
+    for camera, found in _inspected(options, cameras, make):
+        for id, pixel in found.items():
+            seen.setdefault((camera, id), []).append(pixel)
+    return [
+        PointSight(camera, id, np.median(pixels, axis=0))
+        for (camera, id), pixels in sorted(seen.items())
+    ]
+
+
+def _marker_finder(family_name: str, points: Mapping[str, Floats]) -> Callable[[], Find]:
+    family = load_family(family_name)
+    tags: dict[float, list[int]] = {}
+    for name, place in points.items():
+        if not name.isdecimal() or len(name) > 9:
+            raise UsageError(f"--markers: point '{name}': expected the number of a tag")
+        tags.setdefault(float(place[2]), []).append(int(name))
+    for height_m, some in tags.items():
+        make_detector(family, some, height_m)
+
+    def make() -> Find:
+        detectors = [make_detector(family, some, height_m) for height_m, some in tags.items()]
+
+        def find(camera: Camera, image: Image) -> dict[str, Floats]:
+            rows = [row for each in detectors for row in each.detect(image, camera)]
+            named = [row for row in rows if row["tag"] >= 0]
+            return {
+                str(row["tag"]): np.array((row["x_px"], row["y_px"]))
+                for row in named
+                if sum(other["tag"] == row["tag"] for other in named) == 1
+            }
+
+        return find
+
+    return make
+
+
+def _inspected(
+    options: CheckOptions, cameras: Mapping[str, Camera], make: Callable[[], Find]
+) -> list[tuple[str, dict[str, Floats]]]:
+    """What is found in all pictures, each with its camera."""
+    return [(camera, found) for camera, _, found in _views(options, cameras, make)]
+
+
+def _views(
+    options: CheckOptions, cameras: Mapping[str, Camera], make: Callable[[], Any]
+) -> list[tuple[str, str, Any]]:
+    """What is found in all pictures, each with its camera and moment."""
+    assert options.pictures is not None
+    pictures = gather(options.pictures, options.every)
+    names = {picture: options.camera or picture.camera for picture in pictures}
+    for name in sorted(set(names.values()) - set(cameras)):
+        raise UsageError(
+            f"--pictures: camera {name}: {options.cameras} has no file of it; expected"
+            f" {', '.join(cameras)}, as folder of the pictures or with --camera"
+        )
+
+    found = []
+    for name in sorted(set(names.values())):
+        camera = cameras[name]
+        mine = [picture for picture in pictures if names[picture] == name]
+
+        def bound(camera: Camera = camera) -> Callable[[Image], Any]:
+            find = make()
+            return lambda image: find(camera, image) if _fits(image, camera) else None
+
+        for one, size, seen in inspect(mine, bound, lambda done, total: None):
+            if size != (camera.width_px, camera.height_px):
+                raise UsageError(
+                    f"{one.path}: {size[0]} x {size[1]} px, expected {camera.width_px} x"
+                    f" {camera.height_px} as in the file of {name}"
+                )
+            found.append((name, one.moment, seen))
+    return found
+
+
+def _fits(image: Image, camera: Camera) -> bool:
+    return image.shape == (camera.height_px, camera.width_px)
+
+
+def _with_board(options: CheckOptions, cameras: Mapping[str, Camera]) -> PointCheck:
+    """Takes the board's corners for points, each time where the board fits best."""
+    assert options.board is not None
+    board, floor = Board.parse(options.board), FloorReference(flat=tuple(options.floor or ()))
+
+    def make() -> Callable[[Camera, Image], Any]:
+        finder = CornerFinder(board)
+        return lambda camera, image: finder.find(image)
+
+    views = [
+        View(camera, moment, *corners)
+        for camera, moment, corners in _views(options, cameras, make)
+        if corners is not None
+    ]
+    _say(f"the board was found in {len(views)} pictures")
+    points: dict[str, Floats] = {}
+    sights = []
+    for moment in floor.moments(views):
+        mine = [view for view in views if view.moment == moment]
+        ids = np.concatenate([view.ids for view in mine])
+        places = np.concatenate(
+            [cameras[view.camera].to_plane(view.pixels, options.thickness) for view in mine]
+        )
+        plan = board.points_m[:, :2]
+        lying = FrameShift.between(plan[ids], places).apply(plan)
+        points |= {
+            f"{moment}/{id}": np.array((*lying[id], options.thickness))
+            for id in np.unique(ids).tolist()
+        }
+        sights += [
+            PointSight(view.camera, f"{moment}/{id}", pixel)
+            for view in mine
+            for id, pixel in zip(view.ids.tolist(), view.pixels)
+        ]
+    if not sights:
+        raise VsenseError("the board was found in no picture; check --board")
+    return check.check(cameras, points, sights)
+
+
+def as_text(found: PointCheck, data: Mapping[str, Any]) -> list[str]:
+    """The check as lines: points, cameras, distances, and what is at fault."""
+    lines = []
+    if len(found.sights) <= _MOST_ROWS:
+        rows: list[tuple[str, ...]] = [("point", "camera", "x mm", "y mm", "off mm")]
+        for sight, (x, y) in zip(found.sights, (1e3 * found.off_m).tolist()):
+            off = float(np.hypot(x, y))
+            rows.append((sight.point, sight.camera, f"{x:+.1f}", f"{y:+.1f}", f"{off:.1f}"))
+        lines += aligned(rows, left=2)
+    rows = [("camera", "points", "rms mm", "worst mm")]
+    for name, of in data["of_cameras"].items():
+        rows.append((name, str(of["points"]), f"{of['rms_mm']:.2f}", f"{of['worst_mm']:.2f}"))
+    lines += aligned(rows, left=1)
+    steps = steps_m(found)
+    if steps:
+        (one, other), most = max(steps.items(), key=lambda pair: pair[1])
+        lines.append(f"between two cameras {1e3 * most:.2f} mm at worst, {one} and {other}")
+    for tape, off_m in zip(found.distances, found.apart_m.tolist()):
+        lines.append(
+            f"from {tape.first} to {tape.second}: {1e3 * off_m:+.1f} mm of"
+            f" {1e3 * tape.distance_m:.0f} mm"
+        )
+    if found.distances:
+        lines.append(f"distances {1e3 * rms(found.apart_m):.2f} mm rms")
+    lines.append(
+        f"all together {data['rms_mm']:.2f} mm rms, {data['worst_mm']:.2f} mm at worst, at"
+        f" {data['points']} points"
+    )
+    return [*lines, *_blame(found, data)]
+
+
+def _blame(found: PointCheck, data: Mapping[str, Any]) -> list[str]:
+    """Says whether the frame as a whole is at fault."""
+    if found.shift is None or data["how"] == "board":
+        return []
+    text = f"{data['shape_rms_mm']:.2f} mm rms where the frame as a whole fits best"
+    if data["shape_rms_mm"] < _FRAME_SHARE * data["rms_mm"]:
+        return [f"{text}: {found.shift.in_words()}; vsense arena align moves it there"]
+    return [text]
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr)

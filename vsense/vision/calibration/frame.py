@@ -1,0 +1,69 @@
+"""The arena frame over a calibrated rig: how far one is from another, and cameras carried over.
+
+A calibration says well where the cameras are to each other, and less well where the arena is: that
+is as good as the first board was laid. The one can be moved without touching the other: all cameras
+turn about the vertical and shift along the floor together.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vsense.vision.cameras.camera import Camera, Floats
+
+
+@dataclass(frozen=True, slots=True)
+class FrameShift:
+    """From one arena frame to another: a turn about the vertical, then a shift along the floor."""
+
+    x_m: float = 0.0
+    y_m: float = 0.0
+    yaw_rad: float = 0.0
+
+    @classmethod
+    def between(cls, found: Floats, wanted: Floats) -> FrameShift:
+        """Returns the shift that takes (n, 2) places nearest to others, in least squares.
+
+        One place tells no turn, and gets none; several need not be in one spot.
+
+        Source: Umeyama, Least-squares estimation of transformation parameters, 1991, in the plane.
+        """
+        middle, goal = found.mean(axis=0), wanted.mean(axis=0)
+        (x, y), (u, v) = (found - middle).T, (wanted - goal).T
+        yaw = math.atan2(float(np.sum(x * v - y * u)), float(np.sum(x * u + y * v)))
+        left = goal - cls(0.0, 0.0, yaw).apply(middle[np.newaxis])[0]
+        return cls(float(left[0]), float(left[1]), yaw)
+
+    def apply(self, places: Floats) -> Floats:
+        """Carries (n, 2) places over."""
+        cos, sin = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        turn = np.array(((cos, -sin), (sin, cos)))
+        return np.asarray(places @ turn.T + (self.x_m, self.y_m))
+
+    def moved(self, camera: Camera) -> Camera:
+        """Returns a camera whose places are in the other frame."""
+        cos, sin = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        about = np.array(((cos, -sin, 0.0), (sin, cos, 0.0), (0.0, 0.0, 1.0)))
+        x, y = self.apply(np.array([camera.position_m[:2]]))[0].tolist()
+        rotation = np.reshape(camera.rotation, (3, 3)) @ about.T
+        return replace(
+            camera,
+            rotation=tuple(rotation.ravel().tolist()),
+            position_m=(x, y, camera.position_m[2]),
+        )
+
+    def in_words(self) -> str:
+        """The shift for people; of a turn it is said about which point."""
+        shift = f"{1e3 * self.x_m:+.1f} mm along x, {1e3 * self.y_m:+.1f} mm along y"
+        return f"{shift}, turned by {math.degrees(self.yaw_rad):+.3f} deg about the old origin"
+
+
+def places_seen(cameras: Sequence[Camera], pixels: Sequence[Floats], height_m: float) -> Floats:
+    """Returns (n, 2) places on a plane of what n cameras see at their (2,) pixels."""
+    return np.array(
+        [camera.to_plane(pixel, height_m) for camera, pixel in zip(cameras, pixels)]
+    ).reshape(-1, 2)

@@ -1,0 +1,211 @@
+"""A camera that Aravis has opened: its features, its control, its trigger."""
+
+from __future__ import annotations
+
+import ipaddress
+import threading
+from typing import Any
+
+from vsense.vision.cameras.aravis import AravisError, call, listed, load
+from vsense.vision.cameras.gige import CONTROL, IN_CONTROL, answers, several
+from vsense.vision.cameras.networks import host_address
+
+_CHECK_RANGES = 1
+_NEVER_ADJUST = 0
+"""The packet size is chosen once, before a stream is made."""
+_NO_PACKET_SOCKET = 1
+_opening = threading.Lock()
+"""Aravis parses all descriptions in shared memory. Source: its 0.8.26, arvdomparser.c."""
+
+
+def locate(name: str) -> str:
+    """Searches for a camera; returns its IPv4 address (GigE) or its id (USB3).
+
+    Args:
+        name: An IPv4 address, or an id, a serial number or a MAC address as `listed` has them.
+
+    Raises:
+        AravisError: No camera answers to the name, or several share its name or address.
+    """
+    there = listed()
+    found = [camera for camera in there if name in camera.names]
+    if not found and is_address(name):
+        # The search does not reach cameras behind a router; they can still be opened.
+        return name
+    if not found:
+        others = ", ".join(camera.id for camera in there) or "none"
+        raise AravisError(f"no camera answers to {name!r}; there are: {others}")
+    addresses = {camera.address for camera in found} - {""}
+    same = [c for c in there if c.address in addresses] if addresses else found
+    if len(same) > 1:
+        what = f"the address {same[0].address}" if addresses else f"the name {name!r}"
+        raise AravisError(several(what, same))
+    return found[0].address or found[0].id
+
+
+def is_address(name: str) -> bool:
+    """Whether a camera's name is an IPv4 address."""
+    try:
+        return ipaddress.ip_address(name).version == 4
+    except ValueError:
+        return False
+
+
+class AravisCamera:
+    """An opened camera, for one thread; only `trigger` may be called from another."""
+
+    def __init__(self, name: str) -> None:
+        """Opens a camera as `locate` names it, with control if it is free; raises AravisError."""
+        self._lib, self._ffi = load().lib, load().ffi
+        self._name, self.is_gige = name, is_address(name)
+        if self.is_gige and not answers(name):
+            # Aravis would wait for seconds, and all other cameras with it.
+            raise AravisError(f"no camera answers at {name}")
+        with _opening:
+            device = self._gige_device(name) if self.is_gige else None
+            self.handle = self._owned(
+                call(self._lib.arv_camera_new, name.encode())
+                if device is None
+                else call(self._lib.arv_camera_new_with_device, device)
+            )
+        self._device = self._lib.arv_camera_get_device(self.handle)
+        self._lib.arv_device_set_range_check_policy(self._device, _CHECK_RANGES)
+        if self.is_gige:
+            self._lib.arv_gv_device_set_packet_size_adjustment(self._device, _NEVER_ADJUST)
+
+    @property
+    def in_control(self) -> bool:
+        """Whether the camera obeys this program; raises AravisError if it does not answer."""
+        if not self.is_gige:
+            return True
+        if not self._lib.arv_gv_device_is_controller(self._device):
+            return False
+        if not self.answers:
+            raise AravisError(f"no camera answers at {self._name}")
+        value = self._ffi.new("uint32_t *")
+        call(self._lib.arv_device_read_register, self._device, CONTROL, value)
+        return bool(value[0] & IN_CONTROL)
+
+    def has(self, feature: str) -> bool:
+        """Whether the camera has a feature now; some depend on other features."""
+        available = self._lib.arv_device_is_feature_available
+        return bool(call(available, self._device, feature.encode()))
+
+    def get(self, feature: str) -> str:
+        """Reads a feature of any type; raises AravisError if it is missing or refused."""
+        text = call(self._lib.arv_gc_feature_node_get_value_as_string, self._node(feature))
+        return self._ffi.string(text).decode(errors="replace") if text else ""
+
+    def set(self, feature: str, value: str) -> None:
+        """Writes a feature, which may be rounded; raises AravisError if missing or refused."""
+        write = self._lib.arv_gc_feature_node_set_value_from_string
+        call(write, self._node(feature), value.encode())
+
+    def bounds(self, feature: str) -> tuple[float, float] | None:
+        """Returns the least and the greatest value of a number; None: unknown."""
+        for kind, ask in (
+            ("double", self._lib.arv_device_get_float_feature_bounds),
+            ("int64_t", self._lib.arv_device_get_integer_feature_bounds),
+        ):
+            low, high = self._ffi.new(f"{kind} *"), self._ffi.new(f"{kind} *")
+            try:
+                call(ask, self._device, feature.encode(), low, high)
+            except AravisError:
+                continue
+            return float(low[0]), float(high[0])
+        return None
+
+    def formats(self) -> list[str]:
+        """Returns the names of the pixel formats."""
+        count = self._ffi.new("unsigned *")
+        names = call(
+            self._lib.arv_camera_dup_available_pixel_formats_as_strings, self.handle, count
+        )
+        found = [self._ffi.string(names[n]).decode() for n in range(count[0])]
+        self._lib.g_free(names)
+        return found
+
+    @property
+    def rate_hz(self) -> float:
+        """Pictures per second; the feature has several names."""
+        return float(call(self._lib.arv_camera_get_frame_rate, self.handle))
+
+    def set_rate(self, rate_hz: float) -> None:
+        """Sets the rate within the camera's bounds; switches triggers off."""
+        call(self._lib.arv_camera_set_frame_rate, self.handle, rate_hz)
+
+    def set_trigger(self, source: str | None) -> None:
+        """Sets the trigger source, "Software" or a line; None: runs freely."""
+        if source is None:
+            call(self._lib.arv_camera_clear_triggers, self.handle)
+        else:
+            call(self._lib.arv_camera_set_trigger, self.handle, source.encode())
+
+    def trigger(self) -> None:
+        """Triggers a picture; any thread; does nothing after `close`; raises AravisError."""
+        handle = self.handle
+        if handle is not None:
+            call(self._lib.arv_camera_software_trigger, handle)
+
+    def use_plain_socket(self) -> None:
+        """Has the stream come through an ordinary UDP socket, not a packet socket."""
+        self._lib.arv_gv_device_set_stream_options(self._device, _NO_PACKET_SOCKET)
+
+    @property
+    def answers(self) -> bool:
+        """Whether the camera answers at once; Aravis would wait for seconds."""
+        return not self.is_gige or answers(self._name)
+
+    @property
+    def packet_size(self) -> int:
+        """Bytes of a packet of its stream, with IP and UDP headers."""
+        return int(call(self._lib.arv_camera_gv_get_packet_size, self.handle))
+
+    def set_packets(self, size: int | None, delay_us: float | None) -> None:
+        """Sets bytes per packet and the pause between two packets.
+
+        None stands for the largest packet that gets through, and for the camera's own pause.
+        """
+        if size is None:
+            call(self._lib.arv_camera_gv_auto_packet_size, self.handle)
+        else:
+            call(self._lib.arv_camera_gv_set_packet_size, self.handle, size)
+        if delay_us is not None:
+            delay_ns = round(1e3 * delay_us)
+            call(self._lib.arv_camera_gv_set_packet_delay, self.handle, delay_ns)
+
+    @property
+    def packet_delay_us(self) -> float:
+        """Pause between two packets."""
+        return float(call(self._lib.arv_camera_gv_get_packet_delay, self.handle)) / 1e3
+
+    def stop(self) -> None:
+        """Stops the pictures that a crashed program may have left running."""
+        call(self._lib.arv_camera_stop_acquisition, self.handle)
+
+    def close(self) -> None:
+        """Closes the camera and gives control back; can be called again.
+
+        A thread that is triggering it holds it until its call returns.
+        """
+        self._device = self.handle = None
+
+    def _gige_device(self, address: str) -> Any:
+        """Opens by address, without Aravis' search, for which other cameras would wait."""
+        host = host_address(address)
+        if host is None:
+            raise AravisError(f"no network of this machine leads to {address}")
+        make = self._lib.g_inet_address_new_from_string
+        ends = [self._owned(make(end.encode())) for end in (host, address)]
+        return self._owned(call(self._lib.arv_gv_device_new, *ends))
+
+    def _owned(self, thing: Any) -> Any:
+        if not thing:
+            raise AravisError("the camera does not open")
+        return self._ffi.gc(thing, self._lib.g_object_unref)
+
+    def _node(self, feature: str) -> Any:
+        node = self._lib.arv_device_get_feature(self._device, feature.encode())
+        if not node:
+            raise AravisError(f"there is no feature {feature}")
+        return node

@@ -1,0 +1,254 @@
+"""Camera health: dark, saturated, frozen, moved, crowded, late, or contradicting neighbours.
+
+Light and standstill are checked in every picture, movement in a few cameras per timestep in turns,
+so that the cost does not grow with the cameras. Begin and end are reported once each.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.base.arena import UNNAMED, Frame
+from vsense.vision.cameras.camera import Camera
+from vsense.vision.cameras.grabber import CameraEvent
+from vsense.vision.cameras.lateness import CameraDelays
+from vsense.vision.cameras.steadiness import FAR, Steadiness
+
+_STEP = 16
+_FULL_SCALE = 250
+"""Grey from which a pixel is at full scale: noise and compression take a few levels."""
+
+_Gap = tuple[int, NDArray[np.float64]]
+"""A tag, and its place by one camera minus its place by another [m]."""
+
+
+DARK_LEVEL = 12.0
+"""Mean grey below which a picture is dark."""
+CONTRAST = 3.0
+"""Standard deviation of grey below which a picture shows nothing."""
+FULL_SHARE = 0.8
+"""Share of a picture at full scale from which it is saturated. Measured on rendered arenas whose
+exposure rises: on a white floor all markers are read up to 0.9 and one in six loses its name at
+0.95, on a grey floor two in five do at 0.85. Paper and reflections of lamps stay far below."""
+PICTURES = 3
+"""Pictures in a row after which something is reported."""
+MOVED_PX = 1.0
+"""Shift of the background from which a camera has moved."""
+APART_M = 0.008
+"""Distance between two cameras' views of the same markers from which one camera has moved."""
+APART_VIEWS = 60
+"""Common views over which that distance is averaged."""
+APART_TAGS = 3
+"""Different markers that must be among them: a single one may be there twice, or drive while the
+cameras take their pictures one after the other."""
+CHECKS = 2
+"""Cameras whose background is compared in each timestep."""
+
+
+class _Alarm:
+    """Reports a state of a camera after `PICTURES` pictures, and its end after as many."""
+
+    def __init__(self, camera: str, kind: str, end: str, end_text: str) -> None:
+        self._camera = camera
+        self._kind = kind
+        self._end = end, end_text
+        self._count = 0
+        self.on = False
+
+    def update(self, now: bool, text: str) -> list[CameraEvent]:
+        """Takes one picture's state, and the text for the case that it begins."""
+        self._count = self._count + 1 if now != self.on else 0
+        if self._count < PICTURES:
+            return []
+        self.on, self._count = now, 0
+        kind, text = (self._kind, text) if now else self._end
+        return [CameraEvent(self._camera, kind, text)]
+
+
+class CameraHealth:
+    """Watches one camera, on one thread; the reference background is the first picture's."""
+
+    def __init__(self, camera: Camera) -> None:
+        self._last: NDArray[np.uint8] | None = None
+        self._dark = _Alarm(camera.id, "dark", "light", "sees light again")
+        self._saturated = _Alarm(camera.id, "saturated", "exposed", "is no longer overexposed")
+        self._frozen = _Alarm(camera.id, "frozen", "running", "runs again")
+        self._moved = _Alarm(camera.id, "moved", "steady", "is back in its place")
+        self._crowded = _Alarm(camera.id, "crowded", "clear", "shows less again")
+        self._steadiness = Steadiness((camera.width_px, camera.height_px))
+
+    def update(self, image: NDArray[np.uint8]) -> list[CameraEvent]:
+        """Looks at a picture (h, w); returns what has begun or ended."""
+        sample = image[::_STEP, ::_STEP].copy()
+        return self._check_light(sample) + self._check_standstill(sample)
+
+    def _check_light(self, sample: NDArray[np.uint8]) -> list[CameraEvent]:
+        """Reports pictures that show nothing, with too little light or too much."""
+        full = float((sample >= _FULL_SCALE).mean())
+        saturated = full >= FULL_SHARE
+        dark = sample.mean() < DARK_LEVEL or sample.std() < CONTRAST
+        text = f"went dark, or is covered (mean grey {sample.mean():.0f})"
+        events = self._dark.update(bool(dark) and not saturated, text)
+        text = f"is overexposed: {100 * full:.0f} % of its picture is at full scale"
+        return events + self._saturated.update(saturated, text)
+
+    def _check_standstill(self, sample: NDArray[np.uint8]) -> list[CameraEvent]:
+        """Reports a picture that comes again and again."""
+        # A sensor's noise never repeats, so the same bytes are the same picture. A picture that
+        # is all black or all white has no noise.
+        same = self._last is not None and bool(np.array_equal(sample, self._last))
+        self._last = sample
+        text = f"froze: the same picture {PICTURES + 1} times"
+        return self._frozen.update(same and bool(sample.min() != sample.max()), text)
+
+    def count(self, overflowed: bool) -> list[CameraEvent]:
+        """Takes whether a picture held more than the detector's tables; returns changes."""
+        text = "shows more dark things than the detector can hold: markers may be missed"
+        return self._crowded.update(overflowed, text)
+
+    def check_place(
+        self, image: NDArray[np.uint8], rows: NDArray[np.void] | None = None
+    ) -> list[CameraEvent]:
+        """Compares a picture's background with the first one's; returns what has begun or ended.
+
+        `rows` is the DETECTION array of the (h, w) picture: robots are not background.
+        """
+        if self._dark.on or self._saturated.on:
+            return []
+        markers_px = None if rows is None else np.stack((rows["x_px"], rows["y_px"]), axis=-1)
+        shift_px = self._steadiness.shift_px(image, markers_px)
+        if shift_px is None:
+            return []
+        how = "far" if shift_px == FAR else f"by {shift_px:.1f} px"
+        text = f"has moved {how}: its places are wrong until it is calibrated again"
+        return self._moved.update(shift_px > MOVED_PX, text)
+
+
+class Agreement:
+    """Compares two cameras' places of the same markers, which differ where one has moved."""
+
+    def __init__(self, cameras: Mapping[str, Camera], delays: CameraDelays | None = None) -> None:
+        """`delays` knows what is no disagreement: robots have driven on meanwhile."""
+        self._cameras = cameras
+        self._delays = delays or CameraDelays()
+        self._gaps: dict[tuple[str, str], deque[_Gap]] = {}
+        self._alarms: dict[tuple[str, str], _Alarm] = {}
+
+    def compare(
+        self, found: Mapping[str, NDArray[np.void]], heights_m: Mapping[int, float]
+    ) -> list[CameraEvent]:
+        """Compares one timestep's DETECTION arrays; returns what has begun or ended.
+
+        `heights_m` are the heights of the tags' markers above the floor.
+        """
+        places = {
+            c: marker_places(self._cameras[c], rows, heights_m) for c, rows in sorted(found.items())
+        }
+        events = []
+        for first, second in combinations(places, 2):
+            common = places[first].keys() & places[second].keys()
+            gaps = [(tag, places[first][tag] - places[second][tag]) for tag in sorted(common)]
+            if gaps:
+                events += self._weigh((first, second), gaps)
+        return events
+
+    def _weigh(self, pair: tuple[str, str], gaps: Iterable[_Gap]) -> list[CameraEvent]:
+        """Averages the gaps of a pair: a moved camera errs always, a marker only sometimes."""
+        recent = self._gaps.setdefault(pair, deque(maxlen=APART_VIEWS))
+        recent.extend(gaps)
+        by_tag: dict[int, list[NDArray[np.float64]]] = {}
+        for tag, gap in recent:
+            by_tag.setdefault(tag, []).append(gap)
+        if len(recent) < APART_VIEWS or len(by_tag) < APART_TAGS:
+            return []
+        middles = [np.median(mine, axis=0) for mine in by_tag.values()]
+        apart_m = float(np.hypot(*np.median(middles, axis=0)))
+        lag = self._delays.lag(*pair)
+        if lag.is_open and apart_m > APART_M:
+            return []
+        apart_m = lag.apart_m if lag.is_lag else apart_m
+        if pair not in self._alarms:
+            end_text = f"agrees with camera {pair[1]} again"
+            self._alarms[pair] = _Alarm(pair[0], "apart", "steady", end_text)
+        text = f"and camera {pair[1]} disagree by {1e3 * apart_m:.0f} mm: one of them has moved"
+        return self._alarms[pair].update(apart_m > APART_M, text)
+
+
+def marker_places(
+    camera: Camera, rows: NDArray[np.void], heights_m: Mapping[int, float]
+) -> dict[int, NDArray[np.float64]]:
+    """Returns where a picture's DETECTION array shows each tag that it shows once, (2,) [m]."""
+    tags, counts = np.unique(rows["tag"], return_counts=True)
+    once = {int(tag) for tag in tags[counts == 1] if tag != UNNAMED and int(tag) in heights_m}
+    rows = rows[[int(tag) in once for tag in rows["tag"]]] if len(rows) else rows
+    if len(rows) == 0:
+        return {}
+    heights = np.array([heights_m[int(tag)] for tag in rows["tag"]])
+    pixels = np.stack((rows["x_px"], rows["y_px"]), axis=-1)
+    return {int(tag): place for tag, place in zip(rows["tag"], camera.to_plane(pixels, heights))}
+
+
+class Health:
+    """Watches all cameras of an arena."""
+
+    def __init__(self, cameras: Sequence[Camera], heights_m: Mapping[int, float]) -> None:
+        self._heights_m = heights_m
+        self._rig = {c.id: c for c in cameras}
+        self._cameras = {c.id: CameraHealth(c) for c in cameras}
+        self._delays = CameraDelays()
+        self._agreement = Agreement(self._rig, self._delays)
+        self._turn = 0
+
+    def update(
+        self,
+        frames: Sequence[Frame],
+        found: Mapping[str, NDArray[np.void]],
+        overflowed: Sequence[str] = (),
+        together: Mapping[str, NDArray[np.void]] | None = None,
+    ) -> list[CameraEvent]:
+        """Checks one picture of some cameras; returns what has begun or ended.
+
+        Args:
+            frames: The pictures.
+            found: The DETECTION array of each picture, by its camera.
+            overflowed: The cameras whose pictures held more than the detector's tables.
+            together: The DETECTION arrays of one timestep, for the cameras' agreement; None:
+                `found` is of one timestep.
+        """
+        events: list[CameraEvent] = []
+        for frame in frames:
+            camera = self._cameras[frame.camera]
+            events += camera.update(frame.image) + camera.count(frame.camera in overflowed)
+        for _ in range(min(CHECKS, len(frames))):
+            frame = frames[self._turn % len(frames)]
+            self._turn += 1
+            rows = found.get(frame.camera)
+            events += self._cameras[frame.camera].check_place(frame.image, rows)
+        events += self._check_times(frames, found)
+        seen = found if together is None else together
+        return events + self._agreement.compare(seen, self._heights_m)
+
+    def _check_times(
+        self, frames: Sequence[Frame], found: Mapping[str, NDArray[np.void]]
+    ) -> list[CameraEvent]:
+        """Reports cameras whose pictures are older than their stamps."""
+        for frame in frames:
+            if frame.camera in found:
+                rig, rows = self._rig[frame.camera], found[frame.camera]
+                places = marker_places(rig, rows, self._heights_m)
+                self._delays.see(frame.camera, frame.capture_ns, places)
+        now_ns = max((frame.capture_ns for frame in frames), default=0)
+        return [_timed(*change) for change in self._delays.compare(now_ns)]
+
+
+def _timed(camera: str, late_s: float | None) -> CameraEvent:
+    """Tells that a camera has begun to be late, or no longer is."""
+    if late_s is None:
+        return CameraEvent(camera, "timely", "is no longer late")
+    text = f"is late by about {1e2 * late_s:.0f}0 ms: its pictures are older than their stamps say"
+    return CameraEvent(camera, "late", f"{text}, and what drives is not where it shows it")

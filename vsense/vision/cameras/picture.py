@@ -1,0 +1,141 @@
+"""Turns what a file or a camera gives into a grey picture, or into one clear reason why not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.base.files import read_bytes
+from vsense.vision.cameras.grabber import GrabberError
+
+Image = NDArray[np.uint8]
+
+MOST_BYTES = 512 << 20
+MOST_PIXELS = 50_000_000
+"""More than any camera above an arena has; a picture then takes megabytes at most."""
+
+_PNG = b"\x89PNG\r\n\x1a\n"
+_JPEG = b"\xff\xd8"
+_JPEG_END = b"\xff\xd9"
+_BARE = (0x01, *range(0xD0, 0xD9))
+"""JPEG markers without a segment. Source: ITU-T T.81, table B.1."""
+_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+"""JPEG markers that begin a picture, with its size. Source: ITU-T T.81, table B.1."""
+
+
+class PictureError(GrabberError):
+    """A picture that cannot be used; the next one may be good."""
+
+
+def to_grey(image: NDArray[Any]) -> Image:
+    """Returns the (h, w) uint8 grey picture of an OpenCV image, uint8 or uint16.
+
+    It is (h, w) or (h, w, 1) grey, (h, w, 3) BGR or (h, w, 4) BGRA; raises PictureError otherwise.
+    """
+    if image.dtype == np.uint16:
+        image = (image >> 8).astype(np.uint8)
+    if image.dtype != np.uint8 or image.ndim not in (2, 3) or image.size == 0:
+        raise PictureError(f"is no picture: {image.dtype} of shape {image.shape}")
+    channels = 1 if image.ndim == 2 else image.shape[2]
+    if channels == 1:
+        return np.ascontiguousarray(image.reshape(image.shape[:2]), dtype=np.uint8)
+    if channels not in (3, 4):
+        raise PictureError(f"has {channels} channels, expected 1, 3 or 4")
+    code = cv2.COLOR_BGR2GRAY if channels == 3 else cv2.COLOR_BGRA2GRAY
+    return np.asarray(cv2.cvtColor(image, code), dtype=np.uint8)
+
+
+def read_picture(path: Path, name: str = "") -> Image:
+    """Reads a picture file as grey, (h, w) uint8; raises PictureError if it is unusable.
+
+    `name` is what messages call it, by default the file's own, without its folder.
+    """
+    name = name or path.name
+    try:
+        data = read_bytes(path, MOST_BYTES)
+    except OSError as error:
+        raise PictureError(f"{name} cannot be read: {error.strerror}") from None
+    return decode(data, name)
+
+
+def decode(data: bytes, name: str, most_pixels: int = MOST_PIXELS) -> Image:
+    """Decodes all bytes of a picture file, called `name` in messages, to (h, w) uint8.
+
+    A PNG or JPEG that claims more than `most_pixels` is refused before memory is spent on it: four
+    damaged bytes can ask for 2 GB. Other formats, with OpenCV's limit of 2^30, are refused after.
+
+    Raises:
+        PictureError: It is cut off, too large, or is no picture; the message begins with `name`.
+    """
+    if not data:
+        raise PictureError(f"{name} is empty")
+    # Some versions of OpenCV silently fill the missing part of a picture with grey.
+    if not _is_whole(data):
+        raise PictureError(f"{name} is cut off after {len(data)} bytes")
+    width, height = _claimed_size(data)
+    if width * height > most_pixels:
+        most = f"at most {most_pixels} pixels"
+        raise PictureError(f"{name} claims to have {width} x {height} pixels, expected {most}")
+    try:
+        image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_GRAYSCALE)
+    except cv2.error:
+        image = None
+    if image is None or image.size == 0:
+        raise PictureError(f"{name} is no picture, or a damaged one")
+    if image.size > most_pixels:
+        height, width = image.shape
+        raise PictureError(
+            f"{name} has {width} x {height} pixels, expected at most {most_pixels} pixels"
+        )
+    return to_grey(image)
+
+
+def is_jpeg(data: bytes) -> bool:
+    """Whether the data begins like a JPEG."""
+    return data.startswith(_JPEG)
+
+
+def _claimed_size(data: bytes) -> tuple[int, int]:
+    """Width and height in the header of a PNG or JPEG; zeros where there is none."""
+    if data.startswith(_PNG) and data[12:16] == b"IHDR":
+        return _number(data, 16, 4), _number(data, 20, 4)
+    if not is_jpeg(data):
+        return 0, 0
+    place = len(_JPEG)
+    while (place := data.find(b"\xff", place)) >= 0:
+        marker = data[place + 1] if place + 1 < len(data) else 0
+        if marker in _FRAMES:
+            return _number(data, place + 7, 2), _number(data, place + 5, 2)
+        if marker == 0xFF:
+            place += 1
+        elif marker == 0 or marker in _BARE:
+            place += 2
+        else:
+            place += 2 + max(2, _number(data, place + 2, 2))
+    return 0, 0
+
+
+def _number(data: bytes, place: int, length: int) -> int:
+    return int.from_bytes(data[place : place + length], "big")
+
+
+def _is_whole(data: bytes) -> bool:
+    """Whether a PNG or JPEG is complete; other formats are not checked.
+
+    A little may follow its end: network cameras append line ends, others fill up.
+    """
+    if data.startswith(_PNG):
+        # Chunk by chunk: OpenCV allocates what a chunk claims to hold, up to 2 GB.
+        place = len(_PNG)
+        while place + 12 <= len(data):
+            name, place = data[place + 4 : place + 8], place + 12 + _number(data, place, 4)
+            if name == b"IEND":
+                return place <= len(data)
+        return False
+    if data.startswith(_JPEG):
+        return _JPEG_END in data.rstrip(b"\0")[-64:]
+    return True

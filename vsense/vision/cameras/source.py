@@ -1,0 +1,112 @@
+"""The interface of every kind of live camera, and messages about its settings."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+from vsense.vision.cameras.picture import Image
+
+Value = float | str
+"""A setting's value: a number in the setting's own unit, or a word such as "Mono8"."""
+Bounds = tuple[float, float]
+"""The smallest and the largest value that a camera takes."""
+
+SILENCE_S = 0.4
+"""A camera without pictures for this time and three periods is silent."""
+PERIODS = 3
+FIRST_S = 2.0
+"""Time that the first picture may take."""
+
+_SAME = 1e-6
+"""Relative difference below which a number read back is the number asked for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shot:
+    """A picture as a camera delivers it.
+
+    Attributes:
+        image: (h, w) uint8; may be the driver's own memory, and stays valid while it is referred
+            to.
+        stamp_ns: Capture time by the camera's own clock, with any zero; None: it has none.
+        arrived_ns: When its first bytes came, by the host's monotonic clock; None: unknown.
+    """
+
+    image: Image
+    stamp_ns: int | None = None
+    arrived_ns: int | None = None
+
+
+class Source(Protocol):
+    """One camera; belongs to one thread."""
+
+    def open(self) -> list[str]:
+        """Opens it, or resumes after an interruption, and applies its settings.
+
+        Returns:
+            A text for each setting that it refused or rounded, such as "does not take gain_raw
+            99".
+
+        Raises:
+            GrabberError: It does not open.
+        """
+
+    def read(self) -> Shot:
+        """Waits for the next picture.
+
+        Raises:
+            PictureError: The picture cannot be used; the next one may be good.
+            GrabberError: The camera is gone, or silent for too long.
+        """
+
+    def close(self) -> None:
+        """Closes it; can be called again."""
+
+
+def silence_s(rate_hz: float | None) -> float:
+    """Returns the longest pause between two pictures [s] of a camera; rate None: unknown."""
+    return max(SILENCE_S, PERIODS / rate_hz if rate_hz else 0.0)
+
+
+def absent(name: str) -> str:
+    """Says that a camera does not have a setting."""
+    return f"has no {name}"
+
+
+def refused(name: str, wanted: Value, kept: Value | None, bounds: Bounds | None = None) -> str:
+    """Says that a camera did not take a value.
+
+    `kept` is what it has instead, `bounds` what it would have taken; None: unknown.
+    """
+    would = "" if bounds is None else f" ({_text(bounds[0])} to {_text(bounds[1])})"
+    instead = "" if kept is None else f": keeps {_text(kept)}"
+    return f"does not take {name} {_text(wanted)}{would}{instead}"
+
+
+def said(name: str, wanted: Value, got: Value, bounds: Bounds | None = None) -> str | None:
+    """Describes how a value read back differs from the one asked for; None: it does not.
+
+    A value beyond `bounds` was refused, one within was rounded.
+    """
+    if _same(wanted, got):
+        return None
+    if isinstance(wanted, str):
+        return refused(name, wanted, got)
+    if bounds is not None and not bounds[0] <= wanted <= bounds[1]:
+        return refused(name, wanted, got, bounds)
+    return f"takes {_text(got)} for {name} {_text(wanted)}"
+
+
+def _same(wanted: Value, got: Value) -> bool:
+    if isinstance(wanted, str) or isinstance(got, str):
+        return wanted == got
+    return math.isclose(wanted, got, rel_tol=_SAME, abs_tol=1e-9)
+
+
+def _text(value: Value) -> str:
+    """Writes a value with all digits that matter, whole numbers without a point."""
+    if isinstance(value, str):
+        return value
+    return f"{value:.0f}" if float(value).is_integer() else f"{value:.7g}"

@@ -1,0 +1,213 @@
+"""A sheet of markers: as many as fit on the paper, their numbers, and a bar to check the print.
+
+Numbers are also written in words: a 6 looks like a 9 from the other side, "six" does not.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.base.errors import UsageError
+from vsense.vision.markers.dictionary import SquareFamily
+from vsense.vision.markers.families import MarkerFamily
+from vsense.vision.markers.paper import Fill, Floats, Page, Text, dashed_circle, line
+
+AnyFamily = MarkerFamily | SquareFamily
+
+
+def shapes(family: AnyFamily, tag: int) -> list[Fill]:
+    """Returns a marker's black and white parts, seen from above; raises FamilyError.
+
+    The corners are in mm in the family frame moved to the disc's centre: +x is the driving
+    direction, +y the left.
+    """
+    if isinstance(family, MarkerFamily):
+        black = family.polygon_mm
+        turn = 0.0
+    else:
+        half = family.size_mm / 2.0
+        black = np.array(((-half, -half), (half, -half), (half, half), (-half, half)))
+        turn = -math.radians(family.heading_deg)
+    cells = list(_white_cells(family.bits(tag), family.cell_mm))
+    fills = [Fill([black], 0.0), *([Fill(cells, 1.0)] if cells else [])]
+    return [_moved(fill, turn, -family.disc_centre_mm) for fill in fills]
+
+
+def _white_cells(bits: NDArray[np.bool_], cell_mm: float) -> Iterator[Floats]:
+    """Yields rectangles around the runs of white cells of each row."""
+    half = len(bits) / 2.0
+    for row, cells in enumerate(bits):
+        steps = np.diff(np.concatenate(((0,), cells.astype(np.int8), (0,))))
+        front, back = (half - row) * cell_mm, (half - row - 1) * cell_mm
+        for first, end in zip(np.flatnonzero(steps == 1), np.flatnonzero(steps == -1)):
+            left, right = (half - first) * cell_mm, (half - end) * cell_mm
+            yield np.array(((back, right), (front, right), (front, left), (back, left)))
+
+
+def _moved(fill: Fill, turn_rad: float, shift_mm: Floats) -> Fill:
+    c, s = math.cos(turn_rad), math.sin(turn_rad)
+    rotation = np.array(((c, s), (-s, c)))
+    return Fill([polygon @ rotation + shift_mm for polygon in fill.polygons], fill.grey)
+
+
+_SMALL = [
+    "zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten",
+    "eleven", "twelve", "thirteen", "fourteen", "fifteen", "sixteen", "seventeen", "eighteen",
+    "nineteen",
+]  # fmt: skip
+_TENS = ["twenty", "thirty", "forty", "fifty", "sixty", "seventy", "eighty", "ninety"]
+
+
+def in_words(number: int) -> str:
+    """Returns a number from 0 to 999,999 in English words."""
+    if number < 20:
+        return _SMALL[number]
+    if number < 100:
+        tens = _TENS[number // 10 - 2]
+        return f"{tens}-{_SMALL[number % 10]}" if number % 10 else tens
+    if number < 1000:
+        tail = f" and {in_words(number % 100)}" if number % 100 else ""
+        return f"{_SMALL[number // 100]} hundred{tail}"
+    rest = number % 1000
+    link = " and " if rest < 100 else " "
+    return f"{in_words(number // 1000)} thousand" + (link + in_words(rest) if rest else "")
+
+
+PAPERS_MM = {"a4": (210.0, 297.0), "letter": (215.9, 279.4)}
+
+SMALLEST_MM = 10.0
+
+_MARGIN_MM = 9.0
+"""Home printers leave up to 6 mm of each edge white."""
+_HEAD_MM = 6.0
+_FOOT_MM = 12.0
+_LABEL_MM = 6.0
+_GAP_MM = 5.0
+_BAR_MM = 100.0
+_CAPTION_MM = 3.2
+_NUMBER_SHARE, _NUMBER_PLACE, _NUMBER_GREY = 0.035, 0.93, 0.45
+"""Of the number on the disc: size as a share of the diameter, place of its base line as a share of
+the radius, and grey."""
+
+
+def largest_mm(paper: str) -> float:
+    """Returns the diameter of the largest disc that fits on a paper."""
+    width, height = PAPERS_MM[paper]
+    high = height - 2.0 * _MARGIN_MM - _HEAD_MM - _FOOT_MM - _LABEL_MM - _GAP_MM
+    return math.floor(min(width - 2.0 * _MARGIN_MM - _GAP_MM, high))
+
+
+def pages(
+    family: AnyFamily,
+    tags: Sequence[int],
+    size_mm: float,
+    paper: str,
+    names: Mapping[int, str] | None = None,
+) -> list[Page]:
+    """Lays out the markers of some tags, with discs of `size_mm`, on a paper of `PAPERS_MM`.
+
+    `names` are of those who will wear them, by tag.
+
+    Raises:
+        UsageError: A marker of that size does not fit on the paper, or cannot be cut.
+        FamilyError: The family has no such tag.
+    """
+    if not SMALLEST_MM <= size_mm <= largest_mm(paper):
+        raise UsageError(
+            f"a marker of {size_mm:g} mm: expected {SMALLEST_MM:g} to {largest_mm(paper):g} mm"
+            f" on {paper} paper"
+        )
+    width, height = PAPERS_MM[paper]
+    wide, high = size_mm + _GAP_MM, size_mm + _GAP_MM + _LABEL_MM
+    columns = int((width - 2.0 * _MARGIN_MM) // wide)
+    rows = int((height - 2.0 * _MARGIN_MM - _HEAD_MM - _FOOT_MM) // high)
+    left = (width - columns * wide) / 2.0
+    top = height - _MARGIN_MM - _HEAD_MM
+    per_page = columns * rows
+    count = math.ceil(len(tags) / per_page)
+    made = []
+    for number in range(count):
+        page = Page(width, height)
+        _frame(page, f"{family.name}, disc {size_mm:g} mm, page {number + 1} of {count}")
+        for place, tag in enumerate(tags[number * per_page : (number + 1) * per_page]):
+            row, column = divmod(place, columns)
+            x = left + (column + 0.5) * wide
+            y = top - row * high - wide / 2.0
+            _marker(page, family, tag, size_mm, x, y)
+            page.items.extend(_caption(tag, (names or {}).get(tag, ""), size_mm, x, y))
+        made.append(page)
+    return made
+
+
+def _marker(
+    page: Page, family: AnyFamily, tag: int, size_mm: float, x_mm: float, y_mm: float
+) -> None:
+    """Draws a marker that drives up the page, with its cut line, marks and label."""
+    radius = size_mm / 2.0
+    scale = size_mm / family.disc_diameter_mm
+    for fill in shapes(family, tag):
+        # The driving direction (+x) goes up the page, the robot's left (+y) to the left.
+        turned = [
+            np.stack((x_mm - scale * p[:, 1], y_mm + scale * p[:, 0]), axis=-1)
+            for p in fill.polygons
+        ]
+        page.items.append(Fill(turned, fill.grey))
+    page.items.extend(dashed_circle(x_mm, y_mm, radius, 0.1))
+    for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+        ends = [value for r in (radius + 0.5, radius + 2.2) for value in (dx * r, dy * r)]
+        page.items.append(line(x_mm + ends[0], y_mm + ends[1], x_mm + ends[2], y_mm + ends[3], 0.2))
+    page.items.append(_own_number(tag, size_mm, x_mm, y_mm))
+
+
+def _own_number(tag: int, size_mm: float, x_mm: float, y_mm: float) -> Text:
+    """A tag's number on the disc itself, in grey, at the rear: cut out, it still tells.
+
+    It stands where every family is white, more than a cell away from what is black.
+    """
+    radius, high = size_mm / 2.0, size_mm * _NUMBER_SHARE
+    number = Text(0.0, 0.0, high, str(tag), _NUMBER_GREY)
+    return replace(number, x_mm=x_mm - number.width_mm / 2.0, y_mm=y_mm - radius * _NUMBER_PLACE)
+
+
+def _caption(tag: int, name: str, size_mm: float, x_mm: float, y_mm: float) -> list[Text]:
+    """What stands below a marker, no wider than it is: its number and name, and it in words."""
+    head = f"{tag}   {name}".rstrip()
+    one = Text(0.0, 0.0, min(_CAPTION_MM, size_mm / 16.0), f"{head}   {in_words(tag)}")
+    lines = (
+        [one]
+        if one.width_mm <= size_mm
+        else [replace(one, size_mm=0.8 * one.size_mm, text=text) for text in (head, in_words(tag))]
+    )
+    fitted = [replace(text, size_mm=_fitting(text, size_mm)) for text in lines]
+    below = y_mm - size_mm / 2.0 - _GAP_MM / 2.0
+    return [
+        replace(text, x_mm=x_mm - size_mm / 2.0, y_mm=below - (1.0 + 1.25 * row) * lines[0].size_mm)
+        for row, text in enumerate(fitted)
+    ]
+
+
+def _fitting(text: Text, width_mm: float) -> float:
+    """The size at which a text is no wider than a length."""
+    return text.size_mm * min(1.0, width_mm / text.width_mm)
+
+
+def _frame(page: Page, title: str) -> None:
+    """Draws the page's title and the bar that shows whether the printer kept the scale."""
+    top = page.height_mm - _MARGIN_MM - 3.0
+    page.items.append(Text(_MARGIN_MM, top, 3.2, f"vsense markers: {title}"))
+    left, base = _MARGIN_MM, _MARGIN_MM + 1.5
+    page.items.append(line(left, base, left + _BAR_MM, base, 0.3))
+    for step in range(11):
+        high = 3.0 if step % 5 == 0 else 1.8
+        x = left + step * _BAR_MM / 10.0
+        page.items.append(line(x, base - 0.15, x, base + high, 0.3))
+    advice = "This bar must measure 100 mm:"
+    page.items.append(Text(left + _BAR_MM + 4.0, base + 2.6, 3.2, advice))
+    page.items.append(
+        Text(left + _BAR_MM + 4.0, base - 1.6, 3.2, "print at 100 %, not fit to page")
+    )

@@ -1,0 +1,309 @@
+"""Finding square markers of unknown size and place, ArUco's and AprilTag's: corners and tags.
+
+A local threshold at several scales separates dark from light; every contour's hull is reduced to
+the smallest quadrilateral around it. Where white cells break through a blurred marker's black
+frame, the hull stays as it is. Markers of a known size that robots carry are found much faster, by
+`detector`.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.vision.markers.dictionary import Codes, Floats
+from vsense.vision.tracking.squares_edges import Sides, fit_local_corners, fit_sides
+from vsense.vision.tracking.squares_words import WordReader
+
+_WINDOW = 0.9
+_NEXT_WINDOW = 2.4
+_GREATEST_WINDOW_PX = 51
+_ENOUGH_PX = 10.0
+_NOISY = 5.0
+_NOISE_ROWS = 32
+
+_DARKNESS, _LEAST_STEP_GREY, _NOISE_STEP = 0.96, 3.0, 2.0
+"""Dark is below this share of the local mean, less so many grey values, or less so many times the
+picture's noise where that is more."""
+_FULLNESS = 0.8
+"""Least share of a quadrilateral that the hull fills."""
+_SLIMNESS = 0.4
+"""Least width of a thing, as a share of the least side."""
+
+
+def find_quads(
+    image: NDArray[np.uint8], least_px: float, most_px: float, noise: float | None = None
+) -> Floats:
+    """Finds quadrilaterals that are darker than what is around them in a (height, width) picture.
+
+    Large ones are looked for in the picture at half its resolution. The shortest and the longest
+    side of a marker are given as seen face to face; `noise` is the picture's, where it is known.
+
+    Returns:
+        (n, 4, 2) pixels: the corners, clockwise in the picture.
+    """
+    if least_px >= 2.0 * _ENOUGH_PX:
+        half = cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+        small = find_quads(np.asarray(half, dtype=np.uint8), 0.5 * least_px, 0.5 * most_px)
+        return 2.0 * small + 0.5
+    noise = noise_level(image) if noise is None else noise
+    if noise > _NOISY:
+        image = np.asarray(cv2.GaussianBlur(image, (5, 5), 0.9), dtype=np.uint8)
+        noise *= 0.4
+    step = round(max(_LEAST_STEP_GREY, _NOISE_STEP * noise))
+    found = [
+        quad
+        for window in _windows(least_px, most_px)
+        for quad in _quads(_dark(image, window, step), least_px, most_px)
+    ]
+    quads = np.array(found, dtype=np.float64).reshape(-1, 4, 2)
+    turned = area(quads) < 0.0
+    quads[turned] = quads[turned, ::-1]
+    return quads
+
+
+def _dark(image: NDArray[np.uint8], window: int, step: int) -> NDArray[np.uint8]:
+    mean = cv2.boxFilter(image, -1, (window, window))
+    level = cv2.addWeighted(mean, _DARKNESS, mean, 0.0, -float(step))
+    return np.asarray(cv2.compare(image, level, cv2.CMP_LT), dtype=np.uint8)
+
+
+def _quads(dark: NDArray[np.uint8], least_px: float, most_px: float) -> list[NDArray[np.float32]]:
+    contours, _ = cv2.findContours(dark, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)
+    thin, least, most = _SLIMNESS * least_px, least_px**2 / 4.0, 2.0 * most_px**2
+    found = []
+    for contour in contours:
+        if len(contour) < 4:
+            continue
+        _, _, width, height = cv2.boundingRect(contour)
+        if max(width, height) < least_px or min(width, height) < thin:
+            continue
+        hull = cv2.convexHull(contour)
+        filled = cv2.contourArea(hull)
+        if len(hull) < 4 or not least < filled < most:
+            continue
+        quad = np.asarray(cv2.approxPolyN(hull, 4, ensure_convex=True), dtype=np.float32)
+        quad = quad.reshape(-1, 2)
+        if len(quad) == 4 and filled > _FULLNESS * cv2.contourArea(quad):
+            found.append(quad)
+    return found
+
+
+def area(quads: Floats) -> Floats:
+    """Returns the area of (n, 4, 2) quadrilaterals, positive where clockwise in the picture."""
+    x, y = quads[..., 0], quads[..., 1]
+    cross = x * np.roll(y, -1, axis=1) - np.roll(x, -1, axis=1) * y
+    return np.asarray(0.5 * cross.sum(axis=1))
+
+
+def lengths(quads: Floats) -> Floats:
+    """Returns the (n, 4) lengths of the sides of (n, 4, 2) quadrilaterals."""
+    side = np.roll(quads, -1, axis=1) - quads
+    return np.asarray(np.hypot(side[..., 0], side[..., 1]))
+
+
+def noise_level(image: NDArray[np.uint8]) -> float:
+    """Returns the standard deviation of the noise, from neighbours on a part of the rows."""
+    rows = image[:: max(len(image) // _NOISE_ROWS, 1)].astype(np.int16)
+    second = rows[:, 2:] - 2 * rows[:, 1:-1] + rows[:, :-2]
+    return float(1.4826 * np.median(np.abs(second)) / np.sqrt(6.0)) if second.size else 0.0
+
+
+def _windows(least_px: float, most_px: float) -> list[int]:
+    """Returns the widths of the local means: each is right for markers about its own size."""
+    windows: list[int] = []
+    width = _WINDOW * least_px
+    while not windows or (width < most_px and windows[-1] < _GREATEST_WINDOW_PX):
+        windows.append(min(2 * round(width / 2.0) + 1, _GREATEST_WINDOW_PX))
+        width *= _NEXT_WINDOW
+    return windows
+
+
+SQUARE = np.dtype(
+    [
+        ("tag", "i4"),
+        ("corners_px", "f8", (4, 2)),
+        ("error", "f4"),
+        ("margin", "f4"),
+        ("residual_px", "f8"),
+        ("blur_px", "f8"),
+    ]
+)
+"""One square marker in one picture.
+
+`tag` is the number; `corners_px` the corners of the black
+square as seen upright: upper left, upper right, lower right, lower left; `error` and `margin` as
+in DETECTION; `residual_px` the root mean square distance of the edges found to the fitted sides;
+`blur_px` the standard deviation of the point spread across them.
+"""
+
+_PASSES = ((0.12, 1.6, 6.0, 12, 13), (0.08, 1.6, 4.0, 20, 13))
+"""Each pass of the fit: how far to look [sides], its limits [px], normals and grey values."""
+
+LEAST_SIDE_PX = 10.0
+"""Side of the smallest marker that is looked for where the size is not known."""
+
+_LEAST_CONTRAST = 6.0
+_NOISE_CONTRAST = 0.7
+_LEAST_COVERAGE = 0.5
+_LEAST_STEP = 0.15
+_LEAST_CELL_PX = 0.9
+_SLIMMEST = 0.15
+_SHORT, _CLEARER, _CROOKED = 4, 3.2, 0.008
+"""Words of so many cells a side are few, and other things may look like one: the letter P, whose
+hole is a word's only white cells. What is nearer to its word than to the next by less than so many
+times its error, and has sides as crooked as that, as a share of their length, is no marker. Markers
+that read as badly lie in a glare, and have straight sides."""
+_SAME = 0.05
+_BORDER_PX = 1.0
+_TOGETHER = 4096
+"""Candidates that are fitted or read together, in some 300 MB: a textured picture of 50 megapixels
+has hundreds of thousands."""
+
+
+class SquareFinder:
+    """Finds the square markers of one dictionary, whatever their tags and sizes."""
+
+    def __init__(self, codes: Codes) -> None:
+        """Raises FamilyError, see `prepare_words`."""
+        self._reader = WordReader(codes)
+        self._span = codes.cells + 2
+
+    def find(
+        self,
+        image: NDArray[np.uint8],
+        least_px: float = LEAST_SIDE_PX,
+        most_px: float | None = None,
+        local_corners: bool = False,
+    ) -> NDArray[np.void]:
+        """Returns the markers of a (height, width) uint8 picture, as SQUARE rows.
+
+        Markers with the same tag are separate rows; one marker is one row.
+
+        Args:
+            least_px: Shortest side to look for, seen face to face.
+            most_px: Longest side; None: as long as the picture.
+            local_corners: Follow sides that a lens or the paper bends, see
+                `squares_edges.fit_local_corners`; lines through whole sides are more precise.
+        """
+        longest = float(max(image.shape)) if most_px is None else most_px
+        noise = noise_level(image)
+        quads = find_quads(image, least_px, longest, noise)
+        if len(quads) == 0:
+            return np.zeros(0, dtype=SQUARE)
+        fitted = [self._fit(image, quads[part], noise) for part in _parts(len(quads))]
+        sides = Sides(*map(np.concatenate, zip(*fitted)))
+        sides = sides.keep(_distinct(sides))
+        if len(sides.corners_px) == 0:
+            return np.zeros(0, dtype=SQUARE)
+        read = [self._read(image, sides.keep(part)) for part in _parts(len(sides.corners_px))]
+        found = _single(np.concatenate(read))
+        if local_corners and len(found):
+            found["corners_px"] = fit_local_corners(image, found["corners_px"])
+        return found
+
+    def _fit(self, image: NDArray[np.uint8], quads: Floats, noise: float) -> Sides:
+        """Fits (n, 4, 2) candidates and keeps those that may be markers."""
+        sides = _refine(image, quads)
+        return sides.keep(self._plausible(image, sides, noise))
+
+    def _read(self, image: NDArray[np.uint8], sides: Sides) -> NDArray[np.void]:
+        """Reads fitted quadrilaterals, n > 0; returns those that are markers, as SQUARE."""
+        read = self._reader.read(self._reader.cells(image, sides.corners_px), self._blur(sides))
+        found = _rows(sides, read)
+        side_px = lengths(found["corners_px"]).mean(axis=1)
+        doubtful = found["residual_px"] > _CROOKED * side_px
+        doubtful &= found["margin"] < 1.0 + _CLEARER * found["error"]
+        doubtful &= self._span - 2 <= _SHORT
+        return np.asarray(found[(read["sure"] != 0) & ~doubtful])
+
+    def _plausible(self, image: NDArray[np.uint8], sides: Sides, noise: float) -> NDArray[np.bool_]:
+        """Which fitted quadrilaterals are black on white, large enough and whole."""
+        corners = sides.corners_px
+        length = lengths(corners)
+        contrast = max(_LEAST_CONTRAST, _NOISE_CONTRAST * noise)
+        high, wide = image.shape
+        inside = (corners > _BORDER_PX) & (corners < np.array([wide, high]) - 1 - _BORDER_PX)
+        return np.asarray(
+            (sides.contrast.min(axis=1) > contrast)
+            & (sides.step > _LEAST_STEP * sides.contrast).all(axis=1)
+            & (sides.coverage.min(axis=1) > _LEAST_COVERAGE)
+            & (length.min(axis=1) > _LEAST_CELL_PX * self._span)
+            & (length.min(axis=1) > _SLIMMEST * length.max(axis=1))
+            & (area(corners) > 0.0)
+            & inside.all(axis=(1, 2))
+        )
+
+    def _blur(self, sides: Sides) -> Floats:
+        """Returns (n, 2) point spreads along the first and the second side, in cells."""
+        corners = sides.corners_px
+        length = lengths(corners)
+        cell = (length + np.roll(length, -2, axis=1))[:, :2] / (2.0 * self._span)
+        across = (sides.blur_px + np.roll(sides.blur_px, -2, axis=1))[:, :2] / 2.0
+        return np.asarray(across[:, ::-1] / cell)
+
+
+def _rows(sides: Sides, read: NDArray[np.void]) -> NDArray[np.void]:
+    found = np.zeros(len(read), dtype=SQUARE)
+    for name in ("tag", "error", "margin"):
+        found[name] = read[name]
+    turned = (np.arange(4) - read["turn"][:, np.newaxis]) % 4
+    found["corners_px"] = sides.corners_px[np.arange(len(found))[:, np.newaxis], turned]
+    found["residual_px"] = np.sqrt((sides.residual_px**2).mean(axis=1))
+    found["blur_px"] = sides.blur_px.mean(axis=1)
+    return found
+
+
+def _refine(image: NDArray[np.uint8], quads: Floats) -> Sides:
+    """Fits the sides of (n, 4, 2) candidates; those that run away are dropped."""
+    none = np.zeros((len(quads), 4))
+    sides = Sides(quads, none, none, none, none, none)
+    for share, least, most, samples, steps in _PASSES:
+        start = sides.corners_px
+        if len(start) == 0:
+            break
+        across = np.abs(area(start))[:, np.newaxis] / np.maximum(lengths(start), 1.0)
+        reach = np.clip(share * across, least, most)
+        sides = fit_sides(image, start, reach, samples, steps)
+        moved = np.hypot(*np.moveaxis(sides.corners_px - start, -1, 0)).max(axis=1)
+        steady = np.isfinite(moved) & (moved < 3.0 * reach.max(axis=1))
+        sides = sides.keep(steady & (sides.contrast.min(axis=1) > _LEAST_CONTRAST))
+    return sides
+
+
+def _distinct(sides: Sides) -> NDArray[np.intp]:
+    """Returns the best of those fits that are nearly the same."""
+    centre, size = sides.corners_px.mean(axis=1), np.sqrt(np.abs(area(sides.corners_px)))
+    by_x = np.argsort(centre[:, 0], kind="stable")
+    x = centre[by_x, 0]
+    reach = _SAME * size
+    # Only what lies in the same columns is compared: thousands of candidates have few neighbours.
+    first = np.searchsorted(x, centre[:, 0] - reach)
+    last = np.searchsorted(x, centre[:, 0] + reach, side="right")
+    kept = np.zeros(len(size), dtype=bool)
+    for row in np.argsort(sides.residual_px.sum(axis=1), kind="stable"):
+        near = by_x[first[row] : last[row]]
+        near = near[kept[near]]
+        gap = np.hypot(*(centre[near] - centre[row]).T)
+        alike = np.abs(size[near] / size[row] - 1.0) < _SAME
+        kept[row] = not (alike & (gap < reach[row])).any()
+    return np.flatnonzero(kept)
+
+
+def _parts(count: int) -> list[slice]:
+    """Divides so many candidates into parts that fit the memory."""
+    return [slice(first, first + _TOGETHER) for first in range(0, count, _TOGETHER)]
+
+
+def _single(found: NDArray[np.void]) -> NDArray[np.void]:
+    """Keeps the clearest reading of each place; the same tag elsewhere is another marker."""
+    found = found[np.argsort(-found["margin"], kind="stable")]
+    centre, size = found["corners_px"].mean(axis=1), np.sqrt(np.abs(area(found["corners_px"])))
+    kept: list[int] = []
+    for row in range(len(found)):
+        gap = np.hypot(*(centre[kept] - centre[row]).T)
+        if not (gap < 0.5 * np.minimum(size[kept], size[row])).any():
+            kept.append(row)
+    found = found[kept]
+    return found[np.lexsort((*found["corners_px"][:, 0].T, found["tag"]))]

@@ -1,0 +1,132 @@
+"""Virtual LEDs: the colour that a robot shows to the virtual sensors of the others.
+
+    <virtual_leds_actuator implementation="default" />
+
+Three levels, red, green and blue, 0 to 255 each; 0, 0, 0 is dark. The controller's name for it is
+"led_color". A setting of quality counts full brightness as 1: `noise_level="0.05"` is +-12.75.
+
+ARGoS's elements are single LEDs, each of which a camera sees as a blob:
+
+    <epuck_rgb_leds medium="leds" />   "rgb_leds": red, green, blue of the LED front left, then
+                                       front right, then back
+    <epuck_base_leds medium="leds" />  "base_leds": 8 levels, 0 off, else red, clockwise from the
+                                       front right
+    <leds medium="leds" />             "leds": red, green, blue of the 8 of the ring,
+                                       counter-clockwise from the front left, then of those 3
+
+Source: argos3-epuck 66cb8d9, epuck_rgb_leds_default_actuator.cpp lines 54-58,
+epuck_base_leds_default_actuator.cpp lines 58-70; argos3 421bd76, leds_default_actuator.cpp.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.base.native import kernel_ffi, kernels
+from vsense.base.xml.element import Element
+from vsense.world.actuators.base import ApplyFunction, Rows, VirtualActuator
+from vsense.world.sensors.base import Robots, Scope
+from vsense.world.sensors.geometry import rows_of
+from vsense.world.sensors.quality import Floats, Scale
+from vsense.world.world import ROBOT_LEDS, World
+
+ELEMENTS = ("virtual_leds_actuator",)
+ARGOS_ELEMENTS = ("epuck_rgb_leds", "epuck_base_leds", "leds")
+
+_FULL = 255.0
+_BRIGHTNESS = Scale(unit=_FULL, low=0.0, high=_FULL)
+_SWITCHES = Scale(unit=0.0, low=0.0, high=_FULL)
+_RING = 8
+"""The first LEDs of `World.led_colors`; the coloured ones follow."""
+_RED = np.array([255, 0, 0], dtype=np.uint8)
+
+
+@dataclass(frozen=True, slots=True)
+class LedsActuator:
+    """Sets the robots' colours; see `VirtualActuator`."""
+
+    name: str = "led_color"
+    layout: str = "3*u1"
+    scale: Scale = _BRIGHTNESS
+
+    def apply(self, world: World, rows: Rows, values: Floats, increments: Floats) -> None:
+        """Shows the colours; see `VirtualActuator.apply`."""
+        levels = kernel_ffi.from_buffer("double[]", np.rint(values))
+        # It owns what C is pointed to: without a name it would be gone before the call.
+        shine = _Shine(world, rows)
+        kernels.vs_shine_show(shine.cdata, kernel_ffi.NULL, levels, kernel_ffi.NULL)
+
+    def kernel(self, world: World, robots: Robots) -> ApplyFunction:
+        """See `vsense/world/actuators/base.py`."""
+        shine = _Shine(world, rows_of(world, robots))
+        return ApplyFunction(kernels, "vs_shine_show", shine.cdata, kept=shine)
+
+
+class _Shine:
+    """Where robots' colours go: `cdata` is a `struct vs_shine *`."""
+
+    def __init__(self, world: World, rows: Rows) -> None:
+        """`rows` (n,) are the robots' in the world; it holds until an entity changes."""
+        self._rows = np.ascontiguousarray(rows, dtype=np.int32)
+        self.cdata: Any = kernel_ffi.new("struct vs_shine *")
+        self.cdata.robots = len(rows)
+        self.cdata.rows = kernel_ffi.from_buffer("int32_t[]", self._rows)
+        self.cdata.colors = kernel_ffi.cast("uint8_t *", world.leds.ctypes.data)
+
+
+@dataclass(frozen=True, slots=True)
+class SingleLedsActuator:
+    """Sets the LEDs from `first` on of `World.led_colors`, three numbers each."""
+
+    name: str
+    first: int
+    count: int
+    scale: Scale = _BRIGHTNESS
+
+    @property
+    def layout(self) -> str:
+        """Red, green and blue of one LED after the other."""
+        return f"{3 * self.count}*u1"
+
+    def apply(self, world: World, rows: Rows, values: Floats, increments: Floats) -> None:
+        """Lights them; see `VirtualActuator.apply`."""
+        colors = np.rint(values).astype(np.uint8).reshape(len(rows), self.count, 3)
+        _light(world, rows, self.first, colors)
+
+
+@dataclass(frozen=True, slots=True)
+class BaseLedsActuator:
+    """Switches the red LEDs of the ring."""
+
+    name: str = "base_leds"
+    layout: str = f"{_RING}*u1"
+    scale: Scale = _SWITCHES
+
+    def apply(self, world: World, rows: Rows, values: Floats, increments: Floats) -> None:
+        """Switches them; see `VirtualActuator.apply`."""
+        lit = np.rint(values[:, ::-1, None]) > 0.0
+        _light(world, rows, 0, np.where(lit, _RED, np.uint8(0)))
+
+
+def _light(world: World, rows: Rows, first: int, colors: NDArray[np.uint8]) -> None:
+    """Sets LEDs (m, k, 3) of robots (m,), and what the robot shows as a whole."""
+    world.led_colors[rows, first : first + colors.shape[1]] = colors
+    world.leds[rows] = world.led_colors[rows].max(axis=1)
+
+
+def from_xml(element: Element, scope: Scope) -> LedsActuator:
+    """Makes the actuator from its element."""
+    return LedsActuator()
+
+
+def from_argos(element: Element, scope: Scope) -> VirtualActuator:
+    """Makes the actuator that one of ARGoS's elements asks for."""
+    if element.name == "epuck_base_leds":
+        return BaseLedsActuator()
+    if element.name == "leds":
+        return SingleLedsActuator("leds", 0, ROBOT_LEDS)
+    return SingleLedsActuator("rgb_leds", _RING, ROBOT_LEDS - _RING)

@@ -1,0 +1,222 @@
+"""The physics of lab and simulation: differential drive by stepper motors, bodies in the way.
+
+Contacts are found in C (`c_src/host/vs_contacts.c`): with 15 robots in the pollutant experiment's
+arena a tick takes 2 us, where NumPy took 125 us.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vsense.base.native import kernel_ffi, kernels
+from vsense.world.entities import BODY_HEIGHT_M, BODY_RADIUS_M, Box, Cylinder
+
+Floats = NDArray[np.float64]
+
+_PAIR = np.dtype([("robot", "u4"), ("other", "u4")])
+"""`struct vs_pair`."""
+
+
+class Neighbourhood:
+    """The pairs that are near enough to touch or to be sensed; see `struct vs_near`.
+
+    Attributes:
+        robots: how many of the bodies can sense and give way: the first ones.
+        cdata: the `struct vs_near`, for calls of the C library.
+        room: of how many pairs there may be.
+    """
+
+    def __init__(self, robots: int, boxes: ArrayLike, radii_m: ArrayLike) -> None:
+        """`boxes` as for `Physics`; `radii_m` (n,) of every body, robots first."""
+        table = np.asarray(boxes, dtype=np.float64).reshape(-1, 5)
+        axis = np.stack([np.cos(table[:, 2]), np.sin(table[:, 2])], axis=1)
+        radii = np.ascontiguousarray(radii_m, dtype=np.float64)
+        self.robots = robots
+        self.room = robots * (len(radii) + len(table))
+        # Pages that no pair ever reaches are never taken from the machine.
+        self._kept = (
+            radii,
+            np.ascontiguousarray(np.hstack([table[:, :2], axis, table[:, 3:] / 2])),
+            np.zeros((len(radii), 2)),
+            np.empty(max(self.room, 1), dtype=_PAIR),
+            np.empty(len(radii), dtype=np.uint32),
+            np.empty(2 * len(radii), dtype=np.uint32),
+        )
+        near: Any = kernel_ffi.new("struct vs_near *")
+        near.robots, near.bodies, near.boxes = robots, len(radii), len(table)
+        near.radii_m, near.box_rows, near.searched_m = (
+            pointer("double", array) for array in self._kept[:3]
+        )
+        near.pairs = pointer("struct vs_pair", self._kept[3])
+        near.next, near.heads = (pointer("uint32_t", array) for array in self._kept[4:])
+        self.cdata = near
+
+
+class Contacts:
+    """Moves overlapping bodies apart by the least possible displacement; `struct vs_contacts`."""
+
+    def __init__(self, mobility: Floats, near: Neighbourhood) -> None:
+        """`mobility` (n,): how readily each body gives way, 0 not at all; may change meanwhile."""
+        size = near.room * kernel_ffi.sizeof("struct vs_contact")
+        self._kept = (
+            near,
+            mobility,
+            np.empty(size, dtype=np.uint8),
+            np.empty(size, dtype=np.uint8),
+            np.empty(2 * len(mobility)),
+            np.empty(len(mobility), dtype=np.uint32),
+        )
+        _, _, now, before, moved_m, newest = self._kept
+        self.cdata: Any = kernel_ffi.new("struct vs_contacts *")
+        self.cdata.near = near.cdata
+        self.cdata.mobility = pointer("double", mobility)
+        self.cdata.now = pointer("struct vs_contact", now)
+        self.cdata.before = pointer("struct vs_contact", before)
+        self.cdata.moved_m = pointer("double", moved_m)
+        self.cdata.newest = pointer("uint32_t", newest)
+
+
+def pointer(kind: str, array: NDArray[Any]) -> Any:
+    """The items of a contiguous array as a C array, which is valid as long as the array lives."""
+    return kernel_ffi.from_buffer(f"{kind}[]", array)
+
+
+AXLE_M: float = kernels.vs_axle_m
+"""Distance between the wheels' contact points. Source: epuck.md section 6."""
+STEP_M: float = kernels.vs_step_m
+"""Way of a wheel per motor step: 41 mm wheels, 1000 steps per turn. Source: epuck.md section 6."""
+TICK_NS: int = kernels.VS_TICK_NS
+"""Contacts are looked at this often, in ns."""
+MAX_SPEED_STEPS_S: int = kernels.VS_MAX_STEPS_S
+"""Fastest speed that the motor library takes. Source: epuck.md section 1.3."""
+TIMER_HZ = 10_000
+"""The e-puck's motor library makes a step every whole number of such ticks. Source: epuck.md 1.6,
+the firmware's motors.c."""
+
+
+class Physics:
+    """Robots that drive, objects and boxes that stand, and no overlap between them.
+
+    Bodies are discs. Contacts are without friction, so a robot pressed against a wall slides along
+    it and can turn on the spot. The same calls give the same poses.
+
+    Attributes:
+        poses: (n, 3) true x_m, y_m, yaw_rad, arena frame, yaw in (-pi, pi]: robots, then
+            objects. Holds for the time of the last `tick`. Objects may be moved by writing here;
+            nothing else may.
+        bodies: the same, then the cylinders.
+        near: the pairs of near bodies at these poses.
+        cdata: the `struct vs_physics *`.
+    """
+
+    def __init__(
+        self,
+        robots: ArrayLike,
+        objects: ArrayLike,
+        boxes: ArrayLike,
+        time_ns: int,
+        cylinders: ArrayLike = (),
+        built: Floats | None = None,
+    ) -> None:
+        """A scene that starts at rest, in the arena frame.
+
+        Args:
+            robots: (m, 3) x_m, y_m, yaw_rad of what drives.
+            objects: (k, 3) likewise of tagged bodies that do not drive.
+            boxes: (b, 5) x_m, y_m, yaw_rad, size_x_m, size_y_m of walls and boxes.
+            cylinders: (c, 3) x_m, y_m, radius_m of cylinders that stand.
+            built: (m, 3) how robots are built: way of the left and of the right wheel over that of
+                the nominal one, and length of the axle [m]; None: all as e-pucks should be.
+        """
+        driving, standing, posts = (
+            np.asarray(rows, dtype=np.float64).reshape(-1, 3)
+            for rows in (robots, objects, cylinders)
+        )
+        count = len(driving)
+        tagged = count + len(standing)
+        self.bodies = np.concatenate([driving, standing, posts])
+        self.bodies[tagged:, 2] = 0.0
+        self.poses = self.bodies[:tagged]
+        radii_m = np.full(len(self.bodies), BODY_RADIUS_M)
+        radii_m[tagged:] = posts[:, 2]
+        self.near = Neighbourhood(count, boxes, radii_m)
+        mobility = np.zeros(len(self.bodies))
+        self._contacts = Contacts(mobility, self.near)
+        self.cdata = self._make(mobility, count)
+        self._built: Floats | None = None
+        if built is not None:
+            self._build(np.ascontiguousarray(built, dtype=np.float64).reshape(count, 3))
+        kernels.vs_physics_init(self.cdata, time_ns)
+
+    def _build(self, built: Floats) -> None:
+        self._built = built
+        self.cdata.built = pointer("double", built)
+
+    def rebuild(self, robot: int, built: Sequence[float]) -> None:
+        """Has another robot stand in a row of `poses`, which is built so; see the constructor."""
+        if self._built is None:
+            self._build(np.tile((1.0, 1.0, AXLE_M), (len(self._kept[1]), 1)))
+        assert self._built is not None
+        self._built[robot] = built
+
+    def _make(self, mobility: Floats, count: int) -> Any:
+        """Makes the `struct vs_physics`; its arrays live as long as this object."""
+        wheels_m_s, commands = np.zeros((count, 2)), np.zeros((count, 2), dtype=np.int16)
+        rolled_ns, arcs = np.zeros(count, dtype=np.int64), np.zeros((count, 2))
+        self._kept = (mobility, wheels_m_s, commands, rolled_ns, arcs)
+        made: Any = kernel_ffi.new("struct vs_physics *")
+        made.contacts = self._contacts.cdata
+        made.poses = pointer("double", self.bodies)
+        made.mobility = pointer("double", mobility)
+        made.wheels_m_s = pointer("double", wheels_m_s)
+        made.commands = pointer("int16_t", commands)
+        made.rolled_ns = pointer("int64_t", rolled_ns)
+        made.arcs = pointer("double", arcs)
+        return made
+
+    def drive(self, robot: int, left_steps_s: int, right_steps_s: int, time_ns: int) -> None:
+        """Sets the speeds of a robot's wheels from `time_ns` on; `robot` is its row in `poses`.
+
+        A time before the last tick counts as the time of that tick.
+        """
+        kernels.vs_physics_drive(self.cdata, robot, left_steps_s, right_steps_s, time_ns)
+
+    def drive_all(self, commands: NDArray[np.int16], time_ns: int) -> None:
+        """As `drive`, for all robots at once; commands (m, 2), left and right."""
+        kernels.vs_physics_drive_all(self.cdata, pointer("int16_t", commands), time_ns)
+
+    def tick(self, time_ns: int) -> None:
+        """Moves everything on to `time_ns`, later than all calls before."""
+        kernels.vs_physics_tick(self.cdata, time_ns)
+
+    def advance(self, time_ns: int) -> None:
+        """Ticks every 10 ms up to `time_ns`, the last tick there."""
+        kernels.vs_physics_advance(self.cdata, time_ns)
+
+
+def motor_speed(steps_s: float) -> float:
+    """The speed [step/s] at which an e-puck's motor turns when it is commanded `steps_s`."""
+    commanded = int(abs(steps_s))
+    if commanded == 0:
+        return 0.0
+    return math.copysign(TIMER_HZ / (TIMER_HZ // min(commanded, MAX_SPEED_STEPS_S)), steps_s)
+
+
+def obstacles(boxes: Iterable[Box], cylinders: Iterable[Cylinder]) -> tuple[Floats, Floats]:
+    """Boxes and cylinders that do not hang above the robots, as `Physics` takes them."""
+    walls = [
+        (*box.position_m[:2], box.yaw_rad, *box.size_m[:2])
+        for box in boxes
+        if box.position_m[2] < BODY_HEIGHT_M
+    ]
+    posts = [
+        (*post.position_m[:2], post.radius_m)
+        for post in cylinders
+        if post.position_m[2] < BODY_HEIGHT_M
+    ]
+    return np.array(walls).reshape(-1, 5), np.array(posts).reshape(-1, 3)

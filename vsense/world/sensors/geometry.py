@@ -1,0 +1,158 @@
+"""Where things are as a robot sees them: distances, bearings, and the ring of sensors around it."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vsense.base.arena import POSE, wrap_angle
+from vsense.base.native import kernel_ffi, kernels
+from vsense.base.xml.element import Element
+from vsense.world.rays import MovingBodies
+from vsense.world.sensors.base import Robots
+from vsense.world.sensors.quality import Floats
+from vsense.world.world import World
+
+NEAREST_M = 0.01
+"""What grows without bound towards a point, such as 1/d^2, is constant within this distance."""
+
+RING_RADIUS_M = 0.036
+"""Where an e-puck's infrared sensors sit, from its centre. Source: iridia.md section 3."""
+RING_HEIGHT_M = 0.032
+"""Their height above the floor. Source: as above."""
+
+_MAX_RING: int = kernels.VS_LIGHT_SENSORS_MAX
+_PLACE_AT: int = POSE.fields["x_m"][1]  # type: ignore[index]
+"""Where a row of POSE has x_m, y_m, yaw_rad."""
+EPUCK_RING_DEG = (-17.2, -45.9, -90.0, -151.5, 151.5, 90.0, 45.8, 17.2)
+"""ps0..ps7, clockwise from the front right. Source: epuck.md section 6, from Webots."""
+_ARGOS_DIVISORS = (10.5884, 3.5999, 2.0, 1.2, 0.8571, 0.6667, 0.5806, 0.5247)
+"""pi through these are the angles that ARGoS reports. Source: iridia.md section 3."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Ring:
+    """Sensors around the body.
+
+    Attributes:
+        angles_rad: (k,) what controllers get, counter-clockwise from straight ahead, in (-pi, pi].
+        places_rad: (k,) where the sensors sit and look.
+    """
+
+    angles_rad: Floats
+    places_rad: Floats
+
+    @classmethod
+    def from_xml(cls, element: Element) -> Ring:
+        """Reads `vs:ring`: which sensors there are, and in which order.
+
+        "epuck" (default): ps0..ps7 of the real robot, as `vs_robot_sensor_angle_rad` of
+        controller.h has them. "argos": those of ARGoS, counter-clockwise, whose reported angles
+        are not quite where its simulated ones sit. A number: so many, evenly, counter-clockwise
+        from straight ahead.
+        """
+        expected = f"'epuck', 'argos' or a number from 1 to {_MAX_RING}"
+        text = element.text("vs:ring", "epuck", expected)
+        if text == "epuck":
+            angles: Floats = np.radians(np.array(EPUCK_RING_DEG))
+            return cls(angles, angles)
+        if text == "argos":
+            ring = cls.of_argos()
+            return cls(ring.angles_rad[::-1], ring.places_rad[::-1])
+        if not re.fullmatch("[0-9]{1,3}", text) or not 1 <= int(text) <= _MAX_RING:
+            raise element.error(f"{text[:60]!r} is not {expected}", "vs:ring")
+        angles = wrap_angle(2.0 * np.pi / int(text) * np.arange(float(text)))
+        return cls(angles, angles)
+
+    @classmethod
+    def of_argos(cls) -> Ring:
+        """Gives the ring of ARGoS's e-puck, with its places, in the real robot's order."""
+        even = np.pi / 16 + np.pi / 4 * np.arange(8.0)
+        return cls(wrap_angle(np.pi / np.array(_ARGOS_DIVISORS))[::-1], wrap_angle(even)[::-1])
+
+    def __len__(self) -> int:
+        return len(self.angles_rad)
+
+    def headings(self, robots: Robots) -> Floats:
+        """Directions in which the sensors of robots (n,) look: (n, k) [rad], not wrapped."""
+        headings: Floats = robots["yaw_rad"][:, None] + self.places_rad
+        return headings
+
+    def points(self, robots: Robots) -> Floats:
+        """Places of the sensors of robots (n,): (n, k, 3) [m] in the arena."""
+        headings = self.headings(robots)
+        # Each coordinate in one piece: `read` goes over them one by one.
+        points = np.moveaxis(np.empty((3, *headings.shape)), 0, -1)
+        points[..., 0] = robots["x_m"][:, None] + RING_RADIUS_M * np.cos(headings)
+        points[..., 1] = robots["y_m"][:, None] + RING_RADIUS_M * np.sin(headings)
+        points[..., 2] = RING_HEIGHT_M
+        return points
+
+
+class SensedScene:
+    """What sensors in C read of a world: `cdata` is a `struct vs_scene *`.
+
+    It holds until the next update of the world or change of an entity; the poses are not copied.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        robots: Robots,
+        rows: NDArray[np.intp] | None = None,
+        bodies: MovingBodies | None = None,
+    ) -> None:
+        """Robots (n,), and their rows in the world and its `bodies`, if they are asked for."""
+        lights = world.light_table()
+        self._kept = robots, lights, bodies
+        self.cdata: Any = kernel_ffi.new("struct vs_scene *")
+        self.cdata.first = kernel_ffi.cast("uint8_t *", robots.ctypes.data + _PLACE_AT)
+        self.cdata.stride, self.cdata.robots = robots.strides[0], len(robots)
+        self.cdata.lights, self.cdata.lights_count = lights.cdata, len(lights)
+        if rows is not None:
+            self._own = np.ascontiguousarray(rows, dtype=np.int32)
+            self.cdata.own = kernel_ffi.from_buffer("int32_t[]", self._own)
+        if bodies is not None:
+            self.cdata.obstacles = bodies.cdata
+
+
+def seen_from(robots: Robots, x_m: ArrayLike, y_m: ArrayLike) -> tuple[Floats, Floats]:
+    """Distance along the floor [m] and bearing [rad] of points as robots see them, (n, k) each.
+
+    Bearings are counter-clockwise from the robot's heading, in (-pi, pi]. The points are (k,) for
+    all robots or (n, k), each robot's own.
+    """
+    east = np.asarray(x_m, dtype=np.float64) - robots["x_m"][:, None]
+    north = np.asarray(y_m, dtype=np.float64) - robots["y_m"][:, None]
+    bearing = wrap_angle(np.arctan2(north, east) - robots["yaw_rad"][:, None])
+    return np.hypot(east, north), bearing
+
+
+def points_at(robots: Robots, ahead_m: ArrayLike, left_m: ArrayLike) -> Floats:
+    """Points (k,) of the robots' own frame in the arena: (n, k, 2) [m]."""
+    ahead, left = np.asarray(ahead_m, dtype=np.float64), np.asarray(left_m, dtype=np.float64)
+    cosine, sine = np.cos(robots["yaw_rad"])[:, None], np.sin(robots["yaw_rad"])[:, None]
+    x = robots["x_m"][:, None] + ahead * cosine - left * sine
+    y = robots["y_m"][:, None] + ahead * sine + left * cosine
+    return np.stack((x, y), axis=-1)
+
+
+def rows_of(world: World, robots: Robots) -> NDArray[np.intp]:
+    """Rows of robots (n,) in `world.robots` and so in `world.bodies()`."""
+    tags = world.robots["tag"]
+    order = np.argsort(tags)
+    return np.asarray(order[np.searchsorted(tags, robots["tag"], sorter=order)])
+
+
+def field_of_view(element: Element) -> float:
+    """Reads `vs:field_of_view` [rad]; all around by default."""
+    return element.angle("vs:field_of_view", 0.1, 360.0, 360.0)
+
+
+def within(bearing_rad: Floats, field_of_view_rad: float) -> NDArray[np.bool_]:
+    """Which bearings, in (-pi, pi], lie within a field of view around 0."""
+    return np.asarray(np.abs(bearing_rad) <= field_of_view_rad / 2.0)

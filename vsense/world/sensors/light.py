@@ -1,0 +1,164 @@
+"""The light sensor: a ring around the robot that senses the experiment's virtual lights.
+
+    <virtual_light_sensor implementation="default" formula="epuck" vs:ring="epuck"
+        vs:range="3" vs:field_of_view="360" vs:angles="true" vs:occlusions="true" />
+
+Sensor "light", with k sensors 2 k numbers: the k readings, then the angle [rad] of each; or the
+readings alone with vs:angles="false". So a controller that reads the robot's own "light" finds the
+readings at the same places. `vs:ring` says which sensors there are (see geometry.py): "epuck"
+(default, 8 in the real robot's order), "argos" (8), or a number of even ones.
+
+    formula="thesis"   (default) sum of I^2/d^2 over the lights, d from each sensor to the light;
+                       closer than 1 cm it grows no more. Source: thesis 4.2.2
+    formula="generic"  the same, at most 1. Source: ARGoS's light sensor, iridia.md section 3
+    formula="epuck"    with D = d/I from the robot's centre on the floor: exp(-2 D), 0 beyond 2.5,
+                       times 1 - 2|a|/pi for a light |a| < pi/2 off the sensor's angle; summed, at
+                       most 1. Source: epuck_light, iridia.md section 3
+
+Robots, boxes and cylinders stand in the way: with "thesis" and "generic" of each sensor's own line
+to the light, also the robot's own body; with "epuck" of the line from its centre, other bodies.
+`vs:range` [m] and `vs:field_of_view` [deg] are limits of distance and of the angle off each
+sensor's axis; there are none by default. The unit of the quality settings is 1.
+
+ARGoS's `<epuck_light>` ("epuck", as is the foot-bot's) and `<light>` ("generic") give their 8
+readings in the real robot's order and unit, times 4096. As in ARGoS the sum of several lights is
+limited only after the noise. Source: argos3-epuck 66cb8d9, epuck_light_default_sensor.cpp lines
+160-190; argos3 421bd76, light_default_sensor.cpp.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from vsense.base.native import check, kernel_ffi, kernels
+from vsense.base.xml.element import Element
+from vsense.world.sensors.base import ReadFunction, Readings, Robots, Scope
+from vsense.world.sensors.geometry import (
+    NEAREST_M,
+    RING_HEIGHT_M,
+    RING_RADIUS_M,
+    Ring,
+    SensedScene,
+    field_of_view,
+    rows_of,
+)
+from vsense.world.sensors.quality import Floats, Scale
+from vsense.world.world import World
+
+ELEMENTS = ("virtual_light_sensor",)
+ARGOS_ELEMENTS = ("epuck_light", "footbot_light", "light")
+ARGOS_NOISE = ("noise_level",)
+
+FORMULAS = ("thesis", "generic", "epuck")
+
+FULL = 4096.0
+"""What the robot's own ring reads in the brightest light; ARGoS calls it 1. Source: controller.h"""
+
+_MAX_RANGE_M = 1000.0
+_MAX_NOISE = 1e6
+
+
+_KERNELS = {
+    "thesis": kernels.VS_LIGHT_AT_SENSORS,
+    "generic": kernels.VS_LIGHT_AT_SENSORS,
+    "epuck": kernels.VS_LIGHT_AT_CENTRE,
+}
+
+
+@dataclass(frozen=True)
+class LightSensor:
+    """Senses the lights of the world; `formula` is one of FORMULAS. See the module.
+
+    Lights farther away than `range_m`, or farther off a sensor's axis than half of
+    `field_of_view_rad`, are not sensed. Readings are multiplied by `gain`; `limited` ones end
+    at 1. The formulas are C (`c_src/host/vs_light.c`).
+    """
+
+    formula: str
+    ring: Ring
+    layout: str
+    scale: Scale
+    range_m: float = _MAX_RANGE_M
+    field_of_view_rad: float = 2.0 * np.pi
+    angles: bool = True
+    occlusions: bool = True
+    name: str = "light"
+    gain: float = 1.0
+    limited: bool = True
+
+    def read(self, world: World, robots: Robots) -> Readings:
+        """Reads the ring; see `VirtualSensor.read`."""
+        count = len(self.ring)
+        readings = np.empty((len(robots), 2 * count if self.angles else count))
+        readings[:, count:] = self.ring.angles_rad if self.angles else 0.0
+        scene = SensedScene(world, robots, rows_of(world, robots), world.bodies())
+        given = kernel_ffi.from_buffer("double[]", readings)
+        check(kernels.vs_light_read(self.cdata, scene.cdata, given), "lines of sight")
+        return readings
+
+    def kernel(self, world: World, robots: Robots) -> ReadFunction | None:
+        """See `vsense/world/sensors/base.py`."""
+        if self.angles:
+            return None
+        return ReadFunction(kernels, "vs_light_read", self.cdata, self.occlusions)
+
+    @cached_property
+    def cdata(self) -> Any:
+        """The `struct vs_light_ring *`."""
+        made: Any = kernel_ffi.new("struct vs_light_ring *")
+        made.formula, made.sensors = _KERNELS[self.formula], len(self.ring)
+        made.angles_rad = kernel_ffi.from_buffer("double[]", self._looking_rad)
+        made.radius_m, made.height_m, made.nearest_m = RING_RADIUS_M, RING_HEIGHT_M, NEAREST_M
+        made.range_m, made.view_rad = self.range_m, self.field_of_view_rad
+        made.most = 1.0 if self.formula != "thesis" and self.limited else np.inf
+        made.gain, made.occlusions = self.gain, self.occlusions
+        made.step = 2 * len(self.ring) if self.angles else len(self.ring)
+        return made
+
+    @cached_property
+    def _looking_rad(self) -> Floats:
+        angles = self.ring.angles_rad if self.formula == "epuck" else self.ring.places_rad
+        return np.ascontiguousarray(angles)
+
+
+def from_xml(element: Element, scope: Scope) -> LightSensor:
+    """Makes the sensor from its element."""
+    formula = element.choice("formula", FORMULAS, "thesis")
+    ring = Ring.from_xml(element)
+    angles = element.boolean("vs:angles", True)
+    readings, angles_sent = len(ring), len(ring) if angles else 0
+    high = np.inf if formula == "thesis" else 1.0
+    return LightSensor(
+        formula=formula,
+        ring=ring,
+        layout=f"{readings + angles_sent}*f4",
+        # The angles are facts about the robot, no measurements.
+        scale=Scale(
+            unit=(1.0,) * readings + (0.0,) * angles_sent,
+            low=(0.0,) * readings + (-np.pi,) * angles_sent,
+            high=(high,) * readings + (np.pi,) * angles_sent,
+        ),
+        range_m=element.number("vs:range", 0.001, _MAX_RANGE_M, "m", _MAX_RANGE_M),
+        field_of_view_rad=field_of_view(element),
+        angles=angles,
+        occlusions=element.boolean("vs:occlusions", True),
+    )
+
+
+def from_argos(element: Element, scope: Scope) -> LightSensor:
+    """Makes the sensor that one of ARGoS's elements asks for."""
+    ring = Ring.of_argos()
+    return LightSensor(
+        formula="generic" if element.name == "light" else "epuck",
+        ring=ring,
+        layout=f"{len(ring)}*f4",
+        scale=Scale(unit=FULL, low=0.0, high=FULL),
+        angles=False,
+        gain=FULL,
+        # Without noise nothing else limits it.
+        limited=element.number("noise_level", 0.0, _MAX_NOISE, default=0.0) == 0.0,
+    )
