@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+import vsense
+from vsense import _moved, api
 from vsense.base.native import kernels, lib
 
 ROOT = Path(__file__).parent.parent
@@ -42,7 +44,7 @@ ROOMS = (
 )
 """The folders of `vsense/`, from the top: each imports only from those below it."""
 
-LOOSE = {"__init__", "__main__", "_moved", "cli"}
+LOOSE = {"__init__", "__main__", "_moved", "api", "cli"}
 """The only modules that lie beside the rooms."""
 
 SHORT = {
@@ -180,6 +182,36 @@ def test_modules_import_in_one_direction() -> None:
 
 def test_only_the_seams_lie_loose() -> None:
     assert {path.stem for path in (ROOT / "vsense").glob("*.py")} == LOOSE
+
+
+def test_the_face_is_one_list() -> None:
+    """Of `from vsense import ...`: the table, the list, what type checkers see, and the page."""
+    tree = ast.parse((ROOT / "vsense" / "api.py").read_text())
+    typed = {
+        alias.asname or alias.name
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("vsense.")
+        for alias in node.names
+    }
+    page = (ROOT / "vsense" / "EXTENDING.md").read_text()
+    table = page.partition("| name | what it is |")[2].partition("\n\n")[0]
+    shown = set(re.findall(r"`(\w+)`", re.sub(r"^\| (.*?) \|.*$", r"\1", table, flags=re.M)))
+    assert set(api.PLACES) == set(api.__all__) == typed == shown
+    assert not set(api.__all__) & (set(ROOMS) | {name.split(".")[-1] for name in _moved.TABLE})
+    for name in api.__all__:
+        assert callable(getattr(vsense, name)) or name == "Robots"
+
+
+def test_nothing_of_ours_uses_the_face() -> None:
+    users = {
+        module
+        for module, path in MODULES.items()
+        if {n for n in imports(path) if n.removeprefix("vsense.") in api.PLACES}
+    }
+    assert users == {
+        "vsense.config.experiments.start.start",
+        "vsense.config.experiments.start.crowd",
+    }
 
 
 def test_no_public_class_name_twice() -> None:

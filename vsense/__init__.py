@@ -1,7 +1,24 @@
-"""vsense: virtual sensing for real robots."""
+"""vsense: virtual sensing for real robots.
 
-from vsense import _moved
+What people import is in `vsense.__all__`, and loaded when it is asked for (`vsense/api.py`).
+"""
+
+from typing import TYPE_CHECKING, Any
+
+from vsense import _moved, api
+
+if TYPE_CHECKING:
+    from vsense.api import *  # noqa: F403
 
 __version__ = "0.1.0"
+__all__ = api.__all__
 
 _moved.install()
+
+
+def __getattr__(name: str) -> Any:
+    return getattr(api, name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *api.__all__})

@@ -29,7 +29,7 @@ ELSEWHERE = {
     r"vsense robot keys --forget": "needs two keys: tests/robots",
     r"vsensed |iw |ping ": "runs on a robot",
     r"vsense cameras|cd lab\b|arv-fake|mkdir cameras": "needs cameras: tests/tools/camera_setup",
-    r"python3 -c \"from vsense.vision.cameras": "tests/tools/camera_setup/test_fake_camera.py",
+    r"python3 -c \"from vsense import Camera": "tests/tools/camera_setup/test_fake_camera.py",
     r"vsense calibrate rig": "needs pictures of a board: tests/vision/calibration",
     r"vsense track (resources|lab/)|vsense track resources": "needs cameras",
     r"vsense replay (?!.*--retrack)": "serves a page until Ctrl-C: tests/monitor/ui",

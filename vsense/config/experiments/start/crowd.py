@@ -13,9 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.xml.element import Element
-from vsense.world.sensors.base import Robots, Scope
-from vsense.world.world import World
+from vsense import Element, Robots, Scope, World
 
 
 @dataclass

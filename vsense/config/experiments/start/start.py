@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vsense.world.entities import Zone
-from vsense.world.world import World
+from vsense import World, Zone
 
 
 class LoopFunctions:

@@ -1,0 +1,99 @@
+"""What people import from vsense: `from vsense import World`.
+
+Each name is loaded from its module when somebody asks for it, so that a sensor's file does not load
+the whole toolkit. Authors of sensors, actuators and loop functions find the records and seams that
+they need here; scripts find recordings, reports and campaigns. Modules may move; these names stay.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from vsense.base.errors import VsenseError
+    from vsense.base.terminal import Console, interruption
+    from vsense.base.xml.element import Element
+    from vsense.modes.lab.truth import read_truth
+    from vsense.modes.sim.engine import Engine
+    from vsense.modes.sim.job import Setup, Sweep
+    from vsense.monitor.recording.reader import open_recording
+    from vsense.studies.campaign.campaign import Campaign
+    from vsense.studies.campaign.campaign import run as run_campaign
+    from vsense.studies.report.report import make_report
+    from vsense.vision.cameras.camera import Camera
+    from vsense.world.actuators.base import VirtualActuator
+    from vsense.world.entities import Box, Cylinder, Light, VirtualRobot, Zone
+    from vsense.world.floor import Floor
+    from vsense.world.sensors.base import Robots, Scope, VirtualSensor
+    from vsense.world.sensors.quality import Scale
+    from vsense.world.world import World
+
+PLACES = {
+    "Box": "vsense.world.entities",
+    "Camera": "vsense.vision.cameras.camera",
+    "Campaign": "vsense.studies.campaign.campaign",
+    "Console": "vsense.base.terminal",
+    "Cylinder": "vsense.world.entities",
+    "Element": "vsense.base.xml.element",
+    "Engine": "vsense.modes.sim.engine",
+    "Floor": "vsense.world.floor",
+    "Light": "vsense.world.entities",
+    "Robots": "vsense.world.sensors.base",
+    "Scale": "vsense.world.sensors.quality",
+    "Scope": "vsense.world.sensors.base",
+    "Setup": "vsense.modes.sim.job",
+    "Sweep": "vsense.modes.sim.job",
+    "VirtualActuator": "vsense.world.actuators.base",
+    "VirtualRobot": "vsense.world.entities",
+    "VirtualSensor": "vsense.world.sensors.base",
+    "VsenseError": "vsense.base.errors",
+    "World": "vsense.world.world",
+    "Zone": "vsense.world.entities",
+    "interruption": "vsense.base.terminal",
+    "make_report": "vsense.studies.report.report",
+    "open_recording": "vsense.monitor.recording.reader",
+    "read_truth": "vsense.modes.lab.truth",
+    "run_campaign": "vsense.studies.campaign.campaign:run",
+}
+"""The module of each public name, and its name there where that is another one."""
+
+__all__ = [
+    "Box",
+    "Camera",
+    "Campaign",
+    "Console",
+    "Cylinder",
+    "Element",
+    "Engine",
+    "Floor",
+    "Light",
+    "Robots",
+    "Scale",
+    "Scope",
+    "Setup",
+    "Sweep",
+    "VirtualActuator",
+    "VirtualRobot",
+    "VirtualSensor",
+    "VsenseError",
+    "World",
+    "Zone",
+    "interruption",
+    "make_report",
+    "open_recording",
+    "read_truth",
+    "run_campaign",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in PLACES:
+        raise AttributeError(f"module 'vsense' has no attribute {name!r}")
+    module, _, original = PLACES[name].partition(":")
+    value = globals()[name] = getattr(importlib.import_module(module), original or name)
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(PLACES)
