@@ -20,10 +20,10 @@ from vsense.config.specs import Stage
 from vsense.modes.sim.simulation import Simulation
 from vsense.robots import argos_code, boards, build, finding
 from vsense.robots.compiling import BuildError
-from vsense.robots.inprocess import ControllerFailure, Robots
+from vsense.robots.inprocess import CompiledProgram, ControllerFailure
 from vsense.robots.link.table import Direction, Entry, Table
 from vsense.robots.link.wire import Wanted
-from vsense.robots.programs import CodeOptions, Program
+from vsense.robots.sources import CodeOptions, ProgramSources
 from vsense.run.programs import shared_objects
 from vsense.tools.bench.robot import HERE as BENCH
 from vsense.world.sensors.readings import SensorReadings
@@ -53,7 +53,7 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 @pytest.fixture(scope="module")
 def readings() -> Path:
-    return build.shared(Program((READINGS,), (FOLDER,), "readings_controller"))
+    return build.shared(ProgramSources((READINGS,), (FOLDER,), "readings_controller"))
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +61,7 @@ def plain() -> Path:
     """The same without exceptions and types at run time, as a board has it."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("CXXFLAGS", "-fno-exceptions -fno-rtti")
-        return build.shared(Program((READINGS,), (FOLDER,), "readings_controller"))
+        return build.shared(ProgramSources((READINGS,), (FOLDER,), "readings_controller"))
 
 
 class Robot:
@@ -89,7 +89,7 @@ class Robot:
         ]
         told = f"vs:sensors={declared[0]}\nvs:actuators={declared[1]}\n{more}<=params\n"
         told += f"@file={file}\n{params}>=\nvs:id={ID}\n"
-        self.robots = Robots(library, [TAG], Table(entries), STEP_NS, 7, {TAG: told})
+        self.robots = CompiledProgram(library, [TAG], Table(entries), STEP_NS, 7, {TAG: told})
         self.timestep = 0
         self.prox = [0] * 8
 
@@ -308,7 +308,7 @@ def test_what_it_throws_ends_it_and_is_told(
 
 
 def test_a_controller_may_catch_and_do_without(tmp_path: Path) -> None:
-    library = build.shared(Program((CATCHING,)))
+    library = build.shared(ProgramSources((CATCHING,)))
     robot = Robot(library, tmp_path / "f", declared=("epuck_light", "epuck_wheels"))
     without = Robot(library, tmp_path / "f", declared=("", "epuck_wheels"))
     for _ in range(4):
@@ -322,34 +322,34 @@ def test_a_controller_may_catch_and_do_without(tmp_path: Path) -> None:
 
 
 def test_one_library_may_hold_several(readings: Path, tmp_path: Path) -> None:
-    other = build.shared(Program((READINGS,), (FOLDER,), "other_controller"))
+    other = build.shared(ProgramSources((READINGS,), (FOLDER,), "other_controller"))
     assert "other" in Robot(other, tmp_path / "f").step()
     assert finding.complete([CATCHING], "", None).label == "catching_controller"
     assert finding.complete([READINGS], "", None).label == ""
     for label in ("", "nobody"):
-        unknown = build.shared(Program((READINGS,), (FOLDER,), label))
+        unknown = build.shared(ProgramSources((READINGS,), (FOLDER,), label))
         with pytest.raises(ControllerFailure, match="'other_controller', 'readings_controller'"):
             Robot(unknown, tmp_path / "f").step()
 
 
 def test_what_needs_no_exceptions_is_seen_in_code_only(tmp_path: Path) -> None:
-    assert argos_code.needs_runtime(Program((CATCHING,)))
-    assert not argos_code.needs_runtime(Program((READINGS,), (FOLDER,)))
+    assert argos_code.needs_runtime(ProgramSources((CATCHING,)))
+    assert not argos_code.needs_runtime(ProgramSources((READINGS,), (FOLDER,)))
     source, header = tmp_path / "a.cpp", tmp_path / "a.h"
     source.write_text('#include "a.h"\n// catch\n/* throw */ const char *a = "dynamic_cast";\n')
     header.write_text("")
-    assert not argos_code.needs_runtime(Program((source,)))
+    assert not argos_code.needs_runtime(ProgramSources((source,)))
     header.write_text("inline int f() { try { return 1; } catch (...) { return 2; } }\n")
-    assert argos_code.needs_runtime(Program((source,)))
+    assert argos_code.needs_runtime(ProgramSources((source,)))
 
 
 def test_a_controller_that_uses_the_simulator_is_told_with_its_line(tmp_path: Path) -> None:
     source = tmp_path / "a.cpp"
     source.write_text("\n#include <argos3/core/simulator/space/space.h>\n")
-    told = argos_code.explain_simulator(Program((source,)))
+    told = argos_code.explain_simulator(ProgramSources((source,)))
     assert "#ifndef VSENSE" in told
     assert told.splitlines()[1:] == [f"{source}:2: <argos3/core/simulator/space/space.h>"]
-    assert argos_code.explain_simulator(Program((READINGS,), (FOLDER,))) == ""
+    assert argos_code.explain_simulator(ProgramSources((READINGS,), (FOLDER,))) == ""
 
 
 EXPERIMENT = """<argos-configuration xmlns:vs="NAMESPACE">
@@ -513,7 +513,7 @@ def test_on_the_oldest_board_it_lives_and_fails_in_order(
     monkeypatch.delenv("XDG_CACHE_HOME")  # zig makes its C++ library once, which takes a minute
     source = tmp_path / "plain.cpp"
     source.write_text(PLAIN)
-    program = Program((source,) if name == "plain" else (CATCHING,))
+    program = ProgramSources((source,) if name == "plain" else (CATCHING,))
     assert argos_code.needs_runtime(program) == (name == "catching")
     tree = build.source_tree()
     made = tree.daemon(program, plain=True)

@@ -17,7 +17,7 @@ from vsense import cli
 from vsense.robots import boards
 from vsense.robots.build import source_tree
 from vsense.robots.compiling import HASH_DIGITS, BuildError, Toolchain
-from vsense.robots.programs import Program
+from vsense.robots.sources import ProgramSources
 from vsense.tools.bench import robot as robot_bench
 
 POLLUTANT = ROOT / "robot" / "controllers" / "pollutant.c"
@@ -65,7 +65,7 @@ def test_arm_daemon_runs_on_the_oldest_board_and_says_what_it_is(arm_daemon: Pat
     qemu = require_tool("qemu-arm", "qemu-user")
     command = [qemu, "-cpu", "arm926", str(arm_daemon), "--version"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
-    digest = source_tree().daemon(Program((POLLUTANT,))).controller_hash(boards.native())
+    digest = source_tree().daemon(ProgramSources((POLLUTANT,))).controller_hash(boards.native())
     assert done.stdout == f"vsensed 0.1.0, controller pollutant {digest}\n", done.stderr
 
 
@@ -94,7 +94,7 @@ def test_hash_is_of_the_controller_and_its_own_headers(tmp_path: Path) -> None:
         with open(place / "mine.c", "a") as source:
             source.write('#include "mine.h"\n')
         (place / "mine.h").write_text(header)
-        return source_tree().daemon(Program((place / "mine.c",))).controller_hash(compiler)
+        return source_tree().daemon(ProgramSources((place / "mine.c",))).controller_hash(compiler)
 
     assert digest("a", "#define X 1\n") == digest("b", "#define X 1\n")
     assert digest("c", "#define X 2\n") != digest("d", "#define X 3\n")

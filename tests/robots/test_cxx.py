@@ -14,7 +14,7 @@ from vsense.config.experiment import load
 from vsense.modes.sim.simulation import Simulation
 from vsense.robots import boards, build
 from vsense.robots.compiling import BuildError, Sources, native, own_cxxflags
-from vsense.robots.programs import Program
+from vsense.robots.sources import ProgramSources
 from vsense.run.programs import shared_objects
 from vsense.tools.bench.robot import HERE as BENCH
 
@@ -72,7 +72,7 @@ def test_it_may_have_any_name(walker: Path, tmp_path: Path, name: str) -> None:
 
 def test_its_hash_is_the_same_on_every_machine(walker: Path, tmp_path: Path) -> None:
     require_zig()
-    sources = build.source_tree().daemon(Program((walker,)))
+    sources = build.source_tree().daemon(ProgramSources((walker,)))
     zig = boards.toolchain(boards.TARGETS["epuck"], build.cache_directory())
     assert sources.controller_hash(zig) == sources.controller_hash(native())
     assert sources.dependencies(zig) == [
@@ -104,7 +104,7 @@ def test_its_steps_run_there_too(tmp_path: Path) -> None:
     require_zig()
     tree = build.source_tree()
     own = [path for path in tree.daemon_sources() if path.name != "main.c"]
-    sources = Sources([*own, BENCH / "robot_steps.c"], Program((WALKER,)), tree.includes())
+    sources = Sources([*own, BENCH / "robot_steps.c"], ProgramSources((WALKER,)), tree.includes())
     sources.link(boards.toolchain(boards.TARGETS["epuck"], build.cache_directory()), tmp_path / "s")
     assert int(ran(qemu, "-cpu", "arm926", tmp_path / "s", "live", "50")) == 50
 

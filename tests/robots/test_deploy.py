@@ -33,7 +33,7 @@ from vsense.modes.lab.microcontrollers import Microcontrollers
 from vsense.robots import deploying
 from vsense.robots.link.keys import INSECURE
 from vsense.robots.link.server import LinkEvent, VirtualSensorServer
-from vsense.robots.programs import Program
+from vsense.robots.sources import ProgramSources
 from vsense.run.environment import Environment
 from vsense.run.robots import make_server
 
@@ -304,7 +304,7 @@ def test_a_controller_alone_is_replaced(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    def build(controller: Program, target: str, output: Path) -> SimpleNamespace:
+    def build(controller: ProgramSources, target: str, output: Path) -> SimpleNamespace:
         name = controller.sources[0].name
         program(output, FAKE_DAEMON.replace("test", f"{name}-{target}"))
         return SimpleNamespace(path=output)

@@ -26,7 +26,7 @@ from vsense.modes.sim.outcome import Task
 from vsense.modes.sim.simulation import Simulation
 from vsense.modes.sim.watch import simulate_all
 from vsense.robots import build
-from vsense.robots.programs import CodeOptions, Program
+from vsense.robots.sources import CodeOptions, ProgramSources
 from vsense.run import loop_process
 from vsense.run.environment import Environment
 from vsense.run.programs import shared_objects
@@ -356,7 +356,7 @@ def test_a_cast_to_a_controllers_class_is_told_with_its_line(folder: Path, tmp_p
     source = tmp_path / "casts.cpp"
     source.write_text(CASTING)
     with pytest.raises(VsenseError) as told:
-        build.loop_functions(Program((source,), (tmp_path,)))
+        build.loop_functions(ProgramSources((source,), (tmp_path,)))
     first, use, *_ = str(told.value).splitlines()
     assert "use the class of a controller" in first and "#ifndef VSENSE" in first
     assert use == f"{source}:9: GetController():"

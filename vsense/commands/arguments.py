@@ -15,7 +15,7 @@ from typing import Any, NoReturn, TypeVar
 
 from vsense.base.errors import UsageError
 from vsense.monitor.ui.access import FOXGLOVE_PORT, FoxgloveAddress, WebAddress
-from vsense.robots.programs import CodeOptions
+from vsense.robots.sources import CodeOptions
 from vsense.studies.report import FORMATS
 
 Record = TypeVar("Record")

@@ -32,7 +32,7 @@ from vsense.robots import boards, deploying, finding, key_holders
 from vsense.robots.boards import Built
 from vsense.robots.build import cache_directory, source_tree
 from vsense.robots.deploying import Outcome, Part, Plan, RobotHost
-from vsense.robots.programs import Program, folders, stem_of
+from vsense.robots.sources import ProgramSources, folders, stem_of
 
 DESCRIPTION = (
     "What a lab does with its robots' boards. 'build' makes the daemon vsensed with a controller"
@@ -226,13 +226,13 @@ def build(options: argparse.Namespace) -> int:
     return 0
 
 
-def _compiled(program: Program, target: str, output: Path) -> Built:
+def _compiled(program: ProgramSources, target: str, output: Path) -> Built:
     """Builds a daemon; says so where that takes long, as the first one for a target does."""
     with patience(Console(), f"compiling {program.name} for {target} (minutes the first time)"):
         return boards.build(program, target, output)
 
 
-def _program(options: argparse.Namespace) -> Program:
+def _program(options: argparse.Namespace) -> ProgramSources:
     """The program that `--controller` names, with `--sources` and `--include`."""
     code, name = arguments.code_of(options), options.controller
     extra = folders(code.includes, Path.cwd(), cache_directory()) if code.includes else []

@@ -20,7 +20,7 @@ from typing import NamedTuple
 from vsense.base.xml.element import Element
 from vsense.robots.build import source_tree
 from vsense.robots.compiling import SUFFIXES
-from vsense.robots.programs import Program
+from vsense.robots.sources import ProgramSources
 from vsense.world.sensors.quality import NOISES
 
 _OTHER_ROBOT = "only e-pucks are driven here"
@@ -234,7 +234,7 @@ def is_built_for_argos(library: str) -> bool:
     return _LIBRARY.fullmatch(library) is not None
 
 
-def is_cpp(controller: Element, named: tuple[str, Program]) -> bool:
+def is_cpp(controller: Element, named: tuple[str, ProgramSources]) -> bool:
     """Whether a controller is C++ for ARGoS, without a port in its place: what it declares is meant
     as ARGoS means it, also where its sources are not found and robots stand still."""
     library, program = named

@@ -11,7 +11,7 @@ from vsense.config.framework import collect
 from vsense.config.robots import ArenaContents
 from vsense.config.specs import ControllerSpec
 from vsense.config.things import by_id
-from vsense.robots.programs import Program
+from vsense.robots.sources import ProgramSources
 
 
 def used_controllers(section: Element, bodies: ArenaContents) -> list[Element]:
@@ -32,7 +32,7 @@ def used_controllers(section: Element, bodies: ArenaContents) -> list[Element]:
 
 
 def read_controller(
-    element: Element, named: tuple[str, Program], devices: Devices
+    element: Element, named: tuple[str, ProgramSources], devices: Devices
 ) -> ControllerSpec:
     """Reads the parameters of a program that drives robots with these devices.
 

@@ -37,7 +37,7 @@ from vsense.config.specs import (
     Stage,
 )
 from vsense.config.things import Media, read_media
-from vsense.robots.programs import CodeOptions
+from vsense.robots.sources import CodeOptions
 from vsense.vision.markers.families import known_families, load_family
 from vsense.world.sensors.base import RobotSettings, Scope
 

@@ -22,7 +22,7 @@ from vsense.config.specs import JsonLinesTracker, LoopSpec, Stage, TrackerAddres
 from vsense.config.things import by_id
 from vsense.robots.argos_code import PAGE
 from vsense.robots.link.trackers import protocol
-from vsense.robots.programs import LOOP_FUNCTIONS, CodeOptions, stem_of
+from vsense.robots.sources import LOOP_FUNCTIONS, CodeOptions, stem_of
 
 LINES_PORT = 4041
 """Where trackers that write JSON lines find vsense."""

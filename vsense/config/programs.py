@@ -18,11 +18,11 @@ from vsense.robots import finding
 from vsense.robots.argos_code import PAGE, own_files
 from vsense.robots.build import BuildError, cache_directory, source_tree
 from vsense.robots.compiling import CXX_SUFFIXES
-from vsense.robots.programs import (
+from vsense.robots.sources import (
     CONTROLLER,
     LOOP_FUNCTIONS,
     CodeOptions,
-    Program,
+    ProgramSources,
     content,
     folders,
     labels,
@@ -38,7 +38,7 @@ from vsense.world.sensors.range_and_bearing import RangeAndBearingSensor
 _SOURCES, _INCLUDE = "vs:sources", "vs:include"
 
 
-def read(element: Element, folder: Path, code: CodeOptions) -> tuple[str, Program]:
+def read(element: Element, folder: Path, code: CodeOptions) -> tuple[str, ProgramSources]:
     """Reads a controller's program.
 
     Args:
@@ -60,7 +60,7 @@ def read(element: Element, folder: Path, code: CodeOptions) -> tuple[str, Progra
     return library, program
 
 
-def _check_label(element: Element, program: Program) -> None:
+def _check_label(element: Element, program: ProgramSources) -> None:
     """Raises ConfigError where other classes are registered and none for the element, as ARGoS."""
     known = labels(program.sources, CONTROLLER)
     plain = len(known) == sum(registrations(path, CONTROLLER) for path in program.sources)
@@ -70,7 +70,7 @@ def _check_label(element: Element, program: Program) -> None:
         raise element.error(f"no REGISTER_CONTROLLER in {where} names {element.name!r}; {hint}")
 
 
-def _read(element: Element, folder: Path, code: CodeOptions) -> tuple[str, Program]:
+def _read(element: Element, folder: Path, code: CodeOptions) -> tuple[str, ProgramSources]:
     named = _named(element, folder, code)
     if named is not None:
         return element.text("library", element.name), named
@@ -110,7 +110,7 @@ def check_sources(root: Element, code: CodeOptions) -> None:
 
 def find_loop_functions(
     element: Element, label: str, folder: Path, code: CodeOptions
-) -> Program | None:
+) -> ProgramSources | None:
     """Finds what a library of loop functions in C++ is built of; arguments as those of `read`."""
     library = element.text("library")
     try:
@@ -125,7 +125,7 @@ def find_loop_functions(
 
 def _named(
     element: Element, folder: Path, code: CodeOptions, label: str = "", macro: str = CONTROLLER
-) -> Program | None:
+) -> ProgramSources | None:
     """The program whose sources, or whose repository, the element or the command line names.
 
     `label`: of the class that is wanted, by default the element's name.
@@ -167,7 +167,7 @@ def _headers(element: Element, folder: Path, code: CodeOptions) -> list[Path]:
 
 def _of_library(
     element: Element, library: str, folder: Path, code: CodeOptions
-) -> tuple[str, Program]:
+) -> tuple[str, ProgramSources]:
     """The program of a library that was built for ARGoS: its port beside the file, its sources, a
     port that is shipped."""
     port = argos.ported_controller(library, folder)
@@ -231,7 +231,7 @@ def _one_line(text: str) -> str:
 _TEXT = re.compile(rb'"([A-Za-z_][\w.:-]*)"')
 
 
-def check_added(params: Element | None, program: Program) -> None:
+def check_added(params: Element | None, program: ProgramSources) -> None:
     """Raises ConfigError where a setting from outside adds what no source of a C++ program names.
 
     What stands in the file is the user's: ARGoS passes over attributes that nobody reads.

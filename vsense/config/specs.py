@@ -18,7 +18,7 @@ from vsense.config.casting import Casting
 from vsense.config.distribute import DistributedSpec, Distribution
 from vsense.config.roster_fields import MarkerOffset
 from vsense.robots.argos_code import own_files
-from vsense.robots.programs import Program, content
+from vsense.robots.sources import ProgramSources, content
 from vsense.world.actuators.base import MountedActuator
 from vsense.world.entities import Arena, Box, Cylinder, Entity, VirtualRobot
 from vsense.world.physics.wheel_noise import WheelNoise
@@ -132,10 +132,10 @@ class ControllerSpec:
     strict: bool = False
 
     @property
-    def program(self) -> Program:
+    def program(self) -> ProgramSources:
         """What it is built from."""
-        program = Program(self.sources, self.includes, self.label)
-        return program if program.is_argos else Program(self.sources)
+        program = ProgramSources(self.sources, self.includes, self.label)
+        return program if program.is_argos else ProgramSources(self.sources)
 
     @property
     def params_text(self) -> str:
@@ -211,7 +211,7 @@ class LoopSpec:
     label: str
     params: Mapping[str, str]
     line: int
-    program: Program | None = None
+    program: ProgramSources | None = None
     settings: str = ""
 
     @property

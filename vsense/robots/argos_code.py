@@ -12,7 +12,7 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from vsense.robots.programs import ARGOS, Program, content, headers, included, known_headers
+from vsense.robots.sources import ARGOS, ProgramSources, content, headers, included, known_headers
 
 PAGE = "vsense/config/ARGOS.md"
 """What users read about it."""
@@ -87,13 +87,13 @@ def forwarding(argos: Path, cache: Path) -> Path:
     return folder
 
 
-def own_files(program: Program) -> list[Path]:
+def own_files(program: ProgramSources) -> list[Path]:
     """A program's sources and all headers of its own."""
     used = headers(program.sources, program.includes)
     return [*program.sources, *(path for path in used if path not in program.sources)]
 
 
-def missing_headers(program: Program) -> list[tuple[Path, int, str]]:
+def missing_headers(program: ProgramSources) -> list[tuple[Path, int, str]]:
     """What of ARGoS's headers a program includes and nobody has: file, line, header."""
     found = []
     for path in own_files(program):
@@ -117,13 +117,13 @@ def explain_missing(missing: Sequence[tuple[Path, int, str]]) -> str:
     return "\n".join([words, *lines])
 
 
-def needs_runtime(program: Program) -> bool:
+def needs_runtime(program: ProgramSources) -> bool:
     """Whether a program uses exceptions, or types at run time: `try`, `catch`, `throw`,
     `dynamic_cast` or `typeid` in a source or header of its own, outside of comments and texts."""
     return any(found[1] for path in own_files(program) for found in _WORDS.finditer(content(path)))
 
 
-def explain_controllers(program: Program) -> str:
+def explain_controllers(program: ProgramSources) -> str:
     """What a user can do whose loop functions use a controller's class; "": they do not."""
     found = [
         f"{path}:{_line_at(path, use.start())}: GetController()"
@@ -142,7 +142,7 @@ def explain_controllers(program: Program) -> str:
     return "\n".join([words, *found])
 
 
-def explain_simulator(program: Program) -> str:
+def explain_simulator(program: ProgramSources) -> str:
     """What a user can do whose controller uses the simulator; "": it includes nothing of it."""
     found = [
         f"{path}:{_line(path, name)}: <{name}>"

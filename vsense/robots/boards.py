@@ -22,7 +22,7 @@ from vsense.base.errors import UsageError, pip_line
 from vsense.base.processes import python_module
 from vsense.robots.build import cache_directory, source_tree
 from vsense.robots.compiling import BuildError, Toolchain, native
-from vsense.robots.programs import Program
+from vsense.robots.sources import ProgramSources
 
 SMALL = ("-Os", "-static", "-fno-unwind-tables", "-fno-asynchronous-unwind-tables")
 """Boards have little room: -O2 is 12 % larger, and a step has hardly fewer instructions. Nothing
@@ -150,7 +150,7 @@ class Built:
     compiler: str
 
 
-def build(controller: str | Program, target: str, output: Path) -> Built:
+def build(controller: str | ProgramSources, target: str, output: Path) -> Built:
     """Builds one.
 
     Args:

@@ -30,7 +30,7 @@ from vsense.robots.compiling import (
     native,
     own_cxxflags,
 )
-from vsense.robots.programs import Program, source_roots
+from vsense.robots.sources import ProgramSources, source_roots
 
 __all__ = ["BuildError", "SourceTree", "cache_directory", "daemon", "shared"]
 
@@ -112,13 +112,15 @@ class SourceTree:
         """All headers for ARGoS's code, and their table."""
         return sorted(p for p in (self.root / "robot" / "argos").iterdir() if p.suffix != ".cpp")
 
-    def program(self, controller: str | Program, beside: Path | None = None) -> Program:
+    def program(
+        self, controller: str | ProgramSources, beside: Path | None = None
+    ) -> ProgramSources:
         """Finds a program by the name or path of its one file; see `controller`."""
-        if isinstance(controller, Program):
+        if isinstance(controller, ProgramSources):
             return controller
-        return Program((self.controller(controller, beside),))
+        return ProgramSources((self.controller(controller, beside),))
 
-    def daemon(self, program: Program, plain: bool = False) -> Sources:
+    def daemon(self, program: ProgramSources, plain: bool = False) -> Sources:
         """What a daemon with this controller is made of; `plain`: see `Sources`."""
         memory = sorted((self.root / "robot").glob("*.cpp"))
         own_cxx, folder = [*memory, *self._argos(program)], _cache_for(program)
@@ -126,17 +128,19 @@ class SourceTree:
             self.daemon_sources(), program, self.includes(), own_cxx, FAST_PARTS, folder, plain
         )
 
-    def runtime(self, program: Program) -> Sources:
+    def runtime(self, program: ProgramSources) -> Sources:
         """What the robots of a simulation with this controller are made of."""
         own_cxx, folder = self._argos(program), _cache_for(program)
         return Sources(self.runtime_sources(), program, self.includes(), own_cxx, cache=folder)
 
-    def loop(self, program: Program) -> Sources:
+    def loop(self, program: ProgramSources) -> Sources:
         """What the shared object of ARGoS's loop functions is made of."""
         own_cxx, folder = self._argos(program, LOOP_PARTS), _cache_for(program)
         return Sources((), program, self.includes(), own_cxx, cache=folder, what="loop functions")
 
-    def _argos(self, program: Program, parts: Sequence[str] = CONTROLLER_PARTS) -> list[Path]:
+    def _argos(
+        self, program: ProgramSources, parts: Sequence[str] = CONTROLLER_PARTS
+    ) -> list[Path]:
         """Our files that code for ARGoS needs."""
         folder = self.root / "robot" / "argos"
         return [folder / f"{part}.cpp" for part in parts] if program.is_argos else []
@@ -185,7 +189,9 @@ def source_tree() -> SourceTree:
     )
 
 
-def daemon(controller: str | Program = SHIPPED_CONTROLLER, beside: Path | None = None) -> Path:
+def daemon(
+    controller: str | ProgramSources = SHIPPED_CONTROLLER, beside: Path | None = None
+) -> Path:
     """Gives the host's `vsensed` with this controller, building it where needed.
 
     Args:
@@ -208,7 +214,7 @@ def daemon(controller: str | Program = SHIPPED_CONTROLLER, beside: Path | None =
     return cache.built(target, partial(compile_daemon, tree, program))
 
 
-def shared(controller: str | Program, beside: Path | None = None) -> Path:
+def shared(controller: str | ProgramSources, beside: Path | None = None) -> Path:
     """Gives the shared object of `robot/inprocess.h` with this controller, building it if needed.
 
     Args:
@@ -228,7 +234,7 @@ def shared(controller: str | Program, beside: Path | None = None) -> Path:
     return cache.built(target, partial(_compile_runtime, tree, program))
 
 
-def loop_functions(program: Program) -> Path:
+def loop_functions(program: ProgramSources) -> Path:
     """Gives the shared object of ARGoS's loop functions, building it where needed.
 
     Raises:
@@ -242,7 +248,7 @@ def loop_functions(program: Program) -> Path:
     return cache.built(target, lambda target: sources.link(native(), target, SHARED_FLAGS))
 
 
-def compile_daemon(tree: SourceTree, program: Program, target: Path) -> None:
+def compile_daemon(tree: SourceTree, program: ProgramSources, target: Path) -> None:
     """Links `vsensed`, whose own files are compiled once for all controllers, into place whole.
 
     Raises:
@@ -252,18 +258,18 @@ def compile_daemon(tree: SourceTree, program: Program, target: Path) -> None:
     cache.with_parts(tree.daemon(program), compiler).link_daemon(compiler, target)
 
 
-def _compile_runtime(tree: SourceTree, program: Program, target: Path) -> None:
+def _compile_runtime(tree: SourceTree, program: ProgramSources, target: Path) -> None:
     compiler = native()
     runtime = cache.with_parts(tree.runtime(program), compiler, SHARED_FLAGS)
     runtime.link(compiler, target, SHARED_FLAGS)
 
 
-def _cache_for(program: Program) -> Path | None:
+def _cache_for(program: ProgramSources) -> Path | None:
     """Where the compiled files of code for ARGoS stay; other code needs no cache for it."""
     return cache_directory() if program.is_argos else None
 
 
-def _fingerprint(tree: SourceTree, program: Program, sources: Sources | None = None) -> str:
+def _fingerprint(tree: SourceTree, program: ProgramSources, sources: Sources | None = None) -> str:
     """Hash of the compiler, the flags and every source and header that goes into a build."""
     compiler = native()
     flags = f"{CFLAGS}{SHARED_FLAGS}{CXXFLAGS}{own_cxxflags()}{CXX_LIBRARIES}{compiler.cxx}"

@@ -16,7 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from vsense.robots.compiling import CFLAGS, BuildError, Sources, Toolchain
-from vsense.robots.programs import content
+from vsense.robots.sources import content
 
 HASH_PART = "controller_hash"
 """The one file of `robot/` that a controller's hash is compiled into."""

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from vsense.base.errors import VsenseError
 from vsense.robots import argos_code
-from vsense.robots.programs import Program, content, headers
+from vsense.robots.sources import ProgramSources, content, headers
 
 SECTIONS = ("-O2", "-ffunction-sections", "-fdata-sections")
 
@@ -128,7 +128,7 @@ class Sources:
     """
 
     own: Sequence[Path]
-    program: Program
+    program: ProgramSources
     includes: Sequence[Path]
     own_cxx: Sequence[Path] = ()
     fast: Collection[str] = ()

@@ -15,9 +15,9 @@ from functools import lru_cache
 from pathlib import Path
 
 from vsense.robots import cmake
-from vsense.robots.programs import (
+from vsense.robots.sources import (
     CONTROLLER,
-    Program,
+    ProgramSources,
     belongs,
     content,
     files,
@@ -38,7 +38,7 @@ _PLACES = ("", "controllers", "src", "src/controllers", "../controllers", "../sr
 
 def find(
     library: str, label: str, folder: Path, extra: Sequence[Path] = (), macro: str = CONTROLLER
-) -> Program | None:
+) -> ProgramSources | None:
     """Finds a library's program.
 
     Args:
@@ -62,7 +62,7 @@ def find(
 
 def find_in(
     root: Path, library: str, label: str, extra: Sequence[Path] = (), macro: str = CONTROLLER
-) -> Program | None:
+) -> ProgramSources | None:
     """Finds a library's program in the repository that begins at `root`; see `find`."""
     repository = repository_at(root.resolve())
     name = stem_of(library) if library else ""
@@ -77,7 +77,7 @@ def named(
     label: str,
     extra: Sequence[Path] = (),
     macro: str = CONTROLLER,
-) -> Program | None:
+) -> ProgramSources | None:
     """Makes a program of the files that patterns mean, or of the repository that one means.
 
     Args:
@@ -94,7 +94,7 @@ def named(
             return found
     sources = files(patterns, folder)
     if not any(registers(path, macro) for path in sources):
-        return Program(tuple(sources), tuple(extra))
+        return ProgramSources(tuple(sources), tuple(extra))
     return complete(sources, label, repository_of(sources[0]), extra, macro)
 
 
@@ -110,7 +110,7 @@ def complete(
     repository: cmake.Repository | None,
     extra: Sequence[Path] = (),
     macro: str = CONTROLLER,
-) -> Program:
+) -> ProgramSources:
     """Makes a program of sources: with the folders of its headers, and what these bring along."""
     includes = dict.fromkeys(extra)
     if repository is not None:
@@ -123,7 +123,7 @@ def complete(
     chosen.sort(key=lambda path: not _has(path, label, macro))
     every = with_sources_of_headers(chosen, list(includes), macro)
     known = [label] if label else labels(every, macro)
-    return Program(tuple(every), tuple(includes), known[0] if len(known) == 1 else "")
+    return ProgramSources(tuple(every), tuple(includes), known[0] if len(known) == 1 else "")
 
 
 def _sources(

@@ -73,8 +73,8 @@ def _address(ffi: FFI, pointer: Any) -> int:
     return int(ffi.cast("uintptr_t", pointer))
 
 
-class RobotProgram(NamedTuple):
-    """`struct vs_sim_program` but for which robots they are: addresses, and arrays of `Robots`."""
+class ProgramKernel(NamedTuple):
+    """`struct vs_sim_program` without the robots' rows: addresses, and arrays of a program."""
 
     step: int
     all: int
@@ -92,7 +92,7 @@ class RobotProgram(NamedTuple):
     reports: NDArray[np.uint8]
 
 
-class Robots:
+class CompiledProgram:
     """All robots of a run, each with a controller runtime of its own.
 
     Attributes:
@@ -212,11 +212,11 @@ class Robots:
         self._point("values", readings.block)
         self._point("captures_ns", readings.captures_ns)
 
-    def program(self) -> RobotProgram:
+    def kernel(self) -> ProgramKernel:
         """The robots as C steps them, with RUN in `from_timestep` as of the newest step."""
         ffi, now, own = self._ffi, self._now, self._lib
         address = partial(_address, ffi)
-        return RobotProgram(
+        return ProgramKernel(
             step=address(ffi.addressof(own, "vs_inprocess_step")),
             all=address(self._all),
             now=address(now),

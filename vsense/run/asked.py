@@ -16,9 +16,9 @@ import os
 import re
 import select
 import signal
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -29,10 +29,11 @@ from vsense.config.specs import ControllerSpec, Experiment, Stage
 from vsense.robots import build
 from vsense.robots.argos_code import own_files
 from vsense.robots.compiling import BuildError
-from vsense.robots.inprocess import ACT_NS, Robots
+from vsense.robots.inprocess import ACT_NS
 from vsense.robots.link.table import Direction, Table
 from vsense.robots.link.wire import Wanted
-from vsense.robots.programs import content
+from vsense.robots.program import Program, kind_of
+from vsense.robots.sources import ProgramSources, content
 from vsense.run.environment import table_of
 from vsense.world.actuators.bank import ActuatorBank
 from vsense.world.sensors.bank import SensorBank
@@ -115,14 +116,16 @@ def _complaints(experiment: Experiment, spec: ControllerSpec) -> Sequence[str]:
     actuators = ActuatorBank(spec.actuators, [_TAG], first_id=len(sensors.table) + 1)
     params = spec.params_for(next(iter(experiment.driven_by(spec)), ""))
     with suppress(BuildError):
-        library = build.shared(spec.program)
+        built = kind_of(spec.program).build(spec.program)
         table = table_of(sensors, actuators)
-        return _tried(str(library), table.encode(), params, experiment.timestep_ns)
+        return _tried(spec.program, str(built), table.encode(), params, experiment.timestep_ns)
     return ()
 
 
 @lru_cache(maxsize=256)
-def _tried(library: str, table: bytes, params: str, timestep_ns: int) -> tuple[str, ...]:
+def _tried(
+    sources: ProgramSources, built: str, table: bytes, params: str, timestep_ns: int
+) -> tuple[str, ...]:
     """What a program complains of, as `_step` in a fork of this process has it."""
     source, target = os.pipe()
     pid = os.fork()
@@ -132,7 +135,8 @@ def _tried(library: str, table: bytes, params: str, timestep_ns: int) -> tuple[s
             silent = os.open(os.devnull, os.O_RDWR)
             for descriptor in range(3):
                 os.dup2(silent, descriptor)
-            said = _step(Path(library), Table.decode(table), params, timestep_ns)
+            open_program = partial(kind_of(sources).open, Path(built), [_TAG])
+            said = _step(open_program, Table.decode(table), params, timestep_ns)
             os.write(target, json.dumps(said).encode())
         finally:
             os._exit(0)
@@ -156,10 +160,12 @@ def _answer(source: int) -> bytes:
     return b""
 
 
-def _step(library: Path, table: Table, params: str, timestep_ns: int) -> list[str]:
+def _step(
+    open_program: Callable[..., Program], table: Table, params: str, timestep_ns: int
+) -> list[str]:
     """Lets one robot begin a run; returns what its controller complains of."""
     try:
-        robots = Robots(library, [_TAG], table, timestep_ns, 1, params)
+        robots = open_program(table, timestep_ns, 1, params)
         sizes = [size for *_, size in table.of_direction(Direction.SENSOR)]
         block = np.zeros((1, sum(sizes)), dtype=np.uint8)
         readings = SensorReadings([_TAG], sizes, block, np.full((1, len(sizes)), NEVER_NS))

@@ -14,14 +14,15 @@ from numpy.typing import NDArray
 from vsense.config.specs import ControllerSpec, Experiment
 from vsense.robots import build, inprocess
 from vsense.robots.compiling import BuildError, native
-from vsense.robots.inprocess import ControllerFailure, Robots, SimError
+from vsense.robots.inprocess import ControllerFailure, SimError
 from vsense.robots.link.roster import ToldProgram
 from vsense.robots.link.table import Table
 from vsense.robots.link.wire import Shown, Wanted
+from vsense.robots.program import Program, kind_of
 from vsense.world.sensors.readings import SwarmReadings
 
 PROGRESS_BYTES = inprocess.PROGRESS_BYTES + 4
-"""Those of `Robots`, and which of the experiment's controllers it is: a u32."""
+"""Those of `Program`, and which of the experiment's controllers it is: a u32."""
 
 
 def shared_objects(experiment: Experiment) -> dict[str, Path]:
@@ -32,7 +33,7 @@ def shared_objects(experiment: Experiment) -> dict[str, Path]:
         BuildError: no compiler, or a source that does not compile.
     """
     loop_object(experiment)
-    return {c.id: build.shared(c.program) for c in experiment.controllers}
+    return {c.id: kind_of(c.program).build(c.program) for c in experiment.controllers}
 
 
 def loop_object(experiment: Experiment) -> Path | None:
@@ -86,10 +87,10 @@ def loading(progress: Any, number: int) -> Iterator[None]:
 
 
 class Programs:
-    """Robots of an experiment, each with the program of its own controller; see `Robots`.
+    """Robots of an experiment, each with the program of its own controller; see `Program`.
 
     Attributes:
-        wheels_steps_s, leds: as those of `Robots`, in the order of the tags.
+        wheels_steps_s, leds: as those of `Program`, in the order of the tags.
     """
 
     def __init__(
@@ -117,21 +118,22 @@ class Programs:
         note = memoryview(bytearray(PROGRESS_BYTES) if progress is None else progress).cast("B")
         own, self._present = note[: inprocess.PROGRESS_BYTES], note[-4:].cast("I")
         drivers = np.array(list(controllers.values()))
-        self.wheels_steps_s = np.zeros((len(drivers), 2), dtype=np.int16)
-        self.leds = np.zeros(len(drivers), dtype=np.uint16)
-        self._experiment = experiment
+        self._experiment, count = experiment, len(drivers)
+        self.wheels_steps_s, self.leds = np.zeros((count, 2), np.int16), np.zeros(count, np.uint16)
         names = self._names = {robot.tag: robot.id for robot in experiment.robots}
         names |= {robot.tag: robot.id for robot in experiment.virtual_robots}
-        self._parts: list[tuple[int, NDArray[np.intp], Robots]] = []
+        self._parts: list[tuple[int, NDArray[np.intp], Program]] = []
         for number, spec in enumerate(experiment.controllers):
             rows = np.flatnonzero(drivers == spec.id)
             if len(rows):
                 self._present[0] = number
                 tags = [tag for tag, name in controllers.items() if name == spec.id]
-                which = libraries[spec.id], tags, tables[spec.id], experiment.timestep_ns
                 params = {tag: spec.params_for(names[tag]) for tag in tags}
+                open_program, step_ns = kind_of(spec.program).open, experiment.timestep_ns
+                of_controller = libraries[spec.id], tags, tables[spec.id], step_ns, seed, params
                 with loading(note, number):
-                    self._parts.append((number, rows, Robots(*which, seed, params, own)))
+                    program = open_program(*of_controller, own)
+                self._parts.append((number, rows, program))
 
     def step(
         self,
@@ -142,7 +144,7 @@ class Programs:
         readings: SwarmReadings,
         prox_raw: NDArray[np.int16],
     ) -> None:
-        """One control step of every robot; see `Robots.step`.
+        """One control step of every robot; see `Program.step`.
 
         Raises:
             SimError: a controller cannot go on; the message holds file, line and element.
@@ -156,11 +158,11 @@ class Programs:
                 raise self._placed(number, failure) from None
             self.wheels_steps_s[rows], self.leds[rows] = robots.wheels_steps_s, robots.leds
 
-    def parts(self) -> list[tuple[int, NDArray[np.intp], Robots]]:
+    def parts(self) -> list[tuple[int, NDArray[np.intp], Program]]:
         """Each controller's number in the experiment, rows of its robots, and the robots."""
         return self._parts
 
-    def by_controller(self) -> list[tuple[str, Robots]]:
+    def by_controller(self) -> list[tuple[str, Program]]:
         """The robots of each controller, by its id."""
         return [(self._experiment.controllers[number].id, part) for number, _, part in self._parts]
 
@@ -178,19 +180,19 @@ class Programs:
                 raise self._placed(number, failure) from None
 
     def reports(self) -> dict[int, bytes]:
-        """See `Robots.reports`."""
+        """See `Program.reports`."""
         return {tag: block for *_, robots in self._parts for tag, block in robots.reports().items()}
 
     def shown(self) -> list[tuple[int, Shown]]:
-        """See `Robots.shown`."""
+        """See `Program.shown`."""
         return [some for *_, robots in self._parts for some in robots.shown()]
 
     def logged(self) -> Sequence[tuple[int, str]]:
-        """See `Robots.logged`."""
+        """See `Program.logged`."""
         return [some for *_, robots in self._parts for some in robots.logged()]
 
     def end(self) -> None:
-        """See `Robots.end`."""
+        """See `Program.end`."""
         for number, _, robots in self._parts:
             self._present[0] = number
             try:
@@ -205,5 +207,5 @@ class Programs:
         return SimError(f"{place} cannot go on, robot '{name}': {failure.words}")
 
     def complaints(self) -> list[str]:
-        """See `Robots.complaints`."""
+        """See `Program.complaints`."""
         return [words for *_, robots in self._parts for words in robots.complaints()]

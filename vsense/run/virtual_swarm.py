@@ -76,7 +76,7 @@ class VirtualSwarm:
         return self._controllers.logged()
 
     def end(self) -> None:
-        """See `Robots.end`."""
+        """See `Program.end`."""
         self._controllers.end()
 
     def control(self, state: ArenaState, run_timestep: int, readings: SwarmReadings) -> None:

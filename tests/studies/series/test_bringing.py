@@ -16,7 +16,7 @@ from vsense.config import roster
 from vsense.config.experiment import load
 from vsense.robots.deploying import Outcome, Part, Plan, RobotHost
 from vsense.robots.link.keys import INSECURE
-from vsense.robots.programs import Program
+from vsense.robots.sources import ProgramSources
 from vsense.studies.series.cast import SeriesCast
 from vsense.studies.series.order import pending
 from vsense.studies.series.parts import PlanLoader
@@ -33,7 +33,7 @@ def served(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Plan, list[int]]]:
     """What was deployed to whom; the robot `off` is never reached."""
     found: list[tuple[Plan, list[int]]] = []
 
-    def build(program: Program, target: str, output: Path) -> SimpleNamespace:
+    def build(program: ProgramSources, target: str, output: Path) -> SimpleNamespace:
         output.write_text(f"{program.name} for {target}")
         return SimpleNamespace(path=output)
 

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from vsense.base.errors import VsenseError
 from vsense.base.native import WireError, kernel_ffi, kernels, lib
 from vsense.modes.sim.record import Record, SimulatedTracker
-from vsense.robots.inprocess import RobotProgram, Robots
+from vsense.robots.inprocess import ProgramKernel
+from vsense.robots.program import Program
 from vsense.run.environment import Environment, Equipment
 from vsense.run.programs import Programs
 from vsense.world.actuators.bank import ActuatorKernel
@@ -252,12 +253,12 @@ class Chain:
         made.present = pointer("uint32_t", self._present)
         self._programs = kernel_ffi.new("struct vs_sim_program[]", len(parts.programs.parts()))
         for row, (number, rows, robots) in zip(self._programs, parts.programs.parts()):
-            self._set_program(row, number, rows.astype(np.uint32), robots.program())
+            self._set_program(row, number, rows.astype(np.uint32), _kernel(robots))
         made.programs, made.programs_count = self._programs, len(self._programs)
         return made
 
     def _set_program(
-        self, row: Any, number: int, rows: NDArray[np.uint32], program: RobotProgram
+        self, row: Any, number: int, rows: NDArray[np.uint32], program: ProgramKernel
     ) -> None:
         self._kept += [rows, program]
         row.number, row.robots, row.rows = number, len(rows), pointer("uint32_t", rows)
@@ -281,7 +282,7 @@ class _ChainedBank:
         acting_in_c: the actuators that C can apply.
     """
 
-    def __init__(self, world: World, equipment: Equipment, robots: Robots | None) -> None:
+    def __init__(self, world: World, equipment: Equipment, robots: Program | None) -> None:
         """`robots` run the controller; None: there are none."""
         self._world, self._bank, self._actuators = world, equipment.sensors, equipment.actuators
         tags = world.robots["tag"].tolist()
@@ -291,7 +292,7 @@ class _ChainedBank:
         self._rows: NDArray[np.intp] | None = None
         if robots is not None and own == tags[first : first + len(own)]:
             self._rows = np.arange(first, first + len(own))
-            self._reports = robots.program().reports
+            self._reports = _kernel(robots).reports
         self.in_c: list[SensorKernel] = []
         self.in_python: list[int] = []
         self.acting_in_c: list[ActuatorKernel] = []
@@ -353,18 +354,25 @@ class _ChainedBank:
         self._used = timesteps
 
 
+def _kernel(program: Program) -> ProgramKernel:
+    """How C steps a program that can be chained."""
+    kernel = program.kernel()
+    assert kernel is not None
+    return kernel
+
+
 def chained(parts: ChainedParts, times: ChainTimes) -> Chain | None:
     """Makes the chain of a simulation, or gives None where its timesteps cannot be chained.
 
-    They cannot where the next capture comes before the wheels obey, and where virtual robots run
-    controllers.
+    They cannot where the next capture comes before the wheels obey, where virtual robots run
+    controllers, and where C cannot step a program.
     """
     environment = parts.environment
     if environment.drives or times.timestep <= times.act:
         return None
     by_id = {some.controller: some for some in environment.equipment}
     for controller, robots in parts.programs.by_controller():
-        if list(by_id[controller].tags) != list(robots.tags):
+        if list(by_id[controller].tags) != list(robots.tags) or robots.kernel() is None:
             return None
         robots.sense(by_id[controller].sensors.newest)
     return Chain(parts, times)

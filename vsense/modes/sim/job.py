@@ -13,7 +13,7 @@ from vsense.config.casting import Casting
 from vsense.config.experiment import first_robots, load
 from vsense.config.specs import Experiment, Stage
 from vsense.config.starting import StartPlaces
-from vsense.robots.programs import CodeOptions
+from vsense.robots.sources import CodeOptions
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,7 +29,7 @@ from vsense.monitor.recording import form, senses
 from vsense.monitor.recording.form import ExperimentMessage, RecordingError
 from vsense.monitor.recording.reader import Recording
 from vsense.robots.link.table import Direction
-from vsense.robots.programs import CodeOptions
+from vsense.robots.sources import CodeOptions
 from vsense.run.changing import Change, Ground, carry_out
 from vsense.run.environment import Environment
 from vsense.world.sensors.readings import SwarmReadings

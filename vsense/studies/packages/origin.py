@@ -27,7 +27,7 @@ from vsense.config.specs import Experiment
 from vsense.modes.sim import fingerprint
 from vsense.modes.sim.job import Setup
 from vsense.robots.compiling import native
-from vsense.robots.programs import headers, source_roots
+from vsense.robots.sources import headers, source_roots
 from vsense.studies.packages.archive import MOST_FILES
 
 MADE = "made"

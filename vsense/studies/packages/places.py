@@ -10,7 +10,7 @@ from typing import Any
 from vsense.base.errors import VsenseError
 from vsense.config.experiment import SHIPPED_FOLDER, SUFFIX, shipped
 from vsense.modes.sim.job import Setup
-from vsense.robots.programs import source_roots
+from vsense.robots.sources import source_roots
 from vsense.studies.packages.scrub import OWN_FOLDERS, PACKAGE, VSENSE, Scrubber
 
 UNTRUSTED = (

@@ -11,7 +11,7 @@ from vsense.config.casting import Casting
 from vsense.config.experiment import first_robots, load
 from vsense.config.specs import Experiment, Stage
 from vsense.modes.sim.job import Setup
-from vsense.robots.programs import CodeOptions
+from vsense.robots.sources import CodeOptions
 from vsense.run import asked
 from vsense.studies.series.plan import Condition, PlannedStart, SeriesPlan
 

@@ -11,7 +11,7 @@ from importlib import metadata
 from pathlib import Path
 
 from vsense import __version__
-from vsense.robots.programs import source_roots
+from vsense.robots.sources import source_roots
 
 COMMIT = "commit"
 """The file in an installed package's sources that names the commit it was built from."""

@@ -16,7 +16,7 @@ from pathlib import Path
 from vsense.base.errors import UsageError, failing_as, instead
 from vsense.config.experiment import SHIPPED_FOLDER, SUFFIX, shipped
 from vsense.robots.build import BuildError, source_tree
-from vsense.robots.programs import NAME_MAX
+from vsense.robots.sources import NAME_MAX
 from vsense.tools.shipped import guide
 
 START = "start"

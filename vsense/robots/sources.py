@@ -55,7 +55,7 @@ def known_headers() -> Mapping[str, str]:
 
 
 @dataclass(frozen=True, slots=True)
-class Program:
+class ProgramSources:
     """Sources that are compiled together.
 
     Attributes:
