@@ -120,8 +120,8 @@ class Programs:
         drivers = np.array(list(controllers.values()))
         self._experiment, count = experiment, len(drivers)
         self.wheels_steps_s, self.leds = np.zeros((count, 2), np.int16), np.zeros(count, np.uint16)
-        names = self._names = {robot.tag: robot.id for robot in experiment.robots}
-        names |= {robot.tag: robot.id for robot in experiment.virtual_robots}
+        everybody = (*experiment.robots, *experiment.virtual_robots)
+        names = self._names = {robot.tag: robot.id for robot in everybody}
         self._parts: list[tuple[int, NDArray[np.intp], Program]] = []
         for number, spec in enumerate(experiment.controllers):
             rows = np.flatnonzero(drivers == spec.id)
@@ -130,10 +130,9 @@ class Programs:
                 tags = [tag for tag, name in controllers.items() if name == spec.id]
                 params = {tag: spec.params_for(names[tag]) for tag in tags}
                 open_program, step_ns = kind_of(spec.program).open, experiment.timestep_ns
-                of_controller = libraries[spec.id], tags, tables[spec.id], step_ns, seed, params
+                given = libraries[spec.id], tags, tables[spec.id], step_ns, seed, params
                 with loading(note, number):
-                    program = open_program(*of_controller, own)
-                self._parts.append((number, rows, program))
+                    self._parts.append((number, rows, open_program(*given, own)))
 
     def step(
         self,
