@@ -6,7 +6,9 @@ Everything is read from the sources themselves.
 from __future__ import annotations
 
 import ast
+import io
 import re
+import tokenize
 from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
@@ -16,6 +18,10 @@ import pytest
 import vsense
 from vsense import _moved, api
 from vsense.base.native import kernels, lib
+from vsense.base.xml import parsing
+from vsense.modes.lab import truth
+from vsense.monitor.recording import form
+from vsense.studies.packages import contents, origin
 
 ROOT = Path(__file__).parent.parent
 MODULES = {
@@ -364,6 +370,132 @@ def test_functions_fit_a_screen() -> None:
         if lines > FUNCTION_MAX
     ]
     assert too_long == []
+
+
+BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
+    # what: folders, suffixes, files, lines, longest file
+    "vsense in Python": (("vsense",), (".py",), 0, 0, 0),
+    "the page": (("vsense",), (".js", ".css", ".html"), 0, 0, 0),
+    "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 0, 0, 0),
+    "C++": (("robot",), (".cpp", ".hpp"), 0, 0, 0),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 0, 0, 0),
+}
+"""How much there may be. Who must raise a number does it here, with the reason in the commit."""
+
+CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 0, 0, 0
+"""Lines of code in `vsense/`; imports between rooms, and between folders inside of rooms."""
+DOORS_MAX, NAMES_MAX = 0, 0
+"""Modules that another room imports, and names taken from them."""
+SPLATS_MAX, OUTSIDE_MAX = 0, 0
+"""Calls `f(*(a, b))`; attributes that are assigned from outside of their object."""
+
+
+@pytest.mark.parametrize("what", BUDGETS)
+def test_there_is_no_more_than_the_budget(what: str) -> None:
+    folders, suffixes, files_max, lines_max, longest_max = BUDGETS[what]
+    paths = [
+        path
+        for folder in folders
+        for path in (ROOT / folder).rglob("*")
+        if path.suffix in suffixes and not {"data", "_sources"} & set(path.relative_to(ROOT).parts)
+    ]
+    lengths = [path.read_text().count("\n") for path in paths if path.stem not in GENERATED]
+    assert len(lengths) <= files_max and sum(lengths) <= lines_max and max(lengths) <= longest_max
+
+
+GENERATED = {"_native", "_kernels"}
+"""What the build writes into a checkout."""
+
+
+def code_lines(path: Path) -> int:
+    """Lines of a Python file that are neither blank nor comment nor docstring."""
+    text = path.read_text()
+    silent = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT)
+    held: set[int] = set()
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type not in (*silent, tokenize.ENDMARKER):
+            held.update(range(token.start[0], token.end[0] + 1))
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            first = node.body[0] if node.body else None
+            if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant):
+                held.difference_update(range(first.lineno, (first.end_lineno or 0) + 1))
+    return len(held)
+
+
+def test_lines_of_code_are_few() -> None:
+    assert sum(map(code_lines, MODULES.values())) <= CODE_MAX
+
+
+def test_arrows_are_few() -> None:
+    between = {room: known & set(ROOMS) for room, known in arrows(room_of).items() if room in ROOMS}
+    assert sum(map(len, between.values())) <= ARROWS_MAX
+    inner = {
+        (folder, other)
+        for folder, known in arrows(folder_of).items()
+        for other in known
+        if folder.split("/")[0] == other.split("/")[0]
+    }
+    assert len(inner) <= INNER_ARROWS_MAX
+
+
+def test_few_modules_and_names_are_entered_from_another_room() -> None:
+    doors: set[tuple[str, str]] = set()
+    for module, path in MODULES.items():
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("vsense."):
+                for alias in node.names:
+                    inside = f"{node.module}.{alias.name}"
+                    target = inside if inside in MODULES else str(node.module)
+                    if room_of(module) in ROOMS and room_of(target) != room_of(module):
+                        doors.add((target, alias.name))
+    assert len({module for module, _ in doors}) <= DOORS_MAX
+    assert len(doors) <= NAMES_MAX
+
+
+def test_calls_and_assignments_are_plain() -> None:
+    splats = outside = 0
+    for path in MODULES.values():
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Call):
+                splats += any(
+                    isinstance(a, ast.Starred) and isinstance(a.value, ast.Tuple) for a in node.args
+                )
+            elif isinstance(node, ast.Assign):
+                outside += sum(
+                    isinstance(target, ast.Attribute)
+                    and isinstance(target.value, ast.Attribute | ast.Name)
+                    and not (isinstance(target.value, ast.Name) and target.value.id in OWN)
+                    for target in node.targets
+                )
+    assert splats <= SPLATS_MAX
+    assert outside <= OUTSIDE_MAX
+
+
+OWN = ("self", "cls")
+
+
+def test_every_file_that_design_md_names_is_there() -> None:
+    text = (ROOT / "vsense" / "DESIGN.md").read_text()
+    named = set(re.findall(r"`([\w./-]+\.(?:py|c|h|js|hpp|txt|md|toml|xsd))`", text))
+    folders = ("vsense", "c_src", "robot", "firmware_bridge", "scripts", "tests")
+    paths = [f"/{path.relative_to(ROOT)}" for f in folders for path in (ROOT / f).rglob("*.*")]
+    paths += [f"/{path.name}" for path in ROOT.iterdir()]
+    assert len(named) > 60
+    lost = {n for n in named if not any(p.endswith(f"/{Path(n)}") for p in paths)}
+    assert lost - {"../README.md", "../tests/README.md"} == set()
+
+
+def test_formats_are_those_that_design_md_tells() -> None:
+    text = (ROOT / "vsense" / "DESIGN.md").read_text()
+    table = text.partition("| format | number | older ones |")[2].partition("\n\n")[0]
+    rows = dict(re.findall(r"^\| (\S+).*? \| ([\d.]+)", table, re.M))
+    assert rows["wire"] == str(lib.VS_VERSION)
+    assert rows["recording"] == ".".join(map(str, form.FORMAT))
+    assert rows["package"] == str(contents.FORMAT)
+    assert rows["`made.zip`,"] == str(origin.FORMAT)
+    assert rows["`.argos`"] == parsing.NAMESPACE.rpartition(":")[2]
+    assert rows["truth"] == truth.LOG_MAGIC.decode()[-1]
 
 
 def test_top_level_is_the_design_card() -> None:

@@ -191,7 +191,8 @@ def _interpolate(before: np.void, after: np.void, time_ns: int) -> tuple[Floats,
 
 
 _LOG_HEADER = struct.Struct("<8sQ")
-_LOG_MAGIC = b"vstruth2"
+LOG_MAGIC = b"vstruth2"
+"""Its last digit is the format's number."""
 
 
 def truth_dtype(bodies: int) -> np.dtype[np.void]:
@@ -218,7 +219,7 @@ class TruthLog:
         """Begins a new file; LabError where it cannot be written."""
         self._record = np.zeros(1, dtype=truth_dtype(bodies))
         self._file = LogFile(path, "truth log")
-        self._file.append(_LOG_HEADER.pack(_LOG_MAGIC, bodies))
+        self._file.append(_LOG_HEADER.pack(LOG_MAGIC, bodies))
 
     def append(
         self,
@@ -249,8 +250,8 @@ def read_truth(path: Path) -> NDArray[np.void]:
     if len(content) < _LOG_HEADER.size:
         raise LabError(f"truth log {path}: {len(content)} bytes are no truth log")
     magic, bodies = _LOG_HEADER.unpack_from(content)
-    if magic != _LOG_MAGIC:
-        raise LabError(f"truth log {path}: begins with {magic!r}, expected {_LOG_MAGIC!r}")
+    if magic != LOG_MAGIC:
+        raise LabError(f"truth log {path}: begins with {magic!r}, expected {LOG_MAGIC!r}")
     dtype = truth_dtype(bodies)
     whole = (len(content) - _LOG_HEADER.size) // dtype.itemsize
     return np.frombuffer(content, dtype=dtype, count=whole, offset=_LOG_HEADER.size)
