@@ -15,7 +15,7 @@ import vsense.world.actuators
 import vsense.world.sensors
 from scripts.site.contents import ROOT
 from vsense.world import entities, fields, floor, loop_functions, world
-from vsense.world.sensors import quality, updating
+from vsense.world.sensors import quality
 
 _LABEL = re.compile(r"^(Args|Attributes|Raises|Returns|Source|Yields):\s*", re.MULTILINE)
 
@@ -96,7 +96,7 @@ def devices() -> str:
         "from. How to [write one](../vsense/world/sensors/README.md); all",
         "[attributes with types and defaults](experiment.md#devices).\n",
         f"## Quality settings\n\n{markdown(str(quality.__doc__))}\n",
-        f"## When a value is sent\n\n{markdown(str(updating.__doc__))}\n",
+        f"## When a value is sent\n\n{markdown(str(quality.__doc__))}\n",
     ]
     for kind, package in (("sensor", vsense.world.sensors), ("actuator", vsense.world.actuators)):
         parts.append(f"## Virtual {kind}s\n")

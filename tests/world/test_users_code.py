@@ -9,7 +9,7 @@ from types import ModuleType
 import pytest
 
 from vsense.base.errors import VsenseError
-from vsense.world.users_code import UsersCode, line_of
+from vsense.world.loop_functions import UsersCode, line_of
 
 NAME = "vsense_test_of_users_code"
 

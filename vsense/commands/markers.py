@@ -14,7 +14,7 @@ from vsense.commands import arguments
 from vsense.config import roster
 from vsense.tools.camera_setup import photographs
 from vsense.tools.camera_setup.photographs import FindOptions
-from vsense.vision.markers import codes, paper, sheet
+from vsense.vision.markers import families, paper, sheet
 from vsense.vision.markers.families import load_family
 from vsense.vision.tracking.squares import LEAST_SIDE_PX
 
@@ -141,7 +141,7 @@ def _print(options: argparse.Namespace) -> int:
         robots = roster.read(options.roster).robots
         names = {robot.tag: robot.name or robot.host for robot in robots}
     family = load_family(options.family or wanted)
-    chosen = list(names) if names else codes.parse_tags(options.ids, family)
+    chosen = list(names) if names else families.parse_tags(options.ids, family)
     size_mm = options.size or family.disc_diameter_mm
     pages = sheet.pages(family, chosen, size_mm, options.paper, names)
     files = (

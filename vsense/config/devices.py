@@ -31,7 +31,6 @@ from vsense.config.things import Media, check_medium
 from vsense.robots.link.table import Direction, Entry, Table
 from vsense.world.actuators.base import ActuatorError, MountedActuator, VirtualActuator
 from vsense.world.physics.wheel_noise import WheelNoise, Wheels
-from vsense.world.sensors import updating
 from vsense.world.sensors.base import (
     MountedSensor,
     RobotSettings,
@@ -41,7 +40,7 @@ from vsense.world.sensors.base import (
     layout_dtype,
     scale_of,
 )
-from vsense.world.sensors.quality import NOISES, Quality
+from vsense.world.sensors.quality import NOISES, Quality, updating_from_xml
 from vsense.world.world import ROBOT_LEDS
 
 SENSORS = "sensors"
@@ -112,7 +111,7 @@ def _mounted_sensor(
     except SensorError as error:
         raise element.error(str(error)) from None
     quality = Quality.from_xml(element, scale_of(sensor), noises)
-    condition, every = updating.from_xml(element, sensor, quality.update_every)
+    condition, every = updating_from_xml(element, sensor, quality.update_every)
     return MountedSensor(sensor, element.line, replace(quality, update_every=every), condition)
 
 

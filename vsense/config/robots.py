@@ -16,8 +16,7 @@ from vsense.config import argos
 from vsense.config.distribute import OBJECT, Crowd, DistributedSpec
 from vsense.config.specs import FieldSpec, FloorSpec, ObjectSpec, Pose, RobotSpec, Stage
 from vsense.config.things import Media, read_place
-from vsense.vision.markers.codes import ranked_tags
-from vsense.vision.markers.families import load_family
+from vsense.vision.markers.families import load_family, ranked_tags
 from vsense.world.entities import VIRTUAL_TAG_MIN, Arena, Entity, VirtualRobot
 from vsense.world.sensors.base import RobotSettings
 from vsense.world.world import MESSAGE_MAX

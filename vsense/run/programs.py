@@ -120,8 +120,8 @@ class Programs:
         drivers = np.array(list(controllers.values()))
         self._experiment, count = experiment, len(drivers)
         self.wheels_steps_s, self.leds = np.zeros((count, 2), np.int16), np.zeros(count, np.uint16)
-        everybody = (*experiment.robots, *experiment.virtual_robots)
-        names = self._names = {robot.tag: robot.id for robot in everybody}
+        real, virtual = experiment.robots, experiment.virtual_robots
+        self._names = names = {r.tag: r.id for r in real} | {r.tag: r.id for r in virtual}
         self._parts: list[tuple[int, NDArray[np.intp], Program]] = []
         for number, spec in enumerate(experiment.controllers):
             rows = np.flatnonzero(drivers == spec.id)

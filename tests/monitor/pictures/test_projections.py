@@ -9,8 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vsense.monitor.pictures.projections import FromAbove, ThroughLens
-from vsense.vision.cameras.camera import Camera
-from vsense.vision.cameras.image_plane import window_radius
+from vsense.vision.cameras.camera import Camera, window_radius
 
 MIDDLE = np.array([0.3, -0.2])
 WIDTH = 800

@@ -11,8 +11,7 @@ import pytest
 
 from tests.monitor.ui.conftest import Open, Serve
 from tests.monitor.ui.puppet_world import floor_png
-from vsense.vision.cameras.camera import Camera
-from vsense.vision.cameras.image_plane import window_radius
+from vsense.vision.cameras.camera import Camera, window_radius
 
 RANDOM = np.random.default_rng(4)
 CONE = [245, 140, 60]

@@ -17,9 +17,8 @@ from vsense.vision.cameras import aravis, discovery, v4l2
 from vsense.vision.cameras.aravis import AravisError
 from vsense.vision.cameras.discovery import FoundCamera
 from vsense.vision.cameras.genicam import FREE, GenicamSettings
-from vsense.vision.cameras.gige import GIGE, USB3, ListedCamera
 from vsense.vision.cameras.grabber import GrabberError
-from vsense.vision.cameras.networks import Network
+from vsense.vision.cameras.networks import GIGE, USB3, ListedCamera, Network
 from vsense.vision.cameras.opencv_source import Controls
 from vsense.vision.cameras.v4l2 import V4l2Device
 from vsense.vision.tracking.specs import GENICAM

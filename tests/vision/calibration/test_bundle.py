@@ -10,8 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.vision.calibration.ideal import BOARD, CAMERAS, PLAN, shoot
-from vsense.vision.calibration.bundle import CAMERA_SIZE, POSE_SIZE, Bundle, Estimate, Knowledge
-from vsense.vision.calibration.lens import lens_of, turn
+from vsense.vision.calibration.bundle import (
+    CAMERA_SIZE,
+    POSE_SIZE,
+    Bundle,
+    Estimate,
+    Knowledge,
+    lens_of,
+    turn,
+)
 from vsense.vision.calibration.solution import assemble
 
 NAMES = [camera.id for camera in CAMERAS]

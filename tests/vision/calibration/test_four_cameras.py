@@ -17,8 +17,8 @@ import pytest
 
 from tests.rigs.places import DATA
 from vsense.vision.calibration.board import Board
-from vsense.vision.calibration.floor import FloorReference
-from vsense.vision.calibration.lens import camera_of, lens_of
+from vsense.vision.calibration.bundle import camera_of, lens_of
+from vsense.vision.calibration.placement import FloorReference
 from vsense.vision.calibration.rig import Rig, RigSolver, Trust
 from vsense.vision.calibration.solution import Solution, check_board
 from vsense.vision.calibration.views import BoardViews, View

@@ -13,8 +13,8 @@ from tests.rigs.places import DATA
 from tests.vision.calibration.ideal import BOARD, CAMERAS, SIZE, see
 from vsense.modes.lab.board_studio import board_at
 from vsense.vision.calibration.board import Board
+from vsense.vision.calibration.bundle import lens_of
 from vsense.vision.calibration.intrinsics import calibrate_lens, calibrate_lenses
-from vsense.vision.calibration.lens import lens_of
 from vsense.vision.calibration.placement import BoardPose, first_lens, poses_in_camera
 from vsense.vision.calibration.solution import CalibrationError
 from vsense.vision.calibration.views import BoardViews, CornerFinder, View

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense.base.errors import ConfigError, UsageError
-from vsense.vision.calibration.floor import read_points, read_seen
+from vsense.vision.calibration.placement import read_points, read_seen
 from vsense.vision.calibration.views import View, read_corners, write_corners
 
 names = st.text('abcdefghij_-0123456789 ,"', min_size=1, max_size=8).map(lambda t: f"a{t}z")

@@ -9,8 +9,7 @@ import pytest
 from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, render
 from vsense.base.arena import DETECTION, UNNAMED, Frame
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.cameras.health import Agreement, CameraHealth, Health
-from vsense.vision.cameras.steadiness import Steadiness
+from vsense.vision.cameras.health import Agreement, CameraHealth, Health, Steadiness
 from vsense.vision.markers.families import load_family
 from vsense.vision.tracking.detector import make_detector
 

@@ -7,11 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from vsense.vision.cameras.gige import answers, controlled
 from vsense.vision.cameras.networks import (
     BandwidthError,
     NetworkLoad,
     Stream,
+    answers,
+    controlled,
     host_address,
     interface_of,
     speed_bit_s,

@@ -10,8 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.vision.markers.texture import draw_texture
-from vsense.vision.markers.codes import cell_blur, choose_tags
-from vsense.vision.markers.families import FamilyError, MarkerFamily, load_family
+from vsense.vision.markers.families import (
+    FamilyError,
+    MarkerFamily,
+    cell_blur,
+    choose_tags,
+    load_family,
+)
 
 ARROW = load_family("arrow4x4")
 assert isinstance(ARROW, MarkerFamily)

@@ -21,7 +21,7 @@ from vsense.base.arena import UNNAMED, wrap_angle
 from vsense.base.errors import UsageError
 from vsense.config.experiment import load, read
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.markers import codes, sheet
+from vsense.vision.markers import families, sheet
 from vsense.vision.markers import paper as pdf
 from vsense.vision.markers import paper as raster
 from vsense.vision.markers.families import MarkerFamily, load_family
@@ -82,7 +82,7 @@ def test_detector_reads_every_printed_marker_at_its_place(
     tmp_path: Path, name: str, dpi: float
 ) -> None:
     family = load_family(name)
-    chosen = codes.parse_tags("auto:12", family)
+    chosen = families.parse_tags("auto:12", family)
     pages = sheet.pages(family, chosen, 70.0, "a4")
     detector = make_detector(family, chosen, 0.0)
     found = []
@@ -163,9 +163,9 @@ def test_numbers_in_words() -> None:
 
 
 def test_ids_are_ranges_lists_and_choices() -> None:
-    assert codes.parse_tags("1-3,7, 20-21", ARROW) == [1, 2, 3, 7, 20, 21]
-    assert len(set(codes.parse_tags("auto:20", ARROW))) == 20
-    assert len(set(codes.parse_tags("auto:50", load_family("aruco_4x4_50")))) == 50
+    assert families.parse_tags("1-3,7, 20-21", ARROW) == [1, 2, 3, 7, 20, 21]
+    assert len(set(families.parse_tags("auto:20", ARROW))) == 20
+    assert len(set(families.parse_tags("auto:50", load_family("aruco_4x4_50")))) == 50
 
 
 @pytest.mark.parametrize(
@@ -184,12 +184,12 @@ def test_ids_are_ranges_lists_and_choices() -> None:
 )
 def test_wrong_ids_are_refused_with_the_reason(text: str, reason: str) -> None:
     with pytest.raises(UsageError, match=reason):
-        codes.parse_tags(text, ARROW)
+        families.parse_tags(text, ARROW)
 
 
 def test_too_many_automatic_ids_of_a_dictionary_are_refused() -> None:
     with pytest.raises(UsageError, match="51 tags: the family aruco_4x4_50 has 50"):
-        codes.parse_tags("auto:51", load_family("aruco_4x4_50"))
+        families.parse_tags("auto:51", load_family("aruco_4x4_50"))
 
 
 def test_chosen_dictionary_tags_lie_farther_apart_than_the_first_ones() -> None:
@@ -207,7 +207,7 @@ def test_chosen_dictionary_tags_lie_farther_apart_than_the_first_ones() -> None:
             if a != b
         )
 
-    assert apart(codes.parse_tags("auto:8", family)) > 1.2 * apart(list(range(8)))
+    assert apart(families.parse_tags("auto:8", family)) > 1.2 * apart(list(range(8)))
 
 
 def test_command_writes_files_and_names_them(tmp_path: Path, capsys) -> None:
@@ -259,6 +259,6 @@ def test_robots_without_tags_wear_those_of_auto() -> None:
     for count in (9, 10, 15):
         fewer = re.sub(r'quantity="[0-9]+"', f'quantity="{count}"', text, count=1)
         found = [robot.tag for robot in read(fewer.encode(), "x.argos", path).robots]
-        assert sorted(found) == codes.parse_tags(f"auto:{count}", ARROW)
+        assert sorted(found) == families.parse_tags(f"auto:{count}", ARROW)
         assert found[: len(before)] == before
         before = found

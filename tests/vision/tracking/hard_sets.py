@@ -18,7 +18,7 @@ import numpy as np
 from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, render
 from vsense.base.arena import UNNAMED
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.markers import codes
+from vsense.vision.markers import families
 from vsense.vision.markers.families import load_family
 from vsense.vision.tracking.detector import make_detector
 
@@ -120,7 +120,7 @@ def glare(camera: Camera, robots: Sequence[Robot], rng: np.random.Generator) -> 
 @cache
 def roster(name: str) -> tuple[int, ...]:
     """Returns the tags that `vsense markers --ids auto:20` chooses."""
-    return tuple(codes.parse_tags(f"auto:{ROBOTS}", load_family(name)))
+    return tuple(families.parse_tags(f"auto:{ROBOTS}", load_family(name)))
 
 
 @cache

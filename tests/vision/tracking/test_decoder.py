@@ -8,9 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vsense.base.arena import UNNAMED
-from vsense.vision.markers.codes import cell_blur, normal_share, outer_light
-from vsense.vision.markers.families import load_family
-from vsense.vision.tracking.decoder import DecodedTag, Decoder
+from vsense.vision.markers.families import cell_blur, load_family, normal_share, outer_light
+from vsense.vision.tracking.naming import DecodedTag, Decoder
 from vsense.vision.tracking.outlines import nearest_blur
 
 ARROW = load_family("arrow4x4")

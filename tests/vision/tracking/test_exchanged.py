@@ -13,8 +13,7 @@ import pytest
 from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, render
 from vsense.base.arena import ArenaState, Frame
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.markers.codes import choose_tags
-from vsense.vision.markers.families import MarkerFamily, SquareFamily, load_family
+from vsense.vision.markers.families import MarkerFamily, SquareFamily, choose_tags, load_family
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 from vsense.vision.tracking.prediction import SearchPlan
 

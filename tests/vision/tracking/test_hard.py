@@ -10,8 +10,7 @@ from vsense.base.arena import UNNAMED, Frame
 from vsense.tools.bench.frames import FRAMES_PER_S, MARKER_M, FrameSet, Painter, cameras
 from vsense.tools.bench.tracking import TABLE_2_1
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.markers.codes import choose_tags
-from vsense.vision.markers.families import MarkerFamily, load_family
+from vsense.vision.markers.families import MarkerFamily, choose_tags, load_family
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 from vsense.vision.tracking.detector import make_detector
 from vsense.vision.tracking.prediction import SearchPlan

@@ -14,7 +14,7 @@ from vsense.base.clock import host_ns
 from vsense.config import tracking_session
 from vsense.tools.camera_setup.showing import save_picture
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.markers import codes
+from vsense.vision.markers import families
 from vsense.vision.markers.dictionary import load_codes
 from vsense.vision.markers.families import MarkerFamily, SquareFamily, load_family
 from vsense.vision.tracking import opening
@@ -31,7 +31,7 @@ def named(family: MarkerFamily | SquareFamily, cell_px: float, look: Look) -> tu
     px_per_m = cell_px / (1e-3 * family.cell_mm)
     size = max(300, int(1.3 * px_per_m)), max(220, int(px_per_m))
     camera = Camera.looking_down("c", 0.0, 0.0, HEIGHT_M + AWAY_M, px_per_m * AWAY_M, size)
-    roster = codes.parse_tags("auto:20", family)
+    roster = families.parse_tags("auto:20", family)
     places = np.array([(x, y) for x in (-0.45, -0.22, 0.0, 0.22, 0.45) for y in (-0.3, 0.0, 0.3)])
     right = wrong = 0
     for seed in range(4):

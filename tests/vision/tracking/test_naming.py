@@ -8,11 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense.base.arena import UNNAMED
-from vsense.vision.markers.codes import cell_blur
-from vsense.vision.markers.families import load_family
-from vsense.vision.tracking.decoder import Decoder
+from vsense.vision.markers.families import cell_blur, load_family
 from vsense.vision.tracking.kernel import MARKER
-from vsense.vision.tracking.naming import carry_names, gather_evidence
+from vsense.vision.tracking.naming import Decoder, carry_names, gather_evidence
 from vsense.vision.tracking.prediction import EXPECTED, Prediction
 from vsense.vision.tracking.rows import (
     NEAR_M,

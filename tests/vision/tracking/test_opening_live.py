@@ -9,7 +9,7 @@ import pytest
 from vsense.base.clock import host_ns
 from vsense.base.errors import ConfigError
 from vsense.config import tracking_session
-from vsense.vision.cameras import aravis, gige, networks
+from vsense.vision.cameras import aravis, networks
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.tracking.opening import open_tracking
 from vsense.vision.tracking.specs import TrackingSession
@@ -92,7 +92,9 @@ def test_one_device_for_two_cameras_is_refused(folder: Path) -> None:
 
 
 def test_one_camera_by_two_names_is_refused(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    one = gige.ListedCamera("Maker-Type-77", gige.GIGE, "192.0.2.1", "00:11", "Maker", "Type", "77")
+    one = networks.ListedCamera(
+        "Maker-Type-77", networks.GIGE, "192.0.2.1", "00:11", "Maker", "Type", "77"
+    )
     monkeypatch.setattr(aravis, "_load", lambda: None)
     monkeypatch.setattr(aravis, "listed", lambda: [one])
     text = refusal(session(folder, device="77"))

@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vsense.vision.markers.codes import BLURS_U
 from vsense.vision.markers.dictionary import FamilyError
-from vsense.vision.markers.families import load_family
+from vsense.vision.markers.families import BLURS_U, load_family
 from vsense.vision.tracking.kernel import Kernel
 from vsense.vision.tracking.outlines import (
     edge_sharpness,

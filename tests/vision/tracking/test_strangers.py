@@ -8,8 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense.base.arena import UNNAMED
-from vsense.vision.markers.codes import BLURS_U, cell_blur, outer_light
-from vsense.vision.markers.families import MarkerFamily, load_family
+from vsense.vision.markers.families import (
+    BLURS_U,
+    MarkerFamily,
+    cell_blur,
+    load_family,
+    outer_light,
+)
 from vsense.vision.tracking.joining import could_be, unlisted_tag_reader
 
 ARROW = load_family("arrow4x4")

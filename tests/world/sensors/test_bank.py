@@ -15,8 +15,7 @@ from vsense.base.arena import ArenaState
 from vsense.world.entities import VIRTUAL_TAG_MIN, VirtualRobot
 from vsense.world.sensors.bank import SensorBank, TableEntry
 from vsense.world.sensors.base import MountedSensor, SensorError, layout_dtype
-from vsense.world.sensors.quality import Quality, Scale
-from vsense.world.sensors.updating import ALWAYS, Updating
+from vsense.world.sensors.quality import ALWAYS, Quality, Scale, Updating
 from vsense.world.world import NEVER_NS, World
 
 States = Callable[..., ArenaState]

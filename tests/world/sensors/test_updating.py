@@ -10,16 +10,15 @@ import pytest
 
 from tests.world.sensors.scenes import element, mount
 from vsense.base.errors import ConfigError
-from vsense.world.sensors import updating
-from vsense.world.sensors.quality import Scale
-from vsense.world.sensors.updating import ALWAYS, Updating
+from vsense.world.sensors import quality
+from vsense.world.sensors.quality import ALWAYS, Scale, Updating
 
 PLAIN = SimpleNamespace(name="x")
 OWN = SimpleNamespace(name="x", changed=lambda sent, fresh: fresh[:, 0] > sent[:, 0])
 
 
 def condition(attributes: str, sensor: SimpleNamespace = PLAIN) -> tuple[Updating, int]:
-    return updating.from_xml(element(f"<s {attributes}/>"), sensor, 1)
+    return quality.updating_from_xml(element(f"<s {attributes}/>"), sensor, 1)
 
 
 def test_spellings() -> None:

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from vsense.base.shared import LabError
 from vsense.modes.lab.optics import Floats, Image8, RayMap, blur, vignetting
 from vsense.modes.lab.scene import Scene
-from vsense.vision.cameras.camera import Camera
-from vsense.vision.cameras.image_plane import Image32
+from vsense.vision.cameras.camera import Camera, Image32
 from vsense.world.entities import Box, Cylinder
 
 FULL_DN = 213.0

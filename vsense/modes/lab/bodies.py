@@ -16,8 +16,7 @@ import numpy as np
 
 from vsense.base.shared import LabError
 from vsense.modes.lab.optics import BLUR_SIGMA_PX, Floats
-from vsense.vision.cameras.camera import Camera
-from vsense.vision.cameras.image_plane import Image32
+from vsense.vision.cameras.camera import Camera, Image32
 from vsense.vision.markers.families import Family
 from vsense.world.entities import BODY_RADIUS_M
 

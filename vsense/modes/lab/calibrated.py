@@ -22,10 +22,10 @@ from vsense.base.arena import wrap_angle
 from vsense.base.shared import file_errors
 from vsense.modes.lab.board_studio import FLOOR, HELD, BoardStudio, board_plan
 from vsense.vision.calibration.board import Board
-from vsense.vision.calibration.floor import FloorReference
+from vsense.vision.calibration.bundle import lens_of, turn
 from vsense.vision.calibration.frame import FrameShift
 from vsense.vision.calibration.intrinsics import calibrate_lenses
-from vsense.vision.calibration.lens import lens_of, turn
+from vsense.vision.calibration.placement import FloorReference
 from vsense.vision.calibration.rig import Rig, RigSolver, Trust
 from vsense.vision.calibration.session import save
 from vsense.vision.calibration.solution import Solution

@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.native import kernel_ffi
-from vsense.vision.cameras.camera import Camera
-from vsense.vision.cameras.image_plane import Image32, everywhere
+from vsense.vision.cameras.camera import Camera, Image32, everywhere
 
 Floats = NDArray[np.float64]
 Image8 = NDArray[np.uint8]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.modes.lab.optics import Floats, Image8, RayMap
-from vsense.vision.cameras.image_plane import Image32
+from vsense.vision.cameras.camera import Image32
 
 PX_PER_M = 800
 """Resolution of the floor: finer than any picture of it."""

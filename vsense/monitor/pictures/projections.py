@@ -14,13 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.canvas import Floats, Image
-from vsense.vision.cameras.camera import Camera, distort, undistort
-from vsense.vision.cameras.image_plane import (
+from vsense.vision.cameras.camera import (
     NEAR_M,
+    Camera,
     Image32,
     cut,
     cut_to_disc,
+    distort,
     everywhere,
+    undistort,
     window_radius,
     within_disc,
 )

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.canvas import Image
-from vsense.vision.cameras.camera import Camera
-from vsense.vision.cameras.image_plane import NEAR_M, Image32, everywhere, window_radius
+from vsense.vision.cameras.camera import NEAR_M, Camera, Image32, everywhere, window_radius
 from vsense.world.entities import Arena
 
 _SEAM_M = 0.02

@@ -23,8 +23,7 @@ from vsense.vision.cameras.genicam import GenicamSettings, GenicamSource
 from vsense.vision.cameras.grabber import GrabberError
 from vsense.vision.cameras.live_grabber import LiveGrabber
 from vsense.vision.cameras.opencv_source import Controls
-from vsense.vision.markers.codes import choose_tags
-from vsense.vision.markers.families import MarkerFamily, load_family
+from vsense.vision.markers.families import MarkerFamily, choose_tags, load_family
 from vsense.vision.tracking.detector import make_detector
 
 RATE_HZ = 10.0

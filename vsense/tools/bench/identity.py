@@ -21,8 +21,7 @@ from vsense.tools.bench.frames import (
     RenderedSwarm,
     cameras,
 )
-from vsense.vision.markers.codes import choose_tags
-from vsense.vision.markers.families import MarkerFamily, load_family
+from vsense.vision.markers.families import MarkerFamily, choose_tags, load_family
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 
 FAMILIES = ("arrow4x4", "arrow4x4-thesis")

@@ -29,8 +29,7 @@ from vsense.tools.bench.contestants import (
 )
 from vsense.tools.bench.frames import MARKER_M, FrameSet, Image, Painter, cameras
 from vsense.tools.bench.whole_tracker import PER_CAMERA, WholeTracker
-from vsense.vision.markers.codes import choose_tags
-from vsense.vision.markers.families import MarkerFamily, load_family
+from vsense.vision.markers.families import MarkerFamily, choose_tags, load_family
 from vsense.vision.tracking.detector import make_detector
 from vsense.vision.tracking.prediction import SearchPlan
 

@@ -21,8 +21,7 @@ from vsense.base.terminal import aligned
 from vsense.studies.report import FORMATS, can_draw, lacking, plot
 from vsense.tools.bench.contestants import FoundTags, Tracked
 from vsense.tools.bench.frames import FrameSet, Image, Painter, cameras
-from vsense.vision.markers.codes import choose_tags
-from vsense.vision.markers.families import MarkerFamily, load_family
+from vsense.vision.markers.families import MarkerFamily, choose_tags, load_family
 from vsense.vision.tracking.prediction import SearchPlan
 
 ROBOTS = 20

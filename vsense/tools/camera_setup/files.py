@@ -23,7 +23,7 @@ from vsense.tools.camera_setup.listing import NOTHING
 from vsense.vision.cameras.discovery import RATE_HZ, V4L2, FoundCamera, find
 from vsense.vision.cameras.genicam import FREE, PIXEL_FORMATS, SOFTWARE
 from vsense.vision.cameras.source import Bounds
-from vsense.vision.markers import codes
+from vsense.vision.markers import families
 from vsense.vision.markers.families import load_family
 from vsense.vision.tracking.specs import CAMERA, GENICAM, TrackerSpec
 
@@ -199,7 +199,7 @@ def run(directory: Path, force: bool) -> int:
         print(f"vsense: {missing}", file=sys.stderr)
     if not found:
         raise VsenseError("\n".join(NOTHING))
-    roster = codes.parse_tags(ROSTER, load_family(FAMILY))
+    roster = families.parse_tags(ROSTER, load_family(FAMILY))
     try:
         files = write(directory, found, roster)
     except OSError as error:

@@ -16,9 +16,16 @@ from vsense.vision.cameras.camera import Camera
 from vsense.vision.cameras.controls import CameraControls, GenicamControls, V4l2Controls
 from vsense.vision.cameras.discovery import RATE_HZ, rate_of
 from vsense.vision.cameras.genicam import FREE, SOFTWARE, GenicamSettings, GenicamSource
-from vsense.vision.cameras.gige import HELD, ListedCamera, controlled, heard
 from vsense.vision.cameras.grabber import GrabberError
-from vsense.vision.cameras.networks import NetworkLoad, networks, stranded
+from vsense.vision.cameras.networks import (
+    HELD,
+    ListedCamera,
+    NetworkLoad,
+    controlled,
+    heard,
+    networks,
+    stranded,
+)
 from vsense.vision.cameras.opencv_source import Controls, teach_opencv
 from vsense.vision.cameras.picture import PictureError
 from vsense.vision.cameras.source import Shot, Source

@@ -18,9 +18,9 @@ from vsense.vision.calibration import check
 from vsense.vision.calibration.board import Board
 from vsense.vision.calibration.check import PointCheck, PointSight, rms, steps_m
 from vsense.vision.calibration.checked import FILE
-from vsense.vision.calibration.floor import SEEN_COLUMNS, FloorReference, TagFinder
 from vsense.vision.calibration.frame import FrameShift
 from vsense.vision.calibration.pictures import gather, inspect
+from vsense.vision.calibration.placement import SEEN_COLUMNS, FloorReference, TagFinder
 from vsense.vision.calibration.session import cameras_of
 from vsense.vision.calibration.views import CornerFinder, View, number_at, read_table
 from vsense.vision.cameras.camera import Camera, Floats

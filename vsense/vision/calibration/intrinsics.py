@@ -14,13 +14,15 @@ import numpy as np
 from vsense.vision.calibration.board import Board
 from vsense.vision.calibration.bundle import (
     CAMERA_SIZE,
+    LENS_SIZE,
     POSE_SIZE,
     Bundle,
     Estimate,
     Knowledge,
     Sightings,
+    camera_of,
+    project,
 )
-from vsense.vision.calibration.lens import LENS_SIZE, camera_of, project
 from vsense.vision.calibration.placement import BoardPose, first_lens, poses_in_camera
 from vsense.vision.calibration.solution import (
     CalibrationError,

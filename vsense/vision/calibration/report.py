@@ -19,7 +19,7 @@ import numpy as np
 from vsense.base.canvas import GRID, INK, MUTED, Canvas, Colour, Image, round_number, width_of
 from vsense.base.terminal import aligned
 from vsense.vision.calibration.board import Board
-from vsense.vision.calibration.lens import lens_of
+from vsense.vision.calibration.bundle import lens_of
 from vsense.vision.calibration.solution import BoardCheck, Solution, ViewResult, rms
 from vsense.vision.cameras.camera import Camera, Floats
 

@@ -9,11 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.vision.calibration.board import Board
-from vsense.vision.calibration.bundle import CAMERA_SIZE, POSE_SIZE, Bundle, Estimate, Knowledge
-from vsense.vision.calibration.floor import FloorReference
+from vsense.vision.calibration.bundle import (
+    CAMERA_SIZE,
+    POSE_SIZE,
+    Bundle,
+    Estimate,
+    Knowledge,
+    camera_of,
+)
 from vsense.vision.calibration.intrinsics import NOISE_PX, any_lens
-from vsense.vision.calibration.lens import camera_of
-from vsense.vision.calibration.placement import BoardPose, Placement, Placer, camera_from_points
+from vsense.vision.calibration.placement import (
+    BoardPose,
+    FloorReference,
+    Placement,
+    Placer,
+    camera_from_points,
+)
 from vsense.vision.calibration.solution import (
     CalibrationError,
     Solution,

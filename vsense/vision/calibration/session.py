@@ -16,16 +16,16 @@ from vsense.base.errors import UsageError
 from vsense.base.files import read_text
 from vsense.vision.calibration import report
 from vsense.vision.calibration.board import Board, page
-from vsense.vision.calibration.floor import (
+from vsense.vision.calibration.bundle import lens_of
+from vsense.vision.calibration.intrinsics import calibrate_lenses
+from vsense.vision.calibration.pictures import PictureFile, gather, inspect
+from vsense.vision.calibration.placement import (
     FloorReference,
     TagFinder,
     read_points,
     read_seen,
     tag_views,
 )
-from vsense.vision.calibration.intrinsics import calibrate_lenses
-from vsense.vision.calibration.lens import lens_of
-from vsense.vision.calibration.pictures import PictureFile, gather, inspect
 from vsense.vision.calibration.rig import Rig, RigSolver, Trust
 from vsense.vision.calibration.solution import Solution, check_board
 from vsense.vision.calibration.views import (

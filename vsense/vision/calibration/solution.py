@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from vsense.base.errors import VsenseError
 from vsense.vision.calibration.board import Board
-from vsense.vision.calibration.bundle import Sightings
-from vsense.vision.calibration.lens import lens_of, project, undistorted
+from vsense.vision.calibration.bundle import Sightings, lens_of, project, undistorted
 from vsense.vision.calibration.views import View
 from vsense.vision.cameras.camera import Camera, Floats
 

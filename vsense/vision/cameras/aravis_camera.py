@@ -7,8 +7,7 @@ import threading
 from typing import Any
 
 from vsense.vision.cameras.aravis import AravisError, call, listed, load
-from vsense.vision.cameras.gige import CONTROL, IN_CONTROL, answers, several
-from vsense.vision.cameras.networks import host_address
+from vsense.vision.cameras.networks import CONTROL, IN_CONTROL, answers, host_address, several
 
 _CHECK_RANGES = 1
 _NEVER_ADJUST = 0

@@ -6,14 +6,22 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
-from vsense.vision.cameras import aravis, gige, v4l2
+from vsense.vision.cameras import aravis, v4l2
+from vsense.vision.cameras import networks as gige
 from vsense.vision.cameras.aravis import AravisError
 from vsense.vision.cameras.aravis_camera import AravisCamera
 from vsense.vision.cameras.controls import EXPOSURE, GAIN
 from vsense.vision.cameras.genicam import NAMES
-from vsense.vision.cameras.gige import HELD, ListedCamera, controlled, heard, several
 from vsense.vision.cameras.grabber import GrabberError
-from vsense.vision.cameras.networks import networks, stranded
+from vsense.vision.cameras.networks import (
+    HELD,
+    ListedCamera,
+    controlled,
+    heard,
+    networks,
+    several,
+    stranded,
+)
 from vsense.vision.cameras.source import Bounds
 
 GIGE, USB3, V4L2 = "GigE", "USB3", "V4L2"

@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from vsense.vision.cameras.aravis import AravisError
 from vsense.vision.cameras.aravis_camera import AravisCamera, is_address, locate
 from vsense.vision.cameras.aravis_stream import AravisStream
-from vsense.vision.cameras.gige import HELD, controlled
 from vsense.vision.cameras.grabber import GrabberError
-from vsense.vision.cameras.networks import NetworkLoad, Stream
+from vsense.vision.cameras.networks import HELD, NetworkLoad, Stream, controlled
 from vsense.vision.cameras.opencv_source import Controls
 from vsense.vision.cameras.source import (
     FIRST_S,

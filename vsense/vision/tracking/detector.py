@@ -15,9 +15,9 @@ import numpy as np
 
 from vsense.base.arena import UNNAMED
 from vsense.vision.markers.families import MarkerFamily, SquareFamily
-from vsense.vision.tracking.decoder import Decoder
 from vsense.vision.tracking.marker_detector import Detected, MarkerDetector, Tags
 from vsense.vision.tracking.naming import (
+    Decoder,
     carry_names,
     find_unlisted_tags,
     gather_evidence,

@@ -20,8 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.arena import UNNAMED
-from vsense.vision.markers.codes import BLURS_U, cell_blur, outer_light, usable
-from vsense.vision.markers.families import MarkerFamily, SquareFamily
+from vsense.vision.markers.families import (
+    BLURS_U,
+    MarkerFamily,
+    SquareFamily,
+    cell_blur,
+    outer_light,
+    usable,
+)
 from vsense.vision.tracking.views import MERGE_M
 
 Floats = NDArray[np.float64]

@@ -15,13 +15,11 @@ from numpy.typing import NDArray
 from vsense.base.arena import DETECTION, UNNAMED
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.cameras.camera_array import CameraArray, Places
-from vsense.vision.markers.codes import BLURS_U
-from vsense.vision.markers.families import FamilyError, MarkerFamily, SquareFamily
-from vsense.vision.tracking.covariance import OutlineCovariance
+from vsense.vision.markers.families import BLURS_U, FamilyError, MarkerFamily, SquareFamily
 from vsense.vision.tracking.joining import UnlistedTags
 from vsense.vision.tracking.kernel import MARKER, Image
 from vsense.vision.tracking.legibility import legible_blur_u
-from vsense.vision.tracking.outlines import nearest_blur
+from vsense.vision.tracking.outlines import OutlineCovariance, nearest_blur
 from vsense.vision.tracking.prediction import EXPECTED, MarkerSearch, Prediction, at_height
 from vsense.vision.tracking.rows import Rows, are_near, each_once, gather, is_in, join
 from vsense.vision.tracking.workers import Kernels, Picture, Workers

@@ -14,10 +14,15 @@ from vsense.base.errors import ConfigError
 from vsense.vision.cameras import aravis
 from vsense.vision.cameras.aravis_camera import is_address
 from vsense.vision.cameras.genicam import FREE, SOFTWARE, GenicamSettings, GenicamSource
-from vsense.vision.cameras.gige import ListedCamera
 from vsense.vision.cameras.grabber import Grabber, GrabberError, Troubles
 from vsense.vision.cameras.live_grabber import LiveGrabber, SoftwareTrigger
-from vsense.vision.cameras.networks import USUAL_PACKET, BandwidthError, NetworkLoad, Stream
+from vsense.vision.cameras.networks import (
+    USUAL_PACKET,
+    BandwidthError,
+    ListedCamera,
+    NetworkLoad,
+    Stream,
+)
 from vsense.vision.cameras.opencv_source import Controls, DeviceSource, teach_opencv
 from vsense.vision.cameras.paced_grabber import HeldPlayer, PacedGrabber
 from vsense.vision.cameras.recorded_grabber import CameraRecording, RecordedGrabber

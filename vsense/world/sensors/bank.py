@@ -25,9 +25,8 @@ from vsense.world.sensors.base import (
     layout_dtype,
     scale_of,
 )
-from vsense.world.sensors.quality import Delay, Distortion, Quality, QualityError, generator
+from vsense.world.sensors.quality import ALWAYS, Delay, Distortion, Quality, QualityError, generator
 from vsense.world.sensors.readings import SensorReadings
-from vsense.world.sensors.updating import ALWAYS
 from vsense.world.sightings import NEVER_NS, in_order
 from vsense.world.world import World
 

@@ -33,8 +33,7 @@ from vsense.base.native import kernels
 from vsense.base.xml.element import Element, shown
 from vsense.world.entities import Entity
 from vsense.world.pollution import PollutantSource
-from vsense.world.sensors.quality import Quality, Scale
-from vsense.world.sensors.updating import ALWAYS, Updating
+from vsense.world.sensors.quality import ALWAYS, Quality, Scale, Updating
 from vsense.world.world import World
 
 Robots = NDArray[np.void]

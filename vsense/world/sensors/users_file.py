@@ -15,8 +15,8 @@ from typing import Any
 
 from vsense.base.errors import ConfigError
 from vsense.base.xml.element import Element
+from vsense.world.loop_functions import UsersCode, line_of
 from vsense.world.sensors.base import Scope, SensorError, VirtualSensor
-from vsense.world.users_code import UsersCode, line_of
 
 ELEMENTS = ("vs:sensor",)
 
