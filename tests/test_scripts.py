@@ -96,6 +96,22 @@ def test_a_release_says_what_it_lacks_before_it_builds(tree: Path, tmp_path: Pat
     assert [path.name for path in full.iterdir()] == ["theirs"]
 
 
+def test_a_release_is_what_the_changelog_begins_with(tree: Path) -> None:
+    program(tree / ".venv/bin/python", "echo 0.2.0")
+    (tree / "CHANGELOG.md").write_text("# C\n\n## Unreleased\n\n## 0.2.0 - 2027-01-31\n")
+    assert called(tree, "release", VSENSE_URL="https://example.org") == (
+        1,
+        "vsense: CHANGELOG.md begins with '## Unreleased', expected '## 0.2.0 - DATE'",
+    )
+    (tree / "CHANGELOG.md").write_text("# C\n\n## 0.2.0 - 2027-01-31\n")
+    (tree / ".github").mkdir()
+    (tree / ".github" / "CITATION.cff").write_text("version: 0.2.0\ndate-released: 2026-11-25\n")
+    assert called(tree, "release", VSENSE_URL="https://example.org") == (
+        1,
+        "vsense: .github/CITATION.cff has no line 'date-released: 2027-01-31'",
+    )
+
+
 def test_callers_folder_is_kept(tree: Path) -> None:
     done = demo(tree, "mine.argos", "--output", "out", CDPATH=f"{tree}")
     assert done.returncode == 0, done.stderr

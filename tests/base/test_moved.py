@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 
 import pytest
 
-from tests.rigs.places import DATA
+from tests.rigs.places import DATA, ROOT
 from vsense import _moved
 
 MODULES = (DATA / "made-by-0.1" / "modules.txt").read_text()
@@ -62,3 +63,12 @@ def test_ways_to_import(line: str) -> None:
 def test_a_name_that_never_was_is_told_as_ever() -> None:
     with pytest.raises(ModuleNotFoundError, match=r"vsense\.sensor"):
         __import__("vsense.sensor")
+
+
+def test_the_changelog_says_where_modules_are_that_pages_of_0_1_showed() -> None:
+    text = (ROOT / "CHANGELOG.md").read_text()
+    rows = dict(re.findall(r"^\| `(vsense[.\w]+)` \| `(vsense[.\w]+)` \|$", text, re.MULTILINE))
+    script = (DATA / "made-by-0.1" / "reads.py").read_text()
+    shown = set(re.findall(r"^from (vsense\S+)", script, re.MULTILINE))
+    assert rows == {old: _moved._new_name(old) for old in rows}
+    assert shown - {"vsense.sim"} <= rows.keys() <= set(MODULES.split())

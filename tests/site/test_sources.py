@@ -39,6 +39,16 @@ def test_links_lead_to_a_file_and_a_heading(page: str) -> None:
     assert broken(ROOT, page, (ROOT / page).read_text()) == []
 
 
+@pytest.mark.parametrize("page", WRITERS)
+def test_links_of_generated_pages_lead_to_a_file_and_a_heading(page: str, tmp_path: Path) -> None:
+    for path in ROOT.iterdir():
+        (tmp_path / path.name).symlink_to(path)
+    (tmp_path / GENERATED).mkdir()
+    for name in WRITERS:
+        (tmp_path / name).write_text(WRITERS[name]())
+    assert broken(tmp_path, page, (tmp_path / page).read_text()) == []
+
+
 def test_pages_have_links() -> None:
     found = [link for page in markdown() for link in targets((ROOT / page).read_text())]
     assert len(found) > 100
