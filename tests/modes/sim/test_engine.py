@@ -25,8 +25,8 @@ from vsense.modes.sim.job import Job, Origin, Setup, Sweep
 from vsense.modes.sim.outcome import Interrupted, Task
 from vsense.modes.sim.remote import Place
 from vsense.modes.sim.worker import NotHere, settled
-from vsense.studies.campaign import campaign
-from vsense.studies.campaign.campaign import Campaign
+from vsense.studies.series import campaign
+from vsense.studies.series.campaign import Campaign
 
 
 def nothing(workers: object) -> None:

@@ -141,7 +141,7 @@ def test_rows_that_somebody_has_changed(tmp_path: Path) -> None:
     assert "run-001-3" in [run.name for run in pending(plan, [second])]
     again = replace(row(plan, 1), run="run-001-2")
     rows = [row(plan, 1), again, row(plan, 2)]
-    assert (valid(rows), twice(rows)) == (2, ["run-001 and run-001-2"])
+    assert (valid(plan, rows), twice(rows)) == (2, ["run-001 and run-001-2"])
 
 
 def test_a_plan_is_the_same_wherever_it_is_called(

@@ -16,6 +16,7 @@ from itertools import islice
 from typing import Any, Protocol
 
 from vsense.base.errors import VsenseError
+from vsense.config.specs import Experiment
 from vsense.modes.sim import fingerprint
 from vsense.modes.sim.job import Origin
 from vsense.modes.sim.outcome import Answer, Interrupted, Task
@@ -115,16 +116,17 @@ class Engine:
 
 
 def _lines(tasks: Iterable[Task]) -> Iterator[tuple[Task, str]]:
-    """Each task with its job as it travels; those of one experiment follow each other."""
-    experiment, origin = None, None
+    """Each task with its job as it travels; raises as `of_files`."""
+    origins: dict[int, tuple[Experiment, Origin]] = {}  # an experiment that is kept keeps its id
     for task in tasks:
-        if task.experiment is not experiment:
-            experiment, origin = task.experiment, _origin(task)
-        job = replace(task.job, libraries={}, origin=origin)
+        known = id(task.experiment)
+        if known not in origins:
+            origins[known] = task.experiment, _origin(task)
+        job = replace(task.job, libraries={}, origin=origins[known][1])
         yield task, job.to_line().decode()
 
 
 def _origin(task: Task) -> Origin:
-    """What a job finds on this machine; raises as `of_files`."""
+    """What a job finds on this machine."""
     cxxflags, files = os.environ.get("CXXFLAGS"), fingerprint.of_files(task)
     return Origin(socket.gethostname(), os.getcwd(), cxxflags, files)

@@ -1,6 +1,7 @@
 """The folder of a series: its plan as it was begun with, its table of runs, a folder for each run.
+And the table of a campaign, with the recordings beside it.
 
-What is done stands in runs.csv and nowhere else. A run's folder without a row is of a run that was
+What is done stands in the table and nowhere else. A run's folder without a row is of a run that was
 cut off.
 """
 
@@ -10,18 +11,21 @@ import fcntl
 import hashlib
 import json
 import os
+import re
 import shutil
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from vsense import __version__
 from vsense.base.errors import UsageError, VsenseError, failing_as
 from vsense.base.files import read_text, replace_text
+from vsense.monitor.recording import SUFFIX
 from vsense.run.directory import TIMESTEPS, DirectoryError, make_new
-from vsense.run.runs_csv import RUNS, RunRow, RunsFile, utc
+from vsense.run.runs_csv import RUNS, RunRow, RunsFile, utc, versions
 from vsense.studies.series.order import PlannedRun
 from vsense.studies.series.plan import SeriesPlan
 
@@ -34,6 +38,8 @@ PLAN = "plan.toml"
 _LOCK = ".lock"
 _FREE = ("again", "repetitions", "robots")
 """What may change while a series goes on; of repetitions there may be more."""
+_MOST_LETTERS = 120
+"""Of the settings in a recording's name."""
 
 
 class SeriesFolder:
@@ -109,6 +115,14 @@ class SeriesFolder:
                 shutil.rmtree(wanted)  # of a run that was waited for, and never began
             return make_new(wanted)
 
+    def recording(self, run: PlannedRun, name: str) -> Path:
+        """The recording of a simulated run of an experiment's name; raises as `of_run`."""
+        return self.of_run(run) / f"{name}{SUFFIX}"
+
+    def append(self, row: RunRow) -> None:
+        """Adds a run; raises as `RunsFile.append`."""
+        self.table.append(row)
+
     def cut(self, run: PlannedRun) -> bool:
         """Whether a run of this name began, and nobody wrote down how it ended."""
         return (self.path / run.name / TIMESTEPS).exists()
@@ -152,6 +166,85 @@ class SeriesFolder:
         with failing_as(DirectoryError, f"cannot write to {self.path}"):
             replace_text(self.path / SERIES, f"{json.dumps(facts, indent=2)}\n")
             replace_text(self.path / PLAN, read_text(self._plan.path))
+
+
+class CampaignTable:
+    """The table of a campaign: it serves simulated runs as `SeriesFolder` does.
+
+    All its rows are of one campaign, whose plan's name they have as `series`. A simulation has no
+    time of day: the same campaign gives the same bytes.
+
+    Attributes:
+        path: the folder of recordings, beside the table.
+        table: the file.
+    """
+
+    told: Sequence[str] = ()
+    changed: Sequence[str] = ()
+
+    def __init__(self, table: Path, plan: SeriesPlan) -> None:
+        """Reads the file if there is one.
+
+        Raises:
+            UsageError: the file holds something else.
+            VsenseError: it cannot be read.
+        """
+        self.path = table.with_name(f"{table.stem}-recordings")
+        self.table = RunsFile(table)
+        self._stems = _stems(plan)
+        for line, row in enumerate(self.rows, 2):
+            if row.series != plan.name:
+                raise UsageError(
+                    f"{table}:{line}: a row of campaign {row.series or 'without a name'}, this is"
+                    f" {plan.name}: the experiment, its controller, the options or the names of"
+                    " settings have changed; give another file with -o"
+                )
+
+    @property
+    def rows(self) -> Sequence[RunRow]:
+        """The runs so far."""
+        return self.table.rows
+
+    def look(self) -> Sequence[str]:
+        """Files that have changed: the campaign's name is a digest of them, taken once."""
+        return ()
+
+    def cut(self, run: PlannedRun) -> bool:
+        """Of a run that was cut off there is no trace."""
+        return False
+
+    def recording(self, run: PlannedRun, name: str) -> Path:
+        """The recording of a run; VsenseError if its folder cannot be made."""
+        with failing_as(VsenseError, f"{self.path}: cannot be written"):
+            self.path.mkdir(parents=True, exist_ok=True)
+        again = f"attempt{run.attempt}-" if run.attempt > 1 else ""
+        stem = self._stems[run.cell.condition]
+        return self.path / f"{stem}{again}seed{run.cell.seed}{SUFFIX}"
+
+    def append(self, row: RunRow) -> None:
+        """Adds a run.
+
+        VsenseError: its measures are not those of the rows before, or the file cannot be written.
+        """
+        before = self.table.measures
+        if self.rows and list(row.measures) != before:
+            raise VsenseError(
+                f"{self.table.path}: seed {row.seed} gave the measures"
+                f" {', '.join(row.measures) or 'none'}; the rows before have"
+                f" {', '.join(before) or 'none'}"
+            )
+        # Which programs were run is in the campaign's name.
+        self.table.append(replace(row, versions=versions()))
+
+
+def _stems(plan: SeriesPlan) -> dict[str, str]:
+    """How the names of recordings begin, by condition."""
+    found = {}
+    for number, condition in enumerate(plan.conditions, 1):
+        words = ",".join(f"{key}={value}" for key, value in condition.settings.items())
+        safe = re.sub(r"[^A-Za-z0-9_.=,+-]+", "_", words)[:_MOST_LETTERS]
+        found[condition.name] = f"{number:02d}-{safe}-" if words else ""
+    return found
 
 
 def noted(folder: Path) -> dict[str, Any] | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -11,7 +11,7 @@ from vsense.base.terminal import Console, Interruption
 from vsense.config.experiment import SUFFIX
 from vsense.run.runs_csv import VALID, VOID, RunRow
 from vsense.studies.series.criteria import Evidence, why_void
-from vsense.studies.series.folder import SeriesFolder
+from vsense.studies.series.folder import CampaignTable, SeriesFolder
 from vsense.studies.series.order import CUT, PlannedRun, pending, twice, valid
 from vsense.studies.series.plan import SeriesPlan
 
@@ -56,12 +56,13 @@ class SeriesLoop:
     def __init__(
         self,
         plan: SeriesPlan,
-        folder: SeriesFolder,
-        maker: RunMaker,
+        folder: SeriesFolder | CampaignTable,
+        make: Callable[[Sequence[PlannedRun]], Iterator[Made]],
         console: Console,
         interrupted: Interruption,
     ) -> None:
-        self._plan, self._folder, self._maker = plan, folder, maker
+        """`make` makes runs, as `RunMaker.make`."""
+        self._plan, self._folder, self._make = plan, folder, make
         self._console, self._interrupted = console, interrupted
         self.why = ""
 
@@ -79,14 +80,14 @@ class SeriesLoop:
                 return
             if self._note_cut(todo[0]):
                 continue
-            for planned, outcome in self._maker.make(todo, self._folder):
+            for planned, outcome in self._make(todo):
                 self._add(planned, outcome)
                 self.why = self.why or outcome.stays
 
     @property
     def valid(self) -> int:
         """So many runs of the plan have one that counts."""
-        return valid(self._folder.rows)
+        return valid(self._plan, self._folder.rows)
 
     def facts(self) -> dict[str, Any]:
         """How the series stands, for programs."""
@@ -150,22 +151,22 @@ class SeriesLoop:
         cell = run.cell
         self._warn_of(self._folder.look())
         changed = ", ".join(Path(file).name for file in self._folder.changed)
-        whole = replace(
+        row = replace(
             row,
             run=run.name,
             series=self._plan.name,
             mode=self._plan.mode,
             condition=cell.condition,
-            block=str(cell.block),
+            block=str(cell.block or ""),
             start=cell.start,
-            repetition=str(cell.repetition),
+            repetition=str(cell.repetition or ""),
             seed=cell.seed,
             verdict=VOID if why else VALID,
             why=why,
             note=f"changed since the series began: {changed}" if changed else row.note,
         )
-        self._folder.table.append(whole)
+        self._folder.append(row)
         if why:
-            self._console.say(f"{run.name} ({run.in_words()}) is void: {why}", "warning")
+            self._console.say(f"{run.label} is void: {why}", "warning")
         elif self._plan.mode != "sim":
             self._console.say(f"{run.name} is valid; {self.in_words()}")

@@ -18,12 +18,11 @@ from vsense.run.homing.homing import Homing
 from vsense.run.robots import Readiness, battery_words, low_batteries
 from vsense.run.runs_csv import RunRow, row_of, utc
 from vsense.run.runtime import Step
-from vsense.studies.series.criteria import Evidence
+from vsense.studies.series.criteria import Evidence, Witness
 from vsense.studies.series.order import PlannedRun
 from vsense.studies.series.parts import PlannedExperiment
 from vsense.studies.series.plan import SeriesPlan
 from vsense.studies.series.series import RunOutcome
-from vsense.studies.series.witness import Witness
 
 
 class NotEnoughRobots(VsenseError):
