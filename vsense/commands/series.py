@@ -11,13 +11,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from vsense.base.errors import CutShort, UsageError
+from vsense.base.errors import UsageError
 from vsense.base.terminal import Console, Interruption, interruption, print_data
 from vsense.commands import arguments, hardware, lab, rosters, series_robots, sim
 from vsense.config.roster import FILE_NAME
 from vsense.modes.lab.links import BASES
 from vsense.modes.sim.job import Setup
-from vsense.modes.sim.outcome import Interrupted
 from vsense.monitor import recording
 from vsense.monitor.ui.access import make_tokens
 from vsense.monitor.ui.room import RoomOptions
@@ -269,13 +268,11 @@ def _run_all(
     """Makes the runs, and says how the series stands, also where one has failed."""
     try:
         loop.run()
-    except (Interrupted, CutShort):
-        loop.why = "interrupted"
     finally:
         console.end_progress()
         console.say(loop.in_words())
         tell(loop.facts())
-    if not loop.why:
+    if not loop.end_reason:
         return 0
-    console.say(f"{loop.why}: the same command goes on from there")
+    console.say(f"{loop.end_reason}: the same command goes on from there")
     return interrupted.code if interrupted.is_set() else 1

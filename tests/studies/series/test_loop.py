@@ -24,7 +24,7 @@ from vsense.studies.series.criteria import Evidence
 from vsense.studies.series.folder import SeriesFolder
 from vsense.studies.series.order import PlannedRun, VoidLimit, cells, pending
 from vsense.studies.series.plan import SeriesPlan, read
-from vsense.studies.series.series import Made, RunOutcome, SeriesLoop
+from vsense.studies.series.series import RunOutcome, RunResult, SeriesLoop
 from vsense.studies.series.simulated import SimulatedRuns
 
 PLAN = """
@@ -52,7 +52,7 @@ class Script:
         self._script = list(script)
         self._interrupted = interrupted
 
-    def make(self, runs: Sequence[PlannedRun], folder: SeriesFolder) -> Iterator[Made]:
+    def make(self, runs: Sequence[PlannedRun], folder: SeriesFolder) -> Iterator[RunResult]:
         outcome = self._script.pop(0) if self._script else outcome_of(Evidence())
         self.made.append(runs[0].name)
         directory = folder.of_run(runs[0])
@@ -64,9 +64,9 @@ class Script:
         yield runs[0], outcome
 
 
-def outcome_of(evidence: Evidence, stays: str = "") -> RunOutcome:
+def outcome_of(evidence: Evidence, halt_reason: str = "") -> RunOutcome:
     row = RunRow(run="", mode="lab", experiment="foraging", condition="", measures={"food": 3.0})
-    return RunOutcome(row, evidence, stays)
+    return RunOutcome(row, evidence, halt_reason)
 
 
 LOST = outcome_of(Evidence(lost_s={"seven": 6.0}))
@@ -102,7 +102,7 @@ def test_void_runs_are_kept_named_and_repeated(plan: SeriesPlan) -> None:
     assert made == ["run-001", "run-002", "run-001-2"]
     why = "seven lost for 6.0 s"
     assert rows(plan) == [("run-001", why), ("run-002", ""), ("run-001-2", "")]
-    assert f"is void: {why}" in said and (loop.why, loop.valid) == ("", 2)
+    assert f"is void: {why}" in said and (loop.end_reason, loop.valid) == ("", 2)
     assert loop.facts()["void"] == [{"run": "run-001", "why": why}]
     assert carried_out(plan)[1] == [], "all is done"
 
@@ -120,8 +120,8 @@ def test_too_many_void_runs_end_it_with_every_why(plan: SeriesPlan) -> None:
 
 def test_who_stops_a_run_ends_the_series_and_it_goes_on_later(plan: SeriesPlan) -> None:
     by = "stopped by ben (terminal)"
-    loop, made, _ = carried_out(plan, outcome_of(Evidence(by), stays=by))
-    assert (loop.why, made) == (by, ["run-001"])
+    loop, made, _ = carried_out(plan, outcome_of(Evidence(by), halt_reason=by))
+    assert (loop.end_reason, made) == (by, ["run-001"])
     assert carried_out(plan)[1] == ["run-002", "run-001-2"]
 
 
@@ -163,7 +163,7 @@ def test_what_is_cut_off_is_told_and_counts_for_nothing(plan: SeriesPlan) -> Non
     cut = outcome_of(Evidence("interrupted"))
     for attempt in ("run-001", "run-002", "run-001-2"):
         loop, made, _ = carried_out(plan, cut)
-        assert (loop.why, made) == ("interrupted", [attempt])
+        assert (loop.end_reason, made) == ("interrupted", [attempt])
     # As a killed process leaves it: a folder with timesteps, and no row.
     _, _, said = carried_out(plan, None)
     assert "failed: the lamp is broken" in said
@@ -181,7 +181,7 @@ def test_a_run_that_was_only_waited_for_leaves_no_trace(plan: SeriesPlan) -> Non
         run = PlannedRun(cells(plan)[0], 5)
         waited = taken.of_run(run)
         (waited / "log.txt").touch()
-        assert not taken.cut(run)
+        assert not taken.is_cut_off(run)
         assert taken.of_run(run) == waited and not any(waited.iterdir())
 
 
@@ -239,15 +239,15 @@ def test_files_that_have_changed_are_told(plan: SeriesPlan) -> None:
         assert first.changed == []
     program.write_text("two")
     with SeriesFolder(folder, plan, [program]) as again:
-        assert again.changed == [str(program)] and again.look() == []
+        assert again.changed == [str(program)] and again.check_files() == []
         program.write_text("one")
-        assert (again.look(), again.changed) == ([], [])
+        assert (again.check_files(), again.changed) == ([], [])
         program.unlink()
-        assert again.look() == [str(program)]
+        assert again.check_files() == [str(program)]
 
 
 def test_rows_say_that_a_file_changed_while_the_series_went_on(plan: SeriesPlan) -> None:
-    def make(runs: Sequence[PlannedRun]) -> Iterator[Made]:
+    def make(runs: Sequence[PlannedRun]) -> Iterator[RunResult]:
         yield runs[0], outcome_of(Evidence())
         plan.path.with_name("walk.c").write_text("another")
         yield runs[1], outcome_of(Evidence())

@@ -139,14 +139,11 @@ def _complete(
     _keep_origin(campaign, known, table, console)
     if campaign.record:
         _say_unrecorded(loop, table, console)
-    try:
-        loop.run()
-        if loop.why:
-            raise Interrupted
-    except Interrupted:
+    loop.run()
+    if loop.end_reason:
         console.end_progress()
         console.say(f"{loop.in_words()}; the same command goes on from there")
-        raise
+        raise Interrupted
     return plan, table
 
 
@@ -209,7 +206,7 @@ def _report(campaign: Campaign, plan: SeriesPlan, table: CampaignTable, console:
     """Prints the results, and draws them where Matplotlib is there."""
     groups, path = group(plan, table), table.table.path
     if campaign.json:
-        figures = [_figures(*some) for some in groups]
+        figures = [_figures(*values) for values in groups]
         print_data(json.dumps({"file": str(path), "settings": figures}, indent=2))
     console.say(f"results: {path}, {len(table.rows)} runs")
     if not table.table.measures:

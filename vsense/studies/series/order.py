@@ -33,7 +33,7 @@ neither block nor repetition.
 OPENING_S = 6.0
 """A run begins and is reported so much longer than it lasts: lab and robots alike."""
 HOMING_S = 16.0
-"""The median of ways to the starts, as `vsense bench homing` measures it."""
+"""The median of ways to the starts, as `scripts/bench homing` measures it."""
 BRINGING_S = 20.0
 """To bring another controller to all robots, at once."""
 
@@ -98,16 +98,16 @@ class PlannedRun:
 def cells(plan: SeriesPlan) -> list[Cell]:
     """All cells of a plan in their order."""
     if plan.seed == CAMPAIGN:
-        each = enumerate(product(plan.conditions, plan.starts), 1)
-        return [Cell(n, 0, c.name, s.name, 0, s.places.seed) for n, (c, s) in each]
-    found: list[Cell] = []
+        pairs_of_all = enumerate(product(plan.conditions, plan.starts), 1)
+        return [Cell(n, 0, c.name, s.name, 0, s.places.seed) for n, (c, s) in pairs_of_all]
+    order: list[Cell] = []
     for block in range(1, plan.repetitions + 1):
         pairs = [(c.name, s.name) for c in plan.conditions for s in plan.starts]
         random.Random(f"{plan.seed}/{block}").shuffle(pairs)
         for condition, start in pairs:
             seed = run_seed(plan.seed, start, block)
-            found.append(Cell(len(found) + 1, block, condition, start, block, seed))
-    return found
+            order.append(Cell(len(order) + 1, block, condition, start, block, seed))
+    return order
 
 
 def run_seed(seed: int, start: str, repetition: int) -> int:
@@ -123,41 +123,42 @@ def pending(plan: SeriesPlan, rows: Sequence[RunRow]) -> list[PlannedRun]:
         VoidLimit: a run of the plan was void too often.
         UsageError: a row is of no run of the plan.
     """
-    tried, names = made(rows), {row.run for row in rows}
+    tries, names = rows_by_cell(rows), {row.run for row in rows}
     todo = []
     for cell in cells(plan):
-        found = tried.pop(cell.key, [])
-        if any(row.valid for row in found):
+        attempts = tries.pop(cell.key, [])
+        if any(row.valid for row in attempts):
             continue
-        judged = [row for row in found if not row.why.startswith(CUT)]
+        judged = [row for row in attempts if not row.why.startswith(CUT)]
         if len(judged) > plan.again:
             raise VoidLimit(_limit(plan, cell, judged))
-        run = PlannedRun(cell, len(found) + 1)
+        run = PlannedRun(cell, len(attempts) + 1)
         while run.name in names:  # somebody has taken a row away
             run = replace(run, attempt=run.attempt + 1)
         todo.append(run)
-    if tried and plan.seed != CAMPAIGN:  # which may have had more settings and seeds
-        raise UsageError(_stray(next(iter(tried.values()))[0]))
+    if tries and plan.seed != CAMPAIGN:  # which may have had more settings and seeds
+        raise UsageError(_stray(next(iter(tries.values()))[0]))
     return sorted(todo, key=lambda run: (run.cell.block, run.attempt, run.cell.number))
 
 
-def made(rows: Sequence[RunRow]) -> dict[Key, list[RunRow]]:
+def rows_by_cell(rows: Sequence[RunRow]) -> dict[Key, list[RunRow]]:
     """The rows of each cell."""
-    found: dict[Key, list[RunRow]] = {}
+    tries: dict[Key, list[RunRow]] = {}
     for row in rows:
-        found.setdefault((row.condition, row.start, row.repetition), []).append(row)
-    return found
+        tries.setdefault((row.condition, row.start, row.repetition), []).append(row)
+    return tries
 
 
-def valid(plan: SeriesPlan, rows: Sequence[RunRow]) -> int:
+def count_valid(plan: SeriesPlan, rows: Sequence[RunRow]) -> int:
     """How many cells of a plan have a run that counts."""
-    counting = {key for key, found in made(rows).items() if any(row.valid for row in found)}
+    counting = {(row.condition, row.start, row.repetition) for row in rows if row.valid}
     return sum(cell.key in counting for cell in cells(plan))
 
 
-def twice(rows: Sequence[RunRow]) -> list[str]:
+def duplicates(rows: Sequence[RunRow]) -> list[str]:
     """Names of runs that count for one cell, where there are several."""
-    counting = ([row.run for row in found if row.valid] for found in made(rows).values())
+    tries = rows_by_cell(rows).values()
+    counting = ([row.run for row in attempts if row.valid] for attempts in tries)
     return [" and ".join(names) for names in counting if len(names) > 1]
 
 
@@ -216,7 +217,7 @@ class Forecast:
             "series": self.plan.name,
             "mode": self.plan.mode,
             "planned": self.plan.runs,
-            "valid": valid(self.plan, self.rows),
+            "valid": count_valid(self.plan, self.rows),
             "wall_s": self.wall_s(),
             "void": self.plan.void.in_words(),
             "runs": [{"run": run.name, "attempt": run.attempt, **asdict(run.cell)}

@@ -28,7 +28,7 @@ from vsense.studies.series.folder import CampaignTable, SeriesFolder
 from vsense.studies.series.order import CAMPAIGN, Cell, PlannedRun
 from vsense.studies.series.parts import PlannedExperiment
 from vsense.studies.series.plan import SeriesPlan
-from vsense.studies.series.series import Made, RunOutcome
+from vsense.studies.series.series import RunOutcome, RunResult
 
 BAR_WIDTH = 24
 
@@ -81,7 +81,7 @@ class SimulatedRuns:
 
     def make(
         self, runs: Sequence[PlannedRun], folder: SeriesFolder | CampaignTable
-    ) -> Iterator[Made]:
+    ) -> Iterator[RunResult]:
         """Simulates all of these runs; raises as `simulate_all`, after what is done is given."""
         todo = [self._task(run, folder) for run in runs]
         place = {id(task): n for n, task in enumerate(todo)}
@@ -92,7 +92,7 @@ class SimulatedRuns:
         written = 0
         show = _bar(self._console, todo, lambda: written + len(finished))
 
-        def take(number: int) -> Made:
+        def take(number: int) -> RunResult:
             result, run = finished.pop(number), runs[number]
             self._warn(run.cell.condition, result["complaints"])
             if recordings is not None:
