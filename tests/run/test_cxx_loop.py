@@ -22,7 +22,7 @@ from vsense.config.specs import Experiment, Stage
 from vsense.modes.sim import fingerprint
 from vsense.modes.sim.engine import Engine
 from vsense.modes.sim.job import Job, Setup, Sweep
-from vsense.modes.sim.outcome import Task
+from vsense.modes.sim.outcome import Task, libraries_of
 from vsense.modes.sim.simulation import Simulation
 from vsense.modes.sim.watch import simulate_all
 from vsense.robots import build
@@ -32,7 +32,6 @@ from vsense.run.environment import Environment
 from vsense.run.programs import shared_objects
 from vsense.studies.series import campaign
 from vsense.studies.series.campaign import Campaign
-from vsense.studies.series.simulated import libraries_of
 from vsense.world.entities import Box, Led, Light
 
 HERE = Path(__file__).parent / "argos"

@@ -181,7 +181,6 @@ def _keep_origin(
 
 
 def _loader(options: argparse.Namespace, plan: SeriesPlan) -> PlanLoader:
-    """What loads the plan's experiments."""
     real = plan.mode == "run"
     casting, code = rosters.casting_of(options, found=real), arguments.code_of(options)
     loader = PlanLoader(plan, code, casting, lenient=options.lenient)
@@ -242,7 +241,6 @@ def _rendered(
     console: Console,
     interrupted: Interruption,
 ) -> RunMaker:
-    """Who makes runs in the lab."""
     from vsense.studies.series.cast import SeriesCast
     from vsense.studies.series.rendered import LabOptions, LabRuns
 

@@ -45,7 +45,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_page(parser: argparse.ArgumentParser) -> None:
-    """Declares how a run is watched and kept."""
     arguments.add_web(parser)
     arguments.add_foxglove(parser)
     group = parser.add_argument_group("watching and recording")
@@ -67,7 +66,6 @@ def _add_page(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_campaign(parser: argparse.ArgumentParser) -> None:
-    """Declares what makes a campaign."""
     campaign = parser.add_argument_group("campaign")
     campaign.add_argument(
         "--runs",

@@ -148,7 +148,6 @@ def _lines(tasks: Iterable[Task]) -> Iterator[tuple[Task, str]]:
 
 
 def _origin(task: Task) -> Origin:
-    """What a job finds on this machine."""
     cxxflags, files = os.environ.get("CXXFLAGS"), fingerprint.of_files(task)
     return Origin(socket.gethostname(), os.getcwd(), cxxflags, files)
 

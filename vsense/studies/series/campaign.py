@@ -20,7 +20,7 @@ from vsense.config.starting import StartPlaces
 from vsense.modes.sim import fingerprint
 from vsense.modes.sim.engine import Engine
 from vsense.modes.sim.job import Job, Setup, Sweep
-from vsense.modes.sim.outcome import Interrupted, Task
+from vsense.modes.sim.outcome import Interrupted, Task, libraries_of
 from vsense.monitor.recording import SUFFIX
 from vsense.run import asked
 from vsense.run.runs_csv import condition_of
@@ -31,7 +31,7 @@ from vsense.studies.series.order import CAMPAIGN, Cell
 from vsense.studies.series.parts import PlannedExperiment
 from vsense.studies.series.plan import Condition, PlannedStart, SeriesPlan
 from vsense.studies.series.series import SeriesLoop
-from vsense.studies.series.simulated import Simulate, SimulatedRuns, libraries_of, simulator
+from vsense.studies.series.simulated import Simulate, SimulatedRuns, simulator
 
 _EVER = 2**31
 """A run that somebody has made void in the table is repeated however often."""

@@ -16,13 +16,11 @@ from typing import Any
 
 from vsense.base.errors import VsenseError, failing_as
 from vsense.base.terminal import Console, Interruption
-from vsense.config.specs import Experiment
 from vsense.modes.sim import dask_cluster
 from vsense.modes.sim.job import Job, Setup
-from vsense.modes.sim.outcome import Interrupted, Task
+from vsense.modes.sim.outcome import Interrupted, Task, libraries_of
 from vsense.modes.sim.watch import Show, WorkerProcess, simulate_all
 from vsense.monitor.recording import megabytes
-from vsense.run.programs import shared_objects
 from vsense.run.runs_csv import RunRow, versions
 from vsense.studies.series.folder import CampaignTable, SeriesFolder
 from vsense.studies.series.order import CAMPAIGN, Cell, PlannedRun
@@ -139,11 +137,6 @@ class SimulatedRuns:
                 self._warned.add(words)
                 self._console.end_progress()
                 self._console.say(f"vsense: {words}")
-
-
-def libraries_of(experiment: Experiment) -> dict[str, str]:
-    """The shared objects of its controllers, by id; raises as `shared_objects`."""
-    return {name: str(path) for name, path in shared_objects(experiment).items()}
 
 
 def outcome(task: Task, result: Mapping[str, Any]) -> RunOutcome:
