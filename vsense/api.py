@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from vsense.modes.sim.engine import Engine
     from vsense.modes.sim.job import Setup, Sweep
     from vsense.monitor.recording.reader import open_recording
-    from vsense.studies.campaign.campaign import Campaign
-    from vsense.studies.campaign.campaign import run as run_campaign
     from vsense.studies.report.report import make_report
+    from vsense.studies.series.campaign import Campaign
+    from vsense.studies.series.campaign import run as run_campaign
     from vsense.vision.cameras.camera import Camera
     from vsense.world.actuators.base import VirtualActuator
     from vsense.world.entities import Box, Cylinder, Light, VirtualRobot, Zone
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 PLACES = {
     "Box": "vsense.world.entities",
     "Camera": "vsense.vision.cameras.camera",
-    "Campaign": "vsense.studies.campaign.campaign",
+    "Campaign": "vsense.studies.series.campaign",
     "Console": "vsense.base.terminal",
     "Cylinder": "vsense.world.entities",
     "Element": "vsense.base.xml.element",
@@ -54,7 +54,7 @@ PLACES = {
     "make_report": "vsense.studies.report.report",
     "open_recording": "vsense.monitor.recording.reader",
     "read_truth": "vsense.modes.lab.truth",
-    "run_campaign": "vsense.studies.campaign.campaign:run",
+    "run_campaign": "vsense.studies.series.campaign:run",
 }
 """The module of each public name, and its name there where that is another one."""
 

@@ -22,7 +22,7 @@ from vsense.config.specs import Experiment, Stage
 from vsense.modes.sim import fingerprint
 from vsense.modes.sim.engine import Engine
 from vsense.modes.sim.job import Job, Setup, Sweep
-from vsense.modes.sim.outcome import Task
+from vsense.modes.sim.outcome import Task, libraries_of
 from vsense.modes.sim.simulation import Simulation
 from vsense.modes.sim.watch import simulate_all
 from vsense.robots import build
@@ -30,7 +30,8 @@ from vsense.robots.sources import CodeOptions, ProgramSources
 from vsense.run import loop_process
 from vsense.run.environment import Environment
 from vsense.run.programs import shared_objects
-from vsense.studies.campaign import campaign
+from vsense.studies.series import campaign
+from vsense.studies.series.campaign import Campaign
 from vsense.world.entities import Box, Led, Light
 
 HERE = Path(__file__).parent / "argos"
@@ -381,13 +382,17 @@ def test_every_run_of_a_campaign_knows_the_sources_and_others_make_another_campa
     # TinyXML takes this comment, Python's parser does not.
     path.write_text(path.read_text() + "<!-- one -- two -->")
     code = CodeOptions(includes=(str(folder),))
-    tasks = campaign.prepare(Sweep.of([], 2, None), Setup(str(path), code=code))
-    assert [task.job.setup.code for task in tasks] == [code, code]
+    setup, table = Setup(str(path), code=code), folder / "r.csv"
+    made = Campaign(Sweep.of([], 2, None), setup, table, table.with_suffix(".png"))
+    plan, known = campaign.prepare(made)
+    (planned,) = known.values()
+    assert made.setup_of(planned) == setup
+    job = Job(setup, 1, libraries_of(planned.experiment))
+    task = Task(job, planned.experiment)
     with ThreadPoolExecutor(1) as threads:
-        found = list(Engine("it", threads).simulate(tasks[:1], Interruption(), lambda _: None))
-    ((_, here),) = simulate_all(tasks[:1], 1, threading.Event(), lambda _: None)
+        found = list(Engine("it", threads).simulate([task], Interruption(), lambda _: None))
+    ((_, here),) = simulate_all([task], 1, threading.Event(), lambda _: None)
     assert found[0][1]["events"] == here["events"] != []
-    before = fingerprint.of_campaign(tasks[0])
-    assert fingerprint.of_campaign(tasks[1]) == before
+    assert campaign.prepare(made)[0].name == plan.name
     monkeypatch.setattr(fingerprint, "loop_object", lambda experiment: Path("edited/loop.so"))
-    assert fingerprint.of_campaign(tasks[0]) != before
+    assert campaign.prepare(made)[0].name != plan.name

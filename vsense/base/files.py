@@ -112,6 +112,15 @@ def read_text(path: Path, encoding: str = "utf-8", most_bytes: int = MOST_BYTES)
     return read_bytes(path, most_bytes).decode(encoding)
 
 
+def stamp_of(path: Path) -> tuple[int, ...]:
+    """What is another one where somebody has changed a file; (): it is not there."""
+    try:
+        status = path.stat()
+    except OSError:
+        return ()
+    return status.st_ino, status.st_size, status.st_mtime_ns
+
+
 def replace_text(
     path: Path,
     text: str,

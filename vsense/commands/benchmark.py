@@ -22,7 +22,7 @@ from vsense.studies.benchmark import definition
 from vsense.studies.benchmark.definition import Definition
 from vsense.studies.report.study import lacking_tests
 from vsense.studies.series import plan as plans
-from vsense.studies.series.forecast import Forecast
+from vsense.studies.series.order import Forecast
 from vsense.studies.series.parts import PlannedExperiment
 from vsense.studies.series.plan import SeriesPlan
 
@@ -73,7 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     arguments.flag(parser, "--json", "print the result as one JSON object")
     series.add_making(parser)
-    never = {"lenient": False, "sources": [], "include": []}
+    never = {"lenient": False, "sources": [], "include": [], "on": None}
     parser.set_defaults(action=None, record=True, record_images=False, locked=True, **never)
     actions = parser.add_subparsers(title="with results", metavar="ACTION", dest="action")
     add = partial(arguments.add_action, actions)

@@ -11,12 +11,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from vsense.base.errors import CutShort, UsageError
+from vsense.base.errors import UsageError
 from vsense.base.terminal import Console, Interruption, interruption, print_data
-from vsense.commands import arguments, hardware, lab, rosters, series_robots
+from vsense.commands import arguments, hardware, lab, rosters, series_robots, sim
 from vsense.config.roster import FILE_NAME
 from vsense.modes.lab.links import BASES
-from vsense.modes.sim.outcome import Interrupted
+from vsense.modes.sim.job import Setup
 from vsense.monitor import recording
 from vsense.monitor.ui.access import make_tokens
 from vsense.monitor.ui.room import RoomOptions
@@ -24,7 +24,7 @@ from vsense.run.runs_csv import MODES, RUNS, read_runs
 from vsense.studies.packages import origin
 from vsense.studies.series import plan as plans
 from vsense.studies.series.folder import SeriesFolder, allowed_changes
-from vsense.studies.series.forecast import Forecast
+from vsense.studies.series.order import Cell, Forecast
 from vsense.studies.series.parts import PlanLoader, PlannedExperiment
 from vsense.studies.series.plan import SeriesPlan
 from vsense.studies.series.series import RunMaker, SeriesLoop
@@ -65,6 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " parameter that it does not read",
     )
     arguments.add_code(parser)
+    sim.add_on(parser)
     add_making(parser)
     group = parser.add_argument_group("control room")
     arguments.add_locked(group)
@@ -146,17 +147,20 @@ def carry_out(
     for warning in {text for one in known.values() for text in one.experiment.warnings}:
         console.say(f"vsense: {warning}")
     files = {path for one in known.values() for path in one.files}
+    if options.on is not None and plan.mode != "sim":
+        raise UsageError("--on: simulated runs only, see --mode sim")
     with interruption() as interrupted, ExitStack() as stack:
         common = loader, known, console, interrupted
         if plan.mode == "sim":
-            maker = _simulated(options, *common)
+            maker = _simulated(options, *common, stack)
         elif plan.mode == "lab":
             maker = _rendered(options, *common)
         else:
             maker = series_robots.maker(options, *common, _room(options), stack)
         folder = stack.enter_context(SeriesFolder(path, plan, sorted(files)))
         _keep_origin(options, loader, known, folder, console)
-        loop = SeriesLoop(plan, folder, maker, console, interrupted)
+        make = partial(maker.make, folder=folder)
+        loop = SeriesLoop(plan, folder, make, console, interrupted)
         return _run_all(loop, console, interrupted, tell)
 
 
@@ -177,7 +181,6 @@ def _keep_origin(
 
 
 def _loader(options: argparse.Namespace, plan: SeriesPlan) -> PlanLoader:
-    """What loads the plan's experiments."""
     real = plan.mode == "run"
     casting, code = rosters.casting_of(options, found=real), arguments.code_of(options)
     loader = PlanLoader(plan, code, casting, lenient=options.lenient)
@@ -201,16 +204,34 @@ def _simulated(
     known: Mapping[str, PlannedExperiment],
     console: Console,
     interrupted: Interruption,
+    stack: ExitStack,
 ) -> RunMaker:
-    """Who simulates runs."""
-    from vsense.studies.series.simulated import SimulatedRuns
+    """Who simulates runs; `stack` leaves a cluster."""
+    from vsense.studies.series.simulated import SimulatedRuns, simulator
 
     if options.record_images or options.web or options.foxglove:
         raise UsageError("--record-images, --web, --foxglove: in the lab and with robots only")
     if options.record:
         recording.require()
+    if options.on is not None:
+        sim.check_on(options)
     jobs = options.jobs or len(os.sched_getaffinity(0))
-    return SimulatedRuns(loader, known, console, interrupted, jobs, options.record)
+    simulate = stack.enter_context(simulator(options.on, jobs, console, interrupted))
+
+    def setup_of(planned: PlannedExperiment, cell: Cell) -> Setup:
+        return loader.setup(planned, loader.plan.start(cell.start))
+
+    reported = [text for planned in known.values() for text in planned.experiment.warnings]
+    return SimulatedRuns(
+        loader.plan,
+        known,
+        setup_of,
+        simulate,
+        console,
+        interrupted,
+        record=options.record,
+        reported=reported,
+    )
 
 
 def _rendered(
@@ -220,7 +241,6 @@ def _rendered(
     console: Console,
     interrupted: Interruption,
 ) -> RunMaker:
-    """Who makes runs in the lab."""
     from vsense.studies.series.cast import SeriesCast
     from vsense.studies.series.rendered import LabOptions, LabRuns
 
@@ -246,13 +266,11 @@ def _run_all(
     """Makes the runs, and says how the series stands, also where one has failed."""
     try:
         loop.run()
-    except (Interrupted, CutShort):
-        loop.why = "interrupted"
     finally:
         console.end_progress()
         console.say(loop.in_words())
         tell(loop.facts())
-    if not loop.why:
+    if not loop.end_reason:
         return 0
-    console.say(f"{loop.why}: the same command goes on from there")
+    console.say(f"{loop.end_reason}: the same command goes on from there")
     return interrupted.code if interrupted.is_set() else 1

@@ -4,24 +4,19 @@ from __future__ import annotations
 
 import argparse
 import os
-from contextlib import suppress
-from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
-from vsense.base.errors import UsageError, VsenseError
+from vsense.base.errors import UsageError
 from vsense.base.terminal import Console, interruption
 from vsense.commands import arguments, experiments
 from vsense.commands.sim_run import SingleRun
-from vsense.config.specs import Experiment, Stage
+from vsense.config.specs import Stage
 from vsense.modes.sim.dask_cluster import require_dask
 from vsense.modes.sim.job import Setup, Sweep
 from vsense.modes.sim.outcome import Interrupted
 from vsense.monitor import recording
-from vsense.run.runs_csv import condition_of, read_runs
-from vsense.studies.campaign import campaign
-from vsense.studies.campaign.campaign import Campaign
-from vsense.studies.packages import origin
+from vsense.studies.series import campaign
+from vsense.studies.series.campaign import Campaign
 
 DESCRIPTION = (
     "Runs an experiment in this machine alone: the same controller, compiled once and run in one"
@@ -50,7 +45,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_page(parser: argparse.ArgumentParser) -> None:
-    """Declares how a run is watched and kept."""
     arguments.add_web(parser)
     arguments.add_foxglove(parser)
     group = parser.add_argument_group("watching and recording")
@@ -72,7 +66,6 @@ def _add_page(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_campaign(parser: argparse.ArgumentParser) -> None:
-    """Declares what makes a campaign."""
     campaign = parser.add_argument_group("campaign")
     campaign.add_argument(
         "--runs",
@@ -101,7 +94,12 @@ def _add_campaign(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="runs at the same time (default: one per processor)",
     )
-    campaign.add_argument(
+    add_on(campaign)
+
+
+def add_on(parser: argparse._ActionsContainer) -> None:
+    """Declares the cluster that simulates."""
+    parser.add_argument(
         "--on",
         type=arguments.scheduler,
         metavar="tcp://HOST:PORT",
@@ -131,30 +129,14 @@ def run(options: argparse.Namespace) -> int:
                 one = SingleRun(options, setup, experiment, console, interrupted)
                 return one.run() if options.web is None else one.run_watched()
             output, drawing = campaign.outputs(options.output, options.format)
-            files = {"output": output, "drawing": drawing}
             jobs = options.jobs or len(os.sched_getaffinity(0))
+            files = {"output": output, "drawing": drawing}
             asked = arguments.fill(Campaign, options, sweep=sweep, setup=setup, jobs=jobs, **files)
-            begin = partial(_keep_origin, asked, experiment, console)
-            campaign.run(asked, console, interrupted, begin=begin)
+            campaign.run(asked, console, interrupted)
             return 0
         except Interrupted:
             console.end_progress()
             return interrupted.code
-
-
-def _keep_origin(asked: Campaign, experiment: Experiment, console: Console) -> None:
-    """Keeps what a campaign's runs are made from, beside its table."""
-    setups, table = {}, asked.output
-    for settings in asked.sweep.combinations():
-        one = replace(asked.setup, settings=settings)
-        setups[origin.key_of(condition_of(one.blind, settings))] = one
-    made = [experiment]
-    if any(key.endswith(".library") for key in asked.sweep.values):
-        made = [one.load() for one in setups.values()]
-    with suppress(OSError, VsenseError):  # what is wrong with the table is told by the campaign
-        rows = len(read_runs(table)) if table.exists() else 0
-        stem = f"{table.stem}-{origin.MADE}"
-        origin.keep(table.parent, "sim", made, console.say, setups, (), stem, rows)
 
 
 def _check(options: argparse.Namespace, sweep: Sweep) -> None:
@@ -162,7 +144,9 @@ def _check(options: argparse.Namespace, sweep: Sweep) -> None:
     if options.record:
         recording.require()
     if options.on is not None:
-        _check_on(options, sweep)
+        if sweep.seeds is None:
+            raise UsageError("--on: a campaign only, see --runs")
+        check_on(options)
     if sweep.seeds is None:
         if options.format or options.style:
             raise UsageError("--format, --style: a campaign's chart only, see --runs")
@@ -181,10 +165,8 @@ def _check(options: argparse.Namespace, sweep: Sweep) -> None:
         )
 
 
-def _check_on(options: argparse.Namespace, sweep: Sweep) -> None:
+def check_on(options: argparse.Namespace) -> None:
     """Refuses what does not go with --on."""
-    if sweep.seeds is None:
-        raise UsageError("--on: a campaign only, see --runs")
     if options.record:
         raise UsageError("--record: with --on the recordings would lie on the workers' machines")
     if options.jobs is not None:

@@ -15,13 +15,12 @@ from vsense.commands import arguments, experiments
 from vsense.config.specs import Experiment
 from vsense.modes.lab.metrics import swarm_rows
 from vsense.modes.sim.job import Job, Setup
-from vsense.modes.sim.outcome import Task
+from vsense.modes.sim.outcome import Task, libraries_of
 from vsense.modes.sim.record import LOGGED, TRAJECTORY
 from vsense.modes.sim.watch import Show, WorkerProcess, simulate_all
 from vsense.monitor.recording import SUFFIX, size_line
 from vsense.run import directory as run_directory
 from vsense.run.environment import MOST_SEED
-from vsense.run.programs import shared_objects
 from vsense.studies.packages import origin
 
 if TYPE_CHECKING:
@@ -72,7 +71,7 @@ class SingleRun:
         seed = experiments.choose_seed(self.options, self.experiment)
         begin = {"seed": seed, "speed": self.options.speed or 1.0, "holds": self.options.hold}
         begin["locked"] = self.options.locked
-        libraries = self._libraries()
+        libraries = libraries_of(self.experiment)
         with SimRoom(access, self.experiment, begin, self.console, foxglove) as room:
             whole = run_directory.make(self.options.output, self.experiment.name, seed)
             series = Series(whole, 1, False, self.interrupted)
@@ -113,9 +112,6 @@ class SingleRun:
             console.end_progress()
             control.next_run(control.seed % MOST_SEED + 1)
 
-    def _libraries(self) -> dict[str, str]:
-        return {name: str(path) for name, path in shared_objects(self.experiment).items()}
-
     def _job(
         self,
         directory: Path | None = None,
@@ -127,7 +123,7 @@ class SingleRun:
         if directory is None:
             seed, libraries = (
                 experiments.choose_seed(self.options, self.experiment),
-                self._libraries(),
+                libraries_of(self.experiment),
             )
             directory = run_directory.make(self.options.output, name, seed)
         assert seed is not None and libraries is not None

@@ -16,7 +16,7 @@ import numpy as np
 
 from vsense import __version__
 from vsense.base.errors import UsageError, VsenseError
-from vsense.base.files import read_bytes, replace_text
+from vsense.base.files import read_bytes, replace_text, stamp_of
 from vsense.config.specs import Experiment
 
 RUNS = "runs.csv"
@@ -132,7 +132,7 @@ class RunsFile:
         self.rows: list[RunRow] = []
         self.measures: list[str] = []
         self.repaired = False
-        self._in_order, self._seen = False, self._stamp()
+        self._in_order, self._seen = False, stamp_of(self.path)
         self._read()
 
     def append(self, row: RunRow) -> None:
@@ -143,7 +143,7 @@ class RunsFile:
 
         VsenseError if it cannot be written; the file is then as it was, or ends in half a row.
         """
-        if self._stamp() != self._seen:
+        if stamp_of(self.path) != self._seen:
             self._read()
         row = replace(row, measures=_columns_of(row.measures))
         new = [name for name in row.measures if name not in self.measures]
@@ -157,7 +157,7 @@ class RunsFile:
                 self._in_order = True
         except OSError as error:
             raise VsenseError(f"{self.path}: cannot be written: {error.strerror}") from None
-        self.rows, self.measures, self._seen = rows, measures, self._stamp()
+        self.rows, self.measures, self._seen = rows, measures, stamp_of(self.path)
 
     def _read(self) -> None:
         text, self._in_order = self._text(), False
@@ -166,14 +166,6 @@ class RunsFile:
             self.measures = [name for name in names if name not in COLUMNS]
             # A spreadsheet may have moved columns: rows in our order do not fit below them.
             self._in_order = names == [*COLUMNS, *self.measures]
-
-    def _stamp(self) -> tuple[int, ...]:
-        """What is another one where somebody has changed the file."""
-        try:
-            found = self.path.stat()
-        except OSError:
-            return ()
-        return found.st_ino, found.st_size, found.st_mtime_ns
 
     def _add(self, text: str) -> None:
         with open(self.path, "a", **_WRITTEN) as file:

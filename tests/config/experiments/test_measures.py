@@ -19,9 +19,8 @@ from tests.config.experiments.permutation import p_value
 from tests.conftest import require_tool
 from vsense.config.experiment import shipped
 from vsense.modes.sim.job import Job, Setup
-from vsense.modes.sim.outcome import Task
+from vsense.modes.sim.outcome import Task, libraries_of
 from vsense.modes.sim.watch import simulate_all
-from vsense.run.programs import shared_objects
 
 LIMIT_S = 60.0
 
@@ -61,7 +60,7 @@ def runs(setups: Sequence[Setup], seeds: Sequence[int]) -> list[list[dict[str, A
     tasks = []
     for setup in setups:
         experiment = setup.load()
-        libraries = {name: str(path) for name, path in shared_objects(experiment).items()}
+        libraries = libraries_of(experiment)
         tasks += [Task(Job(setup, seed, libraries), experiment) for seed in seeds]
     going = simulate_all(
         tasks, os.cpu_count() or 1, threading.Event(), lambda workers: None, LIMIT_S

@@ -129,9 +129,43 @@ def test_a_killed_worker_costs_no_row_and_changes_none(
     said = [some.communicate()[1] for some in going]
     assert [some.returncode for some in going] == [0, 0], said
     assert "workers: 2, runs at the same time: 2" in said[0]
-    assert "3 of 10 runs are there already" in said[1]
+    assert "3 of 10 runs; it goes on from there" in said[1]
     assert new.read_bytes() == old.read_bytes() == whole.read_bytes()
     assert notes.read_text() == "\n"
+
+
+PLAN = """
+mode = "sim"
+experiment = "foraging"
+duration_s = 1
+settings = { "foraging.release" = 0.5 }
+[robots]
+count = 2
+[[condition]]
+name = "sighted"
+[[condition]]
+name = "blind"
+blind = true
+[[start]]
+name = "drawn"
+seed = 7
+[[start]]
+name = "written"
+poses = [[0.4, 0.4, 0], [-0.4, -0.4, 90]]
+"""
+
+
+def test_a_series_is_the_same_on_a_cluster(address: str, workers, tmp_path: Path, capsys) -> None:
+    workers({}, {})
+    plan, here, there = (tmp_path / name for name in ("plan.toml", "here", "there"))
+    plan.write_text(PLAN)
+    assert main(["series", str(plan), "-o", str(here)]) == 0
+    assert main(["series", str(plan), "--on", address, "-o", str(there)]) == 0
+    assert "workers: 2, runs at the same time: 2" in capsys.readouterr().err
+    assert (there / "runs.csv").read_bytes() == (here / "runs.csv").read_bytes()
+    for words in (("--record",), ("-j", "2"), ("--mode", "lab")):
+        assert main(["series", str(plan), "--on", address, "-o", str(tmp_path / "x"), *words]) == 2
+    assert not (tmp_path / "x").exists()
 
 
 def test_who_crashes_is_named_and_a_run_that_kills_its_workers_is_given_up(
@@ -145,12 +179,12 @@ def test_who_crashes_is_named_and_a_run_that_kills_its_workers_is_given_up(
         path = tmp_path / f"{len(said)}.csv"
         assert main(["sim", experiment, *faults, "-o", str(path)]) == 1
         said.append(capsys.readouterr().err.splitlines()[-1])
-    assert "wanderer.fault 1, seed 1: robot epuck_31_0 (tag 31), in timestep 4" in said[0]
+    assert "wanderer.fault=1, seed 1: robot epuck_31_0 (tag 31), in timestep 4" in said[0]
     assert said[0] == said[1]
     faults = ["--set", "wanderer.fault=7", "--duration", "1", "--runs", "1", "--on", address]
     assert main(["sim", experiment, *faults, "-o", str(tmp_path / "killed.csv")]) == 1
     last = capsys.readouterr().err.splitlines()[-1]
-    assert f"wanderer.fault 7, seed 1: the Dask cluster {address} gave it up: KilledWorker" in last
+    assert f"wanderer.fault=7, seed 1: the Dask cluster {address} gave it up: KilledWorker" in last
     assert "2 different workers" in last
 
 
@@ -186,7 +220,7 @@ def test_a_scheduler_that_dies_is_told_and_takes_its_runs_along(
     lost.end()
     said = going.communicate()[1].splitlines()[-1]
     assert going.returncode == 1
-    assert said.startswith(f"vsense: wanderer.fault 4, seed 1: the Dask cluster {address} has drop")
+    assert said.startswith(f"vsense: wanderer.fault=4, seed 1: the Dask cluster {address} has drop")
     started.wait()
     wait_for(lambda: not any(Path(f"/proc/{pid}").exists() for pid in behind))
 

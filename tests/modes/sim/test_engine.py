@@ -19,14 +19,13 @@ from tests.modes.sim.test_watch import children, task
 from vsense.base.errors import VsenseError
 from vsense.base.terminal import Console, Interruption
 from vsense.cli import main
-from vsense.modes.sim import engine, fingerprint, remote
-from vsense.modes.sim.engine import Engine
+from vsense.modes.sim import engine, fingerprint
+from vsense.modes.sim.engine import Engine, Place
 from vsense.modes.sim.job import Job, Origin, Setup, Sweep
 from vsense.modes.sim.outcome import Interrupted, Task
-from vsense.modes.sim.remote import Place
 from vsense.modes.sim.worker import NotHere, settled
-from vsense.studies.campaign import campaign
-from vsense.studies.campaign.campaign import Campaign
+from vsense.studies.series import campaign
+from vsense.studies.series.campaign import Campaign
 
 
 def nothing(workers: object) -> None:
@@ -45,7 +44,7 @@ def test_a_pool_of_processes_gives_the_same_rows(pollutant: Path, tmp_path: Path
 
 
 def test_an_endless_loop_is_named_and_ended(write_experiment, monkeypatch) -> None:
-    monkeypatch.setattr(remote, "LIMIT_S", 0.5)
+    monkeypatch.setattr(engine, "LIMIT_S", 0.5)
     before = len(children())
     with ThreadPoolExecutor(1) as threads:
         asked = replace(task(write_experiment("plain"), "4"), label="seed 1")
@@ -60,21 +59,21 @@ def test_a_process_waits_for_its_next_job_and_not_for_ever(write_experiment, mon
     path, before = write_experiment("plain"), len(children())
 
     def simulate(kept_s: float, *seeds: int) -> None:
-        monkeypatch.setattr(remote, "KEPT_S", kept_s)
+        monkeypatch.setattr(engine, "KEPT_S", kept_s)
         with ThreadPoolExecutor(1) as threads:
             tasks = [task(path, "0", seed) for seed in seeds]
             found = list(Engine("threads", threads).simulate(tasks, Interruption(), nothing))
         assert [done.job.seed for done, _ in found] == list(seeds)
 
     simulate(600.0, 1, 2)
-    (first,) = remote._free
+    (first,) = engine._free
     simulate(600.0, 3)
-    assert [first] == list(remote._free)
+    assert [first] == list(engine._free)
     assert len(children()) == before + 1
     simulate(0.0, 4)
     while len(children()) > before:
         time.sleep(0.02)
-    assert not remote._free
+    assert not engine._free
 
 
 class Promise:
@@ -145,7 +144,7 @@ class Elsewhere(Place):
 def test_a_run_that_is_not_wanted_any_more_ends(write_experiment) -> None:
     before = len(children())
     line = task(write_experiment("plain"), "4").job.to_line().decode()
-    answer = remote.do(line, fingerprint.of_machine(), Elsewhere())
+    answer = engine.do(line, fingerprint.of_machine(), Elsewhere())
     assert answer["refused"] == "nobody waits for it"
     assert len(children()) == before
 

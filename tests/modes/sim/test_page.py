@@ -21,7 +21,7 @@ from vsense.base.terminal import Console
 from vsense.cli import main
 from vsense.config.specs import Experiment
 from vsense.modes.sim.job import Job, Setup
-from vsense.modes.sim.outcome import Task
+from vsense.modes.sim.outcome import Task, libraries_of
 from vsense.modes.sim.recording import SimRecorder
 from vsense.modes.sim.room import SimControl, SimRoom
 from vsense.modes.sim.simulation import EPOCH_NS, MOST, WARM_UP, Simulation
@@ -168,7 +168,7 @@ def test_a_page_that_pauses_steps_and_hurries_changes_nothing(
 ) -> None:
     setup = Setup("foraging", 12.0, 4)
     experiment, interrupted = setup.load(), threading.Event()
-    libraries = {name: str(path) for name, path in shared_objects(experiment).items()}
+    libraries = libraries_of(experiment)
     begin = {"seed": 9, "speed": 1.0, "holds": True}
     access = page_access(WebAddress("127.0.0.1", 0))
     with SimRoom(access, experiment, begin, Console()) as room:
@@ -208,7 +208,7 @@ def test_a_page_that_pauses_steps_and_hurries_changes_nothing(
 def test_the_world_is_changed_between_two_timesteps(tmp_path: Path, locked: bool) -> None:
     setup = Setup("foraging", 12.0, 2)
     experiment, interrupted = setup.load(), threading.Event()
-    libraries = {name: str(path) for name, path in shared_objects(experiment).items()}
+    libraries = libraries_of(experiment)
     begin = {"seed": 9, "holds": True, "locked": locked}
     answers: list[tuple[str, bool]] = []
     with SimRoom(page_access(WebAddress("127.0.0.1", 0)), experiment, begin, Console()) as room:
@@ -346,7 +346,7 @@ def test_a_picture_that_cannot_be_written_costs_neither_recording_nor_tables(
     tmp_path: Path,
 ) -> None:
     setup, file = Setup("foraging", 1.0, 2), tmp_path / "foraging.mcap"
-    libraries = {name: str(path) for name, path in shared_objects(setup.load()).items()}
+    libraries = libraries_of(setup.load())
     (tmp_path / "foraging.png").mkdir()
     with pytest.raises(VsenseError, match="cannot be written"):
         simulate(Job(setup, 9, libraries, str(tmp_path), str(file)), None)

@@ -16,9 +16,8 @@ import pytest
 
 from tests.rigs.places import ROOT
 from vsense.modes.sim.job import Job, Setup
-from vsense.modes.sim.outcome import Interrupted, SimulatedRunError, Task
+from vsense.modes.sim.outcome import Interrupted, SimulatedRunError, Task, libraries_of
 from vsense.modes.sim.watch import simulate_all
-from vsense.run.programs import shared_objects
 
 TIMESTEP = 4
 """The controller fails in its fifth control step."""
@@ -27,7 +26,7 @@ TIMESTEP = 4
 def task(path: Path, fault: str = "0", seed: int = 1, **changes: Any) -> Task:
     setup = Setup(str(path), 1.0, settings={"wanderer.fault": fault}, **changes)
     experiment = setup.load()
-    libraries = {name: str(path) for name, path in shared_objects(experiment).items()}
+    libraries = libraries_of(experiment)
     return Task(Job(setup, seed, libraries), experiment)
 
 
@@ -78,7 +77,7 @@ def test_a_fault_while_a_library_is_loaded_is_named(write_experiment) -> None:
     (path.parent / "born.c").write_text(source + born)
     setup = Setup(str(path), 1.0)
     experiment = setup.load()
-    libraries = {name: str(path) for name, path in shared_objects(experiment).items()}
+    libraries = libraries_of(experiment)
     words = r"controller '\w+' \(born\.c\), when it was loaded, did not return within 0\.5 s"
     with pytest.raises(Exception, match=words):
         results(Task(Job(setup, 1, libraries), experiment), limit_s=0.5)

@@ -6,6 +6,7 @@ import io
 import json
 import resource
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,6 +15,7 @@ import pytest
 
 from vsense.base.errors import UsageError, VsenseError
 from vsense.base.terminal import Console, Interruption
+from vsense.modes.sim.job import Setup
 from vsense.modes.sim.outcome import Interrupted
 from vsense.run.directory import TIMESTEPS
 from vsense.run.runs_csv import RunRow, read_runs
@@ -21,9 +23,8 @@ from vsense.studies.series import simulated
 from vsense.studies.series.criteria import Evidence
 from vsense.studies.series.folder import SeriesFolder
 from vsense.studies.series.order import PlannedRun, VoidLimit, cells, pending
-from vsense.studies.series.parts import PlanLoader
 from vsense.studies.series.plan import SeriesPlan, read
-from vsense.studies.series.series import Made, RunOutcome, SeriesLoop
+from vsense.studies.series.series import RunOutcome, RunResult, SeriesLoop
 from vsense.studies.series.simulated import SimulatedRuns
 
 PLAN = """
@@ -51,7 +52,7 @@ class Script:
         self._script = list(script)
         self._interrupted = interrupted
 
-    def make(self, runs: Sequence[PlannedRun], folder: SeriesFolder) -> Iterator[Made]:
+    def make(self, runs: Sequence[PlannedRun], folder: SeriesFolder) -> Iterator[RunResult]:
         outcome = self._script.pop(0) if self._script else outcome_of(Evidence())
         self.made.append(runs[0].name)
         directory = folder.of_run(runs[0])
@@ -63,9 +64,9 @@ class Script:
         yield runs[0], outcome
 
 
-def outcome_of(evidence: Evidence, stays: str = "") -> RunOutcome:
+def outcome_of(evidence: Evidence, halt_reason: str = "") -> RunOutcome:
     row = RunRow(run="", mode="lab", experiment="foraging", condition="", measures={"food": 3.0})
-    return RunOutcome(row, evidence, stays)
+    return RunOutcome(row, evidence, halt_reason)
 
 
 LOST = outcome_of(Evidence(lost_s={"seven": 6.0}))
@@ -83,7 +84,8 @@ def carried_out(plan: SeriesPlan, *script: RunOutcome | None) -> tuple[SeriesLoo
     said, interrupted = io.StringIO(), Interruption()
     maker = Script(*script, interrupted=interrupted)
     with SeriesFolder(plan.path.parent / "walks", plan, [plan.path]) as folder:
-        loop = SeriesLoop(plan, folder, maker, Console(said), interrupted)
+        make = partial(maker.make, folder=folder)
+        loop = SeriesLoop(plan, folder, make, Console(said), interrupted)
         try:
             loop.run()
         except VsenseError as error:
@@ -100,7 +102,7 @@ def test_void_runs_are_kept_named_and_repeated(plan: SeriesPlan) -> None:
     assert made == ["run-001", "run-002", "run-001-2"]
     why = "seven lost for 6.0 s"
     assert rows(plan) == [("run-001", why), ("run-002", ""), ("run-001-2", "")]
-    assert f"is void: {why}" in said and (loop.why, loop.valid) == ("", 2)
+    assert f"is void: {why}" in said and (loop.end_reason, loop.valid) == ("", 2)
     assert loop.facts()["void"] == [{"run": "run-001", "why": why}]
     assert carried_out(plan)[1] == [], "all is done"
 
@@ -111,14 +113,15 @@ def test_too_many_void_runs_end_it_with_every_why(plan: SeriesPlan) -> None:
     assert "failed: " in said and "void 2 times" in said
     assert "run-001: seven lost for 6.0 s; run-001-2: seven lost" in said
     with SeriesFolder(plan.path.parent / "walks", plan, []) as folder, pytest.raises(VoidLimit):
-        SeriesLoop(plan, folder, Script(interrupted=Interruption()), Console(io.StringIO()),
-                   Interruption()).run()  # fmt: skip
+        SeriesLoop(
+            plan, folder, lambda runs: iter(()), Console(io.StringIO()), Interruption()
+        ).run()
 
 
 def test_who_stops_a_run_ends_the_series_and_it_goes_on_later(plan: SeriesPlan) -> None:
     by = "stopped by ben (terminal)"
-    loop, made, _ = carried_out(plan, outcome_of(Evidence(by), stays=by))
-    assert (loop.why, made) == (by, ["run-001"])
+    loop, made, _ = carried_out(plan, outcome_of(Evidence(by), halt_reason=by))
+    assert (loop.end_reason, made) == (by, ["run-001"])
     assert carried_out(plan)[1] == ["run-002", "run-001-2"]
 
 
@@ -127,20 +130,26 @@ def test_what_was_simulated_before_it_ends_is_kept(
 ) -> None:
     """The first run takes longer than the second one, in which Ctrl-C comes."""
 
-    def simulate(todo: Sequence[Any], *rest: object) -> Iterator[tuple[Any, dict[str, Any]]]:
-        yield todo[1], {}
+    def simulate(todo: Sequence[Any], **rest: object) -> Iterator[tuple[Any, dict[str, Any]]]:
+        yield todo[1], {"complaints": (), "recording": {"bytes": 1, "trouble": ""}}
         raise Interrupted
 
-    monkeypatch.setattr(simulated, "simulate_all", simulate)
-
     def task(maker: SimulatedRuns, run: PlannedRun, folder: SeriesFolder) -> object:
-        return SimpleNamespace(job=SimpleNamespace(recording=str(folder.of_run(run) / "a.mcap")))
+        return SimpleNamespace(job=SimpleNamespace(recording=str(folder.recording(run, "a"))))
 
     monkeypatch.setattr(SimulatedRuns, "_task", task)
-    monkeypatch.setattr(SimulatedRuns, "_outcome", lambda *some: outcome_of(Evidence()))
+    monkeypatch.setattr(simulated, "outcome", lambda *some: outcome_of(Evidence()))
     runs = pending(plan, [])
-    never = Interruption()
-    maker = SimulatedRuns(PlanLoader(plan), {}, Console(io.StringIO()), never, record=True)
+    warned = SimpleNamespace(experiment=SimpleNamespace(warnings=()))
+    maker = SimulatedRuns(
+        plan,
+        dict.fromkeys("ab", warned),  # type: ignore[arg-type]
+        lambda planned, cell: Setup("foraging"),
+        simulate,
+        Console(io.StringIO()),
+        Interruption(),
+        record=True,
+    )
     with SeriesFolder(plan.path.parent / "walks", plan, []) as folder:
         made = maker.make(runs, folder)
         assert next(made)[0] is runs[1]
@@ -154,7 +163,7 @@ def test_what_is_cut_off_is_told_and_counts_for_nothing(plan: SeriesPlan) -> Non
     cut = outcome_of(Evidence("interrupted"))
     for attempt in ("run-001", "run-002", "run-001-2"):
         loop, made, _ = carried_out(plan, cut)
-        assert (loop.why, made) == ("interrupted", [attempt])
+        assert (loop.end_reason, made) == ("interrupted", [attempt])
     # As a killed process leaves it: a folder with timesteps, and no row.
     _, _, said = carried_out(plan, None)
     assert "failed: the lamp is broken" in said
@@ -172,7 +181,7 @@ def test_a_run_that_was_only_waited_for_leaves_no_trace(plan: SeriesPlan) -> Non
         run = PlannedRun(cells(plan)[0], 5)
         waited = taken.of_run(run)
         (waited / "log.txt").touch()
-        assert not taken.cut(run)
+        assert not taken.is_cut_off(run)
         assert taken.of_run(run) == waited and not any(waited.iterdir())
 
 
@@ -230,25 +239,24 @@ def test_files_that_have_changed_are_told(plan: SeriesPlan) -> None:
         assert first.changed == []
     program.write_text("two")
     with SeriesFolder(folder, plan, [program]) as again:
-        assert again.changed == [str(program)] and again.look() == []
+        assert again.changed == [str(program)] and again.check_files() == []
         program.write_text("one")
-        assert (again.look(), again.changed) == ([], [])
+        assert (again.check_files(), again.changed) == ([], [])
         program.unlink()
-        assert again.look() == [str(program)]
+        assert again.check_files() == [str(program)]
 
 
 def test_rows_say_that_a_file_changed_while_the_series_went_on(plan: SeriesPlan) -> None:
-    def first(runs: Sequence[PlannedRun], folder: SeriesFolder) -> Iterator[Made]:
+    def make(runs: Sequence[PlannedRun]) -> Iterator[RunResult]:
         yield runs[0], outcome_of(Evidence())
         plan.path.with_name("walk.c").write_text("another")
         yield runs[1], outcome_of(Evidence())
 
     program = plan.path.with_name("walk.c")
     program.write_text("one")
-    said, maker, never = io.StringIO(), Script(interrupted=Interruption()), Interruption()
-    maker.make = first  # type: ignore[method-assign]
+    said, never = io.StringIO(), Interruption()
     with SeriesFolder(plan.path.parent / "walks", plan, [program]) as folder:
-        SeriesLoop(plan, folder, maker, Console(said), never).run()
+        SeriesLoop(plan, folder, make, Console(said), never).run()
         notes = [row.note for row in folder.rows]
     assert notes == ["", "changed since the series began: walk.c"]
     assert said.getvalue().count(f"{program} has changed since") == 1

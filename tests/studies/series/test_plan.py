@@ -13,7 +13,7 @@ from vsense.base.errors import ConfigError, UsageError
 from vsense.run.runs_csv import RunRow
 from vsense.studies.series.criteria import Evidence, VoidCriteria, why_void
 from vsense.studies.series.folder import differences
-from vsense.studies.series.order import CUT, VoidLimit, cells, pending, twice, valid
+from vsense.studies.series.order import CUT, VoidLimit, cells, count_valid, duplicates, pending
 from vsense.studies.series.plan import SeriesPlan, read
 
 TEXT = """
@@ -141,7 +141,7 @@ def test_rows_that_somebody_has_changed(tmp_path: Path) -> None:
     assert "run-001-3" in [run.name for run in pending(plan, [second])]
     again = replace(row(plan, 1), run="run-001-2")
     rows = [row(plan, 1), again, row(plan, 2)]
-    assert (valid(rows), twice(rows)) == (2, ["run-001 and run-001-2"])
+    assert (count_valid(plan, rows), duplicates(rows)) == (2, ["run-001 and run-001-2"])
 
 
 def test_a_plan_is_the_same_wherever_it_is_called(

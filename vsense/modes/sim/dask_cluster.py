@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any
 from vsense.base.errors import CutShort, VsenseError, require
 from vsense.base.terminal import Console, Interruption
 from vsense.modes.sim import fingerprint
-from vsense.modes.sim.engine import Engine
-from vsense.modes.sim.remote import Place
+from vsense.modes.sim.engine import Engine, Place
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -1,7 +1,10 @@
 """Runs on other machines: by any engine that has the interface of `concurrent.futures.Executor`.
 
-The engine schedules, retries and moves data. Here jobs are handed to it, and what becomes of them
-is taken back.
+The engine schedules, retries and moves data. Here jobs are handed to it and its answers taken back
+(`Engine`), and here is what its workers do with a job (`do`): each looks whether it can, and has a
+process do it. The process is `vsense.modes.sim.worker`, as on the user's own machine: users' code
+never runs in the worker itself, and what crashes or hangs is told by numbers. A process starts in
+most of a second; so one that has done its job waits a moment for the next.
 """
 
 from __future__ import annotations
@@ -11,20 +14,27 @@ import socket
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Any, Protocol
 
 from vsense.base.errors import VsenseError
+from vsense.config.specs import Experiment
 from vsense.modes.sim import fingerprint
+from vsense.modes.sim.fingerprint import Machine
 from vsense.modes.sim.job import Origin
 from vsense.modes.sim.outcome import Answer, Interrupted, Task
-from vsense.modes.sim.remote import Place, do
-from vsense.modes.sim.watch import POLL_S, Show
+from vsense.modes.sim.watch import LIMIT_S, POLL_S, Show, WorkerProcess, watch
 
 AHEAD = 1000
 """An engine is handed so many jobs at a time: more than most clusters have processors, and few
 enough to be looked at `POLL_S` after `POLL_S`."""
+
+KEPT_S = 5.0
+"""So long a process waits for its next job."""
+
+_NOTHING = (0, 0, 0)
 
 
 class PendingJob(Protocol):
@@ -49,6 +59,18 @@ class JobExecutor(Protocol):
     def submit(self, fn: Callable[..., Any], /, *args: Any) -> PendingJob:
         """Has `fn(*args)` called somewhere."""
         ...
+
+
+class Place:
+    """Where a job is done, as its engine knows it. What engines know more is in their own."""
+
+    def name(self) -> str:
+        """The worker's name for people."""
+        return f"{socket.gethostname()} (process {os.getpid()})"
+
+    def is_wanted(self) -> bool:
+        """Whether somebody still waits for the job that this thread does; is asked often."""
+        return True
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,16 +137,82 @@ class Engine:
 
 
 def _lines(tasks: Iterable[Task]) -> Iterator[tuple[Task, str]]:
-    """Each task with its job as it travels; those of one experiment follow each other."""
-    experiment, origin = None, None
+    """Each task with its job as it travels; raises as `of_files`."""
+    origins: dict[int, tuple[Experiment, Origin]] = {}  # an experiment that is kept keeps its id
     for task in tasks:
-        if task.experiment is not experiment:
-            experiment, origin = task.experiment, _origin(task)
-        job = replace(task.job, libraries={}, origin=origin)
+        known = id(task.experiment)
+        if known not in origins:
+            origins[known] = task.experiment, _origin(task)
+        job = replace(task.job, libraries={}, origin=origins[known][1])
         yield task, job.to_line().decode()
 
 
 def _origin(task: Task) -> Origin:
-    """What a job finds on this machine; raises as `of_files`."""
     cxxflags, files = os.environ.get("CXXFLAGS"), fingerprint.of_files(task)
     return Origin(socket.gethostname(), os.getcwd(), cxxflags, files)
+
+
+class _Unwanted:
+    """Is set as soon as nobody waits for a job."""
+
+    def __init__(self, place: Place) -> None:
+        self._place = place
+
+    def is_set(self) -> bool:
+        return not self._place.is_wanted()
+
+
+def do(line: str, needs: Machine, place: Place) -> Answer:
+    """Does a job, which is a line of JSON; on a worker, in a thread of its own.
+
+    `needs`: `of_machine` where the campaign was begun.
+    """
+    differs = fingerprint.difference(needs)
+    if differs:
+        return {"refused": f"worker {place.name()} {differs}", "progress": _NOTHING}
+    process = _hire()
+    try:
+        job = (True, line.encode())
+        ((_, answer),) = watch([job], [process], _Unwanted(place), lambda workers: None, LIMIT_S)
+    except Interrupted:
+        return {"refused": "nobody waits for it", "progress": _NOTHING}
+    finally:
+        _dismiss(process)
+    if "refused" in answer:
+        answer["refused"] = f"worker {place.name()}: {answer['refused']}"
+    return answer
+
+
+_free: dict[WorkerProcess[bool], threading.Timer] = {}
+"""Processes that wait for a job, and what ends them."""
+_lock = threading.Lock()
+
+
+def _hire() -> WorkerProcess[bool]:
+    with _lock, suppress(KeyError):
+        process, timer = _free.popitem()
+        timer.cancel()
+        if process.is_free:
+            return process
+        process.close()
+    return WorkerProcess[bool]()
+
+
+def _dismiss(process: WorkerProcess[bool]) -> None:
+    """Keeps a process that can do another job, and ends others."""
+    if not process.is_free:
+        process.close()
+        return
+    timer = threading.Timer(KEPT_S, _end, [process])
+    timer.daemon = True
+    with _lock:
+        _free[process] = timer
+    timer.start()
+
+
+def _end(process: WorkerProcess[bool]) -> None:
+    """Ends a process, unless it was hired at the last moment."""
+    with _lock:
+        if _free.pop(process, None) is None:
+            return
+    process.close()

@@ -16,7 +16,7 @@ from vsense.modes.sim.record import LOGGED, EventLog
 from vsense.modes.sim.simulation import LOOP_FUNCTION, WARM_UP
 from vsense.robots.inprocess import SimError
 from vsense.robots.loop_library import FUNCTIONS
-from vsense.run.programs import LOADING, LOADING_LOOP
+from vsense.run.programs import LOADING, LOADING_LOOP, shared_objects
 
 Answer = dict[str, Any]
 """What became of a job, as numbers and texts that travel between machines. One of
@@ -117,6 +117,11 @@ class Task:
         return self.named(
             f"robot {spec.id} (tag {spec.tag}), {when}: its controller '{controller.library}'"
         )
+
+
+def libraries_of(experiment: Experiment) -> dict[str, str]:
+    """The shared objects of its controllers, by id, as jobs have them; see `shared_objects`."""
+    return {name: str(path) for name, path in shared_objects(experiment).items()}
 
 
 def _loaded(experiment: Experiment, number: int) -> str:

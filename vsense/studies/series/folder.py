@@ -1,27 +1,31 @@
 """The folder of a series: its plan as it was begun with, its table of runs, a folder for each run.
+And the table of a campaign, with the recordings beside it.
 
-What is done stands in runs.csv and nowhere else. A run's folder without a row is of a run that was
+What is done stands in the table and nowhere else. A run's folder without a row is of a run that was
 cut off.
 """
 
 from __future__ import annotations
 
 import fcntl
-import hashlib
 import json
 import os
+import re
 import shutil
 import time
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from vsense import __version__
 from vsense.base.errors import UsageError, VsenseError, failing_as
-from vsense.base.files import read_text, replace_text
+from vsense.base.files import read_text, replace_text, stamp_of
+from vsense.modes.sim.fingerprint import of_file
+from vsense.monitor.recording import SUFFIX
 from vsense.run.directory import TIMESTEPS, DirectoryError, make_new
-from vsense.run.runs_csv import RUNS, RunRow, RunsFile, utc
+from vsense.run.runs_csv import RUNS, RunRow, RunsFile, utc, versions
 from vsense.studies.series.order import PlannedRun
 from vsense.studies.series.plan import SeriesPlan
 
@@ -34,6 +38,8 @@ PLAN = "plan.toml"
 _LOCK = ".lock"
 _FREE = ("again", "repetitions", "robots")
 """What may change while a series goes on; of repetitions there may be more."""
+_MOST_LETTERS = 120
+"""Of the settings in a recording's name."""
 
 
 class SeriesFolder:
@@ -42,7 +48,7 @@ class SeriesFolder:
     Attributes:
         path: where it is.
         table: its runs.csv.
-        told: what has changed in the plan that may change.
+        plan_changes: what has changed in the plan that may change.
     """
 
     table: RunsFile
@@ -51,10 +57,10 @@ class SeriesFolder:
         """`files` are those of users that results depend on."""
         self.path, self._plan = path, plan
         self._files = {plan.beside(str(file)): file for file in files}
-        self._stamps = {name: _stamp(file) for name, file in self._files.items()}
+        self._stamps = {name: stamp_of(file) for name, file in self._files.items()}
         self._digests = {name: _digest(file) for name, file in self._files.items()}
         self._begun = self._digests
-        self.told: list[str] = []
+        self.plan_changes: list[str] = []
         self._stack = ExitStack()
 
     def __enter__(self) -> SeriesFolder:
@@ -93,23 +99,31 @@ class SeriesFolder:
             if self._begun.get(name, digest) != digest
         ]
 
-    def look(self) -> list[str]:
+    def check_files(self) -> list[str]:
         """Looks at the files again; gives those of `changed` that were not among them before."""
         before = self.changed
-        stamps = {name: _stamp(file) for name, file in self._files.items()}
+        stamps = {name: stamp_of(file) for name, file in self._files.items()}
         new = {n: _digest(f) for n, f in self._files.items() if stamps[n] != self._stamps[n]}
         self._stamps, self._digests = stamps, self._digests | new
         return [file for file in self.changed if file not in before]
 
     def of_run(self, run: PlannedRun) -> Path:
         """Makes the folder of a run; DirectoryError where it cannot be made."""
-        wanted = self.path / run.name
-        with failing_as(DirectoryError, f"cannot make {wanted}"):
-            if wanted.is_dir() and not self.cut(run):
-                shutil.rmtree(wanted)  # of a run that was waited for, and never began
-            return make_new(wanted)
+        folder = self.path / run.name
+        with failing_as(DirectoryError, f"cannot make {folder}"):
+            if folder.is_dir() and not self.is_cut_off(run):
+                shutil.rmtree(folder)  # of a run that was waited for, and never began
+            return make_new(folder)
 
-    def cut(self, run: PlannedRun) -> bool:
+    def recording(self, run: PlannedRun, name: str) -> Path:
+        """The recording of a simulated run of an experiment's name; raises as `of_run`."""
+        return self.of_run(run) / f"{name}{SUFFIX}"
+
+    def append(self, row: RunRow) -> None:
+        """Adds a run; raises as `RunsFile.append`."""
+        self.table.append(row)
+
+    def is_cut_off(self, run: PlannedRun) -> bool:
         """Whether a run of this name began, and nobody wrote down how it ended."""
         return (self.path / run.name / TIMESTEPS).exists()
 
@@ -138,13 +152,16 @@ class SeriesFolder:
 
     def _compare(self) -> None:
         """Compares the plan with that of before, or keeps it."""
-        now, before = self._plan.facts(), noted(self.path)
+        now, before = self._plan.facts(), read_notes(self.path)
         if before is None:
             self._write({"plan": now, "files": self._digests, "version": __version__})
             return
-        self.told = allowed_changes(self._plan, self.path)
-        if self.told:
-            changes = [*before.get("changes", ()), {"when": utc(time.time()), "what": self.told}]
+        self.plan_changes = allowed_changes(self._plan, self.path)
+        if self.plan_changes:
+            changes = [
+                *before.get("changes", ()),
+                {"when": utc(time.time()), "what": self.plan_changes},
+            ]
             self._write({**before, "plan": now, "changes": changes})
         self._begun = before["files"]
 
@@ -154,7 +171,86 @@ class SeriesFolder:
             replace_text(self.path / PLAN, read_text(self._plan.path))
 
 
-def noted(folder: Path) -> dict[str, Any] | None:
+class CampaignTable:
+    """The table of a campaign: it serves simulated runs as `SeriesFolder` does.
+
+    All its rows are of one campaign, whose plan's name they have as `series`. A simulation has no
+    time of day: the same campaign gives the same bytes.
+
+    Attributes:
+        path: the folder of recordings, beside the table.
+        table: the file.
+    """
+
+    plan_changes: Sequence[str] = ()
+    changed: Sequence[str] = ()
+
+    def __init__(self, table: Path, plan: SeriesPlan) -> None:
+        """Reads the file if there is one.
+
+        Raises:
+            UsageError: the file holds something else.
+            VsenseError: it cannot be read.
+        """
+        self.path = table.with_name(f"{table.stem}-recordings")
+        self.table = RunsFile(table)
+        self._stems = _stems(plan)
+        for line, row in enumerate(self.rows, 2):
+            if row.series != plan.name:
+                raise UsageError(
+                    f"{table}:{line}: a row of campaign {row.series or 'without a name'}, this is"
+                    f" {plan.name}: the experiment, its controller, the options or the names of"
+                    " settings have changed; give another file with -o"
+                )
+
+    @property
+    def rows(self) -> Sequence[RunRow]:
+        """The runs so far."""
+        return self.table.rows
+
+    def check_files(self) -> Sequence[str]:
+        """Files that have changed: the campaign's name is a digest of them, taken once."""
+        return ()
+
+    def is_cut_off(self, run: PlannedRun) -> bool:
+        """Of a run that was cut off there is no trace."""
+        return False
+
+    def recording(self, run: PlannedRun, name: str) -> Path:
+        """The recording of a run; VsenseError if its folder cannot be made."""
+        with failing_as(VsenseError, f"{self.path}: cannot be written"):
+            self.path.mkdir(parents=True, exist_ok=True)
+        again = f"attempt{run.attempt}-" if run.attempt > 1 else ""
+        stem = self._stems[run.cell.condition]
+        return self.path / f"{stem}{again}seed{run.cell.seed}{SUFFIX}"
+
+    def append(self, row: RunRow) -> None:
+        """Adds a run.
+
+        VsenseError: its measures are not those of the rows before, or the file cannot be written.
+        """
+        before = self.table.measures
+        if self.rows and list(row.measures) != before:
+            raise VsenseError(
+                f"{self.table.path}: seed {row.seed} gave the measures"
+                f" {', '.join(row.measures) or 'none'}; the rows before have"
+                f" {', '.join(before) or 'none'}"
+            )
+        # Which programs were run is in the campaign's name.
+        self.table.append(replace(row, versions=versions()))
+
+
+def _stems(plan: SeriesPlan) -> dict[str, str]:
+    """How the names of recordings begin, by condition."""
+    stems = {}
+    for number, condition in enumerate(plan.conditions, 1):
+        words = ",".join(f"{key}={value}" for key, value in condition.settings.items())
+        safe = re.sub(r"[^A-Za-z0-9_.=,+-]+", "_", words)[:_MOST_LETTERS]
+        stems[condition.name] = f"{number:02d}-{safe}-" if words else ""
+    return stems
+
+
+def read_notes(folder: Path) -> dict[str, Any] | None:
     """What the folder of a series has of its plan and files; None: no series has begun there.
 
     Raises:
@@ -163,8 +259,8 @@ def noted(folder: Path) -> dict[str, Any] | None:
     """
     path = folder / SERIES
     try:
-        found: dict[str, Any] = json.loads(read_text(path))
-        if not isinstance(found["plan"], dict) or not isinstance(found["files"], dict):
+        notes: dict[str, Any] = json.loads(read_text(path))
+        if not isinstance(notes["plan"], dict) or not isinstance(notes["files"], dict):
             raise KeyError("plan")
     except FileNotFoundError:
         return None
@@ -174,15 +270,15 @@ def noted(folder: Path) -> dict[str, Any] | None:
         raise VsenseError(f"{path}: cannot be read: {error.strerror}") from None
     except ValueError as error:
         raise VsenseError(f"{path}: is damaged: {error}") from None
-    return found
+    return notes
 
 
 def allowed_changes(plan: SeriesPlan, folder: Path) -> list[str]:
     """What has changed in the plan since the series in a folder began, in words.
 
-    UsageError where that may not change; otherwise as `noted`.
+    UsageError where that may not change; otherwise as `read_notes`.
     """
-    before, now = noted(folder), plan.facts()
+    before, now = read_notes(folder), plan.facts()
     if before is None:
         return []
     written = before["plan"]
@@ -205,11 +301,11 @@ def _binding(plan: Mapping[str, Any]) -> dict[str, Any]:
 def differences(before: Any, now: Any, name: str = "") -> list[str]:
     """What is not the same in two plans, in words."""
     if isinstance(before, Mapping) and isinstance(now, Mapping):
-        found = []
+        texts = []
         for key in dict.fromkeys((*before, *now)):
             inner = f"{name}.{key}" if name else str(key)
-            found += differences(before.get(key), now.get(key), inner)
-        return found
+            texts += differences(before.get(key), now.get(key), inner)
+        return texts
     if isinstance(before, list) and isinstance(now, list) and len(before) == len(now):
         return [text for n, pair in enumerate(zip(before, now), 1)
                 for text in differences(*pair, f"{name} {n}")]  # fmt: skip
@@ -222,16 +318,6 @@ def differences(before: Any, now: Any, name: str = "") -> list[str]:
 
 def _digest(file: Path) -> str:
     """The SHA-256 of a file; "": it cannot be read, which whoever needs it will say."""
-    try:
-        return hashlib.sha256(file.read_bytes()).hexdigest()
-    except OSError:
-        return ""
-
-
-def _stamp(file: Path) -> tuple[int, ...]:
-    """What is another one where somebody has changed a file."""
-    try:
-        found = file.stat()
-    except OSError:
-        return ()
-    return found.st_ino, found.st_size, found.st_mtime_ns
+    with suppress(VsenseError):
+        return of_file(file)
+    return ""

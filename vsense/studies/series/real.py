@@ -19,8 +19,8 @@ from vsense.studies.series.cast import SeriesCast
 from vsense.studies.series.folder import SeriesFolder
 from vsense.studies.series.order import PlannedRun
 from vsense.studies.series.parts import PlanLoader
-from vsense.studies.series.series import Made, RunOutcome
-from vsense.studies.series.staged import NotEnoughRobots, StagedRun, room_options
+from vsense.studies.series.series import RunOutcome, RunResult
+from vsense.studies.series.staged import NotEnoughRobots, StagedRun
 
 Bring = Callable[[Experiment, Collection[int]], Mapping[int, str]]
 """Brings robots with these tags what they run in an experiment; gives whom it did not reach, with
@@ -64,7 +64,7 @@ class RealRuns:
         self._console, self._interrupted = console, interrupted
         self._has: dict[int, object] = {}
 
-    def make(self, runs: Sequence[PlannedRun], folder: SeriesFolder) -> Iterator[Made]:
+    def make(self, runs: Sequence[PlannedRun], folder: SeriesFolder) -> Iterator[RunResult]:
         """Makes the first of these runs, with whoever can play; none where the user ends it.
 
         Raises:
@@ -83,8 +83,7 @@ class RealRuns:
                     unable, outcome = self._attempt(staged, directory, log)
                 if outcome is not None:
                     yield run, outcome
-                    lost = "was lost when the run ended"
-                    self._cast.put_in_for(dict.fromkeys(staged.witness.gone, lost))
+                    staged.replace_lost(self._cast)
                     return
                 self._do_without(unable, left_out, staged)
 
@@ -104,15 +103,12 @@ class RealRuns:
         self, staged: StagedRun, directory: Path, log: RunLog
     ) -> tuple[dict[int, str], RunOutcome | None]:
         """Tries to make a run; gives by tag who cannot play, and why, or what the run came to."""
-        told = room_options(self._options.room, staged.told())
         self._options.lease([robot.tag for robot in staged.experiment.robots])
-        with ControlRoom(told, log) as room:
+        with staged.control_room(self._options.room, log) as room:
             session = RunSession(self._setup(staged, room, log), self._options.tracking, None)
             with session:
                 room.begin_run(session.environment, directory)
-                readiness = session.wait_patiently(staged.plan.robots.ready_s)
-                staged.follow(session.experiment)
-                self._cast.follow(staged.run.cell.condition, session.experiment.casting)
+                readiness = staged.wait(session, self._cast)
                 if self._interrupted.is_set():
                     return {}, None
                 if not readiness.complete:
@@ -137,16 +133,16 @@ class RealRuns:
         run = staged.run
         log.say(f"run {run.cell.number} of {staged.plan.runs}: {run.in_words()}")
         log.begin_run(directory, session.experiment.timestep_s)
-        one = OneRun(session, directory, readiness, log, observe)
+        live_run = OneRun(session, directory, readiness, log, observe)
         staged.begin()
-        one.run()
+        live_run.run()
         session.setup.room.recorders.end_run()
-        summary = one.report()
+        summary = live_run.report()
         ended = session.runner.ended
-        if one.failure is not None:
-            ended = str(one.failure)
+        if live_run.failure is not None:
+            ended = str(live_run.failure)
         outcome = staged.outcome(summary, ended, session.runner.control)
-        return outcome if one.failure is None else replace(outcome, stays=ended)
+        return outcome if live_run.failure is None else replace(outcome, halt_reason=ended)
 
     def _setup(self, staged: StagedRun, room: ControlRoom, log: RunLog) -> RunSetup:
         experiment, options, cell = staged.experiment, self._options, staged.run.cell
@@ -154,23 +150,23 @@ class RealRuns:
         port = experiment.port if options.port is None else options.port
         code = asdict(self._loader.code.absolute(Path.cwd()))
         who = (host, port), options.trust, log, self._interrupted, room
-        made = staged.made(code) | {"virtual_devices": self._loader.virtual_devices}
+        origin = staged.origin(code) | {"virtual_devices": self._loader.virtual_devices}
         blind = staged.planned.condition.blind
         lease = options.lease
-        return RunSetup(experiment, cell.seed, blind, *who, made, staged.starts, lease=lease)
+        return RunSetup(experiment, cell.seed, blind, *who, origin, staged.starts, lease=lease)
 
     def _do_without(self, unable: Mapping[int, str], left_out: set[int], staged: StagedRun) -> None:
         """Puts spares in for those that cannot play, or leaves them out of this run."""
-        still = self._cast.put_in_for(unable)
-        left_out |= set(still)
-        playing = [r.tag for r in staged.experiment.robots if r.tag not in still]
+        missing = self._cast.put_in_for(unable)
+        left_out |= set(missing)
+        playing = [r.tag for r in staged.experiment.robots if r.tag not in missing]
         least = staged.plan.robots.least
-        if still and (least is None or len(playing) < least):
+        if missing and (least is None or len(playing) < least):
             wanted = "all of them" if least is None else f"{least} robots"
-            why = ", ".join(f"robot {tag} {unable[tag]}" for tag in still)
+            why = ", ".join(f"robot {tag} {unable[tag]}" for tag in missing)
             raise NotEnoughRobots(
                 f"{staged.run.name} cannot begin: {why}; the plan wants {wanted} (least in its"
                 " [robots]). The same command goes on from there"
             )
-        for tag in still:
+        for tag in missing:
             self._console.say(f"robot {tag} is left out of {staged.run.name}", "warning")

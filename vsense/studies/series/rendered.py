@@ -27,8 +27,8 @@ from vsense.studies.series.cast import SeriesCast
 from vsense.studies.series.folder import SeriesFolder
 from vsense.studies.series.order import PlannedRun
 from vsense.studies.series.parts import PlanLoader
-from vsense.studies.series.series import Made
-from vsense.studies.series.staged import NotEnoughRobots, StagedRun, room_options
+from vsense.studies.series.series import RunResult
+from vsense.studies.series.staged import NotEnoughRobots, StagedRun
 from vsense.world.entities import Arena
 
 
@@ -71,7 +71,7 @@ class LabRuns:
         self._poses: dict[int, Pose] = {}
         self._rigs: dict[tuple[Arena, float], CalibratedRig] = {}
 
-    def make(self, runs: Sequence[PlannedRun], folder: SeriesFolder) -> Iterator[Made]:
+    def make(self, runs: Sequence[PlannedRun], folder: SeriesFolder) -> Iterator[RunResult]:
         """Makes the first of these runs; none where the user ends it before.
 
         Raises:
@@ -80,8 +80,7 @@ class LabRuns:
         run = runs[0]
         directory = folder.of_run(run)
         staged = StagedRun.of(self._loader.plan, run, self._cast.known[run.cell.condition])
-        told = room_options(self._options.room, staged.told())
-        with ControlRoom(told, self._console) as room:
+        with staged.control_room(self._options.room, self._console) as room:
             session = self._session(staged, room, directory, self._rig(staged, folder))
             try:
                 self._drive(staged, session, room, directory)
@@ -99,8 +98,7 @@ class LabRuns:
         elif self._interrupted.is_set():
             return
         yield run, staged.outcome(summary, ended, session.runner.control)
-        lost = "was lost when the run ended"
-        self._cast.put_in_for(dict.fromkeys(staged.witness.gone, lost))
+        staged.replace_lost(self._cast)
 
     def _rig(self, staged: StagedRun, folder: SeriesFolder) -> CalibratedRig | None:
         """The cameras of all runs in an arena, calibrated once; None: they are known exactly."""
@@ -110,12 +108,12 @@ class LabRuns:
         key = experiment.arena, experiment.marker.height_m
         if key not in self._rigs:
             place = folder.path / f"arena-{len(self._rigs) + 1}" if self._rigs else folder.path
-            ideal, tell = cameras_above(experiment, options.cameras), self._console.progress
+            ideal, progress = cameras_above(experiment, options.cameras), self._console.progress
             with self._interrupted.at_once():
-                found = calibrate(ideal, *key, staged.plan.seed, place, tell)
+                rig = calibrate(ideal, *key, staged.plan.seed, place, progress)
             self._console.end_progress()
-            self._console.say(found.in_words())
-            self._rigs[key] = found
+            self._console.say(rig.in_words())
+            self._rigs[key] = rig
         return self._rigs[key]
 
     def _session(
@@ -123,17 +121,17 @@ class LabRuns:
     ) -> Session:
         options, robots = self._options, self._options.robots(staged.experiment)
         base = options.base, options.watchdog, None, options.cameras, known, robots
-        made = staged.made(asdict(self._loader.code.absolute(Path.cwd())))
-        setup = self._setup(staged, room, made | told_all(robots.hardware))
+        origin = staged.origin(asdict(self._loader.code.absolute(Path.cwd())))
+        setup = self._setup(staged, room, origin | told_all(robots.hardware))
         return Session(setup, directory, *base)
 
-    def _setup(self, staged: StagedRun, room: ControlRoom, made: Mapping[str, Any]) -> RunSetup:
+    def _setup(self, staged: StagedRun, room: ControlRoom, origin: Mapping[str, Any]) -> RunSetup:
         experiment, cell = staged.from_where(self._poses), staged.run.cell
         port = experiment.port if self._options.port is None else self._options.port
         starts = staged.starts if self._poses else None
         who = (experiment.host, port), LinkTrust(keys.make()), self._console, self._interrupted
         blind = staged.planned.condition.blind
-        return RunSetup(experiment, cell.seed, blind, *who, room, made, starts)
+        return RunSetup(experiment, cell.seed, blind, *who, room, origin, starts)
 
     def _drive(
         self, staged: StagedRun, session: Session, room: ControlRoom, directory: Path
@@ -153,9 +151,7 @@ class LabRuns:
 
         with session:
             room.begin_run(session.environment, directory)
-            readiness = session.wait_patiently(plan.robots.ready_s)
-            staged.follow(session.experiment)
-            self._cast.follow(staged.run.cell.condition, session.experiment.casting)
+            readiness = staged.wait(session, self._cast)
             if not readiness.complete and not self._interrupted.is_set():
                 logs = f"the robots' logs are in {directory / 'robots'}"
                 raise NotEnoughRobots(

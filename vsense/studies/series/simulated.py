@@ -1,27 +1,52 @@
-"""The runs of a series in simulation: several at a time, their rows in the order of the plan.
+"""Simulated runs of a series or a campaign: several at a time, their rows in the order of the plan.
 
-Where it ends before, rows of runs that were done before earlier ones come last.
+Where it ends before, rows of runs that were done before earlier ones come last. A campaign promises
+the same bytes however often it is interrupted: it leaves them out.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
+import shutil
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from vsense.base.errors import VsenseError
+from vsense.base.errors import VsenseError, failing_as
 from vsense.base.terminal import Console, Interruption
-from vsense.modes.sim.job import Job
-from vsense.modes.sim.outcome import Interrupted, Task
-from vsense.modes.sim.watch import WorkerProcess, simulate_all
-from vsense.monitor.recording import SUFFIX
-from vsense.run.programs import shared_objects
+from vsense.modes.sim import dask_cluster
+from vsense.modes.sim.job import Job, Setup
+from vsense.modes.sim.outcome import Interrupted, Task, libraries_of
+from vsense.modes.sim.watch import Show, WorkerProcess, simulate_all
+from vsense.monitor.recording import megabytes
 from vsense.run.runs_csv import RunRow, versions
-from vsense.studies.series.folder import SeriesFolder
-from vsense.studies.series.order import PlannedRun
-from vsense.studies.series.parts import PlanLoader, PlannedExperiment
-from vsense.studies.series.series import Made, RunOutcome
+from vsense.studies.series.folder import CampaignTable, SeriesFolder
+from vsense.studies.series.order import CAMPAIGN, Cell, PlannedRun
+from vsense.studies.series.parts import PlannedExperiment
+from vsense.studies.series.plan import SeriesPlan
+from vsense.studies.series.series import RunOutcome, RunResult
+
+BAR_WIDTH = 24
+
+Simulate = Callable[..., Iterator[tuple[Task, dict[str, Any]]]]
+"""Does tasks, given `interrupted` and `show`: see `Engine.simulate`."""
+
+
+@contextmanager
+def simulator(
+    address: str | None, jobs: int, console: Console, interrupted: Interruption
+) -> Iterator[Simulate]:
+    """What does runs: `jobs` at a time on this machine, or a Dask cluster at an address.
+
+    Raises as `dask_cluster.connected`.
+    """
+    if address is None:
+        yield partial(simulate_all, processes=jobs)
+        return
+    with dask_cluster.connected(address, console, interrupted) as engine:
+        yield engine.simulate
 
 
 class SimulatedRuns:
@@ -29,64 +54,74 @@ class SimulatedRuns:
 
     Args:
         known: what each condition runs.
-        jobs: runs at the same time.
-        record: every run has a recording, in a folder of its own.
+        setup_of: what a run is made from.
+        simulate: does the runs.
+        record: every run has a recording.
+        reported: warnings that were said before.
     """
 
     def __init__(
         self,
-        loader: PlanLoader,
+        plan: SeriesPlan,
         known: Mapping[str, PlannedExperiment],
+        setup_of: Callable[[PlannedExperiment, Cell], Setup],
+        simulate: Simulate,
         console: Console,
         interrupted: Interruption,
-        jobs: int = 1,
         record: bool = False,
+        reported: Sequence[str] = (),
     ) -> None:
-        self._plan, self._loader, self._known = loader.plan, loader, known
+        self._plan, self._known, self._setup_of = plan, known, setup_of
+        self._simulate, self._record = simulate, record
         self._console, self._interrupted = console, interrupted
-        self._jobs, self._record = jobs, record
         self._libraries: dict[str, dict[str, str]] = {}
+        self._warned = set(reported)
 
-    def make(self, runs: Sequence[PlannedRun], folder: SeriesFolder) -> Iterator[Made]:
+    def make(
+        self, runs: Sequence[PlannedRun], folder: SeriesFolder | CampaignTable
+    ) -> Iterator[RunResult]:
         """Simulates all of these runs; raises as `simulate_all`, after what is done is given."""
         todo = [self._task(run, folder) for run in runs]
         place = {id(task): n for n, task in enumerate(todo)}
+        recordings = None
+        if self._record:
+            recordings = _Recordings(folder.path, len(todo), self._console)
         finished: dict[int, dict[str, Any]] = {}
         written = 0
+        show = _bar(self._console, todo, lambda: written + len(finished))
 
-        def show(workers: Sequence[WorkerProcess[Task]]) -> None:
-            self._console.progress(
-                f"{self._plan.name}: {written + len(finished)} of {len(runs)} runs simulated"
-            )
+        def take(number: int) -> RunResult:
+            result, run = finished.pop(number), runs[number]
+            self._warn(run.cell.condition, result["complaints"])
+            if recordings is not None:
+                recordings.add(result["recording"])
+            return run, outcome(todo[number], result)
 
         try:
-            for task, result in simulate_all(todo, self._jobs, self._interrupted, show):
+            for task, result in self._simulate(todo, interrupted=self._interrupted, show=show):
                 finished[place[id(task)]] = result
                 while written in finished:
-                    yield runs[written], self._outcome(todo[written], finished.pop(written))
+                    yield take(written)
                     written += 1
         except (Interrupted, VsenseError):
-            for number, result in sorted(finished.items()):
-                yield runs[number], self._outcome(todo[number], result)
             self._clear([todo[n] for n in range(written, len(todo)) if n not in finished])
+            for number in sorted(finished) if self._plan.seed != CAMPAIGN else ():
+                yield take(number)
             raise
+        show(())
         self._console.end_progress()
+        if recordings is not None:
+            recordings.say()
 
-    def _task(self, run: PlannedRun, folder: SeriesFolder) -> Task:
-        planned = self._known[run.cell.condition]
-        condition = planned.condition
-        experiment = planned.experiment
-        libraries = self._libraries.get(condition.name)
-        if libraries is None:
-            built = shared_objects(experiment)
-            libraries = {name: str(path) for name, path in built.items()}
-            self._libraries[condition.name] = libraries
-        setup = self._loader.setup(planned, self._plan.start(run.cell.start))
-        kept = None
-        if self._record:
-            kept = str(folder.of_run(run) / f"{experiment.name}{SUFFIX}")
-        label = f"{run.name} ({run.in_words()})"
-        return Task(Job(setup, run.cell.seed, libraries, recording=kept), experiment, label)
+    def _task(self, run: PlannedRun, folder: SeriesFolder | CampaignTable) -> Task:
+        name = run.cell.condition
+        planned = self._known[name]
+        if name not in self._libraries:
+            self._libraries[name] = libraries_of(planned.experiment)
+        file = str(folder.recording(run, planned.experiment.name)) if self._record else None
+        setup = self._setup_of(planned, run.cell)
+        job = Job(setup, run.cell.seed, self._libraries[name], recording=file)
+        return Task(job, planned.experiment, run.label)
 
     def _clear(self, tasks: Sequence[Task]) -> None:
         """Takes the folders away of runs that have not begun."""
@@ -94,24 +129,95 @@ class SimulatedRuns:
             with suppress(OSError):  # it holds what was recorded until then
                 Path(recording or "").parent.rmdir()
 
-    def _outcome(self, task: Task, result: Mapping[str, Any]) -> RunOutcome:
-        experiment = task.experiment
-        swarm = result["swarm"] if experiment.sources else {}
-        tags = [robot.tag for robot in experiment.robots]
-        row = RunRow(
-            run="",
-            mode="sim",
-            experiment=experiment.name,
-            condition="",
-            duration_s=float(result["timesteps"] * result["timestep_s"]),
-            robots=len(tags),
-            tags=tags,
-            versions=(*versions(), *programs_of(task.job.libraries)),
-            measures={**swarm, **result["measures"]},
-        )
-        return RunOutcome(row)
+    def _warn(self, condition: str, complaints: Sequence[str]) -> None:
+        """Says what a run of a condition warns of, unless it was said before."""
+        for warning in (*self._known[condition].experiment.warnings, *complaints):
+            words = f"{condition}: {warning}" if len(self._known) > 1 else warning
+            if not self._warned & {words, warning}:
+                self._warned.add(words)
+                self._console.end_progress()
+                self._console.say(f"vsense: {words}")
+
+
+def outcome(task: Task, result: Mapping[str, Any]) -> RunOutcome:
+    """What a run came to, by its result."""
+    swarm = result["swarm"] if task.experiment.sources else {}
+    tags = [robot.tag for robot in task.experiment.robots]
+    measures = {**swarm, **result["measures"]}
+    row = RunRow(
+        run="",
+        mode="sim",
+        experiment=result["name"],
+        condition="",
+        duration_s=float(result["timesteps"] * result["timestep_s"]),
+        robots=len(tags),
+        tags=tags,
+        versions=(*versions(), *programs_of(task.job.libraries)),
+        # As it is read again: figures are the same whether or not it was interrupted.
+        measures={k: None if v is None else float(f"{v:.12g}") for k, v in measures.items()},
+    )
+    return RunOutcome(row)
 
 
 def programs_of(built: Mapping[str, str]) -> list[str]:
     """The controllers of a run as its versions name them: id, and digest of what was built."""
     return [f"{name}={Path(path).parent.name[:12]}" for name, path in sorted(built.items())]
+
+
+def _bar(console: Console, todo: Sequence[Task], count: Callable[[], int]) -> Show:
+    """Makes the function that draws the progress bar; `count`: so many runs are done."""
+    begun_s = time.monotonic()
+
+    def show(workers: Sequence[WorkerProcess[Task]]) -> None:
+        under_way = sum(
+            worker.timesteps / worker.task.experiment.timesteps for worker in workers if worker.task
+        )
+        share = (count() + under_way) / len(todo)
+        full = round(BAR_WIDTH * share)
+        left = ""
+        if share > 0.0:
+            left_s = round((time.monotonic() - begun_s) * (1.0 - share) / share)
+            left = f"  {left_s // 60}:{left_s % 60:02d} left"
+        bar = "#" * full + "." * (BAR_WIDTH - full)
+        console.progress(f"[{bar}] {count()} of {len(todo)} runs{left}")
+
+    return show
+
+
+class _Recordings:
+    """Says where recordings are, and what they cost: after the first one, and at the end."""
+
+    def __init__(self, folder: Path, todo: int, console: Console) -> None:
+        self._folder, self._todo, self._console = folder, todo, console
+        self._done = self._bytes = self._troubles = 0
+        console.say(f"recording to {folder}, a file for each run")
+
+    def add(self, recording: Mapping[str, Any]) -> None:
+        """A run is done, with what became of its recording."""
+        self._done, self._bytes = self._done + 1, self._bytes + recording["bytes"]
+        if recording["trouble"]:
+            self._troubles += 1
+            if self._troubles == 1:
+                self._say(f"vsense: a recording is not whole: {recording['trouble']}")
+        if self._done == 1 and self._todo > 1:
+            self._foretell(recording["bytes"])
+
+    def _foretell(self, size: int) -> None:
+        needed = size * self._todo
+        with failing_as(VsenseError, f"{self._folder}: cannot be read"):
+            free = shutil.disk_usage(self._folder).free
+        words = f"{megabytes(size)} a run, about {megabytes(needed)} for all {self._todo}"
+        self._say(f"recordings: {words}; {megabytes(free)} are free on the disk")
+        if needed > free:
+            self._say("vsense: the disk is too small for all recordings: the rows go on without")
+
+    def say(self) -> None:
+        """All runs are done."""
+        words = f"{self._done} recordings, {megabytes(self._bytes)}"
+        self._console.say(f"recordings: {self._folder}, {words}")
+        if self._troubles:
+            self._console.say(f"vsense: {self._troubles} of them are not whole", "trouble")
+
+    def _say(self, text: str) -> None:
+        self._console.end_progress()
+        self._console.say(text)

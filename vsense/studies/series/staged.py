@@ -8,9 +8,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from vsense.base.errors import UsageError, VsenseError
+from vsense.base.terminal import Console
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment, Pose
-from vsense.monitor.ui.room import RoomOptions
+from vsense.modes.live.session import ExperimentSession
+from vsense.monitor.ui.room import ControlRoom, RoomOptions
 from vsense.robots.link.status import RobotStatus
 from vsense.run.control import Control, State
 from vsense.run.homecoming import Starts
@@ -18,12 +20,12 @@ from vsense.run.homing.homing import Homing
 from vsense.run.robots import Readiness, battery_words, low_batteries
 from vsense.run.runs_csv import RunRow, row_of, utc
 from vsense.run.runtime import Step
-from vsense.studies.series.criteria import Evidence
+from vsense.studies.series.cast import SeriesCast
+from vsense.studies.series.criteria import Evidence, Witness
 from vsense.studies.series.order import PlannedRun
 from vsense.studies.series.parts import PlannedExperiment
 from vsense.studies.series.plan import SeriesPlan
 from vsense.studies.series.series import RunOutcome
-from vsense.studies.series.witness import Witness
 
 
 class NotEnoughRobots(VsenseError):
@@ -67,11 +69,27 @@ class StagedRun:
         names = {robot.tag: robot.id for robot in experiment.robots}
         return cls(plan, run, planned, experiment, Witness(names))
 
-    def follow(self, experiment: Experiment) -> None:
-        """Somebody was put in while the run waited."""
+    def control_room(self, options: RoomOptions, console: Console) -> ControlRoom:
+        """The control room of this run."""
+        return ControlRoom(replace(options, series=self.facts()), console)
+
+    def wait(self, session: ExperimentSession, cast: SeriesCast) -> Readiness:
+        """Waits for the robots, and follows whom people have put in meanwhile.
+
+        Raises:
+            VsenseError: an experiment cannot be played by them.
+        """
+        readiness = session.wait_patiently(self.plan.robots.ready_s)
+        experiment = session.experiment
         if experiment.casting != self.experiment.casting:
             self.experiment = experiment
             self.witness = Witness({robot.tag: robot.id for robot in experiment.robots})
+        cast.follow(self.run.cell.condition, experiment.casting)
+        return readiness
+
+    def replace_lost(self, cast: SeriesCast) -> None:
+        """Has spares play from now on for robots that were lost when the run ended."""
+        cast.put_in_for(dict.fromkeys(self.witness.gone, "was lost when the run ended"))
 
     def observe(self, step: Step, robots: Mapping[int, RobotStatus]) -> None:
         """Takes a timestep of the run, and the status of every robot by tag."""
@@ -107,7 +125,7 @@ class StagedRun:
         )
         return settle(replace(self.experiment, robots=robots), self.run.cell.seed)
 
-    def made(self, code: Mapping[str, Any]) -> dict[str, Any]:
+    def origin(self, code: Mapping[str, Any]) -> dict[str, Any]:
         """How the experiment was read, for recordings; see `vsense.monitor.recording.resense`."""
         plan, experiment = self.plan, self.experiment
         places = plan.start(self.run.cell.start).places
@@ -121,10 +139,10 @@ class StagedRun:
             "seed": places.seed,
             "poses": [list(pose) for pose in places.poses],
             "code": dict(code),
-            "series": self.told(),
+            "series": self.facts(),
         }
 
-    def told(self) -> dict[str, Any]:
+    def facts(self) -> dict[str, Any]:
         """Which run of the series it is, for status and recordings."""
         cell, plan = self.run.cell, self.plan
         return {
@@ -146,7 +164,7 @@ class StagedRun:
         mode, name = self.plan.mode, self.experiment.name
         if summary is None:
             row = RunRow(run="", mode=mode, experiment=name, condition="")
-            return RunOutcome(row, Evidence(ended, measured=False), stays(ended, control))
+            return RunOutcome(row, Evidence(ended, measured=False), halt_reason(ended, control))
         row = row_of(summary, mode, self.experiment, "", ended)
         witness = self.witness
         row = replace(
@@ -160,7 +178,7 @@ class StagedRun:
             f"{a.name} ({a.trouble})" for a in self.homing.arrivals() if a.trouble
         )  # fmt: skip
         evidence = Evidence(ended, row.late, witness.lost_s, witness.moved_mm, away)
-        return RunOutcome(row, evidence, stays(ended, control))
+        return RunOutcome(row, evidence, halt_reason(ended, control))
 
 
 def without(experiment: Experiment, tags: Collection[int]) -> Experiment:
@@ -173,14 +191,9 @@ def without(experiment: Experiment, tags: Collection[int]) -> Experiment:
     return replace(kept, controllers=tuple(c for c in kept.controllers if kept.driven_by(c)))
 
 
-def stays(ended: str, control: Control) -> str:
+def halt_reason(ended: str, control: Control) -> str:
     """Why no other run may follow by itself: who stopped this one shall look first."""
     if control.state is State.EMERGENCY:
         return "an emergency stop"
     by_somebody = ended.startswith(("interrupted", "stopped by", "reset by", "emergency"))
     return ended if by_somebody else ""
-
-
-def room_options(options: RoomOptions, told: dict[str, Any]) -> RoomOptions:
-    """The control room of one run of a series."""
-    return replace(options, series=told)

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vsense.studies.campaign.comparison import draw
 from vsense.studies.report import plot
+from vsense.studies.series.comparison import draw
 
 finite = st.floats(-1e9, 1e9)
 

@@ -64,7 +64,7 @@ def test_what_a_run_warns_of_is_said_once_for_each_setting(
     said = capsys.readouterr().err.splitlines()
     unread = "controller 'pollutant' does not know the parameter 'warp': ignored"
     for value in ("4", "8"):
-        assert said.count(f"vsense: pollutant.warp {value}: {unread}") == 1
+        assert said.count(f"vsense: pollutant.warp={value}: {unread}") == 1
 
 
 def test_the_suffix_of_the_output_says_what_the_picture_is(
@@ -107,7 +107,7 @@ def test_a_campaign_goes_on_where_it_stopped(pollutant, tmp_path: Path, capsys) 
     said = capsys.readouterr()
     assert path.read_bytes() == whole
     assert "its last row was cut short" in said.err
-    assert "2 of 4 runs are there already" in said.err
+    assert "2 of 4 runs; it goes on from there" in said.err
     figures = json.loads(said.out)["settings"]
     assert [some["settings"] for some in figures] == [
         {"pollutant.stop_probability": value} for value in ("0.3", "0.1")
@@ -160,7 +160,7 @@ def test_a_run_that_fails_ends_the_campaign_and_is_named(
     faults = ("--set", "wanderer.fault=0,1", "--duration", "1", "--runs", "2", "-j", "1")
     assert sim(experiment, *faults, "-o", path) == 1
     said = capsys.readouterr().err
-    assert "wanderer.fault 1, seed 1: robot epuck_31_0 (tag 31)" in said
+    assert "wanderer.fault=1, seed 1: robot epuck_31_0 (tag 31)" in said
     assert "SIGSEGV" in said
     assert path.read_text().count("\n") == 3
 

@@ -1,1 +1,0 @@
-"""Campaigns of `vsense sim`: every combination of settings and seeds."""

@@ -1,0 +1,264 @@
+"""A campaign: a series of simulated runs whose plan comes from the command line.
+
+Its conditions are all combinations of settings, its starts the seeds.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vsense.base.errors import UsageError, VsenseError, failing_as
+from vsense.base.terminal import Console, Interruption, print_data
+from vsense.config.starting import StartPlaces
+from vsense.modes.sim import fingerprint
+from vsense.modes.sim.engine import Engine
+from vsense.modes.sim.job import Job, Setup, Sweep
+from vsense.modes.sim.outcome import Interrupted, Task, libraries_of
+from vsense.monitor.recording import SUFFIX
+from vsense.run import asked
+from vsense.run.runs_csv import condition_of
+from vsense.studies.packages import origin
+from vsense.studies.report import FORMATS, can_draw, lacking
+from vsense.studies.series.folder import CampaignTable
+from vsense.studies.series.order import CAMPAIGN, Cell
+from vsense.studies.series.parts import PlannedExperiment
+from vsense.studies.series.plan import Condition, PlannedStart, SeriesPlan
+from vsense.studies.series.series import SeriesLoop
+from vsense.studies.series.simulated import Simulate, SimulatedRuns, simulator
+
+_EVER = 2**31
+"""A run that somebody has made void in the table is repeated however often."""
+
+
+@dataclass(frozen=True, slots=True)
+class Campaign:
+    """The options of a campaign.
+
+    Attributes:
+        output: the CSV file.
+        drawing: the picture's file.
+        style: of the picture: a Matplotlib style sheet or its name, or None.
+        jobs: runs at the same time on this machine.
+        on: address of a Dask cluster that does the runs instead; None: this machine does.
+        json: print the figures on standard output.
+        lenient: a controller may ask for what nobody offers, or be told what it does not read.
+        record: every run has a recording, in a folder beside the CSV file.
+    """
+
+    sweep: Sweep
+    setup: Setup
+    output: Path
+    drawing: Path
+    style: str | None = None
+    jobs: int = 1
+    json: bool = False
+    on: str | None = None
+    lenient: bool = False
+    record: bool = False
+
+    def setup_of(self, planned: PlannedExperiment, cell: Cell | None = None) -> Setup:
+        """What the runs of a condition are made from."""
+        return replace(self.setup, settings=planned.settings)
+
+
+def outputs(output: Path | None, form: str | None) -> tuple[Path, Path]:
+    """The campaign's CSV file and its picture's.
+
+    The picture's format, one of `FORMATS`, is `form` or the suffix of --output.
+
+    Raises:
+        UsageError: the suffix says something else than `form`.
+    """
+    output = output or Path("results.csv")
+    suffix = output.suffix[1:]
+    if suffix not in FORMATS:
+        return output, output.with_suffix(f".{form or 'png'}")
+    if form not in (None, suffix):
+        raise UsageError(f"--format {form}: --output {output} says {suffix}")
+    return output.with_suffix(".csv"), output
+
+
+def run(
+    campaign: Campaign,
+    console: Console,
+    interrupted: Interruption,
+    engine: Engine | None = None,
+) -> None:
+    """Does all runs that the file does not hold yet, and compares the settings.
+
+    Rows are written in the order of the campaign, wherever and in whatever order runs are done.
+
+    Args:
+        engine: does the runs, on other machines; None: as `Campaign.on` says.
+
+    Raises:
+        Interrupted: the user has ended it; the rows until then are in the file.
+        CutShort: likewise, while a cluster was connected or the results were drawn.
+        VsenseError: it cannot run, or a run has failed.
+    """
+    if campaign.style is not None and can_draw():
+        from vsense.studies.report import plot  # with all that draws
+
+        plot.require_sheet(campaign.style)
+    with ExitStack() as stack:
+        if engine is None:
+            here = simulator(campaign.on, campaign.jobs, console, interrupted)
+            simulate = stack.enter_context(here)
+        else:
+            simulate = engine.simulate
+        plan, table = _complete(campaign, simulate, console, interrupted)
+    with interrupted.in_time():
+        _report(campaign, plan, table, console)
+
+
+def _complete(
+    campaign: Campaign, simulate: Simulate, console: Console, interrupted: Interruption
+) -> tuple[SeriesPlan, CampaignTable]:
+    """Does the runs that are missing; raises as `run`."""
+    plan, known = prepare(campaign)
+    table = CampaignTable(campaign.output, plan)
+    reported = next(iter(known.values())).experiment.warnings  # by the command
+    maker = SimulatedRuns(
+        plan,
+        known,
+        campaign.setup_of,
+        simulate,
+        console,
+        interrupted,
+        record=campaign.record,
+        reported=reported,
+    )
+    loop = SeriesLoop(plan, table, lambda runs: maker.make(runs, table), console, interrupted)
+    _keep_origin(campaign, known, table, console)
+    if campaign.record:
+        _say_unrecorded(loop, table, console)
+    loop.run()
+    if loop.end_reason:
+        console.end_progress()
+        console.say(f"{loop.in_words()}; the same command goes on from there")
+        raise Interrupted
+    return plan, table
+
+
+def prepare(campaign: Campaign) -> tuple[SeriesPlan, dict[str, PlannedExperiment]]:
+    """Makes the plan, and loads what its conditions run.
+
+    A setting that cannot be had is found before the first run.
+
+    Raises:
+        VsenseError: an experiment cannot be loaded, or a controller not be built; or, unless it is
+            lenient, it asks for what nobody offers or is told what it does not read.
+    """
+    known = {}
+    blind, file = campaign.setup.blind, campaign.setup.experiment
+    for settings in campaign.sweep.combinations():
+        experiment = replace(campaign.setup, settings=settings).load()
+        if not campaign.lenient:
+            asked.check(experiment)
+        condition = Condition(condition_of(blind, settings), file, settings=settings, blind=blind)
+        known[condition.name] = PlannedExperiment(condition, experiment, settings)
+    first = next(iter(known.values()))
+    job = Job(campaign.setup_of(first), 0, libraries_of(first.experiment))
+    plan = SeriesPlan(
+        path=first.experiment.path,
+        name=fingerprint.of_campaign(Task(job, first.experiment)),
+        mode="sim",
+        conditions=tuple(planned.condition for planned in known.values()),
+        starts=tuple(PlannedStart(f"seed{n}", StartPlaces(n)) for n in campaign.sweep.seeds or ()),
+        seed=CAMPAIGN,
+        again=_EVER,
+    )
+    return plan, known
+
+
+def _keep_origin(
+    campaign: Campaign,
+    known: Mapping[str, PlannedExperiment],
+    table: CampaignTable,
+    console: Console,
+) -> None:
+    """Keeps what the runs are made from, beside the table."""
+    path = table.table.path
+    with failing_as(VsenseError, f"{path}: cannot be written"):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    setups = {origin.key_of(name): campaign.setup_of(planned) for name, planned in known.items()}
+    experiments = [planned.experiment for planned in known.values()]
+    if not any(key.endswith(".library") for key in campaign.sweep.values):
+        del experiments[1:]  # all are made from the same files
+    stem, rows = f"{path.stem}-{origin.MADE}", len(table.rows)
+    origin.keep(path.parent, "sim", experiments, console.say, setups, (), stem, rows)
+
+
+def _say_unrecorded(loop: SeriesLoop, table: CampaignTable, console: Console) -> None:
+    count = loop.valid - sum(1 for _ in table.path.glob(f"*{SUFFIX}"))
+    if count > 0:
+        console.say(f"{count} runs that are there already have no recording, and get none")
+
+
+def _report(campaign: Campaign, plan: SeriesPlan, table: CampaignTable, console: Console) -> None:
+    """Prints the results, and draws them where Matplotlib is there."""
+    groups, path = group(plan, table), table.table.path
+    if campaign.json:
+        figures = [_figures(*values) for values in groups]
+        print_data(json.dumps({"file": str(path), "settings": figures}, indent=2))
+    console.say(f"results: {path}, {len(table.rows)} runs")
+    if not table.table.measures:
+        console.say("the experiment measures nothing: no picture")
+    elif not can_draw():
+        console.say(f"no picture: {lacking()}")
+    else:
+        _draw(campaign, table, groups)
+        console.say(f"picture: {campaign.drawing}")
+
+
+Group = tuple[Mapping[str, str], dict[str, list[float]]]
+"""A combination of settings, and the values of its runs by measure."""
+
+
+def _draw(campaign: Campaign, table: CampaignTable, groups: Sequence[Group]) -> None:
+    from vsense.studies.report import plot
+    from vsense.studies.series import comparison
+
+    file = campaign.drawing
+    measures = {name: [values[name] for _, values in groups] for name in table.table.measures}
+    settings = [settings for settings, _ in groups]
+    with plot.styled(campaign.style):
+        figure = comparison.draw(table.rows[0].experiment, settings, measures)
+        data = plot.encode(figure, file.suffix[1:])
+    with failing_as(VsenseError, f"{file}: cannot be written"):
+        file.write_bytes(data)
+
+
+def group(plan: SeriesPlan, table: CampaignTable) -> list[Group]:
+    """Gathers the valid rows of every combination of settings, of all seeds."""
+    groups = []
+    for condition in plan.conditions:
+        rows = [row for row in table.rows if row.condition == condition.name and row.valid]
+        measures = {
+            name: [n for row in rows if (n := row.measures[name]) is not None]
+            for name in table.table.measures
+        }
+        groups.append((condition.settings, measures))
+    return groups
+
+
+def _figures(
+    settings: Mapping[str, str], measures: Mapping[str, Sequence[float]]
+) -> dict[str, Any]:
+    """Mean and standard deviation of every measure."""
+    spread = {
+        name: {
+            "runs": len(values),
+            "mean": round(float(np.mean(values)), 6) if values else None,
+            "std": round(float(np.std(values, ddof=1)), 6) if len(values) > 1 else None,
+        }
+        for name, values in measures.items()
+    }
+    return {"settings": settings, "measures": spread}
