@@ -20,9 +20,8 @@ from vsense.config.controllers import read_controller, used_controllers
 from vsense.config.devices import read_devices
 from vsense.config.devices import virtual_devices as names_of_virtual
 from vsense.config.framework import read_loop_functions, read_rest, read_run, read_tracker
-from vsense.config.parts import cast
 from vsense.config.placement import overlapping
-from vsense.config.population import populate
+from vsense.config.population import cast, populate
 from vsense.config.programs import check_sources
 from vsense.config.programs import read as read_program
 from vsense.config.robots import ArenaContents
