@@ -29,8 +29,8 @@ from vsense.run.changes import Changes
 from vsense.run.changing import HANDS, Ground
 from vsense.run.control import Control, State
 from vsense.run.environment import Environment
-from vsense.run.homecoming import Starts, tell_end
 from vsense.run.homing.homing import Homing
+from vsense.run.homing.starts import Starts, tell_end
 from vsense.run.robots import (
     Readiness,
     battery_words,

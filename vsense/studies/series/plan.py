@@ -24,7 +24,7 @@ from vsense.base.toml import (
     real,
     single_line,
 )
-from vsense.config.starting import StartPlaces
+from vsense.config.placement import StartPlaces
 from vsense.run.runs_csv import MODES
 from vsense.studies.series.criteria import VoidCriteria
 

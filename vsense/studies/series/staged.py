@@ -13,8 +13,8 @@ from vsense.config.specs import Experiment, Pose
 from vsense.monitor.ui.room import RoomOptions
 from vsense.robots.link.status import RobotStatus
 from vsense.run.control import Control, State
-from vsense.run.homecoming import Starts
 from vsense.run.homing.homing import Homing
+from vsense.run.homing.starts import Starts
 from vsense.run.robots import Readiness, battery_words, low_batteries
 from vsense.run.runs_csv import RunRow, row_of, utc
 from vsense.run.runtime import Step
