@@ -20,13 +20,13 @@ MOST_WAITING = 64
 """Changes that wait for the next timestep; more are refused."""
 MOST_AT_ONCE = 8
 """So many are carried out before one timestep: people's hands must not make it late."""
-UNTOLD_NS = 1_000_000_000
-"""Of a thing that is dragged the end is told; where it never comes, this much later."""
+DRAG_TIMEOUT_NS = 1_000_000_000
+"""Only the end of a drag is reported; without an end the last place is, after so long."""
 
 Answer = Callable[[str, bool], None]
-"""Is told what became of a change, and whether it was carried out; in any thread."""
+"""Takes the result of a change, and whether it was carried out; in any thread."""
 Ask = Callable[[Change, str, Answer], None]
-"""Asks for a change; who; see `Changes.ask`."""
+"""Requests a change, by somebody; see `Changes.ask`."""
 
 
 class CarriedOut(NamedTuple):
@@ -75,7 +75,7 @@ class Changes:
         self.notes: list[Callable[[CarriedOut], None]] = []
         self._tell, self._locked, self._ground, self._clock = tell, locked, ground, clock
         self._requests: RequestQueue[_Request] = RequestQueue()
-        self._untold: dict[str, tuple[int, str]] = {}
+        self._drags: dict[str, tuple[int, str]] = {}
 
     def ask(self, change: Change, by: str, answer: Answer) -> None:
         """Takes a change by somebody, which `answer` hears of.
@@ -103,22 +103,22 @@ class Changes:
             for note in self.notes:
                 note(done)
             request.answer(text, True)
-            self._tell_everybody(request, text)
-        for name, (since_ns, line) in list(self._untold.items()):
-            if self._clock() - since_ns > UNTOLD_NS:
-                del self._untold[name]
+            self._report(request, text)
+        for name, (since_ns, line) in list(self._drags.items()):
+            if self._clock() - since_ns > DRAG_TIMEOUT_NS:
+                del self._drags[name]
                 self._tell(line)
 
     def settings(self, environment: Environment) -> dict[str, Any]:
         """See `settings_of`."""
         return settings_of(environment, self._ground, self._locked)
 
-    def _tell_everybody(self, request: _Request, text: str) -> None:
+    def _report(self, request: _Request, text: str) -> None:
         line = f"{request.by}: {text}"
         if request.change.kind is ChangeKind.MOVE and not request.change.final:
-            self._untold[request.change.name] = self._clock(), line
+            self._drags[request.change.name] = self._clock(), line
             return
-        self._untold.pop(request.change.name, None)
+        self._drags.pop(request.change.name, None)
         self._tell(line)
 
 
