@@ -3,8 +3,8 @@
 A file's schema is a mapping of names: to a `Reader` for a value, to another schema for a table, and
 to a list of one schema for an array of tables.
 
-Size and keys are bounded before the text is parsed: parsers take quadratic time and worse for keys
-of thousands of parts.
+Size and keys are bounded before the text is parsed: tomlkit's time grows faster than linearly with
+the number of keys and their parts.
 """
 
 from __future__ import annotations
