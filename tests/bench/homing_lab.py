@@ -43,10 +43,10 @@ from vsense.robots.link import keys
 from vsense.robots.link.keys import LinkTrust
 from vsense.robots.link.peer import Goal
 from vsense.robots.link.status import RobotStatus
-from vsense.run import homecoming
-from vsense.run.homecoming import Starts
+from vsense.run.homing import starts
 from vsense.run.homing.homing import Homing
 from vsense.run.homing.robots import Trouble
+from vsense.run.homing.starts import Starts
 from vsense.run.runtime import Step
 from vsense.tools.bench import homing as table
 from vsense.tools.bench.homing import LOSS, UNSEEN_S, WHEELS, ContactTimes, Floats, HomingRow
@@ -198,7 +198,7 @@ def inside(options: argparse.Namespace) -> int:
     clock.slow(round(options.pace * 1000))
     FarSwarm.net = LOOP_NET
     lab_session.Swarm = FarSwarm  # type: ignore[misc]
-    homecoming.Homing = TimedHoming  # type: ignore[misc]
+    starts.Homing = TimedHoming  # type: ignore[misc]
     rows, console = list[HomingRow](), Console()
     relay, lost = Relay(PORT, options.first, LOOP_NET), Weather(loss=LOSS)
     relay.set(lost, lost, range(256))

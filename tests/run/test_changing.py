@@ -9,7 +9,7 @@ import pytest
 from tests.run.changed_run import ChangedRun
 from vsense.base.errors import VsenseError
 from vsense.config.experiment import load
-from vsense.run.changes import MOST_AT_ONCE, MOST_WAITING, UNTOLD_NS
+from vsense.run.changes import DRAG_TIMEOUT_NS, MOST_AT_ONCE, MOST_WAITING
 from vsense.run.changing import MOST_ROBOTS, Change, Ground, carry_out
 from vsense.run.orders import OrderError
 from vsense.world.entities import VIRTUAL_TAG_MIN, VirtualRobot
@@ -169,7 +169,7 @@ def test_of_a_drag_the_end_is_told_once_or_a_moment_after_it_was_broken_off() ->
     run.ask(**{**MOVE, "x_m": 0.4, "final": False})
     run.changes.carry_out(run.environment, 1, 1)
     assert len(run.told) == 1
-    run.now_ns += UNTOLD_NS + 1
+    run.now_ns += DRAG_TIMEOUT_NS + 1
     run.changes.carry_out(run.environment, 2, 2)
     assert run.told[1] == "Ada: nest is at 0.40, 0.20 m"
 

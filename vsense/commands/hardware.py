@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 from vsense.base.errors import UsageError
 from vsense.commands import arguments, rosters
-from vsense.config.parts import spares_for
 from vsense.config.roster_fields import MarkerOffset
 from vsense.config.specs import Experiment
+from vsense.run.cast import spares_for
 
 if TYPE_CHECKING:
     from vsense.modes.lab.hardware import HardwareErrors, LabRobots

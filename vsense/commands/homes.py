@@ -10,7 +10,7 @@ from vsense.config.experiment import first_robots
 from vsense.config.specs import Experiment
 
 if TYPE_CHECKING:
-    from vsense.run.homecoming import Starts
+    from vsense.run.homing.starts import Starts
 
 MOST_VOLTS = 10.0
 
@@ -45,7 +45,7 @@ def starts_of(options: argparse.Namespace, experiment: Experiment) -> Starts | N
     """
     if not (options.home or options.home_virtual_walls):
         return None
-    from vsense.run.homecoming import Starts
+    from vsense.run.homing.starts import Starts
 
     starts = Starts(first_robots(experiment, options.robots), options.home_virtual_walls)
     starts.of(1)

@@ -25,7 +25,7 @@ from vsense.studies.packages import origin
 from vsense.studies.series import plan as plans
 from vsense.studies.series.folder import SeriesFolder, allowed_changes
 from vsense.studies.series.order import Cell, Forecast
-from vsense.studies.series.parts import PlanLoader, PlannedExperiment
+from vsense.studies.series.parts import PlanLoader, PlannedExperiment, SeriesCast
 from vsense.studies.series.plan import SeriesPlan
 from vsense.studies.series.series import RunMaker, SeriesLoop
 from vsense.tools.shipped import documents
@@ -241,7 +241,6 @@ def _rendered(
     console: Console,
     interrupted: Interruption,
 ) -> RunMaker:
-    from vsense.studies.series.cast import SeriesCast
     from vsense.studies.series.rendered import LabOptions, LabRuns
 
     for planned in known.values():
@@ -253,7 +252,7 @@ def _rendered(
         room=_room(options),
         robots=partial(hardware.robots_of, options),
     )
-    cast = SeriesCast(loader, known, rosters.roster_of(options, found=False), console)
+    cast = SeriesCast(known, console)
     return LabRuns(loader, cast, console, interrupted, made)
 
 

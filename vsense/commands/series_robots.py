@@ -18,7 +18,7 @@ from vsense.config.roster import Roster
 from vsense.config.specs import Experiment
 from vsense.robots import boards
 from vsense.robots.deploying import Part, Plan
-from vsense.studies.series.parts import PlanLoader, PlannedExperiment
+from vsense.studies.series.parts import PlanLoader, PlannedExperiment, SeriesCast
 
 if TYPE_CHECKING:
     from vsense.monitor.ui.room import RoomOptions
@@ -78,7 +78,6 @@ def maker(
     from vsense.modes.live.sources import require_source
     from vsense.monitor.ui.access import is_loopback
     from vsense.run.leases import RobotLeases
-    from vsense.studies.series.cast import SeriesCast
     from vsense.studies.series.real import RealOptions, RealRuns
 
     for planned in known.values():
@@ -94,7 +93,7 @@ def maker(
         real = replace(real, lease=stack.enter_context(leases).take)
     if _programs(known) > 1 and not options.no_deploy:
         real = replace(real, bring=bringer(options, roster, console))
-    return RealRuns(loader, SeriesCast(loader, known, roster, console), console, interrupted, real)
+    return RealRuns(loader, SeriesCast(known, console), console, interrupted, real)
 
 
 def _programs(known: Mapping[str, PlannedExperiment]) -> int:

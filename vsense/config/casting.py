@@ -7,11 +7,12 @@ by that robot. `--replace 23=37` has 37 play the part of 23.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from vsense.config.roster import Roster
+from vsense.base.errors import UsageError
+from vsense.config.roster import SPARE, Roster
 
 Pair = tuple[int, int]
 """A tag, and that of the robot that plays in its place."""
@@ -58,11 +59,38 @@ class Casting:
         free, limit = tuple(data.get("free", ())), data.get("limit")
         return cls(str(data.get("roster", "")), free, limit=limit, **pairs)
 
+    def check(self, what: str, pair: Pair, playing: Iterable[int], worn: Collection[int]) -> None:
+        """Refuses a robot that cannot play another's part.
+
+        Args:
+            what: how errors call it.
+            pair: of whom, and who.
+            playing: the robots' tags.
+            worn: all tags in the experiment.
+
+        Raises:
+            UsageError: there is no such part, or the robot has one, or is out of order.
+        """
+        out, new = pair
+        present = list(playing)
+        if out not in present:
+            expected = ", ".join(map(str, present))
+            raise UsageError(f"{what}: no robot has tag {out}; expected one of {expected}")
+        if new in worn:
+            raise UsageError(f"{what}: {new} is in the experiment already")
+        broken = [why for tag, why in self.others if tag == new and why != SPARE]
+        if broken:
+            raise UsageError(f"{what}: {new} is {broken[0]}")
+
+    def spares(self, playing: Collection[int]) -> list[int]:
+        """The roster's spares that work and do not play."""
+        return [tag for tag, why in self.others if why == SPARE and tag not in playing]
+
     def with_replaced(self, pair: Pair) -> Casting:
         """The same with another robot put in: for one that was put in itself, or a first one."""
         out, new = pair
         first = {plays: tag for tag, plays in self.replaced}.get(out, out)
-        kept = tuple(some for some in self.replaced if some[0] != first)
+        kept = tuple(other for other in self.replaced if other[0] != first)
         return replace(self, replaced=kept if first == new else (*kept, (first, new)))
 
 

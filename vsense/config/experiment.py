@@ -10,21 +10,18 @@ from typing import NamedTuple
 
 from vsense.base.errors import ConfigError, UsageError, instead
 from vsense.base.files import PACKAGE_FOLDER, read_bytes
+from vsense.base.native import lib
 from vsense.base.xml.element import Element
 from vsense.base.xml.parsing import parse
-from vsense.config import argos
+from vsense.config import argos, programs
 from vsense.config.arena import DISTRIBUTE, read_arena
 from vsense.config.argos import USING_SETTINGS
 from vsense.config.casting import Casting
-from vsense.config.controllers import read_controller, used_controllers
-from vsense.config.devices import read_devices
+from vsense.config.devices import Devices, read_devices
 from vsense.config.devices import virtual_devices as names_of_virtual
-from vsense.config.framework import read_loop_functions, read_rest, read_run, read_tracker
-from vsense.config.parts import cast
+from vsense.config.framework import collect, read_loop_functions, read_rest, read_run, read_tracker
 from vsense.config.placement import overlapping
-from vsense.config.population import populate
-from vsense.config.programs import check_sources
-from vsense.config.programs import read as read_program
+from vsense.config.population import cast, populate
 from vsense.config.robots import ArenaContents
 from vsense.config.settings import apply, check_used
 from vsense.config.specs import (
@@ -36,8 +33,8 @@ from vsense.config.specs import (
     RobotSpec,
     Stage,
 )
-from vsense.config.things import Media, read_media
-from vsense.robots.sources import CodeOptions
+from vsense.config.things import Media, by_id, read_media
+from vsense.robots.sources import CodeOptions, ProgramSources
 from vsense.vision.markers.families import known_families, load_family
 from vsense.world.sensors.base import RobotSettings, Scope
 
@@ -145,14 +142,14 @@ def _read_understood(
     marker, media = _read_marker(root), read_media(root)
     arena = root.child("arena")
     bodies = read_arena(arena, path.parent, media, 1.0 / run.ticks_per_second, serves.stage)
-    check_sources(root, serves.code)
+    programs.check_sources(root, serves.code)
     loop_functions = read_loop_functions(root, path.parent, serves.code)
     populate(root.document, loop_functions, bodies, run.seed)
     if not bodies.robots:
         raise arena.error(_no_robot(root, arena))
     cast(bodies, marker.family, casting)
     scope = _scope(bodies, round(run.length_s * run.ticks_per_second), loop_functions)
-    used = used_controllers(root.child("controllers"), bodies)
+    used = _used_controllers(root.child("controllers"), bodies)
     controllers = _read_controllers(used, bodies, scope, media, serves)
     _check_objects(bodies, scope)
     _check_tags(bodies, marker, root.document.file)
@@ -187,12 +184,71 @@ def _read_controllers(
     media: Media,
     serves: _Serves,
 ) -> tuple[ControllerSpec, ...]:
-    programs = [read_program(element, scope.folder, serves.code) for element in controllers]
-    cpp = [argos.is_cpp(*some) for some in zip(controllers, programs)]
+    read = [programs.read(element, scope.folder, serves.code) for element in controllers]
+    cpp = [argos.is_cpp(element, program) for element, program in zip(controllers, read)]
     settings = [_settings(controller, bodies) for controller in controllers]
     stage, virtual, _ = serves
     devices = read_devices(controllers, scope, media, settings, stage, virtual, cpp)
-    return tuple(read_controller(*some) for some in zip(controllers, programs, devices))
+    return tuple(
+        _read_controller(element, program, offered)
+        for element, program, offered in zip(controllers, read, devices)
+    )
+
+
+def _used_controllers(section: Element, bodies: ArenaContents) -> list[Element]:
+    """Finds the controllers that robots name; the others are left out."""
+    known = by_id(section.children(), "controller")
+    used = set[str]()
+    for element in bodies.controllers.values():
+        name = element.text("config")
+        if name not in known:
+            raise element.error(
+                f"there is no controller {name!r}; {instead(name, known)}", "config"
+            )
+        used.add(name)
+    for name, element in known.items():
+        if name not in used:
+            element.leave_out("no robot uses it")
+    return [element for name, element in known.items() if name in used]
+
+
+def _read_controller(
+    element: Element, named: tuple[str, ProgramSources], devices: Devices
+) -> ControllerSpec:
+    """Reads the parameters of a program that drives robots with these devices.
+
+    `named` is what `programs.read` has given.
+    """
+    library, program = named
+    params = element.optional_child("params")
+    settings: dict[str, str] = {}
+    declared = ""
+    if program.is_argos:
+        programs.check_added(params, program)
+        settings = programs.settings(params)
+        declared = programs.told(element, params, devices.sensors, devices.actuators)
+    elif params is not None:
+        settings = collect(params, {})
+    if library == argos.STAND_STILL:
+        settings = {}
+    controller = ControllerSpec(
+        id=element.text("id"),
+        label=element.name,
+        library=library,
+        sources=program.sources,
+        includes=program.includes,
+        params=settings,
+        sensors=tuple(devices.sensors),
+        actuators=tuple(devices.actuators),
+        line=element.line,
+        told=declared,
+        devices=tuple(devices.declared),
+        wheel_noise=devices.wheel_noise,
+    )
+    size = len(controller.params_for("").encode())
+    if params is not None and size > lib.VS_PARAMS_MAX:
+        raise params.error(f"has {size} bytes, expected at most {lib.VS_PARAMS_MAX}")
+    return controller
 
 
 def _scope(bodies: ArenaContents, timesteps: int, loop: LoopSpec | None) -> Scope:

@@ -12,10 +12,13 @@ from __future__ import annotations
 import math
 import random
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 from vsense.base.arena import wrap_angle
+from vsense.base.errors import UsageError
 from vsense.config.distribute import DistributedSpec, Distribution
 from vsense.config.specs import Experiment, ObjectSpec, Pose, RobotSpec, Stage
 from vsense.world.entities import (
@@ -340,3 +343,53 @@ def _put(entity: Entity, position_m: Vector, yaw_rad: float) -> Entity:
     if isinstance(entity, Light) or (isinstance(entity, (Box, Cylinder)) and not entity.physical):
         return replace(entity, position_m=(x_m, y_m, z_m))
     return entity
+
+
+@dataclass(frozen=True, slots=True)
+class StartPlaces:
+    """The places of everything that moves or is distributed when a run begins, whatever its seed.
+
+    So runs of several conditions begin alike, and repetitions differ in all else that is drawn.
+
+    Attributes:
+        seed: decides the places of all that is distributed.
+        poses: of the robots, in the file's order: x_m, y_m, yaw_rad; (): as the file says.
+    """
+
+    seed: int
+    poses: tuple[tuple[float, float, float], ...] = ()
+
+    def put(self, experiment: Experiment) -> Experiment:
+        """Gives the robots their poses; what is distributed is not placed yet.
+
+        Raises:
+            UsageError: there are not as many poses as robots, or two bodies overlap.
+        """
+        if not self.poses:
+            return experiment
+        robots = experiment.robots
+        if len(self.poses) != len(robots):
+            raise UsageError(f"{len(self.poses)} poses: {experiment.file} has {len(robots)} robots")
+        placed = tuple(
+            replace(robot, pose=Pose(*pose), distribution=None)
+            for robot, pose in zip(robots, self.poses)
+        )
+        started = replace(experiment, robots=placed)
+        if displaced := overlapping(started):
+            robot, what = displaced[0]
+            raise UsageError(f"the pose of {robot.id!r} overlaps with {what}")
+        return started
+
+    def settled(self, experiment: Experiment, real: bool = True) -> Experiment:
+        """Gives everything its place; for `real` see `settle`.
+
+        Raises:
+            UsageError: as `put`.
+            ConfigError: as `settle`.
+        """
+        return settle(self.put(experiment), self.seed, real)
+
+    @classmethod
+    def read(cls, data: Mapping[str, Any]) -> StartPlaces:
+        """Reads what `dataclasses.asdict` made of one, also from JSON."""
+        return cls(int(data["seed"]), tuple(tuple(pose) for pose in data.get("poses", ())))

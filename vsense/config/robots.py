@@ -1,13 +1,10 @@
-"""Reads robots and tagged objects into what is in the arena; gives tags where the file does not."""
+"""Reads robots and tagged objects into what is in the arena."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection
-from dataclasses import dataclass, field, replace
-from functools import cache
-from itertools import islice
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from vsense.base.native import lib
@@ -16,7 +13,6 @@ from vsense.config import argos
 from vsense.config.distribute import OBJECT, Crowd, DistributedSpec
 from vsense.config.specs import FieldSpec, FloorSpec, ObjectSpec, Pose, RobotSpec, Stage
 from vsense.config.things import Media, read_place
-from vsense.vision.markers.families import load_family, ranked_tags
 from vsense.world.entities import VIRTUAL_TAG_MIN, Arena, Entity, VirtualRobot
 from vsense.world.sensors.base import RobotSettings
 from vsense.world.world import MESSAGE_MAX
@@ -102,8 +98,6 @@ _ID = re.compile(r"(.+)_([0-9]{1,9})_([0-9]{1,9})")
 _NO_TAG = -1
 """Stands in for the tag of a body until it is given one."""
 _MAX_RAB_BYTES = 10_000
-_MOST_CHOSEN = 128
-"""Choosing takes about 10 ms a tag; the robots of larger swarms wear whatever is free."""
 
 
 def add_epuck(element: Element, bodies: ArenaContents) -> None:
@@ -184,53 +178,6 @@ def add_crowd(crowd: Crowd, bodies: ArenaContents) -> None:
         bodies.robots.append(RobotSpec(name, tag, number, None, drawn, config, line))
     if not crowd.entity.has("vs:tags"):
         bodies.untagged.append((crowd.entity, names))
-
-
-def give_tags(
-    bodies: ArenaContents, family: str, owned: Collection[int] = (), idle: Collection[str] = ()
-) -> None:
-    """Gives a free tag of a marker family to every body without one in the file, and warns.
-
-    Nobody is given one that is `owned`: it is that of a robot. Of who is `idle` nothing is said.
-    """
-    names = [name for _, group in bodies.untagged for name in group]
-    if not names:
-        return
-    free = _free_tags(family, len(names), frozenset(bodies.lines_of_tags) | frozenset(owned))
-    if len(free) < len(names):
-        element = bodies.untagged[-1][0]
-        raise element.error(f"has no tag, and the marker family {family!r} has none left for it")
-    given = dict(zip(names, free))
-    for element, some in bodies.untagged:
-        if not (group := [name for name in some if name not in idle]):
-            continue
-        key = "vs:tags" if element.name == "entity" else "vs:tag"
-        last = f" to {group[-1]!r}" if len(group) > 1 else ""
-        element.warn(
-            f"{key} is missing: {group[0]!r}{last} wear"
-            f" {', '.join(str(given[name]) for name in group)}"
-        )
-    bodies.robots[:] = [replace(r, tag=given.get(r.id, r.tag)) for r in bodies.robots]
-    bodies.objects[:] = [replace(o, tag=given.get(o.id, o.tag)) for o in bodies.objects]
-
-
-def _free_tags(family: str, count: int, worn: frozenset[int]) -> list[int]:
-    """Chooses free tags, those of `vsense markers --ids auto:N` first.
-
-    Another robot at the end of a file leaves the others theirs.
-    """
-    chosen = _well_apart(family, min(count + len(worn), _MOST_CHOSEN))
-    taken = worn | set(chosen)
-    rest = (tag for tag in range(load_family(family).tags) if tag not in taken)
-    free = [tag for tag in chosen if tag not in worn][:count]
-    return [*free, *islice(rest, count - len(free))]
-
-
-@cache
-def _well_apart(family: str, count: int) -> tuple[int, ...]:
-    """See `ranked_tags`; all that there are of a family that has not so many."""
-    markers = load_family(family)
-    return tuple(ranked_tags(markers, min(count, markers.tags)))
 
 
 def _add_virtual(element: Element, bodies: ArenaContents) -> None:

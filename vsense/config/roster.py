@@ -19,26 +19,17 @@ from __future__ import annotations
 
 import fcntl
 import os
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from vsense.base.errors import ConfigError, UsageError, instead
-from vsense.base.files import MOST_BYTES, read_bytes, replace_text
-from vsense.config.roster_fields import (
-    CALIBRATION,
-    DEFAULTS,
-    MARKER,
-    PARTS,
-    ROBOT,
-    MarkerOffset,
-    RobotCalibration,
-    Wrong,
-    read_fields,
-)
-from vsense.config.roster_text import Lines, parse
+from vsense.base.errors import ConfigError, UsageError
+from vsense.base.files import MOST_BYTES, replace_text
+from vsense.base.toml import TomlFile, decode_toml, read_toml_text
+from vsense.config.roster_fields import DEFAULTS, LAB, MarkerOffset, RobotCalibration
 
 FILE_NAME = "robots.toml"
 
@@ -128,11 +119,7 @@ def read(path: Path) -> Roster:
         UsageError: it cannot be read, or names no robot.
         ConfigError: something in it is wrong; the message has its line.
     """
-    try:
-        data = read_bytes(path)
-    except OSError as error:
-        raise UsageError(f"cannot read {path}: {error.strerror}") from None
-    return _read(path, _decoded(path, data))
+    return _read(path, read_toml_text(path))
 
 
 def update(path: Path, changes: Mapping[int, Mapping[str, Any]]) -> Roster:
@@ -158,7 +145,7 @@ def update(path: Path, changes: Mapping[int, Mapping[str, Any]]) -> Roster:
     read(path)  # which refuses pipes and devices
     path = path.resolve()  # a link to it stays one
     with _locked(path) as file:
-        text = _decoded(path, file.read(MOST_BYTES))
+        text = decode_toml(path, file.read(MOST_BYTES))
         before, document = _read(path, text), tomlkit.parse(text)
         tables: dict[int, Any] = dict(zip(before.tags, document["robot"]))
         for tag, values in changes.items():
@@ -238,67 +225,53 @@ def _locked(path: Path) -> Iterator[BinaryIO]:
                 return
 
 
-def _decoded(path: Path, data: bytes) -> str:
-    try:
-        return data.decode()
-    except UnicodeDecodeError:
-        raise UsageError(f"cannot read {path}: it is no text") from None
-
-
 def _read(path: Path, text: str) -> Roster:
-    document, where = parse(path, text), Lines(text)
-
-    def wrong(number: int | None, name: str, words: str) -> ConfigError:
-        return ConfigError(str(path), where.of(number, name), words)
-
-    for name in document:
-        if name not in ("robot", "defaults"):
-            words = f"{name!r} is not known here; {instead(name, ('[[robot]]', '[defaults]'))}"
-            raise wrong(None, name, words)
-    tables = document.get("robot", [])
-    defaults = document.get("defaults", {})
-    if not isinstance(tables, list) or not all(isinstance(t, dict) for t in tables):
-        raise wrong(None, "robot", "robot: expected a table [[robot]] for each robot")
-    if not isinstance(defaults, dict):
-        raise wrong(None, "defaults", "defaults: expected a table [defaults]")
-    if not tables:
-        raise UsageError(f"{path} names no robot: expected tables [[robot]] with tag = 23")
     try:
-        usual = read_fields(defaults, DEFAULTS, "[defaults]")
-    except Wrong as error:
-        raise wrong(None, f"defaults.{error.name}", str(error)) from None
+        file = TomlFile(path, text)
+    except ConfigError:
+        _refuse_lines(path, text)
+        raise
+    values = file.read(LAB)
+    if not values.get("robot"):
+        raise UsageError(f"{path} names no robot: expected tables [[robot]] with tag = 23")
+    defaults = values.get("defaults", {})
     robots = []
-    for number, table in enumerate(tables):
-        try:
-            robots.append(_robot(table, usual, where.of(number, "")))
-        except Wrong as error:
-            raise wrong(number, error.name, str(error)) from None
+    for number, own in enumerate(values["robot"]):
+        if "tag" not in own:
+            words = "this robot has no tag: expected tag = 0..65535"
+            raise file.error(words, "robot", number)
+        robots.append(_robot(own, defaults, file.line("robot", number)))
     _check_unique(str(path), robots)
     return Roster(path, tuple(robots))
 
 
-def _robot(table: dict[str, Any], usual: Mapping[str, Any], line: int) -> RosterRobot:
-    parts = {name: table[name] for name in PARTS if name in table}
-    for name, part in parts.items():
-        if not isinstance(part, dict):
-            raise Wrong(name, f"expected a table [robot.{name}], got {str(part)[:40]}")
-    own = read_fields({n: v for n, v in table.items() if n not in parts}, ROBOT, "a robot", PARTS)
-    if "tag" not in own:
-        raise Wrong("", "this robot has no tag: expected tag = 0..65535")
-    measured = read_fields(parts.get("calibration", {}), CALIBRATION, "[robot.calibration]")
-    marker = read_fields(parts.get("marker", {}), MARKER, "[robot.marker]")
-    everything = {**usual, **own}
+def _robot(own: Mapping[str, Any], defaults: Mapping[str, Any], line: int) -> RosterRobot:
+    board = {**defaults, **{name: own[name] for name in DEFAULTS if name in own}}
+    marker = own.get("marker")
     return RosterRobot(
         **{name: own[name] for name in _OWN if name in own},
-        base=everything.get("base", ""),
-        board={name: str(everything[name]) for name in DEFAULTS if name in everything},
-        calibration=RobotCalibration(**measured),
+        base=board.get("base", ""),
+        board={name: str(board[name]) for name in DEFAULTS if name in board},
+        calibration=RobotCalibration(**own.get("calibration", {})),
         marker=MarkerOffset.read(marker) if marker else None,
         line=line,
     )
 
 
 _OWN = ("tag", "host", "uid", "name", "spare", "out_of_order")
+
+_OLD_LINE = re.compile(r"(?P<host>[^\s\[\]=#]+)(?=.*\stag=(?P<tag>\d+))(\s+[a-z-]+=\S+)+\s*(#.*)?")
+
+
+def _refuse_lines(path: Path, text: str) -> None:
+    """Says how a list of lines, as robots.txt was, is written now."""
+    for number, line in enumerate(text.splitlines(), 1):
+        old = _OLD_LINE.fullmatch(line.strip())
+        if old is not None:
+            words = f'tag = {old["tag"]} and host = "{old["host"]}", in robots.toml'
+            raise ConfigError(
+                str(path), number, f"this robot is a table [[robot]] now, with {words}"
+            )
 
 
 def _check_unique(file: str, robots: Sequence[RosterRobot]) -> None:

@@ -5,20 +5,12 @@ from __future__ import annotations
 import ipaddress
 import math
 import re
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
-from vsense.base.errors import instead
 from vsense.base.native import lib
-
-
-class Wrong(Exception):
-    """A value that cannot be; `name` says where it stands below its robot: "marker.x_mm"."""
-
-    def __init__(self, name: str, words: str) -> None:
-        super().__init__(words)
-        self.name = name
+from vsense.base.toml import Reader, Schema, boolean, integer, matching, real, single_line
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,40 +85,7 @@ class MarkerOffset:
         return numbers | ({"when": self.when} if self.when else {})
 
 
-Reader = Callable[[Any], Any]
-"""Gives what a value means; ValueError with what was expected."""
-
-
-def _whole(least: int, most: int) -> Reader:
-    def read(value: Any) -> int:
-        if type(value) is not int or not least <= value <= most:
-            raise ValueError(f"a whole number from {least} to {most}")
-        return value
-
-    return read
-
-
-def _number(least: float, most: float, unit: str) -> Reader:
-    def read(value: Any) -> float:
-        if type(value) not in (int, float) or not least <= value <= most:
-            raise ValueError(f"a number from {least:g} to {most:g}{unit}")
-        return float(value)
-
-    return read
-
-
-def _matching(pattern: str, expected: str) -> Reader:
-    form = re.compile(pattern)
-
-    def read(value: Any) -> str:
-        if type(value) is not str or not form.fullmatch(value):
-            raise ValueError(expected)
-        return value
-
-    return read
-
-
-_HEX_32 = _matching("[0-9a-fA-F]{32}", 'the 32 hexadecimal digits of vsensed --identify: "0f3a…"')
+_HEX_32 = matching("[0-9a-fA-F]{32}", 'the 32 hexadecimal digits of vsensed --identify: "0f3a…"')
 
 
 def _uid(value: Any) -> str:
@@ -135,22 +94,10 @@ def _uid(value: Any) -> str:
 
 def _name(value: Any) -> str:
     expected = f"a text without blanks of at most {lib.VS_NAME_MAX} bytes"
-    text = str(_matching(_SETTING, expected)(value))
+    text = str(matching(_SETTING, expected)(value))
     if len(text.encode()) > lib.VS_NAME_MAX:
         raise ValueError(expected)
     return text
-
-
-def _flag(value: Any) -> bool:
-    if type(value) is not bool:
-        raise ValueError("true or false")
-    return value
-
-
-def _why(value: Any) -> str:
-    if type(value) is not str or not value.strip() or not value.isprintable():
-        raise ValueError('why in a line, such as "left motor stalls"; without this name it works')
-    return value.strip()
 
 
 def _address(value: Any) -> str:
@@ -160,7 +107,7 @@ def _address(value: Any) -> str:
         raise ValueError('a numeric IPv4 address, such as "192.168.1.10"') from None
 
 
-_DAY = _matching(r"\d{4}-\d\d-\d\d([T ]\d\d:\d\d\S*)?", 'a day, such as "2026-11-23"')
+_DAY = matching(r"\d{4}-\d\d-\d\d([T ]\d\d:\d\d\S*)?", 'a day, such as "2026-11-23"')
 
 
 def _when(value: Any) -> str:
@@ -188,31 +135,19 @@ def _spans(count: int, least: int, most: int, words: str) -> Reader:
 
 _SETTING = r"[^\s'\"\\$`#]+"
 
-DEFAULTS: Mapping[str, Reader] = {
-    "base": _matching(_SETTING, 'a base of vsensed, such as "argos:/dev/ttyS0"'),
+DEFAULTS: Schema = {
+    "base": matching(_SETTING, 'a base of vsensed, such as "argos:/dev/ttyS0"'),
     "run_host": _address,
-    "port": _whole(1, 65535),
-    "battery_stop_mv": _whole(0, 5000),
-    "watchdog": _matching(_SETTING, 'a device, such as "/dev/watchdog"'),
+    "port": integer(1, 65535),
+    "battery_stop_mv": integer(0, 5000),
+    "watchdog": matching(_SETTING, 'a device, such as "/dev/watchdog"'),
 }
 """What may stand in [defaults], and of one robot."""
 
-ROBOT: Mapping[str, Reader] = {
-    "tag": _whole(0, 65535),
-    "host": _matching(
-        r"(?!-)[A-Za-z0-9_.@:\[\]%-]+", '[user@]host for ssh, such as "root@192.168.1.30"'
-    ),
-    "uid": _uid,
-    "name": _name,
-    "spare": _flag,
-    "out_of_order": _why,
-    **DEFAULTS,
-}
-
-CALIBRATION: Mapping[str, Reader] = {
-    "wheel_diameter_mm": _number(30.0, 50.0, " mm"),
-    "wheel_ratio": _number(0.9, 1.1, ""),
-    "axle_length_mm": _number(40.0, 70.0, " mm"),
+CALIBRATION: Schema = {
+    "wheel_diameter_mm": real(30.0, 50.0, " mm"),
+    "wheel_ratio": real(0.9, 1.1),
+    "axle_length_mm": real(40.0, 70.0, " mm"),
     "proximity_scale": _spans(8, -4096, 4096, "NOTHING:WALL"),
     "light_scale": _spans(8, -4096, 4096, "DARK:BRIGHT"),
     "ground_scale": _spans(3, 0, 1023, "BLACK:WHITE"),
@@ -220,45 +155,31 @@ CALIBRATION: Mapping[str, Reader] = {
 }
 """The ranges are those of `calibration.c`."""
 
-MARKER: Mapping[str, Reader] = {
-    "x_mm": _number(-50.0, 50.0, " mm"),
-    "y_mm": _number(-50.0, 50.0, " mm"),
-    "yaw_deg": _number(-180.0, 180.0, "°"),
+MARKER: Schema = {
+    "x_mm": real(-50.0, 50.0, " mm"),
+    "y_mm": real(-50.0, 50.0, " mm"),
+    "yaw_deg": real(-180.0, 180.0, "°"),
     "when": _when,
 }
 
-PARTS: Mapping[str, Mapping[str, Reader]] = {"calibration": CALIBRATION, "marker": MARKER}
-"""The tables of a robot."""
+_WHY = 'why in a line, such as "left motor stalls"; without this name it works'
 
+ROBOT: Schema = {
+    "tag": integer(0, 65535),
+    "host": matching(
+        r"(?!-)[A-Za-z0-9_.@:\[\]%-]+", '[user@]host for ssh, such as "root@192.168.1.30"'
+    ),
+    "uid": _uid,
+    "name": _name,
+    "spare": boolean,
+    "out_of_order": single_line(_WHY),
+    **DEFAULTS,
+    "calibration": CALIBRATION,
+    "marker": MARKER,
+}
 
-def read_fields(
-    table: Mapping[str, Any], known: Mapping[str, Reader], where: str, also: Collection[str] = ()
-) -> dict[str, Any]:
-    """Reads a table's values.
-
-    Args:
-        table: the values by name.
-        known: what each name may mean.
-        where: the table for people: "a robot", "[robot.marker]".
-        also: names of tables that may stand there.
-
-    Raises:
-        Wrong: a name is not known, or a value cannot be.
-    """
-    part = where.strip("[]").removeprefix("robot.") + "." if where.startswith("[robot.") else ""
-    read = {}
-    for name, value in table.items():
-        if name not in known:
-            part_of = next((f"[robot.{p}]" for p in also if name in PARTS[p]), "")
-            hint = f"it stands in {part_of}" if part_of else instead(name, [*known, *also])
-            words = f"{name!r} is nothing that {where} has; {hint}"
-            raise Wrong(f"{part}{name}", words)
-        try:
-            read[name] = known[name](value)
-        except ValueError as error:
-            shown = repr(value) if isinstance(value, str) else str(value)
-            raise Wrong(f"{part}{name}", f"{name}: expected {error}; got {shown[:60]}") from None
-    return read
+LAB: Schema = {"defaults": DEFAULTS, "robot": [ROBOT]}
+"""What may stand in a roster."""
 
 
 def _text(value: float | str) -> str:

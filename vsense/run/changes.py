@@ -7,28 +7,26 @@ same deeds of the robots and the same changes give the same readings again
 
 from __future__ import annotations
 
-import threading
-from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from vsense.base.clock import host_ns
 from vsense.base.errors import VsenseError
 from vsense.run.changing import HANDS, Change, ChangeKind, Ground, carry_out, settings_of
 from vsense.run.environment import Environment
-from vsense.run.orders import OrderError
+from vsense.run.orders import OrderError, RequestQueue
 
 MOST_WAITING = 64
 """Changes that wait for the next timestep; more are refused."""
 MOST_AT_ONCE = 8
 """So many are carried out before one timestep: people's hands must not make it late."""
-UNTOLD_NS = 1_000_000_000
-"""Of a thing that is dragged the end is told; where it never comes, this much later."""
+DRAG_TIMEOUT_NS = 1_000_000_000
+"""Only the end of a drag is reported; without an end the last place is, after so long."""
 
 Answer = Callable[[str, bool], None]
-"""Is told what became of a change, and whether it was carried out; in any thread."""
+"""Takes the result of a change, and whether it was carried out; in any thread."""
 Ask = Callable[[Change, str, Answer], None]
-"""Asks for a change; who; see `Changes.ask`."""
+"""Requests a change, by somebody; see `Changes.ask`."""
 
 
 class CarriedOut(NamedTuple):
@@ -45,7 +43,7 @@ class CarriedOut(NamedTuple):
         return {**self._asdict(), "change": self.change.data()}
 
 
-class _Wish(NamedTuple):
+class _Request(NamedTuple):
     change: Change
     by: str
     answer: Answer
@@ -76,9 +74,8 @@ class Changes:
         self.version = self.carried = 0
         self.notes: list[Callable[[CarriedOut], None]] = []
         self._tell, self._locked, self._ground, self._clock = tell, locked, ground, clock
-        self._wishes: deque[_Wish] = deque()
-        self._untold: dict[str, tuple[int, str]] = {}
-        self._lock = threading.Lock()
+        self._requests: RequestQueue[_Request] = RequestQueue()
+        self._drags: dict[str, tuple[int, str]] = {}
 
     def ask(self, change: Change, by: str, answer: Answer) -> None:
         """Takes a change by somebody, which `answer` hears of.
@@ -90,43 +87,41 @@ class Changes:
             raise OrderError(
                 "this run is locked (--locked): nothing of its world can be changed while it runs"
             )
-        with self._lock:
-            if len(self._wishes) >= MOST_WAITING:
-                raise OrderError("too many changes wait for the next timestep: try again")
-            self._wishes.append(_Wish(change, by, answer))
+        self._requests.put(_Request(change, by, answer), _check_waiting)
 
     def carry_out(self, environment: Environment, timestep: int, run_timestep: int) -> None:
         """Changes the world before a timestep; to be called in the thread of the timesteps."""
-        for _ in range(MOST_AT_ONCE):
-            with self._lock:
-                if not self._wishes:
-                    break
-                wish = self._wishes.popleft()
+        for request in self._requests.take(MOST_AT_ONCE):
             try:
-                text = carry_out(wish.change, environment, self._ground)
+                text = carry_out(request.change, environment, self._ground)
             except VsenseError as error:
-                wish.answer(str(error), False)
+                request.answer(str(error), False)
                 continue
             self.version += 1
             self.carried += 1
-            done = CarriedOut(timestep, run_timestep, wish.by, wish.change, text)
+            done = CarriedOut(timestep, run_timestep, request.by, request.change, text)
             for note in self.notes:
                 note(done)
-            wish.answer(text, True)
-            self._tell_everybody(wish, text)
-        for name, (since_ns, line) in list(self._untold.items()):
-            if self._clock() - since_ns > UNTOLD_NS:
-                del self._untold[name]
+            request.answer(text, True)
+            self._report(request, text)
+        for name, (since_ns, line) in list(self._drags.items()):
+            if self._clock() - since_ns > DRAG_TIMEOUT_NS:
+                del self._drags[name]
                 self._tell(line)
 
     def settings(self, environment: Environment) -> dict[str, Any]:
         """See `settings_of`."""
         return settings_of(environment, self._ground, self._locked)
 
-    def _tell_everybody(self, wish: _Wish, text: str) -> None:
-        line = f"{wish.by}: {text}"
-        if wish.change.kind is ChangeKind.MOVE and not wish.change.final:
-            self._untold[wish.change.name] = self._clock(), line
+    def _report(self, request: _Request, text: str) -> None:
+        line = f"{request.by}: {text}"
+        if request.change.kind is ChangeKind.MOVE and not request.change.final:
+            self._drags[request.change.name] = self._clock(), line
             return
-        self._untold.pop(wish.change.name, None)
+        self._drags.pop(request.change.name, None)
         self._tell(line)
+
+
+def _check_waiting(pending: Sequence[_Request]) -> None:
+    if len(pending) >= MOST_WAITING:
+        raise OrderError("too many changes wait for the next timestep: try again")

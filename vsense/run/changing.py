@@ -1,6 +1,6 @@
-"""What of a running experiment can be changed, how, and why the rest cannot.
+"""Changes of a running experiment: which there are, how they are carried out, and limits.
 
-A `Change` is what somebody wants; `carry_out` does it, in the thread of the timesteps and between
+A `Change` is requested by people; `carry_out` makes it, in the thread of the timesteps and between
 two of them. The same changes before the same timesteps make the same world again.
 """
 
@@ -50,12 +50,12 @@ _FIELDS: Mapping[ChangeKind, tuple[tuple[str, ...], tuple[str, ...]]] = {
     ChangeKind.ADD: (("x_m", "y_m"), ("name", "yaw_rad")),
     ChangeKind.REMOVE: (("name",), ()),
 }
-"""What each kind has to say, and what it may."""
+"""The required and the optional fields of each kind."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Change:
-    """What somebody wants to be different.
+    """A change of the world that is requested.
 
     Attributes:
         name: id of a thing, a field or a sensor; SET of "": a parameter of the loop functions.
@@ -76,22 +76,22 @@ class Change:
     final: bool = True
 
     @classmethod
-    def read(cls, said: object) -> Change:
+    def read(cls, data: object) -> Change:
         """Reads what `data` gives, from anybody; the text of a ValueError is for people."""
-        if not isinstance(said, Mapping):
-            raise ValueError(f"a change is an object, not {said!r:.40}")
+        if not isinstance(data, Mapping):
+            raise ValueError(f"a change is an object, not {data!r:.40}")
         kinds = [kind.value for kind in ChangeKind]
-        if said.get("kind") not in kinds:
-            raise ValueError(f"a change's kind is {said.get('kind')!r:.40}; {instead('', kinds)}")
-        kind = ChangeKind(said["kind"])
+        if data.get("kind") not in kinds:
+            raise ValueError(f"a change's kind is {data.get('kind')!r:.40}; {instead('', kinds)}")
+        kind = ChangeKind(data["kind"])
         needed, more = _FIELDS[kind]
-        for name in said:
+        for name in data:
             if name not in ("kind", *needed, *more):
                 raise ValueError(f"{kind.value}: has no {name!r:.40}")
         for name in needed:
-            if name not in said:
+            if name not in data:
                 raise ValueError(f"{kind.value}: has to say {name!r}")
-        return cls(kind=kind, **{n: _checked(n, said[n]) for n in said if n != "kind"})
+        return cls(kind=kind, **{n: _checked(n, data[n]) for n in data if n != "kind"})
 
     def data(self) -> dict[str, Any]:
         """The change as JSON holds it."""
@@ -107,7 +107,7 @@ def _checked(name: str, value: object) -> Any:
         return None
     if isinstance(value, str) and name in (*_TEXTS, "value"):
         if len(value) > TEXT_MAX or not (value.isprintable() or not value):
-            raise ValueError(f"{name}: {value!r:.40} is no text of at most {TEXT_MAX} letters")
+            raise ValueError(f"{name}: {value!r:.40} is no text of at most {TEXT_MAX} characters")
         return value
     plain = isinstance(value, (int, float)) and not isinstance(value, bool)
     if plain and name in (*_NUMBERS, "value") and abs(value) <= MAX_NUMBER:  # type: ignore[arg-type]
@@ -187,7 +187,7 @@ def _check_place(environment: Environment, name: str, x_m: float, y_m: float) ->
 
 
 def _yaw(environment: Environment, row: int, yaw_rad: float | None) -> float:
-    """The turn of a tagged object that was not told one: that of now."""
+    """The wanted turn of a tagged object, or its present one."""
     pose = environment.world.pose(environment.experiment.objects[row].tag)
     return yaw_rad if yaw_rad is not None else 0.0 if pose is None else float(pose["yaw_rad"])
 
@@ -242,7 +242,7 @@ def _number(change: Change) -> float:
 def _set_quality(change: Change, environment: Environment) -> str:
     if environment.blind:
         raise OrderError(f"{change.name}: this run is blind, its sensors are held at 0")
-    banks = {some.controller: some.sensors for some in environment.equipment}
+    banks = {part.controller: part.sensors for part in environment.equipment}
     if change.controller not in banks:
         hint = instead(change.controller, banks)
         raise OrderError(f"there is no controller {change.controller!r}; {hint}")
@@ -342,10 +342,10 @@ def settings_of(environment: Environment, ground: Ground, locked: bool) -> dict[
     """What can be changed, and how it is now: the data of `/settings`."""
     world = environment.world
     sensors = [
-        {"controller": some.controller, "name": name}
+        {"controller": part.controller, "name": name}
         | {setting: getattr(quality, setting) for setting in SETTINGS}
-        for some in environment.equipment
-        for name, quality in some.sensors.qualities.items()
+        for part in environment.equipment
+        for name, quality in part.sensors.qualities.items()
     ]
     rates = _SETTABLE[Field]
     return {

@@ -6,11 +6,15 @@ compiled libraries are being built anew.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from typing import Generic, TypeVar
 
 from vsense.base.errors import VsenseError
+
+T = TypeVar("T")
 
 
 class OrderError(VsenseError):
@@ -62,3 +66,29 @@ def read_pair(said: object) -> tuple[int, int]:
 Give = Callable[[Order], str]
 """Carries an order out, from any thread and without waiting; gives one line that says what happens
 now. Raises OrderError where it cannot be."""
+
+
+class RequestQueue(Generic[T]):
+    """What people ask for in their threads, until the thread of the timesteps takes it."""
+
+    def __init__(self) -> None:
+        self._pending: list[T] = []
+        self._lock = threading.Lock()
+
+    def put(self, request: T, check: Callable[[Sequence[T]], None]) -> None:
+        """Takes a request, from any thread.
+
+        `check` is given those that wait, and raises where this one cannot be; no other one comes in
+        between.
+        """
+        with self._lock:
+            check(self._pending)
+            self._pending.append(request)
+
+    def take(self, most: int | None = None) -> list[T]:
+        """Gives the oldest ones that wait, at most so many."""
+        if not self._pending:
+            return []
+        with self._lock:
+            taken, self._pending = self._pending[:most], self._pending[len(self._pending[:most]) :]
+        return taken

@@ -18,9 +18,9 @@ from vsense.robots.link.server import VirtualSensorServer
 from vsense.robots.link.status import RobotStatus
 from vsense.robots.link.trackers.client import TrackerEnded
 from vsense.robots.link.wire import Wanted
-from vsense.run import homecoming
 from vsense.run.control import DURING, HOMING, Control, State
 from vsense.run.environment import Environment
+from vsense.run.homing import starts
 from vsense.run.obedience import Obedience, moves
 from vsense.run.overload import SILENCE_NS, Alarm, Overload
 from vsense.run.robots import LinkCounters, Readiness, RobotAlarms
@@ -153,18 +153,18 @@ class Runner:
         there = readiness.progress(self._heard_ns is not None)
         return f"{word.get(state, 'waiting')}: {there}"
 
-    def home(self, homing: homecoming.Guide) -> None:
+    def home(self, homing: starts.Guide) -> None:
         """Has robots drive where they are guided, before `timesteps`; orders pause and end it."""
         control, order = self.control, self._server.command
         if self._interrupted.is_set() or not control.home(partial(order, Wanted.HOME)):
             return
-        self._runtime.guide = homecoming.guide(homing, self._server, control)
+        self._runtime.guide = starts.guide(homing, self._server, control)
         try:
             while not self._interrupted.is_set() and control.state in HOMING:
                 if homing.done and control.state == State.HOMING:
                     break  # but a pause that came with the last arrival waits for its start
                 self._step()
-                homecoming.tell(homing, self._console)
+                starts.tell(homing, self._console)
         finally:
             self._runtime.guide = None
             control.arrive(partial(order, Wanted.IDLE))

@@ -15,6 +15,7 @@ from vsense.config.roster import SPARE
 from vsense.modes.lab.session import Session
 from vsense.modes.live.session import NobodyThere
 from vsense.robots.link.wire import Telemetry
+from vsense.run.cast import Cast
 from vsense.run.robots import BATTERY_LOW, Readiness
 
 ROBOTS = {1: "left", 2: "right"}
@@ -74,18 +75,22 @@ def test_who_has_too_little_in_its_battery_is_named_and_rests(
     ]
 
 
-def test_a_spare_plays_from_the_next_run_on_where_there_is_one() -> None:
+def test_a_spare_plays_from_the_next_run_on_where_there_is_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     made, _ = session(2, {1, 2})
     low = Telemetry(battery_mv=3400)
     made.runner.robots = {tag: status(tag, f"epuck_{tag}", telemetry=low) for tag in (1, 2)}
-    made.setup.battery_v, made._emptied, asked = 3.5, {8}, list[tuple[tuple[int, int], str]]()
-    made.server, made._recasting = None, SimpleNamespace(ask=lambda *wish: asked.append(wish))
+    made.setup.battery_v, made.server = 3.5, None
     playing = [SimpleNamespace(tag=tag) for tag in (1, 2)]
     casting = Casting(others=((7, "out of order: limps"), (8, SPARE), (2, SPARE), (9, SPARE)))
     made.experiment = SimpleNamespace(robots=playing, casting=casting)
+    made._cast, asked = Cast(lambda: [made.experiment]), list[tuple[tuple[int, int], str]]()
+    monkeypatch.setattr(made._cast, "ask", lambda *request: asked.append(request))
+    assert made._cast.substitutes([8]) == {8: 9}
     made._put_in_spares()
     assert asked == [((1, 9), "robot 1 has 3.40 V left")], "8 was low itself, 2 plays"
-    assert made._emptied == {1, 8}
+    assert made._cast.substitutes([1]) == {1: 9}, "and neither 1 nor 8 is a spare now"
 
 
 def test_who_is_there_is_not_waited_for() -> None:

@@ -155,7 +155,7 @@ def test_the_planner_foretells_what_the_daemon_does() -> None:
     assert pytest.approx(2 * 350 * 0.1288 / 53.0, rel=0.01) == motion.TURN_MAX_RAD_S
     assert pytest.approx(2 * 514 * 0.1288 / 53.0, rel=0.01) == motion.TURN_RATE_PER_S
     poses = np.array([[0.0, 0.0, 0.0]])
-    ahead = motion.foretell(poses, np.zeros((1, 1)), np.full((1, 1), 0.12), np.array([0.2]))
+    ahead = motion.predict(poses, np.zeros((1, 1)), np.full((1, 1), 0.12), np.array([0.2]))
     assert ahead[0, 0, 3, 0] == pytest.approx(0.12) and ahead[0, 0, -1, 0] == pytest.approx(0.2)
 
 

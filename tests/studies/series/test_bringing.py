@@ -17,9 +17,8 @@ from vsense.config.experiment import load
 from vsense.robots.deploying import Outcome, Part, Plan, RobotHost
 from vsense.robots.link.keys import INSECURE
 from vsense.robots.sources import ProgramSources
-from vsense.studies.series.cast import SeriesCast
 from vsense.studies.series.order import pending
-from vsense.studies.series.parts import PlanLoader
+from vsense.studies.series.parts import PlanLoader, SeriesCast
 from vsense.studies.series.plan import read
 from vsense.studies.series.real import RealOptions, RealRuns
 from vsense.studies.series.staged import NotEnoughRobots, StagedRun
@@ -91,7 +90,7 @@ def test_who_has_it_is_brought_nothing(
 
     said = Console(io.StringIO())
     runs = RealRuns(
-        *(loader, SeriesCast(loader, known, None, said), said, Interruption()),
+        *(loader, SeriesCast(known, said), said, Interruption()),
         RealOptions(INSECURE, bring=bring),
     )
     run = pending(plan, [])[0]

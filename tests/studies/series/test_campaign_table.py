@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense.base.errors import UsageError, VsenseError
-from vsense.config.starting import StartPlaces
+from vsense.config.placement import StartPlaces
 from vsense.modes.sim.job import Job, Setup
 from vsense.modes.sim.outcome import Task
 from vsense.run.runs_csv import COLUMNS, RunRow

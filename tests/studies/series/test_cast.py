@@ -14,9 +14,8 @@ from vsense.config import roster
 from vsense.config.casting import Casting
 from vsense.robots.link.wire import Telemetry
 from vsense.run.robots import Readiness
-from vsense.studies.series.cast import SeriesCast
 from vsense.studies.series.order import pending
-from vsense.studies.series.parts import PlanLoader
+from vsense.studies.series.parts import PlanLoader, SeriesCast
 from vsense.studies.series.plan import read
 from vsense.studies.series.staged import StagedRun
 
@@ -47,7 +46,7 @@ def cast_of(tmp_path: Path) -> tuple[SeriesCast, io.StringIO, list[int]]:
     known = roster.read(tmp_path / "robots.toml")
     loader = PlanLoader(loader.plan, casting=Casting.of(known))
     said = io.StringIO()
-    return SeriesCast(loader, loader.load_all(), known, Console(said)), said, tags
+    return SeriesCast(loader.load_all(), Console(said)), said, tags
 
 
 def test_spares_play_in_every_condition_until_there_are_none(tmp_path: Path) -> None:
@@ -68,13 +67,9 @@ def test_a_spare_plays_where_conditions_have_different_robots(tmp_path: Path) ->
     text = PLAN.replace('name = "b"', 'name = "b"\nexperiment = "predator_prey"')
     path.write_text(text.replace("count = 3", ""))
     (tmp_path / "robots.toml").write_text("[[robot]]\ntag = 61\nspare = true\n")
-    loader = PlanLoader(read(path))
-    cast = SeriesCast(
-        loader,
-        loader.load_all(),
-        roster.read(tmp_path / "robots.toml"),
-        Console(io.StringIO()),
-    )
+    known = roster.read(tmp_path / "robots.toml")
+    loader = PlanLoader(read(path), casting=Casting.of(known))
+    cast = SeriesCast(loader.load_all(), Console(io.StringIO()))
     mine, others = ([r.tag for r in cast.known[name].experiment.robots] for name in "ab")
     assert mine[-1] not in others
     assert cast.put_in_for({mine[-1]: "was lost"}) == []

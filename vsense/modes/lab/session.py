@@ -15,7 +15,6 @@ from vsense.base.arena import Frame
 from vsense.base.errors import VsenseError
 from vsense.base.shared import LabError
 from vsense.config.casting import Pair
-from vsense.config.parts import spares_for
 from vsense.config.specs import Experiment
 from vsense.modes.lab.calibrated import CalibratedRig
 from vsense.modes.lab.camera_spec import CameraGrid, robot_body, spec_for
@@ -30,10 +29,10 @@ from vsense.modes.live.session import PATIENCE_S, ExperimentSession, RunSetup
 from vsense.monitor.pictures.run_samples import RunSamples
 from vsense.robots import build
 from vsense.robots.link.status import RobotStatus
+from vsense.run.cast import played, spares_for
 from vsense.run.changing import Ground
 from vsense.run.directory import RunTables, step_row
 from vsense.run.figures import Figures
-from vsense.run.recasting import played
 from vsense.run.robots import Readiness
 from vsense.run.runtime import Step
 from vsense.vision.markers.families import load_family

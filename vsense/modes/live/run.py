@@ -12,9 +12,9 @@ from vsense.modes.live.session import RunSession
 from vsense.monitor.pictures.run_figure import RunPictureError
 from vsense.run import directory as run_directory
 from vsense.run import figures
+from vsense.run.cast import played
 from vsense.run.directory import RunLog
 from vsense.run.figures import Figures, TimestepSample
-from vsense.run.recasting import played
 from vsense.run.robots import Readiness, shorten
 from vsense.run.runtime import Step
 

@@ -13,7 +13,6 @@ from vsense.base.files import read_bytes
 from vsense.base.sharing import user_name
 from vsense.base.terminal import Console, Interruption, Level
 from vsense.config.casting import Pair
-from vsense.config.parts import only_spares, parts_of, recast, spares_for
 from vsense.config.specs import Experiment
 from vsense.modes.live.batteries import RunBatteries
 from vsense.modes.live.sources import SteadySource, open_source
@@ -25,14 +24,13 @@ from vsense.robots.link.legacy.server import MixedServer
 from vsense.robots.link.server import LinkEvent, VirtualSensorServer
 from vsense.robots.link.status import EventKind, RobotStatus
 from vsense.robots.link.wire import GoodbyeCause
+from vsense.run.cast import Cast, parts_of, recast, spares_for
 from vsense.run.changes import Changes
 from vsense.run.changing import HANDS, Ground
 from vsense.run.control import Control, State
 from vsense.run.environment import Environment
-from vsense.run.homecoming import Starts, tell_end
 from vsense.run.homing.homing import Homing
-from vsense.run.orders import OrderError
-from vsense.run.recasting import Recasting
+from vsense.run.homing.starts import Starts, tell_end
 from vsense.run.robots import (
     Readiness,
     battery_words,
@@ -120,9 +118,8 @@ class ExperimentSession(ABC):
         )
         self._stack, self._over = ExitStack(), False
         lease = lambda tag: setup.lease([tag])  # noqa: E731
-        self._recasting = Recasting(lambda: self.experiment, lease, self._unable)
+        self._cast = Cast(lambda: [self.experiment], lease, self._unable)
         self._put_in: set[int] = set()
-        self._emptied: set[int] = set()
         roster = setup.experiment.casting.roster
         self._batteries = RunBatteries(roster, setup.experiment.timestep_s)
 
@@ -168,7 +165,7 @@ class ExperimentSession(ABC):
             between=self._between,
         )
         if not isinstance(server, MixedServer):
-            control.replace = self._recasting.ask
+            control.replace = self._cast.ask
             setup.room.spares = lambda: spares_for(self.experiment)
         setup.room.doubts, runner = self.doubts(), self.runner
         setup.room.alarms, setup.room.leave = lambda: runner.alarms, setup.interrupted.set
@@ -253,7 +250,7 @@ class ExperimentSession(ABC):
 
     def _between(self) -> None:
         """Puts robots in that people wish for; between runs, before a timestep."""
-        for wish in self._recasting.due():
+        for wish in self._cast.due():
             out, new = wish.pair
             try:
                 self._recast(wish.pair)
@@ -274,13 +271,8 @@ class ExperimentSession(ABC):
         if isinstance(self.server, MixedServer):
             return
         low = low_batteries(self.runner.robots, self.setup.battery_v)
-        spares = [t for t in only_spares(self.experiment) if t not in self._emptied | low.keys()]
-        for (tag, volts), spare in zip(low.items(), spares):
-            self._emptied.add(tag)
-            try:
-                self._recasting.ask((tag, spare), f"robot {tag} {battery_words(volts)}")
-            except OrderError as error:
-                self.setup.console.say(f"no spare for robot {tag}: {error}", "warning")
+        reasons = {tag: f"robot {tag} {battery_words(volts)}" for tag, volts in low.items()}
+        self._cast.ask_for_spares(reasons, self.setup.console.say)
 
     def _recast(self, pair: Pair) -> None:
         experiment, settled = recast(self.experiment, pair), self.environment.experiment

@@ -11,8 +11,8 @@ from typing import Any
 from vsense.base.errors import UsageError
 from vsense.config.casting import Casting
 from vsense.config.experiment import first_robots, load
+from vsense.config.placement import StartPlaces
 from vsense.config.specs import Experiment, Stage
-from vsense.config.starting import StartPlaces
 from vsense.robots.sources import CodeOptions
 
 

@@ -22,9 +22,8 @@ from vsense.base.errors import VsenseError
 from vsense.base.message_bus import Message
 from vsense.config.casting import Casting
 from vsense.config.experiment import first_robots, read
-from vsense.config.placement import settle
+from vsense.config.placement import StartPlaces, settle
 from vsense.config.specs import Experiment, Stage
-from vsense.config.starting import StartPlaces
 from vsense.monitor.recording import form, senses
 from vsense.monitor.recording.form import ExperimentMessage, RecordingError
 from vsense.monitor.recording.reader import Recording

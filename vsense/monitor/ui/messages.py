@@ -189,7 +189,7 @@ def experiment(facts: ExperimentFacts, environment: Environment) -> Data:
 
 
 def parts(rows: Sequence[Data], run: int, timestep: int) -> Data:
-    """Gives /parts, of rows of `vsense.run.recasting.played`."""
+    """Gives /parts, of rows of `vsense.run.cast.played`."""
     return {
         "run": run,
         "timestep": timestep,

@@ -26,11 +26,11 @@ from vsense.monitor.ui.tables import CameraTable, RobotTable
 from vsense.robots.link.status import RobotStatus
 from vsense.robots.link.table import Direction
 from vsense.robots.link.wire import Values
+from vsense.run.cast import played
 from vsense.run.changes import CarriedOut, Changes
 from vsense.run.control import State
 from vsense.run.environment import Environment
 from vsense.run.orders import OrderKind
-from vsense.run.recasting import played
 from vsense.run.runtime import Step
 
 SECOND_NS = 1_000_000_000

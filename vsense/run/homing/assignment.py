@@ -43,10 +43,10 @@ def assign(
         way_m: from a place to a home.
 
     Returns:
-        A home for every tag of `homes`. Who is not seen gets what its like leave over, its own if
-        that is among it.
+        A home for every tag of `homes`. Robots that are not seen get what the others of their kind
+        leave over, their own where it is among that.
     """
-    found = dict[int, Pose]()
+    assigned = dict[int, Pose]()
     groups: dict[Hashable, list[int]] = {}
     for tag in homes:
         groups.setdefault(kinds.get(tag, ("alone", tag)), []).append(tag)
@@ -54,13 +54,13 @@ def assign(
         seen = [tag for tag in group if tag in places]
         costs = np.array([[way_m(places[tag], homes[other]) for other in group] for tag in seen])
         chosen = bottleneck(costs.reshape(len(seen), len(group)))
-        found |= {tag: homes[group[column]] for tag, column in zip(seen, chosen)}
+        assigned |= {tag: homes[group[column]] for tag, column in zip(seen, chosen)}
         left = [other for column, other in enumerate(group) if column not in set(chosen)]
         for tag in (t for t in group if t not in places):
             taken = tag if tag in left else left[0]
             left.remove(taken)
-            found[tag] = homes[taken]
-    return found
+            assigned[tag] = homes[taken]
+    return assigned
 
 
 def bottleneck(costs: Floats) -> list[int]:
@@ -141,8 +141,8 @@ def _least_sum(costs: Floats) -> list[int]:
 
 
 def _columns(owner: Sequence[int] | NDArray[np.int64], rows: int) -> list[int]:
-    found = [-1] * rows
+    columns = [-1] * rows
     for column, row in enumerate(owner):
         if row >= 0:
-            found[int(row)] = column
-    return found
+            columns[int(row)] = column
+    return columns

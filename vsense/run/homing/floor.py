@@ -24,9 +24,9 @@ CELL_M = 0.04
 """Side of a cell of the grid; larger where an arena would have more than `MOST_CELLS`."""
 MOST_CELLS = 20_000
 SAMPLE_M = 0.01
-"""A straight way is looked at this often."""
-SHY_M = 0.06
-"""So much farther from walls than it must a way keeps, where that costs nothing."""
+"""Distance of the points at which a straight path is checked."""
+CLEARANCE_M = 0.06
+"""Additional clearance from walls that paths have where there is room."""
 NO_DISCS: Floats = np.zeros((0, 3))
 
 
@@ -139,7 +139,7 @@ class DrivingFloor:
         free = self.clearance_m(places, discs)
         if not (free >= room_m).any():
             return None
-        toll = 1.0 + np.clip((room_m + SHY_M - free) / SHY_M, 0.0, 1.0)
+        toll = 1.0 + np.clip((room_m + CLEARANCE_M - free) / CLEARANCE_M, 0.0, 1.0)
         toll[free < room_m] = math.inf
         ends = [
             np.unravel_index(

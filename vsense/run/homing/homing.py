@@ -1,4 +1,4 @@
-"""All robots drive home: one step for every arena state, from poses to what each robot is told.
+"""All robots drive home: one step for every arena state, from poses to a goal for each robot.
 
 Nothing here reads a clock or sends anything: `Homing.step` is a function of what it is given, and
 of what it was given before.
@@ -19,51 +19,49 @@ from vsense.run.homing.assignment import Way, assign, straight_m
 from vsense.run.homing.floor import DrivingFloor
 from vsense.run.homing.motion import MAX_M_S, braked_m_s, carrot_m, in_frame
 from vsense.run.homing.robots import LIMITS, Arrival, HomingLimits, Traveller, Trouble
-from vsense.run.homing.traffic import Decision, Travellers, decide
+from vsense.run.homing.traffic import Decision, Traffic, decide
 from vsense.world.entities import BODY_RADIUS_M
 
 Floats = NDArray[np.float64]
 
-APART_M = 2.0 * BODY_RADIUS_M + 0.018
-"""Two middles keep so far apart; less where their homes are nearer to each other ..."""
-TOUCH_M = 2.0 * BODY_RADIUS_M + 0.003
-"""... but never less than this."""
-STANDING_M, UNSEEN_M = 0.01, 0.03
-"""So much farther from those that cannot give way, and from those that nobody sees."""
-ROOM_M = BODY_RADIUS_M + 0.012
-"""A middle keeps so far from walls; less where its home is nearer."""
-MAKE_WAY_M_S = 0.06
-"""Who is at home makes way so fast."""
+ROBOT_SPACING_M = 2.0 * BODY_RADIUS_M + 0.018
+"""Distance of two robots' centres; less where their homes are nearer to each other."""
+MIN_SPACING_M = 2.0 * BODY_RADIUS_M + 0.003
+"""The least distance of two centres."""
+EXTRA_STANDING_M, EXTRA_UNSEEN_M = 0.01, 0.03
+"""Added to the distance from robots that cannot move, and from those that are not seen."""
+WALL_GAP_M = BODY_RADIUS_M + 0.012
+"""Distance of a centre from walls; less where its home is nearer."""
+YIELD_M_S = 0.06
+"""The speed with which a robot at its home makes way for others."""
 
 LOST_NS = 300_000_000
-"""Who was not seen for so long stands until it is seen again."""
-CALM_NS = 2_000_000_000
-"""Homes are dealt out again when a robot has been hindered for so long, or no longer."""
-ROUND_NS = 1_000_000_000
-"""Ways are looked over this often."""
-PATIENCE_NS = 4_000_000_000
-"""Who has not come nearer for so long gets right of way, and another way."""
-FREE_NS = 1_500_000_000
-"""Who is stuck tries another direction for so long."""
-TRIES = 3
-"""And so often."""
-_LONGEST_NS = 500_000_000
-"""Between two arena states no more time than this counts."""
+"""A robot that was not seen for longer stands until it is seen again."""
+REASSIGN_NS = 2_000_000_000
+"""Homes are assigned anew when a robot has been hindered for longer, or can drive again."""
+NO_PROGRESS_NS = 4_000_000_000
+"""A robot that has not come nearer to its home for so long gets priority and a new path."""
+ESCAPE_NS = 1_500_000_000
+"""A stuck robot drives in another direction for so long."""
+MAX_ESCAPES = 3
+"""A robot that is stuck once more is given up."""
+_MAX_STEP_NS = 500_000_000
+"""The longest time between two arena states that counts as time spent."""
 
 
 class Homing:
     """Brings robots home; see the module.
 
     Args:
-        homes: where each robot would stand without any exchange, by tag.
+        homes: by tag, each robot's own home, before homes are exchanged.
         names: of the robots, by tag.
-        kinds: who may exchange homes, see `assign`.
+        kinds: which robots may exchange homes, see `assign`.
         floor: what else is in the arena.
 
     Attributes:
         doing: what robots do, for people.
         done: nobody drives any more.
-        news: lines for people, oldest first; whoever tells them takes them out.
+        news: lines for people, oldest first; who prints them takes them out.
     """
 
     doing = "driving home"
@@ -82,7 +80,7 @@ class Homing:
         self._kinds, self._floor, self._limits = dict(kinds), floor, limits
         self._begun_ns: int | None = None
         self._newest_ns = self._spent_ns = 0
-        self._dealt: frozenset[int] | None = None
+        self._assigned_for: frozenset[int] | None = None
         self._hindered_ns = dict[int, int]()
         self._round = 0
         self._others = dict[int, Traveller]()
@@ -90,11 +88,11 @@ class Homing:
         self._rank = dict.fromkeys(homes, 0)
 
     def step(self, state: ArenaState, troubles: Mapping[int, Trouble]) -> dict[int, Goal]:
-        """Says where each robot is to drive now, as seen from where it is in this arena state.
+        """Gives each robot's goal, relative to its pose in this arena state.
 
         Args:
             state: the newest arena state; time is its capture time.
-            troubles: by tag, who cannot be told to drive, and why: see `hindered`.
+            troubles: by tag, why robots cannot drive: see `hindered`.
 
         Returns:
             A goal for every robot.
@@ -103,21 +101,21 @@ class Homing:
         if self._begun_ns is None:
             self._begun_ns = self._newest_ns = now_ns
         # A pause, or a tracker that is silent, takes nobody's time.
-        self._spent_ns += min(now_ns - self._newest_ns, _LONGEST_NS)
+        self._spent_ns += min(now_ns - self._newest_ns, _MAX_STEP_NS)
         self._newest_ns = now_ns
-        self._look(state, now_ns)
+        self._update_poses(state, now_ns)
         for robot in self.robots.values():
-            self._judge(robot, troubles.get(robot.tag, Trouble.NONE), now_ns)
-        self._deal(now_ns)
-        self._end(now_ns)
+            self._update_trouble(robot, troubles.get(robot.tag, Trouble.NONE), now_ns)
+        self._assign_homes(now_ns)
+        self._check_limits(now_ns)
         if self.done:
             return dict.fromkeys(self.robots, STAY)
-        crowd = self._crowd(now_ns)
-        decision = decide(crowd, self._floor)
+        traffic = self._traffic(now_ns)
+        decision = decide(traffic, self._floor)
         self._headings, self._driven = decision.headings, decision.speeds
-        self._watch(decision, now_ns)
+        self._find_stuck(decision, now_ns)
         return {
-            robot.tag: self._goal(robot, row, crowd, decision)
+            robot.tag: self._goal(robot, row, traffic, decision)
             for row, robot in enumerate(self.robots.values())
         }
 
@@ -158,7 +156,7 @@ class Homing:
             return ""
         return robot.trouble.value or Trouble.LATE.value
 
-    def _look(self, state: ArenaState, now_ns: int) -> None:
+    def _update_poses(self, state: ArenaState, now_ns: int) -> None:
         rows = state.robots[state.robots["seen"]]
         for tag, x_m, y_m, yaw_rad in zip(
             *(rows[name].tolist() for name in ("tag", "x_m", "y_m", "yaw_rad"))
@@ -170,17 +168,17 @@ class Homing:
                 self._headings, self._driven = (
                     np.append(done, 0.0) for done in (self._headings, self._driven)
                 )
-                self._dealt = None
-            robot.look(pose, now_ns)
+                self._assigned_for = None
+            robot.observe(pose, now_ns)
 
-    def _judge(self, robot: Traveller, told: Trouble, now_ns: int) -> None:
-        """Finds out what hinders a robot, and says what has changed."""
-        if robot.given_up and robot.was_freed():
+    def _update_trouble(self, robot: Traveller, reported: Trouble, now_ns: int) -> None:
+        """Takes the trouble that is reported of a robot, and reports a change of it."""
+        if robot.given_up and robot.was_moved():
             self.news.append(f"{robot.label} was moved: it tries again")
-            robot.given_up, robot.tries, robot.trouble = False, 0, Trouble.NONE
+            robot.given_up, robot.escapes, robot.trouble = False, 0, Trouble.NONE
         if robot.given_up:
             return
-        trouble = robot.lasting(told, now_ns)
+        trouble = robot.lasting(reported, now_ns)
         if trouble is Trouble.NONE and (robot.pose is None or now_ns - robot.seen_ns > LOST_NS):
             trouble = Trouble.UNSEEN
         if trouble is Trouble.NONE and robot.trouble is Trouble.BLOCKED:
@@ -197,49 +195,49 @@ class Homing:
             self.news.append(f"{robot.label} stands on the way home: {trouble.value}")
             robot.given_up = trouble is Trouble.TOO_OLD
 
-    def _standing(self, now_ns: int, calm: bool) -> frozenset[int]:
-        """Who cannot drive; if `calm` only those for whom that is not new."""
+    def _standing(self, now_ns: int, lasting: bool) -> frozenset[int]:
+        """The robots that cannot drive; if `lasting` without those for which that is new."""
         first = now_ns == self._begun_ns
         return frozenset(
             robot.tag
             for robot in self.robots.values()
             if not robot.moves
             and (
-                not calm
+                not lasting
                 or first
                 or robot.given_up
-                or now_ns - self._hindered_ns.get(robot.tag, now_ns) > CALM_NS
+                or now_ns - self._hindered_ns.get(robot.tag, now_ns) > REASSIGN_NS
             )
         )
 
-    def _deal(self, now_ns: int) -> None:
-        """Deals the homes out, at first and whenever others cannot drive than before."""
-        standing = self._standing(now_ns, calm=True)
-        if standing == self._dealt:
+    def _assign_homes(self, now_ns: int) -> None:
+        """Assigns homes, at first and whenever the set of robots that cannot drive has changed."""
+        standing = self._standing(now_ns, lasting=True)
+        if standing == self._assigned_for:
             return
-        self._dealt = standing
+        self._assigned_for = standing
         stand = {*standing, *self._others}
         fixed = [r for r in self._all if r.tag in stand and r.pose is not None]
         places = {r.tag: r.pose for r in self.robots.values() if r.pose and r.tag not in standing}
         homes = {robot.tag: robot.own for robot in self.robots.values()}
-        found = assign(places, homes, self._kinds, self._way_m(fixed))
-        for tag, home in found.items():
-            self.robots[tag].send(home, now_ns)
+        assigned = assign(places, homes, self._kinds, self._way_m(fixed))
+        for tag, home in assigned.items():
+            self.robots[tag].assign_home(home, now_ns)
         by_length = sorted(self.robots.values(), key=lambda r: -r.left_m)
         self._rank = {robot.tag: rank for rank, robot in enumerate(by_length)}
 
     def _way_m(self, fixed: list[Traveller]) -> Way:
-        """How ways are measured: past walls where there are any; no way leads to a taken home."""
+        """The length of paths around walls; infinite to a home on which a robot stands."""
         taken = [r.pose for r in fixed if r.pose is not None]
         known = dict[tuple[Pose, Pose], float]()
 
         def measure(place: Pose, home: Pose) -> float:
-            if any(straight_m(home, other) < TOUCH_M for other in taken):
+            if any(straight_m(home, other) < MIN_SPACING_M for other in taken):
                 return math.inf
             if self._floor.is_open:
                 return straight_m(place, home)
             if (place, home) not in known:
-                way = self._floor.way(place[:2], home[:2], ROOM_M)
+                way = self._floor.way(place[:2], home[:2], WALL_GAP_M)
                 points = [place[:2], *(way or [])]
                 length_m = sum(map(math.dist, points, points[1:]))
                 known[place, home] = length_m if way else math.inf
@@ -247,8 +245,8 @@ class Homing:
 
         return measure
 
-    def _end(self, now_ns: int) -> None:
-        """Gives up whoever keeps everybody waiting."""
+    def _check_limits(self, now_ns: int) -> None:
+        """Gives up robots for which all others have waited longer than the limits."""
         over = self._spent_ns > self._limits.all_s * 1e9
         waiting = [r for r in self.robots.values() if not r.given_up and not r.is_home(now_ns)]
         driving = [r for r in waiting if r.trouble is Trouble.NONE]
@@ -264,7 +262,7 @@ class Homing:
         far = "" if robot.pose is None else f", {robot.left_m:.2f} m from its start"
         self.news.append(f"{robot.label} is left where it is{far}: {why.value}")
 
-    def _crowd(self, now_ns: int) -> Travellers:
+    def _traffic(self, now_ns: int) -> Traffic:
         robots = self._all
         self._round += 1
         poses = np.array([r.pose or (1e3 + r.tag, 1e3, 0.0) for r in robots])
@@ -277,7 +275,7 @@ class Homing:
         moves = np.array([r.moves for r in robots])
         ends = np.array([len(r.way) == 1 and not r.near for r in robots])
         order = sorted(range(len(robots)), key=lambda row: self._precedence(robots[row]))
-        return Travellers(
+        return Traffic(
             poses=poses,
             moves=moves,
             targets=targets,
@@ -285,31 +283,31 @@ class Homing:
             reach_m=np.where(ends, [min(r.left_m, 1e3) for r in robots], math.inf),
             order=order,
             apart_m=self._apart_m(robots, np.where(moves[:, np.newaxis], homes, poses[:, :2])),
-            room_m=np.minimum(ROOM_M, self._floor.clearance_m(homes) - 0.003),
+            room_m=np.minimum(WALL_GAP_M, self._floor.clearance_m(homes) - 0.003),
             headings=self._headings,
             driven=self._driven,
         )
 
     def _precedence(self, robot: Traveller) -> tuple[bool, int, int]:
-        """Who is at home makes way for all; else who has waited, then who had the longest way."""
-        return robot.near, -robot.pushed, self._rank.get(robot.tag, 0)
+        """The key of the order of decisions: waiting time, then length of path; home comes last."""
+        return robot.near, -robot.priority, self._rank.get(robot.tag, 0)
 
     @staticmethod
     def _apart_m(robots: list[Traveller], ends: Floats) -> Floats:
-        """(n, n) how far middles keep apart; `ends` (n, 2) is where each is going to stand."""
+        """(n, n) distances of centres; `ends` (n, 2) is where each is going to stand."""
         away = ends[:, np.newaxis] - ends[np.newaxis]
         between = np.hypot(away[..., 0], away[..., 1]) - 0.004
         np.fill_diagonal(between, math.inf)
         more = [
-            0.0 if r.moves else UNSEEN_M if r.trouble is Trouble.UNSEEN else STANDING_M
+            0.0 if r.moves else EXTRA_UNSEEN_M if r.trouble is Trouble.UNSEEN else EXTRA_STANDING_M
             for r in robots
         ]
-        wanted = APART_M + np.maximum(*np.meshgrid(more, more))
-        return np.asarray(np.maximum(np.minimum(wanted, between), TOUCH_M))
+        wanted = ROBOT_SPACING_M + np.maximum(*np.meshgrid(more, more))
+        return np.asarray(np.maximum(np.minimum(wanted, between), MIN_SPACING_M))
 
     def _discs(self, now_ns: int, but: Traveller | None = None) -> Floats:
-        """(k, 3) those that ways lead around: who cannot move, and with `but` whoever stands."""
-        wide_m = APART_M + STANDING_M - ROOM_M + 0.01
+        """(k, 3) obstacles for paths: robots that cannot move; for robot `but` all that stand."""
+        wide_m = ROBOT_SPACING_M + EXTRA_STANDING_M - WALL_GAP_M + 0.01
         rows = [
             (*r.pose[:2], wide_m)
             for r in self._all
@@ -320,38 +318,38 @@ class Homing:
     def _target(
         self, robot: Traveller, row: int, discs: Floats, now_ns: int
     ) -> tuple[tuple[float, float], float]:
-        """Where a robot wants to go next, and how fast."""
+        """The next point that a robot drives to, and its speed."""
         assert robot.pose is not None
         here, home = robot.pose[:2], robot.home[:2]
-        if now_ns < robot.free_until_ns:
-            away = robot.free_rad
+        if now_ns < robot.escape_until_ns:
+            away = robot.escape_rad
             return (here[0] + 0.2 * math.cos(away), here[1] + 0.2 * math.sin(away)), 0.06
         if robot.near:
-            return home, MAKE_WAY_M_S
-        slow = not robot.gets_on(now_ns, PATIENCE_NS)
+            return home, YIELD_M_S
+        slow = not robot.progresses(now_ns, NO_PROGRESS_NS)
         if slow:
-            robot.pushed += 1
+            robot.priority += 1
             robot.best_ns = now_ns
         if slow or not robot.way or (self._round + row) % 10 == 0:
             self._plan(robot, self._discs(now_ns, robot) if slow else discs, slow, now_ns)
         if not robot.way:
-            return here, MAKE_WAY_M_S
+            return here, YIELD_M_S
         while len(robot.way) > 1 and math.dist(here, robot.way[0]) < 0.08:
             robot.way.pop(0)
         last = len(robot.way) == 1
         return robot.way[0], braked_m_s(robot.left_m) if last else MAX_M_S
 
     def _plan(self, robot: Traveller, discs: Floats, anew: bool, now_ns: int) -> None:
-        """Makes a way, unless the one there is will do."""
+        """Plans a path, unless the present one is clear."""
         assert robot.pose is not None
         here, home = robot.pose[:2], robot.home[:2]
-        if robot.way and not anew and self._floor.is_clear(here, robot.way[0], ROOM_M, discs):
-            if len(robot.way) > 1 and self._floor.is_clear(here, robot.way[1], ROOM_M, discs):
+        if robot.way and not anew and self._floor.is_clear(here, robot.way[0], WALL_GAP_M, discs):
+            if len(robot.way) > 1 and self._floor.is_clear(here, robot.way[1], WALL_GAP_M, discs):
                 robot.way.pop(0)
             return
-        way = self._floor.way(here, home, ROOM_M, discs)
+        way = self._floor.way(here, home, WALL_GAP_M, discs)
         if way is None and anew:
-            way = self._floor.way(here, home, ROOM_M, self._discs(now_ns))
+            way = self._floor.way(here, home, WALL_GAP_M, self._discs(now_ns))
         if way is None and robot.trouble is Trouble.NONE:
             robot.trouble = Trouble.BLOCKED
             self._hindered_ns[robot.tag] = now_ns
@@ -361,32 +359,33 @@ class Homing:
             self.news.append(f"{robot.label}: its way is free again")
         robot.way = way or []
 
-    def _watch(self, decision: Decision, now_ns: int) -> None:
-        """Finds robots that do not move although they are told to."""
+    def _find_stuck(self, decision: Decision, now_ns: int) -> None:
+        """Finds robots that are commanded to drive and do not move."""
         for row, robot in enumerate(self.robots.values()):
-            told = robot.moves and decision.speeds[row] > 0.03
-            if not robot.stands_still(told, now_ns):
+            commanded = robot.moves and decision.speeds[row] > 0.03
+            if not robot.stands_still(commanded, now_ns):
                 continue
-            robot.since, robot.tries = None, robot.tries + 1
-            if robot.tries > TRIES:
+            robot.since, robot.escapes = None, robot.escapes + 1
+            if robot.escapes > MAX_ESCAPES:
                 self._give_up(robot, Trouble.STUCK)
                 continue
-            # Each try leads elsewhere: a golden angle from the last one.
-            robot.free_rad = float(decision.headings[row]) + 2.4 * robot.tries
-            robot.free_until_ns = now_ns + FREE_NS
-            self.news.append(f"{robot.label} is stuck: try {robot.tries} of {TRIES} to free it")
+            # A golden angle from one direction to the next.
+            robot.escape_rad = float(decision.headings[row]) + 2.4 * robot.escapes
+            robot.escape_until_ns = now_ns + ESCAPE_NS
+            tries = f"try {robot.escapes} of {MAX_ESCAPES}"
+            self.news.append(f"{robot.label} is stuck: {tries} to free it")
 
-    def _goal(self, robot: Traveller, row: int, crowd: Travellers, decision: Decision) -> Goal:
+    def _goal(self, robot: Traveller, row: int, traffic: Traffic, decision: Decision) -> Goal:
         if not robot.moves or robot.pose is None:
             return STAY
         pose, speed = robot.pose, float(decision.speeds[row])
         if speed == 0.0:
             aim = robot.left_rad
             if not robot.near:
-                away = crowd.targets[row] - pose[:2]
+                away = traffic.targets[row] - pose[:2]
                 aim = float(wrap_angle(math.atan2(away[1], away[0]) - pose.yaw_rad))
             return Goal(0, 0, round(aim * 1e4))
-        x_m, y_m = crowd.targets[row]
+        x_m, y_m = traffic.targets[row]
         last = decision.wanted[row] and (x_m, y_m) == robot.home[:2] and not robot.near
         if not last or robot.left_m > carrot_m(MAX_M_S):
             heading, far_m = float(decision.headings[row]), max(carrot_m(speed), 0.007)

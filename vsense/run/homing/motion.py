@@ -1,4 +1,4 @@
-"""How a robot will move that is told to drive somewhere: the daemon's law, foretold.
+"""How a robot moves that is given a goal: a model of the daemon's law.
 
 The numbers are those of `robot/homing.c`, which turns the wheels; here is what the planner expects
 of it over the next seconds, for many robots and many choices at once.
@@ -25,14 +25,14 @@ NARROW_RAD = 1.0
 """A robot drives ahead only while its goal lies less than this aside; it slows down before."""
 
 STEP_S = 0.25
-STEPS = 10
-"""So far ahead everything is foretold: 2.5 s."""
+HORIZON_STEPS = 10
+"""Prediction horizon: 2.5 s."""
 
 _ASIDE = np.radians([15.0, 30.0, 45.0, 60.0, 75.0, 90.0, 120.0, 150.0, 180.0])
 ASIDE_RAD: Floats = np.concatenate([[0.0], _ASIDE, -_ASIDE[:-1]])
-"""The directions that are weighed, away from the wanted one."""
+"""The sampled directions, relative to the wanted one."""
 SHARES = (1.0, 0.5)
-"""And the speeds, as shares of the wanted one."""
+"""The sampled speeds, as shares of the wanted one."""
 CHOICES = len(ASIDE_RAD) * len(SHARES) + 1
 """The last one is to stand."""
 
@@ -55,8 +55,8 @@ def choices(bearing_rad: Floats, speed_m_s: Floats) -> tuple[Floats, Floats]:
     return directions, speeds
 
 
-def foretell(poses: Floats, directions: Floats, speeds: Floats, reach_m: Floats) -> Floats:
-    """Where robots will be that are told to go somewhere: (n, k, STEPS, 2) x_m, y_m.
+def predict(poses: Floats, directions: Floats, speeds: Floats, reach_m: Floats) -> Floats:
+    """Predicts the positions of robots: (n, k, HORIZON_STEPS, 2) x_m, y_m.
 
     Args:
         poses: (n, 3) x_m, y_m, yaw_rad.
@@ -65,10 +65,10 @@ def foretell(poses: Floats, directions: Floats, speeds: Floats, reach_m: Floats)
     """
     yaw = np.repeat(poses[:, 2:3], directions.shape[1], axis=1)
     x, y = (np.repeat(poses[:, i : i + 1], directions.shape[1], axis=1) for i in (0, 1))
-    places = np.empty((*directions.shape, STEPS, 2))
+    places = np.empty((*directions.shape, HORIZON_STEPS, 2))
     moves = speeds > 0.0
     left = np.repeat(reach_m[:, np.newaxis], directions.shape[1], axis=1)
-    for step in range(STEPS):
+    for step in range(HORIZON_STEPS):
         aside = wrap_angle(directions - yaw)
         turn = np.clip(TURN_RATE_PER_S * aside, -TURN_MAX_RAD_S, TURN_MAX_RAD_S) * STEP_S
         ahead = speeds * np.maximum(0.0, 1.0 - np.abs(aside) / NARROW_RAD) * STEP_S

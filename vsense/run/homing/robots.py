@@ -1,4 +1,4 @@
-"""What is known of one robot on its way home: where it is, and what hinders it."""
+"""The state of one robot on its way home: pose, home, path and trouble."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from enum import Enum
 from vsense.base.arena import wrap_angle
 from vsense.config.specs import Pose
 
-NEAR_M, FAR_M = 0.008, 0.015
-"""Who is nearer to its home than the first turns to its heading, until it is farther than the
-second."""
-HOME_M, HOME_RAD = 0.02, math.radians(6.0)
-"""Who stands so near to its home, and so straight, is there ..."""
-SETTLED_NS = 500_000_000
-"""... once it has for so long."""
+TURN_M, DRIVE_M = 0.008, 0.015
+"""A robot turns to its heading within the first distance from its home, and drives again beyond
+the second."""
+TOLERANCE_M, TOLERANCE_RAD = 0.02, math.radians(6.0)
+"""Tolerance of a home."""
+SETTLING_NS = 500_000_000
+"""Settling time: a robot is home after so long within tolerance."""
 
-STILL_M, STILL_RAD = 0.008, 0.12
-"""Who moves less than this ..."""
-STILL_NS = 2_500_000_000
-"""... in so long, although told to drive, is stuck."""
+STUCK_M, STUCK_RAD = 0.008, 0.12
+"""A robot that moves less than this ..."""
+STUCK_NS = 2_500_000_000
+"""... in so long, while it is commanded to drive, is stuck."""
 HELD_NS = 2_000_000_000
-"""A base that lets nothing drive for so long is in trouble."""
-FREED_M = 0.03
-"""Who was given up and is found so far from there tries again: somebody has helped."""
+"""A base that reports for so long that it cannot drive counts as held."""
+MOVED_M = 0.03
+"""A robot that was given up and is moved farther than this by hand drives again."""
 
 
 class Trouble(str, Enum):
@@ -42,11 +42,11 @@ class Trouble(str, Enum):
 
 @dataclass(frozen=True, slots=True)
 class HomingLimits:
-    """How long robots are waited for.
+    """Time limits.
 
     Attributes:
-        all_s: of all of it; then whoever is on its way is left where it is.
-        hindered_s: for who is not seen, or has no link, when all others are home.
+        all_s: for all robots; those still on their way are left where they are.
+        hindered_s: for robots that are not seen, or have no link, once all others are home.
     """
 
     all_s: float = 90.0
@@ -58,7 +58,7 @@ LIMITS = HomingLimits()
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """How it ended for one robot: `trouble` is "" for who is at `home`."""
+    """How it ended for one robot; `trouble` is "" where it is at `home`."""
 
     tag: int
     name: str
@@ -82,12 +82,12 @@ class Traveller:
         near: it turns on the spot, at its home.
         settled_ns: since when it stands as it shall.
         way: the corners that are still to come, home at the end.
-        tries: how often it was freed from where it was stuck.
-        free_until_ns: until then it drives away from where it is stuck.
+        escapes: how often it has driven away from where it was stuck.
+        escape_until_ns: until then it drives away from where it is stuck.
         since: when it began to be watched for motion, and where that was.
         best_m, best_ns: how near it has come to its home, and when.
         held_ns: since when its daemon says that it cannot drive.
-        pushed: how often it was given right of way because it did not get on.
+        priority: how often it was given priority because it made no progress.
     """
 
     tag: int
@@ -102,13 +102,13 @@ class Traveller:
     near: bool = False
     settled_ns: int | None = None
     way: list[tuple[float, float]] = field(default_factory=list)
-    tries: int = 0
-    free_until_ns: int = 0
-    free_rad: float = 0.0
+    escapes: int = 0
+    escape_until_ns: int = 0
+    escape_rad: float = 0.0
     since: tuple[int, Pose] | None = None
     best_m: float = math.inf
     best_ns: int = 0
-    pushed: int = 0
+    priority: int = 0
     held_ns: int | None = None
 
     @property
@@ -138,33 +138,33 @@ class Traveller:
 
     def is_home(self, now_ns: int) -> bool:
         """Whether it stands at its home for good."""
-        return self.settled_ns is not None and now_ns - self.settled_ns >= SETTLED_NS
+        return self.settled_ns is not None and now_ns - self.settled_ns >= SETTLING_NS
 
-    def lasting(self, told: Trouble, now_ns: int) -> Trouble:
-        """What it is told to suffer from; a base that is silent for a moment counts as nothing."""
-        if told is not Trouble.HELD:
+    def lasting(self, reported: Trouble, now_ns: int) -> Trouble:
+        """The reported trouble; a base that is held for less than `HELD_NS` has none."""
+        if reported is not Trouble.HELD:
             self.held_ns = None
-            return told
+            return reported
         self.held_ns = self.held_ns or now_ns
-        return told if now_ns - self.held_ns > HELD_NS else Trouble.NONE
+        return reported if now_ns - self.held_ns > HELD_NS else Trouble.NONE
 
-    def was_freed(self) -> bool:
+    def was_moved(self) -> bool:
         """Whether somebody has moved it since it was given up."""
         if self.pose is None or self.left_at is None or self.trouble is not Trouble.STUCK:
             return False
         away = self.pose.x_m - self.left_at.x_m, self.pose.y_m - self.left_at.y_m
-        return math.hypot(*away) > FREED_M
+        return math.hypot(*away) > MOVED_M
 
-    def look(self, pose: Pose, now_ns: int) -> None:
-        """It is seen."""
+    def observe(self, pose: Pose, now_ns: int) -> None:
+        """Takes a pose in which it was seen."""
         self.pose, self.seen_ns = pose, now_ns
-        self.near = self.left_m < (FAR_M if self.near else NEAR_M)
-        if self.left_m > HOME_M or abs(self.left_rad) > HOME_RAD:
+        self.near = self.left_m < (DRIVE_M if self.near else TURN_M)
+        if self.left_m > TOLERANCE_M or abs(self.left_rad) > TOLERANCE_RAD:
             self.settled_ns = None
         elif self.settled_ns is None:
             self.settled_ns = now_ns
 
-    def send(self, home: Pose, now_ns: int) -> None:
+    def assign_home(self, home: Pose, now_ns: int) -> None:
         """Gives it another home."""
         if home == self.home:
             self.best_ns = self.best_ns or now_ns
@@ -173,9 +173,9 @@ class Traveller:
         self.near, self.settled_ns = False, None
         self.best_m, self.best_ns = math.inf, now_ns
 
-    def stands_still(self, told: bool, now_ns: int) -> bool:
-        """Whether it has not moved for long although `told` to drive all the time."""
-        if not told or self.pose is None:
+    def stands_still(self, commanded: bool, now_ns: int) -> bool:
+        """Whether it has not moved for `STUCK_NS` while it was `commanded` to drive."""
+        if not commanded or self.pose is None:
             self.since = None
             return False
         if self.since is None:
@@ -184,13 +184,13 @@ class Traveller:
         began_ns, there = self.since
         moved_m = math.hypot(self.pose.x_m - there.x_m, self.pose.y_m - there.y_m)
         turned = abs(float(wrap_angle(self.pose.yaw_rad - there.yaw_rad)))
-        if moved_m > STILL_M or turned > STILL_RAD:
+        if moved_m > STUCK_M or turned > STUCK_RAD:
             self.since = now_ns, self.pose
             return False
-        return now_ns - began_ns > STILL_NS
+        return now_ns - began_ns > STUCK_NS
 
-    def gets_on(self, now_ns: int, patience_ns: int) -> bool:
+    def progresses(self, now_ns: int, most_ns: int) -> bool:
         """Whether it has come nearer to its home within this time."""
         if self.left_m < self.best_m - 0.03 or self.near:
             self.best_m, self.best_ns = self.left_m, now_ns
-        return now_ns - self.best_ns < patience_ns
+        return now_ns - self.best_ns < most_ns

@@ -16,7 +16,7 @@ import numpy as np
 
 from vsense.base.errors import UsageError, VsenseError, failing_as
 from vsense.base.terminal import Console, Interruption, print_data
-from vsense.config.starting import StartPlaces
+from vsense.config.placement import StartPlaces
 from vsense.modes.sim import fingerprint
 from vsense.modes.sim.engine import Engine
 from vsense.modes.sim.job import Job, Setup, Sweep

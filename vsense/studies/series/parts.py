@@ -1,18 +1,23 @@
-"""The experiments of a plan's conditions, loaded and checked before the first run."""
+"""The experiments of a plan's conditions, loaded and checked before the first run.
+
+Spares of the roster are put in for robots that cannot go on.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from vsense.base.errors import ConfigError, UsageError
-from vsense.config.casting import Casting
+from vsense.base.terminal import Console
+from vsense.config.casting import Casting, Pair
 from vsense.config.experiment import first_robots, load
 from vsense.config.specs import Experiment, Stage
 from vsense.modes.sim.job import Setup
 from vsense.robots.sources import CodeOptions
 from vsense.run import asked
+from vsense.run.cast import Cast, recast
 from vsense.studies.series.plan import Condition, PlannedStart, SeriesPlan
 
 STAGES = {"sim": Stage.SIM, "lab": Stage.LAB, "run": Stage.RUN}
@@ -80,10 +85,10 @@ class PlanLoader:
                     raise ConfigError(str(self.plan.path), start.line, words) from None
         return found
 
-    def load(self, condition: Condition, casting: Casting | None = None) -> PlannedExperiment:
-        """Loads what a condition runs, played by its `casting` or another one."""
+    def load(self, condition: Condition) -> PlannedExperiment:
+        """Loads what a condition runs."""
         settings = dict(condition.settings)
-        experiment = self._load(condition, settings, casting)
+        experiment = self._load(condition, settings)
         if condition.controller:
             labels = {experiment.controller_of(robot).label for robot in experiment.robots}
             if len(labels) > 1 or len(experiment.controllers) > 1:
@@ -95,7 +100,7 @@ class PlanLoader:
             path = Path(condition.controller)
             file = str(path.absolute()) if path.is_file() else condition.controller
             settings[f"{labels.pop()}.library"] = file  # last: it renames what others may set
-            experiment = self._load(condition, settings, casting)
+            experiment = self._load(condition, settings)
         if not experiment.timesteps:
             raise UsageError(f"{experiment.file}: has no length: add duration_s to the plan")
         if not self.lenient:
@@ -108,13 +113,70 @@ class PlanLoader:
         how = plan.duration_s, plan.count, condition.blind, planned.settings
         return Setup(condition.experiment, *how, self.code, self.casting, start.places)
 
-    def _load(
-        self, condition: Condition, settings: Mapping[str, str], casting: Casting | None
-    ) -> Experiment:
+    def _load(self, condition: Condition, settings: Mapping[str, str]) -> Experiment:
         plan, stage = self.plan, STAGES[self.plan.mode]
         how = plan.duration_s, settings, stage, self.virtual_devices, self.code
-        experiment = load(condition.experiment, *how, casting or self.casting)
+        experiment = load(condition.experiment, *how, self.casting)
         there = len(experiment.robots)
         if (plan.count or 0) > there:
             raise UsageError(f"count = {plan.count}: {experiment.file} has {there} robots")
         return first_robots(experiment, plan.count)
+
+
+class SeriesCast:
+    """The robots of all conditions.
+
+    Attributes:
+        known: what each condition runs, with who plays now.
+    """
+
+    def __init__(self, known: Mapping[str, PlannedExperiment], console: Console) -> None:
+        self.known = dict(known)
+        self._console = console
+        self._cast = Cast(lambda: [planned.experiment for planned in self.known.values()])
+
+    @property
+    def tags(self) -> set[int]:
+        """Everybody who plays in some run."""
+        return {r.tag for planned in self.known.values() for r in planned.experiment.robots}
+
+    def follow(self, condition: str, casting: Casting) -> None:
+        """Goes on with whom people have put in while a run of a condition waited.
+
+        Raises:
+            UsageError: an experiment cannot be played by them.
+        """
+        before = dict(self.known[condition].experiment.casting.replaced)
+        after = dict(casting.replaced)
+        for part in before | after:
+            pair = before.get(part, part), after.get(part, part)
+            if pair[0] != pair[1]:
+                self._recast(pair)
+
+    def put_in_for(self, gone: Mapping[int, str]) -> list[int]:
+        """Puts a spare in for each of these robots, as far as there are spares, and says so.
+
+        Args:
+            gone: by tag, why each cannot go on.
+
+        Returns:
+            Those for whom there is no spare.
+
+        Raises:
+            UsageError: an experiment cannot be played by the spares.
+        """
+        spares = self._cast.substitutes(gone)
+        for tag, why in gone.items():
+            text = f"robot {tag} {why}; there is no spare for it"
+            if tag in spares:
+                text = f"robot {tag} {why}: robot {spares[tag]} plays its part from now on"
+            self._console.say(text, "warning")
+        for pair in spares.items():
+            self._recast(pair)
+        return [tag for tag in gone if tag not in spares]
+
+    def _recast(self, pair: Pair) -> None:
+        """Has a robot play in the place of another in all conditions in which that one plays."""
+        for name, planned in self.known.items():
+            if pair[0] in {robot.tag for robot in planned.experiment.robots}:
+                self.known[name] = replace(planned, experiment=recast(planned.experiment, pair))

@@ -7,20 +7,26 @@ checked as a whole before anything moves.
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from vsense.base.errors import UsageError
-from vsense.base.files import read_text
-from vsense.config.roster_text import parse
-from vsense.config.starting import StartPlaces
+from vsense.base.toml import (
+    Schema,
+    TomlFile,
+    boolean,
+    integer,
+    matching,
+    read_toml_text,
+    real,
+    single_line,
+)
+from vsense.config.placement import StartPlaces
 from vsense.run.runs_csv import MODES
-from vsense.studies.series import fields
 from vsense.studies.series.criteria import VoidCriteria
-from vsense.studies.series.fields import PlanText
 
 MOST_RUNS = 100_000
 
@@ -113,14 +119,14 @@ class SeriesPlan:
 
         It is the same in whatever folder the command is called, and where the plan's is moved.
         """
-        told = asdict(self)
-        del told["path"]
-        for table in (*told["conditions"], *told["starts"]):
+        facts = asdict(self)
+        del facts["path"]
+        for table in (*facts["conditions"], *facts["starts"]):
             del table["line"]
-        for table in told["conditions"]:
+        for table in facts["conditions"]:
             for name in ("experiment", "controller"):
                 table[name] = self.beside(table[name])
-        plain: dict[str, Any] = json.loads(json.dumps(told))
+        plain: dict[str, Any] = json.loads(json.dumps(facts))
         return plain
 
     def beside(self, file: str) -> str:
@@ -142,6 +148,72 @@ class SeriesPlan:
         return next(start for start in self.starts if start.name == name)
 
 
+def _mode(value: Any) -> str:
+    if value not in MODES:
+        raise ValueError(f"one of {', '.join(MODES)}")
+    return str(value)
+
+
+def _poses(value: Any) -> tuple[tuple[float, float, float], ...]:
+    expected = "a list of [x in m, y in m, heading in degrees], one for each robot"
+    if not isinstance(value, list) or not value:
+        raise ValueError(expected)
+    poses = []
+    for pose in value:
+        is_pose = isinstance(pose, list) and len(pose) == 3
+        if not is_pose or not all(type(n) in (int, float) and abs(n) < 1e4 for n in pose):
+            raise ValueError(expected)
+        poses.append((float(pose[0]), float(pose[1]), math.radians(pose[2])))
+    return tuple(poses)
+
+
+def _unread(value: Any) -> Any:
+    """For values that `_settings` reads, which knows their lines."""
+    return value
+
+
+_NAME = matching(r"\w[\w.+-]{0,59}", "letters, digits and . _ + -, at most 60 of them")
+_TEXT = single_line()
+_SEED = integer(1, 2**32 - 1)
+
+_CONDITION: Schema = {
+    "name": _TEXT,
+    "experiment": _TEXT,
+    "controller": _TEXT,
+    "blind": boolean,
+    "settings": _unread,
+}
+_VOID: Schema = {
+    "lost_s": real(0.1, 1e6, " s"),
+    "moved_mm": real(5.0, 1e4, " mm"),
+    "late": real(0.0, 1.0, ", a share"),
+    "ended_early": boolean,
+    "away_from_start": boolean,
+}
+_ROBOTS: Schema = {
+    "count": integer(1, 10_000),
+    "battery_v": real(0.0, 10.0, " V"),
+    "least": integer(1, 10_000),
+    "ready_s": real(1.0, 1e5, " s"),
+    "home": boolean,
+    "virtual_walls": boolean,
+}
+_PLAN: Schema = {
+    "name": _NAME,
+    "mode": _mode,
+    "experiment": _TEXT,
+    "duration_s": real(0.1, 1e7, " s"),
+    "repetitions": integer(1, 10_000),
+    "seed": _SEED,
+    "again": integer(0, 1000),
+    "settings": _unread,
+    "condition": [_CONDITION],
+    "start": [{"name": _NAME, "seed": _SEED, "poses": _poses}],
+    "void": _VOID,
+    "robots": _ROBOTS,
+}
+
+
 def read(path: Path, mode: str | None = None) -> SeriesPlan:
     """Reads a plan; `mode` takes the place of its own.
 
@@ -149,108 +221,90 @@ def read(path: Path, mode: str | None = None) -> SeriesPlan:
         UsageError: it cannot be read.
         ConfigError: something in it is wrong; the message has its line.
     """
-    try:
-        text = read_text(path, "utf-8-sig")  # as editors of some systems write it
-    except OSError as error:
-        raise UsageError(f"cannot read {path}: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise UsageError(f"cannot read {path}: it is no text") from None
-    source = PlanText(path, text)
-    told = source.table("", None, parse(path, text), fields.PLAN)
+    file = TomlFile(path, read_toml_text(path))
+    values = file.read(_PLAN)
     if mode is not None:
-        told["mode"] = mode
-    if told.get("mode") not in MODES:
-        raise source.error("", None, "mode", f"no mode: expected one of {', '.join(MODES)}")
-    conditions = _conditions(source, told, path.parent)
-    starts = _starts(source, told)
-    named = {name: told[name] for name in ("repetitions", "seed", "duration_s") if name in told}
-    rules = source.table("robots", None, told.get("robots", {}), fields.ROBOTS)
+        values["mode"] = mode
+    if values.get("mode") not in MODES:
+        raise file.error(f"no mode: expected one of {', '.join(MODES)}", "mode")
+    for kind in ("condition", "start"):
+        if not values.get(kind):
+            raise file.error(f"expected a table [[{kind}]] for each {kind}", kind)
+    rules = values.get("robots", {})
     count = rules.pop("count", None)
+    optional = ("repetitions", "seed", "duration_s", "again")
     plan = SeriesPlan(
         path,
-        told.get("name", path.stem),
-        told["mode"],
-        conditions,
-        starts,
-        **named,
+        values.get("name", path.stem),
+        values["mode"],
+        _conditions(file, values, path.parent),
+        _starts(file, values),
+        **{name: values[name] for name in optional if name in values},
         count=count,
-        again=told.get("again", 2),
-        void=VoidCriteria(**source.table("void", None, told.get("void", {}), fields.VOID)),
+        void=VoidCriteria(**values.get("void", {})),
         robots=RobotRules(**rules),
     )
     if plan.runs > MOST_RUNS:
-        raise source.error("", None, "repetitions", f"{plan.runs} runs: at most {MOST_RUNS}")
+        raise file.error(f"{plan.runs} runs: at most {MOST_RUNS}", "repetitions")
     return plan
 
 
-def _conditions(source: PlanText, told: Mapping[str, Any], folder: Path) -> tuple[Condition, ...]:
-    common = _texts(source, "settings", None, told.get("settings", {}))
-    tables = _tables(source, told, "condition")
-    found = []
-    for number, table in enumerate(tables):
-        values = source.table("condition", number, table, fields.CONDITION)
-        experiment = values.get("experiment", told.get("experiment"))
+def _conditions(file: TomlFile, values: Mapping[str, Any], folder: Path) -> tuple[Condition, ...]:
+    common = _settings(file, values, "settings")
+    conditions = []
+    for number, table in enumerate(values["condition"]):
+        experiment = table.get("experiment", values.get("experiment"))
         if experiment is None:
-            raise source.error(
-                "condition", number, "", 'no experiment: add experiment = "FILE.argos"'
-            )
-        own = _texts(source, "condition", number, values.get("settings", {}))
-        name = values.get("name") or _named_by(own, values.get("blind", False), number)
-        found.append(
+            words = 'no experiment: add experiment = "FILE.argos"'
+            raise file.error(words, "condition", number)
+        own = _settings(file, table, "condition", number, "settings")
+        blind = table.get("blind", False)
+        conditions.append(
             Condition(
-                name,
+                table.get("name") or _named_by(own, blind, number),
                 _placed(experiment, folder),
-                _placed(values.get("controller", ""), folder),
+                _placed(table.get("controller", ""), folder),
                 {**common, **own},
-                values.get("blind", False),
-                source.line("condition", number),
+                blind,
+                file.line("condition", number),
             )
         )
-    _distinct(source, "condition", [condition.name for condition in found])
-    return tuple(found)
+    _distinct(file, "condition", [condition.name for condition in conditions])
+    return tuple(conditions)
 
 
-def _starts(source: PlanText, told: Mapping[str, Any]) -> tuple[PlannedStart, ...]:
-    found = []
-    for number, table in enumerate(_tables(source, told, "start")):
-        values = source.table("start", number, table, fields.START)
-        if "seed" not in values and "poses" not in values:
-            raise source.error("start", number, "", "expected a seed, or poses")
-        places = StartPlaces(values.get("seed", 1), values.get("poses", ()))
-        name = values.get("name", f"start{number + 1}")
-        found.append(PlannedStart(name, places, source.line("start", number)))
-    _distinct(source, "start", [start.name for start in found])
-    return tuple(found)
+def _starts(file: TomlFile, values: Mapping[str, Any]) -> tuple[PlannedStart, ...]:
+    starts = []
+    for number, table in enumerate(values["start"]):
+        if "seed" not in table and "poses" not in table:
+            raise file.error("expected a seed, or poses", "start", number)
+        places = StartPlaces(table.get("seed", 1), table.get("poses", ()))
+        name = table.get("name", f"start{number + 1}")
+        starts.append(PlannedStart(name, places, file.line("start", number)))
+    _distinct(file, "start", [start.name for start in starts])
+    return tuple(starts)
 
 
-def _tables(source: PlanText, told: Mapping[str, Any], name: str) -> Sequence[Mapping[str, Any]]:
-    tables = told.get(name)
-    if not isinstance(tables, list) or not tables:
-        raise source.error(name, None, "", f"expected a table [[{name}]] for each {name}")
-    return tables
-
-
-def _distinct(source: PlanText, kind: str, names: Sequence[str]) -> None:
+def _distinct(file: TomlFile, kind: str, names: Sequence[str]) -> None:
     for number, name in enumerate(names):
         if name in names[:number]:
-            raise source.error(kind, number, "name", f"a second {kind} called {name!r}")
+            raise file.error(f"a second {kind} called {name!r}", kind, number, "name")
 
 
-def _texts(source: PlanText, table: str, number: int | None, given: Any) -> dict[str, str]:
+def _settings(file: TomlFile, table: Mapping[str, Any], *position: str | int) -> dict[str, str]:
     """Settings as the command line has them."""
+    given, expected = table.get("settings", {}), 'expected "ELEMENT.attribute" = value'
     if not isinstance(given, dict):
-        raise source.error(table, number, "settings", 'expected "ELEMENT.attribute" = value')
-    found = {}
+        raise file.error(f"settings: {expected}", *position)
+    settings = {}
     for key, value in given.items():
         if isinstance(value, bool):
             value = "true" if value else "false"
         if not isinstance(value, str | int | float) or "." not in key:
-            words = f'settings: expected "ELEMENT.attribute" = value, got {key} = {value!r}'
-            named = source.line(table, number, key) != source.line(table, number)
-            place = key if named else "settings"  # in one line with the table that it is of
-            raise source.error(table, number, place, words[:200])
-        found[key] = str(value)
-    return found
+            words = f"settings: {expected}, got {key} = {value!r}"
+            raise file.error(words[:200], *position, key)
+        settings[key] = str(value)
+    return settings
 
 
 def _named_by(settings: Mapping[str, str], blind: bool, number: int) -> str:

@@ -15,10 +15,9 @@ from vsense.robots.link.keys import LinkTrust
 from vsense.run.directory import RunLog
 from vsense.run.robots import Readiness
 from vsense.run.runtime import Step
-from vsense.studies.series.cast import SeriesCast
 from vsense.studies.series.folder import SeriesFolder
 from vsense.studies.series.order import PlannedRun
-from vsense.studies.series.parts import PlanLoader
+from vsense.studies.series.parts import PlanLoader, SeriesCast
 from vsense.studies.series.series import RunOutcome, RunResult
 from vsense.studies.series.staged import NotEnoughRobots, StagedRun
 

@@ -23,10 +23,9 @@ from vsense.robots.link import keys
 from vsense.robots.link.keys import LinkTrust
 from vsense.run import directory as run_directory
 from vsense.run.runtime import Step
-from vsense.studies.series.cast import SeriesCast
 from vsense.studies.series.folder import SeriesFolder
 from vsense.studies.series.order import PlannedRun
-from vsense.studies.series.parts import PlanLoader
+from vsense.studies.series.parts import PlanLoader, SeriesCast
 from vsense.studies.series.series import RunResult
 from vsense.studies.series.staged import NotEnoughRobots, StagedRun
 from vsense.world.entities import Arena

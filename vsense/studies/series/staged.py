@@ -15,15 +15,14 @@ from vsense.modes.live.session import ExperimentSession
 from vsense.monitor.ui.room import ControlRoom, RoomOptions
 from vsense.robots.link.status import RobotStatus
 from vsense.run.control import Control, State
-from vsense.run.homecoming import Starts
 from vsense.run.homing.homing import Homing
+from vsense.run.homing.starts import Starts
 from vsense.run.robots import Readiness, battery_words, low_batteries
 from vsense.run.runs_csv import RunRow, row_of, utc
 from vsense.run.runtime import Step
-from vsense.studies.series.cast import SeriesCast
 from vsense.studies.series.criteria import Evidence, Witness
 from vsense.studies.series.order import PlannedRun
-from vsense.studies.series.parts import PlannedExperiment
+from vsense.studies.series.parts import PlannedExperiment, SeriesCast
 from vsense.studies.series.plan import SeriesPlan
 from vsense.studies.series.series import RunOutcome
 

@@ -145,7 +145,7 @@ _Turning = Generator[Mapping[int, Goal], None, WiggledRobot | None]
 
 
 class WiggleCheck:
-    """Turns robots in their turn; a `Guide` of `vsense.run.homecoming`.
+    """Turns robots in their turn; a `Guide` of `vsense.run.homing.starts`.
 
     Attributes:
         doing: what people read that robots do.

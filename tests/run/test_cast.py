@@ -11,12 +11,11 @@ from vsense.base.errors import UsageError
 from vsense.config import roster
 from vsense.config.casting import Casting
 from vsense.config.experiment import load
-from vsense.config.parts import parts_of, recast, spares_for
 from vsense.config.specs import Experiment, Stage
 from vsense.robots.link.status import RobotStatus
+from vsense.run.cast import Cast, parts_of, played, recast, spares_for
 from vsense.run.control import Control, State
 from vsense.run.orders import Order, OrderError, OrderKind, read_pair
-from vsense.run.recasting import Recasting, played
 
 ROSTER = """
 [[robot]]
@@ -70,21 +69,44 @@ def test_who_cannot_play_is_refused_with_the_reason(
         recast(foraging(tmp_path), pair)
 
 
-def test_wishes_are_checked_against_those_before_them_and_carried_out_once(tmp_path: Path) -> None:
+def test_requests_are_checked_against_those_before_them(
+    tmp_path: Path,
+) -> None:
     taken: list[int] = []
     spec = foraging(tmp_path)
-    wishes = Recasting(lambda: spec, taken.append, lambda tag: "is no robot" if tag == 99 else "")
-    assert wishes.ask((23, 37), "ben").startswith("robot 37 is put in for 23 (")
+    cast = Cast(lambda: [spec], taken.append, lambda tag: "is no robot" if tag == 99 else "")
+    assert cast.ask((23, 37), "ben").startswith("robot 37 is put in for 23 (")
     for pair, text in {
         (24, 37): "37 is in the experiment already",
         (23, 41): "no robot has tag 23",
         (24, 99): "is no robot",
     }.items():
         with pytest.raises(OrderError, match=text):
-            wishes.ask(pair, "ben")
+            cast.ask(pair, "ben")
     assert taken == [37], "nobody is leased who does not come"
-    assert [(wish.pair, wish.by) for wish in wishes.due()] == [((23, 37), "ben")]
-    assert wishes.due() == []
+    assert [tuple(request) for request in cast.due()] == [((23, 37), "ben")]
+    assert cast.due() == []
+
+
+def test_spares_are_asked_for_while_there_are_some(tmp_path: Path) -> None:
+    spec, said = foraging(tmp_path), []
+    cast = Cast(lambda: [spec], able=lambda tag: "is no robot" if tag == 99 else "")
+    low = {24: "is low", 23: "is lower"}
+    cast.ask_for_spares(low, lambda *words: said.append(words))
+    assert [tuple(request) for request in cast.due()] == [((24, 37), "is low")] and said == []
+    spec = recast(spec, (24, 37))
+    assert cast.substitutes([23, 37]) == {}
+    spec = recast(spec, (37, 24))
+    assert cast.substitutes([23]) == {23: 37}, "a spare that was put back may be put in again"
+
+
+def test_a_spare_that_cannot_come_is_said(tmp_path: Path) -> None:
+    spec, said = foraging(tmp_path), []
+    cast = Cast(lambda: [spec], able=lambda tag: "is no robot")
+    cast.ask_for_spares({24: "is low"}, lambda *words: said.append(words))
+    (words,) = said
+    assert "24" in words[0] and "is no robot" in words[0] and words[1] == "warning"
+    assert cast.due() == []
 
 
 def test_only_between_runs() -> None:

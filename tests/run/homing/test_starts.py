@@ -14,8 +14,8 @@ from vsense.config.experiment import load
 from vsense.config.specs import Experiment
 from vsense.robots.link.peer import Orders
 from vsense.robots.link.wire import StopCause, Telemetry, Wanted
-from vsense.run.homecoming import Starts, hindered
 from vsense.run.homing.robots import Trouble
+from vsense.run.homing.starts import Starts, hindered
 from vsense.world.pollution import PollutantSource
 
 ROSTER = """

@@ -1,6 +1,6 @@
-"""Robots drive to their starts before a run: where these are, who is hindered, and what is told.
+"""Robots drive to their starts before a run: where these are, which robots cannot, and messages.
 
-`vsense.run.homing` says who drives where; `Runner.home` has it done.
+`homing` plans; `Runner.home` carries it out.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ _HELD = (StopCause.BASE, StopCause.BATTERY)
 
 
 class Guide(Protocol):
-    """Says where robots drive by themselves, one arena state after the other: a `Homing`.
+    """Plans where robots drive by themselves, one arena state after the other: a `Homing`.
 
     Attributes:
         doing: what they do, for people.
-        news: lines for people that were not told yet.
+        news: lines for people that were not printed yet.
     """
 
     doing: str
@@ -110,16 +110,16 @@ class Starts:
 
 
 def hindered(robots: Mapping[int, RobotStatus]) -> dict[int, Trouble]:
-    """Who cannot be told to drive home, by tag, and why."""
-    found = dict[int, Trouble]()
+    """By tag, why robots cannot drive home."""
+    troubles = dict[int, Trouble]()
     for tag, robot in robots.items():
         if not robot.connected:
-            found[tag] = Trouble.NO_LINK
+            troubles[tag] = Trouble.NO_LINK
         elif not robot.drives_home:
-            found[tag] = Trouble.TOO_OLD
+            troubles[tag] = Trouble.TOO_OLD
         elif robot.telemetry is not None and robot.telemetry.stop_cause in _HELD:
-            found[tag] = Trouble.HELD
-    return found
+            troubles[tag] = Trouble.HELD
+    return troubles
 
 
 def guide(
