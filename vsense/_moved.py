@@ -16,7 +16,6 @@ _ENDS = "0.3"
 TABLE = {
     "actuators": "world.actuators",
     "arena": "base.arena",
-    "bench": "tools.bench",
     "benchmark": "studies.benchmark",
     "calibration": "vision.calibration",
     "camera_setup": "tools.camera_setup",
@@ -66,6 +65,12 @@ TABLE = {
 }
 """Old and new names below `vsense`; what lay in a package is found below its new name."""
 
+GONE = {
+    "bench": "the benchmarks of vsense itself are in its sources: scripts/bench --help",
+    "commands.bench": "the benchmarks of vsense itself are in its sources: scripts/bench --help",
+}
+"""Modules and packages that left the package, and where one finds them."""
+
 
 def _new_name(name: str) -> str | None:
     """Gives the full new name of a module that has moved."""
@@ -86,6 +91,8 @@ class _Finder:
         """See `importlib.abc.MetaPathFinder`."""
         if not name.startswith("vsense."):
             return None
+        if reason := GONE.get(name.removeprefix("vsense.")):
+            raise ModuleNotFoundError(f"{name} has left the package: {reason}", name=name)
         found = _new_name(name)
         if found is None:
             return None

@@ -16,7 +16,7 @@ from vsense.studies.series.plan import SeriesPlan
 OPENING_S = 6.0
 """A run begins and is reported so much longer than it lasts: lab and robots alike."""
 HOMING_S = 16.0
-"""The median of ways to the starts, as `vsense bench homing` measures it."""
+"""The median of ways to the starts, as `scripts/bench homing` measures it."""
 BRINGING_S = 20.0
 """To bring another controller to all robots, at once."""
 
