@@ -79,15 +79,10 @@ def _add_clicks(step: Any) -> None:
         help="without a page: a camera shows a corner at this pixel; once for each",
     )
     arguments.option(step, "--seen", Path, "CSV", "or all of them: camera,id,x_px,y_px")
-    arguments.option(
-        *(step, "--points", Path, "CSV"),
-        "other points than the corners: id,x_m,y_m in the arena and perhaps z_m",
+    text = "other points than the corners: id,x_m,y_m in the arena and perhaps z_m"
+    arguments.option(step, "--points", Path, "CSV", text)
+    text = (
+        "how high above the floor the corners are that are clicked on, such as 12cm for the"
+        " walls' upper edges (default: 0cm)"
     )
-    step.add_argument(
-        "--height",
-        type=arguments.length_m,
-        default=0.0,
-        metavar="LENGTH",
-        help="how high above the floor the corners are that are clicked on, such as 12cm for the"
-        " walls' upper edges (default: 0cm)",
-    )
+    arguments.option(step, "--height", arguments.length_m, "LENGTH", text, 0.0)

@@ -42,9 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="the robots that are wanted",
     )
     orders.add_process(parser)
-    parser.add_argument(
-        "--force", action="store_true", help="end a run that is going on, too; its wheels stop"
-    )
+    arguments.flag(parser, "--force", "end a run that is going on, too; its wheels stop")
     arguments.flag(parser, "--list", "only say who has which robots")
     arguments.flag(parser, "--json", "print the answer as one JSON object")
 
