@@ -21,6 +21,7 @@ TABLE = {
     "camera_setup": "tools.camera_setup",
     "cameras": "vision.cameras",
     "clock": "base.clock",
+    "commands.handover": "commands.orders",
     "commands.robot_calibrate": "commands.robot_measure",
     "commands.robot_check": "commands.robot_measure",
     "commands.robot_sensors": "commands.robot_measure",

@@ -29,7 +29,7 @@ COMMANDS = {
     "stop": ("orders", "end the run; --emergency: stop all robots now"),
     "reset": ("orders", "end the run and go back to the beginning, waiting for `vsense start`"),
     "replace": ("orders", "between runs: have a spare robot play the part of another"),
-    "handover": ("handover", "have the run that holds the robots end, and give them back"),
+    "handover": ("orders", "have the run that holds the robots end, and give them back"),
     "replay": ("replay", "play a recording in the page, or run the tracker on its pictures again"),
     "report": ("report", "make charts and a page from recordings; several are compared"),
     "export": ("export", "write what a recording holds as tables"),
