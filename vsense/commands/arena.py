@@ -59,9 +59,7 @@ def _add_align(step: Any) -> None:
         help="what to drag the corners on: a folder with a folder per camera, as `vsense cameras"
         " shoot` makes it; each camera's last picture counts",
     )
-    step.add_argument(
-        "--camera", metavar="NAME", help="all pictures are of this camera, whatever their folders"
-    )
+    arguments.option(step, "--camera", str, "NAME", arguments.ONE_CAMERA)
     arguments.option(step, "--port", arguments.port, "P", "of the page (default: a free one)", 0)
     _add_clicks(step)
     arguments.flag(step, "--dry", "say what would be changed, and change nothing")

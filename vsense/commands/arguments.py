@@ -314,6 +314,7 @@ def foxglove_of(options: argparse.Namespace) -> FoxgloveAddress | None:
     return None if options.foxglove is None else FoxgloveAddress(*options.foxglove)
 
 
+ONE_CAMERA = "all pictures are of this camera, whatever their folders"
 INSECURE_PAGE = "other machines may open the page with plain HTTP: whoever hears a token can use it"
 
 

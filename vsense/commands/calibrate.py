@@ -91,17 +91,22 @@ def _add_rig(steps: Any) -> None:
     text = "folder with camera files whose lenses are right already and stay as they are"
     arguments.option(step, "--intrinsics", Path, "DIR", text)
     arguments.flag(step, "--refine", "let these lenses move a little, by half a percent")
+    _add_floor(step, "the board", "the board's")
+    text = "where the board's origin was at the first of them, in m and degrees (default: 0,0,0)"
+    arguments.option(step, "--origin", _place, "X,Y,DEG", text, (0.0, 0.0, 0.0))
+    _add_points(step)
+
+
+def _add_floor(step: argparse.ArgumentParser, board: str, whose: str) -> None:
+    """Declares when a board lay on the floor, and how thick it is."""
     step.add_argument(
         "--floor",
         nargs="+",
         metavar="MOMENT",
-        help="moments when the board lay on the floor: names or patterns such as 'floor_*'",
+        help=f"moments when {board} lay on the floor: names or patterns such as 'floor_*'",
     )
-    text = "where the board's origin was at the first of them, in m and degrees (default: 0,0,0)"
-    arguments.option(step, "--origin", _place, "X,Y,DEG", text, (0.0, 0.0, 0.0))
-    text = "how high the board's printed face was above the floor, such as 5mm (default: 0mm)"
+    text = f"how high {whose} printed face was above the floor, such as 5mm (default: 0mm)"
     arguments.option(step, "--thickness", arguments.length_m, "LENGTH", text, 0.0)
-    _add_points(step)
 
 
 def _add_points(step: argparse.ArgumentParser) -> None:
@@ -125,13 +130,7 @@ def _add_check(steps: Any) -> None:
     arguments.option(step, "--cameras", Path, "DIR", text, Path("cameras"))
     _add_measured(step)
     _add_second_board(step)
-    step.add_argument("--pictures", type=Path, nargs="+", metavar="PATH", help=_PICTURES)
-    step.add_argument(
-        "--camera", metavar="NAME", help="all pictures are of this camera, whatever their folders"
-    )
-    arguments.option(
-        step, "--every", arguments.positive, "N", "take every N-th picture of a video", 1
-    )
+    _add_pictures(step)
     text = "fail (1) where a point is farther off, such as 5mm"
     arguments.option(step, "--limit", arguments.length_m, "LENGTH", text)
     arguments.flag(step, "--json", "print the check as one JSON object on standard output")
@@ -155,14 +154,7 @@ def _add_measured(step: argparse.ArgumentParser) -> None:
 def _add_second_board(step: argparse.ArgumentParser) -> None:
     """Declares a board on the floor that the calibration has not seen."""
     step.add_argument("--board", metavar="BOARD", help=f"instead of points: {_BOARD}")
-    step.add_argument(
-        "--floor",
-        nargs="+",
-        metavar="MOMENT",
-        help="moments when that board lay on the floor: names or patterns such as 'floor_*'",
-    )
-    text = "how high its printed face was above the floor, such as 5mm (default: 0mm)"
-    arguments.option(step, "--thickness", arguments.length_m, "LENGTH", text, 0.0)
+    _add_floor(step, "that board", "its")
 
 
 def _add_example(steps: Any) -> None:
@@ -177,13 +169,15 @@ def _add_example(steps: Any) -> None:
     arguments.option(step, "--seed", arguments.natural, "N", "seed of poses and noise", 1)
 
 
-def _add_sources(step: argparse.ArgumentParser) -> None:
+def _add_pictures(step: argparse.ArgumentParser) -> None:
     step.add_argument("--pictures", type=Path, nargs="+", metavar="PATH", help=_PICTURES)
-    step.add_argument(
-        "--camera", metavar="NAME", help="all pictures are of this camera, whatever their folders"
-    )
+    arguments.option(step, "--camera", str, "NAME", arguments.ONE_CAMERA)
     text = "take every N-th picture of a video (default: 1)"
     arguments.option(step, "--every", arguments.positive, "N", text, 1)
+
+
+def _add_sources(step: argparse.ArgumentParser) -> None:
+    _add_pictures(step)
     text = "instead of pictures: corners found before, camera,moment,corner,x_px,y_px"
     arguments.option(step, "--corners", Path, "CSV", text)
     arguments.option(step, "--size", _size, "WxH", "size of the pictures that --corners came from")
