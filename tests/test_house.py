@@ -57,7 +57,7 @@ SHORT = {
     **{f"vsense.{name}": "a seam" for name in ("__main__", "cli", "base.clock")},
     **{
         f"vsense.commands.{name}": "one file per command"
-        for name in ("docs", "doctor", "new", "serve")
+        for name in ("docs", "doctor", "new", "reproduce", "serve", "track")
     },
 }
 """Modules below `PYTHON_MIN` lines, and why. Every `__init__` may be short, and so may the examples

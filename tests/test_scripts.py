@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -161,3 +162,30 @@ def test_docs_builds_where_the_tree_is_and_says_where_pages_lie(tree: Path) -> N
 def test_docs_refuses_what_it_does_not_know(tree: Path) -> None:
     done = call(tree, "docs", "--srve")
     assert done.returncode == 1 and "--serve [PORT]" in done.stderr
+
+
+SUBJECTS = (
+    *("tracking", "identity", "world", "sim", "homing", "grabbing", "robot"),
+    *("hard", "argos", "spread", "faults", "fuzz", "soak"),
+)
+
+
+@pytest.mark.parametrize("subject", SUBJECTS)
+def test_bench_runs_every_subject_where_the_caller_is(tree: Path, subject: str) -> None:
+    done = call(tree, "bench", subject, "--json", "a b")
+    assert done.returncode == 0, done.stderr
+    place, _, words = (tree / ".venv/bin/calls").read_text().splitlines()[-1].partition(" -m ")
+    module, _, given = words.partition(" ")
+    assert place == str(tree.parent / "elsewhere")
+    assert (ROOT / module.replace(".", "/")).with_suffix(".py").exists()
+    assert given == (f"{subject} --json a b" if module == "tests.bench.main" else "--json a b")
+
+
+def test_bench_lists_its_subjects(tree: Path) -> None:
+    done = call(tree, "bench", "--help")
+    assert done.returncode == 0 and done.stderr == ""
+    assert set(re.findall(r"^  (\w+)  ", done.stdout, re.M)) == set(SUBJECTS)
+    for words in ((), ("nothing",), ("--json",)):
+        wrong = call(tree, "bench", *words)
+        assert (wrong.returncode, wrong.stdout, wrong.stderr) == (2, "", done.stdout)
+    assert not (tree / ".venv/bin/calls").exists()

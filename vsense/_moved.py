@@ -16,7 +16,6 @@ _ENDS = "0.3"
 TABLE = {
     "actuators": "world.actuators",
     "arena": "base.arena",
-    "bench": "tools.bench",
     "benchmark": "studies.benchmark",
     "calibration": "vision.calibration",
     "calibration.floor": "vision.calibration.placement",
@@ -28,6 +27,10 @@ TABLE = {
     "cameras.image_plane": "vision.cameras.camera",
     "cameras.steadiness": "vision.cameras.health",
     "clock": "base.clock",
+    "commands.handover": "commands.orders",
+    "commands.robot_calibrate": "commands.robot_measure",
+    "commands.robot_check": "commands.robot_measure",
+    "commands.robot_sensors": "commands.robot_measure",
     "config.controllers": "config.experiment",
     "config.parts": "run.cast",
     "config.roster_text": "base.toml",
@@ -111,6 +114,12 @@ TABLE = {
 }
 """Old and new names below `vsense`; what lay in a package is found below its new name."""
 
+GONE = {
+    "bench": "the benchmarks of vsense itself are in its sources: scripts/bench --help",
+    "commands.bench": "the benchmarks of vsense itself are in its sources: scripts/bench --help",
+}
+"""Modules and packages that left the package, and where one finds them."""
+
 
 def _new_name(name: str) -> str | None:
     """Gives the full new name of a module that has moved."""
@@ -131,6 +140,8 @@ class _Finder:
         """See `importlib.abc.MetaPathFinder`."""
         if not name.startswith("vsense."):
             return None
+        if reason := GONE.get(name.removeprefix("vsense.")):
+            raise ModuleNotFoundError(f"{name} has left the package: {reason}", name=name)
         found = _new_name(name)
         if found is None:
             return None

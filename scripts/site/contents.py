@@ -60,7 +60,7 @@ SECTIONS: dict[str, tuple[str, ...]] = {
         "scripts/site/README.md",
         "vsense/DESIGN.md",
         "vsense/EXTENDING.md",
-        "vsense/tools/bench/README.md",
+        "tests/bench/README.md",
         "tests/README.md",
         "tests/fuzz/README.md",
         "CHANGELOG.md",

@@ -2,7 +2,7 @@
 
 It needs `argos3` on the PATH with the plug-in argos3-epuck (`ARGOS_PLUGIN_PATH`), its headers where
 the compiler finds them (`CXXFLAGS=-I...` for another place), and a C++ compiler. The world is that
-of `vsense bench sim`, word by word; `wander.cpp` is its controller there. Each turn runs both with
+of `scripts/bench sim`, word by word; `wander.cpp` is its controller there. Each turn runs both with
 each number of robots, twice: short and long. The rate is what the longer run did more, over the
 processor time that it took more: so start-up, whose time is told apart, does not count.
 """
@@ -24,7 +24,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from vsense.tools.bench import sim
+from tests.bench import sim
 
 CONTROLLER = Path(__file__).parent / "wander.cpp"
 STEPS = {"argos": 300_000, "vsense": 900_000}

@@ -1,4 +1,4 @@
-"""The way home in the lab: `scripts/bench homing --lab` prints the table of `vsense bench homing`.
+"""The way home in the lab: `scripts/bench homing --lab` prints the table of `scripts/bench homing`.
 
 Here cameras, tracker, network, host and daemons are the real ones. The robots are far from the
 host: so many of their packets are lost (`tests/faults/relay.py`, which needs the right to make a
@@ -23,6 +23,8 @@ from typing import Any
 
 import numpy as np
 
+from tests.bench import homing as table
+from tests.bench.homing import LOSS, UNSEEN_S, WHEELS, ContactTimes, Floats, HomingRow
 from tests.faults.lab import FarSwarm
 from tests.faults.relay import LOOP_NET, Relay, Weather
 from tests.rigs.places import ROOT
@@ -48,8 +50,6 @@ from vsense.run.homing.homing import Homing
 from vsense.run.homing.robots import Trouble
 from vsense.run.homing.starts import Starts
 from vsense.run.runtime import Step
-from vsense.tools.bench import homing as table
-from vsense.tools.bench.homing import LOSS, UNSEEN_S, WHEELS, ContactTimes, Floats, HomingRow
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.tracking.camera_tracking import CameraTracking
 from vsense.world.physics.motion import TICK_NS

@@ -1,6 +1,6 @@
 """Identical runs of `vsense lab`, and how far their figures are from each other.
 
-`scripts/bench spread` prints the table of `vsense/tools/bench/README.md`. The same seed gives the
+`scripts/bench spread` prints the table of `tests/bench/README.md`. The same seed gives the
 same floor, starts, controllers' chance and noise; what remains is what real time leaves open: when
 each process gets its turn, and so which picture a control step hears of.
 """

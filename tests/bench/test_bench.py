@@ -7,11 +7,9 @@ import json
 import numpy as np
 import pytest
 
-from vsense import cli
-from vsense.commands import bench
-from vsense.tools.bench import identity, tracking, trade_off, whole_tracker
-from vsense.tools.bench.contestants import FoundTags, Single, crossing
-from vsense.tools.bench.frames import FrameSet, FrameTruth, Painter, cameras
+from tests.bench import identity, main, tracking, whole_tracker
+from tests.bench.contestants import FoundTags, Single, crossing
+from tests.bench.frames import FrameSet, FrameTruth, Painter, cameras
 
 RIG = cameras(1, 1)
 
@@ -61,21 +59,17 @@ def test_what_is_not_said_is_as_the_help_says(
     asked: list[tuple[object, ...]] = []
     monkeypatch.setattr(tracking, "run", lambda *given: {"asked": asked.append(given[:-1])})
     monkeypatch.setattr(identity, "run", lambda *given: {"asked": asked.append(given[:-1])})
-    monkeypatch.setattr(trade_off, "run", lambda *given: asked.append(given[:-1]) or [])
-    monkeypatch.setattr(bench, "table", lambda report: "")
-    monkeypatch.setattr(identity, "table", lambda report: "")
-    assert cli.main(["bench", "tracking"]) == 0
-    assert cli.main(["bench", "identity"]) == 0
-    assert asked == [(5, 8, 60), (5, 100), (2500,)]
+    assert main.main(["tracking", "--json"]) == 0
+    assert main.main(["identity", "--json"]) == 0
+    assert asked == [(5, 8, 60), (2500,)]
 
 
 def test_the_report_is_as_promised(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(whole_tracker, "CAMERAS", (2, 1))  # rendering 16 takes a while
-    monkeypatch.setattr(trade_off, "run", lambda *given: [])  # has a test of its own
-    words = ["bench", "tracking", "--json", "--rounds", "1", "--pictures", "1", "--walk", "3"]
-    assert cli.main(words) == 0
+    words = ["tracking", "--json", "--rounds", "1", "--pictures", "1", "--walk", "3"]
+    assert main.main(words) == 0
     captured = capsys.readouterr()
     report = json.loads(captured.out)
     names = {"detector", "frames", "threads", "ms_per_frame", "detected_share", "wrong_ids"}
@@ -96,4 +90,25 @@ def test_the_report_is_as_promised(
     assert 0.0 < whole["c_share"] < 1.0 and whole["named_share"] > 0.99
     assert min(whole["arrows_ms"], whole["squares_ms"]) > 0.0
     assert "round 1 of 1" in captured.err
-    assert "16 cameras" in bench.table(report)
+    assert "16 cameras" in tracking.table(report)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("identity", "--walk", "6"),
+        ("world", "--device", "1"),
+        ("world", "--pictures", "3"),
+        ("robot", "--rounds", "2"),
+        ("identity", "--timesteps", "0"),
+        ("nothing",),
+        (),
+    ],
+)
+def test_an_option_of_another_subject_is_refused(
+    words: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main.main(list(words))
+    assert ended.value.code == 2
+    assert "scripts/bench" in capsys.readouterr().err

@@ -9,9 +9,9 @@ import sys
 import numpy as np
 import pytest
 
+from tests.bench.homing import ContactTimes, HomingRow, report_of, row_of, table
 from tests.conftest import require_own_network
 from tests.rigs.places import ROOT
-from vsense.tools.bench.homing import ContactTimes, HomingRow, report_of, row_of, table
 from vsense.world.entities import BODY_RADIUS_M
 from vsense.world.physics.motion import TICK_NS
 

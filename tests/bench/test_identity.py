@@ -7,9 +7,9 @@ import json
 import numpy as np
 import pytest
 
-from vsense import cli
+from tests.bench import main
+from tests.bench.identity import FAMILIES, ROBOTS, IdentityScore
 from vsense.base.arena import POSE, SIGHTING, ArenaState
-from vsense.tools.bench.identity import FAMILIES, ROBOTS, IdentityScore
 
 TRUTH = {1: np.array((0.0, 0.0)), 2: np.array((1.0, 0.0)), 3: np.array((2.0, 0.0))}
 
@@ -46,15 +46,10 @@ def test_readings_are_judged_whatever_the_tracker_made_of_them() -> None:
 
 
 def test_the_report_is_as_promised(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["bench", "identity", "--timesteps", "6", "--json"]) == 0
+    assert main.main(["identity", "--timesteps", "6", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)["rows"]
     assert [row["family"] for row in rows] == list(FAMILIES)
     for row in rows:
         assert row["robot_frames"] == 6 * ROBOTS
         assert row["named_share"] == 1.0 and row["position_rms_mm"] < 0.2
         assert row["wrong_ids"] == row["swaps"] == row["wrong_readings"] == row["joined"] == 0
-
-
-def test_an_option_of_another_benchmark_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["bench", "identity", "--walk", "6"]) == 2
-    assert "--walk: 'vsense bench identity' has none" in capsys.readouterr().err

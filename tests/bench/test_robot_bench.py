@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
+from tests.bench import robot, robot_calls
 from tests.conftest import require_tool, require_zig
 from vsense.robots import boards
 from vsense.robots.build import SHIPPED_CONTROLLER
 from vsense.robots.compiling import BuildError
-from vsense.tools.bench import robot, robot_calls
 
 
 def test_a_control_step_takes_so_many_instructions_at_most(tmp_path: Path) -> None:

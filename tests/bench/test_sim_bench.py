@@ -10,14 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.bench import beside_argos
+from tests.bench import beside_argos, main, sim
 from tests.conftest import require_tool
-from vsense import cli
 from vsense.config.experiment import load
 from vsense.config.placement import settle
 from vsense.modes.sim.simulation import Simulation
 from vsense.run.programs import shared_objects
-from vsense.tools.bench import sim
 from vsense.world.entities import Light
 
 
@@ -58,7 +56,7 @@ def test_the_report_is_as_promised(
     require_tool("cc", "build-essential")
     monkeypatch.setattr(sim, "STEPS_OF_ALL", 600)
     monkeypatch.setattr(sim, "MIN_STEPS", 10)
-    assert cli.main(["bench", "sim", "--json", "--rounds", "1"]) == 0
+    assert main.main(["sim", "--json", "--rounds", "1"]) == 0
     captured = capsys.readouterr()
     report = json.loads(captured.out)
     assert set(report) == {"rows", "startup_s"}

@@ -7,9 +7,8 @@ import json
 import numpy as np
 import pytest
 
+from tests.bench import main, world
 from tests.conftest import require_tool
-from vsense import cli
-from vsense.tools.bench import world
 from vsense.world.sensors.geometry import RING_HEIGHT_M, RING_RADIUS_M
 
 
@@ -67,7 +66,7 @@ def test_robots_stand_in_each_others_light_and_not_in_each_other() -> None:
 
 def test_the_report_is_as_promised(capsys: pytest.CaptureFixture[str]) -> None:
     require_tool("cc", "build-essential")
-    assert cli.main(["bench", "world", "--json", "--rounds", "1"]) == 0
+    assert main.main(["world", "--json", "--rounds", "1"]) == 0
     captured = capsys.readouterr()
     report = json.loads(captured.out)
     assert set(report) == {"rows", "floor_ms", "sim_speedup"}
@@ -78,9 +77,3 @@ def test_the_report_is_as_promised(capsys: pytest.CaptureFixture[str]) -> None:
     assert report["floor_ms"] > 0.0 and report["sim_speedup"] > 0.0
     assert "round 1 of 1" in captured.err
     assert "1000" in world.table(report)
-
-
-def test_tracking_options_do_not_belong_to_the_world(capsys: pytest.CaptureFixture[str]) -> None:
-    for option in ("--pictures", "--walk"):
-        assert cli.main(["bench", "world", option, "3"]) == 2
-        assert f"{option}: 'vsense bench world'" in capsys.readouterr().err

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 /*
- * wander.cpp - vsense/tools/bench/wander.c for ARGoS 3 and argos3-epuck: drive ahead, turn away from
+ * wander.cpp - wander.c for ARGoS 3 and argos3-epuck: drive ahead, turn away from
  * what the ring sees, a little towards the light.
  */
 #include <argos3/core/control_interface/ci_controller.h>

@@ -120,7 +120,7 @@ def test_help_may_be_a_word(
     [
         ("simm", "is 'sim' meant?"),
         ("calibration", "is 'calibrate' meant?"),
-        ("xyz", "there are: arena, bench, "),
+        ("xyz", "there are: arena, benchmark, "),
     ],
 )
 def test_an_unknown_command_tells_what_may_be_meant(
@@ -128,6 +128,13 @@ def test_an_unknown_command_tells_what_may_be_meant(
 ) -> None:
     assert cli.main([wrong, "--option"]) == 2
     assert f"vsense: there is no command '{wrong}'; {hint}" in capsys.readouterr().err
+
+
+def test_a_command_that_is_gone_tells_where_it_is(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["bench", "tracking", "--json"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("vsense: there is no command 'bench'") and "scripts/bench" in line
+    assert not commands.GONE.keys() & commands.COMMANDS.keys()
 
 
 def test_names_that_may_be_meant() -> None:

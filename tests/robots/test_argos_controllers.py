@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.bench.robot import HERE as BENCH
 from tests.conftest import require_tool, require_zig, share_parts
 from vsense.base.errors import ConfigError, UsageError
 from vsense.base.xml.parsing import NAMESPACE
@@ -25,7 +26,6 @@ from vsense.robots.link.table import Direction, Entry, Table
 from vsense.robots.link.wire import Wanted
 from vsense.robots.sources import CodeOptions, ProgramSources
 from vsense.run.programs import shared_objects
-from vsense.tools.bench.robot import HERE as BENCH
 from vsense.world.sensors.readings import SensorReadings
 
 FOLDER = Path(__file__).parent / "argos" / "controllers"

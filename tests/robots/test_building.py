@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.bench import robot as robot_bench
 from tests.conftest import require_tool, require_zig
 from tests.robots.conftest import ROOT
 from vsense import cli
@@ -18,7 +19,6 @@ from vsense.robots import boards
 from vsense.robots.build import source_tree
 from vsense.robots.compiling import HASH_DIGITS, BuildError, Toolchain
 from vsense.robots.sources import ProgramSources
-from vsense.tools.bench import robot as robot_bench
 
 POLLUTANT = ROOT / "robot" / "controllers" / "pollutant.c"
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.bench.robot import HERE as BENCH
 from tests.conftest import require_tool, require_zig
 from vsense.config import argos
 from vsense.config.experiment import load
@@ -16,7 +17,6 @@ from vsense.robots import boards, build
 from vsense.robots.compiling import BuildError, Sources, native, own_cxxflags
 from vsense.robots.sources import ProgramSources
 from vsense.run.programs import shared_objects
-from vsense.tools.bench.robot import HERE as BENCH
 
 WALKER = Path(__file__).parent / "walker.cpp"
 TIMEOUT_S = 300

@@ -27,7 +27,7 @@ import grp, os, pwd, sys, threading
 import concurrent.futures.thread
 from pathlib import Path
 from vsense import cli
-from vsense.commands import handover, orders, share
+from vsense.commands import orders, share
 from vsense.robots.link import descriptors
 from vsense.run.control import Control
 from vsense.run.leases import RobotLeases

@@ -13,8 +13,8 @@ import pytest
 from tests.system.recording import make_recording
 from tests.system.viewer import Viewer
 from vsense.cli import main
-from vsense.commands.orders import TerminalError
 from vsense.monitor.recording.reader import open_recording
+from vsense.monitor.ui.control_client import TerminalError
 from vsense.studies.report.findings import read_findings
 
 pytestmark = pytest.mark.system

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from vsense.base.errors import VsenseError
-from vsense.commands.orders import ask
+from vsense.monitor.ui.control_client import ask
 
 PATIENCE_S = 60.0
 

@@ -29,7 +29,7 @@ COMMANDS = {
     "stop": ("orders", "end the run; --emergency: stop all robots now"),
     "reset": ("orders", "end the run and go back to the beginning, waiting for `vsense start`"),
     "replace": ("orders", "between runs: have a spare robot play the part of another"),
-    "handover": ("handover", "have the run that holds the robots end, and give them back"),
+    "handover": ("orders", "have the run that holds the robots end, and give them back"),
     "replay": ("replay", "play a recording in the page, or run the tracker on its pictures again"),
     "report": ("report", "make charts and a page from recordings; several are compared"),
     "export": ("export", "write what a recording holds as tables"),
@@ -46,7 +46,6 @@ COMMANDS = {
     "share": ("share", "let several accounts share the arena: what root types, who is in it"),
     "doctor": ("doctor", "say what this machine lacks for what, and how to mend it"),
     "completion": ("completion", "let a shell complete commands, options and experiments"),
-    "bench": ("bench", "measure detectors, names, cameras, the virtual world, the robots' daemon"),
 }
 """Each command's module and its line in the help."""
 
@@ -58,12 +57,15 @@ GROUPS = {
     "what a run leaves": ("replay", "report", "export", "pack", "reproduce"),
     "cameras and markers": ("cameras", "markers", "calibrate", "arena", "track", "serve", "render"),
     "robots": ("robot",),
-    "this machine, and help": ("share", "doctor", "docs", "completion", "bench"),
+    "this machine, and help": ("share", "doctor", "docs", "completion"),
 }
 """All commands by what one wants to do, in the order of the help."""
 
 FORMER = {"record": "render"}
 """Former names of commands, which scripts may still say."""
+
+GONE = {"bench": "the benchmarks of vsense itself are in its sources: scripts/bench --help"}
+"""Former commands, and where one finds them; this ends with vsense 0.3."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -130,6 +132,8 @@ def parser(words: Sequence[str]) -> argparse.ArgumentParser:
         prog="vsense", metavar="COMMAND", required=True, help=argparse.SUPPRESS
     )
     called = next((word for word in words if not word.startswith("-")), "")
+    if called in GONE:
+        raise UsageError(f"there is no command {called!r} any more: {GONE[called]}")
     if called and called not in COMMANDS and called not in FORMER:
         raise UsageError(f"there is no command {called!r}; {instead(called, COMMANDS)}")
     for name in (*COMMANDS, *FORMER):

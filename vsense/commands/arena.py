@@ -59,9 +59,7 @@ def _add_align(step: Any) -> None:
         help="what to drag the corners on: a folder with a folder per camera, as `vsense cameras"
         " shoot` makes it; each camera's last picture counts",
     )
-    step.add_argument(
-        "--camera", metavar="NAME", help="all pictures are of this camera, whatever their folders"
-    )
+    arguments.option(step, "--camera", str, "NAME", arguments.ONE_CAMERA)
     arguments.option(step, "--port", arguments.port, "P", "of the page (default: a free one)", 0)
     _add_clicks(step)
     arguments.flag(step, "--dry", "say what would be changed, and change nothing")
@@ -79,15 +77,10 @@ def _add_clicks(step: Any) -> None:
         help="without a page: a camera shows a corner at this pixel; once for each",
     )
     arguments.option(step, "--seen", Path, "CSV", "or all of them: camera,id,x_px,y_px")
-    arguments.option(
-        *(step, "--points", Path, "CSV"),
-        "other points than the corners: id,x_m,y_m in the arena and perhaps z_m",
+    text = "other points than the corners: id,x_m,y_m in the arena and perhaps z_m"
+    arguments.option(step, "--points", Path, "CSV", text)
+    text = (
+        "how high above the floor the corners are that are clicked on, such as 12cm for the"
+        " walls' upper edges (default: 0cm)"
     )
-    step.add_argument(
-        "--height",
-        type=arguments.length_m,
-        default=0.0,
-        metavar="LENGTH",
-        help="how high above the floor the corners are that are clicked on, such as 12cm for the"
-        " walls' upper edges (default: 0cm)",
-    )
+    arguments.option(step, "--height", arguments.length_m, "LENGTH", text, 0.0)

@@ -151,11 +151,8 @@ def add_charts(parser: argparse.ArgumentParser) -> None:
     """Declares how charts are drawn and kept."""
     group = parser.add_argument_group("charts")
     group.add_argument("--format", choices=FORMATS, help="of their files (default: png)")
-    group.add_argument(
-        "--style",
-        metavar="FILE_OR_NAME",
-        help="a Matplotlib style sheet (.mplstyle), or the name of one; a matplotlibrc counts, too",
-    )
+    text = "a Matplotlib style sheet (.mplstyle), or the name of one; a matplotlibrc counts, too"
+    option(group, "--style", str, "FILE_OR_NAME", text)
 
 
 def address(text: str) -> tuple[str, int]:
@@ -218,6 +215,13 @@ def numbers(text: str) -> tuple[int, ...]:
     return tuple(found)
 
 
+def add_link(parser: argparse.ArgumentParser) -> None:
+    """Declares where robots connect to."""
+    text = "interface that robots connect to, 0.0.0.0: all (default: the file's vss_host)"
+    option(parser, "--host", str, "ADDRESS", text)
+    option(parser, "--port", port, "P", "TCP and UDP port (default: the file's vss_port)")
+
+
 def add_tracking_files(parser: argparse.ArgumentParser, optional: bool = False) -> None:
     """Declares the two files of a tracking session; `optional`: the second one may be left out."""
     folder = "; or the folder of a recording or a lab, which has both" if optional else ""
@@ -225,13 +229,9 @@ def add_tracking_files(parser: argparse.ArgumentParser, optional: bool = False) 
         "resources",
         help=f"the resources file (arena_tracking_system): grabbers, trackers, cameras{folder}",
     )
-    missing = " (default: all of them, each camera with the grabber of its name)"
-    parser.add_argument(
-        "experiment",
-        nargs="?" if optional else None,
-        help="the experiment file (arena_tracking): what of the resources to use"
-        + (missing if optional else ""),
-    )
+    text = "the experiment file (arena_tracking): what of the resources to use"
+    text += " (default: all of them, each camera with the grabber of its name)" if optional else ""
+    parser.add_argument("experiment", nargs="?" if optional else None, help=text)
 
 
 def add_hold(parser: argparse.ArgumentParser, text: str) -> argparse._ArgumentGroup:
@@ -243,26 +243,19 @@ def add_hold(parser: argparse.ArgumentParser, text: str) -> argparse._ArgumentGr
 
 def add_locked(group: Any) -> None:
     """Declares that a page only shows the world."""
-    flag(
-        group,
-        "--locked",
-        "nobody can change the world on the page while it runs: drag a light, set a noise, ...",
-    )
+    text = "nobody can change the world on the page while it runs: drag a light, set a noise, ..."
+    flag(group, "--locked", text)
 
 
 def add_recording(group: argparse._ArgumentGroup) -> None:
     """Declares what is recorded."""
-    flag(
-        group,
-        "--record",
-        "record every run to an MCAP file from its beginning: about 2 MB a minute of 15 robots",
-    )
-    flag(
-        group,
-        "--record-images",
+    text = "record every run to an MCAP file from its beginning: about 2 MB a minute of 15 robots"
+    flag(group, "--record", text)
+    text = (
         "recordings hold the cameras' pictures, too, unchanged: for vsense replay --retrack;"
-        " about 1.3 GB a minute of four cameras with 2 megapixels and 10 Hz",
+        " about 1.3 GB a minute of four cameras with 2 megapixels and 10 Hz"
     )
+    flag(group, "--record-images", text)
 
 
 WEB = "127.0.0.1", 8080
@@ -292,13 +285,11 @@ def add_web(
     )
     text = "a file with the lines look=... and control=..., instead of tokens drawn anew"
     option(group, "--web-tokens", Path, "FILE", text)
-    group.add_argument(
-        "--web-cert",
-        type=Path,
-        metavar="FILE",
-        help="serve the page with HTTPS and this certificate (PEM); without it, a page that other"
-        " machines may open has one that is made here and kept, whose fingerprint is printed",
+    text = (
+        "serve the page with HTTPS and this certificate (PEM); without it, a page that other"
+        " machines may open has one that is made here and kept, whose fingerprint is printed"
     )
+    option(group, "--web-cert", Path, "FILE", text)
     option(group, "--web-key", Path, "FILE", "its private key (default: in the same file)")
     if insecure:
         flag(group, "--insecure", INSECURE_PAGE)
@@ -323,6 +314,7 @@ def foxglove_of(options: argparse.Namespace) -> FoxgloveAddress | None:
     return None if options.foxglove is None else FoxgloveAddress(*options.foxglove)
 
 
+ONE_CAMERA = "all pictures are of this camera, whatever their folders"
 INSECURE_PAGE = "other machines may open the page with plain HTTP: whoever hears a token can use it"
 
 
@@ -354,13 +346,12 @@ def add_bases(parser: Any, bases: Sequence[str]) -> None:
         help="what the emulated robots are based on, as in vsensed --base; mixed: one after the"
         f" other (default: {bases[0]})",
     )
-    flag(
-        parser,
-        "--firmware-watchdog",
+    text = (
         "the emulated firmware stops the wheels 400 ms after the last command, as one built"
         " with firmware_bridge/fw_watchdog.h does. By default it has no watchdog, as real firmware:"
-        " both processes of a vsensed killed at once leave its wheels turning",
+        " both processes of a vsensed killed at once leave its wheels turning"
     )
+    flag(parser, "--firmware-watchdog", text)
 
 
 def fill(kind: type[Record], options: argparse.Namespace, **others: Any) -> Record:

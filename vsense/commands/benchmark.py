@@ -58,19 +58,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     arguments.flag(
         parser, "--quick", "six runs of 6 s with four robots: a first look, comparable with nothing"
     )
-    arguments.option(
-        *(parser, "--robots", arguments.positive, "N"),
-        f"with so many robots, {_FEWEST} or more: comparable with results of as many (default: 15)",
-    )
+    text = f"with so many robots, {_FEWEST} or more: comparable with results of as many"
+    arguments.option(parser, "--robots", arguments.positive, "N", f"{text} (default: 15)")
     parser.add_argument(
         "--site", metavar="NAME", help="what results call this lab (default: this machine's name)"
     )
-    parser.add_argument(
-        *("-o", "--output"),
-        type=Path,
-        metavar="DIR",
-        help="folder of the runs and of the result (default: vsense-benchmark-1-MODE here)",
-    )
+    text = "folder of the runs and of the result (default: vsense-benchmark-1-MODE here)"
+    arguments.option(parser, "-o --output", Path, "DIR", text)
     arguments.flag(parser, "--json", "print the result as one JSON object")
     series.add_making(parser)
     never = {"lenient": False, "sources": [], "include": [], "on": None}
@@ -83,9 +77,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_result(compare, "first", "a result")
     _add_result(compare, "second", "another lab's")
     arguments.flag(compare, "--unpaired", "take runs with the same start for independent ones")
-    arguments.option(
-        *(compare, "--report", Path, "FOLDER"), "make a page with figures, in an empty folder"
-    )
+    text = "make a page with figures, in an empty folder"
+    arguments.option(compare, "--report", Path, "FOLDER", text)
 
 
 def _add_result(parser: argparse.ArgumentParser, name: str, text: str) -> None:

@@ -88,51 +88,34 @@ def _add_rig(steps: Any) -> None:
     step = steps.add_parser("rig", help="calibrate all cameras together", description=_RIG_STORY)
     step.add_argument("--board", metavar="BOARD", help=_BOARD)
     _add_sources(step)
-    step.add_argument(
-        "--intrinsics",
-        type=Path,
-        metavar="DIR",
-        help="folder with camera files whose lenses are right already and stay as they are",
-    )
+    text = "folder with camera files whose lenses are right already and stay as they are"
+    arguments.option(step, "--intrinsics", Path, "DIR", text)
     arguments.flag(step, "--refine", "let these lenses move a little, by half a percent")
+    _add_floor(step, "the board", "the board's")
+    text = "where the board's origin was at the first of them, in m and degrees (default: 0,0,0)"
+    arguments.option(step, "--origin", _place, "X,Y,DEG", text, (0.0, 0.0, 0.0))
+    _add_points(step)
+
+
+def _add_floor(step: argparse.ArgumentParser, board: str, whose: str) -> None:
+    """Declares when a board lay on the floor, and how thick it is."""
     step.add_argument(
         "--floor",
         nargs="+",
         metavar="MOMENT",
-        help="moments when the board lay on the floor: names or patterns such as 'floor_*'",
+        help=f"moments when {board} lay on the floor: names or patterns such as 'floor_*'",
     )
-    step.add_argument(
-        "--origin",
-        type=_place,
-        default=(0.0, 0.0, 0.0),
-        metavar="X,Y,DEG",
-        help="where the board's origin was at the first of them, in m and degrees (default: 0,0,0)",
-    )
-    step.add_argument(
-        "--thickness",
-        type=arguments.length_m,
-        default=0.0,
-        metavar="LENGTH",
-        help="how high the board's printed face was above the floor, such as 5mm (default: 0mm)",
-    )
-    _add_points(step)
+    text = f"how high {whose} printed face was above the floor, such as 5mm (default: 0mm)"
+    arguments.option(step, "--thickness", arguments.length_m, "LENGTH", text, 0.0)
 
 
 def _add_points(step: argparse.ArgumentParser) -> None:
     arguments.option(step, "--points", Path, "CSV", "known points: id,x_m,y_m,z_m in the arena")
     arguments.option(step, "--seen", Path, "CSV", "where they are seen: camera,id,x_px,y_px")
-    step.add_argument(
-        "--tags",
-        metavar="DICT",
-        help="or: the points are middles of tags, ids their numbers, such as 4X4_50 or 36h11",
-    )
-    step.add_argument(
-        "--accuracy",
-        type=arguments.length_m,
-        default=0.001,
-        metavar="LENGTH",
-        help="how well the points are known (default: 1mm)",
-    )
+    text = "or: the points are middles of tags, ids their numbers, such as 4X4_50 or 36h11"
+    arguments.option(step, "--tags", str, "DICT", text)
+    text = "how well the points are known (default: 1mm)"
+    arguments.option(step, "--accuracy", arguments.length_m, "LENGTH", text, 0.001)
 
 
 def _add_check(steps: Any) -> None:
@@ -147,38 +130,22 @@ def _add_check(steps: Any) -> None:
     arguments.option(step, "--cameras", Path, "DIR", text, Path("cameras"))
     _add_measured(step)
     _add_second_board(step)
-    step.add_argument("--pictures", type=Path, nargs="+", metavar="PATH", help=_PICTURES)
-    step.add_argument(
-        "--camera", metavar="NAME", help="all pictures are of this camera, whatever their folders"
-    )
-    arguments.option(
-        step, "--every", arguments.positive, "N", "take every N-th picture of a video", 1
-    )
-    arguments.option(
-        step,
-        "--limit",
-        arguments.length_m,
-        "LENGTH",
-        "fail (1) where a point is farther off, such as 5mm",
-    )
+    _add_pictures(step)
+    text = "fail (1) where a point is farther off, such as 5mm"
+    arguments.option(step, "--limit", arguments.length_m, "LENGTH", text)
     arguments.flag(step, "--json", "print the check as one JSON object on standard output")
 
 
 def _add_measured(step: argparse.ArgumentParser) -> None:
     """Declares what was measured with a tape."""
-    arguments.option(
-        *(step, "--points", Path, "CSV"),
-        "measured points: id,x_m,y_m in the arena and, where they are not on the floor, z_m",
-    )
+    text = "measured points: id,x_m,y_m in the arena and, where they are not on the floor, z_m"
+    arguments.option(step, "--points", Path, "CSV", text)
     arguments.option(step, "--seen", Path, "CSV", "where they are seen: camera,id,x_px,y_px")
     step.add_argument(
         "--tags", metavar="DICT", help="or: ArUco or AprilTag markers lie there, such as 4X4_50"
     )
-    step.add_argument(
-        "--markers",
-        metavar="FAMILY",
-        help="or: robots' markers are there, ids their tags, z_m their height; such as arrow4x4",
-    )
+    text = "or: robots' markers are there, ids their tags, z_m their height; such as arrow4x4"
+    arguments.option(step, "--markers", str, "FAMILY", text)
     arguments.option(
         step, "--distances", Path, "CSV", "tape measures between points: from,to,distance_m"
     )
@@ -187,19 +154,7 @@ def _add_measured(step: argparse.ArgumentParser) -> None:
 def _add_second_board(step: argparse.ArgumentParser) -> None:
     """Declares a board on the floor that the calibration has not seen."""
     step.add_argument("--board", metavar="BOARD", help=f"instead of points: {_BOARD}")
-    step.add_argument(
-        "--floor",
-        nargs="+",
-        metavar="MOMENT",
-        help="moments when that board lay on the floor: names or patterns such as 'floor_*'",
-    )
-    step.add_argument(
-        "--thickness",
-        type=arguments.length_m,
-        default=0.0,
-        metavar="LENGTH",
-        help="how high its printed face was above the floor, such as 5mm (default: 0mm)",
-    )
+    _add_floor(step, "that board", "its")
 
 
 def _add_example(steps: Any) -> None:
@@ -214,33 +169,20 @@ def _add_example(steps: Any) -> None:
     arguments.option(step, "--seed", arguments.natural, "N", "seed of poses and noise", 1)
 
 
-def _add_sources(step: argparse.ArgumentParser) -> None:
+def _add_pictures(step: argparse.ArgumentParser) -> None:
     step.add_argument("--pictures", type=Path, nargs="+", metavar="PATH", help=_PICTURES)
-    step.add_argument(
-        "--camera", metavar="NAME", help="all pictures are of this camera, whatever their folders"
-    )
-    step.add_argument(
-        "--every",
-        type=arguments.positive,
-        default=1,
-        metavar="N",
-        help="take every N-th picture of a video (default: 1)",
-    )
-    step.add_argument(
-        "--corners",
-        type=Path,
-        metavar="CSV",
-        help="instead of pictures: corners found before, camera,moment,corner,x_px,y_px",
-    )
+    arguments.option(step, "--camera", str, "NAME", arguments.ONE_CAMERA)
+    text = "take every N-th picture of a video (default: 1)"
+    arguments.option(step, "--every", arguments.positive, "N", text, 1)
+
+
+def _add_sources(step: argparse.ArgumentParser) -> None:
+    _add_pictures(step)
+    text = "instead of pictures: corners found before, camera,moment,corner,x_px,y_px"
+    arguments.option(step, "--corners", Path, "CSV", text)
     arguments.option(step, "--size", _size, "WxH", "size of the pictures that --corners came from")
-    step.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        default=Path("cameras"),
-        metavar="DIR",
-        help="folder for camera files and report (default: cameras)",
-    )
+    text = "folder for camera files and report (default: cameras)"
+    arguments.option(step, "-o --output", Path, "DIR", text, Path("cameras"))
     arguments.flag(step, "--json", "print the report as one JSON object on standard output")
 
 

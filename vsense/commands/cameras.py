@@ -45,49 +45,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _add_show(parser: argparse.ArgumentParser) -> None:
     _add_camera(parser)
-    parser.add_argument(
-        "--save",
-        type=Path,
-        metavar="FILE",
-        help="take one picture into a file (.png, .jpg, .pgm) instead of showing it in the page",
-    )
+    text = "take one picture into a file (.png, .jpg, .pgm) instead of showing it in the page"
+    arguments.option(parser, "--save", Path, "FILE", text)
     arguments.add_web(parser, ("127.0.0.1", 8080))
 
 
 def _add_tune(parser: argparse.ArgumentParser) -> None:
     _add_camera(parser)
-    parser.add_argument(
-        "--sweep",
-        action="store_true",
-        help="try exposures and gains, say which are best, and put the camera's own values back",
-    )
+    text = "try exposures and gains, say which are best, and put the camera's own values back"
+    arguments.flag(parser, "--sweep", text)
     _add_json(parser)
     group = parser.add_argument_group("what is in the picture")
-    group.add_argument(
-        "--speed",
-        type=_positive,
-        default=SPEED_M_S,
-        metavar="M/S",
-        help="of the robots (default: 0.13, an e-puck's maximum)",
-    )
-    group.add_argument(
-        "--px-per-m",
-        type=_positive,
-        metavar="PX",
-        help="pixels per metre at the markers (default: told by the markers in the picture)",
-    )
+    text = "of the robots (default: 0.13, an e-puck's maximum)"
+    arguments.option(group, "--speed", _positive, "M/S", text, SPEED_M_S)
+    text = "pixels per metre at the markers (default: told by the markers in the picture)"
+    arguments.option(group, "--px-per-m", _positive, "PX", text)
     arguments.option(group, "--focal-px", _positive, "PX", "or: focal length, with --height-m")
     arguments.option(group, "--height-m", _positive, "M", "from the lens down to the markers")
     group.add_argument(
         "--camera", metavar="ID", help="or: the calibrated camera of the resources file"
     )
-    group.add_argument(
-        "--marker-height",
-        type=_positive,
-        default=0.06,
-        metavar="M",
-        help="of the markers above the floor, for --camera (default: 0.06)",
-    )
+    text = "of the markers above the floor, for --camera (default: 0.06)"
+    arguments.option(group, "--marker-height", _positive, "M", text, 0.06)
 
 
 def _add_init(parser: argparse.ArgumentParser) -> None:
@@ -106,38 +85,19 @@ def _add_shoot(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "resources", metavar="RESOURCES", help="the resources file: all its cameras take part"
     )
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        default=Path("shoot"),
-        metavar="DIR",
-        help="gets a folder per camera (default: shoot)",
+    text = "gets a folder per camera (default: shoot)"
+    arguments.option(parser, "-o --output", Path, "DIR", text, Path("shoot"))
+    text = (
+        "say in which pictures this board is seen, such as charuco:7x5:80mm:4X4_50; see vsense"
+        " calibrate"
     )
-    parser.add_argument(
-        "--board",
-        metavar="BOARD",
-        help="say in which pictures this board is seen, such as charuco:7x5:80mm:4X4_50; see vsense"
-        " calibrate",
-    )
-    parser.add_argument(
-        "--every",
-        type=_positive,
-        metavar="S",
-        help="take a picture every S seconds, instead of with the Enter key",
-    )
-    parser.add_argument(
-        "--count",
-        type=arguments.positive,
-        metavar="N",
-        help="end after N pictures, with --every (default: with Ctrl-C)",
-    )
-    parser.add_argument(
-        "--name",
-        default="floor",
-        metavar="WORD",
-        help="the pictures are WORD_01, WORD_02, ... (default: floor)",
-    )
+    arguments.option(parser, "--board", str, "BOARD", text)
+    text = "take a picture every S seconds, instead of with the Enter key"
+    arguments.option(parser, "--every", _positive, "S", text)
+    text = "end after N pictures, with --every (default: with Ctrl-C)"
+    arguments.option(parser, "--count", arguments.positive, "N", text)
+    text = "the pictures are WORD_01, WORD_02, ... (default: floor)"
+    arguments.option(parser, "--name", str, "WORD", text, "floor")
     _add_json(parser)
 
 
@@ -145,22 +105,15 @@ def _add_camera(parser: argparse.ArgumentParser) -> None:
     """Declares which camera is meant, and what it is asked for."""
     parser.add_argument("id", metavar="ID", help=_ID)
     group = parser.add_argument_group("the camera")
-    group.add_argument(
-        "--resources",
-        metavar="FILE",
-        help="take ID for a grabber of this resources file, with all its settings",
-    )
+    text = "take ID for a grabber of this resources file, with all its settings"
+    arguments.option(group, "--resources", str, "FILE", text)
     group.add_argument("--exposure", type=_number, metavar="US", help="exposure time in us")
     group.add_argument("--gain", type=_number, metavar="RAW", help="in the camera's own unit")
     group.add_argument("--width", type=arguments.positive, metavar="PX", help="with --height")
     group.add_argument("--height", type=arguments.positive, metavar="PX", help="with --width")
     group.add_argument("--rate", type=_number, metavar="HZ", help="pictures per second")
-    parser.add_argument(
-        "--family",
-        default="arrow4x4",
-        metavar="NAME",
-        help="the markers to look for in its pictures (default: arrow4x4)",
-    )
+    text = "the markers to look for in its pictures (default: arrow4x4)"
+    arguments.option(parser, "--family", str, "NAME", text, "arrow4x4")
 
 
 def _add_json(parser: argparse.ArgumentParser) -> None:

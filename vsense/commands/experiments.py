@@ -33,21 +33,19 @@ if TYPE_CHECKING:
 def add_experiment(parser: argparse.ArgumentParser, stage: Stage) -> None:
     """Declares what all commands that run an experiment have in common."""
     arguments.add_experiment_name(parser)
-    parser.add_argument(
-        "--dry",
-        action="store_true",
-        help="only say what the experiment holds, what of its file is not supported, and how many"
-        " bytes a robot is sent and sends",
+    text = (
+        "only say what the experiment holds, what of its file is not supported, and how many"
+        " bytes a robot is sent and sends"
     )
+    arguments.flag(parser, "--dry", text)
     arguments.flag(
         parser, "--strict", "refuse a file in which anything is not supported, instead of warning"
     )
-    arguments.flag(
-        parser,
-        "--lenient",
+    text = (
         "go on where a controller asks for a sensor or actuator that nobody offers, or is told a"
-        " parameter that it does not read or that is no number: it is only said",
+        " parameter that it does not read or that is no number: it is only said"
     )
+    arguments.flag(parser, "--lenient", text)
     arguments.add_code(parser)
     _add_run(parser)
     # Real robots are those of the lab; what is made up here goes on where the lab has too few.
@@ -58,12 +56,8 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
     arguments.option(
         parser, "--duration", arguments.seconds, "S", "length of a run in s (default: the file's)"
     )
-    parser.add_argument(
-        "--seed",
-        type=arguments.natural,
-        metavar="N",
-        help="seed of everything that is drawn (default: the file's; 0 draws a fresh one)",
-    )
+    text = "seed of everything that is drawn (default: the file's; 0 draws a fresh one)"
+    arguments.option(parser, "--seed", arguments.natural, "N", text)
     arguments.option(
         parser, "--robots", arguments.positive, "N", "take only the first N robots of the file"
     )
@@ -95,14 +89,11 @@ def add_trust(parser: argparse.ArgumentParser) -> None:
 
 def add_key(parser: argparse.ArgumentParser) -> None:
     """Declares where the swarm's keys are."""
-    arguments.option(
-        parser,
-        "--key",
-        Path,
-        "FILE",
+    text = (
         "the swarm's keys, which 'vsense robot keys' makes (default: vsense/swarm.key in"
-        " ~/.config or $XDG_CONFIG_HOME)",
+        " ~/.config or $XDG_CONFIG_HOME)"
     )
+    arguments.option(parser, "--key", Path, "FILE", text)
 
 
 def key_path(options: argparse.Namespace) -> Path:
@@ -148,14 +139,11 @@ def say_trust(trust: LinkTrust, say: Callable[[str], None]) -> None:
 
 def add_legacy_port(parser: argparse.ArgumentParser) -> None:
     """Declares the port for robots with the original's client."""
-    arguments.option(
-        parser,
-        "--legacy-port",
-        arguments.port,
-        "P",
+    text = (
         "serve robots that still run the original's client, too, on this TCP port; 0 takes a free"
-        " one (default: serve none)",
+        " one (default: serve none)"
     )
+    arguments.option(parser, "--legacy-port", arguments.port, "P", text)
 
 
 def check_legacy_port(options: argparse.Namespace, port: int) -> None:
@@ -192,13 +180,8 @@ def add_room(parser: argparse.ArgumentParser) -> None:
         "start no run by itself, but with a key, on the page or with vsense start; after a run"
         " wait for the next one, until Ctrl-C",
     )
-    group.add_argument(
-        "--runs",
-        type=arguments.positive,
-        default=1,
-        metavar="N",
-        help="a series of N runs; the seed of each is the one before plus 1 (default: 1)",
-    )
+    text = "a series of N runs; the seed of each is the one before plus 1 (default: 1)"
+    arguments.option(group, "--runs", arguments.positive, "N", text, 1)
     homes.add_home(group)
     arguments.add_locked(group)
     arguments.add_recording(group)

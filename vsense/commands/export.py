@@ -34,39 +34,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", type=Path, help="the recording (.mcap), or the folder of its run")
     # Scripts say it; there is no other format.
     parser.add_argument("--csv", action="store_true", help=argparse.SUPPRESS)
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        metavar="FOLDER",
-        help="folder for the tables, made if need be (default: FILE without .mcap)",
-    )
-    parser.add_argument(
-        "--foxglove",
-        type=Path,
-        metavar="NAME.mcap",
-        help="write the recording once more for Foxglove, with its own channels beside ours, and"
+    text = "folder for the tables, made if need be (default: FILE without .mcap)"
+    arguments.option(parser, "-o --output", Path, "FOLDER", text)
+    text = (
+        "write the recording once more for Foxglove, with its own channels beside ours, and"
         " NAME-layout.json with a layout that fits it, instead of tables; new recordings have these"
-        " channels already",
+        " channels already"
     )
+    arguments.option(parser, "--foxglove", Path, "NAME.mcap", text)
     arguments.flag(parser, "--json", "print the files, and how much is in them, as JSON")
     _add_film(parser.add_argument_group("a video"))
 
 
 def _add_film(film: argparse._ArgumentGroup) -> None:
-    film.add_argument(
-        "--video",
-        type=Path,
-        metavar="NAME",
-        help="write this file: NAME.webm, a video (VP8) for every browser; NAME.webp, an animated"
-        " picture; NAME.mp4 (H.264) where this machine's OpenCV writes it",
+    text = (
+        "write this file: NAME.webm, a video (VP8) for every browser; NAME.webp, an animated"
+        " picture; NAME.mp4 (H.264) where this machine's OpenCV writes it"
     )
-    film.add_argument(
-        "--view",
-        metavar="VIEW",
-        help="arena (from above), a camera's id, cameras (all as they hang), or both: arena and"
-        " cameras (default: both, or arena where no pictures were recorded)",
+    arguments.option(film, "--video", Path, "NAME", text)
+    text = (
+        "arena (from above), a camera's id, cameras (all as they hang), or both: arena and"
+        " cameras (default: both, or arena where no pictures were recorded)"
     )
+    arguments.option(film, "--view", str, "VIEW", text)
     film.add_argument(
         "--from", dest="start_s", type=_seconds, metavar="S",
         help="begin so many seconds after the recording's beginning (default: with the first run)",
@@ -79,15 +69,9 @@ def _add_film(film: argparse._ArgumentGroup) -> None:
         "--fps", type=_rate, metavar="N",
         help="frames per second (default: as many as timesteps pass in one, at most 30)",
     )  # fmt: skip
-    film.add_argument(
-        "--speed", type=_speed, metavar="X", help="times the real speed, 0.1 to 100 (default: 1)"
-    )
-    film.add_argument(
-        "--size", type=_size, metavar="WxH", help="of the frames in pixels (default: 1280x720)"
-    )
-    film.add_argument(
-        "--robot", type=arguments.natural, metavar="TAG", help="draw what this robot senses"
-    )
+    arguments.option(film, "--speed", _speed, "X", "times the real speed, 0.1 to 100 (default: 1)")
+    arguments.option(film, "--size", _size, "WxH", "of the frames in pixels (default: 1280x720)")
+    arguments.option(film, "--robot", arguments.natural, "TAG", "draw what this robot senses")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -25,27 +25,19 @@ _NUMBER = r"\d+(?:\.\d+)?"
 def add_errors(parser: Any, usual: bool = False) -> None:
     """Declares what is drawn; nothing by default, or `usual` errors."""
     marker, wheel, sensor = ("4,5", "5", "20") if usual else ("0,0", "0", "0")
-    arguments.option(
-        *(parser, "--marker-errors", _marker, "MM,DEG"),
-        f"each robot's marker sits up to so many mm and degrees off its middle (default: {marker})",
-        _marker(marker),
-    )
-    arguments.option(
-        *(parser, "--wheel-errors", _percent(9), "PERCENT"),
-        f"each wheel and axle is up to so much larger or smaller, 0 to 9 (default: {wheel})",
-        _percent(9)(wheel),
-    )
-    arguments.option(
-        *(parser, "--sensor-errors", _percent(50), "PERCENT"),
+    option = arguments.option
+    text = "each robot's marker sits up to so many mm and degrees off its middle"
+    text = f"{text} (default: {marker})"
+    option(parser, "--marker-errors", _marker, "MM,DEG", text, _marker(marker))
+    text = f"each wheel and axle is up to so much larger or smaller, 0 to 9 (default: {wheel})"
+    option(parser, "--wheel-errors", _percent(9), "PERCENT", text, _percent(9)(wheel))
+    text = (
         "each proximity and ground sensor is up to so much more or less sensitive, 0 to 50, and"
-        f" reads something else of nothing (default: {sensor})",
-        _percent(50)(sensor),
+        f" reads something else of nothing (default: {sensor})"
     )
-    arguments.option(
-        *(parser, "--robots-seed", arguments.natural, "N"),
-        "seed of what robots differ in: with another one they are other robots (default: 0)",
-        0,
-    )
+    option(parser, "--sensor-errors", _percent(50), "PERCENT", text, _percent(50)(sensor))
+    text = "seed of what robots differ in: with another one they are other robots (default: 0)"
+    option(parser, "--robots-seed", arguments.natural, "N", text, 0)
 
 
 def add_robots(parser: argparse.ArgumentParser) -> None:
@@ -89,13 +81,8 @@ def add_faults(parser: Any) -> None:
         metavar="TAG=TAG",
         help="these two robots wear each other's markers; may be given again",
     )
-    parser.add_argument(
-        "--dead-motors",
-        type=arguments.numbers,
-        default=(),
-        metavar="TAGS",
-        help="the wheels of these robots do not turn, such as 23,30",
-    )
+    text = "the wheels of these robots do not turn, such as 23,30"
+    arguments.option(parser, "--dead-motors", arguments.numbers, "TAGS", text, ())
 
 
 def errors_of(options: argparse.Namespace) -> HardwareErrors:

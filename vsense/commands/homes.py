@@ -28,13 +28,15 @@ def add_home(group: Any) -> None:
         "--home-virtual-walls",
         "as --home, and on their ways they keep clear of virtual walls, too",
     )
-    arguments.option(
-        *(group, "--battery", _volts, "VOLTS"),
-        "before each run: robots with less in their batteries, or whose bases say only that it is"
-        " low, are named, drive to their starts and rest there while the others run, until they"
+    group.add_argument(
+        "--battery",
+        type=_volts,
+        default=0.0,
+        metavar="VOLTS",
+        help="before each run: robots with less in their batteries, or whose bases say only that it"
+        " is low, are named, drive to their starts and rest there while the others run, until they"
         " have another one, or a spare of the roster plays for them from the next run on (default:"
         " 0, nobody rests)",
-        0.0,
     )
 
 

@@ -44,21 +44,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     experiments.add_experiment(parser, Stage.LAB)
     experiments.add_settings(parser)
     arguments.add_bases(parser, BASES)
-    parser.add_argument(
-        "--port",
-        type=arguments.port,
-        metavar="P",
-        help="TCP and UDP port; 0 takes a free one (default: the file's)",
-    )
+    text = "TCP and UDP port; 0 takes a free one (default: the file's)"
+    arguments.option(parser, "--port", arguments.port, "P", text)
     experiments.add_insecure(
         parser, "give the lab's robots no keys (default: keys that are made for this lab alone)"
     )
     experiments.add_legacy_port(parser)
-    parser.add_argument(
-        *("-o", "--output"),
-        type=Path,
-        metavar="DIR",
-        help="folder for picture and logs (default: runs/...)",
+    arguments.option(
+        parser, "-o --output", Path, "DIR", "folder for picture and logs (default: runs/...)"
     )
     add_cameras(parser)
     add_pace(parser)
@@ -68,33 +61,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def add_pace(group: Any) -> None:
     """Declares how fast the lab's clocks go."""
-    arguments.option(
-        group,
-        "--pace",
-        hardware.pace,
-        "P",
+    text = (
         "all clocks of the lab go at this share of real time, 0.01 to 1, where this machine"
-        " cannot keep up with more (default: 1)",
-        1.0,
+        " cannot keep up with more (default: 1)"
     )
+    arguments.option(group, "--pace", hardware.pace, "P", text, 1.0)
 
 
 def add_cameras(group: Any) -> None:
     """Declares how many cameras the lab has, and how well they are known."""
-    arguments.option(
-        group,
-        "--cameras",
-        _grid,
-        "CxR",
+    text = (
         "so many columns and rows of cameras, up to 8x8; they hang so high, and have so many"
-        " pixels, that they see the whole arena (default: as many as it takes, 2x2 at least)",
+        " pixels, that they see the whole arena (default: as many as it takes, 2x2 at least)"
     )
-    arguments.flag(
-        group,
-        "--calibrate",
+    arguments.option(group, "--cameras", _grid, "CxR", text)
+    text = (
         "hang the cameras as people do, a little off, and know them only from rendered pictures of"
-        " a board, as `vsense calibrate rig` would (default: the cameras are known exactly)",
+        " a board, as `vsense calibrate rig` would (default: the cameras are known exactly)"
     )
+    arguments.flag(group, "--calibrate", text)
 
 
 def _grid(text: str) -> CameraGrid:

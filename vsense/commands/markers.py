@@ -29,30 +29,20 @@ _FAMILY = "arrow4x4"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
-    parser.add_argument(
-        "--family",
-        metavar="NAME",
-        help="marker family: a shipped one's name, or a definition file (default: arrow4x4, or the"
-        " experiment's)",
+    text = (
+        "marker family: a shipped one's name, or a definition file (default: arrow4x4, or the"
+        " experiment's)"
     )
+    arguments.option(parser, "--family", str, "NAME", text)
     _add_which(parser.add_mutually_exclusive_group())
-    parser.add_argument(
-        "--size",
-        type=arguments.length_mm,
-        metavar="SIZE",
-        help="diameter of the white disc, such as 70mm (default: the family's)",
-    )
+    text = "diameter of the white disc, such as 70mm (default: the family's)"
+    arguments.option(parser, "--size", arguments.length_mm, "SIZE", text)
     parser.add_argument(
         "--paper", choices=("a4", "letter"), default="a4", help="paper (default: a4)"
     )
     arguments.option(parser, "--dpi", _dpi, "N", "resolution of PNGs (default: 300)", 300)
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        metavar="FILE",
-        help="file.pdf, or file.png; several pages become file-1.png, file-2.png, ...",
-    )
+    text = "file.pdf, or file.png; several pages become file-1.png, file-2.png, ..."
+    arguments.option(parser, "-o --output", Path, "FILE", text)
     arguments.flag(parser, "--json", "print the sheets' files and the tags as one JSON object")
     actions = parser.add_subparsers(title="actions", metavar="ACTION", dest="action")
     _add_find(arguments.add_action(actions, "find", "find ArUco and AprilTag markers in pictures"))
@@ -60,16 +50,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _add_which(which: Any) -> None:
     """Declares which markers are drawn."""
-    which.add_argument(
-        "--ids",
-        metavar="IDS",
-        help="1-20, or 3,7,20-22, or auto:20 for 20 numbers that stay apart under blur; robots of"
-        " an experiment without tags wear the same ones",
+    text = (
+        "1-20, or 3,7,20-22, or auto:20 for 20 numbers that stay apart under blur; robots of"
+        " an experiment without tags wear the same ones"
     )
-    arguments.option(
-        *(which, "--roster", Path, "FILE"),
-        "the markers of a lab's robots, spares included, with their names: robots.toml",
-    )
+    arguments.option(which, "--ids", str, "IDS", text)
+    text = "the markers of a lab's robots, spares included, with their names: robots.toml"
+    arguments.option(which, "--roster", Path, "FILE", text)
     which.add_argument(
         "--for",
         dest="wearer",
@@ -99,20 +86,10 @@ def _add_find(parser: argparse.ArgumentParser) -> None:
         default="jsonl",
         help="jsonl: one object per picture (default); csv: one row per marker",
     )
-    parser.add_argument(
-        "--draw",
-        type=Path,
-        metavar="DIR",
-        help="write each picture there as PNG, with what was found drawn in",
-    )
-    arguments.option(
-        parser,
-        "--least-side",
-        _side,
-        "PX",
-        f"shortest side of a marker (default: {LEAST_SIDE_PX:g}); 20 and more is faster",
-        LEAST_SIDE_PX,
-    )
+    text = "write each picture there as PNG, with what was found drawn in"
+    arguments.option(parser, "--draw", Path, "DIR", text)
+    text = f"shortest side of a marker (default: {LEAST_SIDE_PX:g}); 20 and more is faster"
+    arguments.option(parser, "--least-side", _side, "PX", text, LEAST_SIDE_PX)
 
 
 def run(options: argparse.Namespace) -> int:

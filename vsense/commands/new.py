@@ -33,11 +33,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="the shipped experiment that is copied (default: the smallest that has everything)."
         f" There are: {', '.join(templates.templates())}",
     )
-    arguments.flag(
-        parser,
-        "--sensor",
-        "add a virtual sensor of your own, in Python, which the controller reads",
-    )
+    text = "add a virtual sensor of your own, in Python, which the controller reads"
+    arguments.flag(parser, "--sensor", text)
 
 
 def run(options: argparse.Namespace) -> int:

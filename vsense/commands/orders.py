@@ -1,33 +1,46 @@
-"""`vsense status`, `start`, `stop`, `replace` and their like: to a running experiment."""
+"""`vsense status`, `start`, `stop`, `handover` and their like: to a running experiment."""
 
 from __future__ import annotations
 
 import argparse
 import json
-import socket
-import stat
 import time
-from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
-from pathlib import Path
-from typing import Any
+from collections.abc import Collection, Mapping
+from typing import TYPE_CHECKING, Any
 
 from vsense.base.errors import UsageError, VsenseError
-from vsense.base.sharing import user_name
 from vsense.base.terminal import Console, aligned, print_data
 from vsense.commands import COMMANDS, arguments
-from vsense.monitor.ui.control_socket import TRACKER, folders
+from vsense.monitor.ui.control_client import ask, order_all, whose
+from vsense.monitor.ui.control_socket import folders
+
+if TYPE_CHECKING:  # a stop must not wait for it
+    from vsense.run.leases import Lease
 
 DESCRIPTION = (
     "Talks to the `vsense run` or `vsense lab` that this user, or another member of its lab (see"
     " `vsense share`), runs on this machine, or, where there is none, to its `vsense track`. Orders"
     " from here, from its keyboard and from the page are the same, and all see them."
 )
+HANDOVER = (
+    "Robots belong to one `vsense run` at a time, also between its runs. This ends the run that has"
+    " them, in order: robots stop, recordings and figures are completed; then it waits until they"
+    " are free. A run that is going on ends with --force only. Members of a lab hand over each"
+    " other's (see `vsense share`). Without robots: all that one run has."
+)
+
+HANDOVER_TIMEOUT_S = 60.0
+"""A run's figures and pictures may take so long after its end."""
+
+_POLL_S = 0.1
+
+
+class HandoverError(VsenseError):
+    """The robots were not given back."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declares the arguments of all six."""
+    """Declares the arguments of all seven."""
     name = parser.prog.split()[-1]
     text = COMMANDS[name][1]
     parser.description = f"{text[:1].upper()}{text[1:]}. {DESCRIPTION}"
@@ -39,19 +52,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             help="23=37: robot 37 plays the part of 23 from the next run on, with its controller,"
             " start and name; refused while a run goes on",
         )
+    if name == "handover":
+        parser.description = HANDOVER
+        parser.add_argument(
+            "robots",
+            nargs="*",
+            type=arguments.natural,
+            metavar="TAG",
+            help="the robots that are wanted",
+        )
     add_process(parser)
+    if name == "handover":
+        arguments.flag(parser, "--force", "end a run that is going on, too; its wheels stop")
+        arguments.flag(parser, "--list", "only say who has which robots")
     arguments.flag(parser, "--json", "print the answer as one JSON object")
     if name == "stop":
-        parser.add_argument(
-            "--emergency",
-            action="store_true",
-            help="stop all robots now, whatever the run is doing; only a reset ends it",
-        )
-        arguments.flag(
-            parser,
-            "--all",
-            "stop every experiment on this machine that this user runs, or a member of its lab",
-        )
+        text = "stop all robots now, whatever the run is doing; only a reset ends it"
+        arguments.flag(parser, "--emergency", text)
+        text = "stop every experiment on this machine that this user runs, or a member of its lab"
+        arguments.flag(parser, "--all", text)
 
 
 def _tag_pair(text: str) -> tuple[int, int]:
@@ -62,29 +81,14 @@ def _tag_pair(text: str) -> tuple[int, int]:
 
 def add_process(parser: argparse.ArgumentParser) -> None:
     """Declares which experiment is meant."""
-    arguments.option(
-        parser, "--process", arguments.process, "PID", "its process number, where several run"
-    )
-
-
-PATIENCE_S = 5.0
-_MOST_BYTES = 1 << 24
-BRIEF_S = 0.5
-"""For who is asked what it is, while somebody wants to stop it."""
-
-
-_NOTHING_RUNS = (
-    "no experiment runs on this machine: start one with vsense run or vsense lab, or only track"
-    " robots with vsense track"
-)
-
-
-class TerminalError(VsenseError):
-    """The running experiment does not answer, or refuses."""
+    text = "its process number, where several run"
+    arguments.option(parser, "--process", arguments.process, "PID", text)
 
 
 def run(options: argparse.Namespace) -> int:
     """Asks the running experiment, or gives it an order."""
+    if options.command == "handover":
+        return _hand_over(options)
     if options.command == "status":
         answer = ask({"ask": "status"}, options.process)
         print_data(json.dumps(answer, indent=2) if options.json else table(answer))
@@ -102,8 +106,8 @@ def run(options: argparse.Namespace) -> int:
 
 def text_of(answer: Mapping[str, Any]) -> str:
     """What an order did, and whose run it was where that is another account's."""
-    whose = f" (a run of {answer['user']}'s)" if "user" in answer else ""
-    return f"{answer['text']}{whose}"
+    owner = f" (a run of {answer['user']}'s)" if "user" in answer else ""
+    return f"{answer['text']}{owner}"
 
 
 def _order_all(order: Mapping[str, Any], options: argparse.Namespace) -> int:
@@ -113,24 +117,15 @@ def _order_all(order: Mapping[str, Any], options: argparse.Namespace) -> int:
     """
     if options.process is not None:
         raise UsageError("--all and --process: one or the other")
-    sockets, reasons = _sockets()
-    found = sorted(sockets.items())
-    line = json.dumps(order).encode() + b"\n"
-    # One that hangs must not hold up the stop of the others: nothing is asked before.
-    with ThreadPoolExecutor(max(len(found), 1)) as pool:
-        given = zip(found, pool.map(lambda one: _obeyed(one[1], line), found))
-        answers = {number: answer for (number, _), answer in given if answer is not None}
-        names = dict(pool.map(lambda one: (one[0], told(*one)), found))
-    if not answers:
-        raise UsageError("\n".join([_NOTHING_RUNS, *reasons]))
+    answered, reasons = order_all(order)
     for reason in reasons:
         Console().say(f"vsense: runs of others were not reached: {reason}", "trouble")
     if options.json:
-        print_data(json.dumps({str(number): answer for number, answer in answers.items()}))
+        print_data(json.dumps({words[0]: answer for words, answer in answered}))
     else:
-        rows = [(*names[number][:4], _became(answer)) for number, answer in answers.items()]
+        rows = [(*words[:4], _became(answer)) for words, answer in answered]
         print_data("\n".join(aligned(rows)))
-    failed = any("error" in a and not _is_idle(a) for a in answers.values())
+    failed = any("error" in answer and not _is_idle(answer) for _, answer in answered)
     return int(failed or bool(reasons))
 
 
@@ -146,16 +141,6 @@ def _is_idle(answer: Mapping[str, Any]) -> bool:
     return str(answer["error"]).startswith("cannot stop: ")
 
 
-def _obeyed(path: Path, line: bytes) -> dict[str, Any] | None:
-    """The answer to an order; {"error": reason} where there is none, None: nobody is there."""
-    try:
-        return exchange(path, line)
-    except (ConnectionRefusedError, FileNotFoundError):
-        return None
-    except (OSError, ValueError) as error:
-        return {"error": f"does not answer: {error}"}
-
-
 def robots(options: argparse.Namespace) -> int:
     """Shows the robots of the running experiment."""
     answer = ask({"ask": "status"}, options.process)
@@ -165,121 +150,82 @@ def robots(options: argparse.Namespace) -> int:
     return 0
 
 
-def ask(question: Mapping[str, Any], process: int | None = None) -> dict[str, Any]:
-    """Asks the experiment that runs on this machine.
+def _hand_over(options: argparse.Namespace) -> int:
+    """Has robots handed over, and waits until they are."""
+    from vsense.run import leases
 
-    `question` is one of `vsense.monitor.ui.control_socket`.
+    held = _held()
+    if options.list:
+        rows = {str(tag): str(lease) for tag, lease in held.items()}
+        print_data(json.dumps(rows, indent=2) if options.json else _holders(held))
+        return 0
+    held = _wanted(held, options.robots, options.process)
+    processes = sorted({lease.process for lease in held.values()})
+    for process in processes:
+        answer = ask({"ask": "handover", "force": options.force}, process)
+        Console().say(f"process {process} {text_of(answer)}")
+    _wait(held)
+    freed: dict[str, Any] = {"free": sorted(held), "processes": processes}
+    print_data(json.dumps(freed) if options.json else f"{leases.robots(held)} free")
+    return 0
 
-    Raises:
-        UsageError: none runs, or several do and `process` names none.
-        TerminalError: it does not answer, or refuses.
-    """
-    path = _find(process, question.get("order") in ("stop", "emergency"))
-    try:
-        answer = exchange(path, json.dumps(question).encode() + b"\n")
-    except (OSError, ValueError) as error:
-        number = path.name.partition(".")[0]
-        raise TerminalError(f"process {number} does not answer: {error}") from None
-    if "error" in answer:
-        raise TerminalError(answer["error"])
-    return answer
 
+def _held() -> dict[int, Lease]:
+    """All robots that a run has, in the folders that this account sees."""
+    from vsense.run import leases
 
-def _sockets(kind: str = "") -> tuple[dict[int, Path], list[str]]:
-    """The sockets of one kind, by the number of their process, and why some are not seen."""
     places, reasons = folders()
-    sockets: dict[int, Path] = {}
-    for place in places:
-        try:
-            paths = list(place.glob("*.sock"))
-        except OSError as error:  # the others' runs are to be stopped nevertheless
-            reasons.append(f"{place}: {error.strerror}")
-            continue
-        for path in paths:
-            number = path.name.removesuffix(f"{kind}.sock")
-            with suppress(OSError):  # its process has just ended
-                if number.isdigit() and stat.S_ISSOCK(path.lstat().st_mode):
-                    sockets[int(number)] = path
-    return sockets, reasons
+    held = {tag: lease for place in places for tag, lease in leases.holders(place).items()}
+    if not held and reasons:
+        raise UsageError("\n".join(["no run has robots here", *reasons]))
+    return held
 
 
-def alive(kind: str = "") -> dict[int, Path]:
-    """The sockets of all that runs, by process: by default of experiments."""
-    sockets, _ = _sockets(kind)
-    return {number: path for number, path in sorted(sockets.items()) if _is_alive(path)}
-
-
-def _find(process: int | None, all_too: bool = False) -> Path:
-    (trackers, reasons), (experiments, _) = _sockets(TRACKER), _sockets()
-    found = {**trackers, **experiments}
-    if process in found:
-        return found[process]
-    # What moves no robot is never in the way of an order that shall stop some.
-    there = alive() or alive(TRACKER)
+def _wanted(
+    held: Mapping[int, Lease], tags: Collection[int], process: int | None
+) -> dict[int, Lease]:
+    """Of the robots that are held those that are meant; UsageError where there are none."""
+    if tags and process is not None:
+        raise UsageError("robots and --process: one or the other")
+    if not held:
+        raise UsageError("no run has robots here")
+    owners = {lease.process for tag, lease in held.items() if not tags or tag in tags}
     if process is not None:
+        owners &= {process}
+    if not owners:
+        who = f"process {process} has no robots" if process is not None else "nobody has them"
+        raise UsageError(f"{who}; there are:\n{_holders(held)}")
+    if len(owners) > 1 and not tags:
         raise UsageError(
-            "\n".join([f"process {process} runs no experiment; {_running(there)}", *reasons])
+            f"several runs have robots:\n{_holders(held)}\nsay which, or --process PID"
         )
-    if not there:
-        raise UsageError("\n".join([_NOTHING_RUNS, *reasons]))
-    if len(there) > 1:
-        every = ", or stop all of them with --all" if all_too else ""
-        raise UsageError(f"{_running(there)}\nsay which with --process PID{every}")
-    return next(iter(there.values()))
+    # A run gives back all that it has.
+    return {tag: lease for tag, lease in held.items() if lease.process in owners}
 
 
-def _running(found: Mapping[int, Path]) -> str:
-    """What runs, one line each, so that everybody knows which is his."""
-    if not found:
-        return "no experiment runs"
-    rows = [told(number, path) for number, path in sorted(found.items())]
-    return "\n".join([f"{len(rows)} experiments run:", *(f"  {row}" for row in aligned(rows))])
+def _wait(wanted: Mapping[int, Lease]) -> None:
+    """Waits until nobody has these robots any more."""
+    from vsense.run import leases
+
+    console, end_s = Console(), time.monotonic() + HANDOVER_TIMEOUT_S
+    while left := {tag: lease for tag, lease in _held().items() if wanted.get(tag) == lease}:
+        if time.monotonic() > end_s:
+            console.end_progress()
+            raise HandoverError(
+                f"{leases.robots(left)} not given back: {next(iter(left.values()))}"
+            )
+        console.progress(f"waiting for the end of that run: {leases.robots(left)} still held")
+        time.sleep(_POLL_S)
+    console.end_progress()
 
 
-def told(number: int, path: Path) -> tuple[str, ...]:
-    """A running experiment in words, as far as it answers."""
-    try:
-        answer = exchange(path, b'{"ask": "status"}\n', BRIEF_S)
-        port = f"robots' port {answer['port']}" if "port" in answer else ""
-        now = answer["run"]
-        age = f"run {now['run']} {now['state']}, {now['time_s']:.0f} s"
-        command, where = f"vsense {answer['command']}{_whose(answer)}", str(answer["directory"])
-        return str(number), str(answer["name"]), command, port, age, where
-    except (OSError, ValueError, KeyError, TypeError):
-        return str(number), "does not answer", "", "", "", ""
+def _holders(held: Mapping[int, Lease]) -> str:
+    from vsense.run import leases
 
-
-def _is_alive(path: Path) -> bool:
-    """Whether anybody listens; what a killed process left is taken away."""
-    with socket.socket(socket.AF_UNIX) as line:
-        line.settimeout(PATIENCE_S)
-        try:
-            line.connect(str(path))
-            return True
-        except ConnectionRefusedError:
-            with suppress(FileNotFoundError):
-                path.unlink()
-        except OSError:
-            pass
-    return False
-
-
-def exchange(path: Path, question: bytes, patience_s: float = PATIENCE_S) -> dict[str, Any]:
-    """Sends one line to a process and gives its answer; OSError, ValueError where there is none."""
-    with socket.socket(socket.AF_UNIX) as line:
-        line.settimeout(patience_s)
-        line.connect(str(path))
-        line.sendall(question)
-        data, end_s = b"", time.monotonic() + patience_s
-        while chunk := line.recv(65536):
-            data += chunk
-            # Of one that only goes on talking nobody waits for the end.
-            if len(data) > _MOST_BYTES or time.monotonic() > end_s:
-                raise ValueError("its answer has no end")
-    answer = json.loads(data)
-    if not isinstance(answer, dict):
-        raise ValueError("its answer makes no sense")
-    return answer
+    if not held:
+        return "no run has robots here"
+    lines = (f"{leases.robots(tags)} in use: {who}" for who, tags in leases.by_lease(held).items())
+    return "\n".join(lines)
 
 
 def table(answer: Mapping[str, Any]) -> str:
@@ -291,7 +237,7 @@ def table(answer: Mapping[str, Any]) -> str:
     sent = "" if latency is None else f", capture to sent {latency['p50']:.0f} ms"
     silent = f"\nno arena state for {now['silent_s']:.1f} s" if now["silent_s"] else ""
     which = _of_series(answer["series"]) if "series" in answer else f"run {now['run']}"
-    head = f"{answer['name']}{_whose(answer)}: {which} is {now['state']}"
+    head = f"{answer['name']}{whose(answer)}: {which} is {now['state']}"
     return (
         f"{head}, {now['time_s']:.1f}{length} s,"
         f" timestep {now['timestep']}{late}; {now['rate_hz']:.1f} Hz{sent}{silent}{_kept(now)}\n\n"
@@ -306,12 +252,6 @@ def _of_series(told: Mapping[str, Any]) -> str:
         f"run {told['number']} of {told['of']} of the series {told['name']} ({told['condition']},"
         f" start {told['start']}, repetition {told['repetition']}{again})"
     )
-
-
-def _whose(answer: Mapping[str, Any]) -> str:
-    """Whose run it is, where it is another account's."""
-    user = answer.get("user", user_name())
-    return "" if user == user_name() else f", {user}'s"
 
 
 def _kept(now: Mapping[str, Any]) -> str:

@@ -26,18 +26,14 @@ DESCRIPTION = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     parser.add_argument(
-        *("runs",),
+        "runs",
         type=Path,
         nargs="+",
         metavar="RUNS",
         help="the folder of a series or of runs, or a table of runs (.csv)",
     )
-    parser.add_argument(
-        *("-o", "--output"),
-        type=Path,
-        metavar="FILE",
-        help="the package, a new file (default: as the first RUNS, with .zip)",
-    )
+    text = "the package, a new file (default: as the first RUNS, with .zip)"
+    arguments.option(parser, "-o --output", Path, "FILE", text)
     arguments.flag(
         parser, "--pictures", "with the cameras' pictures and videos, which may be gigabytes"
     )

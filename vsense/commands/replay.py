@@ -55,11 +55,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="the settings of a tracking session's two files instead of the recorded ones",
     )
     world = parser.add_argument_group("sensing again")
-    arguments.flag(
-        world,
-        "--resense",
-        "make the virtual world again, with what people changed in it, and compare the readings",
-    )
+    text = "make the virtual world again, with what people changed in it, and compare the readings"
+    arguments.flag(world, "--resense", text)
     arguments.option(
         world, "--experiment", Path, "FILE", "the experiment's file, where it is no longer there"
     )

@@ -31,21 +31,18 @@ DESCRIPTION = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     parser.add_argument(
-        *("files",),
+        "files",
         type=Path,
         nargs="+",
         metavar="FILE",
         help="the recordings (.mcap), or folders of runs that hold some; tables of runs (.csv), or"
         " the folder that they are in",
     )
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        metavar="FOLDER",
-        help="folder for the report, made if need be, else empty (default: FILE without .mcap and"
-        " with -report; of several: report)",
+    text = (
+        "folder for the report, made if need be, else empty (default: FILE without .mcap and"
+        " with -report; of several: report)"
     )
+    arguments.option(parser, "-o --output", Path, "FOLDER", text)
     arguments.add_charts(parser)
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")
     add_questions(parser)
@@ -54,15 +51,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def add_questions(parser: argparse.ArgumentParser) -> None:
     """Declares what can be asked of tables of runs."""
     group = parser.add_argument_group("tables of runs")
-    arguments.option(
-        *(group, "--by", _columns, "COLUMN[,COLUMN]"),
-        "columns whose values are compared, such as mode or start; runs that differ in experiment,"
-        " mode or condition are else kept apart (default: condition)",
+    text = (
+        "columns whose values are compared, such as mode or start; runs that differ in"
+        " experiment, mode or condition are else kept apart (default: condition)"
     )
-    arguments.option(
-        *(group, "--against", str, "CONDITION"),
-        "compare all others with this one (default: each with each)",
-    )
+    arguments.option(group, "--by", _columns, "COLUMN[,COLUMN]", text)
+    text = "compare all others with this one (default: each with each)"
+    arguments.option(group, "--against", str, "CONDITION", text)
     group.add_argument(
         "--measure",
         action="append",
@@ -80,10 +75,8 @@ def add_questions(parser: argparse.ArgumentParser) -> None:
         " than a margin that you chose before you saw the runs",
     )
     arguments.flag(group, "--unpaired", "take runs with the same start for independent ones")
-    arguments.option(
-        *(group, "--seed", arguments.natural, "N"),
-        f"of the bootstrap: the same runs and seed give the same page (default: {SEED})",
-    )
+    text = f"of the bootstrap: the same runs and seed give the same page (default: {SEED})"
+    arguments.option(group, "--seed", arguments.natural, "N", text)
 
 
 def _columns(text: str) -> list[str]:

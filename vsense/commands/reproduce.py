@@ -24,26 +24,17 @@ DESCRIPTION = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     parser.add_argument("package", type=Path, help="the package (.zip)")
-    parser.add_argument(
-        *("-o", "--output"),
-        type=Path,
-        metavar="FOLDER",
-        help="a new folder for what is unpacked and made anew (default: nothing stays)",
-    )
-    arguments.flag(
-        parser,
-        "--trust",
+    text = "a new folder for what is unpacked and made anew (default: nothing stays)"
+    arguments.option(parser, "-o --output", Path, "FOLDER", text)
+    text = (
         "compile and run code of the package: controllers and loop functions are programs of"
-        " whoever packed it, and can do what you can",
+        " whoever packed it, and can do what you can"
     )
+    arguments.flag(parser, "--trust", text)
     arguments.flag(parser, "--check", "only compare the checksums")
     arguments.flag(parser, "--json", "print what was found as one JSON object")
-    parser.add_argument(
-        *("-j", "--jobs"),
-        type=arguments.positive,
-        metavar="N",
-        help="simulated runs at the same time (default: one per processor)",
-    )
+    text = "simulated runs at the same time (default: one per processor)"
+    arguments.option(parser, "-j --jobs", arguments.positive, "N", text)
 
 
 def run(options: argparse.Namespace) -> int:

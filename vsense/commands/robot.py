@@ -16,12 +16,11 @@ from vsense.base.terminal import Console, aligned, patience
 from vsense.commands import (
     arguments,
     experiments,
-    robot_calibrate,
-    robot_check,
     robot_emulate,
     robot_keys,
     robot_link,
     robot_list,
+    robot_measure,
     rosters,
 )
 from vsense.config.casting import Casting
@@ -61,10 +60,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     robot_emulate.add_arguments(
         add("emulate", "emulate robots with their bases, and a tracker, for a vsense run")
     )
-    robot_calibrate.add_arguments(
+    robot_measure.add_calibrate(
         add("calibrate", "measure robots' wheels, markers and sensors with the overhead cameras")
     )
-    robot_check.add_arguments(
+    robot_measure.add_check(
         add("check", "look who is there, and whether each robot wears its own marker")
     )
     robot_link.add_arguments(
@@ -78,18 +77,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def _add_build(parser: argparse.ArgumentParser) -> None:
     kinds = "; ".join(f"{target.name}: {target.help}" for target in boards.TARGETS.values())
     what = parser.add_mutually_exclusive_group(required=True)
-    what.add_argument(
-        "--controller",
-        metavar="FILE",
-        help="the controller's .c or .cpp file, a shipped controller's name, or for ARGoS a library"
-        " whose files --sources names, or a folder of sources",
+    text = (
+        "the controller's .c or .cpp file, a shipped controller's name, or for ARGoS a library"
+        " whose files --sources names, or a folder of sources"
     )
-    what.add_argument(
-        "--experiment",
-        metavar="NAME",
-        help="a daemon for each controller that robots of this experiment run: a shipped one's"
-        " name, or the path of a .argos file; of several, -o is followed by the controller's id",
+    arguments.option(what, "--controller", str, "FILE", text)
+    text = (
+        "a daemon for each controller that robots of this experiment run: a shipped one's"
+        " name, or the path of a .argos file; of several, -o is followed by the controller's id"
     )
+    arguments.option(what, "--experiment", str, "NAME", text)
     parser.add_argument(
         "--target", required=True, choices=list(boards.TARGETS), help=f"kind of board. {kinds}"
     )
@@ -102,13 +99,11 @@ def _add_build(parser: argparse.ArgumentParser) -> None:
 
 def _add_code(parser: argparse.ArgumentParser) -> None:
     arguments.add_code(parser)
-    parser.add_argument(
-        "--label",
-        default="",
-        metavar="LABEL",
-        help="with --controller: which of the controllers that its sources register for ARGoS"
-        " (default: the only one)",
+    text = (
+        "with --controller: which of the controllers that its sources register for ARGoS"
+        " (default: the only one)"
     )
+    arguments.option(parser, "--label", str, "LABEL", text, "")
 
 
 def _add_deploy(parser: argparse.ArgumentParser) -> None:
@@ -121,11 +116,8 @@ def _add_deploy(parser: argparse.ArgumentParser) -> None:
     rosters.add_replace(parser, "with --experiment: bring 37 the controller that 23 runs")
     _add_what(parser)
     _add_code(parser)
-    parser.add_argument(
-        "--host",
-        metavar="ADDRESS",
-        help="numeric IPv4 address of the machine that `vsense run` will run on",
-    )
+    text = "numeric IPv4 address of the machine that `vsense run` will run on"
+    arguments.option(parser, "--host", str, "ADDRESS", text)
     arguments.option(parser, "--port", arguments.port, "P", "its port (default: 4050)", 4050)
     parser.add_argument(
         "--base",
@@ -134,31 +126,26 @@ def _add_deploy(parser: argparse.ArgumentParser) -> None:
     )
     experiments.add_key(parser)
     experiments.add_insecure(
-        *(parser, "bring no keys: the robots obey whoever sends them commands"), page=False
+        parser, "bring no keys: the robots obey whoever sends them commands", page=False
     )
     _add_ways(parser)
 
 
 def _add_what(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--binary",
-        type=Path,
-        metavar="FILE",
-        help="the daemon, from `vsense robot build` (default: vsensed)",
+    arguments.option(
+        parser, "--binary", Path, "FILE", "the daemon, from `vsense robot build` (default: vsensed)"
     )
-    parser.add_argument(
-        "--controller",
-        metavar="FILE",
-        help="replace the controller alone: build a daemon with this .c or .cpp file, or"
-        " shipped controller, for --target, and send that; settings and service stay as they are",
+    text = (
+        "replace the controller alone: build a daemon with this .c or .cpp file, or"
+        " shipped controller, for --target, and send that; settings and service stay as they are"
     )
-    parser.add_argument(
-        "--experiment",
-        metavar="NAME",
-        help="bring each robot, by its tag, the controller that it runs in this experiment: a"
+    arguments.option(parser, "--controller", str, "FILE", text)
+    text = (
+        "bring each robot, by its tag, the controller that it runs in this experiment: a"
         " shipped one's name, or the path of a .argos file; they are built for --target. With"
-        " --host settings and service go with it, without it they stay as they are",
+        " --host settings and service go with it, without it they stay as they are"
     )
+    arguments.option(parser, "--experiment", str, "NAME", text)
     parser.add_argument(
         "--target",
         choices=list(boards.TARGETS),
@@ -166,12 +153,11 @@ def _add_what(parser: argparse.ArgumentParser) -> None:
         help="with --controller or --experiment: kind of board, as in `vsense robot build`"
         " (default: epuck)",
     )
-    parser.add_argument(
-        "--rollback",
-        action="store_true",
-        help="send nothing: each robot goes back to the daemon before this one and its settings;"
-        " a second time, forth again",
+    text = (
+        "send nothing: each robot goes back to the daemon before this one and its settings;"
+        " a second time, forth again"
     )
+    arguments.flag(parser, "--rollback", text)
 
 
 def _add_ways(parser: argparse.ArgumentParser) -> None:
@@ -182,11 +168,8 @@ def _add_ways(parser: argparse.ArgumentParser) -> None:
         help="what starts it on the robots: a systemd unit, an init script, or nothing (default:"
         " auto, by what the board has)",
     )
-    parser.add_argument(
-        "--check",
-        action="store_true",
-        help="have each robot look whether its base, network and clock are well (vsensed --check)",
-    )
+    text = "have each robot look whether its base, network and clock are well (vsensed --check)"
+    arguments.flag(parser, "--check", text)
     robot_keys.add_reach(parser)
 
 
@@ -197,8 +180,8 @@ def run(options: argparse.Namespace) -> int:
         "deploy": deploy,
         "keys": robot_keys.run,
         "emulate": robot_emulate.run,
-        "calibrate": robot_calibrate.run,
-        "check": robot_check.run,
+        "calibrate": robot_measure.calibrate,
+        "check": robot_measure.check,
         "link": robot_link.run,
         "list": robot_list.run,
         "status": robot_list.status,

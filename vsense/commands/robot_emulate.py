@@ -30,13 +30,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="take only the first N robots of the experiment (default: all)",
     )
-    parser.add_argument(
-        "--experiment",
-        default=DEFAULT,
-        metavar="NAME",
-        help="whose robots, controllers and walls: a shipped experiment's name, or the path of a"
-        f" .argos file (default: {DEFAULT})",
+    text = (
+        "whose robots, controllers and walls: a shipped experiment's name, or the path of a"
+        f" .argos file (default: {DEFAULT})"
     )
+    arguments.option(parser, "--experiment", str, "NAME", text, DEFAULT)
     arguments.add_code(parser)
     rosters.add_casting(parser)
     _add_ends(parser)
@@ -44,14 +42,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     hardware.add_radios(parser)
     experiments.add_key(parser)
     experiments.add_insecure(
-        *(parser, "give the robots no keys: for a run that is --insecure, too"), page=False
+        parser, "give the robots no keys: for a run that is --insecure, too", page=False
     )
-    parser.add_argument(
-        "--seed",
-        type=arguments.natural,
-        metavar="N",
-        help="seed of places, clocks and noise (default: the file's; 0 draws a fresh one)",
-    )
+    text = "seed of places, clocks and noise (default: the file's; 0 draws a fresh one)"
+    arguments.option(parser, "--seed", arguments.natural, "N", text)
     arguments.option(
         parser, "-o --output", Path, "DIR", "folder for the robots' logs (default: runs/...)"
     )
@@ -59,21 +53,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _add_ends(parser: argparse.ArgumentParser) -> None:
     """Declares where the run is."""
-    arguments.option(
-        *(parser, "--host", arguments.ipv4, "ADDRESS"),
-        "numeric IPv4 address of the machine with `vsense run` (default: the file's vss_host)",
-    )
+    text = "numeric IPv4 address of the machine with `vsense run` (default: the file's vss_host)"
+    arguments.option(parser, "--host", arguments.ipv4, "ADDRESS", text)
     arguments.option(
         parser, "--port", arguments.port, "P", "its port for robots (default: the file's vss_port)"
     )
-    arguments.option(
-        parser,
-        "--tracker-port",
-        arguments.port,
-        "P",
+    text = (
         "its port for lines of a tracker (default: that of the file's <vs:tracker>, else"
-        f" {LINES_PORT})",
+        f" {LINES_PORT})"
     )
+    arguments.option(parser, "--tracker-port", arguments.port, "P", text)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -21,12 +21,11 @@ from vsense.robots.link.keys import SwarmKeys
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     experiments.add_key(parser)
-    parser.add_argument(
-        "--new-key",
-        action="store_true",
-        help="make a swarm key: the first one, or one that follows it. Robots that it does not"
-        " reach keep their older one, which the host still takes, and are named",
+    text = (
+        "make a swarm key: the first one, or one that follows it. Robots that it does not"
+        " reach keep their older one, which the host still takes, and are named"
     )
+    arguments.flag(parser, "--new-key", text)
     rosters.add_roster(
         parser,
         "bring the newest key to the robots of this roster whose daemons have a key already; their"
@@ -34,23 +33,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="",
     )
     rosters.add_tags(parser)
-    parser.add_argument(
-        "--forget",
-        type=arguments.positive,
-        metavar="N",
-        help="take swarm key N out of the file: robots that still have it are refused from now on",
-    )
+    text = "take swarm key N out of the file: robots that still have it are refused from now on"
+    arguments.option(parser, "--forget", arguments.positive, "N", text)
     add_reach(parser)
 
 
 def add_reach(parser: argparse.ArgumentParser) -> None:
     """Declares how robots are reached, and how what became of them is printed."""
     add_ssh(parser)
-    parser.add_argument(
-        "--force",
-        action="store_true",
-        help="replace it on robots that are in a running experiment, too; their wheels stop",
-    )
+    text = "replace it on robots that are in a running experiment, too; their wheels stop"
+    arguments.flag(parser, "--force", text)
     parser.add_argument("--json", action="store_true", help="print the results as JSON")
 
 

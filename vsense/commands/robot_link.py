@@ -32,17 +32,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="these robots, such as 23,30-34 (default: the experiment's; without --experiment"
         " those of the roster that work and are no spares)",
     )
-    arguments.option(
-        *(parser, "--for", arguments.seconds, "S"),
-        f"measure for so long (default: {FOR_S:g})",
-        FOR_S,
+    text = f"measure for so long (default: {FOR_S:g})"
+    arguments.option(parser, "--for", arguments.seconds, "S", text, FOR_S)
+    text = (
+        "whose packets and timestep: a shipped experiment's name, or the path of a .argos"
+        f" file (default: {DEFAULT})"
     )
-    parser.add_argument(
-        "--experiment",
-        metavar="NAME",
-        help="whose packets and timestep: a shipped experiment's name, or the path of a .argos"
-        f" file (default: {DEFAULT})",
-    )
+    arguments.option(parser, "--experiment", str, "NAME", text)
     arguments.add_code(parser)
     rosters.add_casting(parser)
     _add_link(parser)
@@ -50,22 +46,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_link(parser: argparse.ArgumentParser) -> None:
-    arguments.option(
-        *(parser, "--wait", arguments.seconds, "S"),
-        f"begin after S s at the latest, without robots that are missing (default: {WAIT_S:g})",
-        WAIT_S,
-    )
-    arguments.option(
-        *(parser, "--host", str, "ADDRESS"),
-        "interface that robots connect to, 0.0.0.0: all (default: the file's vss_host)",
-    )
-    arguments.option(
-        parser, "--port", arguments.port, "P", "TCP and UDP port (default: the file's vss_port)"
-    )
+    text = f"begin after S s at the latest, without robots that are missing (default: {WAIT_S:g})"
+    arguments.option(parser, "--wait", arguments.seconds, "S", text, WAIT_S)
+    arguments.add_link(parser)
     experiments.add_key(parser)
     experiments.add_insecure(
-        *(parser, "take robots that have no key, too: whoever reaches the port can be one"),
-        page=False,
+        parser, "take robots that have no key, too: whoever reaches the port can be one", page=False
     )
 
 

@@ -15,6 +15,7 @@ from vsense.commands import arguments, orders, rosters
 from vsense.config import battery_history
 from vsense.config.battery_history import BatteryRow
 from vsense.config.roster import Roster, RosterRobot
+from vsense.monitor.ui import control_client
 from vsense.robots import ssh
 
 EMPTY_V = 3.4
@@ -71,11 +72,11 @@ def status(options: argparse.Namespace) -> int:
     known = rosters.roster_of(options, found=False)
     if known is None:
         return orders.robots(options)
-    runs = orders.alive()
+    runs = control_client.alive()
     if options.process is None and not runs:
         now = boards_now(known)
     else:
-        now = run_now(orders.ask({"ask": "status"}, options.process)["robots"])
+        now = run_now(control_client.ask({"ask": "status"}, options.process)["robots"])
     return _print(known, now, options.json)
 
 

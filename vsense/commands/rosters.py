@@ -106,13 +106,11 @@ def say_casting(experiment: Experiment, say: Callable[[str], None]) -> None:
 
 def add_tags(parser: argparse.ArgumentParser) -> None:
     """Declares which robots of a roster are meant."""
-    parser.add_argument(
-        "--tags",
-        type=arguments.numbers,
-        metavar="TAGS",
-        help="these robots of the roster only, such as 23,30-34 (default: all but those that are"
-        " out of order)",
+    text = (
+        "these robots of the roster only, such as 23,30-34 (default: all but those that are"
+        " out of order)"
     )
+    arguments.option(parser, "--tags", arguments.numbers, "TAGS", text)
 
 
 def chosen(

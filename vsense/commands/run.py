@@ -43,23 +43,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     experiments.add_settings(parser)
     add_ends(parser)
     experiments.add_legacy_port(parser)
-    parser.add_argument(
-        "--start-after",
-        type=arguments.seconds,
-        metavar="S",
-        help="start after S s at the latest, without whoever is missing (default: wait for all)",
-    )
-    arguments.flag(
-        parser,
-        "--virtual-devices",
+    text = "start after S s at the latest, without whoever is missing (default: wait for all)"
+    arguments.option(parser, "--start-after", arguments.seconds, "S", text)
+    text = (
         "serve the devices of ARGoS's elements, such as <epuck_ground>, from the virtual world, as"
-        " in the lab; the ring of proximity sensors stays the robots' own",
+        " in the lab; the ring of proximity sensors stays the robots' own"
     )
-    parser.add_argument(
-        *("-o", "--output"),
-        type=Path,
-        metavar="DIR",
-        help="folder for notes and figures (default: runs/...)",
+    arguments.flag(parser, "--virtual-devices", text)
+    arguments.option(
+        parser, "-o --output", Path, "DIR", "folder for notes and figures (default: runs/...)"
     )
     experiments.add_room(parser)
 
@@ -73,25 +65,16 @@ def add_ends(parser: argparse.ArgumentParser) -> None:
         metavar=("RESOURCES", "SESSION"),
         help="track with these two files of `vsense track`: cameras, or recordings in their place",
     )
-    eyes.add_argument(
-        "--tracker",
-        type=arguments.tracker,
-        metavar="WHERE",
-        help="use this tracker, whatever the file names: ADDRESS:PORT speaks the original protocol;"
+    text = (
+        "use this tracker, whatever the file names: ADDRESS:PORT speaks the original protocol;"
         f" lines (port {LINES_PORT}) or lines:PORT is one that connects to this machine and writes"
-        " lines, such as that of `vsense robot emulate`",
+        " lines, such as that of `vsense robot emulate`"
     )
-    parser.add_argument(
-        "--host",
-        metavar="ADDRESS",
-        help="interface that robots connect to, 0.0.0.0: all (default: the file's vss_host)",
-    )
-    parser.add_argument(
-        "--port",
-        type=arguments.port,
-        metavar="P",
-        help="TCP and UDP port; 0 takes a free one (default: the file's vss_port)",
-    )
+    arguments.option(eyes, "--tracker", arguments.tracker, "WHERE", text)
+    text = "interface that robots connect to, 0.0.0.0: all (default: the file's vss_host)"
+    arguments.option(parser, "--host", str, "ADDRESS", text)
+    text = "TCP and UDP port; 0 takes a free one (default: the file's vss_port)"
+    arguments.option(parser, "--port", arguments.port, "P", text)
     experiments.add_trust(parser)
 
 

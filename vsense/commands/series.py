@@ -51,19 +51,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser, "--dry", "only say which runs follow, in which order, and how long they take"
     )
     parser.add_argument("--mode", choices=MODES, help="make the runs there (default: the plan's)")
-    parser.add_argument(
-        *("-o", "--output"),
-        type=Path,
-        metavar="DIR",
-        help="folder of the series (default: NAME-MODE beside the plan)",
-    )
+    text = "folder of the series (default: NAME-MODE beside the plan)"
+    arguments.option(parser, "-o --output", Path, "DIR", text)
     arguments.flag(parser, "--json", "print how the series stands in the end as one JSON object")
-    arguments.flag(
-        parser,
-        "--lenient",
+    text = (
         "go on where a controller asks for a sensor or actuator that nobody offers, or is told a"
-        " parameter that it does not read",
+        " parameter that it does not read"
     )
+    arguments.flag(parser, "--lenient", text)
     arguments.add_code(parser)
     sim.add_on(parser)
     add_making(parser)
@@ -74,12 +69,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def add_making(parser: argparse.ArgumentParser) -> None:
     """Declares who plays, and how runs are made in each mode."""
-    parser.add_argument(
-        *("-j", "--jobs"),
-        type=arguments.positive,
-        metavar="N",
-        help="simulated runs at the same time (default: one per processor)",
-    )
+    text = "simulated runs at the same time (default: one per processor)"
+    arguments.option(parser, "-j --jobs", arguments.positive, "N", text)
     default = f"(default: with real robots {FILE_NAME} in the current folder, otherwise none)"
     rosters.add_casting(parser, default)
     series_robots.add_arguments(parser)

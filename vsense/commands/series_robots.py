@@ -29,11 +29,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares where robots and arena states come from, and how controllers get to robots."""
     run_command.add_ends(parser)
     parser.set_defaults(legacy_port=None)
-    arguments.flag(
-        parser,
-        "--virtual-devices",
-        "with real robots, serve the devices of ARGoS's elements from the virtual world",
-    )
+    text = "with real robots, serve the devices of ARGoS's elements from the virtual world"
+    arguments.flag(parser, "--virtual-devices", text)
     group = parser.add_argument_group("bringing controllers to robots")
     group.add_argument(
         "--target",
@@ -41,12 +38,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="epuck",
         help="kind of board, as in `vsense robot build` (default: epuck)",
     )
-    arguments.flag(
-        group,
-        "--no-deploy",
+    text = (
         "bring nothing: robots have what they need (default: where conditions have different"
-        " controllers, each robot of the roster is brought its own before a run)",
+        " controllers, each robot of the roster is brought its own before a run)"
     )
+    arguments.flag(group, "--no-deploy", text)
     robot_keys.add_ssh(group)
 
 

@@ -18,19 +18,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     arguments.add_tracking_files(parser)
     rosters.add_roster(parser, rosters.MARKERS)
-    parser.add_argument(
-        "--host",
-        default="127.0.0.1",
-        metavar="ADDRESS",
-        help="interface to listen on, 0.0.0.0: all (default: 127.0.0.1, this machine only): the"
-        " original's protocol knows no keys, so whoever reaches the port is served",
+    text = (
+        "interface to listen on, 0.0.0.0: all (default: 127.0.0.1, this machine only): the"
+        " original's protocol knows no keys, so whoever reaches the port is served"
     )
-    parser.add_argument(
-        "--port",
-        type=arguments.port,
-        metavar="P",
-        help="TCP port; 0 takes a free one (default: the experiment file's server_port)",
-    )
+    arguments.option(parser, "--host", str, "ADDRESS", text, "127.0.0.1")
+    text = "TCP port; 0 takes a free one (default: the experiment file's server_port)"
+    arguments.option(parser, "--port", arguments.port, "P", text)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -28,13 +28,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "users", nargs="*", type=_name, metavar="USER", help="who shall be in it (default: you)"
     )
-    arguments.option(
-        parser,
-        "--group",
-        _name,
-        "NAME",
-        f"the Unix group (default: {sharing.GROUP}, or that of the folder that is there)",
-    )
+    text = f"the Unix group (default: {sharing.GROUP}, or that of the folder that is there)"
+    arguments.option(parser, "--group", _name, "NAME", text)
     arguments.flag(parser, "--json", "print it as one JSON object")
 
 

@@ -22,34 +22,25 @@ DESCRIPTION = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     arguments.add_tracking_files(parser, optional=True)
-    parser.add_argument(
-        "--offline",
-        action="store_true",
-        help="work on a recording as fast as possible, not at the pace of its pictures",
-    )
+    text = "work on a recording as fast as possible, not at the pace of its pictures"
+    arguments.flag(parser, "--offline", text)
     parser.add_argument(
         "--format",
         choices=("jsonl", "csv"),
         default="jsonl",
         help="jsonl: one object per timestep (default); csv: one row per robot and timestep",
     )
-    parser.add_argument(
-        "--json",
-        action="store_true",
-        help="print no states, but at the end the run's figures as one JSON object",
+    arguments.flag(
+        parser, "--json", "print no states, but at the end the run's figures as one JSON object"
     )
-    parser.add_argument(
-        "--snapshot",
-        type=Path,
-        metavar="PNG",
-        help="draw the last state: the cameras' pictures with every robot's ring, heading and id",
-    )
+    text = "draw the last state: the cameras' pictures with every robot's ring, heading and id"
+    arguments.option(parser, "--snapshot", Path, "PNG", text)
     arguments.option(parser, "--frames", arguments.natural, "N", "end after N timesteps of runs")
-    arguments.option(
-        *(parser, "-o --output", Path, "DIR"),
-        "folder for what runs leave: figures, and recordings (default: none; where something is"
-        " recorded, runs/...)",
+    text = (
+        "folder for what runs leave: figures, and recordings (default: none; where something"
+        " is recorded, runs/...)"
     )
+    arguments.option(parser, "-o --output", Path, "DIR", text)
     rosters.add_roster(parser, rosters.MARKERS)
     arguments.add_web(parser)
     arguments.add_foxglove(parser)

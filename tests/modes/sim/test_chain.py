@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from tests.bench.sim import CONTROLLER, experiment_text
 from tests.conftest import require_tool
 from vsense.base.errors import VsenseError
 from vsense.base.files import PACKAGE_FOLDER
@@ -16,10 +17,8 @@ from vsense.config.specs import Experiment, Stage
 from vsense.modes.sim.chain import Chain
 from vsense.modes.sim.simulation import WARM_UP, Simulation
 from vsense.monitor.pictures.run_samples import RunSamples
-from vsense.robots import build
 from vsense.run.changing import Change, carry_out
 from vsense.run.programs import shared_objects
-from vsense.tools.bench.sim import experiment_text
 
 SHIPPED = sorted((PACKAGE_FOLDER / "config" / "experiments").glob("*.argos"))
 
@@ -184,7 +183,7 @@ def with_loop(folder: Path, code: str, *changes: tuple[str, str]) -> Experiment:
     wheels = '<epuck_wheels implementation="default" />'
     leaving = f'{wheels}<virtual_pheromone_actuator implementation="default" field="trail" />'
     (folder / "loop.c").write_text(LEAVING)
-    wander = f'library="{build.source_tree().root / "vsense" / "tools" / "bench" / "wander.c"}"'
+    wander = f'library="{CONTROLLER}"'
     return world(
         folder,
         6,
@@ -296,7 +295,7 @@ def test_a_sensor_that_cannot_travel_is_named(
 
 def test_notes_have_their_times(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "talker.c").write_text(TALKING)
-    library = f'library="{build.source_tree().root / "vsense" / "tools" / "bench" / "wander.c"}"'
+    library = f'library="{CONTROLLER}"'
     experiment = world(tmp_path, 4, (library, 'library="talker.c"'))
     in_c, in_python, timesteps = both_ways(experiment, monkeypatch)
     assert in_c == in_python

@@ -19,7 +19,7 @@ import pytest
 
 from vsense import cli
 from vsense.base.errors import UsageError
-from vsense.commands import orders as terminal
+from vsense.monitor.ui import control_client as terminal
 from vsense.monitor.ui import control_socket
 from vsense.monitor.ui.control_socket import (
     TIMEOUT_S,

@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from tests.bench.homing import HomingField
 from vsense.base.arena import POSE, ArenaState
 from vsense.config.specs import Pose
 from vsense.robots.link.peer import STAY
@@ -15,7 +16,6 @@ from vsense.run.homing import motion
 from vsense.run.homing.floor import DrivingFloor
 from vsense.run.homing.homing import Homing
 from vsense.run.homing.robots import HomingLimits, Trouble
-from vsense.tools.bench.homing import HomingField
 from vsense.world.entities import BODY_RADIUS_M, Arena
 
 ARENA = Arena((2.0, 2.0, 1.0), (0.0, 0.0, 0.0))

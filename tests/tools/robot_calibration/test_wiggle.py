@@ -12,10 +12,10 @@ import pytest
 
 from vsense.base.arena import POSE, ArenaState
 from vsense.cli import main
-from vsense.commands.robot_check import swapped
 from vsense.config import roster
 from vsense.robots.link.peer import Goal
 from vsense.run.homing.robots import Trouble
+from vsense.tools.robot_calibration.measuring import swapped
 from vsense.tools.robot_calibration.wiggle import Verdict, WiggleCheck, WiggledRobot, exchanged
 
 PERIOD_NS = 50_000_000
@@ -183,10 +183,10 @@ def test_who_had_no_turn_is_told_why() -> None:
 def test_what_to_change_in_the_roster_is_named_by_line(tmp_path: Path) -> None:
     path = tmp_path / "robots.toml"
     path.write_text("# ours\n[[robot]]\ntag = 23\n\n[[robot]]\ntag = 31\n")
-    (line,) = swapped((23, 31), roster.read(path))
+    line = swapped((23, 31), roster.read(path))
     assert f"{path}: tag = 31 for the robot of line 2, tag = 23 for that of line 5" in line
     assert "vsense robot deploy --tags 23,31" in line
-    (line,) = swapped((23, 99), roster.read(path))
+    line = swapped((23, 99), roster.read(path))
     assert "line" not in line and "vsense robot deploy" in line
 
 

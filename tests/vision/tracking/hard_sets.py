@@ -6,7 +6,7 @@ knows, and names that are not there. The test that holds its figures is `test_ha
 
 from __future__ import annotations
 
-import sys
+import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache
@@ -184,4 +184,6 @@ def main(pictures: int) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 5)
+    parser = argparse.ArgumentParser(prog="scripts/bench hard", description=__doc__)
+    parser.add_argument("pictures", nargs="?", type=int, default=5, help="of each set (default: 5)")
+    main(parser.parse_args().pictures)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.bench.frames import FRAMES_PER_S, MARKER_M, FrameSet, Painter, cameras
+from tests.bench.tracking import TABLE_2_1
 from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, render
 from vsense.base.arena import UNNAMED, Frame
-from vsense.tools.bench.frames import FRAMES_PER_S, MARKER_M, FrameSet, Painter, cameras
-from vsense.tools.bench.tracking import TABLE_2_1
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import MarkerFamily, choose_tags, load_family
 from vsense.vision.tracking.arena_tracker import ArenaTracker

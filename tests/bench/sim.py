@@ -1,4 +1,4 @@
-"""`vsense bench sim`: how many robots a simulation steps in a second of one processor's time.
+"""`scripts/bench sim`: how many robots a simulation steps in a second of one processor's time.
 
 The world is that of the comparison with ARGoS 3, for 15, 100 and 1000 robots: e-pucks anywhere in a
 square with four walls, 0.48 m^2 for each as in the pollutant experiment; four lights, 0.4 m above

@@ -1,4 +1,4 @@
-"""`vsense bench identity`: a long run of the arena tracker, of which every name is checked.
+"""`scripts/bench identity`: a long run of the arena tracker, of which every name is checked.
 
 Robots drive, turn and spin below four overlapping cameras, now and then nearly touching. No time is
 measured.
@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from vsense.base.arena import ArenaState, Frame
-from vsense.tools.bench.frames import (
+from tests.bench.frames import (
     FRAMES_PER_S,
     MARKER_M,
     Floats,
@@ -21,6 +20,7 @@ from vsense.tools.bench.frames import (
     RenderedSwarm,
     cameras,
 )
+from vsense.base.arena import ArenaState, Frame
 from vsense.vision.markers.families import MarkerFamily, choose_tags, load_family
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 

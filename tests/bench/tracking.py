@@ -1,4 +1,4 @@
-"""`vsense bench tracking`: detectors side by side on the same floors, in one run.
+"""`scripts/bench tracking`: detectors side by side on the same floors, in one run.
 
 Contestants take turns, so that other load of the machine affects all of them; the median of all
 pictures of all rounds counts.
@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from vsense.tools.bench import whole_tracker
-from vsense.tools.bench.contestants import (
+from tests.bench import whole_tracker
+from tests.bench.contestants import (
     MAX_THREADS,
     AprilTag,
     Contestant,
@@ -27,8 +27,9 @@ from vsense.tools.bench.contestants import (
     opencv,
     ours,
 )
-from vsense.tools.bench.frames import MARKER_M, FrameSet, Image, Painter, cameras
-from vsense.tools.bench.whole_tracker import PER_CAMERA, WholeTracker
+from tests.bench.frames import MARKER_M, FrameSet, Image, Painter, cameras
+from tests.bench.whole_tracker import PER_CAMERA, WholeTracker
+from vsense.base.terminal import aligned
 from vsense.vision.markers.families import MarkerFamily, choose_tags, load_family
 from vsense.vision.tracking.detector import make_detector
 from vsense.vision.tracking.prediction import SearchPlan
@@ -260,3 +261,56 @@ def _report(
         "ratio_to_apriltag": against(APRILTAG, tagged, mine),
         "squares": {dictionary: squares(_same_disc(dictionary)) for dictionary in SQUARES},
     }
+
+
+def table(report: dict[str, Any]) -> str:
+    """Returns the detectors' report for a person."""
+    titles = ("detector", "frames", "threads", "ms/frame", "detected", "wrong ids", "rms px")
+    lines = [titles]
+    for row in report["rows"]:
+        lines.append(
+            (
+                row["detector"],
+                row["frames"],
+                str(row["threads"]),
+                f"{row['ms_per_frame']:.2f}",
+                f"{100.0 * row['detected_share']:.2f} %",
+                str(row["wrong_ids"]),
+                f"{row['position_rms_px']:.3f}",
+            )
+        )
+    text = aligned(lines, left=2)
+    sixteen = report["set16"]
+    text += [
+        "",
+        f"floor: one read of a picture {report['floor_ms']:.3f} ms,"
+        f" one copy {report['memcpy_ms']:.3f} ms",
+        f"16 cameras, 20 robots in total, {sixteen['threads']} threads:"
+        f" {sixteen['ms']:.1f} ms, {sixteen['times_floor']:.1f} times the floor",
+        f"faster than cv2.aruco with sub-pixel corners: {_times(report['ratio_to_aruco'])},"
+        f" than its best tuning: {_times(report['ratio_to_aruco_tuned'])}",
+        f"faster than AprilTag 3 (decimate 2): {_times(report['ratio_to_apriltag'])}",
+    ]
+    for dictionary, squares in report["squares"].items():
+        text += [
+            f"{dictionary}: {squares['ms_per_frame']:.2f} ms; faster than cv2.aruco with sub-pixel"
+            f" corners: {_times(squares['ratio_to_aruco'])}, than its fastest setting:"
+            f" {_times(squares['ratio_to_aruco_fastest'])}, than AprilTag 3:"
+            f" {_times(squares['ratio_to_apriltag'])}"
+        ]
+    return "\n".join([*text, _whole(report["whole_tracker"])])
+
+
+def _whole(whole: dict[str, float]) -> str:
+    return (
+        "whole tracker, 16 cameras x 20 robots, every picture searched:"
+        f" arrows {whole['arrows_ms']:.1f} ms (of processor time {whole['arrows_cpu_ms']:.1f},"
+        f" {100.0 * whole['c_share']:.0f} % in C), 36h11 {whole['squares_ms']:.1f} ms"
+        f" ({whole['squares_cpu_ms']:.1f})"
+    )
+
+
+def _times(ratio: float | None) -> str:
+    if ratio is None:
+        return "not measured, install it with: pip install pupil-apriltags"
+    return f"{ratio:.1f} times"

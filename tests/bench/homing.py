@@ -1,4 +1,4 @@
-"""`vsense bench homing`: robots drive from random places to random places.
+"""`scripts/bench homing`: robots drive from random places to random places.
 
 The planner of `vsense/run/homing/` and the walk of `robot/homing.c`, which is compiled into this
 process with the daemon's own runtime; wheels and contacts are those of lab and simulation. Poses

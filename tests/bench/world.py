@@ -1,4 +1,4 @@
-"""`vsense bench world`: one timestep of the virtual world, and the speed of a simulation.
+"""`scripts/bench world`: one timestep of the virtual world, and the speed of a simulation.
 
 A timestep here is the update of the world with a new arena state, all light readings of all robots
 (24 sensors each, 4 lights, the generic formula; robots are in each other's light) and their bytes

@@ -1,4 +1,4 @@
-"""`vsense bench grabbing`: what a GigE camera's pictures cost on top of finding markers in them.
+"""`scripts/bench grabbing`: what a GigE camera's pictures cost on top of finding markers in them.
 
 Without a camera Aravis' fake one on loopback sends them, a program of its own. Only the processor
 time of this process, all of its threads, counts, per picture.
@@ -15,10 +15,10 @@ from dataclasses import asdict, dataclass
 from statistics import median
 from typing import Any
 
+from tests.bench.frames import MARKER_M, Painter, cameras
 from vsense.base.clock import host_ns
 from vsense.base.errors import VsenseError
 from vsense.modes.lab.camera_spec import SIZE_PX
-from vsense.tools.bench.frames import MARKER_M, Painter, cameras
 from vsense.vision.cameras.genicam import GenicamSettings, GenicamSource
 from vsense.vision.cameras.grabber import GrabberError
 from vsense.vision.cameras.live_grabber import LiveGrabber

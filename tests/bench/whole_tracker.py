@@ -14,8 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from vsense.base.arena import Frame
-from vsense.tools.bench.frames import (
+from tests.bench.frames import (
     FRAMES_PER_S,
     MARKER_M,
     SPEED_M_S,
@@ -24,6 +23,7 @@ from vsense.tools.bench.frames import (
     cameras,
     crowd,
 )
+from vsense.base.arena import Frame
 from vsense.vision.markers.families import load_family
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 from vsense.vision.tracking.prediction import MarkerSearch

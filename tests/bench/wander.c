@@ -2,7 +2,7 @@
 /*
  * wander.c - drive ahead, turn away from what the ring sees, a little towards the light.
  *
- * `vsense bench sim` runs it: it reads both rings in every step and does hardly anything, so
+ * `scripts/bench sim` runs it: it reads both rings in every step and does hardly anything, so
  * that the time which is measured is the simulator's.
  */
 #include "controller.h"

@@ -155,15 +155,11 @@ class Painter:
         poses[:, :2] += np.array([self._rig[k].position_m[:2] for k in below])
         return self._set([self._shoot(number, poses) for number in range(len(self._rig))])
 
-    def walk(self, count: int, strides: int = 1) -> FrameSet:
-        """Pictures of the first camera in which the roster drives, turns and spins.
-
-        Robots make `strides` steps from one to the next.
-        """
+    def walk(self, count: int) -> FrameSet:
+        """Pictures of the first camera in which the roster drives, turns and spins."""
         swarm = RenderedSwarm(len(self._tags), _SEED + 2)
         here = np.array((*self._rig[0].position_m[:2], 0.0))
-        ways = [[swarm.drive() + here for _ in range(strides)][-1] for _ in range(count)]
-        return self._set([self._shoot(0, poses) for poses in ways])
+        return self._set([self._shoot(0, swarm.drive() + here) for _ in range(count)])
 
     def _set(self, shots: list[tuple[Camera, Image, FrameTruth]]) -> FrameSet:
         rig, images, truth = zip(*shots, strict=True)

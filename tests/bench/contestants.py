@@ -27,9 +27,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tests.bench.frames import FRAMES_PER_S, MARKER_M, FrameSet, Image
+from tests.rigs.places import ROOT
 from vsense.base.arena import Frame
 from vsense.base.processes import start_module
-from vsense.tools.bench.frames import FRAMES_PER_S, MARKER_M, FrameSet, Image
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import load_family
 from vsense.vision.tracking.arena_tracker import ArenaTracker
@@ -114,14 +115,10 @@ class SharedOut:
 
 
 class Tracked:
-    """Our arena tracker, new in each pass, on one camera's sequence with a plan of the thesis.
+    """Our arena tracker, new in each pass, on one camera's sequence with a plan of the thesis."""
 
-    The pictures are `strides` times as far apart as the benchmark's usual ones.
-    """
-
-    def __init__(self, name: str, frames: FrameSet, plan: SearchPlan, strides: int = 1) -> None:
+    def __init__(self, name: str, frames: FrameSet, plan: SearchPlan) -> None:
         self.name, self.frames, self.threads, self._plan = name, frames, 1, plan
-        self._rate_hz = FRAMES_PER_S / strides
         self._family = load_family(frames.family)
 
     def run(self) -> tuple[list[float], list[FoundTags]]:
@@ -130,7 +127,7 @@ class Tracked:
         tracker = ArenaTracker.for_family([camera], self._family, heights, plan=self._plan)
         times, found = [], []
         for number, image in enumerate(self.frames.images):
-            capture_ns = round(1e9 * number / self._rate_hz)
+            capture_ns = round(1e9 * number / FRAMES_PER_S)
             frame = Frame(camera.id, image, number, capture_ns, capture_ns)
             begin = time.perf_counter()
             state = tracker.update([frame])
@@ -217,7 +214,10 @@ class AprilTag:
         np.save(pictures, np.array(frames.images))
         words = str(pictures), str(decimate), str(threads)
         self._process, self._stdin, self._stdout = start_module(
-            "vsense.tools.bench.contestants", *words, stderr=subprocess.DEVNULL
+            "tests.bench.contestants",
+            *words,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
         )
 
     def run(self) -> tuple[list[float], list[FoundTags]]:

@@ -15,13 +15,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from tests.bench import robot_calls
 from vsense.base.clock import host_ns
 from vsense.modes.lab.microcontrollers import Microcontrollers
 from vsense.robots import boards
 from vsense.robots.boards import TARGETS, toolchain
 from vsense.robots.build import FAST_PARTS, SHIPPED_CONTROLLER, cache_directory, source_tree
 from vsense.robots.compiling import BuildError, Sources, native
-from vsense.tools.bench import robot_calls
 
 SIZE_MAX = 102_000
 """[byte] of the daemon for ARMv5 with a controller in it."""

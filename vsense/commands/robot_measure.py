@@ -1,0 +1,215 @@
+"""`vsense robot calibrate` and `robot check`: robots below the overhead cameras, hands off."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from typing import Any
+
+from vsense.base.errors import UsageError
+from vsense.commands import arguments, experiments, hardware, rosters
+from vsense.config.casting import Casting
+from vsense.config.experiment import first_robots, load
+from vsense.config.placement import settle
+from vsense.config.roster import Roster
+from vsense.config.specs import Experiment, Stage
+from vsense.modes.lab.links import BASES
+from vsense.modes.live.sources import require_source
+from vsense.robots.link import keys
+from vsense.robots.link.keys import LinkTrust
+from vsense.run.homing.floor import DrivingFloor
+from vsense.tools.robot_calibration import driving, measuring
+from vsense.tools.robot_calibration.commanding import GROUND, PROXIMITY, SENSORS, OwnReadings
+from vsense.tools.robot_calibration.measuring import EmulatedSwarm, MeasuringOptions
+from vsense.tools.robot_calibration.places import Point, ground_places, spots
+from vsense.tools.robot_calibration.sensing import Sensing
+
+_NUMBER = r"\d+(?:\.\d+)?"
+_PAIR = rf"(-?{_NUMBER}),(-?{_NUMBER})"
+
+GROUND_BASES = ("gctronic", "york")
+"""Bases of the lab whose robots have a ground board."""
+
+
+def add_calibrate(parser: argparse.ArgumentParser) -> None:
+    """Declares the arguments of `robot calibrate`."""
+    arguments.add_experiment_name(parser)
+    _add_tracking(parser)
+    rosters.add_roster(
+        parser,
+        "the lab's robots: what is found is written into it (default: it is only shown)",
+        default="",
+    )
+    folder = f"folder for {measuring.CALIBRATION_FILE}: all numbers, with covariances"
+    _add_session(parser, folder, "print the results as JSON")
+    _add_sensors(parser)
+    lab = _add_lab(parser, "calibrate a lab's robots, of which all is known")
+    hardware.add_errors(lab, usual=True)
+
+
+def add_check(parser: argparse.ArgumentParser) -> None:
+    """Declares the arguments of `robot check`."""
+    arguments.add_experiment_name(parser)
+    text = (
+        "each robot turns 20 degrees and back in its turn, all others stand: the marker that turns"
+        " must be its own (default: nobody moves, it is only looked who is connected and seen)"
+    )
+    arguments.flag(parser, "--wiggle", text)
+    _add_tracking(parser)
+    rosters.add_roster(parser, "the lab's robots: who plays, and what of it has to be changed")
+    _add_session(parser, f"folder for {measuring.CHECK_FILE}", "print what was found as JSON")
+    lab = _add_lab(parser, "check a lab's robots, of which some may have a fault")
+    hardware.add_errors(lab)
+    hardware.add_faults(lab)
+
+
+def _add_tracking(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--tracking",
+        nargs=2,
+        metavar=("RESOURCES", "SESSION"),
+        help="the overhead cameras: these two files of `vsense track`",
+    )
+
+
+def _add_session(parser: argparse.ArgumentParser, folder: str, json_text: str) -> None:
+    """Declares who takes part, where files go, how robots connect, and the page."""
+    option = arguments.option
+    option(parser, "--robots", arguments.positive, "N", "take only the first N robots of the file")
+    text = "begin after S s at the latest, without robots that are missing (default: 20)"
+    arguments.option(parser, "--wait", arguments.seconds, "S", text, driving.PATIENCE_S)
+    option(parser, "-o --output", Path, "DIR", f"{folder} (default: runs/...)")
+    arguments.flag(parser, "--json", json_text)
+    option(parser, "--seed", arguments.natural, "N", "seed of the lab's places and light")
+    arguments.add_link(parser)
+    experiments.add_key(parser)
+    arguments.add_web(parser, insecure=False)
+    experiments.add_insecure(
+        parser, "take robots that have no key, too: whoever reaches the port can drive robots"
+    )
+
+
+def _add_lab(parser: argparse.ArgumentParser, text: str) -> Any:
+    """Declares `--lab`, what it does, and of what the lab is made; gives the group of options."""
+    lab = parser.add_argument_group("in the lab")
+    arguments.flag(lab, "--lab", text)
+    arguments.add_bases(parser, BASES)
+    text = "all clocks of the lab go at this share of real time, as in vsense lab (default: 1)"
+    arguments.option(lab, "--pace", hardware.pace, "P", text, 1.0)
+    return lab
+
+
+def _add_sensors(parser: Any) -> None:
+    """Declares which sensors are measured, and where."""
+    # Or argparse would take "-0.5,-0.8" for an option.
+    parser._negative_number_matcher = re.compile(rf"^{_PAIR}$|^-{_NUMBER}$")
+    group = parser.add_argument_group("sensors, measured when wheels and marker are known")
+    text = f"of the robots' own sensors: {','.join(SENSORS)}, or one of them (default: none)"
+    arguments.option(group, "--sensors", _sensors, "NAMES", text)
+    text = "proximity is measured before this white wall, a <box> of the experiment (default:"
+    arguments.option(group, "--wall", str, "ID", f"{text} before any that is near)")
+    for name in ("white", "black"):
+        text = (
+            f"where the floor is {name}, in m, for 4 cm around (default: the roomiest such place in"
+            " the picture on the experiment's floor)"
+        )
+        arguments.option(group, f"--{name}", _point, "X,Y", text)
+
+
+def calibrate(options: argparse.Namespace) -> int:
+    """Calibrates all robots that can be; see `measuring.calibrate`."""
+    with _measuring(options, rosters.roster_of(options, found=False)) as wanted:
+        return measuring.calibrate(wanted, sensing_of(options, wanted.experiment))
+
+
+def check(options: argparse.Namespace) -> int:
+    """Checks all robots; see `measuring.check`."""
+    with _measuring(options, rosters.roster_of(options, found=not options.lab)) as wanted:
+        return measuring.check(wanted, options.wiggle)
+
+
+@contextmanager
+def _measuring(options: argparse.Namespace, known: Roster | None) -> Iterator[MeasuringOptions]:
+    """Reads what the options name, and takes the robots.
+
+    Raises:
+        UsageError: no tracker is named, or two are; or the robots have no keys.
+        LeasedError: another run has some of the robots.
+    """
+    stage = Stage.LAB if options.lab else Stage.RUN
+    casting = Casting.of(known, limit=options.robots)
+    experiment = first_robots(
+        load(options.experiment, stage=stage, casting=casting), options.robots
+    )
+    if not options.lab:
+        require_source(experiment, options.tracking)
+    elif options.tracking is not None:
+        raise UsageError("--lab has cameras of its own: expected no --tracking")
+    host = experiment.host if options.host is None else options.host
+    port = 0 if options.lab else experiment.port
+    leases = nullcontext() if options.lab else experiments.lease_robots(options, experiment, host)
+    with leases:
+        seed = experiments.choose_seed(options, experiment)
+        experiment = settle(experiment, seed, options.lab)
+        yield MeasuringOptions(
+            experiment=experiment,
+            seed=seed,
+            address=(host, port if options.port is None else options.port),
+            trust=LinkTrust(keys.make()) if options.lab else experiments.trust_of(options),
+            tracking=options.tracking,
+            lab=_lab_of(options, experiment) if options.lab else None,
+            known=known,
+            web=arguments.web_of(options),
+            wait_s=options.wait,
+            output=options.output,
+            as_json=options.json,
+        )
+
+
+def _lab_of(options: argparse.Namespace, experiment: Experiment) -> EmulatedSwarm:
+    robots = hardware.robots_of(options, experiment)
+    return EmulatedSwarm(robots, options.base, options.firmware_watchdog, options.pace)
+
+
+def sensing_of(options: argparse.Namespace, experiment: Experiment) -> Sensing | None:
+    """What is measured and where; None: no sensors.
+
+    Raises:
+        UsageError: there is no such wall or place, or these options do not go together.
+        ConfigError: the picture on the floor cannot be read.
+    """
+    wanted = options.sensors or ()
+    for name, needed in (("wall", PROXIMITY), ("white", GROUND), ("black", GROUND)):
+        if getattr(options, name) is not None and needed not in wanted:
+            raise UsageError(f"--{name} is for {needed} sensors: expected --sensors {needed}")
+    if not wanted:
+        return None
+    if GROUND in wanted and options.lab and options.base not in GROUND_BASES:
+        raise UsageError(
+            f"--lab with --base {options.base}: its robots have no ground sensors; expected --base"
+            f" {' or '.join(GROUND_BASES)}"
+        )
+    ground = None
+    if GROUND in wanted:
+        ground = ground_places(experiment, options.white, options.black)
+    before = spots(experiment, options.wall) if PROXIMITY in wanted else ()
+    return Sensing(DrivingFloor.of(experiment), before, ground, OwnReadings(wanted))
+
+
+def _sensors(text: str) -> tuple[str, ...]:
+    names = tuple(dict.fromkeys(text.split(",")))
+    if not set(names) <= set(SENSORS):
+        raise argparse.ArgumentTypeError(
+            f"'{text}': expected {' or '.join(SENSORS)}, or both with a comma between"
+        )
+    return names
+
+
+def _point(text: str) -> Point:
+    found = re.fullmatch(_PAIR, text)
+    if found is None:
+        raise argparse.ArgumentTypeError(f"'{text}': expected x and y in m, such as 0.5,-0.8")
+    return float(found[1]), float(found[2])

@@ -1,1 +1,0 @@
-"""Benchmarks: how fast and how well, against the best of the others, in one run."""
