@@ -48,6 +48,7 @@ TABLE = {
     "processes": "base.processes",
     "recording": "monitor.recording",
     "report": "studies.report",
+    "report.study.exact": "studies.report.study.rank_tests",
     "robot": "robots",
     "robot_calibration": "tools.robot_calibration",
     "robots.link.robots": "robots.link",
@@ -73,6 +74,10 @@ def _new_name(name: str) -> str | None:
     for count in range(len(parts), 0, -1):
         if moved := TABLE.get(".".join(parts[:count])):
             return ".".join(["vsense", moved, *parts[count:]])
+    # `from vsense.packages import kinds` asks the new package for a module that it no longer has.
+    for old, new in TABLE.items():
+        if (moved := TABLE.get(f"{old}{'.'.join(parts).removeprefix(new)}")) and moved != new:
+            return f"vsense.{moved}"
     return None
 
 

@@ -13,7 +13,7 @@ from vsense.monitor.pictures.run_figure import spoken
 from vsense.studies.report import plot
 from vsense.studies.report.plot import Drawing
 from vsense.studies.report.study.effects import Spread
-from vsense.studies.report.study.exact import Floats
+from vsense.studies.report.study.rank_tests import Floats
 from vsense.studies.report.study.results import MeasureResult, StudyResult
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ import numpy as np
 from vsense.base.errors import UsageError, instead
 from vsense.run.runs_csv import COLUMNS, MODES, RunRow
 from vsense.studies.report.study import BY
-from vsense.studies.report.study.exact import Floats
+from vsense.studies.report.study.rank_tests import Floats
 
 APART = ("experiment", "mode", "condition")
 """Runs that differ in one of these are never pooled."""

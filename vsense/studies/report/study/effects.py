@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vsense.studies.report.study.exact import Floats
+from vsense.studies.report.study.rank_tests import Floats
 
 RESAMPLES, FEWER_RESAMPLES = 2_000, 1_000
 """Of the bootstrap; fewer where there are more differences than `_MOST_SORTED`."""

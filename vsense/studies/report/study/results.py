@@ -14,8 +14,7 @@ from vsense.run.runs_csv import RunRow
 from vsense.studies.report.study import BY, SEED, rank_tests
 from vsense.studies.report.study.design import Arm, Study, studies
 from vsense.studies.report.study.effects import EffectSize, Spread, effect_of, spread_of
-from vsense.studies.report.study.exact import Floats
-from vsense.studies.report.study.rank_tests import Equivalence, RankTest
+from vsense.studies.report.study.rank_tests import Equivalence, Floats, RankTest
 
 MOST_ARMS = 10
 """Conditions that are all compared with each other."""
