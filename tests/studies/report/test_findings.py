@@ -27,8 +27,14 @@ from vsense.base.message_bus import Message
 from vsense.monitor.recording.form import RecordingError
 from vsense.studies.report.findings import Findings, as_json, read_findings
 from vsense.studies.report.flow import FINE, LOST, STOPPED, UNSEEN, Strips
-from vsense.studies.report.gather import IN_CONE, LIT_IN_CONE, Gatherer
-from vsense.studies.report.tracks import CELL_M, MOST_POINTS, RobotTrack
+from vsense.studies.report.gather import (
+    CELL_M,
+    IN_CONE,
+    LIT_IN_CONE,
+    MOST_POINTS,
+    Gatherer,
+    RobotTrack,
+)
 
 
 @pytest.fixture(scope="module")

@@ -1,25 +1,90 @@
-"""What the runs of a benchmark have left, read anew: their files, figures, poses and scores."""
+"""What the runs of a benchmark have left: their files, figures, poses, and measures computed again.
+
+Only recorded poses are believed: the world of the mission is made from the definition's own files,
+moved and measured with the recorded arena states. What robots sensed, and what they did to the
+world, plays no part in the measures of these missions.
+"""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from vsense.base.errors import VsenseError
 from vsense.base.files import parse_json, read_text
-from vsense.monitor.recording import SUFFIX
+from vsense.config.specs import Experiment
+from vsense.monitor.recording import SUFFIX, form
+from vsense.monitor.recording.form import RecordingError
 from vsense.monitor.recording.reader import Recording, open_recording
+from vsense.monitor.recording.resense import arena_state
 from vsense.run.directory import SUMMARY
+from vsense.run.environment import Environment
 from vsense.run.runs_csv import RUNS, RunRow, read_runs
 from vsense.studies.benchmark.definition import BLIND, digest
 from vsense.studies.benchmark.motion import RunMotion, read_motion
-from vsense.studies.benchmark.scores import recount
 from vsense.studies.series.order import Cell, cells
 from vsense.studies.series.parts import PlannedExperiment
 from vsense.studies.series.plan import SeriesPlan
+
+
+def recount(recording: Recording, experiment: Experiment, seed: int) -> dict[str, float]:
+    """The measures at the run's end, by name.
+
+    Args:
+        recording: of the run, from its beginning.
+        experiment: the mission's, with everything at the run's start.
+        seed: the run's own.
+
+    Raises:
+        RecordingError: it is not of this run, or not all of it is there.
+        VsenseError: the mission's loop functions have failed.
+    """
+    path = recording.path
+    environment: Environment | None = None
+    lived = -1
+    try:
+        for message in recording.messages({"/experiment", "/arena", form.ORDERS}):
+            if message.topic == form.ORDERS:
+                raise RecordingError(f"{path}: somebody changed the world while the run went on")
+            if message.topic == "/experiment":
+                environment = environment or _made(recording, message.data, experiment, seed)
+            elif environment is not None and lived + 1 < experiment.timesteps:
+                lived = _step(environment, message.data, lived)
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise RecordingError(f"{path}: cannot be counted again: {error!r}") from None
+    if environment is None or lived < 0:
+        raise RecordingError(f"{path}: holds no run")
+    return environment.end()
+
+
+def _made(
+    recording: Recording, told: Mapping[str, Any], experiment: Experiment, seed: int
+) -> Environment:
+    """The mission's world before its first timestep, with the robots that played."""
+    tags = [int(robot["tag"]) for robot in told["robots"]]
+    if told["seed"] != seed or len(tags) != len(experiment.robots):
+        raise RecordingError(
+            f"{recording.path}: is of {len(tags)} robots and seed {told['seed']}, expected"
+            f" {len(experiment.robots)} and {seed}"
+        )
+    robots = tuple(replace(robot, tag=tag) for robot, tag in zip(experiment.robots, tags))
+    return Environment(replace(experiment, robots=robots), seed)
+
+
+def _step(environment: Environment, data: Mapping[str, Any], lived: int) -> int:
+    """Lives a recorded timestep, and gives the newest one of the run."""
+    run_timestep: int = data["run_timestep"]
+    environment.world.update(arena_state(data), run_timestep)
+    if run_timestep <= lived:
+        return lived
+    environment.pre_step()
+    environment.act({})
+    environment.post_step()
+    return run_timestep
+
 
 Tell = Callable[[str], None]
 """Takes what is at work, for people."""

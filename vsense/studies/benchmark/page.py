@@ -11,13 +11,65 @@ from typing import Any
 from vsense.base.errors import failing_as
 from vsense.monitor.pictures.run_figure import spoken
 from vsense.monitor.recording.form import RecordingError
-from vsense.studies.benchmark import charts
 from vsense.studies.benchmark.comparing import ComparedLabs
 from vsense.studies.report import can_draw, lacking, plot
 from vsense.studies.report.markup import DASH, Counter, document, figure_of, note, share_of, tiles
+from vsense.studies.report.plot import Drawing
 from vsense.studies.report.report import PAGE, Charts, require_empty
-from vsense.studies.report.study import boxes, lacking_tests, section
+from vsense.studies.report.study import lacking_tests, section
 from vsense.studies.report.study.results import Questions, StudyResult
+
+_ROW_IN, _FRAME_IN = 0.22, 0.6
+
+
+def _latency_chart(stations: Mapping[str, Mapping[str, float]]) -> Drawing:
+    """Each station's median and 99th percentile."""
+    names = list(stations)
+    figure = plot.new_figure(height_in=_FRAME_IN + _ROW_IN * max(len(names), 1))
+    axes = figure.subplots()
+    for place, name in enumerate(names):
+        spread = stations[name]
+        axes.plot([spread["p50"], spread["p99"]], [place] * 2, color="C0", linewidth=1.6)
+        axes.plot([spread["p50"]], [place], color="C0", marker="o", markersize=4)
+        axes.plot([spread["p99"]], [place], color="C0", marker="|", markersize=7)
+    labels = [plot.label(spoken(name.removesuffix("_ms"))) for name in names]
+    axes.set_yticks(range(len(names)), labels)
+    axes.set(ylim=(len(names) - 0.5, -0.5), xlabel="ms")
+    plot_max = max((spread["p99"] for spread in stations.values()), default=1.0)
+    axes.set_xlim(0.0, 1.05 * max(plot_max, 1e-3))
+    axes.grid(False, axis="y")
+    caption = "Dot: median of the runs' medians; bar: 99th percentile of the worst run."
+    return Drawing("latency", "Latency", caption, figure)
+
+
+def _wheels_chart(robots: Sequence[Mapping[str, Any]]) -> Drawing:
+    """What each robot's wheels make of what they are told, and the noise of its way and turn."""
+    figure = plot.new_figure(plot.width_of(True))
+    panels = (
+        ("way_over_told", "way over told [%]", 100.0),
+        ("forward_noise_mm", "noise of way in a timestep [mm]", 1.0),
+        ("turn_noise_deg", "noise of turn in a timestep [deg]", 1.0),
+    )
+    places = range(len(robots))
+    for number, (axes, (name, words, factor)) in enumerate(zip(figure.subplots(1, 3), panels)):
+        values = [factor * robot[name] for robot in robots]
+        axes.plot(places, values, linestyle="none", marker="o", markersize=3.2, color=f"C{number}")
+        axes.set(ylabel=words, xlim=(-0.6, len(robots) - 0.4))
+        axes.set_xticks(places, [str(robot["tag"]) for robot in robots], rotation=90)
+        axes.grid(False, axis="x")
+        if number == 0:
+            low, high = min(*values, 100.0), max(*values, 100.0)
+            room = max(0.15 * (high - low), 0.5)
+            axes.set_ylim(low - room, high + room)
+            axes.axhline(100.0, color="0.6", linewidth=0.8)
+        else:
+            plot.from_zero(axes, values)
+    caption = (
+        "Each robot by its tag. Way over told: 100 % is a nominal e-puck. Noise: standard deviation"
+        " of what a timestep's motion differs from that of its wheels."
+    )
+    return Drawing("wheels", "Wheels, as the runs show them", caption, figure, wide=True)
+
 
 FOLDER = "report"
 """In the folder of the runs."""
@@ -107,7 +159,7 @@ def _latency(told: Mapping[str, Any], drawn: Charts, counter: Counter) -> str:
     )
     heads = ("", "median [ms]", "99 % [ms]", "greatest [ms]")
     late = _share(latency["late_share_mean"]), _share(latency["late_share_worst"])
-    figures = counter.figures(drawn.keep("", [charts.latencies(latency["stations"])]))
+    figures = counter.figures(drawn.keep("", [_latency_chart(latency["stations"])]))
     return (
         f"{title}{figures if drawn.form else ''}"
         f"{counter.table('Latency', caption, heads, rows)}"
@@ -174,7 +226,7 @@ def _wheels(told: Mapping[str, Any], drawn: Charts, counter: Counter) -> str:
         " timestep to the next; noise: what is left over in a timestep. Measured before: by vsense"
         " robot calibrate, in the roster; robots correct their wheels by it."
     )
-    figures = counter.figures(drawn.keep("", [charts.wheels(robots)])) if drawn.form else ""
+    figures = counter.figures(drawn.keep("", [_wheels_chart(robots)])) if drawn.form else ""
     return f"<h2>Wheels</h2>\n{figures}{counter.table('Wheels', caption, heads, rows, texts=(7,))}"
 
 
@@ -205,7 +257,7 @@ def _studies(
 ) -> list[str]:
     parts = []
     for place, result in enumerate(studies):
-        pictures = drawn.keep("", boxes.boxes(result, f"{place + 1}-"))
+        pictures = drawn.keep("", section.boxes(result, f"{place + 1}-"))
         parts.append(section.section(result, pictures, counter, place + 1, asked.tests))
     return [*parts, section.methods(studies, asked)]
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.message_bus import Message
-from vsense.studies.packages.scrub import Scrubber
+from vsense.studies.packages.places import Scrubber
 
 DAMAGED = (
     *(KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError, EOFError),

@@ -20,7 +20,7 @@ from vsense.studies.packages.crate import Described, Person, Title
 from vsense.studies.packages.gathering import FoundRun, FoundSeries, gather
 from vsense.studies.packages.kinds import FileKind
 from vsense.studies.packages.origin import RunOrigin
-from vsense.studies.packages.scrub import OWN_FOLDERS, PACKAGE, Scrubber, folders_of
+from vsense.studies.packages.places import OWN_FOLDERS, PACKAGE, Scrubber, folders_of
 from vsense.studies.report.study.results import Questions
 
 README = "README.md"
@@ -281,12 +281,12 @@ class Packing:
     def _copied(self, name: str, path: Path) -> Path:
         """A recording as others may have it."""
         require()
-        from vsense.studies.packages import copying  # these need the extra `record`
+        from vsense.studies.packages import recordings  # these need the extra `record`
 
         into = self._stage / f"{len(self.entries)}{SUFFIX}"
         pictures = self._options.pictures
         tell = lambda share: self._show(f"copying {path}: {100 * share:.0f} %")  # noqa: E731
-        copied = copying.copy(path, into, self._scrubber, pictures, tell)
+        copied = recordings.copy(path, into, self._scrubber, pictures, tell)
         if copied.left_out:
             self._leave_out("recordings' pictures (--pictures)")
             self._pictures_bytes += path.stat().st_size - into.stat().st_size

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from vsense.monitor.recording.form import RecordingError
 from vsense.monitor.recording.reader import Gap, Recording, open_recording
 from vsense.studies.report.flow import SILENCE_NS, LinkHealth, Spell
-from vsense.studies.report.gather import Gatherer, gather
-from vsense.studies.report.tracks import RobotTrack
+from vsense.studies.report.gather import Gatherer, RobotTrack, gather
 
 Floats = NDArray[np.float64]
 

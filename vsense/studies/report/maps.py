@@ -13,9 +13,8 @@ import numpy as np
 from vsense.base.canvas import Floats
 from vsense.studies.report.facts import entities, number, numbers
 from vsense.studies.report.findings import Findings
-from vsense.studies.report.gather import ODD, Gatherer
+from vsense.studies.report.gather import CELL_M, ODD, Gatherer
 from vsense.studies.report.plot import Drawing, label, new_figure, setting, width_of
-from vsense.studies.report.tracks import CELL_M
 from vsense.world.entities import Arena
 
 if TYPE_CHECKING:

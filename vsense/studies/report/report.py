@@ -11,11 +11,11 @@ from typing import Any
 from vsense.base.errors import failing_as
 from vsense.monitor.recording.form import RecordingError
 from vsense.studies.report import can_draw, charts, compare, findings, lacking, maps, plot
-from vsense.studies.report.campaigns import CampaignRuns, campaign_runs
+from vsense.studies.report.compare import CampaignRuns, campaign_runs
 from vsense.studies.report.findings import Findings, read_findings
 from vsense.studies.report.markup import Shown
 from vsense.studies.report.page import Chapter, ComparedRuns, Studied, page
-from vsense.studies.report.study import SUFFIX, boxes, lacking_tests, results, words
+from vsense.studies.report.study import SUFFIX, lacking_tests, results, section, words
 from vsense.studies.report.study.collect import TableOfRuns, read_tables
 from vsense.studies.report.study.results import Questions, StudyResult
 
@@ -196,7 +196,7 @@ def _studied(
     drawn = []
     for place, result in enumerate(found, start=1):
         prefix = "runs-" if len(found) == 1 else f"runs-{place}-"
-        drawn.append((result, kept.keep("", boxes.boxes(result, prefix))))
+        drawn.append((result, kept.keep("", section.boxes(result, prefix))))
     repeated = [table for table in tables if table.repeated]
     told = [
         f"{table.repeated} of the runs in {table.path} are named twice, and count once."

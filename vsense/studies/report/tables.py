@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from vsense.monitor.pictures.run_figure import spoken
-from vsense.studies.report.campaigns import CampaignRuns
-from vsense.studies.report.compare import Group, quantities, table
+from vsense.studies.report.compare import CampaignRuns, Group, quantities, table
 from vsense.studies.report.findings import Findings, RobotRow
 from vsense.studies.report.markup import DASH, Counter, figure_of, share_of
 

@@ -7,13 +7,78 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from vsense.base.terminal import aligned
 from vsense.config.roster import RosterRobot
 from vsense.modes.lab.hardware import RobotHardware, scales
-from vsense.tools.robot_calibration import sensor_results
+from vsense.tools.robot_calibration.commanding import PROXIMITY
 from vsense.tools.robot_calibration.motion_fit import PARAMETERS, MotionFit
 from vsense.tools.robot_calibration.sensor_fit import Floats, SensorFit
-from vsense.tools.robot_calibration.sensor_results import scale_name
+
+_SENSOR_HEAD = ("sensor", "nothing:wall, black:white, raw", "left over", "wall off", "readings")
+
+
+def scale_name(name: str) -> str:
+    """The roster's name of a sensor's spans."""
+    return f"{name}_scale"
+
+
+def _span_ratio(fit: SensorFit, text: str) -> float:
+    """The width of the span that has changed most, over what it was: a scale of the roster."""
+    before = np.array([[float(end) for end in span.split(":")] for span in text.split(",")])
+    ratios = np.diff(fit.spans)[:, 0] / np.diff(before)[:, 0]
+    return float(ratios[np.argmax(np.abs(ratios - 1.0))])
+
+
+def _sensor_rows(sensors: Mapping[str, SensorFit], true: Mapping[str, Floats]) -> list[list[str]]:
+    """Rows of a table with `_SENSOR_HEAD`; the truth stands below, where a lab has it."""
+    found = []
+    for name, fit in sensors.items():
+        wall = f"{1000.0 * fit.error_m:+.1f} mm" if name == PROXIMITY else ""
+        rest = f"{100.0 * fit.rest:.1f} %" if name == PROXIMITY else ""
+        found.append([name, _spans_text(fit.spans), rest, wall, str(fit.readings)])
+        if scale_name(name) in true:
+            found.append(["  truth", _spans_text(true[scale_name(name)]), "", "", ""])
+    return found
+
+
+def _sensor_errors(
+    sensors: Mapping[str, SensorFit], true: Mapping[str, Floats]
+) -> dict[str, float]:
+    """The largest errors: `proximity_low` and `ground_low` (raw, of nothing and of black), and
+    `proximity_width`, `ground_width` (of the spans, as a share)."""
+    told = {}
+    for name, fit in sensors.items():
+        if (spans := true.get(scale_name(name))) is not None:
+            widths = np.diff(fit.spans) / np.diff(spans)
+            told[f"{name}_low"] = float(np.abs(fit.spans[:, 0] - spans[:, 0]).max())
+            told[f"{name}_width"] = float(np.abs(widths - 1.0).max())
+    return told
+
+
+def _sensors_json(
+    sensors: Mapping[str, SensorFit], troubles: Mapping[str, str], true: Mapping[str, Floats]
+) -> dict[str, Any]:
+    """What `calibration.json` has of a robot's sensors."""
+    told: dict[str, Any] = {
+        name: {
+            "spans": fit.spans.round(2).tolist(),
+            "sigma": fit.sigmas.round(2).tolist(),
+            "rest": round(fit.rest, 4),
+            "wall_off_mm": round(1000.0 * fit.error_m, 3),
+            "readings": fit.readings,
+            **({"truth": true[key].round(2).tolist()} if (key := scale_name(name)) in true else {}),
+        }
+        for name, fit in sensors.items()
+    }
+    told |= {name: {"why": why} for name, why in troubles.items()}
+    return {"sensors": told} if told else {}
+
+
+def _spans_text(spans: Floats) -> str:
+    return " ".join(f"{low:.0f}:{high:.0f}" for low, high in spans)
+
 
 _NUMBERS: Mapping[str, tuple[str, int]] = {
     "wheel_diameter_mm": ("wheel mm", 2),
@@ -77,7 +142,7 @@ class RobotResult:
         }
         for name, fit in self.sensors.items():
             if (text := getattr(held, scale_name(name))) is not None:
-                ratios[scale_name(name)] = sensor_results.over(fit, text)
+                ratios[scale_name(name)] = _span_ratio(fit, text)
         return ratios
 
     @property
@@ -87,13 +152,13 @@ class RobotResult:
 
     def sensor_rows(self) -> list[list[str]]:
         """Its rows of the sensors' table."""
-        rows = sensor_results.rows(self.sensors, self._true_spans)
+        rows = _sensor_rows(self.sensors, self._true_spans)
         heads = [[str(self.tag), self.name], *([["", ""]] * len(rows))]
         return [[*head, *row] for head, row in zip(heads, rows)]
 
     def sensor_errors(self) -> dict[str, float]:
         """How far its sensors are from the lab's truth."""
-        return sensor_results.errors(self.sensors, self._true_spans)
+        return _sensor_errors(self.sensors, self._true_spans)
 
     def as_json(self) -> dict[str, Any]:
         """All of it; numbers by the roster's names."""
@@ -107,7 +172,7 @@ class RobotResult:
         told["rms_deg"] = round(math.degrees(fit.rms_rad), 4)
         if self.truth is not None:
             told["truth"] = _rounded(_numbers(self.truth), 6)
-        told |= sensor_results.as_json(self.sensors, self.troubles, self._true_spans)
+        told |= _sensors_json(self.sensors, self.troubles, self._true_spans)
         if self.changes:
             told["over_roster"] = _rounded(self.changes, 6)
         return told
@@ -136,7 +201,7 @@ def table(results: list[RobotResult]) -> str:
     lines = aligned(rows, 2) if len(rows) > 1 else []
     rows = [row for one in results for row in one.sensor_rows()]
     if rows:
-        lines += ["", *aligned([["tag", "robot", *sensor_results.HEAD], *rows], 2)]
+        lines += ["", *aligned([["tag", "robot", *_SENSOR_HEAD], *rows], 2)]
     lines += [f"{one.tag} {one.name}: left out: {one.why}" for one in results if one.fit is None]
     lines += [
         f"{one.tag} {one.name}: {name}: {why}"
@@ -151,7 +216,7 @@ def worst(results: list[RobotResult]) -> dict[str, float]:
     """The largest errors against a lab's truth; empty where there is none.
 
     `marker_mm`, `marker_deg`; `distance` and `turn`: shares of a way straight ahead, and of a turn
-    on the spot; and those of `sensor_results.errors`.
+    on the spot; and those of `_sensor_errors`.
     """
     known = [one for one in results if one.fit is not None and one.truth is not None]
     errors: dict[str, float] = {}

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from vsense.base.arena import wrap_angle
 from vsense.base.errors import VsenseError
-from vsense.tools.robot_calibration.areas import STRAY_M, Area, FreeFloor, spot, way
 from vsense.tools.robot_calibration.motion_fit import MotionFit, Stretch, fit
+from vsense.tools.robot_calibration.places import STRAY_M, Area, FreeFloor, spot, way
 from vsense.world.entities import BODY_RADIUS_M
 from vsense.world.physics.motion import AXLE_M, STEP_M
 

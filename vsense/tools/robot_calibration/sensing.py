@@ -17,12 +17,15 @@ import numpy as np
 
 from vsense.base.arena import wrap_angle
 from vsense.run.homing.floor import DrivingFloor
-from vsense.tools.robot_calibration.areas import STANDING_M, STRAY_M, Area, FreeFloor
 from vsense.tools.robot_calibration.commanding import GROUND, PROXIMITY, SENSORS, OwnReadings
 from vsense.tools.robot_calibration.places import (
     ALONE_M,
     ROOM_M,
     STAGE_M,
+    STANDING_M,
+    STRAY_M,
+    Area,
+    FreeFloor,
     GroundPlaces,
     Point,
     WallSpot,
