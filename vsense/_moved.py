@@ -47,6 +47,7 @@ TABLE = {
     "native": "base.native",
     "packages": "studies.packages",
     "packages.copying": "studies.packages.recordings",
+    "packages.findings": "studies.packages.claims",
     "packages.recorded": "studies.packages.recordings",
     "packages.scrub": "studies.packages.places",
     "packages.simulating": "studies.packages.reproduce",

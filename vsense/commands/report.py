@@ -121,7 +121,7 @@ def run(options: argparse.Namespace) -> int:
         lambda text: console.progress(f"computing {text}"),
     )
     console.end_progress()
-    for text in (*made.lacking, *made.told):
+    for text in (*made.missing, *made.notes):
         console.say(f"vsense: {text}")
     for one in made.findings:
         if not one.complete:

@@ -122,7 +122,7 @@ def _check(
                 away = dict.fromkeys(readiness.unseen, "is not seen")
                 away |= dict.fromkeys(readiness.absent, "is not connected") | dict(readiness.away)
                 return [
-                    WiggledRobot(tag, name, why=away.get(name, ""), told=False)
+                    WiggledRobot(tag, name, why=away.get(name, ""), commanded=False)
                     for tag, name in names.items()
                 ]
             console.say(f"{len(names)} robots turn one after the other: keep hands off")

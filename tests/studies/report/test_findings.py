@@ -143,8 +143,8 @@ def test_health_over_time(found: Findings) -> None:
     assert table.tolist() == [[FINE, FINE, STOPPED, FINE], [UNSEEN, LOST, UNSEEN, UNSEEN]]
 
 
-def test_what_was_amiss(found: Findings) -> None:
-    loss, camera = sorted(found.amiss, key=lambda one: one.kind, reverse=True)
+def test_what_went_wrong(found: Findings) -> None:
+    loss, camera = sorted(found.incidents, key=lambda one: one.kind, reverse=True)
     assert (loss.kind, loss.text) == ("no link", "robot blinker")
     assert loss.from_s == pytest.approx(0.515, abs=0.001)
     assert loss.to_s == pytest.approx(0.9 + 0.018, abs=0.001), "timestep 8 was missed"
@@ -167,7 +167,7 @@ def test_silences_and_gaps(tmp_path: Path) -> None:
         Message("/arena", gap["to_ns"], arena(50, gap["to_ns"])),
     ]
     found = read_findings(write(tmp_path / "run.mcap", sent))
-    silence, lost = [one for one in found.amiss if one.kind in ("silence", "not recorded")]
+    silence, lost = [one for one in found.incidents if one.kind in ("silence", "not recorded")]
     assert (silence.from_s, silence.to_s) == pytest.approx((1.9, 3.0))
     assert (lost.from_s, lost.to_s) == pytest.approx((3.1, 5.0)), "and it is no silence, too"
     assert lost.text == "7 messages, 0 pictures: the disk was full"
@@ -187,7 +187,7 @@ def test_a_pause_is_not_driven_through(tmp_path: Path) -> None:
     found = read_findings(write(tmp_path / "run.mcap", sent))
     assert found.found.flow.lived == 6 and found.found.flow.missed == 0
     assert found.robots[0].distance_m == pytest.approx(0.04), "twice two moves of 1 cm"
-    assert not found.amiss
+    assert not found.incidents
 
 
 def test_without_a_run_everything_counts(tmp_path: Path) -> None:

@@ -49,7 +49,7 @@ AT_WALL_M = BODY_RADIUS_M + 0.05
 
 @dataclass(frozen=True, slots=True)
 class WheelOrders:
-    """What one robot's wheels were told, as it told itself.
+    """The wheel speeds that one robot obeys, as it reports them.
 
     Attributes:
         times_s: (m,) since when; a speed is kept until the next one.
@@ -63,15 +63,15 @@ class WheelOrders:
         """The ways that nominal wheels would have gone up to some times, (k, 2); NaN: not known."""
         spans = np.diff(self.times_s, append=self.times_s[-1:])[:, None] * self.speeds
         ways = np.vstack((np.zeros((1, 2)), np.cumsum(spans, axis=0)[:-1])) * STEP_M
-        found = [np.interp(times_s, self.times_s, ways[:, k], np.nan, np.nan) for k in (0, 1)]
-        return np.stack(found, axis=-1)
+        columns = [np.interp(times_s, self.times_s, ways[:, k], np.nan, np.nan) for k in (0, 1)]
+        return np.stack(columns, axis=-1)
 
     def stood(self, times_s: Floats) -> Flags:
-        """Whether both wheels had been told to stand for 0.5 s, up to 0.1 s after, (k,)."""
+        """Whether both speeds were 0 for 0.5 s, and are up to 0.1 s after, (k,)."""
         turns = np.abs(self.speeds).sum(axis=1, keepdims=True).repeat(2, axis=1)
         along = WheelOrders(self.times_s, turns)
-        went = along.ways_m(times_s + 0.1) - along.ways_m(times_s - 0.5)
-        return np.asarray(went[:, 0] == 0.0)
+        ways = along.ways_m(times_s + 0.1) - along.ways_m(times_s - 0.5)
+        return np.asarray(ways[:, 0] == 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,8 +129,8 @@ def read_motion(recording: Recording, sensing: bool = True) -> RunMotion:
     Raises:
         RecordingError: it holds no run, or is damaged.
     """
-    told = ExperimentMessage.read(recording.experiment)
-    gathered = _Gathered(told)
+    experiment = ExperimentMessage.read(recording.experiment)
+    gathered = _Gathered(experiment)
     try:
         topics = {"/arena", "/robots", *(["/readings"] if sensing else [])}
         for message in recording.messages(topics):
@@ -145,9 +145,9 @@ def read_motion(recording: Recording, sensing: bool = True) -> RunMotion:
 class _Gathered:
     """Takes the messages of a recording."""
 
-    def __init__(self, told: ExperimentMessage) -> None:
-        self._told = told
-        self.tags = tuple(int(robot["tag"]) for robot in told.robots)
+    def __init__(self, experiment: ExperimentMessage) -> None:
+        self._experiment = experiment
+        self.tags = tuple(int(robot["tag"]) for robot in experiment.robots)
         self._row = {tag: row for row, tag in enumerate(self.tags)}
         self.times_ns: list[int] = []
         self._poses: list[Floats] = []
@@ -183,24 +183,24 @@ class _Gathered:
         zero_ns, poses = self.times_ns[0], np.array(self._poses)
         times_s = (np.array(self.times_ns) - zero_ns) / 1e9
         orders = tuple(_orders(rows, zero_ns) for rows in self._orders)
-        free = _free(poses, self._told.arena or {})
-        step_s = float(self._told.timestep_s or 0.1)
+        free = _free(poses, self._experiment.arena or {})
+        step_s = float(self._experiment.timestep_s or 0.1)
         return RunMotion(step_s, self.tags, times_s, poses, free, orders, self._values())
 
     def _values(self) -> dict[tuple[str, str], Floats]:
         """The readings at the times of the run, of the first controller's sensors."""
         if not self._readings:
             return {}
-        sensors = self._told.controllers[0]["sensors"]
+        sensors = self._experiment.controllers[0]["sensors"]
         shape = len(self.times_ns), len(self.tags)
-        found = [np.full((*shape, int(sensor["count"])), np.nan) for sensor in sensors]
+        tables = [np.full((*shape, int(sensor["count"])), np.nan) for sensor in sensors]
         for place, time_ns in enumerate(self.times_ns):
             data = self._readings.get(time_ns)
             for tag, values in zip(*((data["tag"], data["values"]) if data else ((), ()))):
-                for into, value in zip(found, values):
+                for into, value in zip(tables, values):
                     if tag in self._row and len(value) == into.shape[2]:
                         into[place, self._row[tag]] = value
-        return {(s["name"], s.get("unit") or ""): v for s, v in zip(sensors, found)}
+        return {(s["name"], s.get("unit") or ""): v for s, v in zip(sensors, tables)}
 
 
 def _orders(rows: list[tuple[float, float, float]], zero_ns: int) -> WheelOrders | None:
@@ -243,7 +243,7 @@ class IdentifiedRobot:
 
     Attributes:
         steps: timesteps that it was found from.
-        way_over_told: how far both wheels go, over what nominal ones would have, told the same.
+        way_over_told: how far both wheels go, over what nominal ones would have, at those speeds.
         right_over_left: the ratio of both.
         axle_over_nominal: the distance of the wheels; both None: it hardly turned.
         forward_noise_mm, turn_noise_deg: standard deviations of what is left over in a timestep.
@@ -269,26 +269,28 @@ class StandingNoise:
 
 
 def shift_of(runs: Iterable[RunMotion]) -> float | None:
-    """By how much told speeds are shifted [s]; the median of the runs, None: unknown."""
-    found = [shift for run in runs if (shift := _shift(run)) is not None]
-    return float(np.median(found)) if found else None
+    """By how much reported speeds are shifted [s]; the median of the runs, None: unknown."""
+    shifts_s = [shift for run in runs if (shift := _shift(run)) is not None]
+    return float(np.median(shifts_s)) if shifts_s else None
 
 
 def _shift(run: RunMotion) -> float | None:
-    """The shift with which told speeds explain best how fast robots went."""
+    """The shift with which reported speeds explain best how fast robots went."""
     forward, _, good = run.steps()
     costs = []
     for shift_s in SHIFTS_S:
-        told = np.stack([_told(run, row, shift_s).mean(axis=1) for row in range(len(run.tags))], -1)
-        here = good & np.isfinite(told)
-        if here.sum() < FEWEST or not np.any(told[here]):
+        ways = np.stack(
+            [_nominal_ways(run, row, shift_s).mean(axis=1) for row in range(len(run.tags))], -1
+        )
+        here = good & np.isfinite(ways)
+        if here.sum() < FEWEST or not np.any(ways[here]):
             return None
-        factor = np.sum(told[here] * forward[here]) / np.sum(told[here] ** 2)
-        costs.append(float(np.abs(forward[here] - factor * told[here]).mean()))
+        factor = np.sum(ways[here] * forward[here]) / np.sum(ways[here] ** 2)
+        costs.append(float(np.abs(forward[here] - factor * ways[here]).mean()))
     return float(SHIFTS_S[int(np.argmin(costs))])
 
 
-def _told(run: RunMotion, row: int, shift_s: float) -> Floats:
+def _nominal_ways(run: RunMotion, row: int, shift_s: float) -> Floats:
     """What a robot's nominal wheels would have gone from state to state, (n - 1, 2) [m]."""
     orders = run.orders[row]
     if orders is None:
@@ -302,56 +304,60 @@ def robots_of(runs: Sequence[RunMotion], shift_s: float) -> list[IdentifiedRobot
     for run in runs:
         forward, turn, good = run.steps()
         for row, tag in enumerate(run.tags):
-            told = _told(run, row, shift_s)
-            here = good[:, row] & np.isfinite(told).all(axis=1) & (told != 0.0).any(axis=1)
-            table = np.column_stack((told, forward[:, row], turn[:, row]))
+            ways = _nominal_ways(run, row, shift_s)
+            here = good[:, row] & np.isfinite(ways).all(axis=1) & (ways != 0.0).any(axis=1)
+            table = np.column_stack((ways, forward[:, row], turn[:, row]))
             rows.setdefault(tag, []).append(table[here])
-    found = ((tag, np.concatenate(tables)) for tag, tables in sorted(rows.items()))
-    return [one for tag, table in found if (one := _robot(tag, table)) is not None]
+    tables = ((tag, np.concatenate(tables)) for tag, tables in sorted(rows.items()))
+    return [robot for tag, table in tables if (robot := _robot(tag, table)) is not None]
 
 
 def _robot(tag: int, table: Floats) -> IdentifiedRobot | None:
-    """Fits one robot: (k, 4) told left and right [m], forward [m], turn [rad]."""
+    """Fits one robot: (k, 4) nominal left and right [m], forward [m], turn [rad]."""
     if len(table) < FEWEST:
         return None
-    told, forward, turn = table[:, :2], table[:, 2], table[:, 3]
-    (left_turn, right_turn), turn_left = _fit(told * (-1.0, 1.0), turn)
-    turned = float(np.abs(told[:, 1] - told[:, 0]).mean())
-    known = turned > _TURNED * float(np.abs(told).mean()) and left_turn > 0.0
+    ways, forward, turn = table[:, :2], table[:, 2], table[:, 3]
+    (left_turn, right_turn), turn_residuals = _fit(ways * (-1.0, 1.0), turn)
+    turned = float(np.abs(ways[:, 1] - ways[:, 0]).mean())
+    known = turned > _TURNED * float(np.abs(ways).mean()) and left_turn > 0.0
     ratio = right_turn / left_turn if known else 1.0
-    (left,), forward_left = _fit((told @ (0.5, 0.5 * ratio))[:, None], forward)
+    (left,), forward_residuals = _fit((ways @ (0.5, 0.5 * ratio))[:, None], forward)
     return IdentifiedRobot(
-        *(tag, len(table), left * (1.0 + ratio) / 2.0, ratio if known else None),
-        left / (left_turn * AXLE_M) if known else None,
-        *(1e3 * spread(forward_left), math.degrees(spread(turn_left))),
+        tag=tag,
+        steps=len(table),
+        way_over_told=left * (1.0 + ratio) / 2.0,
+        right_over_left=ratio if known else None,
+        axle_over_nominal=left / (left_turn * AXLE_M) if known else None,
+        forward_noise_mm=1e3 * spread(forward_residuals),
+        turn_noise_deg=math.degrees(spread(turn_residuals)),
     )
 
 
-def _fit(given: Floats, wanted: Floats) -> tuple[list[float], Floats]:
+def _fit(columns: Floats, target: Floats) -> tuple[list[float], Floats]:
     """Least squares of (k, c) columns, again without outliers; and all that is left over, (k,)."""
-    kept = np.ones(len(given), bool)
+    kept = np.ones(len(columns), bool)
     for _ in range(_ROUNDS):
-        found = np.linalg.lstsq(given[kept], wanted[kept], rcond=None)[0]
-        left = wanted - given @ found
-        limit = _OUTLIER * spread(left[kept])
-        kept = np.abs(left) <= max(limit, 1e-12)
-    return [float(value) for value in found], left
+        solution = np.linalg.lstsq(columns[kept], target[kept], rcond=None)[0]
+        residuals = target - columns @ solution
+        limit = _OUTLIER * spread(residuals[kept])
+        kept = np.abs(residuals) <= max(limit, 1e-12)
+    return [float(value) for value in solution], residuals
 
 
 def standing_noise(runs: Iterable[RunMotion]) -> list[StandingNoise]:
     """The noise of poses of robots that stand, and of their virtual sensors' readings."""
-    found: dict[tuple[str, str], list[Floats]] = {}
+    values_of: dict[tuple[str, str], list[Floats]] = {}
     for run in runs:
         still = _three(run.still(), run)
         for axis, name in enumerate(("x", "y")):
             values = _second(run.poses[..., axis])[still]
-            found.setdefault((name, "mm"), []).append(1e3 * values)
+            values_of.setdefault((name, "mm"), []).append(1e3 * values)
         turns = np.diff(wrap_angle(np.diff(run.poses[..., 2], axis=0)), axis=0)
-        found.setdefault(("heading", "deg"), []).append(np.degrees(turns[still]))
+        values_of.setdefault(("heading", "deg"), []).append(np.degrees(turns[still]))
         for key, values in run.readings.items():
-            found.setdefault(key, []).append(_second(values)[still].ravel())
+            values_of.setdefault(key, []).append(_second(values)[still].ravel())
     noise = []
-    for (name, unit), parts in found.items():
+    for (name, unit), parts in values_of.items():
         values = np.concatenate(parts)
         values = values[np.isfinite(values)]
         if len(values) >= FEWEST:

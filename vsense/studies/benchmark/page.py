@@ -75,78 +75,80 @@ FOLDER = "report"
 """In the folder of the runs."""
 
 
-def write(told: Mapping[str, Any], studies: Sequence[StudyResult], folder: Path) -> list[Path]:
+def write(result: Mapping[str, Any], studies: Sequence[StudyResult], folder: Path) -> list[Path]:
     """Writes the report of a result and its figures, over those of before; gives the files.
 
     RecordingError where something cannot be written.
     """
     with failing_as(RecordingError, f"{folder}: cannot be written"):
         folder.mkdir(parents=True, exist_ok=True)
-        drawn = Charts(folder, "png" if can_draw() else "")
+        kept = Charts(folder, "png" if can_draw() else "")
         counter = Counter()
         asked = Questions(tests=not lacking_tests())
         with plot.styled() if can_draw() else nullcontext():
-            parts = [*_notes(told), _head(told), _latency(told, drawn, counter)]
-            parts += [_poses(told, counter), _wheels(told, drawn, counter)]
-            parts += [_missions(told, counter), *_studies(studies, drawn, counter, asked)]
-        title = f"{told['benchmark']}: {told['site']} ({told['mode']})"
+            parts = [*_notes(result), _head(result), _latency(result, kept, counter)]
+            parts += [_poses(result, counter), _wheels(result, kept, counter)]
+            parts += [_missions(result, counter), *_studies(studies, kept, counter, asked)]
+        title = f"{result['benchmark']}: {result['site']} ({result['mode']})"
         lead = (
             "What three fixed missions say of a lab. Medians of runs are of runs, percentiles of"
-            f" latencies are of the worst run. Definition {told['definition_sha256']}."
+            f" latencies are of the worst run. Definition {result['definition_sha256']}."
         )
-        return _finish(folder, document(title, lead, "".join(parts), "benchmark"), drawn)
+        return _finish(folder, document(title, lead, "".join(parts), "benchmark"), kept)
 
 
-def write_comparison(found: ComparedLabs, folder: Path) -> list[Path]:
+def write_comparison(comparison: ComparedLabs, folder: Path) -> list[Path]:
     """Writes the page of two labs into an empty folder; raises as `write`."""
     require_empty(folder)
     with failing_as(RecordingError, f"{folder}: cannot be written"):
         folder.mkdir(parents=True, exist_ok=True)
-        drawn, counter = Charts(folder, "png" if can_draw() else ""), Counter()
+        kept, counter = Charts(folder, "png" if can_draw() else ""), Counter()
         with plot.styled() if can_draw() else nullcontext():
-            parts = _studies(found.studies, drawn, counter, found.asked)
+            parts = _studies(comparison.studies, kept, counter, comparison.asked)
         caption = f"{DASH}: not known. What these are, the page of the benchmark says."
-        rows = [list(row) for row in found.rows()]
-        table = counter.table("Both labs", caption, ("", *found.names), rows)
-        title = f"{found.told[0]['benchmark']}: {found.names[0]} and {found.names[1]}"
+        rows = [list(row) for row in comparison.rows()]
+        table = counter.table("Both labs", caption, ("", *comparison.names), rows)
+        title = (
+            f"{comparison.results[0]['benchmark']}: {comparison.names[0]} and {comparison.names[1]}"
+        )
         lead = "Runs of two labs with the same missions, starts and seeds, and the labs themselves."
-        return _finish(folder, document(title, lead, "".join([table, *parts]), "benchmark"), drawn)
+        return _finish(folder, document(title, lead, "".join([table, *parts]), "benchmark"), kept)
 
 
-def _finish(folder: Path, text: str, drawn: Charts) -> list[Path]:
+def _finish(folder: Path, text: str, kept: Charts) -> list[Path]:
     path = folder / PAGE
     path.write_text(text, encoding="utf-8", errors="replace")
-    return [path, *drawn.files]
+    return [path, *kept.files]
 
 
-def _notes(told: Mapping[str, Any]) -> list[str]:
-    found = [note(f"{words[0].upper()}{words[1:]}.", "warning") for words in told["deviations"]]
-    lacks = [lacking()] if not can_draw() else []
-    lacks += [lacking_tests()] if lacking_tests() else []
-    return found + [note(f"{text[0].upper()}{text[1:]}.", "warning") for text in lacks]
+def _notes(result: Mapping[str, Any]) -> list[str]:
+    notes = [note(f"{words[0].upper()}{words[1:]}.", "warning") for words in result["deviations"]]
+    missing = [lacking()] if not can_draw() else []
+    missing += [lacking_tests()] if lacking_tests() else []
+    return notes + [note(f"{text[0].upper()}{text[1:]}.", "warning") for text in missing]
 
 
-def _head(told: Mapping[str, Any]) -> str:
-    counts, truth = told["counts"], told["accuracy"]["truth"] or {}
-    stations = (told["latency"] or {}).get("stations", {})
+def _head(result: Mapping[str, Any]) -> str:
+    counts, truth = result["counts"], result["accuracy"]["truth"] or {}
+    stations = (result["latency"] or {}).get("stations", {})
     values = [
         ("runs", f"{counts['valid']} valid, {counts['void']} void"),
-        ("robots", str(told["robots"])),
-        ("late timesteps", _share((told["latency"] or {}).get("late_share_mean"))),
+        ("robots", str(result["robots"])),
+        ("late timesteps", _share((result["latency"] or {}).get("late_share_mean"))),
         ("exposure to sent", _with(stations.get("capture_to_sent_ms", {}).get("p50"), "ms")),
         ("poses, rms", _with(truth.get("position_rms_mm"), "mm")),
-        ("made", str(told["made"])[:10]),
+        ("made", str(result["made"])[:10]),
     ]
-    setup = ", ".join(f"{name} {value}" for name, value in told["setup"].items())
+    setup = ", ".join(f"{name} {value}" for name, value in result["setup"].items())
     words = f"{setup}. " if setup else ""
     return tiles(values) + (
-        f'<p class="soft">{escape(words)}Software: {escape(", ".join(told["versions"]))}.</p>\n'
+        f'<p class="soft">{escape(words)}Software: {escape(", ".join(result["versions"]))}.</p>\n'
     )
 
 
-def _latency(told: Mapping[str, Any], drawn: Charts, counter: Counter) -> str:
+def _latency(result: Mapping[str, Any], kept: Charts, counter: Counter) -> str:
     title = "<h2 class=first>Latency</h2>\n"
-    latency = told["latency"]
+    latency = result["latency"]
     if latency is None:
         return f"{title}<p>A simulation has its own time: nothing is late.</p>\n"
     rows = [
@@ -159,9 +161,9 @@ def _latency(told: Mapping[str, Any], drawn: Charts, counter: Counter) -> str:
     )
     heads = ("", "median [ms]", "99 % [ms]", "greatest [ms]")
     late = _share(latency["late_share_mean"]), _share(latency["late_share_worst"])
-    figures = counter.figures(drawn.keep("", [_latency_chart(latency["stations"])]))
+    figures = counter.figures(kept.keep("", [_latency_chart(latency["stations"])]))
     return (
-        f"{title}{figures if drawn.form else ''}"
+        f"{title}{figures if kept.form else ''}"
         f"{counter.table('Latency', caption, heads, rows)}"
         f"<p>Timesteps late or left out: {late[0]} of all, {late[1]} in the worst run.</p>\n"
     )
@@ -171,27 +173,27 @@ _SPREAD = ("p50", "p99", "max")
 _SHARES = ("way_over_told", "right_over_left", "axle_over_nominal")
 
 
-def _poses(told: Mapping[str, Any], counter: Counter) -> str:
-    accuracy = told["accuracy"]
-    truth, known = accuracy["truth"], accuracy["calibration"]
+def _poses(result: Mapping[str, Any], counter: Counter) -> str:
+    accuracy = result["accuracy"]
+    truth, calibration = accuracy["truth"], accuracy["calibration"]
     words = [f"Robots seen in a timestep: {_share(accuracy['seen_share'])}."]
     if truth is not None:
         words.append(
             f"Against the truth of the lab: {_with(truth['position_rms_mm'], 'mm')} and"
             f" {_with(truth['heading_rms_deg'], 'degrees')} rms, {truth['wrong_ids']} wrong names."
         )
-    checks = (known or {}).get("checks") or []
+    checks = (calibration or {}).get("checks") or []
     if checks:
         last = checks[-1]
         words.append(
             f"Calibration checked ({last['when']}) at {last['points']} points:"
             f" {_with(last['rms_mm'], 'mm')} rms, {_with(last['worst_mm'], 'mm')} at worst."
         )
-    elif told["mode"] == "run":
+    elif result["mode"] == "run":
         words.append("The calibration was never checked: how true poses are, nobody knows.")
     standing = [
         [one["what"], figure_of(one["sigma"]), one["unit"] or DASH, str(one["samples"])]
-        for one in told["noise"]["standing"]
+        for one in result["noise"]["standing"]
     ]
     caption = (
         "Standard deviation from one timestep to the next, of poses and of virtual sensors'"
@@ -203,15 +205,15 @@ def _poses(told: Mapping[str, Any], counter: Counter) -> str:
     return f"<h2>Poses and readings</h2>\n<p>{escape(' '.join(words))}</p>\n{table}"
 
 
-def _wheels(told: Mapping[str, Any], drawn: Charts, counter: Counter) -> str:
-    robots, known = told["noise"]["robots"], told["noise"]["roster"]
+def _wheels(result: Mapping[str, Any], kept: Charts, counter: Counter) -> str:
+    robots, roster = result["noise"]["robots"], result["noise"]["roster"]
     rows = [
         [
             str(robot["tag"]),
             *(DASH if robot[name] is None else f"{robot[name]:.4f}" for name in _SHARES),
             *(figure_of(robot[name]) for name in ("forward_noise_mm", "turn_noise_deg")),
             str(robot["steps"]),
-            ", ".join(f"{n} {v}" for n, v in known.get(str(robot["tag"]), {}).items()) or DASH,
+            ", ".join(f"{n} {v}" for n, v in roster.get(str(robot["tag"]), {}).items()) or DASH,
         ]
         for robot in robots
     ]
@@ -226,20 +228,20 @@ def _wheels(told: Mapping[str, Any], drawn: Charts, counter: Counter) -> str:
         " timestep to the next; noise: what is left over in a timestep. Measured before: by vsense"
         " robot calibrate, in the roster; robots correct their wheels by it."
     )
-    figures = counter.figures(drawn.keep("", [_wheels_chart(robots)])) if drawn.form else ""
+    figures = counter.figures(kept.keep("", [_wheels_chart(robots)])) if kept.form else ""
     return f"<h2>Wheels</h2>\n{figures}{counter.table('Wheels', caption, heads, rows, texts=(7,))}"
 
 
-def _missions(told: Mapping[str, Any], counter: Counter) -> str:
+def _missions(result: Mapping[str, Any], counter: Counter) -> str:
     rows = [
         [
-            *(one["mission"], spoken(one["measure"]), one["unit"], one["better"]),
-            *(figure_of(one[arm]["median"]) for arm in ("sighted", "blind")),
-            share_of(one["sighted_better"]),
-            figure_of(one["shift"]),
-            figure_of(one["margin"]),
+            *(mission["mission"], spoken(mission["measure"]), mission["unit"], mission["better"]),
+            *(figure_of(mission[arm]["median"]) for arm in ("sighted", "blind")),
+            share_of(mission["sighted_better"]),
+            figure_of(mission["shift"]),
+            figure_of(mission["margin"]),
         ]
-        for one in told["missions"]
+        for mission in result["missions"]
     ]
     heads = (
         "mission", "score", "unit", "better is", "sighted, median", "blind, median",
@@ -253,11 +255,11 @@ def _missions(told: Mapping[str, Any], counter: Counter) -> str:
 
 
 def _studies(
-    studies: Sequence[StudyResult], drawn: Charts, counter: Counter, asked: Questions
+    studies: Sequence[StudyResult], kept: Charts, counter: Counter, asked: Questions
 ) -> list[str]:
     parts = []
     for place, result in enumerate(studies):
-        pictures = drawn.keep("", section.boxes(result, f"{place + 1}-"))
+        pictures = kept.keep("", section.boxes(result, f"{place + 1}-"))
         parts.append(section.section(result, pictures, counter, place + 1, asked.tests))
     return [*parts, section.methods(studies, asked)]
 

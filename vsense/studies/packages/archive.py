@@ -50,7 +50,7 @@ class PackageError(VsenseError):
     exit_code = 2
 
 
-class Damaged(PackageError):
+class DamagedPackage(PackageError):
     """Files of a package are not what its checksums say.
 
     Attributes:
@@ -187,10 +187,10 @@ class Package:
         except KeyError:
             raise self._error(f"has no {name}: expected a file that vsense pack made") from None
         except (OSError, *_BROKEN) as error:
-            raise Damaged(self.path, [f"{name} ({error})"]) from None
+            raise DamagedPackage(self.path, [f"{name} ({error})"]) from None
 
     def verify(self, tell: Tell = lambda name, share: None) -> None:
-        """Compares every file with its checksum; Damaged names all that are others."""
+        """Compares every file with its checksum; DamagedPackage names all that are others."""
         found = []
         missing = [name for name in self._digests if name not in set(self.names)]
         found += [f"{name} is missing" for name in missing]
@@ -200,7 +200,7 @@ class Package:
             if name in self._digests and (what := self._differs(name)):
                 found.append(f"{name} {what}")
         if found:
-            raise Damaged(self.path, found)
+            raise DamagedPackage(self.path, found)
 
     def unpack(self, folder: Path, tell: Tell = lambda name, share: None) -> None:
         """Writes all files into a folder, which is made, or empty; PackageError if it is not."""
@@ -246,7 +246,9 @@ class Package:
         for number, line in enumerate(text.splitlines(), 1):
             match = _LINE.fullmatch(line)
             if match is None or match[2] in found:
-                raise Damaged(self.path, [f"line {number} of {MANIFEST} is no checksum of a file"])
+                raise DamagedPackage(
+                    self.path, [f"line {number} of {MANIFEST} is no checksum of a file"]
+                )
             found[match[2]] = match[1]
         return found
 

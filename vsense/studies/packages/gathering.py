@@ -162,17 +162,17 @@ def _row(folder: Path) -> RunRow:
     """What a simulated run's summary has of a row."""
     path = folder / SUMMARY
     try:
-        told = json.loads(read_text(path, most_bytes=_MOST_SUMMARY))
-        swarm = {k: v for k, v in told.get("swarm", {}).items() if v is not None}
+        summary = json.loads(read_text(path, most_bytes=_MOST_SUMMARY))
+        swarm = {k: v for k, v in summary.get("swarm", {}).items() if v is not None}
         return RunRow(
             run=folder.name,
-            mode="sim" if "speedup" in told else "run" if "per_robot" in told else "lab",
-            experiment=str(told["experiment"]),
+            mode="sim" if "speedup" in summary else "run" if "per_robot" in summary else "lab",
+            experiment=str(summary["experiment"]),
             condition="",
-            seed=int(told["seed"]),
-            duration_s=float(told["duration_s"]),
-            robots=int(told["robots"]),
-            measures={**swarm, **told.get("measures", told.get("results", {}))},
+            seed=int(summary["seed"]),
+            duration_s=float(summary["duration_s"]),
+            robots=int(summary["robots"]),
+            measures={**swarm, **summary.get("measures", summary.get("results", {}))},
         )
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise UsageError(f"{path}: is no {SUMMARY} of a run: {error!r}") from None
@@ -186,6 +186,6 @@ def _plain(name: str) -> str:
 def plan_of(found: FoundSeries) -> Mapping[str, Any]:
     """The plan of a series, as it was begun with; empty: it has none."""
     with suppress(OSError, ValueError, AttributeError):
-        told = json.loads(read_text(found.folder / SERIES)).get("plan")
-        return told if isinstance(told, dict) else {}
+        plan = json.loads(read_text(found.folder / SERIES)).get("plan")
+        return plan if isinstance(plan, dict) else {}
     return {}

@@ -123,7 +123,7 @@ class Packing:
             self._add_series(series)
         report = self._add_report()
         counts = {**self._scrubber.counts, **self._out}
-        told = PackageContents(
+        contents = PackageContents(
             __version__,
             self._runs,
             report,
@@ -131,8 +131,8 @@ class Packing:
             self._lacks,
             counts,
         )
-        self._put(CONTENTS, told.to_bytes(), "Contents", "What vsense reproduces.", kinds.JSON)
-        text = crate.readme(self._title.name, told, self._found)
+        self._put(CONTENTS, contents.to_bytes(), "Contents", "What vsense reproduces.", kinds.JSON)
+        text = crate.readme(self._title.name, contents, self._found)
         self._put(README, text.encode(), "Read me", "What this is.", "text/markdown")
         self._describe()
 
@@ -300,8 +300,8 @@ class Packing:
         files = [*tables, *(name for run in self._runs for name in run.recordings)]
         if asked is None or not files:
             return []
-        if lacking := figures.cannot():
-            self._lacks.append(f"report: {lacking}")
+        if missing := figures.cannot():
+            self._lacks.append(f"report: {missing}")
             return []
         root = self._stage / "package"
         for name in files:

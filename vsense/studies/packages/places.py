@@ -112,12 +112,12 @@ class Scrubber:
     def roster(self, text: str) -> str:
         """A roster without where its robots are reached."""
         try:
-            told = tomlkit.parse(text)
-            tables = [told.get("defaults", {}), *told.get("robot", [])]
-            for table in tables:
+            tables = tomlkit.parse(text)
+            robots = [tables.get("defaults", {}), *tables.get("robot", [])]
+            for table in robots:
                 if table.pop("host", None) is not None:
                     self._count("addresses of robots")
-            return self.text(tomlkit.dumps(told))
+            return self.text(tomlkit.dumps(tables))
         except (TOMLKitError, AttributeError, TypeError):
             return self.text(text)
 
@@ -166,24 +166,24 @@ _FILE = re.compile(r"[/\\@~*?]|\.\.|\.[^\W\d]")
 
 
 class Untrusted(VsenseError):
-    """Something cannot be made anew without code of a package."""
+    """Something cannot be made again without code of a package."""
 
     def __init__(self) -> None:
         super().__init__(UNTRUSTED)
 
 
 class PackagePlaces:
-    """The folders of a package that is made anew.
+    """The folders of a package that is made again.
 
     Attributes:
         package: where it was unpacked.
-        anew: where what is made anew goes.
+        again: where what is made again goes.
         scrubber: replaces these folders by what paths in a package are.
     """
 
-    def __init__(self, package: Path, anew: Path) -> None:
-        self.package, self.anew = package, anew
-        pairs = [(str(package), PACKAGE), (str(anew), PACKAGE)]
+    def __init__(self, package: Path, again: Path) -> None:
+        self.package, self.again = package, again
+        pairs = [(str(package), PACKAGE), (str(again), PACKAGE)]
         pairs += [(str(path), name) for name, path in OWN_FOLDERS.items()]
         pairs += [(str(root), VSENSE) for root in source_roots()]
         self.scrubber = Scrubber(pairs)
@@ -252,10 +252,10 @@ def shipped_file(experiment: object) -> Path | None:
     return SHIPPED_FOLDER / f"{name}{SUFFIX}" if name in shipped() else None
 
 
-def is_own(experiment: object, told: Mapping[str, Any], text: str | None = None) -> bool:
+def is_own(experiment: object, stated: Mapping[str, Any], text: str | None = None) -> bool:
     """Whether an experiment is one of vsense's own, and nothing that is said of it names a file.
 
-    Whatever makes something of a package anew asks here first, and loads what `experiment_path`
+    Whatever makes something of a package again asks here first, and loads what `experiment_path`
     says: never a path of the package's author.
 
     Args:
@@ -265,7 +265,7 @@ def is_own(experiment: object, told: Mapping[str, Any], text: str | None = None)
             be the shipped one to the last byte. None: nothing of the package's is read.
     """
     path = shipped_file(experiment)
-    settings, code = told.get("settings") or {}, told.get("code") or {}
+    settings, code = stated.get("settings") or {}, stated.get("code") or {}
     if path is None or not isinstance(settings, dict) or not isinstance(code, dict):
         return False
     if any(code.values()) or not all(_is_plain(key, value) for key, value in settings.items()):

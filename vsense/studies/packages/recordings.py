@@ -11,6 +11,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from vsense.base.errors import VsenseError, failing_as
@@ -27,8 +28,8 @@ from vsense.monitor.recording.writer import RecordingWriter
 from vsense.run.directory import MEASURES, TIMESTEPS
 from vsense.studies.packages import comparing
 from vsense.studies.packages.archive import PackageError
+from vsense.studies.packages.claims import Claims
 from vsense.studies.packages.contents import NO_RECORDING, PackedRun
-from vsense.studies.packages.findings import Reproduction
 from vsense.studies.packages.places import PackagePlaces, Scrubber, Untrusted, is_own
 
 
@@ -80,7 +81,7 @@ def _lacks(recording: Recording, topics: Collection[str], left_out: bool) -> lis
     experiment, lacks = ExperimentMessage.read(recording.experiment), []
     if gaps := recording.gaps:
         many = f"{len(gaps)} gaps" if len(gaps) > 1 else "a gap"
-        lacks.append(f"has {many} ({gaps[0].why}): only what is beside can be made anew")
+        lacks.append(f"has {many} ({gaps[0].why}): only what is beside can be made again")
     if not recording.complete:
         lacks.append("was cut off: its last second may be missing")
     if recording.damaged:
@@ -88,7 +89,7 @@ def _lacks(recording: Recording, topics: Collection[str], left_out: bool) -> lis
     if experiment.mode == "sim" or form.DEEDS not in topics:
         return lacks
     if experiment.made is None:
-        lacks.append("does not say how its experiment was read: readings cannot be made anew")
+        lacks.append("does not say how its experiment was read: readings cannot be made again")
     if left_out:
         lacks.append("its pictures were left out (--pictures): poses cannot be tracked again")
     elif form.TRACKER not in topics:
@@ -116,30 +117,30 @@ class RecordedRuns:
     def __init__(
         self,
         places: PackagePlaces,
-        findings: Reproduction,
+        claims: Claims,
         trusted: bool,
         interrupted: Flag,
         show: Callable[[str], None],
     ) -> None:
-        self._places, self._findings, self._trusted = places, findings, trusted
+        self._places, self._claims, self._trusted = places, claims, trusted
         self._interrupted, self._show = interrupted, show
 
     def make(self, run: PackedRun) -> None:
-        """Makes anew what follows from the recordings of a run."""
+        """Makes again what follows from the recordings of a run."""
         if not run.recordings:
-            self._findings.cannot(f"{run.title}: readings and poses", NO_RECORDING)
+            self._claims.cannot(f"{run.title}: readings and poses", NO_RECORDING)
             return
         for name in run.recordings:
-            for make in (self._track, self._sense):
-                try:
-                    with open_recording(self._places.package / name) as recording:
-                        make(run, name, recording)
-                except (VsenseError, *comparing.DAMAGED) as error:
-                    thing = "poses" if make == self._track else "readings"
-                    why = self._places.public(error).removeprefix(f"@package/{name}: ")
-                    self._findings.cannot(f"{name}: {thing}", why)
+            path, public = self._places.package / name, partial(self._public, name)
+            with self._claims.attempt(f"{name}: poses", public), open_recording(path) as recording:
+                self._track(name, recording)
+            with self._claims.attempt(f"{name}: readings", public), open_recording(path) as again:
+                self._sense(run, name, again)
 
-    def _track(self, run: PackedRun, name: str, recording: Recording) -> None:
+    def _public(self, name: str, error: object) -> str:
+        return self._places.public(error).removeprefix(f"@package/{name}: ")
+
+    def _track(self, name: str, recording: Recording) -> None:
         """Tracks the pictures again."""
         if form.TRACKER not in recording.topics:
             raise VsenseError("it holds no pictures of cameras of vsense's own (--record-images)")
@@ -149,15 +150,15 @@ class RecordedRuns:
         found = tracking.comparison
         differs = found.equal < found.timesteps or not found.timesteps
         words = "; ".join(found.lines())
-        self._findings.judge(f"{name}: poses", words if differs else "", words)
+        self._claims.judge(f"{name}: poses", words if differs else "", words)
 
     def _sense(self, run: PackedRun, name: str, recording: Recording) -> None:
         """Makes the world again, with readings, measures and the run's row."""
-        told = ExperimentMessage.read(recording.experiment)
-        made = told.made
+        experiment = ExperimentMessage.read(recording.experiment)
+        made = experiment.made
         if not made or not isinstance(made.get("path"), str):
             raise VsenseError("it does not say how its experiment was read: an older vsense")
-        self._require_trust(told)
+        self._require_trust(experiment)
         path = self._places.experiment_path(made["path"])
         sensing = Resensing(recording, path, self._moved)
         measures: dict[int, dict[str, float]] = {}
@@ -167,24 +168,24 @@ class RecordedRuns:
                 measures[run_timestep] = sensing.measures
         found = sensing.comparison
         words = "; ".join(found.lines())
-        self._findings.judge(f"{name}: readings", words if found.different else "", words)
+        self._claims.judge(f"{name}: readings", words if found.different else "", words)
         self._compare_measures(run, measures)
-        self._compare_row(run, told, {**sensing.measures, **sensing.end()})
+        self._compare_row(run, experiment, {**sensing.measures, **sensing.end()})
 
-    def _require_trust(self, told: ExperimentMessage) -> None:
+    def _require_trust(self, experiment: ExperimentMessage) -> None:
         """Raises Untrusted unless the experiment is vsense's own, or the package is believed."""
-        made = told.made or {}
-        if not self._trusted and not is_own(made.get("path"), made, told.file_text):
+        made = experiment.made or {}
+        if not self._trusted and not is_own(made.get("path"), made, experiment.file_text):
             raise Untrusted
 
-    def _moved(self, told: ExperimentMessage) -> ExperimentMessage:
+    def _moved(self, experiment: ExperimentMessage) -> ExperimentMessage:
         """What a recording says of its experiment, with the paths of here; a recording may say
         something else of it later, and Untrusted is raised for each."""
-        self._require_trust(told)
-        made = self._places.real(dict(told.made or {}))
+        self._require_trust(experiment)
+        made = self._places.real(dict(experiment.made or {}))
         code = made.get("code")
         self._places.make_folders(code.get("includes", ()) if isinstance(code, dict) else ())
-        return replace(told, made=made, file_text=self._places.real(told.file_text))
+        return replace(experiment, made=made, file_text=self._places.real(experiment.file_text))
 
     def _compare_measures(self, run: PackedRun, now: Mapping[int, Mapping[str, float]]) -> None:
         """Compares measures.csv, row by row."""
@@ -201,35 +202,35 @@ class RecordedRuns:
             cells |= {n: row[n] for n in ("run_timestep", "time_s") if n in row and made}
             again.append(",".join(cells.values()))
         words = comparing.tables(text, "\n".join([*again, ""]))
-        self._findings.judge(f"{run.folder}/{MEASURES}", words, f"{len(rows)} timesteps")
+        self._claims.judge(f"{run.folder}/{MEASURES}", words, f"{len(rows)} timesteps")
 
     def _compare_row(
-        self, run: PackedRun, told: ExperimentMessage, results: Mapping[str, float]
+        self, run: PackedRun, experiment: ExperimentMessage, results: Mapping[str, float]
     ) -> None:
         """Compares what of a row follows from the recording and from timesteps.csv."""
         if run.row is None or not run.table:
             return
         before = comparing.row_of(self._places.package / run.table, run.row)
-        tags = [robot.get("tag") for robot in told.robots if isinstance(robot, dict)]
+        tags = [robot.get("tag") for robot in experiment.robots if isinstance(robot, dict)]
         now = {"robots": str(len(tags)), "tags": " ".join(map(str, tags))}
         now |= {name: f"{value:.12g}" for name, value in results.items() if name in before}
-        now |= self._timing(run, told, before)
+        now |= self._timing(run, experiment, before)
         words = f"{', '.join(now)}; its other cells were measured"
         thing = f"{run.title}: row of {run.table}"
-        self._findings.judge(thing, comparing.cells(before, now), words)
+        self._claims.judge(thing, comparing.cells(before, now), words)
 
     def _timing(
-        self, run: PackedRun, told: ExperimentMessage, before: Mapping[str, str]
+        self, run: PackedRun, experiment: ExperimentMessage, before: Mapping[str, str]
     ) -> dict[str, str]:
         """The share of late timesteps, as `vsense.run.figures` counts it."""
         path = self._places.package / run.folder / TIMESTEPS
-        if not run.folder or not path.is_file() or not told.timestep_s:
+        if not run.folder or not path.is_file() or not experiment.timestep_s:
             return {}
         with path.open(encoding="utf-8", errors="replace") as file:
             rows = list(csv.DictReader(file))
         try:
-            dt_ns = round(told.timestep_s * 1e9)
-            wanted = round(float(before["duration_s"]) / told.timestep_s)
+            dt_ns = round(experiment.timestep_s * 1e9)
+            wanted = round(float(before["duration_s"]) / experiment.timestep_s)
             spans = [int(row["sent_ns"]) - int(row["capture_ns"]) for row in rows]
         except (KeyError, TypeError, ValueError):
             return {}

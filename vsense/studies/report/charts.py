@@ -71,7 +71,7 @@ def _gaps(axes: Axes, findings: Findings) -> None:
     """Tints the times in which nothing is known; neighbours together."""
     spans: list[tuple[float, float]] = []
     near_s = findings.run_s / plot.MOST_PLACES
-    for one in findings.amiss:
+    for one in findings.incidents:
         if one.kind in ("not recorded", "silence"):
             begin_s, end_s = one.from_s, findings.run_s if one.to_s is None else one.to_s
             if spans and begin_s - sum(spans[-1]) < near_s:
@@ -128,10 +128,10 @@ def _counts(findings: Findings, axes: Axes, count: int) -> None:
     _gaps(axes, findings)
     times = findings.times_s(flow.time_ns)
     seen, connected = np.array(flow.seen), np.array(flow.connected)
-    told = connected >= 0
+    known = connected >= 0
     axes.axhline(count, color="0.5", linestyle=":", linewidth=0.8, label=f"all {count}")
-    if told.any():
-        plot.steps(axes, times[told], connected[told], "C2", linewidth=3, label="connected")
+    if known.any():
+        plot.steps(axes, times[known], connected[known], "C2", linewidth=3, label="connected")
     plot.steps(axes, times, seen, "C0", linewidth=1, label="seen")
     plot.from_zero(axes, [count, *seen.tolist()])
     axes.set_ylabel("robots")

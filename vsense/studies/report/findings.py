@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vsense.monitor.recording.form import RecordingError
 from vsense.monitor.recording.reader import Gap, Recording, open_recording
-from vsense.studies.report.flow import SILENCE_NS, LinkHealth, Spell
+from vsense.studies.report.flow import SILENCE_NS, Interval, LinkHealth
 from vsense.studies.report.gather import Gatherer, RobotTrack, gather
 
 Floats = NDArray[np.float64]
@@ -45,8 +45,8 @@ class RobotRow:
 
 
 @dataclass(frozen=True, slots=True)
-class Amiss:
-    """Something that was amiss, in s since the run's beginning; `to_s` None: until the end."""
+class Incident:
+    """Something that went wrong, in s since the run's beginning; `to_s` None: until the end."""
 
     kind: str
     from_s: float
@@ -66,7 +66,7 @@ class Findings:
         duration_s: of the recording.
         zero_ns: when the run began; without a run, the first arena state or the recording.
         run_s: length of the run as far as it is recorded.
-        amiss: gaps, silences, lost links, cameras in trouble, by time.
+        incidents: gaps, silences, lost links, cameras in trouble, by time.
     """
 
     path: Path
@@ -79,7 +79,7 @@ class Findings:
     run_s: float
     found: Gatherer
     robots: Sequence[RobotRow]
-    amiss: Sequence[Amiss]
+    incidents: Sequence[Incident]
 
     @property
     def label(self) -> str:
@@ -175,7 +175,7 @@ def read_findings(path: Path, progress: Callable[[float], None] = lambda share: 
             run_s=(flow.end_ns - zero_ns) / 1e9 + found.facts.timestep_s if flow.lived else 0.0,
             found=found,
             robots=[_row(found, tag) for tag in sorted(_tags(found))],
-            amiss=_amiss(recording, found, zero_ns),
+            incidents=_incidents(recording, found, zero_ns),
         )
 
 
@@ -192,7 +192,7 @@ def _tags(found: Gatherer) -> set[int]:
 
 def _row(found: Gatherer, tag: int) -> RobotRow:
     track, health = found.tracks.of.get(tag, RobotTrack()), found.links.of.get(tag, LinkHealth())
-    told = health.told > 0
+    reported = health.reports > 0
     return RobotRow(
         tag=tag,
         name=found.facts.robots.get(tag, str(tag)),
@@ -201,8 +201,8 @@ def _row(found: Gatherer, tag: int) -> RobotRow:
         speed_m_s=track.distance_m / track.followed_s if track.followed_s > 0.0 else None,
         seen=track.seen / max(found.tracks.states, 1),
         longest_unseen_s=track.longest_unseen_s,
-        connected=health.connected / health.told if told else None,
-        losses=health.losses if told else None,
+        connected=health.connected / health.reports if reported else None,
+        losses=health.losses if reported else None,
         stops=dict(health.stops),
         battery_mv=health.battery_mv,
         base_errors=health.base_errors,
@@ -211,28 +211,28 @@ def _row(found: Gatherer, tag: int) -> RobotRow:
     )
 
 
-def _amiss(recording: Recording, found: Gatherer, zero_ns: int) -> list[Amiss]:
-    """All that was amiss, by time."""
-    spells = []
+def _incidents(recording: Recording, found: Gatherer, zero_ns: int) -> list[Incident]:
+    """All that went wrong, by time."""
+    intervals = []
     for gap in recording.gaps:
         text = f"{gap.messages} messages, {gap.pictures} pictures: {gap.why}"
-        spells.append(("not recorded", Spell(text, gap.from_ns, gap.to_ns)))
-    for spell in found.flow.spells:
-        if not any(_overlap(gap, spell.from_ns, spell.to_ns) for gap in recording.gaps):
-            spells.append(("silence", spell))
+        intervals.append(("not recorded", Interval(text, gap.from_ns, gap.to_ns)))
+    for interval in found.flow.intervals:
+        if not any(_overlap(gap, interval.from_ns, interval.to_ns) for gap in recording.gaps):
+            intervals.append(("silence", interval))
     end_ns = recording.begin_ns + round(1e9 * recording.duration_s)
     newest_ns = found.flow.newest_ns
     over = found.state in ("ended", "emergency")
     if found.flow.lived and not over and end_ns - newest_ns > 2 * SILENCE_NS:
         words = "no arena state until the recording's end"
-        spells.append(("silence", Spell(words, newest_ns)))
-    spells += [("no link", spell) for spell in found.links.losses]
-    spells += [("camera", spell) for spell in found.cameras.spells]
-    told = []
-    for kind, spell in sorted(spells, key=lambda pair: pair[1].from_ns):
-        to_s = None if spell.to_ns is None else (spell.to_ns - zero_ns) / 1e9
-        told.append(Amiss(kind, (spell.from_ns - zero_ns) / 1e9, to_s, spell.what))
-    return told
+        intervals.append(("silence", Interval(words, newest_ns)))
+    intervals += [("no link", interval) for interval in found.links.losses]
+    intervals += [("camera", interval) for interval in found.cameras.intervals]
+    incidents = []
+    for kind, interval in sorted(intervals, key=lambda pair: pair[1].from_ns):
+        to_s = None if interval.to_ns is None else (interval.to_ns - zero_ns) / 1e9
+        incidents.append(Incident(kind, (interval.from_ns - zero_ns) / 1e9, to_s, interval.what))
+    return incidents
 
 
 def _overlap(gap: Gap, from_ns: int, to_ns: int | None) -> bool:
@@ -271,6 +271,8 @@ def as_json(findings: Findings) -> dict[str, Any]:
             name: {"rate_hz": total / count, "dropped": found.cameras.dropped.get(name)}
             for name, (total, count) in found.cameras.rates_hz.items()
         },
-        "amiss": [{name: getattr(one, name) for name in Amiss.__slots__} for one in findings.amiss],
+        "amiss": [
+            {name: getattr(one, name) for name in Incident.__slots__} for one in findings.incidents
+        ],
         "events": len(found.events) + found.more_events,
     }

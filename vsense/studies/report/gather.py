@@ -329,9 +329,9 @@ class Gatherer:
             self.strips.add(message.time_ns, self.links.add(message.time_ns, message.data))
 
     def _run(self, message: Message) -> None:
-        told = RunMessage.read(message.data)
-        self.state = told.state
-        self.late = self.late if told.late is None else told.late
+        run = RunMessage.read(message.data)
+        self.state = run.state
+        self.late = self.late if run.late is None else run.late
 
     def _world(self, message: Message) -> None:
         self.world = message.data

@@ -35,12 +35,12 @@ class ComparedRuns:
 class Studied:
     """What tables of runs gave: each study's result and pictures, and what was asked.
 
-    `told` are sentences about the tables themselves.
+    `notes` are sentences about the tables themselves.
     """
 
     asked: Questions
     studies: Sequence[tuple[StudyResult, Sequence[Shown]]]
-    told: Sequence[str] = ()
+    notes: Sequence[str] = ()
 
     @property
     def count(self) -> int:
@@ -52,12 +52,12 @@ class Studied:
 def page(
     chapters: Sequence[Chapter],
     comparisons: Sequence[ComparedRuns],
-    lacking: Sequence[str] = (),
+    missing: Sequence[str] = (),
     studied: Studied | None = None,
 ) -> str:
     """Makes the page of recordings, of comparisons of each experiment's runs, and of studies.
 
-    `lacking` says why there are no charts, or no tests.
+    `missing` says why there are no charts, or no tests.
     """
     counter = Counter()
     many = bool(comparisons) or studied is not None
@@ -65,7 +65,7 @@ def page(
     if studied is not None and not comparisons:
         count = studied.count + len(chapters)
     name = _counted(count) if many else chapters[0].findings.label
-    parts = [note(f"{text[0].upper()}{text[1:]}.", "warning") for text in lacking]
+    parts = [note(f"{text[0].upper()}{text[1:]}.", "warning") for text in missing]
     if many:
         parts.append(_contents(chapters, comparisons, studied))
     if studied is not None:
@@ -88,8 +88,8 @@ def _counted(count: int) -> str:
 
 
 def _studied(studied: Studied, counter: Counter) -> Iterator[str]:
-    for told in studied.told:
-        yield note(told, "warning")
+    for text in studied.notes:
+        yield note(text, "warning")
     for place, (result, pictures) in enumerate(studied.studies):
         yield section.section(result, pictures, counter, place, studied.asked.tests)
     yield section.methods([result for result, _ in studied.studies], studied.asked)
@@ -151,7 +151,7 @@ def _run(chapter: Chapter, counter: Counter) -> Iterator[str]:
     if findings.robots:
         yield f"<h3>Robots</h3>\n{tables.robots(findings, counter)}"
     yield tables.parts(findings, counter)
-    yield f"<h3>Loss and gaps</h3>\n{tables.amiss(findings, counter)}"
+    yield f"<h3>Loss and gaps</h3>\n{tables.incidents(findings, counter)}"
     yield f"<h3>Events</h3>\n{tables.events(findings, counter)}"
     text = findings.found.facts.file_text
     if text:

@@ -1,4 +1,4 @@
-"""The tables: a recording's measures, robots, troubles, events; runs compared."""
+"""The tables: a recording's measures, robots, incidents, events; runs compared."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ def robots(findings: Findings, counter: Counter) -> str:
     rows = list(zip(*(cells for _, cells in columns)))
     texts = [place for place, head in enumerate(heads) if head in ("robot", "controller")]
     caption += _worst_link(findings)
-    told = counter.table("The robots", caption, heads, rows, texts=texts)
-    return told + _stops(findings, counter)
+    table = counter.table("The robots", caption, heads, rows, texts=texts)
+    return table + _stops(findings, counter)
 
 
 def parts(findings: Findings, counter: Counter) -> str:
@@ -83,8 +83,8 @@ QUIET_MS = 200.0
 
 def _worst_link(findings: Findings) -> str:
     """Names the robot whose link was the worst; "" where all were good."""
-    told = [row for row in findings.robots if row.silent_ms is not None or row.losses]
-    worst = max(told, key=lambda row: (row.losses or 0, row.silent_ms or 0.0), default=None)
+    reported = [row for row in findings.robots if row.silent_ms is not None or row.losses]
+    worst = max(reported, key=lambda row: (row.losses or 0, row.silent_ms or 0.0), default=None)
     if worst is None or not (worst.losses or (worst.silent_ms or 0.0) > QUIET_MS):
         return ""
     times = "once" if worst.losses == 1 else f"{worst.losses} times"
@@ -110,7 +110,7 @@ def _stops(findings: Findings, counter: Counter) -> str:
     return counter.table("Stops by cause", "", heads, rows, texts=(0, 2))
 
 
-def amiss(findings: Findings, counter: Counter) -> str:
+def incidents(findings: Findings, counter: Counter) -> str:
     """What was lost, silent or in trouble."""
     flow, late = findings.found.flow, findings.found.late
     words = ""
@@ -118,29 +118,29 @@ def amiss(findings: Findings, counter: Counter) -> str:
         words = f"<p>{flow.missed} of {flow.lived + flow.missed} timesteps of the run were missed"
         words += "" if late is None else f"; the run counted {late} as late or missed"
         words += ".</p>\n"
-    if not findings.amiss:
+    if not findings.incidents:
         words += "<p>No gaps in the recording, no silences, no lost links,"
         return words + " no camera trouble.</p>\n"
     rows = []
-    for one in findings.amiss[:MOST_ROWS]:
+    for one in findings.incidents[:MOST_ROWS]:
         length = "to the end" if one.to_s is None else f"{one.to_s - one.from_s:.1f}"
         rows.append([one.kind, f"{one.from_s:.1f}", length, one.text])
-    caption = _shown(len(rows), len(findings.amiss))
+    caption = _shown(len(rows), len(findings.incidents))
     heads = ("what", "from [s]", "for [s]", "")
     return words + counter.table("Loss and gaps", caption, heads, rows, texts=(0, 3))
 
 
 def events(findings: Findings, counter: Counter) -> str:
     """The messages for people."""
-    told = findings.found.events
-    if not told:
+    events = findings.found.events
+    if not events:
         return "<p>None.</p>\n"
     rows = []
-    for event in told[:MOST_ROWS]:
+    for event in events[:MOST_ROWS]:
         time_s = _time_s(event.time_ns, findings)
         text = event.text + (f" ({event.by})" if event.by else "")
         rows.append([f"{time_s:.1f}", event.level, text])
-    caption = _shown(len(rows), len(told) + findings.found.more_events)
+    caption = _shown(len(rows), len(events) + findings.found.more_events)
     heads = ("time [s]", "level", "text")
     return counter.table("Events", caption, heads, rows, texts=(1, 2))
 

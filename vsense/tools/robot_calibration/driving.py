@@ -86,7 +86,9 @@ class SwarmCalibration:
             except (RobotFailed, BadFit) as error:
                 self.leave_out(tag, str(error))
         self._look_for_room(max((moment.time_s for moment in moments.values()), default=0.0))
-        return {tag: told for tag, told in speeds.items() if tag in self._acting and any(told)}
+        return {
+            tag: wheels for tag, wheels in speeds.items() if tag in self._acting and any(wheels)
+        }
 
     def leave_out(self, tag: int, why: str) -> None:
         """A robot is calibrated no further."""
@@ -147,9 +149,9 @@ def drive(
         for step in runner.timesteps():
             seen = _seen(step.state.robots)
             floor.places.update({tag: pose[1][:2] for tag, pose in seen.items() if tag in objects})
-            told = {} if sensing is None else sensing.readings.newest
+            readings = {} if sensing is None else sensing.readings.newest
             now, robots = step.capture_ns, runner.robots
-            moments = {t: _moment(now, seen.get(t), robots[t], told.get(t, {})) for t in tags}
+            moments = {t: _moment(now, seen.get(t), robots[t], readings.get(t, {})) for t in tags}
             wheels.speeds = _step(swarm, moments, session)
             progress(swarm.progress())
             if swarm.is_over:

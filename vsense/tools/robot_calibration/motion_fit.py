@@ -33,8 +33,7 @@ from numpy.typing import NDArray
 from vsense.base.arena import wrap_angle
 from vsense.base.errors import VsenseError
 from vsense.config.roster_fields import MarkerOffset
-from vsense.modes.lab.hardware import DIAMETER_MM
-from vsense.world.physics.motion import AXLE_M, STEP_M, motor_speed
+from vsense.world.physics.motion import AXLE_M, STEP_M, WHEEL_DIAMETER_MM, motor_speed
 
 Floats = NDArray[np.float64]
 
@@ -102,7 +101,7 @@ class MotionFit:
     @property
     def wheel_diameter_mm(self) -> float:
         """The mean of both wheels."""
-        return DIAMETER_MM * (self.left + self.right) / 2.0
+        return WHEEL_DIAMETER_MM * (self.left + self.right) / 2.0
 
     @property
     def wheel_ratio(self) -> float:
@@ -113,7 +112,7 @@ class MotionFit:
     def sigmas(self) -> dict[str, float]:
         """Standard deviations of what the roster holds, by its names."""
         own = np.sqrt(np.diag(self.covariance))
-        mean = np.array([0.5, 0.5, 0.0, 0.0, 0.0, 0.0]) * DIAMETER_MM
+        mean = np.array([0.5, 0.5, 0.0, 0.0, 0.0, 0.0]) * WHEEL_DIAMETER_MM
         ratio = np.zeros(_COMMON)
         ratio[:2] = -self.wheel_ratio / self.left, 1.0 / self.left
         return {

@@ -317,8 +317,8 @@ def steady(seen: list[Moment]) -> list[Stretch]:
     """
     if len(seen) < LEAST:
         return []
-    told = [moment.motors for moment in seen]
-    usual = max(set(told), key=told.count)
+    motors = [moment.motors for moment in seen]
+    usual = max(set(motors), key=motors.count)
     poses = np.array([moment.pose for moment in seen])
     times_s = np.array([moment.time_s for moment in seen])
     if usual == _STILL:
@@ -328,7 +328,7 @@ def steady(seen: list[Moment]) -> list[Stretch]:
     usual_rate = float(np.median(rates))
     spread = 1.4826 * float(np.median(np.abs(rates - usual_rate)))
     even = np.abs(rates - usual_rate) <= max(5.0 * spread, 0.08 * usual_rate)
-    obeyed = np.array([motors == usual for motors in told])
+    obeyed = np.array([motors == usual for motors in motors])
     # A change of speed that falls between two pictures spoils the time beside it, too.
     whole = even & obeyed[1:] & obeyed[:-1]
     parts, begin = [], 0

@@ -62,7 +62,7 @@ class WiggledRobot:
         moved_m: how far its own marker moved; None: it was not seen before and after.
         why: it is out of reach, or its turn was not done; "": it was.
         twice: its tag was seen at two places.
-        told: it was to turn; else it was only looked whether it is there.
+        commanded: it was to turn; else only whether it is there was checked.
     """
 
     tag: int
@@ -71,12 +71,12 @@ class WiggledRobot:
     moved_m: float | None = None
     why: str = ""
     twice: bool = False
-    told: bool = True
+    commanded: bool = True
 
     @property
     def verdict(self) -> Verdict:
         """What is to be said of it first."""
-        if self.why or not self.told:
+        if self.why or not self.commanded:
             return self._verdict_unmoved()
         if not self.turned_rad:
             return Verdict.NONE
@@ -94,7 +94,7 @@ class WiggledRobot:
     def _verdict_unmoved(self) -> Verdict:
         if not self.why:
             return Verdict.OK
-        away = self.why in _AWAY or not self.told
+        away = self.why in _AWAY or not self.commanded
         return Verdict.OUT_OF_REACH if away else Verdict.NOT_DONE
 
     @property
@@ -105,7 +105,7 @@ class WiggledRobot:
     def _seen(self) -> str:
         turned = {marker: f"{math.degrees(rad):+.0f}°" for marker, rad in self.turned_rad.items()}
         verdict, own = self.verdict, turned.get(self.tag, "")
-        if self.why or not self.told:
+        if self.why or not self.commanded:
             return self.why or "is connected and seen"
         if verdict is Verdict.NONE:
             unseen = "" if self.moved_m is not None else f"; its own marker {self.tag} is not seen"

@@ -223,7 +223,7 @@ def as_json(result: StudyResult) -> dict[str, Any]:
         "paired_by": list(study.keyed),
         "independent_because": study.why_independent,
         "differences": {
-            name: dict(zip(_labels(study), told)) for name, told in study.differences()
+            name: dict(zip(_labels(study), texts)) for name, texts in study.differences()
         },
         "measures": {each.measure: _measure_json(study, each) for each in result.measures},
     }

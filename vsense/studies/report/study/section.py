@@ -203,12 +203,12 @@ def _introduction(result: StudyResult) -> str:
 def _warnings(result: StudyResult) -> Iterator[str]:
     """What else runs differ in: it may be the cause as well."""
     labels = [arm.label for arm in result.study.arms]
-    for name, told in result.study.differences():
-        if len(set(told)) > 1:
-            each = "; ".join(f"{label}: {text}" for label, text in zip(labels, told))
+    for name, texts in result.study.differences():
+        if len(set(texts)) > 1:
+            each = "; ".join(f"{label}: {text}" for label, text in zip(labels, texts))
             yield note(f"The conditions differ in {name}, too: {each}.", "warning")
         else:
-            yield note(f"Runs of one condition differ in {name}: {told[0]}.", "warning")
+            yield note(f"Runs of one condition differ in {name}: {texts[0]}.", "warning")
     for arm in result.study.arms:
         if not arm.runs:
             yield note(f"{arm.label} has no valid run.", "warning")
