@@ -207,7 +207,7 @@ def test_a_recorded_run_is_sensed_again_and_says_what_it_lacks(
     assert told["lacks"] == [
         "lab/foraging.mcap: has no pictures (--record-images): poses cannot be tracked again",
         "lab: what its runs were made from was not kept (by a vsense before packages):"
-        " simulated runs cannot be made anew",
+        " simulated runs cannot be made again",
     ]
     files = files_of(target)
     assert files["lab/log.txt"] == b"~/x: robot 31 at USER@HOST\n"

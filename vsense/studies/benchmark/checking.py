@@ -147,7 +147,6 @@ def _files(runs: Sequence[RunEvidence], result: Mapping[str, Any]) -> Iterator[s
 
 
 def _figures(result: Mapping[str, Any], again: Mapping[str, Any]) -> Iterator[str]:
-    """Figures that are not what the runs give."""
     for name, value in again.items():
         if name == "noise":  # the roster's are measured before, and follow from no run
             value = {**value, "roster": (result.get(name) or {}).get("roster")}

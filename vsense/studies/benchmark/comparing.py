@@ -165,7 +165,6 @@ def _times(value: float | None, factor: float) -> float | None:
 
 
 def _middle(noise: Mapping[str, Any], name: str) -> float | None:
-    """The median of the robots."""
     values = [robot[name] for robot in noise.get("robots", ())]
     return median(values) if values else None
 

@@ -87,7 +87,7 @@ class Definition:
         if wrong:
             raise OtherDefinition(
                 f"{self.name}: not the definition's: {', '.join(wrong)}; results with them would"
-                " be comparable with nobody's. Install vsense anew"
+                " be comparable with nobody's. Install vsense again"
             )
 
 

@@ -77,7 +77,6 @@ def _environment_of(
 
 
 def _step(environment: Environment, data: Mapping[str, Any], newest: int) -> int:
-    """Lives a recorded timestep, and gives the newest one of the run."""
     run_timestep: int = data["run_timestep"]
     environment.world.update(arena_state(data), run_timestep)
     if run_timestep <= newest:

@@ -23,7 +23,6 @@ _ROW_IN, _FRAME_IN = 0.22, 0.6
 
 
 def _latency_chart(stations: Mapping[str, Mapping[str, float]]) -> Drawing:
-    """Each station's median and 99th percentile."""
     names = list(stations)
     figure = plot.new_figure(height_in=_FRAME_IN + _ROW_IN * max(len(names), 1))
     axes = figure.subplots()
@@ -43,7 +42,6 @@ def _latency_chart(stations: Mapping[str, Mapping[str, float]]) -> Drawing:
 
 
 def _wheels_chart(robots: Sequence[Mapping[str, Any]]) -> Drawing:
-    """What each robot's wheels make of what they are told, and the noise of its way and turn."""
     figure = plot.new_figure(plot.width_of(True))
     panels = (
         ("way_over_told", "way over told [%]", 100.0),

@@ -82,7 +82,6 @@ def accuracy(runs: Sequence[RunEvidence]) -> dict[str, Any]:
 
 
 def _seen(run: RunEvidence) -> float:
-    """How many robots were seen in a timestep."""
     if "tracking" in run.summary:
         return float(run.summary["tracking"]["detected_mean"] or 0.0)
     if "arena" in run.summary:

@@ -191,16 +191,16 @@ class Package:
 
     def verify(self, tell: Tell = lambda name, share: None) -> None:
         """Compares every file with its checksum; DamagedPackage names all that are others."""
-        found = []
+        problems = []
         missing = [name for name in self._digests if name not in set(self.names)]
-        found += [f"{name} is missing" for name in missing]
-        found += [f"{name} was added" for name in self.names if name not in self._digests]
+        problems += [f"{name} is missing" for name in missing]
+        problems += [f"{name} was added" for name in self.names if name not in self._digests]
         for number, name in enumerate(self.names):
             tell(name, number / len(self.names))
             if name in self._digests and (what := self._differs(name)):
-                found.append(f"{name} {what}")
-        if found:
-            raise DamagedPackage(self.path, found)
+                problems.append(f"{name} {what}")
+        if problems:
+            raise DamagedPackage(self.path, problems)
 
     def unpack(self, folder: Path, tell: Tell = lambda name, share: None) -> None:
         """Writes all files into a folder, which is made, or empty; PackageError if it is not."""
@@ -218,7 +218,6 @@ class Package:
                     shutil.copyfileobj(file, into, _PIECE)
 
     def _check(self, infos: list[zipfile.ZipInfo]) -> None:
-        """Refuses what no package has."""
         if len(infos) > MOST_FILES:
             raise self._error(f"has {len(infos)} files, expected at most {MOST_FILES}")
         names = [info.filename for info in infos]
@@ -240,17 +239,16 @@ class Package:
             )
 
     def _manifest(self) -> dict[str, str]:
-        """The checksums by name."""
-        found: dict[str, str] = {}
+        digests: dict[str, str] = {}
         text = self.read(MANIFEST, _MOST_MANIFEST).decode(errors="replace")
         for number, line in enumerate(text.splitlines(), 1):
             match = _LINE.fullmatch(line)
-            if match is None or match[2] in found:
+            if match is None or match[2] in digests:
                 raise DamagedPackage(
                     self.path, [f"line {number} of {MANIFEST} is no checksum of a file"]
                 )
-            found[match[2]] = match[1]
-        return found
+            digests[match[2]] = match[1]
+        return digests
 
     def _differs(self, name: str) -> str:
         """Says what is wrong with a file's bytes; "": nothing."""
@@ -281,8 +279,8 @@ def _what_is_odd(info: zipfile.ZipInfo) -> str:
 
 def entries_digests(entries: Iterable[tuple[str, bytes | Path]]) -> dict[str, tuple[str, int]]:
     """SHA-256 and size of files, by name; PackageError if one cannot be read."""
-    found = {}
+    digests = {}
     for name, source in entries:
         with failing_as(PackageError, f"{source if isinstance(source, Path) else name}"):
-            found[name] = digest_of(source)
-    return found
+            digests[name] = digest_of(source)
+    return digests

@@ -75,8 +75,8 @@ def tables(before: str, now: str) -> str:
 
 def arrays(before: Path, now: Path) -> str:
     """Compares two .npz files array by array; raises one of `DAMAGED`."""
-    with zipfile.ZipFile(before) as whole:
-        if sum(info.file_size for info in whole.infolist()) > _MOST_ARRAYS:
+    with zipfile.ZipFile(before) as archive:
+        if sum(info.file_size for info in archive.infolist()) > _MOST_ARRAYS:
             raise ValueError("more numbers than any run has")
     with np.load(before, allow_pickle=False) as old, np.load(now, allow_pickle=False) as new:
         if set(old.files) != set(new.files):

@@ -58,7 +58,7 @@ class PackageContents:
         runs: all of it.
         report: names of the tables and recordings that the report is of; (): there is none.
         asked: what was asked of the tables, see `vsense.studies.packages.figures`.
-        lacks: what cannot be made anew, and why; told by who packed it.
+        lacks: what cannot be made again, and why; who packed it says so.
         left_out: what was replaced or left out, and how often.
     """
 

@@ -206,7 +206,6 @@ def _file(file: Described) -> Entity:
 
 
 def _software(origins: Mapping[str, RunOrigin]) -> list[Entity]:
-    """What made the runs, each version once."""
     found: dict[str, Entity] = {}
     for kept in origins.values():
         needs = []
@@ -275,7 +274,7 @@ def readme(name: str, contents: PackageContents, found: Sequence[FoundSeries]) -
     lines += [
         "",
         "`sha256sum -c manifest-sha256.txt` checks all files. With vsense installed,",
-        "`vsense reproduce PACKAGE.zip` checks them as well, and makes everything anew:",
+        "`vsense reproduce PACKAGE.zip` checks them as well, and makes everything again:",
         "simulated runs are simulated, recordings sensed and tracked again, figures drawn.",
         "",
         "Paths that begin with `@package` are of this package, with `@vsense` of vsense.",

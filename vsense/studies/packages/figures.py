@@ -96,7 +96,6 @@ def from_data(data: Mapping[str, Any]) -> Questions:
 
 
 def _without(text: str, root: Path, into: Path) -> str:
-    """The same without where the files lie."""
     for folder, name in ((into, f"{REPORT}/"), (root, "")):
         for way in (json.dumps(f"{folder}/")[1:-1], html.escape(f"{folder}/"), f"{folder}/"):
             text = text.replace(way, name)

@@ -6,7 +6,7 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -91,11 +91,8 @@ def gather(paths: Sequence[Path]) -> list[FoundSeries]:
         while name in taken or name == "report":
             name, number = f"{one.name}-{number}", number + 1
         taken[name] = place
-        found.append(FoundSeries(name, *(getattr(one, n) for n in _FIELDS)))
+        found.append(replace(one, name=name))
     return found
-
-
-_FIELDS = ("folder", "table", "runs", "files", "origins")
 
 
 def _of_folder(folder: Path) -> FoundSeries:
@@ -159,7 +156,6 @@ def _run(folder: Path, number: int, row: RunRow, only: bool) -> FoundRun:
 
 
 def _row(folder: Path) -> RunRow:
-    """What a simulated run's summary has of a row."""
     path = folder / SUMMARY
     try:
         summary = json.loads(read_text(path, most_bytes=_MOST_SUMMARY))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import re
 import socket
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -88,26 +88,11 @@ class Scrubber:
 
     def data(self, value: Any) -> Any:
         """The same for all texts in what JSON has."""
-        if isinstance(value, str):
-            return self.text(value)
-        if isinstance(value, dict):
-            return {key: self.data(each) for key, each in value.items()}
-        if isinstance(value, (list, tuple)):
-            return [self.data(each) for each in value]
-        return value
+        return _with_texts(value, self.text)
 
     def setup(self, value: Any) -> Any:
         """How an experiment is read: only paths, and those of rosters by their names."""
-        if isinstance(value, str):
-            return self.paths(value)
-        if isinstance(value, dict):
-            found = {key: self.setup(each) for key, each in value.items()}
-            if isinstance(found.get("roster"), str):
-                found["roster"] = Path(found["roster"]).name
-            return found
-        if isinstance(value, (list, tuple)):
-            return [self.setup(each) for each in value]
-        return value
+        return _with_texts(value, self.paths, {"roster": lambda path: Path(path).name})
 
     def roster(self, text: str) -> str:
         """A roster without where its robots are reached."""
@@ -136,6 +121,23 @@ class Scrubber:
     def _count(self, kind: str, count: int = 1) -> None:
         if count:
             self.counts[kind] = self.counts.get(kind, 0) + count
+
+
+def _with_texts(
+    value: Any,
+    change: Callable[[str], str],
+    members: Mapping[str, Callable[[str], str]] | None = None,
+) -> Any:
+    """What JSON has, with all its texts changed; those of some members once more."""
+    if isinstance(value, str):
+        return change(value)
+    if isinstance(value, (list, tuple)):
+        return [_with_texts(item, change, members) for item in value]
+    if not isinstance(value, dict):
+        return value
+    changed = {key: _with_texts(item, change, members) for key, item in value.items()}
+    texts = [key for key in members or {} if isinstance(changed.get(key), str)]
+    return changed | {key: (members or {})[key](changed[key]) for key in texts}
 
 
 def folders_of(paths: Iterable[tuple[str, str]]) -> dict[str, str]:
@@ -190,15 +192,12 @@ class PackagePlaces:
 
     def real(self, value: Any) -> Any:
         """Puts real paths in place of a package's, in all that JSON has."""
-        if isinstance(value, str):
-            for name, path in ((PACKAGE, self.package), *OWN_FOLDERS.items()):
-                value = value.replace(f"{name}/", f"{path}/")
-            return value
-        if isinstance(value, dict):
-            return {key: self.real(each) for key, each in value.items()}
-        if isinstance(value, (list, tuple)):
-            return [self.real(each) for each in value]
-        return value
+        return _with_texts(value, self._real_text)
+
+    def _real_text(self, text: str) -> str:
+        for name, path in ((PACKAGE, self.package), *OWN_FOLDERS.items()):
+            text = text.replace(f"{name}/", f"{path}/")
+        return text
 
     def experiment_path(self, experiment: object) -> Path:
         """The whole path of an experiment's file: the shipped one's, or what the package says.

@@ -141,7 +141,6 @@ class RecordedRuns:
         return self._places.public(error).removeprefix(f"@package/{name}: ")
 
     def _track(self, name: str, recording: Recording) -> None:
-        """Tracks the pictures again."""
         if form.TRACKER not in recording.topics:
             raise VsenseError("it holds no pictures of cameras of vsense's own (--record-images)")
         tracking = Retracking(recording, lambda made: made)
@@ -188,7 +187,6 @@ class RecordedRuns:
         return replace(experiment, made=made, file_text=self._places.real(experiment.file_text))
 
     def _compare_measures(self, run: PackedRun, now: Mapping[int, Mapping[str, float]]) -> None:
-        """Compares measures.csv, row by row."""
         path = self._places.package / run.folder / MEASURES
         if not run.folder or not path.is_file():
             return

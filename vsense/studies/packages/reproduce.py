@@ -177,7 +177,6 @@ class Simulating:
         return bool(run.folder) and (self._places.package / run.folder / name).is_file()
 
     def _compare(self, simulated: PreparedRun, result: Mapping[str, Any], claims: Claims) -> None:
-        """Compares all that a run has left."""
         run, places, experiment = simulated.run, self._places, simulated.task.experiment
         if run.row is not None and run.table:
             before = comparing.row_of(places.package / run.table, run.row)
@@ -198,7 +197,6 @@ class Simulating:
 
 
 def _cells(experiment: Experiment, result: Mapping[str, Any]) -> dict[str, str]:
-    """What a table has of a simulated run."""
     tags = [robot.tag for robot in experiment.robots]
     measures = {**(result["swarm"] if experiment.sources else {}), **result["measures"]}
     return {
@@ -294,7 +292,6 @@ def _make_all(
     interrupted: Flag,
     show: Callable[[str], None],
 ) -> None:
-    """Makes the runs and the report of a package that was unpacked."""
     if contents.version != __version__:
         claims.notes.append(f"vsense was {contents.version}, now {__version__}")
     places.again.mkdir(exist_ok=True)
@@ -321,7 +318,6 @@ def _make_all(
 def _make_report(
     contents: PackageContents, places: PackagePlaces, claims: Claims, show: Callable[[str], None]
 ) -> None:
-    """Makes the report again, and compares each of its files."""
     if missing := figures.cannot():
         claims.cannot(figures.REPORT, missing)
         return

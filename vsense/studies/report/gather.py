@@ -375,7 +375,6 @@ def read_cone(data: Mapping[str, Any]) -> Cone:
 
 
 def _holds(cone: Cone, at: tuple[float, float]) -> bool:
-    """Whether a point lies in a triangle, its border included."""
     turns = [
         (bx - ax) * (at[1] - ay) - (by - ay) * (at[0] - ax)
         for (ax, ay), (bx, by) in zip(cone, (*cone[1:], cone[0]), strict=True)

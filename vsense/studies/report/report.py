@@ -192,7 +192,6 @@ def _write(
 def _studied(
     tables: Sequence[TableOfRuns], found: Sequence[StudyResult], asked: Questions, kept: Charts
 ) -> Studied:
-    """Draws the studies of tables."""
     drawn = []
     for place, result in enumerate(found, start=1):
         prefix = "runs-" if len(found) == 1 else f"runs-{place}-"

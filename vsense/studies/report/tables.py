@@ -63,7 +63,7 @@ def parts(findings: Findings, counter: Counter) -> str:
     """Which robot played which part, and from when on; nothing where nobody has told it."""
     rows = [
         [row.name, str(row.part), str(row.tag), row.uid, f"{_time_s(row.time_ns, findings):.1f}"]
-        for row in findings.found.parts[:MOST_ROWS]
+        for row in findings.gathered.parts[:MOST_ROWS]
     ]
     if not rows:
         return ""
@@ -73,7 +73,6 @@ def parts(findings: Findings, counter: Counter) -> str:
 
 
 def _time_s(time_ns: int, findings: Findings) -> float:
-    """A time since the run began [s]."""
     return (time_ns - findings.zero_ns) / 1e9
 
 
@@ -97,7 +96,6 @@ def _worst_link(findings: Findings) -> str:
 
 
 def _stops(findings: Findings, counter: Counter) -> str:
-    """Why robots stopped; nothing where none did."""
     causes = dict.fromkeys(why for row in findings.robots for why in row.stops)
     rows = []
     for why in list(causes)[:MOST_ROWS]:
@@ -112,9 +110,9 @@ def _stops(findings: Findings, counter: Counter) -> str:
 
 def incidents(findings: Findings, counter: Counter) -> str:
     """What was lost, silent or in trouble."""
-    flow, late = findings.found.flow, findings.found.late
+    flow, late = findings.gathered.flow, findings.gathered.late
     words = ""
-    if findings.found.ran:
+    if findings.gathered.ran:
         words = f"<p>{flow.missed} of {flow.lived + flow.missed} timesteps of the run were missed"
         words += "" if late is None else f"; the run counted {late} as late or missed"
         words += ".</p>\n"
@@ -132,7 +130,7 @@ def incidents(findings: Findings, counter: Counter) -> str:
 
 def events(findings: Findings, counter: Counter) -> str:
     """The messages for people."""
-    events = findings.found.events
+    events = findings.gathered.events
     if not events:
         return "<p>None.</p>\n"
     rows = []
@@ -140,7 +138,7 @@ def events(findings: Findings, counter: Counter) -> str:
         time_s = _time_s(event.time_ns, findings)
         text = event.text + (f" ({event.by})" if event.by else "")
         rows.append([f"{time_s:.1f}", event.level, text])
-    caption = _shown(len(rows), len(events) + findings.found.more_events)
+    caption = _shown(len(rows), len(events) + findings.gathered.more_events)
     heads = ("time [s]", "level", "text")
     return counter.table("Events", caption, heads, rows, texts=(1, 2))
 
@@ -169,10 +167,9 @@ def statistics(groups: Sequence[Group], counter: Counter) -> str:
 
 
 def _state(run: Findings) -> str:
-    """What a recording is like, in a word or two."""
     if not run.complete or run.damaged:
         return "cut off or damaged"
-    return "world changed by hand" if run.found.changes else "whole"
+    return "world changed by hand" if run.gathered.changes else "whole"
 
 
 def runs(groups: Sequence[Group], counter: Counter) -> str:
@@ -180,7 +177,7 @@ def runs(groups: Sequence[Group], counter: Counter) -> str:
     rows = []
     for group in groups:
         for run in group.runs:
-            facts, values = run.found.facts, quantities(run)
+            facts, values = run.gathered.facts, quantities(run)
             seen = [row.seen for row in run.robots]
             rows.append(
                 [
@@ -191,7 +188,7 @@ def runs(groups: Sequence[Group], counter: Counter) -> str:
                     str(len(run.robots)),
                     share_of(sum(seen) / len(seen) if seen else None),
                     figure_of(values.get("latency, median [ms]")),
-                    str(run.found.flow.missed),
+                    str(run.gathered.flow.missed),
                     _state(run),
                 ]
             )

@@ -166,7 +166,6 @@ def drive(
 def _step(
     swarm: SwarmCalibration, moments: dict[int, Moment], session: ExperimentSession
 ) -> dict[int, tuple[int, int]]:
-    """A timestep of all routines; says who is left out."""
     before = set(swarm.failed)
     speeds = swarm.step(moments)
     for tag in sorted(swarm.failed.keys() - before):

@@ -126,7 +126,6 @@ class MotionFit:
 
 
 def _along(derivative: Floats, covariance: Floats) -> float:
-    """The standard deviation of what changes with the parameters by `derivative`."""
     return math.sqrt(float(derivative @ covariance @ derivative))
 
 
@@ -252,7 +251,6 @@ class _Problem:
 
 
 def _begin(stretch: Stretch, middle_s: float) -> Floats:
-    """A first guess of a stretch's own pose, at its middle."""
     yaw = np.unwrap(stretch.poses[:, 2])
     turned = np.column_stack((stretch.poses[:, :2], yaw))
     nearest = int(np.argmin(np.abs(stretch.times_s - middle_s)))

@@ -73,26 +73,13 @@ class FreeFloor:
     """
 
     def __init__(self, experiment: Experiment) -> None:
-        boxes, cylinders = obstacles(experiment.boxes, experiment.cylinders)
-        self._boxes, self._cylinders = boxes, cylinders
-        arena = experiment.arena
-        self._middle = np.array(arena.centre_m[:2])
-        self._half = np.array(arena.size_m[:2]) / 2.0
+        self._floor = DrivingFloor.of(experiment)
         self._given: dict[int, Area] = {}
         self.places: dict[int, tuple[float, float]] = {}
 
     def clearance_m(self, points: Floats) -> float:
         """Distance of the nearest wall, thing or end of the arena from points (k, 2)."""
-        nearest = float((self._half - np.abs(points - self._middle)).min())
-        for x_m, y_m, yaw_rad, size_x_m, size_y_m in self._boxes:
-            cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
-            off = points - (x_m, y_m)
-            across = np.abs(off @ np.array([[cos, -sin], [sin, cos]]))
-            beyond = np.maximum(across - np.array([size_x_m, size_y_m]) / 2.0, 0.0)
-            nearest = min(nearest, float(np.hypot(*beyond.T).min()))
-        for x_m, y_m, radius_m in self._cylinders:
-            nearest = min(nearest, float(np.hypot(*(points - (x_m, y_m)).T).min()) - radius_m)
-        return nearest
+        return float(self._floor.clearance_m(points).min())
 
     def is_free(self, tag: int, area: Area) -> bool:
         """Whether the robot `tag` can have an area.
@@ -245,12 +232,10 @@ def spots(experiment: Experiment, wall: str | None = None) -> list[WallSpot]:
 
 
 def _before(box: Box, experiment: Experiment) -> Iterator[WallSpot]:
-    others = DrivingFloor(
-        Arena((_FAR_M, _FAR_M, 1.0), experiment.arena.centre_m),
-        [_row(other) for other in experiment.boxes if other is not box],
-        [(*post.position_m[:2], post.radius_m) for post in experiment.cylinders],
-    )
-    whole = DrivingFloor.of(experiment)
+    boxes = [other for other in experiment.boxes if other is not box]
+    open_field = Arena((_FAR_M, _FAR_M, 1.0), experiment.arena.centre_m)
+    others = DrivingFloor(open_field, *obstacles(boxes, experiment.cylinders))
+    floor = DrivingFloor.of(experiment)
     for turn in range(4):
         outward = box.yaw_rad + turn * math.pi / 2.0
         half_m, along_m = (box.size_m[(turn + k) % 2] / 2.0 for k in (0, 1))
@@ -265,12 +250,8 @@ def _before(box: Box, experiment: Experiment) -> Iterator[WallSpot]:
             inside = np.abs(near - experiment.arena.centre_m[:2])
             inside = inside < np.array(experiment.arena.size_m[:2]) / 2.0
             free = others.clearance_m(near) >= ALONE_M
-            if inside.all() and free.all() and whole.clearance_m(near[1]) >= ROOM_M:
+            if inside.all() and free.all() and floor.clearance_m(near[1]) >= ROOM_M:
                 yield spot
-
-
-def _row(box: Box) -> tuple[float, ...]:
-    return (*box.position_m[:2], box.yaw_rad, *box.size_m[:2])
 
 
 @dataclass(frozen=True, slots=True)

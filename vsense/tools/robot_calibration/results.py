@@ -60,7 +60,6 @@ def _sensor_errors(
 def _sensors_json(
     sensors: Mapping[str, SensorFit], troubles: Mapping[str, str], true: Mapping[str, Floats]
 ) -> dict[str, Any]:
-    """What `calibration.json` has of a robot's sensors."""
     sensors_json: dict[str, Any] = {
         name: {
             "spans": fit.spans.round(2).tolist(),

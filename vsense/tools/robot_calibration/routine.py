@@ -164,7 +164,6 @@ class MotionRoutine:
             yield from self._step(_STILL)
 
     def _turn(self, sign: int) -> Acting:
-        """Turns on the spot, to the left for 1."""
         area = yield from self._room(lambda: spot(*self._place))
         self.doing = "turning"
         speeds = (-sign * TURN_STEPS_S, sign * TURN_STEPS_S)
@@ -330,9 +329,9 @@ def steady(seen: list[Moment]) -> list[Stretch]:
     even = np.abs(rates - usual_rate) <= max(5.0 * spread, 0.08 * usual_rate)
     obeyed = np.array([motors == usual for motors in motors])
     # A change of speed that falls between two pictures spoils the time beside it, too.
-    whole = even & obeyed[1:] & obeyed[:-1]
+    steady = even & obeyed[1:] & obeyed[:-1]
     parts, begin = [], 0
-    for end in (*np.flatnonzero(~whole).tolist(), len(whole)):
+    for end in (*np.flatnonzero(~steady).tolist(), len(steady)):
         if end + 1 - begin >= LEAST:
             rows = slice(begin, end + 1)
             parts.append(Stretch(times_s[rows], poses[rows], *map(float, usual)))

@@ -283,7 +283,6 @@ class SensorRoutine(MotionRoutine):
             raise RobotFailed("left the way that was free for it: is it held or pushed?")
 
     def _drive(self, to: Point) -> Acting:
-        """Drives straight to a point."""
         yield from self._turn_to(math.atan2(to[1] - self._place[1], to[0] - self._place[0]))
         until_s = self._moment.time_s + PATIENCE_S
         until_s += 3.0 * math.dist(self._place, to) / (WAY_STEPS_S * STEP_M)
@@ -344,7 +343,6 @@ class SensorRoutine(MotionRoutine):
         return looks
 
     def _stand(self, goal: _Goal, rows: list[Floats]) -> Acting:
-        """Stands on a place, and keeps what its ground sensors read."""
         yield from self._rest()
         until_s = self._moment.time_s + ON_PLACE_S
         while self._moment.time_s < until_s:

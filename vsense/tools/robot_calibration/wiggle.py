@@ -220,7 +220,6 @@ class WiggleCheck:
                 self.news.append(f"robot {tag} ({name}) {result.words}")
 
     def _turn(self, tag: int, name: str) -> _Turning:
-        """One robot's turn; None where it was disturbed."""
         yield from self._stand(_STAND_NS)
         until_ns = self._time_ns + _LINK_NS
         while (trouble := self._troubles.get(tag)) and self._time_ns < until_ns:
@@ -251,7 +250,6 @@ class WiggleCheck:
             yield {tag: goal}
 
     def _stand(self, time_ns: int) -> _Driving:
-        """Everybody stands; at least once."""
         yield {}
         until_ns = self._time_ns + time_ns
         while self._time_ns < until_ns:
@@ -271,7 +269,6 @@ def _turns(before: _Marks, after: _Marks) -> list[float]:
 
 
 def _turned(before: _Marks, after: _Marks) -> dict[int, float]:
-    """The markers that turned, with how far."""
     both = {tag: seen for tag, seen in before.items() if tag in after}
     turns = dict(zip(both, _turns(both, after)))
     return {tag: rad for tag, rad in turns.items() if abs(rad) >= TURNED_RAD}

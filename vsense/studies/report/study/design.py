@@ -170,7 +170,6 @@ def _values_of(name: str, runs: Iterable[RunRow]) -> list[str]:
 
 
 def _shortened(texts: Sequence[str]) -> str:
-    """Some of the values of a column."""
     known = sorted((text or "unknown" for text in texts), key=_digits)
     if len(known) <= 3:
         return ", ".join(known) or "no valid run"

@@ -191,8 +191,16 @@ def equivalence(first: Floats, second: Floats, margin: float, paired: bool) -> E
     reach = float(special.stdtrit(freedom, 1.0 - ALPHA)) * error
     p = max(float(special.stdtr(freedom, -lower_t)), float(special.stdtr(freedom, upper_t)))
     return Equivalence(
-        *(name, n, margin, difference, difference - reach, difference + reach),
-        *(lower_t, upper_t, freedom, p),
+        name=name,
+        n=n,
+        margin=margin,
+        difference=difference,
+        low=difference - reach,
+        high=difference + reach,
+        lower_t=lower_t,
+        upper_t=upper_t,
+        df=freedom,
+        p=p,
     )
 
 

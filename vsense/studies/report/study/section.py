@@ -38,33 +38,33 @@ _LETTERS = 30
 
 def boxes(result: StudyResult, prefix: str) -> Iterator[Drawing]:
     """Draws each measure of a study; `prefix` begins the files' names."""
-    for place, found in enumerate(result.measures, start=1):
-        words = re.sub(r"[^A-Za-z0-9_]+", "-", found.measure)[:40].strip("-")
-        yield _drawing(result, found, f"{prefix}{place:02d}-{words}")
+    for place, outcome in enumerate(result.measures, start=1):
+        words = re.sub(r"[^A-Za-z0-9_]+", "-", outcome.measure)[:40].strip("-")
+        yield _drawing(result, outcome, f"{prefix}{place:02d}-{words}")
 
 
-def _drawing(result: StudyResult, found: MeasureResult, file: str) -> Drawing:
-    count = len(found.values)
+def _drawing(result: StudyResult, outcome: MeasureResult, file: str) -> Drawing:
+    count = len(outcome.values)
     upright = count <= _MOST_UPRIGHT
     labels = [
         plot.wrapped(plot.label(arm.label), _LETTERS if not upright else max(44 // count, 9))
         + f"\n(n = {len(values)})"
-        for arm, values in zip(result.study.arms, found.values)
+        for arm, values in zip(result.study.arms, outcome.values)
     ]
     lines = max(label.count("\n") + 1 for label in labels)
     height = None if upright else _FRAME_IN + count * max(_ROW_IN, 0.13 * lines)
     figure = plot.new_figure(height_in=height)
     axes = figure.subplots()
-    for place, (values, spread) in enumerate(zip(found.values, found.spreads)):
+    for place, (values, spread) in enumerate(zip(outcome.values, outcome.spreads)):
         if spread is not None:
             _arm(_Pen(axes, place, upright), values, spread, f"C{place % 6}")
-    _axes(axes, found, labels, upright)
-    title = f"{spoken(found.measure)} of each run".capitalize()
-    return Drawing(file, title, caption(result, found), figure)
+    _axes(axes, outcome, labels, upright)
+    title = f"{spoken(outcome.measure)} of each run".capitalize()
+    return Drawing(file, title, caption(result, outcome), figure)
 
 
-def _axes(axes: Axes, found: MeasureResult, labels: Sequence[str], upright: bool) -> None:
-    ends, measured = (-0.6, len(labels) - 0.4), plot.measure_label(found.measure)
+def _axes(axes: Axes, outcome: MeasureResult, labels: Sequence[str], upright: bool) -> None:
+    ends, measured = (-0.6, len(labels) - 0.4), plot.measure_label(outcome.measure)
     if upright:
         axes.set(xlim=ends, ylabel=textwrap.fill(measured, 26))
         axes.set_xticks(range(len(labels)), labels)
@@ -97,7 +97,6 @@ class _Pen:
 
 
 def _arm(pen: _Pen, values: Floats, spread: Spread, colour: str) -> None:
-    """The runs of one condition."""
     ink = plot.setting("text.color")
     waist = _HALF
     if spread.n >= FEWEST:
@@ -140,24 +139,24 @@ def _whiskers(values: Floats, spread: Spread) -> tuple[float, float]:
     return min(float(inside.min()), low), max(float(inside.max()), high)
 
 
-def caption(result: StudyResult, found: MeasureResult) -> str:
+def caption(result: StudyResult, outcome: MeasureResult) -> str:
     """What a figure shows, with the number of runs and of void ones."""
     arms = result.study.arms
     words = f"{result.study.title}. A dot is a run"
-    boxed = [s is not None and s.n >= FEWEST for s in found.spreads]
+    boxed = [s is not None and s.n >= FEWEST for s in outcome.spreads]
     if any(boxed):
         words += (
             "; boxes: quartiles and median, whiskers to the last run within 1.5 interquartile"
             " ranges; notches: 95 % interval of the median"
         )
-    if any(map(_folds, found.spreads)):
+    if any(map(_folds, outcome.spreads)):
         words += ", beyond the box where its corners fold over"
     few = [a.label for a, box in zip(arms, boxed) if not box]
     if few:
         words += f"; line: median, no box of fewer than {FEWEST} runs ({', '.join(few)})"
     counts = [
         f"{arm.label} {len(values)} (void: {len(arm.voids)})"
-        for arm, values in zip(arms, found.values)
+        for arm, values in zip(arms, outcome.values)
     ]
     return f"{words}. n: {', '.join(counts)}. Void runs are not drawn."
 
@@ -218,19 +217,26 @@ def _warnings(result: StudyResult) -> Iterator[str]:
 
 def _spreads(result: StudyResult, counter: Counter) -> str:
     rows = []
-    for found in result.measures:
-        for arm, spread in zip(result.study.arms, found.spreads):
-            name = spoken(found.measure)
+    for outcome in result.measures:
+        for arm, spread in zip(result.study.arms, outcome.spreads):
+            name = spoken(outcome.measure)
             if spread is None:
                 rows.append([name, arm.label, "0", str(len(arm.voids)), *[DASH] * 7])
                 continue
             quartiles = " to ".join(number(value) for value in spread.quartiles)
             rows.append(
                 [
-                    *(name, arm.label, str(spread.n), str(len(arm.voids))),
-                    *(number(spread.median), quartiles, number(spread.mean), number(spread.sd)),
+                    name,
+                    arm.label,
+                    str(spread.n),
+                    str(len(arm.voids)),
+                    number(spread.median),
+                    quartiles,
+                    number(spread.mean),
+                    number(spread.sd),
                     share_of(spread.cv),
-                    *(number(spread.least), number(spread.greatest)),
+                    number(spread.least),
+                    number(spread.greatest),
                 ]
             )
     heads = (
@@ -247,18 +253,17 @@ def _spreads(result: StudyResult, counter: Counter) -> str:
 
 def _comparisons(result: StudyResult, counter: Counter, tests: bool) -> Iterator[str]:
     yield "<h3>Comparisons</h3>\n"
-    several = any(len(found.pairs) > 1 for found in result.measures)
-    rows = [row for found in result.measures for row in _rows(found, several, tests)]
+    several = any(len(outcome.pairs) > 1 for outcome in result.measures)
+    rows = [row for outcome in result.measures for row in _rows(outcome, several, tests)]
     if rows:
         yield counter.table(*_table(several, tests), rows, texts=(0, 1))
-    for found in result.measures:
-        said = "".join(f"<li>{escape(text)}</li>\n" for text in words.sentences(result, found))
-        yield f"<h4>{escape(spoken(found.measure).capitalize())}</h4>\n"
+    for outcome in result.measures:
+        said = "".join(f"<li>{escape(text)}</li>\n" for text in words.sentences(result, outcome))
+        yield f"<h4>{escape(spoken(outcome.measure).capitalize())}</h4>\n"
         yield f'<ul class="said">{said}</ul>\n'
 
 
 def _table(several: bool, tests: bool) -> tuple[str, str, list[str]]:
-    """Title, caption and heads of the comparisons' table."""
     tested = ["n", "statistic", "p", *(["p, Holm"] if several else [])] if tests else ["n"]
     caption = (
         "A12: how often a run of the first condition gives more than one of the second, ties"
@@ -271,10 +276,10 @@ def _table(several: bool, tests: bool) -> tuple[str, str, list[str]]:
     return "Pairs of conditions", caption, ["measure", "pair", *tested, "A12", "shift"]
 
 
-def _rows(found: MeasureResult, several: bool, tests: bool) -> Iterable[list[str]]:
-    for pair in found.pairs:
+def _rows(outcome: MeasureResult, several: bool, tests: bool) -> Iterable[list[str]]:
+    for pair in outcome.pairs:
         test, effect = pair.test, pair.effect
-        cells = [n_of(pair.n, found.paired)]
+        cells = [n_of(pair.n, outcome.paired)]
         if tests and test is not None:
             cells += [statistic(test), p_of(test.p), *([p_of(pair.adjusted)] if several else [])]
         if effect is None:
@@ -282,7 +287,7 @@ def _rows(found: MeasureResult, several: bool, tests: bool) -> Iterable[list[str
         else:
             cells.append(interval(effect.a12, effect.a12_low, effect.a12_high, False))
             cells.append(interval(effect.shift, effect.shift_low, effect.shift_high, True))
-        yield [spoken(found.measure), f"{pair.first} – {pair.second}", *cells]
+        yield [spoken(outcome.measure), f"{pair.first} – {pair.second}", *cells]
 
 
 def _voids(result: StudyResult, counter: Counter) -> str:
