@@ -28,7 +28,7 @@ _MOST_MANIFEST = 64 << 20
 _MOST_RATIO, _FREE_BYTES = 200, 256 << 20
 """A package may become so many times as large, and so much in any case."""
 _MOST_NAME, _MOST_PART = 1000, 200
-_DATE = (1980, 1, 1, 0, 0, 0)
+DATE = (1980, 1, 1, 0, 0, 0)
 _PACKED = (".mcap", ".npz", ".png", ".webp", ".webm", ".zip", ".pdf")
 """What is compressed already."""
 _PIECE = 1 << 20
@@ -121,7 +121,7 @@ def write(path: Path, entries: Entries, tell: Tell = lambda name, share: None) -
 
 
 def _add(archive: zipfile.ZipFile, name: str, source: bytes | Path) -> None:
-    info = zipfile.ZipInfo(name, _DATE)
+    info = zipfile.ZipInfo(name, DATE)
     info.create_system, info.external_attr = 3, (stat.S_IFREG | 0o644) << 16
     stored = name.endswith(_PACKED)
     info.compress_type = zipfile.ZIP_STORED if stored else zipfile.ZIP_DEFLATED

@@ -28,7 +28,7 @@ from vsense.modes.sim import fingerprint
 from vsense.modes.sim.job import Setup
 from vsense.robots.compiling import native
 from vsense.robots.programs import headers, source_roots
-from vsense.studies.packages.archive import MOST_FILES
+from vsense.studies.packages.archive import DATE, MOST_FILES
 
 MADE = "made"
 """What the file's name begins with."""
@@ -42,7 +42,6 @@ OWN = "vsense/"
 _SECRET = re.compile(rb"\A# Swarm keys of vsense|-----BEGIN [A-Z ]*PRIVATE KEY-----")
 _SECRETS = (".key", ".pem")
 _MOST_KEPT = 1 << 30
-_DATE = (1980, 1, 1, 0, 0, 0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,10 +190,10 @@ def _packed(
     target = io.BytesIO()
     with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
         text = json.dumps(facts, indent=1, sort_keys=True)
-        archive.writestr(zipfile.ZipInfo(FACTS, _DATE), text, zipfile.ZIP_DEFLATED)
+        archive.writestr(zipfile.ZipInfo(FACTS, DATE), text, zipfile.ZIP_DEFLATED)
         for name in sorted(named):
             data = read_bytes(named[name])
-            archive.writestr(zipfile.ZipInfo(name, _DATE), data, zipfile.ZIP_DEFLATED)
+            archive.writestr(zipfile.ZipInfo(name, DATE), data, zipfile.ZIP_DEFLATED)
     return target.getvalue()
 
 
