@@ -17,6 +17,10 @@ TABLE = {
     "actuators": "world.actuators",
     "arena": "base.arena",
     "benchmark": "studies.benchmark",
+    "benchmark.charts": "studies.benchmark.page",
+    "benchmark.identification": "studies.benchmark.motion",
+    "benchmark.qualification": "studies.benchmark.result",
+    "benchmark.scores": "studies.benchmark.evidence",
     "calibration": "vision.calibration",
     "calibration.floor": "vision.calibration.placement",
     "calibration.lens": "vision.calibration.bundle",
@@ -59,15 +63,27 @@ TABLE = {
     "monitor.pictures.canvas": "base.canvas",
     "native": "base.native",
     "packages": "studies.packages",
+    "packages.copying": "studies.packages.recordings",
+    "packages.findings": "studies.packages.claims",
+    "packages.recorded": "studies.packages.recordings",
+    "packages.scrub": "studies.packages.places",
+    "packages.simulating": "studies.packages.reproduce",
     "physics": "world.physics",
     "pictures": "monitor.pictures",
     "pictures.canvas": "base.canvas",
     "processes": "base.processes",
     "recording": "monitor.recording",
     "report": "studies.report",
+    "report.campaigns": "studies.report.compare",
+    "report.study.boxes": "studies.report.study.section",
+    "report.study.exact": "studies.report.study.rank_tests",
+    "report.tracks": "studies.report.gather",
     "robot": "robots",
     "robot.programs": "robots.sources",
     "robot_calibration": "tools.robot_calibration",
+    "robot_calibration.areas": "tools.robot_calibration.places",
+    "robot_calibration.sensor_results": "tools.robot_calibration.results",
+    "robot_calibration.swarm": "tools.robot_calibration.driving",
     "robots.link.robots": "robots.link",
     "robots.programs": "robots.sources",
     "run.homecoming": "run.homing.starts",
@@ -127,6 +143,10 @@ def _new_name(name: str) -> str | None:
     for count in range(len(parts), 0, -1):
         if moved := TABLE.get(".".join(parts[:count])):
             return ".".join(["vsense", moved, *parts[count:]])
+    # `from vsense.packages import kinds` asks the new package for a module that it no longer has.
+    for old, new in TABLE.items():
+        if (moved := TABLE.get(f"{old}{'.'.join(parts).removeprefix(new)}")) and moved != new:
+            return f"vsense.{moved}"
     return None
 
 

@@ -89,7 +89,7 @@ def _look_at(viewer: Viewer, out: Path, first: Path) -> None:
     recorded = open_recording(first)
     assert [gap.why for gap in recorded.gaps] == ["recording was switched off"]
     findings = read_findings(first)
-    assert findings.found.ran and findings.found.flow.lived == runs[0]["timesteps"]
+    assert findings.gathered.ran and findings.gathered.flow.lived == runs[0]["timesteps"]
     assert findings.only_tracked.startswith("robots were only tracked (vsense track): it has no ")
     assert "no readings (/readings)" in findings.only_tracked
 

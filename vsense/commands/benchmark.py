@@ -249,15 +249,13 @@ def _check(options: argparse.Namespace) -> int:
 
     console = Console()
     with interruption() as interrupted, interrupted.at_once():
-        found = checking.check(options.file, console.progress)
+        claims = checking.check(options.file, console.progress)
     console.end_progress()
-    holds = not any(one.wrong for one in found)
     if options.json:
-        told = {"holds": holds, "checked": [asdict(one) for one in found]}
-        print_data(json.dumps(told, indent=2))
+        print_data(json.dumps(checking.as_json(claims), indent=2))
     else:
-        print_data("\n".join(checking.lines(found)))
-    return 0 if holds else 1
+        print_data("\n".join(checking.lines(claims)))
+    return claims.exit_code
 
 
 def _compare(options: argparse.Namespace) -> int:

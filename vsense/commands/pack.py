@@ -18,8 +18,8 @@ from vsense.studies.packages.pack import PackedFiles, PackOptions, pack
 DESCRIPTION = (
     "Packs runs for others: experiments, plan, controllers, calibrations, roster, seeds, versions,"
     " tables, recordings, a report and checksums, described as an RO-Crate 1.1. vsense reproduce"
-    " makes all of it anew. Keys, addresses, accounts and paths are left out or replaced, and told."
-    " The same runs give the same bytes."
+    " makes all of it again. Keys, addresses, accounts and paths are left out or replaced, and"
+    " named. The same runs give the same bytes."
 )
 
 
@@ -88,7 +88,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _say(console: Console, made: PackedFiles, target: Path) -> None:
-    """Says what was packed, what stayed out, and what cannot be made anew."""
+    """Says what was packed, what stayed out, and what cannot be made again."""
     size = megabytes(target.stat().st_size)
     console.say(f"{target}: {made.runs} runs, {made.files} files, {size}")
     for what, count in made.left_out.items():

@@ -114,7 +114,7 @@ def run(options: argparse.Namespace) -> int:
         lambda text: console.progress(f"computing {text}"),
     )
     console.end_progress()
-    for text in (*made.lacking, *made.told):
+    for text in (*made.missing, *made.notes):
         console.say(f"vsense: {text}")
     for one in made.findings:
         if not one.complete:
@@ -123,7 +123,7 @@ def run(options: argparse.Namespace) -> int:
             console.say(f"vsense: {one.damaged} parts of {one.path} are damaged")
         if one.only_tracked:
             console.say(f"vsense: {one.path}: {one.only_tracked}")
-        if not one.found.ran:
+        if not one.gathered.ran:
             console.say(f"vsense: {one.path} holds no run: all of it is shown")
     if options.json:
         print(json.dumps(made.as_json(), indent=1))

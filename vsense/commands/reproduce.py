@@ -1,4 +1,4 @@
-"""`vsense reproduce`: everything in a package made anew, and compared."""
+"""`vsense reproduce`: everything in a package made again, and compared."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from vsense.modes.sim.outcome import Interrupted
 from vsense.studies.packages.reproduce import ReproduceOptions, reproduce
 
 DESCRIPTION = (
-    "Makes a package of vsense pack anew and says for each thing whether it is the same, what"
-    " differs, or why it cannot be made anew. First all checksums are compared. Then simulated runs"
-    " are simulated again, recordings of the lab and of real robots tracked and sensed again, and"
-    " tables and figures made of them. Exit code: 0 when all is the same in every bit, 1 when"
-    " something differs, 3 when something could not be made anew."
+    "Makes a package of vsense pack again and says for each thing whether it is the same, what"
+    " differs, or why it cannot be made again. First all checksums are compared. Then simulated"
+    " runs are simulated again, recordings of the lab and of real robots tracked and sensed again,"
+    " and tables and figures made of them. Exit code: 0 when all is the same in every bit, 1 when"
+    " something differs, 3 when something could not be made again."
 )
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     parser.add_argument("package", type=Path, help="the package (.zip)")
-    text = "a new folder for what is unpacked and made anew (default: nothing stays)"
+    text = "a new folder for what is unpacked and made again (default: nothing stays)"
     arguments.option(parser, "-o --output", Path, "FOLDER", text)
     text = (
         "compile and run code of the package: controllers and loop functions are programs of"
@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Makes a package anew; for the exit code see `DESCRIPTION`, or 130 after Ctrl-C."""
+    """Makes a package again; for the exit code see `DESCRIPTION`, or 130 after Ctrl-C."""
     console = Console()
     jobs = options.jobs or len(os.sched_getaffinity(0))
     wanted = ReproduceOptions(options.output, options.trust, options.check, jobs)

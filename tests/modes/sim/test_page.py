@@ -294,7 +294,7 @@ def test_report_and_export_take_it(recorded: tuple[Path, Path], tmp_path: Path) 
     file = recorded[1] / "foraging.mcap"
     found = read_findings(file)
     assert found.label == "foraging, simulation, sighted, seed 9"
-    assert found.found.ran and not found.amiss and not found.lacks and not found.latency
+    assert found.gathered.ran and not found.incidents and not found.lacks and not found.latency
     assert main(["export", str(file), "--csv", "-o", str(tmp_path / "tables")]) == 0
     exported = list(csv.DictReader((tmp_path / "tables" / "measures.csv").open()))
     kept = list(csv.DictReader((recorded[1] / "measures.csv").open()))

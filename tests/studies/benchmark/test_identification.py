@@ -8,8 +8,14 @@ import numpy as np
 import pytest
 
 from vsense.base.arena import wrap_angle
-from vsense.studies.benchmark.identification import robots_of, shift_of, standing_noise
-from vsense.studies.benchmark.motion import Floats, RunMotion, WheelOrders
+from vsense.studies.benchmark.motion import (
+    Floats,
+    RunMotion,
+    WheelOrders,
+    robots_of,
+    shift_of,
+    standing_noise,
+)
 from vsense.world.physics.motion import AXLE_M, STEP_M
 
 TAG, STEPS, DT_S = 23, 900, 0.1

@@ -17,7 +17,13 @@ from hypothesis import strategies as st
 
 from vsense.base.errors import VsenseError
 from vsense.studies.packages import archive
-from vsense.studies.packages.archive import MANIFEST, Damaged, Package, PackageError, manifest_of
+from vsense.studies.packages.archive import (
+    MANIFEST,
+    DamagedPackage,
+    Package,
+    PackageError,
+    manifest_of,
+)
 
 FILES: dict[str, bytes] = {"a.txt": b"one\n", "runs/b.csv": b"x\n1\n" * 50, "runs/c.npz": b"\0" * 9}
 
@@ -74,7 +80,7 @@ def test_what_was_changed_is_named(
     files = {**FILES, MANIFEST: sums(FILES), **change}
     kept = [(name, data) for name, data in files.items() if data is not None]
     path = zipped(tmp_path / "changed.zip", list(kept))
-    with pytest.raises(Damaged, match=words), Package(path) as package:
+    with pytest.raises(DamagedPackage, match=words), Package(path) as package:
         package.verify()
 
 

@@ -16,6 +16,7 @@ import pytest
 
 from tests.run.changed_run import ChangedRun
 from vsense import cli
+from vsense.base.files import PACKAGE_FOLDER
 from vsense.base.message_bus import Message
 from vsense.monitor.recording.reader import open_recording
 from vsense.monitor.recording.recorder import Recorder
@@ -206,7 +207,7 @@ def test_a_recorded_run_is_sensed_again_and_says_what_it_lacks(
     assert told["lacks"] == [
         "lab/foraging.mcap: has no pictures (--record-images): poses cannot be tracked again",
         "lab: what its runs were made from was not kept (by a vsense before packages):"
-        " simulated runs cannot be made anew",
+        " simulated runs cannot be made again",
     ]
     files = files_of(target)
     assert files["lab/log.txt"] == b"~/x: robot 31 at USER@HOST\n"
@@ -237,7 +238,7 @@ def test_a_packed_recording_names_nobody(recorded: Path, tmp_path: Path) -> None
     assert str(Path(cli.__file__).parent).encode() not in copy.read_bytes()
 
 
-SHIPPED = Path(cli.__file__).parent / "experiments"
+SHIPPED = PACKAGE_FOLDER / "config" / "experiments"
 
 
 @pytest.fixture

@@ -16,8 +16,13 @@ from vsense.base.errors import VsenseError
 from vsense.studies.packages import crate, kinds, places
 from vsense.studies.packages.contents import PackageContents
 from vsense.studies.packages.crate import Person
-from vsense.studies.packages.places import PackagePlaces, Untrusted, shipped_file
-from vsense.studies.packages.scrub import Scrubber, folders_of
+from vsense.studies.packages.places import (
+    PackagePlaces,
+    Scrubber,
+    Untrusted,
+    folders_of,
+    shipped_file,
+)
 
 HOME = str(Path.home())
 SCRUBBER = Scrubber([("/data/lab/exp", "@package/s/files"), ("/data/lab", "@package/s")])

@@ -14,7 +14,7 @@ from vsense.base.message_bus import Message
 from vsense.cli import main
 from vsense.run.runs_csv import RUNS, RunRow, RunsFile
 from vsense.studies.report import charts, compare
-from vsense.studies.report.campaigns import CampaignRuns, campaign_runs
+from vsense.studies.report.compare import CampaignRuns, campaign_runs
 from vsense.studies.report.findings import Findings, read_findings
 from vsense.studies.report.report import make_report
 from vsense.studies.report.study.collect import read_tables, tables_in

@@ -27,8 +27,14 @@ from vsense.base.message_bus import Message
 from vsense.monitor.recording.form import RecordingError
 from vsense.studies.report.findings import Findings, as_json, read_findings
 from vsense.studies.report.flow import FINE, LOST, STOPPED, UNSEEN, Strips
-from vsense.studies.report.gather import IN_CONE, LIT_IN_CONE, Gatherer
-from vsense.studies.report.tracks import CELL_M, MOST_POINTS, RobotTrack
+from vsense.studies.report.gather import (
+    CELL_M,
+    IN_CONE,
+    LIT_IN_CONE,
+    MOST_POINTS,
+    Gatherer,
+    RobotTrack,
+)
 
 
 @pytest.fixture(scope="module")
@@ -40,10 +46,10 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Findings:
 def test_the_run_is_what_counts(found: Findings) -> None:
     assert found.zero_ns == ZERO_NS
     assert found.run_s == pytest.approx(2.0)
-    assert (found.found.flow.lived, found.found.flow.missed) == (TIMESTEPS - 1, 1)
+    assert (found.gathered.flow.lived, found.gathered.flow.missed) == (TIMESTEPS - 1, 1)
     assert found.label == "hand, lab, sighted, seed 1"
-    assert found.complete and not found.damaged and not found.lacks and not found.found.odd
-    assert found.found.late == 4
+    assert found.complete and not found.damaged and not found.lacks and not found.gathered.odd
+    assert found.gathered.late == 4
 
 
 def test_robots_distances_speeds_and_shares(found: Findings) -> None:
@@ -69,7 +75,7 @@ def test_robots_links_stops_and_batteries(found: Findings) -> None:
 
 
 def test_who_played_which_part_and_from_when_on(found: Findings) -> None:
-    told = [(row.part, row.tag, row.uid, row.time_ns) for row in found.found.parts]
+    told = [(row.part, row.tag, row.uid, row.time_ns) for row in found.gathered.parts]
     assert told == [
         (DRIVER, DRIVER, "a1", BEGIN_NS),
         (BLINKER, BLINKER, "b2", BEGIN_NS + 1),
@@ -78,7 +84,7 @@ def test_who_played_which_part_and_from_when_on(found: Findings) -> None:
         *("/parts", ZERO_NS),
         {"part": [DRIVER], "name": ["driver"], "tag": [37], "uid": ["c3"], "run": 2},
     )
-    gatherer = Gatherer(found.found.facts)
+    gatherer = Gatherer(found.gathered.facts)
     for message in (*messages(), handed, handed):
         if message.topic == "/parts":
             gatherer.receive(message)
@@ -95,14 +101,14 @@ def test_times_that_no_clock_of_a_host_shows_are_left_out(
     found: Findings, capture_ns: int, odd: int
 ) -> None:
     """As of a clock that has wrapped: all else of the recording is read, and no array overflows."""
-    gatherer = Gatherer(found.found.facts)
+    gatherer = Gatherer(found.gathered.facts)
     for number, time_ns in enumerate((ZERO_NS, capture_ns, ZERO_NS + STEP_NS)):
         gatherer.receive(Message("/arena", ZERO_NS, arena(number, time_ns)))
     assert (gatherer.odd, gatherer.flow.lived) == (odd, 3 - odd)
 
 
 def test_measures(found: Findings) -> None:
-    times, values = found.found.measures["items_home"]
+    times, values = found.gathered.measures["items_home"]
     assert np.allclose(times, [0.1 * n for n in range(20) if n != 8])
     expected = {"end": 19.0, "mean": (190 - 8) / 19, "min": 0.0, "max": 19.0}
     assert found.measures["items_home"] == pytest.approx(expected)
@@ -113,8 +119,8 @@ def test_measures(found: Findings) -> None:
 def test_robots_in_the_cone_are_counted(found: Findings) -> None:
     # The driver is in the cone from x = -0.3 m to 0: timesteps 8 to 19. It is lit from timestep 10
     # on, which is known one timestep later.
-    assert list(found.found.measures[IN_CONE][1]) == [0.0] * 8 + [1.0] * 11
-    assert list(found.found.measures[LIT_IN_CONE][1]) == [0.0] * 10 + [1.0] * 9
+    assert list(found.gathered.measures[IN_CONE][1]) == [0.0] * 8 + [1.0] * 11
+    assert list(found.gathered.measures[LIT_IN_CONE][1]) == [0.0] * 10 + [1.0] * 9
 
 
 def test_latency(found: Findings) -> None:
@@ -123,7 +129,7 @@ def test_latency(found: Findings) -> None:
 
 
 def test_occupancy_and_objects(found: Findings) -> None:
-    tracks = found.found.tracks
+    tracks = found.gathered.tracks
     assert sum(tracks.cells.values()) == 19 + 7
     assert tracks.cells[round(0.5 / CELL_M), -2] == 7
     assert tracks.objects_m.keys() == {POLLUTER, STRANGER}
@@ -131,14 +137,14 @@ def test_occupancy_and_objects(found: Findings) -> None:
 
 
 def test_health_over_time(found: Findings) -> None:
-    tags, table = found.found.strips.table()
+    tags, table = found.gathered.strips.table()
     assert tags == [DRIVER, BLINKER]
     # Half a second each; the blinker was not seen from timestep 3 to 15 and lost from 5 to 7.
     assert table.tolist() == [[FINE, FINE, STOPPED, FINE], [UNSEEN, LOST, UNSEEN, UNSEEN]]
 
 
-def test_what_was_amiss(found: Findings) -> None:
-    loss, camera = sorted(found.amiss, key=lambda one: one.kind, reverse=True)
+def test_what_went_wrong(found: Findings) -> None:
+    loss, camera = sorted(found.incidents, key=lambda one: one.kind, reverse=True)
     assert (loss.kind, loss.text) == ("no link", "robot blinker")
     assert loss.from_s == pytest.approx(0.515, abs=0.001)
     assert loss.to_s == pytest.approx(0.9 + 0.018, abs=0.001), "timestep 8 was missed"
@@ -161,7 +167,7 @@ def test_silences_and_gaps(tmp_path: Path) -> None:
         Message("/arena", gap["to_ns"], arena(50, gap["to_ns"])),
     ]
     found = read_findings(write(tmp_path / "run.mcap", sent))
-    silence, lost = [one for one in found.amiss if one.kind in ("silence", "not recorded")]
+    silence, lost = [one for one in found.incidents if one.kind in ("silence", "not recorded")]
     assert (silence.from_s, silence.to_s) == pytest.approx((1.9, 3.0))
     assert (lost.from_s, lost.to_s) == pytest.approx((3.1, 5.0)), "and it is no silence, too"
     assert lost.text == "7 messages, 0 pictures: the disk was full"
@@ -179,9 +185,9 @@ def test_a_pause_is_not_driven_through(tmp_path: Path) -> None:
         for n in range(9)
     ]
     found = read_findings(write(tmp_path / "run.mcap", sent))
-    assert found.found.flow.lived == 6 and found.found.flow.missed == 0
+    assert found.gathered.flow.lived == 6 and found.gathered.flow.missed == 0
     assert found.robots[0].distance_m == pytest.approx(0.04), "twice two moves of 1 cm"
-    assert not found.amiss
+    assert not found.incidents
 
 
 def test_without_a_run_everything_counts(tmp_path: Path) -> None:
@@ -191,7 +197,7 @@ def test_without_a_run_everything_counts(tmp_path: Path) -> None:
         if message.topic == "/arena"
     ]
     found = read_findings(write(tmp_path / "run.mcap", sent))
-    assert not found.found.ran and found.found.flow.lived == 21
+    assert not found.gathered.ran and found.gathered.flow.lived == 21
     assert found.zero_ns == ZERO_NS - 2 * STEP_NS
     assert {row.tag for row in found.robots} == {DRIVER, BLINKER, POLLUTER, STRANGER}
 
@@ -199,8 +205,8 @@ def test_without_a_run_everything_counts(tmp_path: Path) -> None:
 def test_a_cut_off_recording_says_so_and_works(tmp_path: Path) -> None:
     found = read_findings(write_cut_off(tmp_path / "run.mcap", messages()))
     assert not found.complete
-    assert found.found.flow.lived == TIMESTEPS - 1
-    assert found.found.state == "", "its last message was cut off"
+    assert found.gathered.flow.lived == TIMESTEPS - 1
+    assert found.gathered.state == "", "its last message was cut off"
 
 
 @pytest.mark.parametrize("sent", [[], [Message("/picture/cam", BEGIN_NS, {"camera": "cam"}, b"x")]])

@@ -12,11 +12,11 @@ from vsense.config.experiment import load
 from vsense.config.specs import Experiment, Pose, Stage
 from vsense.modes.lab.hardware import HardwareErrors, RobotHardware, draw, to_markers
 from vsense.modes.lab.real_sensors import RealGround
-from vsense.tools.robot_calibration.areas import FreeFloor
 from vsense.tools.robot_calibration.commanding import WheelsWanted, commanded
+from vsense.tools.robot_calibration.driving import SwarmCalibration
+from vsense.tools.robot_calibration.places import FreeFloor
 from vsense.tools.robot_calibration.routine import Moment
 from vsense.tools.robot_calibration.sensing import Sensing
-from vsense.tools.robot_calibration.swarm import SwarmCalibration
 from vsense.world.physics.motion import Physics, obstacles
 from vsense.world.physics.proximity_ring import ProximityRing
 

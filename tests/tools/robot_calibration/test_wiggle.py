@@ -175,7 +175,10 @@ def test_who_is_never_left_in_peace_is_not_judged() -> None:
 def test_who_had_no_turn_is_told_why() -> None:
     check = WiggleCheck({23: "a", 31: "b"})
     assert [robot.verdict for robot in check.ended("stopped by ben")] == [Verdict.NOT_DONE] * 2
-    looked = [WiggledRobot(23, "a", told=False), WiggledRobot(31, "b", why="gone", told=False)]
+    looked = [
+        WiggledRobot(23, "a", commanded=False),
+        WiggledRobot(31, "b", why="gone", commanded=False),
+    ]
     assert [robot.verdict for robot in looked] == [Verdict.OK, Verdict.OUT_OF_REACH]
     assert [robot.words for robot in looked] == ["is connected and seen", "gone"]
 

@@ -18,12 +18,9 @@ from vsense.config.roster_fields import MarkerOffset
 from vsense.modes.lab.radio import EmulatedRadio
 from vsense.modes.lab.real_sensors import SensorHardware, draw_sensors
 from vsense.vision.tracking.marker_offsets import turned
-from vsense.world.physics.motion import AXLE_M, STEP_M
+from vsense.world.physics.motion import AXLE_M, WHEEL_DIAMETER_MM
 
 Floats = NDArray[np.float64]
-
-DIAMETER_MM = 1000.0 * STEP_M * 1000.0 / math.pi
-"""Of the nominal wheel: 41."""
 
 _MOST_RATIO = 1.095
 """Of two wheels: what `vsensed` can be told ends at 1.1."""
@@ -71,7 +68,7 @@ class RobotHardware:
     @property
     def wheel_diameter_mm(self) -> float:
         """The mean of both wheels."""
-        return DIAMETER_MM * (self.left + self.right) / 2.0
+        return WHEEL_DIAMETER_MM * (self.left + self.right) / 2.0
 
     @property
     def wheel_ratio(self) -> float:

@@ -1,10 +1,9 @@
-"""`vsense benchmark check`: a result against the runs that lie beside it; nothing is believed."""
+"""`vsense benchmark check`: a result's claims, computed again from the runs that lie beside it."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,179 +12,142 @@ from vsense.run.runs_csv import RUNS, RunRow
 from vsense.studies.benchmark import definition
 from vsense.studies.benchmark.definition import Definition, digest
 from vsense.studies.benchmark.evidence import (
+    Progress,
     RunEvidence,
-    Tell,
-    evidence_of,
     misplaced,
     rows_of,
-    uncounted,
+    wrong_measures,
 )
 from vsense.studies.benchmark.result import DEFINITION, Benchmark, figures, read, row_of
+from vsense.studies.packages import comparing
+from vsense.studies.packages.claims import Claims
 from vsense.studies.series import plan as plans
 from vsense.studies.series.parts import PlanLoader
 
 _SAME = 1e-6
 """Figures that differ by a smaller share are the same: other versions of NumPy round otherwise."""
+_MOST_LINES = 20
+"""Differences of a claim that are printed."""
 
 
-@dataclass(frozen=True, slots=True)
-class Checked:
-    """Something that was looked at: `wrong` are words about what does not hold."""
-
-    what: str
-    found: str
-    wrong: Sequence[str] = ()
-
-
-def check(path: Path, tell: Tell) -> list[Checked]:
-    """Checks a result; `tell` takes what is at work.
+def check(path: Path, progress: Progress) -> Claims:
+    """Checks a result; `progress` takes what is at work.
 
     Raises:
         UsageError: there is no result that can be read.
         VsenseError: the missions of this vsense cannot be loaded.
     """
-    path, told = read(path)
-    known = definition.load()
-    checked = [_definition(known, path.parent, told)]
-    if checked[0].wrong:
-        return checked
-    benchmark = _benchmark(known, path.parent, told)
-    return [*checked, *_runs(benchmark, told, tell)]
+    path, result = read(path)
+    known, claims = definition.load(), Claims()
+    differences = list(_definition(known, path.parent, result))
+    claims.judge("definition", differences, f"{known.name}, {known.sha256[:16]}…")
+    if not differences:
+        _check_runs(_benchmark(known, path.parent, result), result, claims, progress)
+    return claims
 
 
-def lines(checked: Sequence[Checked]) -> Iterator[str]:
-    """What was found, for people."""
-    for one in checked:
-        yield f"{'WRONG' if one.wrong else 'ok':<6} {one.what}: {one.found}"
-        for words in one.wrong[:20]:
-            yield f"       {words}"
-        if len(one.wrong) > 20:
-            yield f"       and {len(one.wrong) - 20} more"
+def lines(claims: Claims) -> Iterator[str]:
+    """All claims, for people."""
+    for claim in claims.claims:
+        yield f"{'ok' if claim.verdict == 'same' else 'WRONG':<6} {claim.thing}: {claim.words}"
+        for text in claim.differences[:_MOST_LINES]:
+            yield f"       {text}"
+        if len(claim.differences) > _MOST_LINES:
+            yield f"       and {len(claim.differences) - _MOST_LINES} more"
 
 
-def _definition(known: Definition, folder: Path, told: Mapping[str, Any]) -> Checked:
-    """Whether the missions were those of the definition, which this vsense has, too."""
-    wrong = []
-    if told.get("definition_sha256") != known.sha256:
-        wrong.append(
-            f"the result is of {told['benchmark']} {told.get('definition_sha256')}, this vsense has"
-            f" {known.name} {known.sha256}: check it with the vsense that made it"
+def as_json(claims: Claims) -> dict[str, Any]:
+    """All claims, for programs."""
+    checked = [
+        {"what": claim.thing, "found": claim.words, "wrong": list(claim.differences)}
+        for claim in claims.claims
+    ]
+    return {"holds": not claims.of("differs"), "checked": checked}
+
+
+def _definition(known: Definition, folder: Path, result: Mapping[str, Any]) -> Iterator[str]:
+    """In what the missions were not those of the definition, which this vsense has, too."""
+    if result.get("definition_sha256") != known.sha256:
+        yield (
+            f"the result is of {result['benchmark']} {result.get('definition_sha256')}, this vsense"
+            f" has {known.name} {known.sha256}: check it with the vsense that made it"
         )
     for name, expected in {**known.digests, definition.FILE: known.sha256}.items():
         copy = folder / DEFINITION / name
         try:
             if digest(copy) != expected:
-                wrong.append(f"{copy}: is not the definition's")
+                yield f"{copy}: is not the definition's"
         except VsenseError as error:
-            wrong.append(str(error))
-    return Checked("definition", f"{known.name}, {known.sha256[:16]}…", wrong)
+            yield str(error)
 
 
-def _benchmark(known: Definition, folder: Path, told: Mapping[str, Any]) -> Benchmark:
+def _benchmark(known: Definition, folder: Path, result: Mapping[str, Any]) -> Benchmark:
     """What the result says that it is, with this vsense's missions."""
-    quick, robots = told.get("quick") is True, told.get("robots")
+    quick, robots = result.get("quick") is True, result.get("robots")
     plan = plans.read(known.plan(quick), "sim")
     if not quick and isinstance(robots, int) and robots != known.robots:
         plan = replace(plan, count=robots)
     loaded = PlanLoader(plan).load_all()
-    return Benchmark(known, replace(plan, mode=str(told["mode"])), loaded, folder, quick)
+    return Benchmark(known, replace(plan, mode=str(result["mode"])), loaded, folder, quick)
 
 
-def _runs(benchmark: Benchmark, told: Mapping[str, Any], tell: Tell) -> Iterator[Checked]:
+def _check_runs(
+    benchmark: Benchmark, result: Mapping[str, Any], claims: Claims, progress: Progress
+) -> None:
     deviations = benchmark.deviations
-    wrong = [] if told.get("deviations") == deviations else [f"told: {told.get('deviations')}"]
-    yield Checked("deviations", "; ".join(deviations) or "none", wrong)
+    differences = list(comparing.figures("deviations", result.get("deviations"), deviations))
+    claims.judge("deviations", differences, "; ".join(deviations) or "none")
     try:
         rows = rows_of(benchmark.folder)
     except VsenseError as error:
-        yield Checked("runs", "none", [str(error)])
+        claims.judge("runs", str(error), "none")
         return
     voids = [f"{row.run} ({row.why})" for row in rows if not row.valid]
-    words = f"{len(rows) - len(voids)} valid, {len(voids)} void{': ' if voids else ''}"
-    yield Checked(
-        "runs",
-        words + "; ".join(voids),
-        [*misplaced(benchmark.plan, rows), *_table(rows, told)],
-    )
-    runs, lost = _evidence(benchmark, rows, tell)
-    yield Checked("recordings", f"{len(runs)} read again", [*lost, *_files(runs, told)])
-    yield Checked(
-        "scores",
-        f"{sum(len(run.counted) for run in runs)} measures computed anew from recorded poses",
-        [words for run in runs for words in uncounted(run)],
-    )
-    if len(runs) == benchmark.plan.runs:
-        tell("measuring the lab")
-        anew = figures(benchmark.definition, rows, runs, None)
-        yield Checked("figures", "computed anew from the runs", list(_figures(told, anew)))
-    else:
-        yield Checked("figures", "not computed", ["runs are missing"])
+    counts = f"{len(rows) - len(voids)} valid, {len(voids)} void{': ' if voids else ''}"
+    wrong = [*misplaced(benchmark.plan, rows), *_rows(rows, result)]
+    claims.judge("runs", wrong, counts + "; ".join(voids))
+    runs, errors = benchmark.evidence(rows, progress)
+    wrong = [*map(str, errors), *_files(runs, result)]
+    claims.judge("recordings", wrong, f"{len(runs)} read again")
+    count = sum(len(run.measures) for run in runs)
+    wrong = [text for run in runs for text in wrong_measures(run)]
+    claims.judge("scores", wrong, f"{count} measures computed again from recorded poses")
+    if len(runs) < benchmark.plan.runs:
+        claims.judge("figures", "runs are missing", "not computed")
+        return
+    progress("measuring the lab")
+    again = figures(benchmark.definition, rows, runs, None)
+    claims.judge("figures", list(_figures(result, again)), "computed again from the runs")
 
 
-def _evidence(
-    benchmark: Benchmark, rows: Sequence[RunRow], tell: Tell
-) -> tuple[list[RunEvidence], list[str]]:
-    """What can be read of the valid runs, and why the others cannot."""
-    found, wrong, valid = [], [], [row for row in rows if row.valid]
-    for number, row in enumerate(valid, 1):
-        tell(f"reading the recordings: {number} of {len(valid)} ({row.run})")
-        try:
-            planned = benchmark.known[row.condition]
-            found.append(evidence_of(benchmark.folder, benchmark.plan, planned, row))
-        except VsenseError as error:
-            wrong.append(str(error))
-        except (KeyError, StopIteration):
-            wrong.append(f"{row.run}: {row.condition}, {row.start} is not in the plan")
-    return found, wrong
-
-
-def _table(rows: Sequence[RunRow], told: Mapping[str, Any]) -> Iterator[str]:
+def _rows(rows: Sequence[RunRow], result: Mapping[str, Any]) -> Iterator[str]:
     """Where the result's runs and those of the table differ."""
     try:
-        ours = [row_of(one) for one in told["runs"]]
+        ours = [row_of(run) for run in result["runs"]]
     except (KeyError, TypeError):
         yield "the result's runs are damaged"
         return
     if [row.run for row in ours] != [row.run for row in rows]:
         yield f"the result has {len(ours)} runs, {RUNS} has {len(rows)}, or in another order"
         return
-    for one, row in zip(ours, rows):
-        names = [n for n in RunRow.__slots__ if getattr(one, n) != getattr(row, n)]
+    for own, row in zip(ours, rows):
+        names = [name for name in RunRow.__slots__ if getattr(own, name) != getattr(row, name)]
         if names:
             yield f"{row.run}: the result and {RUNS} have another {', '.join(names)}"
 
 
-def _files(runs: Sequence[RunEvidence], told: Mapping[str, Any]) -> Iterator[str]:
+def _files(runs: Sequence[RunEvidence], result: Mapping[str, Any]) -> Iterator[str]:
     """Files of runs that are not as they were."""
-    before = {one.get("run"): one.get("files") for one in told["runs"] if isinstance(one, dict)}
+    before = {run.get("run"): run.get("files") for run in result["runs"] if isinstance(run, dict)}
     for run in runs:
         known = before.get(run.row.run)
-        for name, found in run.files.items():
-            if not isinstance(known, dict) or known.get(name) != found:
+        for name, sha256 in run.files.items():
+            if not isinstance(known, dict) or known.get(name) != sha256:
                 yield f"{name}: has changed since the result was made"
 
 
-def _figures(told: Mapping[str, Any], anew: Mapping[str, Any]) -> Iterator[str]:
-    """Figures that are not what the runs give."""
-    for name, value in anew.items():
-        yield from _differing(name, told.get(name), value)
-
-
-def _differing(name: str, told: Any, anew: Any) -> Iterator[str]:
-    if name == "noise.roster":
-        return  # measured before, with nothing of the runs
-    if isinstance(anew, Mapping) and isinstance(told, Mapping):
-        for key in dict.fromkeys((*anew, *told)):
-            yield from _differing(f"{name}.{key}", told.get(key), anew.get(key))
-    elif isinstance(anew, list) and isinstance(told, list) and len(anew) == len(told):
-        for number, (one, other) in enumerate(zip(told, anew)):
-            yield from _differing(f"{name}[{number}]", one, other)
-    elif not _same(told, anew):
-        yield f"{name}: told {told}, the runs give {anew}"
-
-
-def _same(told: Any, anew: Any) -> bool:
-    numbers = (int, float)
-    if type(told) in numbers and type(anew) in numbers:
-        return math.isclose(told, anew, rel_tol=_SAME, abs_tol=1e-9)
-    return bool(told == anew)
+def _figures(result: Mapping[str, Any], again: Mapping[str, Any]) -> Iterator[str]:
+    for name, value in again.items():
+        if name == "noise":  # the roster's are measured before, and follow from no run
+            value = {**value, "roster": (result.get(name) or {}).get("roster")}
+        yield from comparing.figures(name, result.get(name), value, _SAME)

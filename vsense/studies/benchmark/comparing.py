@@ -13,8 +13,8 @@ from vsense.base.terminal import aligned
 from vsense.run.runs_csv import RunRow
 from vsense.studies.benchmark import definition
 from vsense.studies.benchmark.result import read, row_of
-from vsense.studies.report.study import results, words
-from vsense.studies.report.study.results import Questions, StudyResult
+from vsense.studies.report.study import words
+from vsense.studies.report.study.results import Questions, StudyResult, as_json, results_of
 
 BY = ("series",)
 
@@ -25,12 +25,12 @@ class ComparedLabs:
 
     Attributes:
         names: of the labs.
-        told: their results.
+        results: of the labs.
         studies: of each condition of each mission, both labs' runs.
     """
 
     names: tuple[str, str]
-    told: tuple[Mapping[str, Any], Mapping[str, Any]]
+    results: tuple[Mapping[str, Any], Mapping[str, Any]]
     studies: Sequence[StudyResult]
     asked: Questions
 
@@ -39,21 +39,21 @@ class ComparedLabs:
         labs = [
             {
                 "name": name,
-                **{key: told[key] for key in ("site", "mode", "made", "versions", "deviations")},
-                "figures": {key: value for key, _, value in own_figures(told)},
+                **{key: result[key] for key in ("site", "mode", "made", "versions", "deviations")},
+                "figures": {key: value for key, _, value in own_figures(result)},
             }
-            for name, told in zip(self.names, self.told)
+            for name, result in zip(self.names, self.results)
         ]
         return {
-            "benchmark": self.told[0]["benchmark"],
-            "definition_sha256": self.told[0]["definition_sha256"],
+            "benchmark": self.results[0]["benchmark"],
+            "definition_sha256": self.results[0]["definition_sha256"],
             "labs": labs,
-            "studies": [results.as_json(study) for study in self.studies],
+            "studies": [as_json(study) for study in self.studies],
         }
 
     def rows(self) -> list[tuple[str, ...]]:
         """The labs' own figures that one of them has: what, and that of each lab."""
-        pairs = zip(*(own_figures(told) for told in self.told))
+        pairs = zip(*(own_figures(result) for result in self.results))
         return [
             (key, one, other)
             for (key, one, first), (_, other, second) in pairs
@@ -76,19 +76,19 @@ def compare(paths: Sequence[Path], independent: bool, tests: bool) -> ComparedLa
     Raises:
         UsageError: one cannot be read, or they cannot be compared; the message says why.
     """
-    (one, first), (other, second) = (read(path) for path in paths)
+    (path, first), (other_path, second) = (read(path) for path in paths)
     known = definition.load()
     if wrong := _incomparable(first, second) or _unknown(known.sha256, first):
-        raise UsageError(f"{one} and {other} cannot be compared: {wrong}")
-    names = _names((one, other), (first, second))
+        raise UsageError(f"{path} and {other_path} cannot be compared: {wrong}")
+    names = _names((path, other_path), (first, second))
     rows: list[RunRow] = []
-    for path, name, told in zip((one, other), names, (first, second)):
+    for source, name, result in zip((path, other_path), names, (first, second)):
         try:
-            made = [row_of(run) for run in told["runs"]]
+            own = [row_of(run) for run in result["runs"]]
         except (KeyError, TypeError):
-            raise UsageError(f"{path}: its runs are damaged") from None
+            raise UsageError(f"{source}: its runs are damaged") from None
         # A condition's name says which mission it is; who ran it is what differs.
-        rows += [replace(row, series=name, mode="", experiment="") for row in made]
+        rows += [replace(row, series=name, mode="", experiment="") for row in own]
     asked = Questions(
         by=BY,
         independent=independent,
@@ -96,7 +96,7 @@ def compare(paths: Sequence[Path], independent: bool, tests: bool) -> ComparedLa
         only=[m.measure for m in known.missions],
         tests=tests,
     )
-    return ComparedLabs(names, (first, second), results.results_of(rows, asked), asked)
+    return ComparedLabs(names, (first, second), results_of(rows, asked), asked)
 
 
 def _incomparable(first: Mapping[str, Any], second: Mapping[str, Any]) -> str:
@@ -111,15 +111,15 @@ def _incomparable(first: Mapping[str, Any], second: Mapping[str, Any]) -> str:
     return ""
 
 
-def _unknown(sha256: str, told: Mapping[str, Any]) -> str:
-    if told.get("definition_sha256") == sha256:
+def _unknown(sha256: str, result: Mapping[str, Any]) -> str:
+    if result.get("definition_sha256") == sha256:
         return ""
-    return f"this vsense has another definition than {told['benchmark']}"
+    return f"this vsense has another definition than {result['benchmark']}"
 
 
-def _names(paths: Sequence[Path], told: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
+def _names(paths: Sequence[Path], results: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
     """What the labs are called; with the mode, and where that is the same their folder, too."""
-    first, second = (f"{one.get('site') or 'unnamed'} ({one['mode']})" for one in told)
+    first, second = (f"{one.get('site') or 'unnamed'} ({one['mode']})" for one in results)
     if first != second:
         return first, second
     one, other = (path.resolve().parent.name for path in paths)
@@ -127,12 +127,12 @@ def _names(paths: Sequence[Path], told: Sequence[Mapping[str, Any]]) -> tuple[st
     return names if names[0] != names[1] else (f"{first} first", f"{second} second")
 
 
-def own_figures(told: Mapping[str, Any]) -> Iterator[tuple[str, str, float | None]]:
+def own_figures(result: Mapping[str, Any]) -> Iterator[tuple[str, str, float | None]]:
     """A lab's own figures: name with its unit, for people, and as a number."""
-    latency, truth = told.get("latency") or {}, (told.get("accuracy") or {}).get("truth") or {}
-    checks = ((told.get("accuracy") or {}).get("calibration") or {}).get("checks") or [{}]
+    latency, truth = result.get("latency") or {}, (result.get("accuracy") or {}).get("truth") or {}
+    checks = ((result.get("accuracy") or {}).get("calibration") or {}).get("checks") or [{}]
     stations = latency.get("stations") or {}
-    noise = told.get("noise") or {}
+    noise = result.get("noise") or {}
     standing = {one["what"]: one["sigma"] for one in noise.get("standing", ())}
     values: dict[str, float | None] = {
         "exposure to readings sent, median [ms]": stations.get("capture_to_sent_ms", {}).get("p50"),
@@ -146,7 +146,7 @@ def own_figures(told: Mapping[str, Any]) -> Iterator[tuple[str, str, float | Non
         "headings against the truth, rms [deg]": truth.get("heading_rms_deg"),
         "calibrate check, rms [mm]": checks[-1].get("rms_mm"),
         "robots seen in a timestep [%]": _times(
-            (told.get("accuracy") or {}).get("seen_share"), 100
+            (result.get("accuracy") or {}).get("seen_share"), 100
         ),
         "noise of a standing robot's x [mm]": standing.get("x"),
         "noise of a standing robot's heading [deg]": standing.get("heading"),
@@ -165,7 +165,6 @@ def _times(value: float | None, factor: float) -> float | None:
 
 
 def _middle(noise: Mapping[str, Any], name: str) -> float | None:
-    """The median of the robots."""
     values = [robot[name] for robot in noise.get("robots", ())]
     return median(values) if values else None
 

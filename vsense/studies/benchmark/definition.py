@@ -7,14 +7,14 @@ definition's: whoever has the same, had the same missions.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from vsense.base.errors import VsenseError
-from vsense.base.files import PACKAGE_FOLDER, open_bytes, parse_json, read_text
+from vsense.base.errors import VsenseError, failing_as
+from vsense.base.files import PACKAGE_FOLDER, parse_json, read_text
+from vsense.studies.packages.archive import digest_of
 
 FILE = "definition.json"
 PLAN, QUICK = "plan.toml", "quick.toml"
@@ -81,26 +81,20 @@ class Definition:
 
     def require(self, files: Iterable[Path]) -> None:
         """Raises OtherDefinition unless these are the definition's files, all of them."""
-        found = {path.name: digest(path) for path in (*files, self.plan(), self.plan(True))}
-        names = sorted({*found, *self.digests})
-        wrong = [name for name in names if found.get(name) != self.digests.get(name)]
+        digests = {path.name: digest(path) for path in (*files, self.plan(), self.plan(True))}
+        names = sorted({*digests, *self.digests})
+        wrong = [name for name in names if digests.get(name) != self.digests.get(name)]
         if wrong:
             raise OtherDefinition(
                 f"{self.name}: not the definition's: {', '.join(wrong)}; results with them would"
-                " be comparable with nobody's. Install vsense anew"
+                " be comparable with nobody's. Install vsense again"
             )
 
 
 def digest(path: Path) -> str:
     """SHA-256 of a file; VsenseError if it cannot be read."""
-    found = hashlib.sha256()
-    try:
-        with open_bytes(path) as file:
-            while part := file.read(1 << 20):
-                found.update(part)
-    except OSError as error:
-        raise VsenseError(f"{path}: cannot be read: {error.strerror}") from None
-    return found.hexdigest()
+    with failing_as(VsenseError, f"{path}: cannot be read"):
+        return digest_of(path)[0]
 
 
 def load(folder: Path = NEWEST) -> Definition:
@@ -108,8 +102,8 @@ def load(folder: Path = NEWEST) -> Definition:
     path = folder / FILE
     sha256 = digest(path)
     try:
-        told: Any = parse_json(read_text(path))
-        missions = tuple(Mission(**mission) for mission in told["missions"])
-        return Definition(folder, told["name"], told["robots"], missions, told["files"], sha256)
+        data: Any = parse_json(read_text(path))
+        missions = tuple(Mission(**mission) for mission in data["missions"])
+        return Definition(folder, data["name"], data["robots"], missions, data["files"], sha256)
     except (ValueError, KeyError, TypeError) as error:
         raise VsenseError(f"{path}: is no definition of a benchmark: {error!r}") from None

@@ -1,1 +1,1 @@
-"""Packages of runs: `vsense pack` makes them, `vsense reproduce` makes everything in them anew."""
+"""Packages of runs: `vsense pack` makes them, `vsense reproduce` makes everything in them again."""

@@ -28,7 +28,7 @@ _MOST_MANIFEST = 64 << 20
 _MOST_RATIO, _FREE_BYTES = 200, 256 << 20
 """A package may become so many times as large, and so much in any case."""
 _MOST_NAME, _MOST_PART = 1000, 200
-_DATE = (1980, 1, 1, 0, 0, 0)
+DATE = (1980, 1, 1, 0, 0, 0)
 _PACKED = (".mcap", ".npz", ".png", ".webp", ".webm", ".zip", ".pdf")
 """What is compressed already."""
 _PIECE = 1 << 20
@@ -50,7 +50,7 @@ class PackageError(VsenseError):
     exit_code = 2
 
 
-class Damaged(PackageError):
+class DamagedPackage(PackageError):
     """Files of a package are not what its checksums say.
 
     Attributes:
@@ -121,7 +121,7 @@ def write(path: Path, entries: Entries, tell: Tell = lambda name, share: None) -
 
 
 def _add(archive: zipfile.ZipFile, name: str, source: bytes | Path) -> None:
-    info = zipfile.ZipInfo(name, _DATE)
+    info = zipfile.ZipInfo(name, DATE)
     info.create_system, info.external_attr = 3, (stat.S_IFREG | 0o644) << 16
     stored = name.endswith(_PACKED)
     info.compress_type = zipfile.ZIP_STORED if stored else zipfile.ZIP_DEFLATED
@@ -187,20 +187,20 @@ class Package:
         except KeyError:
             raise self._error(f"has no {name}: expected a file that vsense pack made") from None
         except (OSError, *_BROKEN) as error:
-            raise Damaged(self.path, [f"{name} ({error})"]) from None
+            raise DamagedPackage(self.path, [f"{name} ({error})"]) from None
 
     def verify(self, tell: Tell = lambda name, share: None) -> None:
-        """Compares every file with its checksum; Damaged names all that are others."""
-        found = []
+        """Compares every file with its checksum; DamagedPackage names all that are others."""
+        problems = []
         missing = [name for name in self._digests if name not in set(self.names)]
-        found += [f"{name} is missing" for name in missing]
-        found += [f"{name} was added" for name in self.names if name not in self._digests]
+        problems += [f"{name} is missing" for name in missing]
+        problems += [f"{name} was added" for name in self.names if name not in self._digests]
         for number, name in enumerate(self.names):
             tell(name, number / len(self.names))
             if name in self._digests and (what := self._differs(name)):
-                found.append(f"{name} {what}")
-        if found:
-            raise Damaged(self.path, found)
+                problems.append(f"{name} {what}")
+        if problems:
+            raise DamagedPackage(self.path, problems)
 
     def unpack(self, folder: Path, tell: Tell = lambda name, share: None) -> None:
         """Writes all files into a folder, which is made, or empty; PackageError if it is not."""
@@ -218,7 +218,6 @@ class Package:
                     shutil.copyfileobj(file, into, _PIECE)
 
     def _check(self, infos: list[zipfile.ZipInfo]) -> None:
-        """Refuses what no package has."""
         if len(infos) > MOST_FILES:
             raise self._error(f"has {len(infos)} files, expected at most {MOST_FILES}")
         names = [info.filename for info in infos]
@@ -240,15 +239,16 @@ class Package:
             )
 
     def _manifest(self) -> dict[str, str]:
-        """The checksums by name."""
-        found: dict[str, str] = {}
+        digests: dict[str, str] = {}
         text = self.read(MANIFEST, _MOST_MANIFEST).decode(errors="replace")
         for number, line in enumerate(text.splitlines(), 1):
             match = _LINE.fullmatch(line)
-            if match is None or match[2] in found:
-                raise Damaged(self.path, [f"line {number} of {MANIFEST} is no checksum of a file"])
-            found[match[2]] = match[1]
-        return found
+            if match is None or match[2] in digests:
+                raise DamagedPackage(
+                    self.path, [f"line {number} of {MANIFEST} is no checksum of a file"]
+                )
+            digests[match[2]] = match[1]
+        return digests
 
     def _differs(self, name: str) -> str:
         """Says what is wrong with a file's bytes; "": nothing."""
@@ -279,8 +279,8 @@ def _what_is_odd(info: zipfile.ZipInfo) -> str:
 
 def entries_digests(entries: Iterable[tuple[str, bytes | Path]]) -> dict[str, tuple[str, int]]:
     """SHA-256 and size of files, by name; PackageError if one cannot be read."""
-    found = {}
+    digests = {}
     for name, source in entries:
         with failing_as(PackageError, f"{source if isinstance(source, Path) else name}"):
-            found[name] = digest_of(source)
-    return found
+            digests[name] = digest_of(source)
+    return digests

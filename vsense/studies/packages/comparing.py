@@ -1,4 +1,4 @@
-"""Compares what was packed with what was made anew; says in words what differs, "": nothing."""
+"""Compares what was packed with what was made again; says in words what differs, "": nothing."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import json
 import math
 import zipfile
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.message_bus import Message
-from vsense.studies.packages.scrub import Scrubber
+from vsense.studies.packages.places import Scrubber
 
 DAMAGED = (
     *(KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError, EOFError),
@@ -75,8 +75,8 @@ def tables(before: str, now: str) -> str:
 
 def arrays(before: Path, now: Path) -> str:
     """Compares two .npz files array by array; raises one of `DAMAGED`."""
-    with zipfile.ZipFile(before) as whole:
-        if sum(info.file_size for info in whole.infolist()) > _MOST_ARRAYS:
+    with zipfile.ZipFile(before) as archive:
+        if sum(info.file_size for info in archive.infolist()) > _MOST_ARRAYS:
             raise ValueError("more numbers than any run has")
     with np.load(before, allow_pickle=False) as old, np.load(now, allow_pickle=False) as new:
         if set(old.files) != set(new.files):
@@ -139,6 +139,26 @@ def cells(before: dict[str, str], now: dict[str, str]) -> str:
         if before.get(name, "") != value
     ]
     return "; ".join(found)
+
+
+def figures(name: str, before: Any, now: Any, share: float = 0.0) -> Iterator[str]:
+    """Compares what JSON has, member by member; numbers may differ by a share of the greater."""
+    if isinstance(now, Mapping) and isinstance(before, Mapping):
+        for key in dict.fromkeys((*now, *before)):
+            yield from figures(
+                f"{name}.{key}" if name else key, before.get(key), now.get(key), share
+            )
+    elif isinstance(now, list) and isinstance(before, list) and len(now) == len(before):
+        for number, (old, new) in enumerate(zip(before, now)):
+            yield from figures(f"{name}[{number}]", old, new, share)
+    elif not _equal(before, now, share):
+        yield f"{name}: {shown(str(before))} before, now {shown(str(now))}"
+
+
+def _equal(before: Any, now: Any, share: float) -> bool:
+    if share and type(before) in (int, float) and type(now) in (int, float):
+        return math.isclose(before, now, rel_tol=share, abs_tol=1e-9)
+    return bool(before == now)
 
 
 def shown(text: str) -> str:

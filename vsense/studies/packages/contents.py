@@ -58,7 +58,7 @@ class PackageContents:
         runs: all of it.
         report: names of the tables and recordings that the report is of; (): there is none.
         asked: what was asked of the tables, see `vsense.studies.packages.figures`.
-        lacks: what cannot be made anew, and why; told by who packed it.
+        lacks: what cannot be made again, and why; who packed it says so.
         left_out: what was replaced or left out, and how often.
     """
 
@@ -84,18 +84,18 @@ class PackageContents:
             VsenseError: it is something else, or names what is not there.
         """
         try:
-            told = parse_json(data.decode())
-            if told.pop("format") != FORMAT:
+            data_ = parse_json(data.decode())
+            if data_.pop("format") != FORMAT:
                 raise ValueError(f"another format than {FORMAT}: another vsense made it")
             runs = [
                 PackedRun(**{**run, "recordings": tuple(run["recordings"])})
-                for run in told.pop("runs")
+                for run in data_.pop("runs")
             ]
-            found = cls(runs=runs, **told)
-            _check(found, set(names))
+            contents = cls(runs=runs, **data_)
+            _check(contents, set(names))
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
             raise VsenseError(f"{CONTENTS} is damaged: {error}") from None
-        return found
+        return contents
 
 
 def _check(contents: PackageContents, names: set[str]) -> None:

@@ -206,7 +206,6 @@ def _file(file: Described) -> Entity:
 
 
 def _software(origins: Mapping[str, RunOrigin]) -> list[Entity]:
-    """What made the runs, each version once."""
     found: dict[str, Entity] = {}
     for kept in origins.values():
         needs = []
@@ -264,25 +263,25 @@ def _action(
     return action
 
 
-def readme(name: str, told: PackageContents, found: Sequence[FoundSeries]) -> str:
+def readme(name: str, contents: PackageContents, found: Sequence[FoundSeries]) -> str:
     """A package in words, for whoever opens it without vsense."""
     lines = [f"# {name}", "", "Runs of robot swarms, packed by vsense. In it:", ""]
     for series in found:
         modes = ", ".join(sorted({run.facts.mode for run in series.runs}))
         lines.append(f"* `{series.name}/`: {len(series.runs)} runs ({modes})")
-    if told.report:
+    if contents.report:
         lines.append("* `report/`: figures and tests, made of the tables and recordings here")
     lines += [
         "",
         "`sha256sum -c manifest-sha256.txt` checks all files. With vsense installed,",
-        "`vsense reproduce PACKAGE.zip` checks them as well, and makes everything anew:",
+        "`vsense reproduce PACKAGE.zip` checks them as well, and makes everything again:",
         "simulated runs are simulated, recordings sensed and tracked again, figures drawn.",
         "",
         "Paths that begin with `@package` are of this package, with `@vsense` of vsense.",
     ]
-    if told.left_out:
-        out = ", ".join(f"{what} ({count})" for what, count in told.left_out.items())
+    if contents.left_out:
+        out = ", ".join(f"{what} ({count})" for what, count in contents.left_out.items())
         lines += ["", f"Left out or replaced: {out}."]
-    if told.lacks:
-        lines += ["", "What is lacking:", "", *(f"* {words}" for words in told.lacks)]
+    if contents.lacks:
+        lines += ["", "What is lacking:", "", *(f"* {words}" for words in contents.lacks)]
     return "\n".join([*lines, ""])

@@ -78,25 +78,24 @@ def cannot() -> str:
 
 def to_data(asked: Questions) -> dict[str, Any]:
     """What was asked, for JSON."""
-    told: dict[str, Any] = json.loads(json.dumps(asdict(asked)))
-    return told
+    data: dict[str, Any] = json.loads(json.dumps(asdict(asked)))
+    return data
 
 
 def from_data(data: Mapping[str, Any]) -> Questions:
     """Reads what `to_data` gave; VsenseError if it is something else."""
     try:
-        told = Questions(**data)
-        texts = [*told.by, *told.only, told.against, *told.margins]
-        numbers = [told.seed, *told.margins.values()]
+        questions = Questions(**data)
+        texts = [*questions.by, *questions.only, questions.against, *questions.margins]
+        numbers = [questions.seed, *questions.margins.values()]
         if all(isinstance(t, str) for t in texts) and all(type(n) in (int, float) for n in numbers):
-            return told
+            return questions
         raise TypeError("a text or a number was expected")
     except (TypeError, AttributeError) as error:
         raise VsenseError(f"what was asked of its tables is damaged: {error}") from None
 
 
 def _without(text: str, root: Path, into: Path) -> str:
-    """The same without where the files lie."""
     for folder, name in ((into, f"{REPORT}/"), (root, "")):
         for way in (json.dumps(f"{folder}/")[1:-1], html.escape(f"{folder}/"), f"{folder}/"):
             text = text.replace(way, name)

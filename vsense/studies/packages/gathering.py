@@ -6,7 +6,7 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -91,11 +91,8 @@ def gather(paths: Sequence[Path]) -> list[FoundSeries]:
         while name in taken or name == "report":
             name, number = f"{one.name}-{number}", number + 1
         taken[name] = place
-        found.append(FoundSeries(name, *(getattr(one, n) for n in _FIELDS)))
+        found.append(replace(one, name=name))
     return found
-
-
-_FIELDS = ("folder", "table", "runs", "files", "origins")
 
 
 def _of_folder(folder: Path) -> FoundSeries:
@@ -159,20 +156,19 @@ def _run(folder: Path, number: int, row: RunRow, only: bool) -> FoundRun:
 
 
 def _row(folder: Path) -> RunRow:
-    """What a simulated run's summary has of a row."""
     path = folder / SUMMARY
     try:
-        told = json.loads(read_text(path, most_bytes=_MOST_SUMMARY))
-        swarm = {k: v for k, v in told.get("swarm", {}).items() if v is not None}
+        summary = json.loads(read_text(path, most_bytes=_MOST_SUMMARY))
+        swarm = {k: v for k, v in summary.get("swarm", {}).items() if v is not None}
         return RunRow(
             run=folder.name,
-            mode="sim" if "speedup" in told else "run" if "per_robot" in told else "lab",
-            experiment=str(told["experiment"]),
+            mode="sim" if "speedup" in summary else "run" if "per_robot" in summary else "lab",
+            experiment=str(summary["experiment"]),
             condition="",
-            seed=int(told["seed"]),
-            duration_s=float(told["duration_s"]),
-            robots=int(told["robots"]),
-            measures={**swarm, **told.get("measures", told.get("results", {}))},
+            seed=int(summary["seed"]),
+            duration_s=float(summary["duration_s"]),
+            robots=int(summary["robots"]),
+            measures={**swarm, **summary.get("measures", summary.get("results", {}))},
         )
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise UsageError(f"{path}: is no {SUMMARY} of a run: {error!r}") from None
@@ -186,6 +182,6 @@ def _plain(name: str) -> str:
 def plan_of(found: FoundSeries) -> Mapping[str, Any]:
     """The plan of a series, as it was begun with; empty: it has none."""
     with suppress(OSError, ValueError, AttributeError):
-        told = json.loads(read_text(found.folder / SERIES)).get("plan")
-        return told if isinstance(told, dict) else {}
+        plan = json.loads(read_text(found.folder / SERIES)).get("plan")
+        return plan if isinstance(plan, dict) else {}
     return {}

@@ -28,7 +28,7 @@ from vsense.modes.sim import fingerprint
 from vsense.modes.sim.job import Setup
 from vsense.robots.compiling import native
 from vsense.robots.sources import headers, source_roots
-from vsense.studies.packages.archive import MOST_FILES
+from vsense.studies.packages.archive import DATE, MOST_FILES
 
 MADE = "made"
 """What the file's name begins with."""
@@ -42,7 +42,6 @@ OWN = "vsense/"
 _SECRET = re.compile(rb"\A# Swarm keys of vsense|-----BEGIN [A-Z ]*PRIVATE KEY-----")
 _SECRETS = (".key", ".pem")
 _MOST_KEPT = 1 << 30
-_DATE = (1980, 1, 1, 0, 0, 0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,17 +138,17 @@ def files_of(experiment: Experiment) -> list[Path]:
     of vsense's own those that it names, no headers."""
     loop = experiment.loop_functions
     programs = [controller.program for controller in experiment.controllers]
-    found = dict.fromkeys(fingerprint.named_files(experiment.path))
+    files = dict.fromkeys(fingerprint.named_files(experiment.path))
     if loop is not None:
-        found.update(dict.fromkeys(fingerprint.named_files(loop.path)))
+        files.update(dict.fromkeys(fingerprint.named_files(loop.path)))
         programs += [] if loop.program is None else [loop.program]
     for program in programs:
-        found.update(dict.fromkeys(program.sources))
+        files.update(dict.fromkeys(program.sources))
         used = headers(program.sources, program.includes)
-        found.update(dict.fromkeys(path for path in used if _own_name(path) is None))
+        files.update(dict.fromkeys(path for path in used if _own_name(path) is None))
     if experiment.casting.roster:
-        found[Path(experiment.casting.roster)] = None
-    return list(found)
+        files[Path(experiment.casting.roster)] = None
+    return list(files)
 
 
 def about_machine() -> dict[str, str]:
@@ -174,7 +173,6 @@ def _packed(
     setups: Mapping[str, Setup],
     others: Iterable[Path],
 ) -> bytes:
-    """The bytes of what is kept; the same for the same runs."""
     found = dict.fromkeys([*(p for e in experiments for p in files_of(e)), *others])
     for path in [path for path in found if path.suffix == ".xml"]:
         found.update(dict.fromkeys(fingerprint.named_files(path)))
@@ -192,10 +190,10 @@ def _packed(
     target = io.BytesIO()
     with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
         text = json.dumps(facts, indent=1, sort_keys=True)
-        archive.writestr(zipfile.ZipInfo(FACTS, _DATE), text, zipfile.ZIP_DEFLATED)
+        archive.writestr(zipfile.ZipInfo(FACTS, DATE), text, zipfile.ZIP_DEFLATED)
         for name in sorted(named):
             data = read_bytes(named[name])
-            archive.writestr(zipfile.ZipInfo(name, _DATE), data, zipfile.ZIP_DEFLATED)
+            archive.writestr(zipfile.ZipInfo(name, DATE), data, zipfile.ZIP_DEFLATED)
     return target.getvalue()
 
 
@@ -219,35 +217,34 @@ def _public(paths: Iterable[Path]) -> list[Path]:
 
 
 def _names(paths: Iterable[Path]) -> dict[str, Path]:
-    """Names for files, which lie to each other as the files do."""
     own = {path: name for path in paths if (name := _own_name(path)) is not None}
     users = [path for path in paths if path not in own]
     above = Path(os.path.commonpath([path.parent for path in users])) if users else Path("/")
-    found = {name: path for path, name in own.items()}
+    names = {name: path for path, name in own.items()}
     account = Path.home().name
     for path in users:
         parts = ("user" if part == account else part for part in path.relative_to(above).parts)
-        found["/".join(("files", *parts))] = path
-    return found
+        names["/".join(("files", *parts))] = path
+    return names
 
 
 def _own_name(path: Path) -> str | None:
     """The name of a file that comes with vsense; None: it is a user's."""
-    whole = path.resolve()
-    if whole.is_relative_to(PACKAGE_FOLDER):
-        below = whole.relative_to(PACKAGE_FOLDER)
+    resolved = path.resolve()
+    if resolved.is_relative_to(PACKAGE_FOLDER):
+        below = resolved.relative_to(PACKAGE_FOLDER)
         if below.parts[:1] != ("_sources",):
             return f"{OWN}{below.as_posix()}"
     for root in source_roots():
         for folder in ("robot", "c_src"):
-            if whole.is_relative_to(root / folder):
-                return f"{OWN}{whole.relative_to(root).as_posix()}"
+            if resolved.is_relative_to(root / folder):
+                return f"{OWN}{resolved.relative_to(root).as_posix()}"
     return None
 
 
 def digest(files: Mapping[str, bytes]) -> str:
     """A digest of files, for the name of the folder that has them."""
-    whole = hashlib.sha256()
+    hashed = hashlib.sha256()
     for name in sorted(files):
-        whole.update(name.encode() + b"\0" + hashlib.sha256(files[name]).digest())
-    return whole.hexdigest()[:8]
+        hashed.update(name.encode() + b"\0" + hashlib.sha256(files[name]).digest())
+    return hashed.hexdigest()[:8]

@@ -20,7 +20,7 @@ from vsense.studies.packages.crate import Described, Person, Title
 from vsense.studies.packages.gathering import FoundRun, FoundSeries, gather
 from vsense.studies.packages.kinds import FileKind
 from vsense.studies.packages.origin import RunOrigin
-from vsense.studies.packages.scrub import OWN_FOLDERS, PACKAGE, Scrubber, folders_of
+from vsense.studies.packages.places import OWN_FOLDERS, PACKAGE, Scrubber, folders_of
 from vsense.studies.report.study.results import Questions
 
 README = "README.md"
@@ -55,7 +55,7 @@ class PackedFiles:
 
     Attributes:
         runs, files, size: how many, and their bytes, unpacked.
-        lacks: what cannot be made anew, and why.
+        lacks: what cannot be made again, and why.
         left_out: what was replaced or left out, and how often.
         pictures_bytes: of what pictures and videos would add.
     """
@@ -123,7 +123,7 @@ class Packing:
             self._add_series(series)
         report = self._add_report()
         counts = {**self._scrubber.counts, **self._out}
-        told = PackageContents(
+        contents = PackageContents(
             __version__,
             self._runs,
             report,
@@ -131,8 +131,8 @@ class Packing:
             self._lacks,
             counts,
         )
-        self._put(CONTENTS, told.to_bytes(), "Contents", "What vsense reproduces.", kinds.JSON)
-        text = crate.readme(self._title.name, told, self._found)
+        self._put(CONTENTS, contents.to_bytes(), "Contents", "What vsense reproduces.", kinds.JSON)
+        text = crate.readme(self._title.name, contents, self._found)
         self._put(README, text.encode(), "Read me", "What this is.", "text/markdown")
         self._describe()
 
@@ -163,10 +163,9 @@ class Packing:
         return pairs
 
     def _add_origin(self, path: Path, name: str, kept: RunOrigin) -> None:
-        """Adds what runs were made from."""
         for file, data in kept.files.items():
-            whole = f"{name}/{file}"
-            self._add(whole, data, kinds.of_source(file), whole.rpartition("/")[0])
+            packed_name = f"{name}/{file}"
+            self._add(packed_name, data, kinds.of_source(file), packed_name.rpartition("/")[0])
         facts = {
             "mode": kept.mode,
             "machine": dict(kept.machine),
@@ -186,11 +185,10 @@ class Packing:
         if not series.origins:
             self._lacks.append(
                 f"{series.name}: what its runs were made from was not kept"
-                " (by a vsense before packages): simulated runs cannot be made anew"
+                " (by a vsense before packages): simulated runs cannot be made again"
             )
 
     def _add_run(self, series: FoundSeries, run: FoundRun) -> None:
-        """Adds a run's files, and says of it what it lacks."""
         where = "" if run.folder is None else self._place(series, run)
         if run.folder is not None:
             files = sorted(path for path in run.folder.rglob("*") if path.is_file())
@@ -220,7 +218,6 @@ class Packing:
             self._lacks.append(f"{packed.title}: its settings were not kept")
 
     def _place(self, series: FoundSeries, run: FoundRun) -> str:
-        """The folder of a run's files in the package."""
         assert run.folder is not None
         inside = run.folder.relative_to(series.folder).as_posix()
         return series.name if inside == "." else f"{series.name}/{inside}"
@@ -245,15 +242,15 @@ class Packing:
             kind = kinds.of_runs(name) if base == series.folder else kinds.of_run(name)
             if path == series.table:
                 kind = kinds.table(name)
-            whole = f"{place}/{name}"
-            if kind is None or path.is_symlink() or archive.wrong_name(whole):
+            packed_name = f"{place}/{name}"
+            if kind is None or path.is_symlink() or archive.wrong_name(packed_name):
                 if not kinds.is_passed_over(name):
                     self._leave_out("files of other kinds, such as keys and robots' logs")
             elif kind.large and not self._options.pictures:
                 self._leave_out("videos")
                 self._pictures_bytes += path.stat().st_size
             else:
-                self._add(whole, path, kind, place)
+                self._add(packed_name, path, kind, place)
 
     def _add(self, name: str, source: bytes | Path, kind: FileKind, beside: str) -> None:
         """Adds a file as its kind has it; texts relative to the folder `beside`."""
@@ -279,14 +276,13 @@ class Packing:
         return text.encode("utf-8", "surrogateescape")
 
     def _copied(self, name: str, path: Path) -> Path:
-        """A recording as others may have it."""
         require()
-        from vsense.studies.packages import copying  # these need the extra `record`
+        from vsense.studies.packages import recordings  # these need the extra `record`
 
         into = self._stage / f"{len(self.entries)}{SUFFIX}"
         pictures = self._options.pictures
         tell = lambda share: self._show(f"copying {path}: {100 * share:.0f} %")  # noqa: E731
-        copied = copying.copy(path, into, self._scrubber, pictures, tell)
+        copied = recordings.copy(path, into, self._scrubber, pictures, tell)
         if copied.left_out:
             self._leave_out("recordings' pictures (--pictures)")
             self._pictures_bytes += path.stat().st_size - into.stat().st_size
@@ -300,8 +296,8 @@ class Packing:
         files = [*tables, *(name for run in self._runs for name in run.recordings)]
         if asked is None or not files:
             return []
-        if lacking := figures.cannot():
-            self._lacks.append(f"report: {lacking}")
+        if missing := figures.cannot():
+            self._lacks.append(f"report: {missing}")
             return []
         root = self._stage / "package"
         for name in files:
@@ -324,10 +320,11 @@ class Packing:
         return files
 
     def _describe(self) -> None:
-        """Adds checksums and description."""
         sums = archive.entries_digests((d.name, self.entries[d.name]) for d in self._described)
-        whole = [replace(d, sha256=sums[d.name][0], size=sums[d.name][1]) for d in self._described]
-        data = crate.describe(self._title, whole, dict(self._origins.values()), self._found)
+        described = [
+            replace(d, sha256=sums[d.name][0], size=sums[d.name][1]) for d in self._described
+        ]
+        data = crate.describe(self._title, described, dict(self._origins.values()), self._found)
         self.entries[crate.METADATA] = data
         digests = {name: sum for name, (sum, _) in sums.items()}
         digests[crate.METADATA] = archive.digest_of(data)[0]
@@ -356,7 +353,6 @@ def _title(options: PackOptions, found: Sequence[FoundSeries]) -> Title:
 
 
 def _is_of_other(path: Path, folder: Path, series: FoundSeries) -> bool:
-    """Whether a file below a run's folder is another run's."""
     others = [run.folder for run in series.runs if run.folder not in (None, folder)]
     return any(path.is_relative_to(other) for other in others if other is not None)
 

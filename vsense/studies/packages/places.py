@@ -1,17 +1,161 @@
-"""Where a package was unpacked, and what its paths mean there."""
+"""Paths and names in a package: what stands in place of people's own, and what that means here.
+
+Accounts, addresses, machines' names and paths stay out of a package. What was made again asks here
+where the package's files are, and whether an experiment is one of vsense's own.
+"""
 
 from __future__ import annotations
 
+import os
 import re
-from collections.abc import Mapping
+import socket
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+import tomlkit
+from tomlkit.exceptions import TOMLKitError
+
 from vsense.base.errors import VsenseError
+from vsense.base.files import PACKAGE_FOLDER
 from vsense.config.experiment import SHIPPED_FOLDER, SUFFIX, shipped
 from vsense.modes.sim.job import Setup
 from vsense.robots.sources import source_roots
-from vsense.studies.packages.scrub import OWN_FOLDERS, PACKAGE, VSENSE, Scrubber
+
+PACKAGE, VSENSE = "@package", "@vsense"
+"""Where a package is unpacked, and where vsense is: what paths in a package begin with."""
+
+OWN_FOLDERS = {f"{VSENSE}/experiments": SHIPPED_FOLDER, VSENSE: PACKAGE_FOLDER}
+"""Where what a package calls vsense's own is: the names outlive the layout of the folders."""
+
+ADDRESS = "192.0.2.1"
+"""In place of any address: one that RFC 5737 has set aside for documents, so files stay valid."""
+
+_QUAD = re.compile(r"(?<![\w.-])(?:\d{1,3}\.){3}\d{1,3}(?![\w.-]*\d)")
+_SIX = re.compile(r"(?<![\w:])(?:[0-9a-fA-F]{1,4}:){3,7}[0-9a-fA-F:]{1,}(?![\w:])")
+_AT = re.compile(r"(?<![\w@/])[A-Za-z_][\w.-]*@[A-Za-z0-9][\w.-]*")
+_END = r"(?=$|[/\"'<>\s,:;)\]}&=])"
+_SHORTEST = 4
+"""A machine's name with fewer letters may be any word."""
+
+
+class Scrubber:
+    """Replaces what nobody else is to know, and counts it by its kind.
+
+    Args:
+        moved: paths, and what stands in their place; the longest is looked for first.
+
+    Attributes:
+        counts: how often what was replaced, in words.
+    """
+
+    def __init__(self, moved: Iterable[tuple[str, str]]) -> None:
+        home = str(Path.home())
+        pairs = dict(moved)
+        if home != "/":
+            pairs.setdefault(home, "~")
+        longest = sorted(pairs, key=lambda path: (-len(path), path))
+        self._moved = {path: pairs[path] for path in longest}
+        words = "|".join(map(re.escape, longest))
+        self._paths = re.compile(rf"(?<![\w.])(?:{words}){_END}")
+        host = socket.gethostname()
+        usable = len(host) >= _SHORTEST and host != "localhost"
+        self._host = re.compile(rf"\b{re.escape(host)}\b") if usable else None
+        self.counts: dict[str, int] = {}
+
+    def paths(self, text: str, beside: str = "") -> str:
+        """Puts a package's names in place of paths, relative to its folder `beside`, if any."""
+
+        def moved(match: re.Match[str]) -> str:
+            self._count("paths")
+            name = self._moved[match[0]]
+            prefix = f"{PACKAGE}/"
+            if beside and name.startswith(prefix):
+                return os.path.relpath(name.removeprefix(prefix), beside)
+            return name
+
+        return self._paths.sub(moved, text)
+
+    def text(self, text: str, beside: str = "") -> str:
+        """Replaces all that is to be replaced."""
+        text = self.paths(text, beside)
+        text = self._sub(_AT, "USER@HOST", text, "accounts")
+        text = _QUAD.sub(self._address, text)
+        text = self._sub(_SIX, "::", text, "addresses")
+        if self._host is not None:
+            text = self._sub(self._host, "HOST", text, "names of this machine")
+        return text
+
+    def data(self, value: Any) -> Any:
+        """The same for all texts in what JSON has."""
+        return _with_texts(value, self.text)
+
+    def setup(self, value: Any) -> Any:
+        """How an experiment is read: only paths, and those of rosters by their names."""
+        return _with_texts(value, self.paths, {"roster": lambda path: Path(path).name})
+
+    def roster(self, text: str) -> str:
+        """A roster without where its robots are reached."""
+        try:
+            tables = tomlkit.parse(text)
+            robots = [tables.get("defaults", {}), *tables.get("robot", [])]
+            for table in robots:
+                if table.pop("host", None) is not None:
+                    self._count("addresses of robots")
+            return self.text(tomlkit.dumps(tables))
+        except (TOMLKitError, AttributeError, TypeError):
+            return self.text(text)
+
+    def _address(self, match: re.Match[str]) -> str:
+        parts = [int(part) for part in match[0].split(".")]
+        if max(parts) > 255 or parts[0] in (0, 127, 255) or match[0] == ADDRESS:
+            return match[0]
+        self._count("addresses")
+        return ADDRESS
+
+    def _sub(self, pattern: re.Pattern[str], into: str, text: str, kind: str) -> str:
+        text, count = pattern.subn(into, text)
+        self._count(kind, count)
+        return text
+
+    def _count(self, kind: str, count: int = 1) -> None:
+        if count:
+            self.counts[kind] = self.counts.get(kind, 0) + count
+
+
+def _with_texts(
+    value: Any,
+    change: Callable[[str], str],
+    members: Mapping[str, Callable[[str], str]] | None = None,
+) -> Any:
+    """What JSON has, with all its texts changed; those of some members once more."""
+    if isinstance(value, str):
+        return change(value)
+    if isinstance(value, (list, tuple)):
+        return [_with_texts(item, change, members) for item in value]
+    if not isinstance(value, dict):
+        return value
+    changed = {key: _with_texts(item, change, members) for key, item in value.items()}
+    texts = [key for key in members or {} if isinstance(changed.get(key), str)]
+    return changed | {key: (members or {})[key](changed[key]) for key in texts}
+
+
+def folders_of(paths: Iterable[tuple[str, str]]) -> dict[str, str]:
+    """Adds to files and their names the folders that hold them, as deep as names say.
+
+    Args:
+        paths: a file's name in the package, and where it was.
+    """
+    found: dict[str, str] = {}
+    for name, path in paths:
+        inside, outside = Path(name), Path(path)
+        while inside.name and inside.name != PACKAGE and str(outside) != "/":
+            found.setdefault(str(outside), inside.as_posix())
+            if inside.name in ("files", "vsense"):
+                break
+            inside, outside = inside.parent, outside.parent
+    return found
+
 
 UNTRUSTED = (
     "it would compile and run code of the package: read it, then say --trust if you believe it"
@@ -24,39 +168,36 @@ _FILE = re.compile(r"[/\\@~*?]|\.\.|\.[^\W\d]")
 
 
 class Untrusted(VsenseError):
-    """Something cannot be made anew without code of a package."""
+    """Something cannot be made again without code of a package."""
 
     def __init__(self) -> None:
         super().__init__(UNTRUSTED)
 
 
 class PackagePlaces:
-    """The folders of a package that is made anew.
+    """The folders of a package that is made again.
 
     Attributes:
         package: where it was unpacked.
-        anew: where what is made anew goes.
+        again: where what is made again goes.
         scrubber: replaces these folders by what paths in a package are.
     """
 
-    def __init__(self, package: Path, anew: Path) -> None:
-        self.package, self.anew = package, anew
-        pairs = [(str(package), PACKAGE), (str(anew), PACKAGE)]
+    def __init__(self, package: Path, again: Path) -> None:
+        self.package, self.again = package, again
+        pairs = [(str(package), PACKAGE), (str(again), PACKAGE)]
         pairs += [(str(path), name) for name, path in OWN_FOLDERS.items()]
         pairs += [(str(root), VSENSE) for root in source_roots()]
         self.scrubber = Scrubber(pairs)
 
     def real(self, value: Any) -> Any:
         """Puts real paths in place of a package's, in all that JSON has."""
-        if isinstance(value, str):
-            for name, path in ((PACKAGE, self.package), *OWN_FOLDERS.items()):
-                value = value.replace(f"{name}/", f"{path}/")
-            return value
-        if isinstance(value, dict):
-            return {key: self.real(each) for key, each in value.items()}
-        if isinstance(value, (list, tuple)):
-            return [self.real(each) for each in value]
-        return value
+        return _with_texts(value, self._real_text)
+
+    def _real_text(self, text: str) -> str:
+        for name, path in ((PACKAGE, self.package), *OWN_FOLDERS.items()):
+            text = text.replace(f"{name}/", f"{path}/")
+        return text
 
     def experiment_path(self, experiment: object) -> Path:
         """The whole path of an experiment's file: the shipped one's, or what the package says.
@@ -110,10 +251,10 @@ def shipped_file(experiment: object) -> Path | None:
     return SHIPPED_FOLDER / f"{name}{SUFFIX}" if name in shipped() else None
 
 
-def is_own(experiment: object, told: Mapping[str, Any], text: str | None = None) -> bool:
+def is_own(experiment: object, stated: Mapping[str, Any], text: str | None = None) -> bool:
     """Whether an experiment is one of vsense's own, and nothing that is said of it names a file.
 
-    Whatever makes something of a package anew asks here first, and loads what `experiment_path`
+    Whatever makes something of a package again asks here first, and loads what `experiment_path`
     says: never a path of the package's author.
 
     Args:
@@ -123,7 +264,7 @@ def is_own(experiment: object, told: Mapping[str, Any], text: str | None = None)
             be the shipped one to the last byte. None: nothing of the package's is read.
     """
     path = shipped_file(experiment)
-    settings, code = told.get("settings") or {}, told.get("code") or {}
+    settings, code = stated.get("settings") or {}, stated.get("code") or {}
     if path is None or not isinstance(settings, dict) or not isinstance(code, dict):
         return False
     if any(code.values()) or not all(_is_plain(key, value) for key, value in settings.items()):

@@ -1,37 +1,225 @@
-"""Makes everything in a package anew, and says what is the same: checksums first, then runs."""
+"""Makes everything in a package again, and says what is the same: checksums first, then runs."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 from vsense import __version__
 from vsense.base.errors import VsenseError, failing_as
-from vsense.modes.sim.watch import Flag
+from vsense.base.files import MOST_TABLE_BYTES, parse_json, read_text
+from vsense.config.specs import Experiment
+from vsense.modes.sim import fingerprint
+from vsense.modes.sim.job import Job
+from vsense.modes.sim.outcome import Task
+from vsense.modes.sim.record import LOGGED, TRAJECTORY
+from vsense.modes.sim.watch import LIMIT_S, Flag, WorkerProcess, watch
 from vsense.monitor.recording import require
+from vsense.run.directory import MEASURES, SUMMARY, TIMESTEPS
+from vsense.run.programs import shared_objects
 from vsense.studies.packages import comparing, figures
 from vsense.studies.packages.archive import Package, PackageError
-from vsense.studies.packages.contents import CONTENTS, NO_RECORDING, PackageContents
-from vsense.studies.packages.findings import Reproduction
+from vsense.studies.packages.claims import Claims
+from vsense.studies.packages.contents import (
+    CONTENTS,
+    MADE,
+    NO_RECORDING,
+    PackageContents,
+    PackedRun,
+)
 from vsense.studies.packages.places import UNTRUSTED, PackagePlaces
-from vsense.studies.packages.simulating import Simulating
 
-PACKAGE, ANEW = "package", "anew"
-"""Folders of what was unpacked, and of what was made anew."""
+_FILES = (TRAJECTORY, TIMESTEPS, MEASURES, LOGGED, "shown.csv")
+_NO_ORIGIN = "what it was made from is not in the package"
+
+
+@dataclass(slots=True)
+class PreparedRun:
+    """A run that can be simulated, and where what it leaves goes."""
+
+    run: PackedRun
+    task: Task
+    folder: Path
+
+
+class Simulating:
+    """The simulated runs of a package.
+
+    Args:
+        places: where the package is.
+        claims: take what becomes of them.
+        trusted: code of the package may be compiled and run.
+        jobs: runs at the same time.
+        interrupted: set to end it.
+        show: takes what is going on.
+    """
+
+    def __init__(
+        self,
+        places: PackagePlaces,
+        claims: Claims,
+        trusted: bool,
+        jobs: int,
+        interrupted: Flag,
+        show: Callable[[str], None],
+    ) -> None:
+        self._places, self._claims, self._trusted = places, claims, trusted
+        self._jobs, self._interrupted, self._show = jobs, interrupted, show
+        self._built: dict[str, dict[str, str]] = {}
+        self._machines: dict[str, str] = {}
+
+    def make(self, runs: Sequence[PackedRun]) -> None:
+        """Simulates runs, and compares; raises `Interrupted` where `interrupted` is set."""
+        prepared, by_run = [], {run: Claims() for run in runs}
+        for run, claims in by_run.items():
+            with claims.attempt(f"{run.title}: simulation", self._places.public):
+                prepared.append(self._prepare(run))
+        lost = ""
+        for simulated, answer in self._answers(prepared):
+            run, claims = simulated.run, by_run[simulated.run]
+            try:
+                self._compare(simulated, simulated.task.result(answer), claims)
+            except VsenseError as error:
+                lost = self._places.public(error)
+                claims.judge(f"{run.title}: simulation", f"it failed: {lost}")
+            except comparing.DAMAGED as error:
+                claims.judge(f"{run.title}: files", f"one is damaged: {error!r}")
+        for run, claims in by_run.items():  # in the order of the package
+            if not claims.claims:
+                why = f"not tried: the process that simulates was lost ({lost})"
+                claims.cannot(f"{run.title}: simulation", why)
+            self._claims.claims += claims.claims
+
+    def _answers(
+        self, prepared: Sequence[PreparedRun]
+    ) -> Iterator[tuple[PreparedRun, dict[str, Any]]]:
+        workers: list[WorkerProcess[PreparedRun]] = []
+        lines = ((one, one.task.job.to_line()) for one in prepared)
+        done = 0
+
+        def show(busy: Sequence[WorkerProcess[PreparedRun]]) -> None:
+            self._show(f"{done} of {len(prepared)} runs simulated")
+
+        try:
+            for _ in range(min(self._jobs, len(prepared))):
+                workers.append(WorkerProcess())
+            for one, answer in watch(lines, workers, self._interrupted, show, LIMIT_S):
+                yield one, answer
+                done += 1
+        finally:
+            for worker in workers:
+                worker.close()
+
+    def _prepare(self, run: PackedRun) -> PreparedRun:
+        """Loads and builds what a run needs; VsenseError where it cannot be had."""
+        facts = self._setup(run)
+        if run.seed is None:
+            raise VsenseError("its seed is not in the package")
+        setup = self._places.setup(facts, self._trusted)
+        experiment = setup.load()
+        folder = self._places.again / run.folder if run.folder else None
+        if folder is not None:
+            folder.mkdir(parents=True, exist_ok=True)
+        kept = None
+        if run.recordings:
+            kept = self._places.again / run.recordings[0]
+            kept.parent.mkdir(parents=True, exist_ok=True)
+        job = Job(
+            setup,
+            run.seed,
+            self._libraries(run, experiment),
+            None if folder is None or not self._has(run, TRAJECTORY) else str(folder),
+            None if kept is None else str(kept),
+        )
+        return PreparedRun(run, Task(job, experiment), folder or self._places.again)
+
+    def _setup(self, run: PackedRun) -> Mapping[str, Any]:
+        """How a run was set up; VsenseError where the package does not say."""
+        if not run.sources or not run.key:
+            raise VsenseError(_NO_ORIGIN)
+        path = self._places.package / run.sources / MADE
+        try:
+            facts = parse_json(read_text(path, most_bytes=MOST_TABLE_BYTES))
+            self._note_machine(run.sources, dict(facts["machine"]))
+            setup = facts["setups"][run.key]
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise VsenseError(f"{run.sources}/{MADE} is damaged: {error!r}") from None
+        if not isinstance(setup, dict):
+            raise VsenseError(f"{run.sources}/{MADE} is damaged: no setup")
+        return setup
+
+    def _note_machine(self, sources: str, machine: dict[str, str]) -> None:
+        """Notes once why results may differ here."""
+        if sources in self._machines:
+            return
+        here = fingerprint.of_machine()
+        other = [name for name, value in machine.items() if here.get(name, value) != value]
+        self._machines[sources] = words = ", ".join(
+            f"{name} was {machine[name]}, is {here[name]}" for name in other
+        )
+        if words:
+            self._claims.notes.append(f"{sources} was made elsewhere: {words}")
+
+    def _libraries(self, run: PackedRun, experiment: Experiment) -> dict[str, str]:
+        key = f"{run.sources} {run.key}"
+        if key not in self._built:
+            self._show(f"building what {run.title} runs")
+            built = shared_objects(experiment)
+            self._built[key] = {name: str(path) for name, path in built.items()}
+        return self._built[key]
+
+    def _has(self, run: PackedRun, name: str) -> bool:
+        return bool(run.folder) and (self._places.package / run.folder / name).is_file()
+
+    def _compare(self, simulated: PreparedRun, result: Mapping[str, Any], claims: Claims) -> None:
+        run, places, experiment = simulated.run, self._places, simulated.task.experiment
+        if run.row is not None and run.table:
+            before = comparing.row_of(places.package / run.table, run.row)
+            cells = comparing.cells(before, _cells(experiment, result))
+            claims.judge(f"{run.title}: row of {run.table}", cells)
+        if run.folder and self._has(run, SUMMARY):
+            summary = json.loads(read_text(places.package / run.folder / SUMMARY))
+            now = json.loads(json.dumps({**result["measures"]}))
+            differences = comparing.figures("measures", summary.get("measures"), now)
+            claims.judge(f"{run.title}: {SUMMARY}", list(differences))
+        names = [*_FILES, f"{experiment.name}.png"] if simulated.task.job.directory else []
+        for name in [name for name in names if self._has(run, name)]:
+            path, again = places.package / run.folder / name, simulated.folder / name
+            claims.judge(f"{run.folder}/{name}", comparing.files(path, again, places.scrubber))
+        for name in run.recordings[:1]:
+            path, again = places.package / name, places.again / name
+            claims.judge(name, comparing.recordings(path, again))
+
+
+def _cells(experiment: Experiment, result: Mapping[str, Any]) -> dict[str, str]:
+    tags = [robot.tag for robot in experiment.robots]
+    measures = {**(result["swarm"] if experiment.sources else {}), **result["measures"]}
+    return {
+        "duration_s": f"{float(result['timesteps'] * result['timestep_s']):.12g}",
+        "robots": str(len(tags)),
+        "tags": " ".join(map(str, tags)),
+        **{n: "" if v is None else f"{v:.12g}" for n, v in measures.items()},
+    }
+
+
+_PACKAGE, _AGAIN = "package", "anew"
+"""Folders of what was unpacked, and of what was made again."""
 _MOST_CONTENTS = 256 << 20
 
 
 @dataclass(frozen=True, slots=True)
 class ReproduceOptions:
-    """How a package is made anew.
+    """How a package is made again.
 
     Attributes:
         output: a new folder that keeps all; None: nothing stays.
         trusted: code of the package may be compiled and run.
-        only_check: nothing is made anew: its checksums are compared.
+        only_check: nothing is made again: its checksums are compared.
         jobs: simulated runs at the same time.
     """
 
@@ -47,38 +235,38 @@ def reproduce(
     interrupted: Flag,
     say: Callable[[str], None],
     show: Callable[[str], None],
-) -> Reproduction:
-    """Makes a package anew.
+) -> Claims:
+    """Makes a package again.
 
     Args:
         interrupted: set to end it.
         say: takes a line that stays; `show` what is going on.
 
     Raises:
-        Damaged: something in it is not what was packed.
+        DamagedPackage: something in it is not what was packed.
         PackageError: it is no package.
         VsenseError: it cannot be unpacked.
         Interrupted: `interrupted` was set.
     """
-    findings = Reproduction()
+    claims = Claims()
     with Package(path) as package:
         package.verify(lambda name, share: show(f"checking {100 * share:.0f} %"))
         say(f"{path}: {len(package.names)} files are what was packed")
         try:
-            told = PackageContents.read(package.read(CONTENTS, _MOST_CONTENTS), package.names)
+            contents = PackageContents.read(package.read(CONTENTS, _MOST_CONTENTS), package.names)
         except VsenseError as error:
             raise PackageError(f"{path}: {error}") from None
         if options.only_check:
-            findings.same("checksums", f"{len(package.names)} files")
-            return findings
+            claims.judge("checksums", "", f"{len(package.names)} files")
+            return claims
         with _folder(options.output) as folder:
             show(f"unpacking {package.size >> 20} MB")
-            package.unpack(folder / PACKAGE)
-            again = _Again(PackagePlaces(folder / PACKAGE, folder / ANEW), told, findings, options)
-            again.make(interrupted, show)
-    if any(UNTRUSTED in one.words for one in findings.each):
-        findings.notes.append(f"some of it was left alone: {UNTRUSTED}")
-    return findings
+            package.unpack(folder / _PACKAGE)
+            places = PackagePlaces(folder / _PACKAGE, folder / _AGAIN)
+            _make_all(contents, places, claims, options, interrupted, show)
+    if any(UNTRUSTED in claim.words for claim in claims.claims):
+        claims.notes.append(f"some of it was left alone: {UNTRUSTED}")
+    return claims
 
 
 @contextmanager
@@ -92,67 +280,56 @@ def _folder(output: Path | None) -> Iterator[Path]:
         output.mkdir(parents=True, exist_ok=True)
         if any(output.iterdir()):
             raise PackageError(f"{output}: is not empty: expected a new folder")
-        (output / ANEW).mkdir()
+        (output / _AGAIN).mkdir()
     yield output.resolve()
 
 
-@dataclass(frozen=True, slots=True)
-class _Again:
-    """A package that was unpacked, and is made anew."""
-
-    places: PackagePlaces
-    told: PackageContents
-    findings: Reproduction
-    options: ReproduceOptions
-
-    def make(self, interrupted: Flag, show: Callable[[str], None]) -> None:
-        """Makes runs and report."""
-        told, findings, options = self.told, self.findings, self.options
-        if told.version != __version__:
-            findings.notes.append(f"vsense was {told.version}, now {__version__}")
-        self.places.anew.mkdir(exist_ok=True)
-        simulated = [run for run in told.runs if run.mode == "sim"]
-        if any(run.recordings for run in simulated):
-            require()
-        common = self.places, findings, options.trusted, options.jobs
-        Simulating(*common, interrupted, show).make(simulated)
-        self._recorded(interrupted, show)
-        if told.report:
-            self._report(show)
-
-    def _recorded(self, interrupted: Flag, show: Callable[[str], None]) -> None:
-        """Makes anew what follows from recordings."""
-        runs = [run for run in self.told.runs if run.mode != "sim"]
-        if not any(run.recordings for run in self.told.runs):
-            for run in runs:
-                self.findings.cannot(f"{run.title}: readings and poses", NO_RECORDING)
-            return
+def _make_all(
+    contents: PackageContents,
+    places: PackagePlaces,
+    claims: Claims,
+    options: ReproduceOptions,
+    interrupted: Flag,
+    show: Callable[[str], None],
+) -> None:
+    if contents.version != __version__:
+        claims.notes.append(f"vsense was {contents.version}, now {__version__}")
+    places.again.mkdir(exist_ok=True)
+    simulated = [run for run in contents.runs if run.mode == "sim"]
+    others = [run for run in contents.runs if run.mode != "sim"]
+    has_recordings = any(run.recordings for run in contents.runs)
+    if has_recordings:
         require()
-        from vsense.studies.packages.recorded import RecordedRuns  # these need the extra `record`
+    trusted = options.trusted
+    Simulating(places, claims, trusted, options.jobs, interrupted, show).make(simulated)
+    if not has_recordings:
+        for run in others:
+            claims.cannot(f"{run.title}: readings and poses", NO_RECORDING)
+    elif others:
+        from vsense.studies.packages.recordings import RecordedRuns  # these need the extra `record`
 
-        recorded = RecordedRuns(self.places, self.findings, self.options.trusted, interrupted, show)
-        for run in runs:
+        recorded = RecordedRuns(places, claims, trusted, interrupted, show)
+        for run in others:
             recorded.make(run)
+    if contents.report:
+        _make_report(contents, places, claims, show)
 
-    def _report(self, show: Callable[[str], None]) -> None:
-        """Makes the report again, and compares each of its files."""
-        places, findings = self.places, self.findings
-        if lacking := figures.cannot():
-            findings.cannot(figures.REPORT, lacking)
-            return
-        into = places.anew / figures.REPORT
-        try:
-            asked = figures.from_data(self.told.asked)
-            tell = lambda text: show(f"report: {text}")  # noqa: E731
-            figures.make(places.package, self.told.report, asked, into, tell)
-        except VsenseError as error:
-            findings.cannot(figures.REPORT, places.public(error))
-            return
-        before = places.package / figures.REPORT
-        names = {path.name for folder in (before, into) for path in folder.iterdir()}
+
+def _make_report(
+    contents: PackageContents, places: PackagePlaces, claims: Claims, show: Callable[[str], None]
+) -> None:
+    if missing := figures.cannot():
+        claims.cannot(figures.REPORT, missing)
+        return
+    before, again = places.package / figures.REPORT, places.again / figures.REPORT
+    with claims.attempt(figures.REPORT, places.public):
+        questions = figures.from_data(contents.asked)
+        files = contents.report
+        figures.make(places.package, files, questions, again, lambda text: show(f"report: {text}"))
+        names = {path.name for folder in (before, again) for path in folder.iterdir()}
         for name in sorted(names):
             thing = f"{figures.REPORT}/{name}"
             if not (before / name).exists():
-                findings.differs(thing, "it is not in the package")
+                claims.judge(thing, "it is not in the package")
             else:
-                findings.judge(thing, comparing.files(before / name, into / name, places.scrubber))
+                claims.judge(thing, comparing.files(before / name, again / name, places.scrubber))

@@ -42,7 +42,7 @@ _CONDITIONS = {"sighted": ("C0", "-"), "blind": ("C1", "--")}
 
 def measures(findings: Findings) -> Drawing | None:
     """All measures of the experiment, one chart below the other."""
-    series = dict(list(findings.found.measures.items())[:MOST_MEASURES])
+    series = dict(list(findings.gathered.measures.items())[:MOST_MEASURES])
     if not series:
         return None
     usual = plot.setting("figure.figsize")[1]
@@ -59,7 +59,7 @@ def measures(findings: Findings) -> Drawing | None:
     rows[-1].set_xlabel(RUN_TIME)
     figure.align_ylabels()
     caption = f"What the experiment measured in {findings.part}, a value for each timestep"
-    if findings.found.cones and IN_CONE in series:
+    if findings.gathered.cones and IN_CONE in series:
         caption += (
             ". The report itself counted the robots in the cone, and those of them whose red LEDs"
             " were lit, from tracked poses, the cone, and telemetry, where the experiment did not"
@@ -71,7 +71,7 @@ def _gaps(axes: Axes, findings: Findings) -> None:
     """Tints the times in which nothing is known; neighbours together."""
     spans: list[tuple[float, float]] = []
     near_s = findings.run_s / plot.MOST_PLACES
-    for one in findings.amiss:
+    for one in findings.incidents:
         if one.kind in ("not recorded", "silence"):
             begin_s, end_s = one.from_s, findings.run_s if one.to_s is None else one.to_s
             if spans and begin_s - sum(spans[-1]) < near_s:
@@ -86,14 +86,14 @@ def robots(findings: Findings) -> Drawing | None:
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Patch
 
-    strips = findings.found.strips
+    strips = findings.gathered.strips
     tags, table = strips.table()
-    if not table.size or not findings.found.flow.lived or findings.found.facts.simulated:
+    if not table.size or not findings.gathered.flow.lived or findings.gathered.facts.simulated:
         return None
     height = min(max(0.14 * len(tags), 0.5), 5.5)
     figure = plot.new_figure(plot.width_of(wide=True), height + 2.4)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1.3, height))
-    _counts(findings, above, len(findings.found.facts.robots) or len(tags))
+    _counts(findings, above, len(findings.gathered.facts.robots) or len(tags))
     strip_s = strips.bin_ns / 1e9
     begin_s = ((strips.begin_ns or 0) - findings.zero_ns) / 1e9
     extent = (begin_s, begin_s + strip_s * table.shape[1], len(tags) - 0.5, -0.5)
@@ -124,14 +124,14 @@ def robots(findings: Findings) -> Drawing | None:
 def _counts(findings: Findings, axes: Axes, count: int) -> None:
     from matplotlib.ticker import MaxNLocator
 
-    flow = findings.found.flow
+    flow = findings.gathered.flow
     _gaps(axes, findings)
     times = findings.times_s(flow.time_ns)
     seen, connected = np.array(flow.seen), np.array(flow.connected)
-    told = connected >= 0
+    known = connected >= 0
     axes.axhline(count, color="0.5", linestyle=":", linewidth=0.8, label=f"all {count}")
-    if told.any():
-        plot.steps(axes, times[told], connected[told], "C2", linewidth=3, label="connected")
+    if known.any():
+        plot.steps(axes, times[known], connected[known], "C2", linewidth=3, label="connected")
     plot.steps(axes, times, seen, "C0", linewidth=1, label="seen")
     plot.from_zero(axes, [count, *seen.tolist()])
     axes.set_ylabel("robots")
@@ -141,7 +141,7 @@ def _counts(findings: Findings, axes: Axes, count: int) -> None:
 
 def latencies(findings: Findings) -> Drawing | None:
     """The distribution of the latencies."""
-    values = np.array(findings.found.latency_ms)
+    values = np.array(findings.gathered.latency_ms)
     values = values[values > 0.0]
     if not len(values):
         return None
@@ -185,14 +185,14 @@ def _logarithmic(axes: Axes, low: float, high: float) -> None:
 
 def latency_over_time(findings: Findings) -> Drawing | None:
     """The latency over time: its median and its range in equal pieces of the run."""
-    found = findings.found
-    values = np.array(found.latency_ms)
-    times = findings.times_s(found.latency_ns)
+    gathered = findings.gathered
+    values = np.array(gathered.latency_ms)
+    times = findings.times_s(gathered.latency_ns)
     if not len(values):
         return None
-    timestep_ms = found.facts.timestep_s * 1e3
+    timestep_ms = gathered.facts.timestep_s * 1e3
     end_s = max(findings.run_s, float(times.max()), 1e-3)
-    piece_s = max(end_s / 150.0, 2.0 * found.facts.timestep_s)
+    piece_s = max(end_s / 150.0, 2.0 * gathered.facts.timestep_s)
     middles, low, middle, high = _grouped(times, values, piece_s)
     figure = plot.new_figure()
     axes = figure.subplots()
@@ -229,13 +229,12 @@ def compared(members: Sequence[Group]) -> Iterator[Drawing]:
     recorded."""
     for place, name in enumerate(measure_names(members)[:MOST_MEASURES], start=1):
         file = f"{place:02d}-" + re.sub(r"[^A-Za-z0-9_]+", "-", name)[:40].strip("-")
-        if any(name in run.found.measures for group in members for run in group.runs):
+        if any(name in run.gathered.measures for group in members for run in group.runs):
             yield _over_time(members, name, file)
         yield _ends(members, name, f"{file}-end")
 
 
 def _styles(members: Sequence[Group]) -> Iterator[tuple[Group, str, str]]:
-    """Each group with its colour and its dashes: blind ones are dashed."""
     for place, group in enumerate(members):
         usual = f"C{place % 6}", "--" if group.blind else "-"
         yield group, *_CONDITIONS.get(group.condition, usual)
@@ -246,8 +245,8 @@ def _over_time(members: Sequence[Group], name: str, file: str) -> Drawing:
     axes = figure.subplots()
     count, end_s, limits = 0, 1e-3, [0.0]
     for group, colour, dashes in _styles(members):
-        for run in (run for run in group.runs if name in run.found.measures):
-            times, values = run.found.measures[name]
+        for run in (run for run in group.runs if name in run.gathered.measures):
+            times, values = run.gathered.measures[name]
             plot.steps(axes, times, values, colour, linewidth=0.5, alpha=0.4)
             count, end_s = count + 1, max(end_s, times[-1])
             limits += [min(values), max(values)]
@@ -291,15 +290,15 @@ def _ends(members: Sequence[Group], name: str, file: str) -> Drawing:
         values = group.ends(name)
         if not values:
             continue
-        place, found = len(labels), statistics(values)
-        spread = found.spread or 0.0
+        place, statistic = len(labels), statistics(values)
+        spread = statistic.spread or 0.0
         offsets = 0.16 * (np.arange(len(values)) / max(len(values) - 1, 1) - 0.5)
         axes.plot(place - 0.12 + offsets, values, "o", color=colour, ms=4, alpha=0.8, clip_on=False)
-        if found.spread is not None:
-            axes.errorbar(place + 0.12, found.mean, spread, fmt="_", color=ink, ms=9, capsize=3)
+        if statistic.spread is not None:
+            axes.errorbar(place + 0.12, statistic.mean, spread, fmt="_", color=ink, ms=9, capsize=3)
         words = plot.wrapped(plot.label(group.condition), max(36 // len(members), 12))
         labels.append(f"{words}\n(n = {len(values)})")
-        limits += [*values, found.mean - spread, found.mean + spread]
+        limits += [*values, statistic.mean - spread, statistic.mean + spread]
     plot.from_zero(axes, limits)
     axes.set_xlim(-0.6, len(labels) - 0.4)
     axes.set_xticks(range(len(labels)), labels)

@@ -2,17 +2,95 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from vsense.base.canvas import Floats
 from vsense.monitor.pictures.run_figure import spoken
-from vsense.studies.report.campaigns import CampaignRuns, labels
+from vsense.run.runs_csv import RunRow
 from vsense.studies.report.facts import KINDS, RECORDED
 from vsense.studies.report.findings import Findings
+from vsense.studies.report.gather import IN_CONE, LIT_IN_CONE
+from vsense.studies.report.study.collect import TableOfRuns
+
+_ENDS = (("in_cone", IN_CONE), ("lit", LIT_IN_CONE))
+"""The swarm's figures of a campaign, and the measure of a recording whose last value they are."""
+
+
+@dataclass(frozen=True, slots=True)
+class CampaignRuns:
+    """The valid runs of one condition in one table.
+
+    Attributes:
+        condition: as the table has it.
+        kind: of the runs, of `vsense.studies.report.facts.KINDS`.
+        seeds: of the runs, "" unknown.
+        ends: by measure the last value of each run that has it.
+    """
+
+    path: Path
+    experiment: str
+    condition: str
+    kind: str
+    seeds: Sequence[str]
+    ends: Mapping[str, Sequence[float]]
+
+
+def labels(tables: Sequence[CampaignRuns]) -> list[str]:
+    """The conditions of tables; with the ends of their paths where some are alike.
+
+    Every campaign's table has the same name unless somebody gives it another.
+    """
+    alike: dict[tuple[str, str, str], set[tuple[str, ...]]] = {}
+    parts = [Path(os.path.abspath(table.path)).parts for table in tables]
+    for table, own in zip(tables, parts):
+        alike.setdefault((table.experiment, table.kind, table.condition), set()).add(own)
+    names = []
+    for table, own in zip(tables, parts):
+        others = alike[table.experiment, table.kind, table.condition] - {own}
+        lengths = (n for n in range(1, len(own)) if all(o[-n:] != own[-n:] for o in others))
+        file = Path(*own[-next(lengths, len(own)) :])
+        names.append(f"{file}, {table.condition}" if others else table.condition)
+    return names
+
+
+def campaign_runs(table: TableOfRuns) -> list[CampaignRuns]:
+    """The conditions of a table; void runs are left out."""
+    groups: dict[tuple[str, str, str], list[RunRow]] = {}
+    for row in table.rows:
+        if row.valid:
+            groups.setdefault((row.experiment, row.mode, row.condition), []).append(row)
+    return [
+        CampaignRuns(
+            path=table.path,
+            experiment=experiment,
+            condition=condition,
+            kind=KINDS[mode],
+            seeds=["" if row.seed is None else str(row.seed) for row in rows],
+            ends=_ends(rows),
+        )
+        for (experiment, mode, condition), rows in groups.items()
+    ]
+
+
+def _ends(rows: Sequence[RunRow]) -> dict[str, list[float]]:
+    """The values of each measure; those of the swarm under the names that recordings have."""
+    ends: dict[str, list[float]] = {}
+    for row in rows:
+        values = {name: value for name, value in row.measures.items() if value is not None}
+        for before, name in _ENDS:
+            early = values.pop(f"{before}_before_turn", None)
+            late = values.pop(f"{before}_after_turn", early)
+            if late is not None:
+                values[name] = late
+        for name, value in values.items():
+            ends.setdefault(name, []).append(value)
+    return ends
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,22 +160,21 @@ def groups(runs: Sequence[Findings], tables: Sequence[CampaignRuns] = ()) -> lis
     for table in tables:
         kinds.setdefault(table.experiment, set()).add(table.kind)
     for run in runs:
-        facts = run.found.facts
+        facts = run.gathered.facts
         name = facts.name or "unnamed experiment"
         kinds.setdefault(name, set()).add(facts.kind)
         sorted_.setdefault((name, facts.kind, facts.blind), []).append(run)
-    found = [
+    sorted_groups = [
         Group(name, _words(kind, blind, len(kinds[name]) > 1), some, (), kind, blind)
         for (name, kind, blind), some in sorted_.items()
     ]
     for table, label in zip(tables, labels(tables)):
         words = f"{table.kind} ({label})"
-        found.append(Group(table.experiment, words, (), (table,), table.kind, None))
-    return sorted(found, key=_place)
+        sorted_groups.append(Group(table.experiment, words, (), (table,), table.kind, None))
+    return sorted(sorted_groups, key=_place)
 
 
 def _words(kind: str, blind: bool | None, several: bool) -> str:
-    """A group's condition."""
     if not several:
         return _BLIND[blind]
     kind = kind or "unknown kind"
@@ -109,27 +186,27 @@ def _place(group: Group) -> tuple[str, int, int]:
     return group.experiment, kind, tuple(_BLIND).index(group.blind)
 
 
-def by_experiment(found: Sequence[Group]) -> dict[str, list[Group]]:
+def by_experiment(groups_: Sequence[Group]) -> dict[str, list[Group]]:
     """Puts the groups of each experiment together."""
     experiments: dict[str, list[Group]] = {}
-    for group in found:
+    for group in groups_:
         experiments.setdefault(group.experiment, []).append(group)
     return experiments
 
 
-def measure_names(found: Sequence[Group]) -> list[str]:
+def measure_names(groups_: Sequence[Group]) -> list[str]:
     """All measures of some groups, in their order of appearance."""
-    names = [name for group in found for run in group.runs for name in run.found.measures]
-    names += [name for group in found for table in group.tables for name in table.ends]
+    names = [name for group in groups_ for run in group.runs for name in run.gathered.measures]
+    names += [name for group in groups_ for table in group.tables for name in table.ends]
     return list(dict.fromkeys(names))
 
 
 def curve(group: Group, name: str) -> Curve | None:
     """A measure of a group over time; None: no run has it."""
-    series = [run.found.measures[name] for run in group.runs if name in run.found.measures]
+    series = [run.gathered.measures[name] for run in group.runs if name in run.gathered.measures]
     if not series:
         return None
-    step_s = min(run.found.facts.timestep_s for run in group.runs)
+    step_s = min(run.gathered.facts.timestep_s for run in group.runs)
     begin_s = max(times[0] for times, _ in series)
     end_s = min(times[-1] for times, _ in series)
     if end_s < begin_s:
@@ -170,10 +247,10 @@ def statistics(values: Sequence[float]) -> Statistics:
     return Statistics(values, float(np.mean(values)), spread, float(np.median(values)))
 
 
-def table(found: Sequence[Group]) -> dict[str, dict[str, Statistics]]:
+def table(groups_: Sequence[Group]) -> dict[str, dict[str, Statistics]]:
     """The statistics of one experiment's groups, by quantity and condition."""
     rows: dict[str, dict[str, list[float]]] = {}
-    for group in found:
+    for group in groups_:
         for run in group.runs:
             for name, value in quantities(run).items():
                 rows.setdefault(name, {}).setdefault(group.condition, []).append(value)
@@ -186,10 +263,10 @@ def table(found: Sequence[Group]) -> dict[str, dict[str, Statistics]]:
     }
 
 
-def as_json(found: Sequence[Group]) -> list[Mapping[str, Any]]:
+def as_json(groups_: Sequence[Group]) -> list[Mapping[str, Any]]:
     """The comparison for `--json`: statistics by experiment, condition and quantity."""
     rows: list[Mapping[str, Any]] = []
-    for experiment, members in by_experiment(found).items():
+    for experiment, members in by_experiment(groups_).items():
         statistics_ = table(members)
         for group in members:
             values = {

@@ -71,26 +71,26 @@ class Facts:
 
 def read_facts(data: Mapping[str, Any]) -> Facts:
     """Reads the data of `/experiment`; what is missing or damaged stays unknown."""
-    told = ExperimentMessage.read(data)
-    timestep_s, radius_m = number(told.timestep_s), number(told.body_radius_m)
-    length_s = number(told.length_s)
+    experiment = ExperimentMessage.read(data)
+    timestep_s, radius_m = number(experiment.timestep_s), number(experiment.body_radius_m)
+    length_s = number(experiment.length_s)
     if timestep_s is None or not TIMESTEPS_S[0] <= timestep_s <= TIMESTEPS_S[1]:
         timestep_s = TIMESTEP_S
     return Facts(
-        name=told.name,
-        seed=told.seed,
-        blind=told.blind,
-        command=told.command,
-        recorded=told.recorded,
+        name=experiment.name,
+        seed=experiment.seed,
+        blind=experiment.blind,
+        command=experiment.command,
+        recorded=experiment.recorded,
         timestep_s=timestep_s,
         length_s=length_s if length_s is not None and length_s > 0.0 else None,
-        arena=None if told.arena is None else _arena(told.arena),
-        robots=_names(told.robots),
-        objects=_names(told.objects),
-        controllers=_controllers(told),
+        arena=None if experiment.arena is None else _arena(experiment.arena),
+        robots=_names(experiment.robots),
+        objects=_names(experiment.objects),
+        controllers=_controllers(experiment),
         body_radius_m=radius_m if radius_m is not None and 0.0 < radius_m < 1.0 else BODY_RADIUS_M,
-        file_text=told.file_text,
-        calibration=in_words(told.calibration or {}),
+        file_text=experiment.file_text,
+        calibration=in_words(experiment.calibration or {}),
     )
 
 
@@ -127,10 +127,13 @@ def _names(rows: Sequence[Any]) -> dict[int, str]:
     return {row["tag"]: str(row.get("name") or row["tag"]) for row in fits}
 
 
-def _controllers(told: ExperimentMessage) -> dict[int, str]:
-    if len(told.controllers) < 2:
+def _controllers(experiment: ExperimentMessage) -> dict[int, str]:
+    if len(experiment.controllers) < 2:
         return {}
-    return {tag: str(told.controllers[n].get("id")) for tag, n in told.controller_of().items()}
+    return {
+        tag: str(experiment.controllers[n].get("id"))
+        for tag, n in experiment.controller_of().items()
+    }
 
 
 def _arena(data: Mapping[str, Any]) -> Arena | None:

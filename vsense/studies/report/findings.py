@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from vsense.monitor.recording.form import RecordingError
 from vsense.monitor.recording.reader import Gap, Recording, open_recording
-from vsense.studies.report.flow import SILENCE_NS, LinkHealth, Spell
-from vsense.studies.report.gather import Gatherer, gather
-from vsense.studies.report.tracks import RobotTrack
+from vsense.studies.report.flow import SILENCE_NS, Interval, LinkHealth
+from vsense.studies.report.gather import Gatherer, RobotTrack, gather
 
 Floats = NDArray[np.float64]
 
@@ -46,8 +45,8 @@ class RobotRow:
 
 
 @dataclass(frozen=True, slots=True)
-class Amiss:
-    """Something that was amiss, in s since the run's beginning; `to_s` None: until the end."""
+class Incident:
+    """Something that went wrong, in s since the run's beginning; `to_s` None: until the end."""
 
     kind: str
     from_s: float
@@ -67,7 +66,7 @@ class Findings:
         duration_s: of the recording.
         zero_ns: when the run began; without a run, the first arena state or the recording.
         run_s: length of the run as far as it is recorded.
-        amiss: gaps, silences, lost links, cameras in trouble, by time.
+        incidents: gaps, silences, lost links, cameras in trouble, by time.
     """
 
     path: Path
@@ -78,14 +77,14 @@ class Findings:
     duration_s: float
     zero_ns: int
     run_s: float
-    found: Gatherer
+    gathered: Gatherer
     robots: Sequence[RobotRow]
-    amiss: Sequence[Amiss]
+    incidents: Sequence[Incident]
 
     @property
     def label(self) -> str:
         """The run's name, for headings."""
-        facts = self.found.facts
+        facts = self.gathered.facts
         words = [facts.name or self.path.stem]
         if facts.kind:
             words.append(facts.kind)
@@ -98,7 +97,7 @@ class Findings:
     @property
     def part(self) -> str:
         """Which part of the recording is shown, in words."""
-        ran = self.found.ran
+        ran = self.gathered.ran
         return f"the run ({self.run_s:.1f} s)" if ran else "the whole recording (it holds no run)"
 
     def times_s(self, times_ns: array[int]) -> Floats:
@@ -108,7 +107,7 @@ class Findings:
     @property
     def latency(self) -> dict[str, float]:
         """Latency's median, p95, p99, mean and greatest [ms]; empty: unknown."""
-        values = np.array(self.found.latency_ms)
+        values = np.array(self.gathered.latency_ms)
         if not len(values):
             return {}
         p50, p95, p99 = (float(value) for value in np.percentile(values, (50, 95, 99)))
@@ -125,26 +124,26 @@ class Findings:
                 "min": min(values),
                 "max": max(values),
             }
-            for name, (_, values) in self.found.measures.items()
+            for name, (_, values) in self.gathered.measures.items()
         }
 
     @property
     def lacks(self) -> list[str]:
         """What the recording does not hold, in words."""
-        found = self.found
+        gathered = self.gathered
         has = {
-            "arena states (/arena)": found.flow.lived,
-            "measures (/signals)": found.measures,
-            "the robots' links (/robots)": found.links.of,
-            "readings (/readings)": found.latency_ns or found.facts.simulated,
-            "the world (/world)": found.world,
+            "arena states (/arena)": gathered.flow.lived,
+            "measures (/signals)": gathered.measures,
+            "the robots' links (/robots)": gathered.links.of,
+            "readings (/readings)": gathered.latency_ns or gathered.facts.simulated,
+            "the world (/world)": gathered.world,
         }
         return [words for words, value in has.items() if not value]
 
     @property
     def only_tracked(self) -> str:
         """What a recording of `vsense track` cannot show, in words; "" where it is another one."""
-        if self.found.facts.command != "track":
+        if self.gathered.facts.command != "track":
             return ""
         return f"robots were only tracked (vsense track): it has no {', no '.join(self.lacks)}"
 
@@ -156,13 +155,13 @@ def read_findings(path: Path, progress: Callable[[float], None] = lambda share: 
     """
     with open_recording(path) as recording:
         whole_s = max(recording.duration_s, 1e-9)
-        found = gather(recording, lambda read_s: progress(min(max(read_s / whole_s, 0.0), 1.0)))
-        if not (found.flow.lived or found.measures or found.links.of or found.events):
+        gathered = gather(recording, lambda read_s: progress(min(max(read_s / whole_s, 0.0), 1.0)))
+        if not (gathered.flow.lived or gathered.measures or gathered.links.of or gathered.events):
             raise RecordingError(
                 f"{path}: holds nothing that a report could show; expected arena states, measures,"
                 " robots or events"
             )
-        flow = found.flow
+        flow = gathered.flow
         zero_ns = recording.begin_ns if flow.begin_ns is None else flow.begin_ns
         return Findings(
             path=path,
@@ -173,10 +172,10 @@ def read_findings(path: Path, progress: Callable[[float], None] = lambda share: 
             duration_s=recording.duration_s,
             zero_ns=zero_ns,
             # The last timestep has a duration, too.
-            run_s=(flow.end_ns - zero_ns) / 1e9 + found.facts.timestep_s if flow.lived else 0.0,
-            found=found,
-            robots=[_row(found, tag) for tag in sorted(_tags(found))],
-            amiss=_amiss(recording, found, zero_ns),
+            run_s=(flow.end_ns - zero_ns) / 1e9 + gathered.facts.timestep_s if flow.lived else 0.0,
+            gathered=gathered,
+            robots=[_row(gathered, tag) for tag in sorted(_tags(gathered))],
+            incidents=_incidents(recording, gathered, zero_ns),
         )
 
 
@@ -187,23 +186,26 @@ def _utc(time_ns: int) -> datetime | None:
         return None
 
 
-def _tags(found: Gatherer) -> set[int]:
-    return {*found.facts.robots, *found.tracks.of, *found.links.of}
+def _tags(gathered: Gatherer) -> set[int]:
+    return {*gathered.facts.robots, *gathered.tracks.of, *gathered.links.of}
 
 
-def _row(found: Gatherer, tag: int) -> RobotRow:
-    track, health = found.tracks.of.get(tag, RobotTrack()), found.links.of.get(tag, LinkHealth())
-    told = health.told > 0
+def _row(gathered: Gatherer, tag: int) -> RobotRow:
+    track, health = (
+        gathered.tracks.of.get(tag, RobotTrack()),
+        gathered.links.of.get(tag, LinkHealth()),
+    )
+    reported = health.reports > 0
     return RobotRow(
         tag=tag,
-        name=found.facts.robots.get(tag, str(tag)),
-        controller=found.facts.controllers.get(tag),
+        name=gathered.facts.robots.get(tag, str(tag)),
+        controller=gathered.facts.controllers.get(tag),
         distance_m=track.distance_m,
         speed_m_s=track.distance_m / track.followed_s if track.followed_s > 0.0 else None,
-        seen=track.seen / max(found.tracks.states, 1),
+        seen=track.seen / max(gathered.tracks.states, 1),
         longest_unseen_s=track.longest_unseen_s,
-        connected=health.connected / health.told if told else None,
-        losses=health.losses if told else None,
+        connected=health.connected / health.reports if reported else None,
+        losses=health.losses if reported else None,
         stops=dict(health.stops),
         battery_mv=health.battery_mv,
         base_errors=health.base_errors,
@@ -212,28 +214,27 @@ def _row(found: Gatherer, tag: int) -> RobotRow:
     )
 
 
-def _amiss(recording: Recording, found: Gatherer, zero_ns: int) -> list[Amiss]:
-    """All that was amiss, by time."""
-    spells = []
+def _incidents(recording: Recording, gathered: Gatherer, zero_ns: int) -> list[Incident]:
+    intervals = []
     for gap in recording.gaps:
         text = f"{gap.messages} messages, {gap.pictures} pictures: {gap.why}"
-        spells.append(("not recorded", Spell(text, gap.from_ns, gap.to_ns)))
-    for spell in found.flow.spells:
-        if not any(_overlap(gap, spell.from_ns, spell.to_ns) for gap in recording.gaps):
-            spells.append(("silence", spell))
+        intervals.append(("not recorded", Interval(text, gap.from_ns, gap.to_ns)))
+    for interval in gathered.flow.intervals:
+        if not any(_overlap(gap, interval.from_ns, interval.to_ns) for gap in recording.gaps):
+            intervals.append(("silence", interval))
     end_ns = recording.begin_ns + round(1e9 * recording.duration_s)
-    newest_ns = found.flow.newest_ns
-    over = found.state in ("ended", "emergency")
-    if found.flow.lived and not over and end_ns - newest_ns > 2 * SILENCE_NS:
+    newest_ns = gathered.flow.newest_ns
+    over = gathered.state in ("ended", "emergency")
+    if gathered.flow.lived and not over and end_ns - newest_ns > 2 * SILENCE_NS:
         words = "no arena state until the recording's end"
-        spells.append(("silence", Spell(words, newest_ns)))
-    spells += [("no link", spell) for spell in found.links.losses]
-    spells += [("camera", spell) for spell in found.cameras.spells]
-    told = []
-    for kind, spell in sorted(spells, key=lambda pair: pair[1].from_ns):
-        to_s = None if spell.to_ns is None else (spell.to_ns - zero_ns) / 1e9
-        told.append(Amiss(kind, (spell.from_ns - zero_ns) / 1e9, to_s, spell.what))
-    return told
+        intervals.append(("silence", Interval(words, newest_ns)))
+    intervals += [("no link", interval) for interval in gathered.links.losses]
+    intervals += [("camera", interval) for interval in gathered.cameras.intervals]
+    incidents = []
+    for kind, interval in sorted(intervals, key=lambda pair: pair[1].from_ns):
+        to_s = None if interval.to_ns is None else (interval.to_ns - zero_ns) / 1e9
+        incidents.append(Incident(kind, (interval.from_ns - zero_ns) / 1e9, to_s, interval.what))
+    return incidents
 
 
 def _overlap(gap: Gap, from_ns: int, to_ns: int | None) -> bool:
@@ -242,7 +243,7 @@ def _overlap(gap: Gap, from_ns: int, to_ns: int | None) -> bool:
 
 def as_json(findings: Findings) -> dict[str, Any]:
     """The figures of one recording for `--json`; times in s since the run began."""
-    found, facts = findings.found, findings.found.facts
+    gathered, facts = findings.gathered, findings.gathered.facts
     return {
         "file": str(findings.path),
         "experiment": facts.name,
@@ -254,24 +255,26 @@ def as_json(findings: Findings) -> dict[str, Any]:
         "begun_utc": None if findings.begun is None else findings.begun.isoformat(),
         "complete": findings.complete,
         "damaged_parts": findings.damaged,
-        "odd_messages": found.odd,
-        "changes": found.changes,
+        "odd_messages": gathered.odd,
+        "changes": gathered.changes,
         "lacks": findings.lacks,
         "duration_s": findings.duration_s,
-        "has_run": found.ran,
+        "has_run": gathered.ran,
         "run_s": findings.run_s,
-        "timesteps": found.flow.lived,
-        "missed_timesteps": found.flow.missed,
-        "late_timesteps": found.late,
+        "timesteps": gathered.flow.lived,
+        "missed_timesteps": gathered.flow.missed,
+        "late_timesteps": gathered.late,
         "measures": findings.measures,
         "latency": findings.latency or None,
         "robots": [
             {name: getattr(row, name) for name in RobotRow.__slots__} for row in findings.robots
         ],
         "cameras": {
-            name: {"rate_hz": total / count, "dropped": found.cameras.dropped.get(name)}
-            for name, (total, count) in found.cameras.rates_hz.items()
+            name: {"rate_hz": total / count, "dropped": gathered.cameras.dropped.get(name)}
+            for name, (total, count) in gathered.cameras.rates_hz.items()
         },
-        "amiss": [{name: getattr(one, name) for name in Amiss.__slots__} for one in findings.amiss],
-        "events": len(found.events) + found.more_events,
+        "amiss": [
+            {name: getattr(one, name) for name in Incident.__slots__} for one in findings.incidents
+        ],
+        "events": len(gathered.events) + gathered.more_events,
     }

@@ -15,13 +15,13 @@ from vsense.studies.report.facts import number
 
 SILENCE_NS = 500_000_000
 """A longer time without an arena state is reported."""
-MOST_SPELLS = 1_000
+MOST_INTERVALS = 1_000
 """Silences, link losses and camera troubles of a recording, listed one by one: each so many."""
 
 
 @dataclass(slots=True)
-class Spell:
-    """A time in which something was amiss; `to_ns` None: it was not over at the end."""
+class Interval:
+    """A time in which something was wrong; `to_ns` None: it was not over at the end."""
 
     what: str
     from_ns: int
@@ -36,7 +36,7 @@ class Flow:
         end_ns: capture time of the last in the run.
         newest_ns: capture time of the newest.
         lived, missed: how many timesteps of the run are there, and are not.
-        spells: silences.
+        intervals: silences.
         time_ns: (n,) capture times.
         seen: (n,) how many robots were seen in each.
         connected: (n,) how many robots were connected then; -1: not known yet.
@@ -46,7 +46,7 @@ class Flow:
         self.begin_ns: int | None = None
         self.end_ns = self.newest_ns = 0
         self.lived = self.missed = 0
-        self.spells: list[Spell] = []
+        self.intervals: list[Interval] = []
         self.time_ns, self.seen, self.connected = array("q"), array("i"), array("i")
         self._run_timestep: int | None = None
 
@@ -71,8 +71,8 @@ class Flow:
         """Adds an arena state that is no part of the run, such as one in a pause."""
         if self.begin_ns is None:
             return
-        if capture_ns - self.newest_ns > SILENCE_NS and len(self.spells) < MOST_SPELLS:
-            self.spells.append(Spell("no arena state", self.newest_ns, capture_ns))
+        if capture_ns - self.newest_ns > SILENCE_NS and len(self.intervals) < MOST_INTERVALS:
+            self.intervals.append(Interval("no arena state", self.newest_ns, capture_ns))
         self.newest_ns = max(capture_ns, self.newest_ns)
 
 
@@ -82,14 +82,14 @@ class CameraCounts:
     Attributes:
         rates_hz: of each camera, sum and number of the messages with a rate.
         dropped: pictures that each dropped.
-        spells: times in which one was in trouble.
+        intervals: times in which one was in trouble.
     """
 
     def __init__(self) -> None:
         self.rates_hz: dict[str, tuple[float, int]] = {}
         self.dropped: dict[str, int] = {}
-        self.spells: list[Spell] = []
-        self._open: dict[str, tuple[str, Spell]] = {}
+        self.intervals: list[Interval] = []
+        self._open: dict[str, tuple[str, Interval]] = {}
 
     def add(self, time_ns: int, data: Mapping[str, Any]) -> None:
         """Adds a `/cameras`; KeyError, TypeError, ValueError, AttributeError if it is damaged."""
@@ -109,10 +109,10 @@ class CameraCounts:
             before[1].to_ns = time_ns
             del self._open[name]
         if state != "ok" and name not in self._open:
-            spell = Spell(f"camera {name}: {text or state}", time_ns)
-            self._open[name] = (state, spell)
-            if len(self.spells) < MOST_SPELLS:
-                self.spells.append(spell)
+            interval = Interval(f"camera {name}: {text or state}", time_ns)
+            self._open[name] = (state, interval)
+            if len(self.intervals) < MOST_INTERVALS:
+                self.intervals.append(interval)
 
 
 UNKNOWN, FINE, STOPPED, UNSEEN, LOST = range(5)
@@ -127,7 +127,7 @@ class LinkHealth:
     """One robot's health.
 
     Attributes:
-        told: messages about it.
+        reports: messages about it.
         connected: those in which it was connected.
         losses: how often its link was lost.
         stops: how often its wheels were held without an order, by cause.
@@ -138,7 +138,7 @@ class LinkHealth:
     """
 
     def __init__(self) -> None:
-        self.told = self.connected = self.losses = 0
+        self.reports = self.connected = self.losses = 0
         self.stops: Counter[str] = Counter()
         self.battery_mv: float | None = None
         self.base_errors: float | None = None
@@ -149,7 +149,7 @@ class LinkHealth:
 
     def add(self, connected: bool, cause: str, battery: Any, errors: Any) -> None:
         """Adds what one message says of it."""
-        self.told += 1
+        self.reports += 1
         self.connected += connected
         if cause and cause != self._cause:
             self.stops[cause] += 1
@@ -184,10 +184,10 @@ class SeenRobots:
     def __init__(self, names: Mapping[int, str]) -> None:
         self._names = names
         self.of: dict[int, LinkHealth] = {}
-        self.losses: list[Spell] = []
+        self.losses: list[Interval] = []
         self.lit: set[int] = set()
         self.connected = -1
-        self._open: dict[int, Spell] = {}
+        self._open: dict[int, Interval] = {}
 
     def add(self, time_ns: int, data: Mapping[str, Any]) -> dict[int, int]:
         """Adds a `/robots`; gives each robot's state by tag: `FINE`, `STOPPED` or `LOST`.
@@ -217,9 +217,9 @@ class SeenRobots:
     def _link(self, time_ns: int, tag: int, connected: bool) -> None:
         loss = self._open.get(tag)
         if not connected and loss is None:
-            self._open[tag] = Spell(f"robot {self._names.get(tag, tag)}", time_ns)
+            self._open[tag] = Interval(f"robot {self._names.get(tag, tag)}", time_ns)
             self.of[tag].losses += 1
-            if len(self.losses) < MOST_SPELLS:
+            if len(self.losses) < MOST_INTERVALS:
                 self.losses.append(self._open[tag])
         elif connected and loss is not None:
             loss.to_ns = time_ns

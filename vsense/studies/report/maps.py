@@ -13,9 +13,8 @@ import numpy as np
 from vsense.base.canvas import Floats
 from vsense.studies.report.facts import entities, number, numbers
 from vsense.studies.report.findings import Findings
-from vsense.studies.report.gather import ODD, Gatherer
+from vsense.studies.report.gather import CELL_M, ODD, Gatherer
 from vsense.studies.report.plot import Drawing, label, new_figure, setting, width_of
-from vsense.studies.report.tracks import CELL_M
 from vsense.world.entities import Arena
 
 if TYPE_CHECKING:
@@ -46,13 +45,13 @@ _MOST_SHAPES, _MOST_LETTERS = 12, 20
 
 def ways(findings: Findings) -> Drawing | None:
     """The robots' ways over the arena."""
-    found = findings.found
-    if not found.tracks.of:
+    gathered = findings.gathered
+    if not gathered.tracks.of:
         return None
-    arena = found.arena
+    arena = gathered.arena
     figure, axes = _map(arena, width_of(wide=True))
-    _world(axes, found, arena)
-    all_ = {tag: track.points_m for tag, track in sorted(found.tracks.of.items())}
+    _world(axes, gathered, arena)
+    all_ = {tag: track.points_m for tag, track in sorted(gathered.tracks.of.items())}
     newest_m = NEWEST_WIDTHS * arena.size_m[0] / len(all_)
     times = sum(_length_m(way) for way in all_.values()) / (newest_m * len(all_))
     for way in all_.values() if 1.0 < times < MOST_TIMES else ():
@@ -60,8 +59,8 @@ def ways(findings: Findings) -> Drawing | None:
     for place, way in enumerate(all_.values()):
         newest = _tail(way, newest_m) if times > 1.0 else way
         axes.plot(*newest.T, color=f"C{place}", linewidth=0.9, alpha=0.85)
-    _ends(axes, found, all_, first=times <= 1.0)
-    for at in found.tracks.objects_m.values():
+    _ends(axes, gathered, all_, first=times <= 1.0)
+    for at in gathered.tracks.objects_m.values():
         if _near(np.array(at), arena):
             style: dict[str, Any] = {"markeredgecolor": "white", "markersize": 7, "zorder": 4}
             axes.plot(*at, "D", color="black", label="tagged object", **style)
@@ -96,9 +95,9 @@ def _tail(way: Floats, length_m: float) -> Floats:
     return np.asarray(way[left_m <= length_m])
 
 
-def _ends(axes: Axes, found: Gatherer, ways_: Mapping[int, Floats], first: bool) -> None:
+def _ends(axes: Axes, gathered: Gatherer, ways_: Mapping[int, Floats], first: bool) -> None:
     """Marks the end of each way with the robot's tag, and its beginning if `first`."""
-    paper, radius_m = setting("axes.facecolor"), found.facts.body_radius_m
+    paper, radius_m = setting("axes.facecolor"), gathered.facts.body_radius_m
     begin: dict[str, Any] = {"markersize": 4, "markeredgewidth": 0.8, "zorder": 3}
     for place, way in enumerate(ways_.values()):
         colour, known = f"C{place}", way[np.isfinite(way).all(axis=1)]
@@ -112,7 +111,7 @@ def _ends(axes: Axes, found: Gatherer, ways_: Mapping[int, Floats], first: bool)
     for tag, way in ways_.items() if len(ways_) <= MOST_NAMES else ():
         last = way[np.isfinite(way).all(axis=1)][-1]
         # Towards the arena's middle near its right edge.
-        side = -1 if last[0] - found.arena.centre_m[0] > 0.4 * found.arena.size_m[0] else 1
+        side = -1 if last[0] - gathered.arena.centre_m[0] > 0.4 * gathered.arena.size_m[0] else 1
         axes.annotate(
             str(tag),
             tuple(last + 0.7 * radius_m * np.array([side, 1])),
@@ -132,13 +131,13 @@ def occupancy(findings: Findings) -> Drawing | None:
     from matplotlib.colors import PowerNorm
     from matplotlib.ticker import MaxNLocator
 
-    found = findings.found
-    if not found.tracks.cells:
+    gathered = findings.gathered
+    if not gathered.tracks.cells:
         return None
-    arena = found.arena
+    arena = gathered.arena
     figure, axes = _map(arena, width_of(wide=False), bar_in=0.45)
-    squares = (np.array(list(found.tracks.cells))[:, None] + _CORNERS + 0.5) * CELL_M
-    seconds = np.array(list(found.tracks.cells.values())) * found.facts.timestep_s
+    squares = (np.array(list(gathered.tracks.cells))[:, None] + _CORNERS + 0.5) * CELL_M
+    seconds = np.array(list(gathered.tracks.cells.values())) * gathered.facts.timestep_s
     there = [_near(square, arena) for square in squares]
     norm = PowerNorm(0.5, 0.0, float(seconds.max()))
     cells = PolyCollection(
@@ -146,7 +145,7 @@ def occupancy(findings: Findings) -> Drawing | None:
     )
     cells.set_rasterized(True)
     axes.add_collection(cells, autolim=False)
-    _solids(axes, found, arena, fill=False)
+    _solids(axes, gathered, arena, fill=False)
     figure.colorbar(
         cells, ax=axes, label="time [s]", ticks=MaxNLocator(4), fraction=0.06, pad=0.02, aspect=25
     )
@@ -180,7 +179,6 @@ def _map(arena: Arena, width_in: float, bar_in: float = 0.0) -> tuple[Figure, Ax
 
 
 def _legend(figure: Figure, axes: Axes) -> None:
-    """Names each shape once, below the map; the figure grows by the room for it."""
     handles, labels = axes.get_legend_handles_labels()
     shapes = dict(list(dict(zip(labels, handles)).items())[:_MOST_SHAPES])
     rows = -(-len(shapes) // _LEGEND_COLUMNS)
@@ -195,18 +193,17 @@ def _near(points_m: Floats, arena: Arena) -> bool:
     return float(np.abs(points_m - arena.centre_m[:2]).max()) < NEAR_SIZES * max(arena.size_m)
 
 
-def _world(axes: Axes, found: Gatherer, arena: Arena) -> None:
-    """Draws the arena's contents at the end."""
+def _world(axes: Axes, gathered: Gatherer, arena: Arena) -> None:
     from matplotlib.patches import Polygon
 
-    _floor(axes, found.world)
-    for entity in entities(found.world):
+    _floor(axes, gathered.world)
+    for entity in entities(gathered.world):
         outline, colour = _outline(entity, arena), _rgb(entity.get("color"))
         if entity.get("kind") == "zone" and outline is not None and colour is not None:
             words = label(str(entity.get("id") or "zone")[:_MOST_LETTERS])
             axes.add_patch(Polygon(outline, color=_pale(colour), linewidth=0, label=words))
-    _solids(axes, found, arena, fill=True)
-    for first, last in (pair for pair in found.cones.values() if _near(np.array(pair), arena)):
+    _solids(axes, gathered, arena, fill=True)
+    for first, last in (pair for pair in gathered.cones.values() if _near(np.array(pair), arena)):
         words = "polluted cone"
         axes.add_patch(Polygon(last, facecolor=_CONE, alpha=0.25, linewidth=0))
         axes.add_patch(Polygon(last, fill=False, edgecolor=_CONE, label=words))
@@ -214,15 +211,14 @@ def _world(axes: Axes, found: Gatherer, arena: Arena) -> None:
         if np.abs(np.array(first) - np.array(last)).max() > 0.1:
             words += " at the beginning"
             axes.add_patch(Polygon(first, fill=False, edgecolor=_CONE, ls="--", label=words))
-    for entity in entities(found.world):
-        _light_or_robot(axes, entity, arena, found.facts.body_radius_m)
+    for entity in entities(gathered.world):
+        _light_or_robot(axes, entity, arena, gathered.facts.body_radius_m)
 
 
-def _solids(axes: Axes, found: Gatherer, arena: Arena, fill: bool) -> None:
-    """Draws boxes and cylinders."""
+def _solids(axes: Axes, gathered: Gatherer, arena: Arena, fill: bool) -> None:
     from matplotlib.patches import Polygon
 
-    for entity in entities(found.world):
+    for entity in entities(gathered.world):
         outline = _outline(entity, arena)
         if outline is None or entity.get("kind") not in ("box", "cylinder"):
             continue
@@ -268,17 +264,15 @@ def _outline(entity: Mapping[str, Any], arena: Arena) -> Floats | None:
 
 def _rgb(value: Any) -> Any:
     """A recorded colour, red, green, blue 0..1; None: it is none."""
-    found = numbers(value, 3)
-    return None if found is None else tuple(np.clip(found, 0.0, 255.0) / 255.0)
+    levels = numbers(value, 3)
+    return None if levels is None else tuple(np.clip(levels, 0.0, 255.0) / 255.0)
 
 
 def _pale(colours: Any) -> Any:
-    """Paler colours 0..1, so that ways upon them can be seen."""
     return 1.0 - FLOOR_SHARE * (1.0 - np.asarray(colours))
 
 
 def _floor(axes: Axes, world: Mapping[str, Any]) -> None:
-    """Draws the floor's colour and its picture; one that is damaged is left out."""
     data = world.get("floor")
     data = data if isinstance(data, dict) else {}
     colour = _rgb(data.get("color"))

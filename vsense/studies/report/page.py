@@ -35,12 +35,12 @@ class ComparedRuns:
 class Studied:
     """What tables of runs gave: each study's result and pictures, and what was asked.
 
-    `told` are sentences about the tables themselves.
+    `notes` are sentences about the tables themselves.
     """
 
     asked: Questions
     studies: Sequence[tuple[StudyResult, Sequence[Shown]]]
-    told: Sequence[str] = ()
+    notes: Sequence[str] = ()
 
     @property
     def count(self) -> int:
@@ -52,12 +52,12 @@ class Studied:
 def page(
     chapters: Sequence[Chapter],
     comparisons: Sequence[ComparedRuns],
-    lacking: Sequence[str] = (),
+    missing: Sequence[str] = (),
     studied: Studied | None = None,
 ) -> str:
     """Makes the page of recordings, of comparisons of each experiment's runs, and of studies.
 
-    `lacking` says why there are no charts, or no tests.
+    `missing` says why there are no charts, or no tests.
     """
     counter = Counter()
     many = bool(comparisons) or studied is not None
@@ -65,7 +65,7 @@ def page(
     if studied is not None and not comparisons:
         count = studied.count + len(chapters)
     name = _counted(count) if many else chapters[0].findings.label
-    parts = [note(f"{text[0].upper()}{text[1:]}.", "warning") for text in lacking]
+    parts = [note(f"{text[0].upper()}{text[1:]}.", "warning") for text in missing]
     if many:
         parts.append(_contents(chapters, comparisons, studied))
     if studied is not None:
@@ -88,8 +88,8 @@ def _counted(count: int) -> str:
 
 
 def _studied(studied: Studied, counter: Counter) -> Iterator[str]:
-    for told in studied.told:
-        yield note(told, "warning")
+    for text in studied.notes:
+        yield note(text, "warning")
     for place, (result, pictures) in enumerate(studied.studies):
         yield section.section(result, pictures, counter, place, studied.asked.tests)
     yield section.methods([result for result, _ in studied.studies], studied.asked)
@@ -113,7 +113,6 @@ def _contents(
 
 
 def _title(groups: Sequence[Group]) -> str:
-    """What is compared: runs, or kinds of them."""
     kinds = list(dict.fromkeys(group.kind or "runs of unknown kind" for group in groups))
     what = f"{', '.join(kinds[:-1])} and {kinds[-1]}"
     if len(kinds) == 1:
@@ -141,8 +140,8 @@ def _run(chapter: Chapter, counter: Counter) -> Iterator[str]:
     when = f", recorded {begun:%Y-%m-%d %H:%M} UTC" if begun is not None else ""
     file = f"{findings.path} (vsense {findings.version}{when})"
     yield f'<p class="soft">{escape(file)}</p>\n'
-    if findings.found.facts.calibration:
-        yield f'<p class="soft">Cameras: {escape(findings.found.facts.calibration)}.</p>\n'
+    if findings.gathered.facts.calibration:
+        yield f'<p class="soft">Cameras: {escape(findings.gathered.facts.calibration)}.</p>\n'
     yield from _notes(findings)
     yield tiles(_tiles(findings))
     yield counter.figures(chapter.pictures)
@@ -151,28 +150,30 @@ def _run(chapter: Chapter, counter: Counter) -> Iterator[str]:
     if findings.robots:
         yield f"<h3>Robots</h3>\n{tables.robots(findings, counter)}"
     yield tables.parts(findings, counter)
-    yield f"<h3>Loss and gaps</h3>\n{tables.amiss(findings, counter)}"
+    yield f"<h3>Loss and gaps</h3>\n{tables.incidents(findings, counter)}"
     yield f"<h3>Events</h3>\n{tables.events(findings, counter)}"
-    text = findings.found.facts.file_text
+    text = findings.gathered.facts.file_text
     if text:
         yield "<details><summary>The experiment's file</summary>"
         yield f"<pre>{escape(text)}</pre></details>\n"
 
 
 def _notes(findings: Findings) -> Iterator[str]:
-    found = findings.found
+    gathered = findings.gathered
     if not findings.complete:
         yield note("This recording was cut off: its last second may be missing.", "warning")
     if findings.damaged:
         words = f"{findings.damaged} parts of this recording are damaged and left out."
         yield note(words, "trouble")
-    if found.odd:
-        yield note(f"{found.odd} messages could not be understood and are left out.", "warning")
-    if found.flow.lived and not found.ran:
+    if gathered.odd:
+        yield note(f"{gathered.odd} messages could not be understood and are left out.", "warning")
+    if gathered.flow.lived and not gathered.ran:
         words = "This recording holds no run: everything shown is from the whole recording."
         yield note(words, "warning")
-    if found.changes:
-        words = f"The world was changed by hand while it ran, {found.changes} in all (see Events)"
+    if gathered.changes:
+        words = (
+            f"The world was changed by hand while it ran, {gathered.changes} in all (see Events)"
+        )
         yield note(f"{words}: this is not the run of its file alone.", "warning")
     if findings.only_tracked:
         yield note(f"In this recording {findings.only_tracked}.", "warning")
@@ -181,22 +182,24 @@ def _notes(findings: Findings) -> Iterator[str]:
 
 
 def _tiles(findings: Findings) -> Iterator[tuple[str, str]]:
-    found, latency = findings.found, findings.latency
+    gathered, latency = findings.gathered, findings.latency
     seen = [row.seen for row in findings.robots]
     linked = [row.connected for row in findings.robots if row.connected is not None]
-    wanted_s = found.facts.length_s
-    length = f"{findings.run_s:.1f}" + (f" of {wanted_s:g} s" if wanted_s and found.ran else " s")
-    yield ("run" if found.ran else "recorded"), length
+    wanted_s = gathered.facts.length_s
+    length = f"{findings.run_s:.1f}" + (
+        f" of {wanted_s:g} s" if wanted_s and gathered.ran else " s"
+    )
+    yield ("run" if gathered.ran else "recorded"), length
     yield "robots", str(len(findings.robots))
-    if found.flow.lived:
+    if gathered.flow.lived:
         yield "seen", f"{share_of(sum(seen) / len(seen) if seen else None)} %"
-    if linked and not found.facts.simulated:
+    if linked and not gathered.facts.simulated:
         yield "connected", f"{share_of(sum(linked) / len(linked))} %"
     if latency:
         yield "latency, median", f"{latency['p50_ms']:.3g} ms"
         yield "latency, 99 %", f"{latency['p99_ms']:.3g} ms"
-    whole = found.flow.lived + found.flow.missed
-    if whole and found.ran:
-        yield "timesteps missed", f"{found.flow.missed} of {whole}"
-    if found.late is not None:
-        yield "timesteps late", str(found.late)
+    whole = gathered.flow.lived + gathered.flow.missed
+    if whole and gathered.ran:
+        yield "timesteps missed", f"{gathered.flow.missed} of {whole}"
+    if gathered.late is not None:
+        yield "timesteps late", str(gathered.late)

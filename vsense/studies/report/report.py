@@ -11,11 +11,11 @@ from typing import Any
 from vsense.base.errors import failing_as
 from vsense.monitor.recording.form import RecordingError
 from vsense.studies.report import can_draw, charts, compare, findings, lacking, maps, plot
-from vsense.studies.report.campaigns import CampaignRuns, campaign_runs
+from vsense.studies.report.compare import CampaignRuns, campaign_runs
 from vsense.studies.report.findings import Findings, read_findings
 from vsense.studies.report.markup import Shown
 from vsense.studies.report.page import Chapter, ComparedRuns, Studied, page
-from vsense.studies.report.study import SUFFIX, boxes, lacking_tests, results, words
+from vsense.studies.report.study import SUFFIX, lacking_tests, results, section, words
 from vsense.studies.report.study.collect import TableOfRuns, read_tables
 from vsense.studies.report.study.results import Questions, StudyResult
 
@@ -36,35 +36,35 @@ _MAKERS: Sequence[Callable[[Findings], plot.Drawing | None]] = (
 class Report:
     """The written files, the page first, and the findings of each recording.
 
-    `lacking` says why there are no charts, or no tests; `told` what is to be said of tables.
+    `missing` says why there are no charts, or no tests; `notes` what is to be said of tables.
     """
 
     files: Sequence[Path]
     findings: Sequence[Findings]
-    lacking: Sequence[str]
+    missing: Sequence[str]
     tables: Sequence[TableOfRuns] = ()
     studied: Studied | None = None
 
     @property
-    def told(self) -> Sequence[str]:
+    def notes(self) -> Sequence[str]:
         """What is to be said of the tables themselves."""
-        return () if self.studied is None else self.studied.told
+        return () if self.studied is None else self.studied.notes
 
     def as_json(self) -> dict[str, Any]:
         """The figures, for scripts."""
         found = _compared(self.findings, self.tables)
-        told: dict[str, Any] = {
+        data: dict[str, Any] = {
             "files": [str(path) for path in self.files],
             "recordings": [findings.as_json(one) for one in self.findings],
             "comparison": compare.as_json(found),
         }
         if self.studied is not None:
             studies = [result for result, _ in self.studied.studies]
-            told["seed"] = self.studied.asked.seed
-            told["told"] = [*self.lacking, *self.told]
-            told["studies"] = [results.as_json(result) for result in studies]
-            told["methods"] = words.methods(studies, self.studied.asked)
-        return told
+            data["seed"] = self.studied.asked.seed
+            data["told"] = [*self.missing, *self.notes]
+            data["studies"] = [results.as_json(result) for result in studies]
+            data["methods"] = words.methods(studies, self.studied.asked)
+        return data
 
 
 def make_report(
@@ -181,25 +181,24 @@ def _write(
         prefix = f"{place:02d}-{one.path.stem}-" if comparisons else ""
         made = (make(one) for make in _MAKERS)
         chapters.append(Chapter(one, kept.keep(prefix, (each for each in made if each))))
-    why_none = [] if kept.form else [lacking()]
-    why_none += [lacking_tests()] if studied is not None and lacking_tests() else []
+    missing = [] if kept.form else [lacking()]
+    missing += [lacking_tests()] if studied is not None and lacking_tests() else []
     path = kept.folder / PAGE
-    text = page(chapters, comparisons, why_none, studied)
+    text = page(chapters, comparisons, missing, studied)
     path.write_text(text, encoding="utf-8", errors="replace")
-    return Report([path, *kept.files], read, why_none, tables, studied)
+    return Report([path, *kept.files], read, missing, tables, studied)
 
 
 def _studied(
     tables: Sequence[TableOfRuns], found: Sequence[StudyResult], asked: Questions, kept: Charts
 ) -> Studied:
-    """Draws the studies of tables."""
     drawn = []
     for place, result in enumerate(found, start=1):
         prefix = "runs-" if len(found) == 1 else f"runs-{place}-"
-        drawn.append((result, kept.keep("", boxes.boxes(result, prefix))))
+        drawn.append((result, kept.keep("", section.boxes(result, prefix))))
     repeated = [table for table in tables if table.repeated]
-    told = [
+    notes = [
         f"{table.repeated} of the runs in {table.path} are named twice, and count once."
         for table in repeated
     ]
-    return Studied(asked, drawn, told)
+    return Studied(asked, drawn, notes)

@@ -1,12 +1,11 @@
-"""The tables: a recording's measures, robots, troubles, events; runs compared."""
+"""The tables: a recording's measures, robots, incidents, events; runs compared."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
 from vsense.monitor.pictures.run_figure import spoken
-from vsense.studies.report.campaigns import CampaignRuns
-from vsense.studies.report.compare import Group, quantities, table
+from vsense.studies.report.compare import CampaignRuns, Group, quantities, table
 from vsense.studies.report.findings import Findings, RobotRow
 from vsense.studies.report.markup import DASH, Counter, figure_of, share_of
 
@@ -56,15 +55,15 @@ def robots(findings: Findings, counter: Counter) -> str:
     rows = list(zip(*(cells for _, cells in columns)))
     texts = [place for place, head in enumerate(heads) if head in ("robot", "controller")]
     caption += _worst_link(findings)
-    told = counter.table("The robots", caption, heads, rows, texts=texts)
-    return told + _stops(findings, counter)
+    table = counter.table("The robots", caption, heads, rows, texts=texts)
+    return table + _stops(findings, counter)
 
 
 def parts(findings: Findings, counter: Counter) -> str:
     """Which robot played which part, and from when on; nothing where nobody has told it."""
     rows = [
         [row.name, str(row.part), str(row.tag), row.uid, f"{_time_s(row.time_ns, findings):.1f}"]
-        for row in findings.found.parts[:MOST_ROWS]
+        for row in findings.gathered.parts[:MOST_ROWS]
     ]
     if not rows:
         return ""
@@ -74,7 +73,6 @@ def parts(findings: Findings, counter: Counter) -> str:
 
 
 def _time_s(time_ns: int, findings: Findings) -> float:
-    """A time since the run began [s]."""
     return (time_ns - findings.zero_ns) / 1e9
 
 
@@ -84,8 +82,8 @@ QUIET_MS = 200.0
 
 def _worst_link(findings: Findings) -> str:
     """Names the robot whose link was the worst; "" where all were good."""
-    told = [row for row in findings.robots if row.silent_ms is not None or row.losses]
-    worst = max(told, key=lambda row: (row.losses or 0, row.silent_ms or 0.0), default=None)
+    reported = [row for row in findings.robots if row.silent_ms is not None or row.losses]
+    worst = max(reported, key=lambda row: (row.losses or 0, row.silent_ms or 0.0), default=None)
     if worst is None or not (worst.losses or (worst.silent_ms or 0.0) > QUIET_MS):
         return ""
     times = "once" if worst.losses == 1 else f"{worst.losses} times"
@@ -98,7 +96,6 @@ def _worst_link(findings: Findings) -> str:
 
 
 def _stops(findings: Findings, counter: Counter) -> str:
-    """Why robots stopped; nothing where none did."""
     causes = dict.fromkeys(why for row in findings.robots for why in row.stops)
     rows = []
     for why in list(causes)[:MOST_ROWS]:
@@ -111,37 +108,37 @@ def _stops(findings: Findings, counter: Counter) -> str:
     return counter.table("Stops by cause", "", heads, rows, texts=(0, 2))
 
 
-def amiss(findings: Findings, counter: Counter) -> str:
+def incidents(findings: Findings, counter: Counter) -> str:
     """What was lost, silent or in trouble."""
-    flow, late = findings.found.flow, findings.found.late
+    flow, late = findings.gathered.flow, findings.gathered.late
     words = ""
-    if findings.found.ran:
+    if findings.gathered.ran:
         words = f"<p>{flow.missed} of {flow.lived + flow.missed} timesteps of the run were missed"
         words += "" if late is None else f"; the run counted {late} as late or missed"
         words += ".</p>\n"
-    if not findings.amiss:
+    if not findings.incidents:
         words += "<p>No gaps in the recording, no silences, no lost links,"
         return words + " no camera trouble.</p>\n"
     rows = []
-    for one in findings.amiss[:MOST_ROWS]:
+    for one in findings.incidents[:MOST_ROWS]:
         length = "to the end" if one.to_s is None else f"{one.to_s - one.from_s:.1f}"
         rows.append([one.kind, f"{one.from_s:.1f}", length, one.text])
-    caption = _shown(len(rows), len(findings.amiss))
+    caption = _shown(len(rows), len(findings.incidents))
     heads = ("what", "from [s]", "for [s]", "")
     return words + counter.table("Loss and gaps", caption, heads, rows, texts=(0, 3))
 
 
 def events(findings: Findings, counter: Counter) -> str:
     """The messages for people."""
-    told = findings.found.events
-    if not told:
+    events = findings.gathered.events
+    if not events:
         return "<p>None.</p>\n"
     rows = []
-    for event in told[:MOST_ROWS]:
+    for event in events[:MOST_ROWS]:
         time_s = _time_s(event.time_ns, findings)
         text = event.text + (f" ({event.by})" if event.by else "")
         rows.append([f"{time_s:.1f}", event.level, text])
-    caption = _shown(len(rows), len(told) + findings.found.more_events)
+    caption = _shown(len(rows), len(events) + findings.gathered.more_events)
     heads = ("time [s]", "level", "text")
     return counter.table("Events", caption, heads, rows, texts=(1, 2))
 
@@ -170,10 +167,9 @@ def statistics(groups: Sequence[Group], counter: Counter) -> str:
 
 
 def _state(run: Findings) -> str:
-    """What a recording is like, in a word or two."""
     if not run.complete or run.damaged:
         return "cut off or damaged"
-    return "world changed by hand" if run.found.changes else "whole"
+    return "world changed by hand" if run.gathered.changes else "whole"
 
 
 def runs(groups: Sequence[Group], counter: Counter) -> str:
@@ -181,7 +177,7 @@ def runs(groups: Sequence[Group], counter: Counter) -> str:
     rows = []
     for group in groups:
         for run in group.runs:
-            facts, values = run.found.facts, quantities(run)
+            facts, values = run.gathered.facts, quantities(run)
             seen = [row.seen for row in run.robots]
             rows.append(
                 [
@@ -192,7 +188,7 @@ def runs(groups: Sequence[Group], counter: Counter) -> str:
                     str(len(run.robots)),
                     share_of(sum(seen) / len(seen) if seen else None),
                     figure_of(values.get("latency, median [ms]")),
-                    str(run.found.flow.missed),
+                    str(run.gathered.flow.missed),
                     _state(run),
                 ]
             )

@@ -1,4 +1,4 @@
-"""Carries a calibration out: timestep by timestep, in a lab or with real robots.
+"""Carries a calibration out: all robots' routines, in a lab or with real robots.
 
 What stops a run stops a calibration: Ctrl-C, the page, `vsense stop`. Whatever fails, the robots
 are told to stand, and where nobody tells them anything any more they stand by themselves.
@@ -6,7 +6,8 @@ are told to stand, and where nobody tells them anything any more they stand by t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +15,107 @@ from numpy.typing import NDArray
 
 from vsense.modes.live.session import ExperimentSession
 from vsense.robots.link.status import RobotStatus
-from vsense.tools.robot_calibration.areas import FreeFloor
 from vsense.tools.robot_calibration.commanding import WheelsWanted
-from vsense.tools.robot_calibration.routine import Moment
-from vsense.tools.robot_calibration.sensing import Sensing
-from vsense.tools.robot_calibration.swarm import SwarmCalibration
+from vsense.tools.robot_calibration.motion_fit import BadFit, MotionFit
+from vsense.tools.robot_calibration.places import FreeFloor
+from vsense.tools.robot_calibration.routine import (
+    Acting,
+    Moment,
+    MotionRoutine,
+    RobotFailed,
+    Speeds,
+)
+from vsense.tools.robot_calibration.sensing import Sensing, SensorRoutine
+from vsense.tools.robot_calibration.sensor_fit import SensorFit
+
+STUCK_S = 20.0
+"""Where everybody waits for room for so long, nobody will ever have it."""
+
+
+class SwarmCalibration:
+    """Robots that are calibrated, each in its own time.
+
+    Attributes:
+        failed: by tag, why a robot is left out.
+        routines: of all robots, by tag.
+    """
+
+    def __init__(
+        self, tags: Sequence[int], floor: FreeFloor, sensing: Sensing | None = None
+    ) -> None:
+        """Robots on a floor; `sensing`: their sensors are measured, too."""
+        self.failed: dict[int, str] = {}
+        self.routines: dict[int, MotionRoutine] = {
+            tag: MotionRoutine(tag, floor)
+            if sensing is None
+            else SensorRoutine(tag, floor, sensing)
+            for tag in tags
+        }
+        self._acting: dict[int, Acting] = {tag: r.run() for tag, r in self.routines.items()}
+        for acting in self._acting.values():
+            next(acting)
+        self._busy_s: float | None = None
+
+    @property
+    def is_over(self) -> bool:
+        """Whether all robots are done or left out."""
+        return not self._acting
+
+    @property
+    def found(self) -> dict[int, MotionFit]:
+        """What was found, by tag."""
+        return {t: r.result for t, r in self.routines.items() if r.result is not None}
+
+    def sensors_of(self, tag: int, cut: str) -> tuple[Mapping[str, SensorFit], Mapping[str, str]]:
+        """What was found of a robot's sensors, and what was not and why; `cut`: all were ended."""
+        routine = self.routines[tag]
+        if not isinstance(routine, SensorRoutine):
+            return {}, {}
+        missing = set(routine.wanted) - routine.sensors.keys() - routine.troubles.keys()
+        why = self.failed.get(tag, cut)
+        return routine.sensors, routine.troubles | dict.fromkeys(sorted(missing), why)
+
+    def step(self, moments: Mapping[int, Moment]) -> dict[int, Speeds]:
+        """Takes a timestep; gives the speeds of all wheels that shall turn."""
+        speeds = {}
+        for tag in sorted(self._acting, key=lambda tag: not self.routines[tag].waits):
+            try:
+                speeds[tag] = self._acting[tag].send(moments[tag])
+            except StopIteration:
+                self._end(tag)
+            except (RobotFailed, BadFit) as error:
+                self.leave_out(tag, str(error))
+        self._look_for_room(max((moment.time_s for moment in moments.values()), default=0.0))
+        return {
+            tag: wheels for tag, wheels in speeds.items() if tag in self._acting and any(wheels)
+        }
+
+    def leave_out(self, tag: int, why: str) -> None:
+        """A robot is calibrated no further."""
+        self.failed[tag] = why
+        self._end(tag)
+
+    def progress(self) -> str:
+        """A line for people."""
+        doing = Counter(self.routines[tag].doing for tag in self._acting)
+        parts = [f"{count} {what}" for what, count in sorted(doing.items())]
+        parts += [f"{len(self.failed)} left out"] if self.failed else []
+        done = len(self.routines) - len(self._acting) - len(self.failed)
+        return f"{done} of {len(self.routines)} calibrated  {'  '.join(parts)}"
+
+    def _end(self, tag: int) -> None:
+        self.routines[tag].stop()
+        del self._acting[tag]
+
+    def _look_for_room(self, now_s: float) -> None:
+        """Leaves out those that wait for what will not come."""
+        waiting = [tag for tag in self._acting if self.routines[tag].waits]
+        if len(waiting) < len(self._acting) or not waiting or self._busy_s is None:
+            self._busy_s = now_s
+        elif now_s - self._busy_s > STUCK_S:
+            for tag in waiting:
+                self.leave_out(tag, self.routines[tag].needs)
+
 
 PATIENCE_S = 20.0
 """Robots are waited for so long; then it begins without those that are missing."""
@@ -52,9 +149,9 @@ def drive(
         for step in runner.timesteps():
             seen = _seen(step.state.robots)
             floor.places.update({tag: pose[1][:2] for tag, pose in seen.items() if tag in objects})
-            told = {} if sensing is None else sensing.readings.newest
+            readings = {} if sensing is None else sensing.readings.newest
             now, robots = step.capture_ns, runner.robots
-            moments = {t: _moment(now, seen.get(t), robots[t], told.get(t, {})) for t in tags}
+            moments = {t: _moment(now, seen.get(t), robots[t], readings.get(t, {})) for t in tags}
             wheels.speeds = _step(swarm, moments, session)
             progress(swarm.progress())
             if swarm.is_over:
@@ -69,7 +166,6 @@ def drive(
 def _step(
     swarm: SwarmCalibration, moments: dict[int, Moment], session: ExperimentSession
 ) -> dict[int, tuple[int, int]]:
-    """A timestep of all routines; says who is left out."""
     before = set(swarm.failed)
     speeds = swarm.step(moments)
     for tag in sorted(swarm.failed.keys() - before):

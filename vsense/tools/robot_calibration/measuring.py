@@ -26,9 +26,9 @@ from vsense.run import directory as run_directory
 from vsense.run.control import State
 from vsense.tools.robot_calibration import driving, results
 from vsense.tools.robot_calibration.commanding import CONTROLLER, SENSORS, WheelsWanted, commanded
+from vsense.tools.robot_calibration.driving import SwarmCalibration
 from vsense.tools.robot_calibration.results import RobotResult
 from vsense.tools.robot_calibration.sensing import Sensing
-from vsense.tools.robot_calibration.swarm import SwarmCalibration
 from vsense.tools.robot_calibration.wiggle import Verdict, WiggleCheck, WiggledRobot, exchanged
 
 CALIBRATION_FILE, CHECK_FILE = "calibration.json", "check.json"
@@ -265,7 +265,7 @@ def _check(
                 away = dict.fromkeys(readiness.unseen, "is not seen")
                 away |= dict.fromkeys(readiness.absent, "is not connected") | dict(readiness.away)
                 return [
-                    WiggledRobot(tag, name, why=away.get(name, ""), told=False)
+                    WiggledRobot(tag, name, why=away.get(name, ""), commanded=False)
                     for tag, name in names.items()
                 ]
             console.say(f"{len(names)} robots turn one after the other: keep hands off")

@@ -33,8 +33,7 @@ from numpy.typing import NDArray
 from vsense.base.arena import wrap_angle
 from vsense.base.errors import VsenseError
 from vsense.config.roster_fields import MarkerOffset
-from vsense.modes.lab.hardware import DIAMETER_MM
-from vsense.world.physics.motion import AXLE_M, STEP_M, motor_speed
+from vsense.world.physics.motion import AXLE_M, STEP_M, WHEEL_DIAMETER_MM, motor_speed
 
 Floats = NDArray[np.float64]
 
@@ -102,7 +101,7 @@ class MotionFit:
     @property
     def wheel_diameter_mm(self) -> float:
         """The mean of both wheels."""
-        return DIAMETER_MM * (self.left + self.right) / 2.0
+        return WHEEL_DIAMETER_MM * (self.left + self.right) / 2.0
 
     @property
     def wheel_ratio(self) -> float:
@@ -113,7 +112,7 @@ class MotionFit:
     def sigmas(self) -> dict[str, float]:
         """Standard deviations of what the roster holds, by its names."""
         own = np.sqrt(np.diag(self.covariance))
-        mean = np.array([0.5, 0.5, 0.0, 0.0, 0.0, 0.0]) * DIAMETER_MM
+        mean = np.array([0.5, 0.5, 0.0, 0.0, 0.0, 0.0]) * WHEEL_DIAMETER_MM
         ratio = np.zeros(_COMMON)
         ratio[:2] = -self.wheel_ratio / self.left, 1.0 / self.left
         return {
@@ -127,7 +126,6 @@ class MotionFit:
 
 
 def _along(derivative: Floats, covariance: Floats) -> float:
-    """The standard deviation of what changes with the parameters by `derivative`."""
     return math.sqrt(float(derivative @ covariance @ derivative))
 
 
@@ -253,7 +251,6 @@ class _Problem:
 
 
 def _begin(stretch: Stretch, middle_s: float) -> Floats:
-    """A first guess of a stretch's own pose, at its middle."""
     yaw = np.unwrap(stretch.poses[:, 2])
     turned = np.column_stack((stretch.poses[:, :2], yaw))
     nearest = int(np.argmin(np.abs(stretch.times_s - middle_s)))

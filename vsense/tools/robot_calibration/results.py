@@ -7,13 +7,77 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from vsense.base.terminal import aligned
 from vsense.config.roster import RosterRobot
 from vsense.modes.lab.hardware import RobotHardware, scales
-from vsense.tools.robot_calibration import sensor_results
+from vsense.tools.robot_calibration.commanding import PROXIMITY
 from vsense.tools.robot_calibration.motion_fit import PARAMETERS, MotionFit
 from vsense.tools.robot_calibration.sensor_fit import Floats, SensorFit
-from vsense.tools.robot_calibration.sensor_results import scale_name
+
+_SENSOR_HEAD = ("sensor", "nothing:wall, black:white, raw", "left over", "wall off", "readings")
+
+
+def scale_name(name: str) -> str:
+    """The roster's name of a sensor's spans."""
+    return f"{name}_scale"
+
+
+def _span_ratio(fit: SensorFit, text: str) -> float:
+    """The width of the span that has changed most, over what it was: a scale of the roster."""
+    before = np.array([[float(end) for end in span.split(":")] for span in text.split(",")])
+    ratios = np.diff(fit.spans)[:, 0] / np.diff(before)[:, 0]
+    return float(ratios[np.argmax(np.abs(ratios - 1.0))])
+
+
+def _sensor_rows(sensors: Mapping[str, SensorFit], true: Mapping[str, Floats]) -> list[list[str]]:
+    """Rows of a table with `_SENSOR_HEAD`; the truth stands below, where a lab has it."""
+    found = []
+    for name, fit in sensors.items():
+        wall = f"{1000.0 * fit.error_m:+.1f} mm" if name == PROXIMITY else ""
+        rest = f"{100.0 * fit.rest:.1f} %" if name == PROXIMITY else ""
+        found.append([name, _spans_text(fit.spans), rest, wall, str(fit.readings)])
+        if scale_name(name) in true:
+            found.append(["  truth", _spans_text(true[scale_name(name)]), "", "", ""])
+    return found
+
+
+def _sensor_errors(
+    sensors: Mapping[str, SensorFit], true: Mapping[str, Floats]
+) -> dict[str, float]:
+    """The largest errors: `proximity_low` and `ground_low` (raw, of nothing and of black), and
+    `proximity_width`, `ground_width` (of the spans, as a share)."""
+    errors = {}
+    for name, fit in sensors.items():
+        if (spans := true.get(scale_name(name))) is not None:
+            widths = np.diff(fit.spans) / np.diff(spans)
+            errors[f"{name}_low"] = float(np.abs(fit.spans[:, 0] - spans[:, 0]).max())
+            errors[f"{name}_width"] = float(np.abs(widths - 1.0).max())
+    return errors
+
+
+def _sensors_json(
+    sensors: Mapping[str, SensorFit], troubles: Mapping[str, str], true: Mapping[str, Floats]
+) -> dict[str, Any]:
+    sensors_json: dict[str, Any] = {
+        name: {
+            "spans": fit.spans.round(2).tolist(),
+            "sigma": fit.sigmas.round(2).tolist(),
+            "rest": round(fit.rest, 4),
+            "wall_off_mm": round(1000.0 * fit.error_m, 3),
+            "readings": fit.readings,
+            **({"truth": true[key].round(2).tolist()} if (key := scale_name(name)) in true else {}),
+        }
+        for name, fit in sensors.items()
+    }
+    sensors_json |= {name: {"why": why} for name, why in troubles.items()}
+    return {"sensors": sensors_json} if sensors_json else {}
+
+
+def _spans_text(spans: Floats) -> str:
+    return " ".join(f"{low:.0f}:{high:.0f}" for low, high in spans)
+
 
 _NUMBERS: Mapping[str, tuple[str, int]] = {
     "wheel_diameter_mm": ("wheel mm", 2),
@@ -77,7 +141,7 @@ class RobotResult:
         }
         for name, fit in self.sensors.items():
             if (text := getattr(held, scale_name(name))) is not None:
-                ratios[scale_name(name)] = sensor_results.over(fit, text)
+                ratios[scale_name(name)] = _span_ratio(fit, text)
         return ratios
 
     @property
@@ -87,30 +151,30 @@ class RobotResult:
 
     def sensor_rows(self) -> list[list[str]]:
         """Its rows of the sensors' table."""
-        rows = sensor_results.rows(self.sensors, self._true_spans)
+        rows = _sensor_rows(self.sensors, self._true_spans)
         heads = [[str(self.tag), self.name], *([["", ""]] * len(rows))]
         return [[*head, *row] for head, row in zip(heads, rows)]
 
     def sensor_errors(self) -> dict[str, float]:
         """How far its sensors are from the lab's truth."""
-        return sensor_results.errors(self.sensors, self._true_spans)
+        return _sensor_errors(self.sensors, self._true_spans)
 
     def as_json(self) -> dict[str, Any]:
         """All of it; numbers by the roster's names."""
-        told: dict[str, Any] = {"tag": self.tag, "name": self.name, "calibrated": bool(self.found)}
+        data: dict[str, Any] = {"tag": self.tag, "name": self.name, "calibrated": bool(self.found)}
         if self.fit is None:
-            return {**told, "why": self.why}
+            return {**data, "why": self.why}
         fit = self.fit
-        told |= {"found": _rounded(self.found, 6), "sigma": _rounded(fit.sigmas, 6)}
-        told["covariance"] = {"of": list(PARAMETERS), "rows": fit.covariance.tolist()}
-        told |= {"poses": fit.poses, "rms_mm": round(1000.0 * fit.rms_m, 4)}
-        told["rms_deg"] = round(math.degrees(fit.rms_rad), 4)
+        data |= {"found": _rounded(self.found, 6), "sigma": _rounded(fit.sigmas, 6)}
+        data["covariance"] = {"of": list(PARAMETERS), "rows": fit.covariance.tolist()}
+        data |= {"poses": fit.poses, "rms_mm": round(1000.0 * fit.rms_m, 4)}
+        data["rms_deg"] = round(math.degrees(fit.rms_rad), 4)
         if self.truth is not None:
-            told["truth"] = _rounded(_numbers(self.truth), 6)
-        told |= sensor_results.as_json(self.sensors, self.troubles, self._true_spans)
+            data["truth"] = _rounded(_numbers(self.truth), 6)
+        data |= _sensors_json(self.sensors, self.troubles, self._true_spans)
         if self.changes:
-            told["over_roster"] = _rounded(self.changes, 6)
-        return told
+            data["over_roster"] = _rounded(self.changes, 6)
+        return data
 
     def for_roster(self, today: str) -> dict[str, Any]:
         """What `vsense.config.roster.update` takes."""
@@ -126,23 +190,27 @@ def table(results: list[RobotResult]) -> str:
     """The table for people; below what was found stands the truth, where a lab has it."""
     head = ["tag", "robot", *(head for head, _ in _NUMBERS.values()), "left over", "poses"]
     rows = [head]
-    for one in (result for result in results if result.fit is not None):
-        fit = one.fit
+    for result in (result for result in results if result.fit is not None):
+        fit = result.fit
         assert fit is not None
         rest = f"{1000.0 * fit.rms_m:.2f} mm {math.degrees(fit.rms_rad):.2f} deg"
-        rows.append([str(one.tag), one.name, *_cells(one.found), rest, str(fit.poses)])
-        if one.truth is not None:
-            rows.append(["", "  truth", *_cells(_numbers(one.truth)), "", ""])
+        rows.append([str(result.tag), result.name, *_cells(result.found), rest, str(fit.poses)])
+        if result.truth is not None:
+            rows.append(["", "  truth", *_cells(_numbers(result.truth)), "", ""])
     lines = aligned(rows, 2) if len(rows) > 1 else []
-    rows = [row for one in results for row in one.sensor_rows()]
+    rows = [row for result in results for row in result.sensor_rows()]
     if rows:
-        lines += ["", *aligned([["tag", "robot", *sensor_results.HEAD], *rows], 2)]
-    lines += [f"{one.tag} {one.name}: left out: {one.why}" for one in results if one.fit is None]
+        lines += ["", *aligned([["tag", "robot", *_SENSOR_HEAD], *rows], 2)]
     lines += [
-        f"{one.tag} {one.name}: {name}: {why}"
-        for one in results
-        if one.fit is not None
-        for name, why in one.troubles.items()
+        f"{result.tag} {result.name}: left out: {result.why}"
+        for result in results
+        if result.fit is None
+    ]
+    lines += [
+        f"{result.tag} {result.name}: {name}: {why}"
+        for result in results
+        if result.fit is not None
+        for name, why in result.troubles.items()
     ]
     return "\n".join(lines)
 
@@ -151,12 +219,12 @@ def worst(results: list[RobotResult]) -> dict[str, float]:
     """The largest errors against a lab's truth; empty where there is none.
 
     `marker_mm`, `marker_deg`; `distance` and `turn`: shares of a way straight ahead, and of a turn
-    on the spot; and those of `sensor_results.errors`.
+    on the spot; and those of `_sensor_errors`.
     """
-    known = [one for one in results if one.fit is not None and one.truth is not None]
+    known = [result for result in results if result.fit is not None and result.truth is not None]
     errors: dict[str, float] = {}
-    for one in known:
-        found, true = one.found, _numbers(one.truth)  # type: ignore[arg-type]
+    for result in known:
+        found, true = result.found, _numbers(result.truth)  # type: ignore[arg-type]
         off = math.hypot(found["x_mm"] - true["x_mm"], found["y_mm"] - true["y_mm"])
         way = found["wheel_diameter_mm"] / true["wheel_diameter_mm"]
         own = {
@@ -165,7 +233,7 @@ def worst(results: list[RobotResult]) -> dict[str, float]:
             "distance": abs(way - 1.0),
             "turn": abs(way * true["axle_length_mm"] / found["axle_length_mm"] - 1.0),
         }
-        own |= one.sensor_errors()
+        own |= result.sensor_errors()
         errors |= {name: max(value, errors.get(name, 0.0)) for name, value in own.items()}
     return errors
 

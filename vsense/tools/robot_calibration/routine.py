@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from vsense.base.arena import wrap_angle
 from vsense.base.errors import VsenseError
-from vsense.tools.robot_calibration.areas import STRAY_M, Area, FreeFloor, spot, way
 from vsense.tools.robot_calibration.motion_fit import MotionFit, Stretch, fit
+from vsense.tools.robot_calibration.places import STRAY_M, Area, FreeFloor, spot, way
 from vsense.world.entities import BODY_RADIUS_M
 from vsense.world.physics.motion import AXLE_M, STEP_M
 
@@ -164,7 +164,6 @@ class MotionRoutine:
             yield from self._step(_STILL)
 
     def _turn(self, sign: int) -> Acting:
-        """Turns on the spot, to the left for 1."""
         area = yield from self._room(lambda: spot(*self._place))
         self.doing = "turning"
         speeds = (-sign * TURN_STEPS_S, sign * TURN_STEPS_S)
@@ -317,8 +316,8 @@ def steady(seen: list[Moment]) -> list[Stretch]:
     """
     if len(seen) < LEAST:
         return []
-    told = [moment.motors for moment in seen]
-    usual = max(set(told), key=told.count)
+    motors = [moment.motors for moment in seen]
+    usual = max(set(motors), key=motors.count)
     poses = np.array([moment.pose for moment in seen])
     times_s = np.array([moment.time_s for moment in seen])
     if usual == _STILL:
@@ -328,11 +327,11 @@ def steady(seen: list[Moment]) -> list[Stretch]:
     usual_rate = float(np.median(rates))
     spread = 1.4826 * float(np.median(np.abs(rates - usual_rate)))
     even = np.abs(rates - usual_rate) <= max(5.0 * spread, 0.08 * usual_rate)
-    obeyed = np.array([motors == usual for motors in told])
+    obeyed = np.array([motors == usual for motors in motors])
     # A change of speed that falls between two pictures spoils the time beside it, too.
-    whole = even & obeyed[1:] & obeyed[:-1]
+    steady = even & obeyed[1:] & obeyed[:-1]
     parts, begin = [], 0
-    for end in (*np.flatnonzero(~whole).tolist(), len(whole)):
+    for end in (*np.flatnonzero(~steady).tolist(), len(steady)):
         if end + 1 - begin >= LEAST:
             rows = slice(begin, end + 1)
             parts.append(Stretch(times_s[rows], poses[rows], *map(float, usual)))

@@ -17,12 +17,15 @@ import numpy as np
 
 from vsense.base.arena import wrap_angle
 from vsense.run.homing.floor import DrivingFloor
-from vsense.tools.robot_calibration.areas import STANDING_M, STRAY_M, Area, FreeFloor
 from vsense.tools.robot_calibration.commanding import GROUND, PROXIMITY, SENSORS, OwnReadings
 from vsense.tools.robot_calibration.places import (
     ALONE_M,
     ROOM_M,
     STAGE_M,
+    STANDING_M,
+    STRAY_M,
+    Area,
+    FreeFloor,
     GroundPlaces,
     Point,
     WallSpot,
@@ -52,7 +55,7 @@ LEAST_GAP_M = 0.004
 """Nearer than this nobody turns."""
 TRAVEL_STEPS_S, CREEP_STEPS_S, LOOK_STEPS_S = 500, 60, 120
 REACHED_M, OFF_RAD = 0.005, math.radians(25.0)
-SHY_M = 0.078
+CLEARANCE_M = 0.078
 """A robot stands where another one is so near ahead of it."""
 AHEAD_M = 0.030
 """Of the axle's middle, the ground sensors. Source: epuck.md section 6."""
@@ -250,7 +253,7 @@ class SensorRoutine(MotionRoutine):
         x_m = pose[0] - cos * marker.x_m + sin * marker.y_m
         return x_m, pose[1] - sin * marker.x_m - cos * marker.y_m, yaw
 
-    def _told(self, ahead: float, turn: float = 0.0) -> Speeds:
+    def _straight_speeds(self, ahead: float, turn: float = 0.0) -> Speeds:
         """Wheel speeds that drive straight, as its wheels are, and turn to the left."""
         left, right = self._shares
         return round((ahead - turn) * left), round((ahead + turn) * right)
@@ -269,7 +272,7 @@ class SensorRoutine(MotionRoutine):
         `ahead_rad` is where it moves to; None: it turns on the spot, and nobody may be near.
         """
         until_s = self._moment.time_s + PATIENCE_S
-        while self._moment.pose is None or self._floor.is_blocked(self.tag, SHY_M, ahead_rad):
+        while self._moment.pose is None or self._floor.is_blocked(self.tag, CLEARANCE_M, ahead_rad):
             if self._moment.time_s > until_s:
                 raise RobotFailed("was in the way of another one, or another one in its, for 10 s")
             yield from self._step(_STILL)
@@ -280,7 +283,6 @@ class SensorRoutine(MotionRoutine):
             raise RobotFailed("left the way that was free for it: is it held or pushed?")
 
     def _drive(self, to: Point) -> Acting:
-        """Drives straight to a point."""
         yield from self._turn_to(math.atan2(to[1] - self._place[1], to[0] - self._place[0]))
         until_s = self._moment.time_s + PATIENCE_S
         until_s += 3.0 * math.dist(self._place, to) / (WAY_STEPS_S * STEP_M)
@@ -299,7 +301,7 @@ class SensorRoutine(MotionRoutine):
                 yield from self._turn_to(yaw + off)
                 continue
             speed = min(TRAVEL_STEPS_S, max(CREEP_STEPS_S, 1.5 * away_m / STEP_M))
-            yield from self._step(self._told(speed, off * AXLE_M / (2.0 * STEP_M)))
+            yield from self._step(self._straight_speeds(speed, off * AXLE_M / (2.0 * STEP_M)))
         yield from self._rest()
 
     def _creep(self, spot: WallSpot, wall_m: float, sign: int = 1) -> Acting:
@@ -315,7 +317,9 @@ class SensorRoutine(MotionRoutine):
             if self._moment.time_s > until_s:
                 raise RobotFailed("does not get on before a wall: is it held, does it touch it?")
             off = float(wrap_angle(spot.heading_rad - yaw))
-            yield from self._step(self._told(sign * CREEP_STEPS_S, off * AXLE_M / (2.0 * STEP_M)))
+            yield from self._step(
+                self._straight_speeds(sign * CREEP_STEPS_S, off * AXLE_M / (2.0 * STEP_M))
+            )
         yield from self._rest()
 
     def _look_around(self, spot: WallSpot, sign: int) -> Generator[Speeds, Moment, list[WallLook]]:
@@ -336,12 +340,11 @@ class SensorRoutine(MotionRoutine):
                 looks.append(WallLook(away_m, facing, self._moment.readings[PROXIMITY]))
             turned += 0.0 if before is None else sign * float(wrap_angle(yaw - before))
             before = yaw
-            yield from self._step(self._told(0.0, sign * LOOK_STEPS_S))
+            yield from self._step(self._straight_speeds(0.0, sign * LOOK_STEPS_S))
         yield from self._rest()
         return looks
 
     def _stand(self, goal: _Goal, rows: list[Floats]) -> Acting:
-        """Stands on a place, and keeps what its ground sensors read."""
         yield from self._rest()
         until_s = self._moment.time_s + ON_PLACE_S
         while self._moment.time_s < until_s:

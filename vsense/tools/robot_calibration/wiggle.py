@@ -62,7 +62,7 @@ class WiggledRobot:
         moved_m: how far its own marker moved; None: it was not seen before and after.
         why: it is out of reach, or its turn was not done; "": it was.
         twice: its tag was seen at two places.
-        told: it was to turn; else it was only looked whether it is there.
+        commanded: it was to turn; else only whether it is there was checked.
     """
 
     tag: int
@@ -71,12 +71,12 @@ class WiggledRobot:
     moved_m: float | None = None
     why: str = ""
     twice: bool = False
-    told: bool = True
+    commanded: bool = True
 
     @property
     def verdict(self) -> Verdict:
         """What is to be said of it first."""
-        if self.why or not self.told:
+        if self.why or not self.commanded:
             return self._verdict_unmoved()
         if not self.turned_rad:
             return Verdict.NONE
@@ -94,7 +94,7 @@ class WiggledRobot:
     def _verdict_unmoved(self) -> Verdict:
         if not self.why:
             return Verdict.OK
-        away = self.why in _AWAY or not self.told
+        away = self.why in _AWAY or not self.commanded
         return Verdict.OUT_OF_REACH if away else Verdict.NOT_DONE
 
     @property
@@ -105,7 +105,7 @@ class WiggledRobot:
     def _seen(self) -> str:
         turned = {marker: f"{math.degrees(rad):+.0f}°" for marker, rad in self.turned_rad.items()}
         verdict, own = self.verdict, turned.get(self.tag, "")
-        if self.why or not self.told:
+        if self.why or not self.commanded:
             return self.why or "is connected and seen"
         if verdict is Verdict.NONE:
             unseen = "" if self.moved_m is not None else f"; its own marker {self.tag} is not seen"
@@ -220,7 +220,6 @@ class WiggleCheck:
                 self.news.append(f"robot {tag} ({name}) {result.words}")
 
     def _turn(self, tag: int, name: str) -> _Turning:
-        """One robot's turn; None where it was disturbed."""
         yield from self._stand(_STAND_NS)
         until_ns = self._time_ns + _LINK_NS
         while (trouble := self._troubles.get(tag)) and self._time_ns < until_ns:
@@ -251,7 +250,6 @@ class WiggleCheck:
             yield {tag: goal}
 
     def _stand(self, time_ns: int) -> _Driving:
-        """Everybody stands; at least once."""
         yield {}
         until_ns = self._time_ns + time_ns
         while self._time_ns < until_ns:
@@ -271,7 +269,6 @@ def _turns(before: _Marks, after: _Marks) -> list[float]:
 
 
 def _turned(before: _Marks, after: _Marks) -> dict[int, float]:
-    """The markers that turned, with how far."""
     both = {tag: seen for tag, seen in before.items() if tag in after}
     turns = dict(zip(both, _turns(both, after)))
     return {tag: rad for tag, rad in turns.items() if abs(rad) >= TURNED_RAD}

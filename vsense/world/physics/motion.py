@@ -90,6 +90,8 @@ AXLE_M: float = kernels.vs_axle_m
 """Distance between the wheels' contact points. Source: epuck.md section 6."""
 STEP_M: float = kernels.vs_step_m
 """Way of a wheel per motor step: 41 mm wheels, 1000 steps per turn. Source: epuck.md section 6."""
+WHEEL_DIAMETER_MM = 1000.0 * STEP_M * 1000.0 / math.pi
+"""Of the nominal wheel: 41."""
 TICK_NS: int = kernels.VS_TICK_NS
 """Contacts are looked at this often, in ns."""
 MAX_SPEED_STEPS_S: int = kernels.VS_MAX_STEPS_S

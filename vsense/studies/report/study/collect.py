@@ -139,7 +139,6 @@ def _is_table(path: Path) -> bool:
 
 
 def _head(path: Path) -> list[str]:
-    """The names of a file's columns, if it has some."""
     with open_bytes(path) as file:
         line = file.readline(1 << 16).decode("utf-8-sig", "replace")
     return line.rstrip("\r\n").split(",")

@@ -12,11 +12,11 @@ import numpy as np
 from vsense.base.errors import UsageError, instead
 from vsense.run.runs_csv import COLUMNS, MODES, RunRow
 from vsense.studies.report.study import BY
-from vsense.studies.report.study.exact import Floats
+from vsense.studies.report.study.rank_tests import Floats
 
 APART = ("experiment", "mode", "condition")
 """Runs that differ in one of these are never pooled."""
-_TOLD = ("series", "duration_s", "robots", "tags", "uids", "versions")
+_SHOWN = ("series", "duration_s", "robots", "tags", "uids", "versions")
 """Columns whose values are told where runs that are compared differ in them."""
 _LIGHT = 1.1
 """Runs are told to be lighter than others where each is so many times as light as any of those."""
@@ -89,8 +89,8 @@ class Study:
     def differences(self) -> list[tuple[str, list[str]]]:
         """Columns in which runs differ beside what is compared, and their values in each arm."""
         found = []
-        for name in _TOLD:
-            values = [_told(name, arm.runs) for arm in self.arms]
+        for name in _SHOWN:
+            values = [_values_of(name, arm.runs) for arm in self.arms]
             different = {text for texts in values for text in texts}
             if name not in self.by and len(different) > 1:
                 found.append((name, [_shortened(texts) for texts in values]))
@@ -104,8 +104,8 @@ class Study:
         known = [each for each in levels if each]
         if not known or max(map(min, known)) <= _LIGHT * min(map(max, known)):
             return []
-        told = [list(dict.fromkeys(f"{level:g}" for level in each)) for each in levels]
-        return [("light_level", [_shortened(texts) for texts in told])]
+        levels_by_arm = [list(dict.fromkeys(f"{level:g}" for level in each)) for each in levels]
+        return [("light_level", [_shortened(texts) for texts in levels_by_arm])]
 
 
 def studies(
@@ -165,12 +165,11 @@ def _keyed(arms: Sequence[Arm], by: Sequence[str]) -> tuple[Sequence[str], str]:
     return names, ""
 
 
-def _told(name: str, runs: Iterable[RunRow]) -> list[str]:
+def _values_of(name: str, runs: Iterable[RunRow]) -> list[str]:
     return list(dict.fromkeys(_text(getattr(run, name)) for run in runs))
 
 
 def _shortened(texts: Sequence[str]) -> str:
-    """Some of the values of a column."""
     known = sorted((text or "unknown" for text in texts), key=_digits)
     if len(known) <= 3:
         return ", ".join(known) or "no valid run"

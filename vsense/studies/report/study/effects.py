@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vsense.studies.report.study.exact import Floats
+from vsense.studies.report.study.rank_tests import Floats
 
 RESAMPLES, FEWER_RESAMPLES = 2_000, 1_000
 """Of the bootstrap; fewer where there are more differences than `_MOST_SORTED`."""
@@ -76,14 +76,20 @@ def spread_of(values: Floats) -> Spread:
     sd = float(values.std(ddof=1)) if n > 1 else None
     half = _NOTCH * (high - low) / np.sqrt(n)
     return Spread(
-        *(n, mean, sd, None if sd is None or mean == 0.0 else sd / abs(mean)),
-        *(middle, (low, high), float(values.min()), float(values.max())),
-        (float(middle - half), float(middle + half)) if n > 1 else None,
+        n=n,
+        mean=mean,
+        sd=sd,
+        cv=None if sd is None or mean == 0.0 else sd / abs(mean),
+        median=middle,
+        quartiles=(low, high),
+        least=float(values.min()),
+        greatest=float(values.max()),
+        notch=(float(middle - half), float(middle + half)) if n > 1 else None,
     )
 
 
 def effect_of(first: Floats, second: Floats, paired: bool, seed: int) -> EffectSize:
-    """The effect and its intervals; of pairs, pairs are drawn anew. One run each at least."""
+    """The effect and its intervals; of pairs, pairs are drawn. One run each at least."""
     count = len(first) * len(second)
     whole = np.ones((1, len(first))), np.ones((1, len(second)))
     a12_of, shift_of = _A12(first, second), _shift_of(first, second, paired)
@@ -113,7 +119,7 @@ def _weights(random: np.random.Generator, n: int, resamples: int) -> Floats:
 
 
 class _A12:
-    """A12 of resamples: runs are sorted once, a resample only weighs them anew."""
+    """A12 of resamples: runs are sorted once, a resample only weighs them again."""
 
     def __init__(self, first: Floats, second: Floats) -> None:
         self._order = np.argsort(second, kind="stable")

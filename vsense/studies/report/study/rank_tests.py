@@ -1,23 +1,23 @@
 """Tests of runs: rank-sum, signed-rank, Friedman, Kruskal-Wallis, Holm's correction, equivalence.
 
-All are two-sided. SciPy, the extra `report`, has the tails of the approximating distributions; it
-is imported only where one is needed.
+All are two-sided. SciPy, the extra `report`, ranks and has the approximating distributions; it is
+imported only where a test is computed. It has no exact distributions where there are ties: these
+are here. Ranks are doubled, so that the mean ranks of ties are integers, and the number of ways to
+each sum is counted: the shift algorithm of Streitberg and Röhmel (1986). No sampling.
 """
 
 from __future__ import annotations
 
+import math
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import permutations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from vsense.studies.report.study.exact import (
-    Floats,
-    friedman_tails,
-    midranks,
-    rank_sum_tails,
-    signed_rank_tails,
-)
+Floats = NDArray[np.float64]
 
 MOST_EXACT = 50
 """Runs of a condition up to which the rank-sum and signed-rank tests are exact, as in R."""
@@ -27,6 +27,10 @@ ALPHA = 0.05
 """Where the least possible p lies above it, a test cannot find anything; for intervals, too."""
 _DIGITS = 12
 """Of differences, relative to the values, that are looked at: runs.csv has as many."""
+_TOLERANCE = 1e-9
+"""Sums of halves are exact; a statistic of squares is not."""
+MOST_STEPS = 100_000
+"""Sums that are made for Friedman's distribution: with three conditions about 15 blocks."""
 EXACT, NORMAL, CHI_SQUARED = "exact", "normal approximation", "chi-squared approximation"
 
 
@@ -82,19 +86,19 @@ class Equivalence:
 
 def rank_sum(first: Floats, second: Floats) -> RankTest:
     """Wilcoxon's rank-sum test (Mann-Whitney) of independent runs; W as in R: pairs won."""
+    from scipy import stats
+
     name, n = "Wilcoxon rank-sum test", (len(first), len(second))
-    reason = _cannot(n, np.concatenate((first, second)))
-    if reason:
+    values = np.concatenate((first, second))
+    if reason := _cannot(n, values):
         return RankTest(name, n, reason=reason)
-    ranks = midranks(np.concatenate((first, second)))
-    found = float(ranks[: n[0]].sum())
-    won = found - n[0] * (n[0] + 1) / 2.0
+    ranks = stats.rankdata(values)
+    total = float(ranks[: n[0]].sum())
+    won = total - n[0] * (n[0] + 1) / 2.0
     if max(n) <= MOST_EXACT:
-        p, least_p = rank_sum_tails(ranks, n[0], found)
+        p, least_p = rank_sum_tails(ranks, n[0], total)
         return RankTest(name, n, EXACT, "W", won, None, p, least_p)
-    count = sum(n)
-    variance = n[0] * n[1] / 12.0 * (count + 1 - _ties(ranks) / (count * (count - 1)))
-    p = _normal_p(won - n[0] * n[1] / 2.0, variance)
+    p = float(stats.mannwhitneyu(first, second, method="asymptotic").pvalue)
     return RankTest(name, n, NORMAL, "W", won, None, p)
 
 
@@ -103,6 +107,8 @@ def signed_rank(first: Floats, second: Floats) -> RankTest:
 
     V is the sum of the ranks of pairs in which the first one is greater.
     """
+    from scipy import stats
+
     name, n = "Wilcoxon signed-rank test", (len(first),)
     if len(first) < FEWEST:
         return RankTest(name, n, reason=f"{_count(len(first), 'pair')}, at least {FEWEST} needed")
@@ -111,52 +117,43 @@ def signed_rank(first: Floats, second: Floats) -> RankTest:
         return RankTest(name, n, reason="both runs of every pair gave the same")
     # 0.3 - 0.2 and 0.2 - 0.1 are a tie, whatever halves of last digits say.
     scale = max(float(np.abs(first).max()), float(np.abs(second).max()))
-    ranks = midranks(np.round(np.abs(apart) / scale, _DIGITS))
-    found = float(ranks[apart > 0.0].sum())
+    ranks = stats.rankdata(np.round(np.abs(apart) / scale, _DIGITS))
+    total = float(ranks[apart > 0.0].sum())
     if len(apart) <= MOST_EXACT:
-        p, least_p = signed_rank_tails(ranks, found)
-        return RankTest(name, n, EXACT, "V", found, None, p, least_p)
-    count = len(apart)
-    variance = count * (count + 1) * (2 * count + 1) / 24.0 - _ties(ranks) / 48.0
-    p = _normal_p(found - count * (count + 1) / 4.0, variance)
-    return RankTest(name, n, NORMAL, "V", found, None, p)
+        p, least_p = signed_rank_tails(ranks, total)
+        return RankTest(name, n, EXACT, "V", total, None, p, least_p)
+    signed = np.sign(apart) * ranks
+    p = float(stats.wilcoxon(signed, correction=True, method="asymptotic").pvalue)
+    return RankTest(name, n, NORMAL, "V", total, None, p)
 
 
 def friedman(table: Floats) -> RankTest:
     """Friedman's test of three or more conditions, (blocks, conditions), corrected for ties."""
+    from scipy import stats
+
     blocks, conditions = table.shape
     name, n = "Friedman test", (blocks,)
     if blocks < FEWEST:
         count = _count(blocks, "complete block")
         return RankTest(name, n, reason=f"{count}, at least {FEWEST} needed")
-    ranks = np.apply_along_axis(midranks, 1, table)
+    ranks = stats.rankdata(table, axis=1)
     if (ranks == ranks[:, :1]).all():
         return RankTest(name, n, reason="all conditions gave the same in every block")
-    scale = conditions * (conditions + 1)
-    value = 12.0 / (blocks * scale) * (ranks.sum(axis=0) ** 2).sum() - 3.0 * blocks * (
-        conditions + 1
-    )
-    value /= 1.0 - sum(map(_ties, ranks)) / (blocks * scale * (conditions - 1))
-    tails = friedman_tails(ranks)
-    df = conditions - 1
-    if tails is not None:
-        return RankTest(name, n, EXACT, "χ²", float(value), df, *tails)
-    return RankTest(name, n, CHI_SQUARED, "χ²", float(value), df, _chi_squared_p(value, df))
+    value, p = map(float, stats.friedmanchisquare(*table.T))
+    if tails := friedman_tails(ranks):
+        return RankTest(name, n, EXACT, "χ²", value, conditions - 1, tails[0], tails[1])
+    return RankTest(name, n, CHI_SQUARED, "χ²", value, conditions - 1, p)
 
 
 def kruskal_wallis(groups: Sequence[Floats]) -> RankTest:
     """Kruskal and Wallis's test of three or more conditions whose runs are independent."""
+    from scipy import stats
+
     name, n = "Kruskal-Wallis test", tuple(map(len, groups))
-    reason = _cannot(n, np.concatenate(groups))
-    if reason:
+    if reason := _cannot(n, np.concatenate(groups)):
         return RankTest(name, n, reason=reason)
-    ranks, count = midranks(np.concatenate(groups)), sum(n)
-    parts = np.split(ranks, np.cumsum(n)[:-1])
-    sums = sum(float(part.sum()) ** 2 / len(part) for part in parts)
-    value = 12.0 / (count * (count + 1)) * sums - 3.0 * (count + 1)
-    value /= 1.0 - _ties(ranks) / (count**3 - count)
-    df = len(groups) - 1
-    return RankTest(name, n, CHI_SQUARED, "H", value, df, _chi_squared_p(value, df))
+    value, p = map(float, stats.kruskal(*groups))
+    return RankTest(name, n, CHI_SQUARED, "H", value, len(groups) - 1, p)
 
 
 def holm(p: Sequence[float]) -> list[float]:
@@ -194,8 +191,16 @@ def equivalence(first: Floats, second: Floats, margin: float, paired: bool) -> E
     reach = float(special.stdtrit(freedom, 1.0 - ALPHA)) * error
     p = max(float(special.stdtr(freedom, -lower_t)), float(special.stdtr(freedom, upper_t)))
     return Equivalence(
-        *(name, n, margin, difference, difference - reach, difference + reach),
-        *(lower_t, upper_t, freedom, p),
+        name=name,
+        n=n,
+        margin=margin,
+        difference=difference,
+        low=difference - reach,
+        high=difference + reach,
+        lower_t=lower_t,
+        upper_t=upper_t,
+        df=freedom,
+        p=p,
     )
 
 
@@ -210,21 +215,75 @@ def _count(number: int, word: str) -> str:
     return f"{number} {word}{'' if number == 1 else 's'}"
 
 
-def _ties(ranks: Floats) -> float:
-    """The sum of t³ - t over ties of t values."""
-    counts = np.unique(ranks, return_counts=True)[1].astype(np.float64)
-    return float((counts**3 - counts).sum())
+def rank_sum_tails(ranks: Floats, chosen: int, rank_sum: float) -> tuple[float, float]:
+    """How likely it is that so many of the ranks, drawn without looking, have an extreme sum.
+
+    Args:
+        ranks: of all values together, equal ones share their mean.
+        chosen: how many are drawn.
+        rank_sum: that of those that were drawn.
+
+    Returns:
+        The probability of a sum that lies as far from its mean, either way, or farther; and of the
+        most extreme ones, which is the least that the first can be.
+    """
+    doubled = np.rint(2.0 * ranks).astype(np.int64)
+    ways = np.zeros((chosen + 1, int(doubled.sum()) + 1))
+    ways[0, 0] = 1.0
+    for rank in doubled.tolist():
+        ways[1:, rank:] += ways[:-1, : ways.shape[1] - rank].copy()
+    sums = np.arange(ways.shape[1]) / 2.0
+    return _tails(sums, ways[chosen], chosen * float(ranks.mean()), rank_sum)
 
 
-def _normal_p(away: float, variance: float) -> float:
-    """Of a statistic's distance from its mean, with a correction for continuity."""
-    from scipy import special
+def signed_rank_tails(ranks: Floats, rank_sum: float) -> tuple[float, float]:
+    """As `rank_sum_tails`, for the sum of the ranks that fair coins choose."""
+    doubled = np.rint(2.0 * ranks).astype(np.int64)
+    ways = np.zeros(int(doubled.sum()) + 1)
+    ways[0] = 1.0
+    for rank in doubled.tolist():
+        ways[rank:] += ways[: len(ways) - rank].copy()
+    return _tails(np.arange(len(ways)) / 2.0, ways, float(ranks.sum()) / 2.0, rank_sum)
 
-    z = max(abs(away) - 0.5, 0.0) / np.sqrt(variance)
-    return float(min(1.0, 2.0 * special.ndtr(-z)))
+
+def _tails(sums: Floats, ways: Floats, mean: float, rank_sum: float) -> tuple[float, float]:
+    away = np.abs(sums - mean)
+    most = away[ways > 0.0].max()
+    p = ways[away >= abs(rank_sum - mean) - _TOLERANCE].sum() / ways.sum()
+    return float(min(p, 1.0)), float(ways[away >= most - _TOLERANCE].sum() / ways.sum())
 
 
-def _chi_squared_p(value: float, df: int) -> float:
-    from scipy import special
+def friedman_tails(ranks: Floats) -> tuple[float, float] | None:
+    """As `rank_sum_tails`, for the spread of rank sums over conditions (Friedman's statistic).
 
-    return float(special.chdtrc(df, value))
+    Args:
+        ranks: of the conditions in each block, (blocks, conditions).
+
+    Returns:
+        None where there are too many possible sums to count.
+    """
+    doubled = np.rint(2.0 * ranks).astype(np.int64)
+    observed = _spread(tuple(doubled.sum(axis=0).tolist()))
+    # Sums that differ in their order only are one: the statistic does not know conditions apart.
+    ways: dict[tuple[int, ...], float] = {(0,) * ranks.shape[1]: 1.0}
+    steps = 0
+    for block in doubled.tolist():
+        steps += len(ways) * math.factorial(len(block))
+        if steps > MOST_STEPS:
+            return None
+        orders = list(permutations(block))
+        following: dict[tuple[int, ...], float] = defaultdict(float)
+        for state, count in ways.items():
+            for order in orders:
+                following[tuple(sorted(map(sum, zip(state, order))))] += count
+        ways = following
+    spreads = {state: _spread(state) for state in ways}
+    total, most = sum(ways.values()), max(spreads.values())
+    p = sum(count for state, count in ways.items() if spreads[state] >= observed)
+    least = sum(count for state, count in ways.items() if spreads[state] == most)
+    return p / total, least / total
+
+
+def _spread(sums: Sequence[int]) -> int:
+    """What Friedman's statistic grows with: whole numbers, so that equals are equal."""
+    return len(sums) * sum(value * value for value in sums) - sum(sums) ** 2

@@ -14,8 +14,7 @@ from vsense.run.runs_csv import RunRow
 from vsense.studies.report.study import BY, SEED, rank_tests
 from vsense.studies.report.study.design import Arm, Study, studies
 from vsense.studies.report.study.effects import EffectSize, Spread, effect_of, spread_of
-from vsense.studies.report.study.exact import Floats
-from vsense.studies.report.study.rank_tests import Equivalence, RankTest
+from vsense.studies.report.study.rank_tests import Equivalence, Floats, RankTest
 
 MOST_ARMS = 10
 """Conditions that are all compared with each other."""
@@ -106,20 +105,20 @@ def results_of(
 
     UsageError where a question names a column, a measure or a condition that there is not.
     """
-    found = studies(rows, asked.by, asked.independent)
-    _require(found, asked)
-    return [result_of(study, asked, show) for study in found]
+    sorted_runs = studies(rows, asked.by, asked.independent)
+    _require(sorted_runs, asked)
+    return [result_of(study, asked, show) for study in sorted_runs]
 
 
-def _require(found: Sequence[Study], asked: Questions) -> None:
-    known = list(dict.fromkeys(name for study in found for name in study.measures))
+def _require(sorted_runs: Sequence[Study], asked: Questions) -> None:
+    known = list(dict.fromkeys(name for study in sorted_runs for name in study.measures))
     for option, names in (("--same", asked.margins), ("--measure", asked.only)):
         for name in names:
             if name not in known:
                 raise UsageError(
                     f"{option} {name}: no measure of these runs; {instead(name, known)}"
                 )
-    labels = [arm.label for study in found for arm in study.arms]
+    labels = [arm.label for study in sorted_runs for arm in study.arms]
     if asked.against and asked.against not in labels:
         named = instead(asked.against, labels)
         raise UsageError(f"--against {asked.against}: no condition of these runs; {named}")
@@ -129,12 +128,12 @@ def result_of(
     study: Study, asked: Questions, show: Callable[[str], None] = lambda text: None
 ) -> StudyResult:
     """Computes everything; `show` takes what is at work."""
-    found = []
+    outcomes = []
     for name in study.measures:
         if not asked.only or name in asked.only:
             show(f"{study.title}: {name}")
-            found.append(_measure(study, name, asked))
-    return StudyResult(study, found)
+            outcomes.append(_measure(study, name, asked))
+    return StudyResult(study, outcomes)
 
 
 def _measure(study: Study, name: str, asked: Questions) -> MeasureResult:
@@ -142,22 +141,24 @@ def _measure(study: Study, name: str, asked: Questions) -> MeasureResult:
     values = [arm.values(name) for arm in arms]
     table, dropped = study.blocks(name, arms) if paired else (np.zeros((0, 0)), 0)
     compared = list(table.T) if paired else values
-    overall = None
+    overall: RankTest | None = None
     if asked.tests and len(arms) > 2:
-        test = rank_tests.friedman(table) if paired else rank_tests.kruskal_wallis(values)
-        overall = test
+        overall = rank_tests.friedman(table) if paired else rank_tests.kruskal_wallis(values)
     pairs, left_out = _wanted(arms, asked)
     return MeasureResult(
-        *(name, values, [spread_of(some) if len(some) else None for some in values]),
-        [len(arm.runs) - len(some) for arm, some in zip(arms, values)],
-        *(paired, dropped, overall),
-        _adjusted([_pair(name, arms, compared, pair, paired, asked) for pair in pairs]),
-        left_out,
+        measure=name,
+        values=values,
+        spreads=[spread_of(numbers) if len(numbers) else None for numbers in values],
+        without=[len(arm.runs) - len(numbers) for arm, numbers in zip(arms, values)],
+        paired=paired,
+        dropped=dropped,
+        overall=overall,
+        pairs=_adjusted([_pair(name, arms, compared, pair, paired, asked) for pair in pairs]),
+        left_out=left_out,
     )
 
 
 def _wanted(arms: Sequence[Arm], asked: Questions) -> tuple[list[tuple[int, int]], str]:
-    """The places of conditions that are compared, and why not all are."""
     labels = [arm.label for arm in arms]
     if asked.against in labels:
         one = labels.index(asked.against)
@@ -192,17 +193,18 @@ def _pair(
 
 
 def _adjusted(pairs: Sequence[PairResult]) -> list[PairResult]:
+    tests, equivalences = _holm([pair.test for pair in pairs]), _holm([pair.same for pair in pairs])
+    return [
+        replace(pair, adjusted=test, same_adjusted=equivalence)
+        for pair, test, equivalence in zip(pairs, tests, equivalences)
+    ]
+
+
+def _holm(tests: Sequence[RankTest | Equivalence | None]) -> list[float | None]:
     """Holm's correction, over those that could be tested."""
-    found = list(pairs)
-    tested = [place for place, pair in enumerate(found) if pair.test and pair.test.p is not None]
-    p = rank_tests.holm([found[place].test.p for place in tested])  # type: ignore[union-attr,misc]
-    for place, adjusted in zip(tested, p):
-        found[place] = replace(found[place], adjusted=adjusted)
-    claimed = [place for place, pair in enumerate(found) if pair.same and pair.same.p is not None]
-    p = rank_tests.holm([found[place].same.p for place in claimed])  # type: ignore[union-attr,misc]
-    for place, adjusted in zip(claimed, p):
-        found[place] = replace(found[place], same_adjusted=adjusted)
-    return found
+    p = [None if test is None else test.p for test in tests]
+    adjusted = iter(rank_tests.holm([value for value in p if value is not None]))
+    return [None if value is None else next(adjusted) for value in p]
 
 
 def as_json(result: StudyResult) -> dict[str, Any]:
@@ -224,26 +226,26 @@ def as_json(result: StudyResult) -> dict[str, Any]:
         "paired_by": list(study.keyed),
         "independent_because": study.why_independent,
         "differences": {
-            name: dict(zip(_labels(study), told)) for name, told in study.differences()
+            name: dict(zip(_labels(study), texts)) for name, texts in study.differences()
         },
         "measures": {each.measure: _measure_json(study, each) for each in result.measures},
     }
 
 
-def _measure_json(study: Study, found: MeasureResult) -> dict[str, Any]:
-    spreads = [None if spread is None else asdict(spread) for spread in found.spreads]
+def _measure_json(study: Study, outcome: MeasureResult) -> dict[str, Any]:
+    spreads = [None if spread is None else asdict(spread) for spread in outcome.spreads]
     return {
         "conditions": {
             label: {"values": values.tolist(), "without": without, "spread": spread}
             for label, values, without, spread in zip(
-                _labels(study), found.values, found.without, spreads
+                _labels(study), outcome.values, outcome.without, spreads
             )
         },
-        "paired": found.paired,
-        "incomplete_blocks": found.dropped,
-        "overall": None if found.overall is None else asdict(found.overall),
-        "pairs": [asdict(pair) for pair in found.pairs],
-        "left_out": found.left_out,
+        "paired": outcome.paired,
+        "incomplete_blocks": outcome.dropped,
+        "overall": None if outcome.overall is None else asdict(outcome.overall),
+        "pairs": [asdict(pair) for pair in outcome.pairs],
+        "left_out": outcome.left_out,
     }
 
 

@@ -65,35 +65,35 @@ def n_of(n: Sequence[int], paired: bool) -> str:
     return ", ".join(map(str, n[:-1])) + f" and {n[-1]}" if len(n) > 1 else str(n[0])
 
 
-def sentences(result: StudyResult, found: MeasureResult) -> Iterator[str]:
+def sentences(result: StudyResult, outcome: MeasureResult) -> Iterator[str]:
     """What was found in a measure, a sentence or some for each comparison."""
-    yield from _left_out(result, found)
-    if found.overall is not None:
-        yield _overall(found.overall, found.paired)
-    yield from _powerless(found)
-    for pair in found.pairs:
-        yield _pair(pair, found)
+    yield from _left_out(result, outcome)
+    if outcome.overall is not None:
+        yield _overall(outcome.overall, outcome.paired)
+    yield from _powerless(outcome)
+    for pair in outcome.pairs:
+        yield _pair(pair, outcome)
         if pair.same is not None:
             yield _same(pair, pair.same)
-    if found.left_out:
-        yield f"{found.left_out[0].upper()}{found.left_out[1:]}."
+    if outcome.left_out:
+        yield f"{outcome.left_out[0].upper()}{outcome.left_out[1:]}."
 
 
-def _left_out(result: StudyResult, found: MeasureResult) -> Iterator[str]:
-    for arm, without in zip(result.study.arms, found.without):
+def _left_out(result: StudyResult, outcome: MeasureResult) -> Iterator[str]:
+    for arm, without in zip(result.study.arms, outcome.without):
         if without:
             yield (
                 f"{arm.label}: {without} of {len(arm.runs)} valid runs gave no number and are"
                 " left out of this measure."
             )
-    if found.dropped:
+    if outcome.dropped:
         what = (
             "blocks are not complete and are"
-            if found.dropped > 1
+            if outcome.dropped > 1
             else "block is not complete and is"
         )
         yield (
-            f"{found.dropped} {what} left out of the comparison: a condition has no valid run"
+            f"{outcome.dropped} {what} left out of the comparison: a condition has no valid run"
             " with a number there."
         )
 
@@ -111,16 +111,16 @@ def _overall(test: RankTest, paired: bool) -> str:
     return words
 
 
-def _pair(pair: PairResult, found: MeasureResult) -> str:
+def _pair(pair: PairResult, outcome: MeasureResult) -> str:
     who, test = f"{pair.first} against {pair.second}", pair.test
     words = f"{who}:"
     if test is not None and test.p is None:
         words += f" not tested ({test.reason})."
     elif test is not None and test.p is not None:
-        n = n_of(pair.n, found.paired)
-        words += f" {test.name} ({test.method}), {n if found.paired else f'n = {n}'},"
+        n = n_of(pair.n, outcome.paired)
+        words += f" {test.name} ({test.method}), {n if outcome.paired else f'n = {n}'},"
         words += f" {statistic(test)}, {equals_p(test.p)}"
-        tested = sum(each.adjusted is not None for each in found.pairs)
+        tested = sum(each.adjusted is not None for each in outcome.pairs)
         if tested > 1 and pair.adjusted is not None:
             words += f", Holm-adjusted over {tested} pairs {equals_p(pair.adjusted)}"
         weak = test.least_p is not None and test.least_p > ALPHA
@@ -128,9 +128,9 @@ def _pair(pair: PairResult, found: MeasureResult) -> str:
     return words + ("" if pair.effect is None else _effect(pair, pair.effect))
 
 
-def _powerless(found: MeasureResult) -> Iterator[str]:
+def _powerless(outcome: MeasureResult) -> Iterator[str]:
     """Says where no result at all could have given a small p, in any pair."""
-    tests = [pair.test for pair in found.pairs if pair.test is not None]
+    tests = [pair.test for pair in outcome.pairs if pair.test is not None]
     least = [test.least_p for test in tests if test.p is not None]
     known = [p for p in least if p is not None]
     if not known or len(known) < len(least) or min(known) * len(known) <= ALPHA:
@@ -222,9 +222,8 @@ def _tests_used(results: Sequence[StudyResult]) -> Iterator[str]:
 
 
 def _named(tests: Sequence[RankTest]) -> str:
-    """The tests and how their p were found."""
-    found = dict.fromkeys(f"{test.name} ({test.method})" for test in tests)
-    return " and the ".join(found)
+    names = dict.fromkeys(f"{test.name} ({test.method})" for test in tests)
+    return " and the ".join(names)
 
 
 def _effects_used(results: Sequence[StudyResult], asked: Questions) -> Iterator[str]:
@@ -242,16 +241,16 @@ def _effects_used(results: Sequence[StudyResult], asked: Questions) -> Iterator[
 
 
 def _claims(results: Sequence[StudyResult]) -> Iterator[str]:
-    found = [
+    claims = [
         (each.measure, pair.same)
         for result in results
         for each in result.measures
         for pair in each.pairs
         if pair.same is not None
     ]
-    if found:
-        margins = dict.fromkeys(f"{spoken(name)} ±{number(same.margin)}" for name, same in found)
-        names = dict.fromkeys(same.name for _, same in found)
+    if claims:
+        margins = dict.fromkeys(f"{spoken(name)} ±{number(test.margin)}" for name, test in claims)
+        names = dict.fromkeys(test.name for _, test in claims)
         yield (
             f"Equivalence was tested with {' and '.join(names)} at 5 %, against margins chosen"
             f" beforehand: {', '.join(margins)}."
