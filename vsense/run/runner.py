@@ -286,6 +286,8 @@ class Runner:
         for line in self._alarms.update(robots, self._clock()):
             self._console.say(line, "warning")
         self._say_disobedience(robots, None if step is None else step.state)
+        # The readings have left.
+        self._runtime.check_cameras()
         self._observe(step, robots)
         return step
 

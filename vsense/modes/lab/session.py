@@ -237,8 +237,7 @@ class Session(ExperimentSession):
             raise
 
     def _observe(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
-        """Checks cameras and daemons; LabError where one has ended before all were ready."""
-        self.tracking.check_cameras()
+        """Checks daemons; LabError where one has ended before all were ready."""
         super()._observe(step, robots)
         for robot, how in self.swarm.fallen():
             log = self.swarm.log(robot.tag)
