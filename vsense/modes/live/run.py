@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -58,19 +59,17 @@ class OneRun:
         self._log.end_progress()
 
     def _timesteps(self) -> None:
-        session = self._session
-        for step in session.runner.timesteps():
-            robots = session.runner.robots
-            moment = self._figures.observe(step, robots)
-            world = session.environment.world
-            self._portrait.add(step.run_timestep, world, robots, step.frames)
-            counts = moment.connected, moment.seen, moment.stale
-            self._log.timestep(step, counts, world.results)
-            lost = [status.name for status in robots.values() if not status.connected]
-            self._log.progress(self._line(step, moment, lost))
-            self._observe(step)
-            # Lent pictures go back during a pause.
-            del step
+        runner, world = self._session.runner, self._session.environment.world
+        counted = self._figures.carry_out(runner, world, self._directory, self._log)
+        with closing(counted) as timesteps:
+            for step, sample in timesteps:
+                robots = runner.robots
+                self._portrait.add(step.run_timestep, world, robots, step.frames)
+                lost = [status.name for status in robots.values() if not status.connected]
+                self._log.progress(self._line(step, sample, lost))
+                self._observe(step)
+                # Lent pictures go back during a pause.
+                del step
 
     def _end_world(self) -> None:
         environment = self._session.environment
@@ -80,7 +79,7 @@ class OneRun:
             for text in environment.said():
                 self._log.say(f"loop functions: {text}")
 
-    def _line(self, step: Step, moment: TimestepSample, lost: list[str]) -> str:
+    def _line(self, step: Step, sample: TimestepSample, lost: list[str]) -> str:
         experiment = self._experiment
         length = f"/{experiment.length_s:g}" if experiment.length_s else ""
         robots = len(experiment.robots)
@@ -88,15 +87,15 @@ class OneRun:
         return (
             f"{step.run_timestep * experiment.timestep_s:5.1f}{length} s"
             f"  timestep {step.run_timestep}"
-            f"  robots {moment.connected}/{robots}{without}  seen {moment.seen}/{robots}"
-            f"  stale {moment.stale}"
+            f"  robots {sample.connected}/{robots}{without}  seen {sample.seen}/{robots}"
+            f"  stale {sample.stale}"
             f"  capture to sent {(step.sent_ns - step.capture_ns) / 1e6:.0f} ms"
         )
 
     def report(self) -> dict[str, Any] | None:
         """Measures, writes, and prints the figures; None where nothing was measured."""
         session, environment = self._session, self._session.environment
-        if not self._figures.timesteps:
+        if not len(self._figures.steps):
             self._log.say("vsense: the run ended before its first timestep: nothing was measured")
             return None
         summary: dict[str, Any] = {
