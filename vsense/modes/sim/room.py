@@ -19,8 +19,7 @@ from typing import Any
 from vsense.base.clock import host_ns
 from vsense.base.message_bus import Message
 from vsense.config.specs import Experiment
-from vsense.modes.sim.paced import ANSWER, TOLD
-from vsense.modes.sim.pacing import FASTEST, SLOWEST
+from vsense.modes.sim.paced import ANSWER, FASTEST, SLOWEST, TOLD
 from vsense.monitor import recording
 from vsense.monitor.recording.form import Data, RunMessage
 from vsense.monitor.ui.recorders import OFF
