@@ -73,7 +73,7 @@ def test_the_wire_refuses_what_is_escaped_here() -> None:
 def test_terminal_log_and_page() -> None:
     stream, also = io.StringIO(), list[str]()
     console = Console(stream)
-    console.also = lambda text, level: also.append(text)
+    console.repeat_to(lambda text, level: also.append(text))
     console.say(f"a {HOSTILE}\nb")
     console.progress(f"line {HOSTILE}")
     console.whisper(HOSTILE)

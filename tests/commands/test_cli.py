@@ -24,7 +24,7 @@ from vsense.base.errors import UsageError
 from vsense.commands import arguments
 from vsense.monitor import recording
 from vsense.monitor.ui.access import WebAddress
-from vsense.monitor.ui.room import page_access
+from vsense.monitor.ui.watchers import page_access
 
 
 def test_ctrl_c_while_the_commands_load_is_no_traceback(

@@ -67,7 +67,7 @@ class Stage:
         self.interrupted = threading.Event()
         self.terminal = io.StringIO()
         self.timestep = 0
-        self.calls = self.snapshots = 0
+        self.calls = self.checks = self.snapshots = 0
         self.first: int | None = None
         self.lived = -1
         self.runner = Runner(
@@ -97,6 +97,10 @@ class Stage:
     def said(self) -> list[str]:
         """Stands in for `Runtime.said`: there are no loop functions."""
         return []
+
+    def check_cameras(self) -> None:
+        """Stands in for `Runtime.check_cameras`."""
+        self.checks += 1
 
     def step(self, timeout_s: float) -> Step:
         """Stands in for `Runtime.step`."""

@@ -111,12 +111,17 @@ def test_a_spare_that_cannot_come_is_said(tmp_path: Path) -> None:
 
 def test_only_between_runs() -> None:
     asked: list[tuple[tuple[int, int], str]] = []
-    control = Control(lambda wanted: None, lambda text: None)
+    fixed = Control(lambda wanted: None, lambda text: None)
     order = Order(OrderKind.REPLACE, "ben", pair=(23, 37))
     with pytest.raises(OrderError, match="nobody can be put in"):
-        control.give(order)
-    assert OrderKind.REPLACE not in control.can
-    control.replace = lambda pair, by: asked.append((pair, by)) or "done"  # type: ignore[func-returns-value]
+        fixed.give(order)
+    assert OrderKind.REPLACE not in fixed.can
+
+    def replace(pair: tuple[int, int], by: str) -> str:
+        asked.append((pair, by))
+        return "done"
+
+    control = Control(lambda wanted: None, lambda text: None, replace=replace)
     assert OrderKind.REPLACE in control.can and control.give(order) == "done"
     for state in State:
         control.state = state

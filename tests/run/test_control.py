@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import threading
+from typing import Any
 
 import pytest
 
 from vsense.robots.link.wire import Wanted
-from vsense.run.control import Control, State
+from vsense.run.control import (
+    ROBOT_RULES,
+    SIMULATION_RULES,
+    TRACKING_RULES,
+    Control,
+    OrderRules,
+    State,
+)
 from vsense.run.orders import Order, OrderError, OrderKind
 
 
 class Played:
     """A control, what it told the robots, and what it told people."""
 
-    def __init__(self, **options: bool) -> None:
+    def __init__(self, **options: Any) -> None:
         self.commands: list[Wanted] = []
         self.said: list[str] = []
         self.starts = 0
@@ -148,9 +156,9 @@ ROWS = [tuple(cell.strip() for cell in row.split("|")) for row in WALK.strip().s
 SUSPENDED = "run 1 is suspended: start resumes it, reset ends it"
 
 
-def reach(situation: str, suspends: bool = False) -> Played:
+def reach(situation: str, **options: Any) -> Played:
     """A run in a situation, in which nobody has said anything yet."""
-    played = Played(suspends=suspends)
+    played = Played(**options)
     steps = {
         "begin": played.begin,
         "home": lambda: played.control.home(lambda: None),
@@ -161,15 +169,15 @@ def reach(situation: str, suspends: bool = False) -> Played:
         steps[step]() if step in steps else played.give(OrderKind(step))
     played.commands.clear()
     played.said.clear()
-    assert_in(played, situation)
+    assert_in(played, situation, *([OrderKind.RECORD] if "record" in options else []))
     return played
 
 
-def assert_in(played: Played, situation: str) -> None:
+def assert_in(played: Played, situation: str, *more: OrderKind) -> None:
     control = played.control
     assert (control.state, control.asked, control.next_asked) == SITUATIONS[situation][1:]
     offered = {OrderKind(row[1]) for row in ROWS if row[0] == situation and row[2] != "refused"}
-    assert played.can == offered
+    assert played.can == {*offered, *more}
 
 
 def test_the_walk_meets_every_order_in_every_situation() -> None:
@@ -211,15 +219,13 @@ def test_where_stop_suspends_a_start_resumes(situation: str) -> None:
 def test_in_every_situation_a_recording_can_be_switched_and_no_replay_steered(
     situation: str,
 ) -> None:
-    played = reach(situation)
+    played = reach(situation, record=lambda on: f"recording {on}")
     for kind in (OrderKind.PLAY, OrderKind.SPEED, OrderKind.SEEK):
         with pytest.raises(OrderError, match="only a replay"):
             played.give(kind)
-    played.control.record = lambda on: f"recording {on}"
     assert played.give(OrderKind.RECORD, value=1) == "recording True"
     assert OrderKind.RECORD in played.can
-    played.control.record = None
-    assert_in(played, situation)
+    assert_in(played, situation, OrderKind.RECORD)
 
 
 def test_a_run_that_is_waited_for_can_be_started_early(played: Played) -> None:
@@ -289,11 +295,32 @@ def test_a_run_that_suspends_is_resumed_where_it_was() -> None:
     assert played.control.state == State.ENDED
 
 
+@pytest.mark.parametrize("rules", [ROBOT_RULES, TRACKING_RULES, SIMULATION_RULES])
+def test_every_kind_of_process_knows_what_to_do_with_every_order(rules: OrderRules) -> None:
+    known = {*rules.refused, *rules.kinds, *rules.valued}
+    assert known == set(OrderKind) and not rules.refused.keys() & rules.valued.keys()
+    assert {len(moves) for moves in rules.table.values()} == {len(rules.kinds)}
+
+
+@pytest.mark.parametrize("kind", list(OrderKind))
+def test_a_tracker_obeys_as_a_run_does_but_stops_no_robot(kind: OrderKind) -> None:
+    run, tracker = Played(), Played(rules=TRACKING_RULES)
+    answers = []
+    for played in (run, tracker):
+        played.begin()
+        try:
+            answers.append(played.give(kind))
+        except OrderError as error:
+            answers.append(str(error))
+    assert (answers[0] == answers[1]) == (kind is not OrderKind.EMERGENCY)
+    assert run.can - tracker.can <= {OrderKind.EMERGENCY}
+
+
 def test_recording_is_switched_where_there_is_something_to_switch(played: Played) -> None:
     assert OrderKind.RECORD not in played.can
     with pytest.raises(OrderError, match="nothing is recorded here"):
         played.give(OrderKind.RECORD, value=1)
-    played.control.record = lambda on: f"recording {on}"
+    played = Played(record=lambda on: f"recording {on}")
     assert OrderKind.RECORD in played.can
     assert played.give(OrderKind.RECORD, value=1) == "recording True"
 
@@ -316,7 +343,7 @@ def test_an_emergency_just_before_the_start_is_left_by_a_reset(played: Played) -
     assert played.control.next_asked
 
 
-def test_a_slow_disk_holds_up_no_emergency_stop(played: Played) -> None:
+def test_a_slow_disk_holds_up_no_emergency_stop() -> None:
     def slow(on: bool) -> str:
         thread = threading.Thread(target=played.give, args=(OrderKind.EMERGENCY,))
         thread.start()
@@ -324,7 +351,7 @@ def test_a_slow_disk_holds_up_no_emergency_stop(played: Played) -> None:
         assert not thread.is_alive()
         return "recording"
 
-    played.control.record = slow
+    played = Played(record=slow)
     played.give(OrderKind.RECORD, value=1)
     assert played.commands == [Wanted.STOP]
 

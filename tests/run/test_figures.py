@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
+from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
+import pytest
 
 from tests.run.stage import Stage, experiment
 from vsense.base.arena import Frame
+from vsense.base.terminal import Console
 from vsense.robots.link.wire import StopCause, Telemetry
 from vsense.run.figures import Figures, light_of, link_row, table, worst_links
+from vsense.world.world import World
 
 
 def played(stage: Stage) -> dict:
@@ -48,6 +56,27 @@ def test_everything_is_counted() -> None:
     no_faults = {"dropped": 0, "reconnects": 0, "defects": 0}
     assert summary["link"] == {"sent": 30, "received": 30, **no_faults}
     assert summary["results"] == {"cleaned": 12.5}
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_a_run_has_its_tables_or_goes_on_without(tmp_path: Path, there: bool) -> None:
+    stage, folder, said = Stage(experiment(timesteps=10)), tmp_path / "run", io.StringIO()
+    if there:
+        folder.mkdir()
+    figures, world = Figures(stage.experiment), SimpleNamespace(results={"home": 1.0})
+    stage.runner.wait(0.0)
+    counted = figures.carry_out(stage.runner, cast(World, world), folder, Console(said))
+    connected = [sample.connected for _, sample in counted]
+    assert len(connected) == len(figures.steps) == 10
+    assert ("timesteps.csv" in said.getvalue()) == (not there)
+    if there:
+        rows = list(csv.DictReader((folder / "timesteps.csv").open()))
+        names = ("run_timestep", "timestep", "capture_ns", "ready_ns", "arena_ns", "sent_ns")
+        columns = figures.steps.columns()
+        noted = dict(zip(figures.steps.NAMES, columns.tolist()))
+        assert [[int(row[name]) for row in rows] for name in names] == [noted[n] for n in names]
+        assert [int(row["connected"]) for row in rows] == connected
+        assert len((folder / "measures.csv").read_text().splitlines()) == 11
 
 
 def test_sessions_that_a_bug_has_ended_are_said() -> None:

@@ -22,12 +22,17 @@ from vsense.base.sharing import SharingError
 from vsense.base.terminal import Console
 from vsense.commands import experiments
 from vsense.config.experiment import load
-from vsense.monitor.ui.publisher import Publisher
+from vsense.modes.live.steering import RunSteering, SessionCallbacks
+from vsense.monitor.ui.messages import ExperimentFacts
 from vsense.monitor.ui.room import ControlRoom, RoomOptions
+from vsense.robots.link.server import VirtualSensorServer
 from vsense.run import leases
 from vsense.run.control import Control, State
+from vsense.run.environment import Environment
 from vsense.run.leases import Lease, LeasedError, RobotLeases
 from vsense.run.orders import Order, OrderError, OrderKind
+from vsense.run.runtime import Runtime
+from vsense.vision.cameras.grabber import Troubles
 
 HOLDER = """
 import sys, time
@@ -167,20 +172,26 @@ def test_a_run_that_is_going_on_is_handed_over_with_force_only() -> None:
     told: list[str] = []
     console = Console(io.StringIO())
     room = ControlRoom(RoomOptions(), console)
-    now = {"run": 1, "time_s": 12.0}
-    room._publisher = cast(Publisher, SimpleNamespace(run_data=lambda: now, time_s=12.0))
-    room.leave = lambda: told.append("left")
     control = Control(lambda wanted: told.append(wanted.name), told.append)
+    steering = RunSteering(
+        room,
+        cast(ExperimentFacts, SimpleNamespace(cameras=(), troubles=Troubles())),
+        Environment(load("foraging"), 1, False),
+        cast(VirtualSensorServer, None),
+        cast(Runtime, SimpleNamespace(changes=None)),
+        control,
+        SessionCallbacks((), tuple, list, lambda: told.append("left")),
+    )
     control.begin(lambda: None)
-    with pytest.raises(OrderError, match=r"^run 1 is running, 12 s: with --force it ends"):
-        room._leave(control, "ben (terminal)", False)
+    with pytest.raises(OrderError, match=r"^run 1 is running, 0 s: with --force it ends"):
+        steering.hand_over("ben (terminal)", False)
     assert told == [] and control.state == State.RUNNING
-    room._leave(control, "ben (terminal)", True)
+    steering.hand_over("ben (terminal)", True)
     assert told == ["STOP", "ben (terminal): run 1 is stopped", "left"]
     assert control.why == "stopped by ben (terminal)"
     with pytest.raises(OrderError, match=r"cannot stop: run 1 is ended: stopped by ben"):
         control.give(Order(OrderKind.STOP, "anna"))
-    room._leave(control, "ben (terminal)", False)
+    steering.hand_over("ben (terminal)", False)
     assert told[3:] == ["left"], "between two runs nothing moves"
 
 

@@ -8,32 +8,33 @@ import re
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
-from vsense.base.arena import POSE, ArenaState
 from vsense.run.directory import FLUSH_TIMESTEPS, HEADER, DirectoryError, RunLog, RunTables
-from vsense.run.runtime import Step
 
 
-def step(number: int) -> Step:
-    state = ArenaState(100 + number, 1, np.zeros(0, POSE), 0)
-    return Step(100 + number, number, 1, 2, 3, 4, state, ())
+def add(tables: RunTables, number: int, counts: tuple[int, int, int], **measures: float) -> None:
+    """A timestep of the run, at 1, 2, 3, 4 ns."""
+    tables.add((number, 100 + number), (1, 2, 3, 4), counts, measures)
 
 
-def test_words_and_timesteps_are_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with RunLog(tmp_path) as log:
-        log.begin_run(tmp_path, 0.1)
-        log.say("all robots start")
-        for number in range(FLUSH_TIMESTEPS):
-            log.timestep(step(number), (3, 2, 1), {})
-        rows = (tmp_path / "timesteps.csv").read_text()
-        assert rows.startswith(HEADER + "0,100,1,2,3,4,3,2,1\n"), "in reach before the end"
-        assert len(rows.splitlines()) == 1 + FLUSH_TIMESTEPS
-        log.timestep(step(99), (0, 0, 0), {})
+def test_timesteps_are_kept_as_they_happen(tmp_path: Path) -> None:
+    tables = RunTables(tmp_path, 0.1)
+    for number in range(FLUSH_TIMESTEPS):
+        add(tables, number, (3, 2, 1))
+    rows = (tmp_path / "timesteps.csv").read_text()
+    assert rows.startswith(HEADER + "0,100,1,2,3,4,3,2,1\n"), "in reach before the end"
+    assert len(rows.splitlines()) == 1 + FLUSH_TIMESTEPS
+    add(tables, 99, (0, 0, 0))
+    tables.close()
     assert (tmp_path / "timesteps.csv").read_text().endswith("\n99,199,1,2,3,4,0,0,0\n")
-    log = (tmp_path / "log.txt").read_text()
-    assert re.fullmatch(r"\d\d:\d\d:\d\d\.\d{3} all robots start\n", log)
+
+
+def test_words_are_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with RunLog(tmp_path) as log:
+        log.say("all robots start")
+    text = (tmp_path / "log.txt").read_text()
+    assert re.fullmatch(r"\d\d:\d\d:\d\d\.\d{3} all robots start\n", text)
     assert capsys.readouterr().err == "all robots start\n"
 
 
@@ -45,12 +46,10 @@ def test_a_full_disk_is_told_once_and_costs_no_run(
             raise OSError(errno.ENOSPC, "No space left on device")
 
     with RunLog(tmp_path) as log:
-        log.begin_run(tmp_path, 0.1)
         log._log.close()
         monkeypatch.setattr(log, "_log", Full())
-        for number in range(3):
+        for _ in range(3):
             log.say("something")
-            log.timestep(step(number), (3, 3, 0), {})
     said = capsys.readouterr().err
     assert said.count("something") == 3
     assert said.count("the run is no longer written down: No space left on device") == 1
@@ -61,31 +60,20 @@ def test_a_directory_that_is_gone_is_one_clear_line(tmp_path: Path) -> None:
         RunLog(tmp_path / "gone")
 
 
-def test_every_run_has_its_own_table_and_all_share_the_log(tmp_path: Path) -> None:
-    folders = [tmp_path / "run-1", tmp_path / "run-2"]
-    with RunLog(tmp_path) as log:
-        log.timestep(step(0), (1, 1, 0), {})
-        for number, folder in enumerate(folders):
-            folder.mkdir()
-            log.begin_run(folder, 0.1)
-            log.timestep(step(number), (3, 2, 1), {})
-            log.say(f"run {number}")
-        with pytest.raises(DirectoryError, match=r"timesteps\.csv: No such file or directory"):
-            log.begin_run(tmp_path / "gone", 0.1)
-    rows = [(folder / "timesteps.csv").read_text() for folder in folders]
-    assert rows == [HEADER + f"{n},{100 + n},1,2,3,4,3,2,1\n" for n in (0, 1)]
-    assert (tmp_path / "log.txt").read_text().count("run ") == 2
+def test_a_table_that_cannot_be_made_is_one_clear_line(tmp_path: Path) -> None:
+    with pytest.raises(DirectoryError, match=r"timesteps\.csv: No such file or directory"):
+        RunTables(tmp_path / "gone", 0.1)
 
 
 def test_measures_have_a_row_for_every_timestep(tmp_path: Path) -> None:
     """Also those that the experiment begins to measure later: nobody has to know them before."""
-    with RunLog(tmp_path) as log:
-        log.begin_run(tmp_path, 0.25)
-        log.timestep(step(0), (3, 3, 0), {})
-        assert not (tmp_path / "measures.csv").exists(), "there are none yet"
-        log.timestep(step(1), (3, 3, 0), {"home": 1.0})
-        log.timestep(step(2), (3, 3, 0), {"home": 2.5, "lost, all": 1e-7})
-        log.timestep(step(3), (3, 3, 0), {"lost, all": 0.1 + 0.2})
+    tables = RunTables(tmp_path, 0.25)
+    add(tables, 0, (3, 3, 0))
+    assert not (tmp_path / "measures.csv").exists(), "there are none yet"
+    add(tables, 1, (3, 3, 0), home=1.0)
+    add(tables, 2, (3, 3, 0), **{"home": 2.5, "lost, all": 1e-7})
+    add(tables, 3, (3, 3, 0), **{"lost, all": 0.1 + 0.2})
+    tables.close()
     rows = list(csv.DictReader((tmp_path / "measures.csv").open()))
     assert [list(row.values()) for row in rows] == [
         ["1", "0.25", "1", ""],
@@ -96,17 +84,18 @@ def test_measures_have_a_row_for_every_timestep(tmp_path: Path) -> None:
 
 
 def test_tables_that_cannot_be_written_are_told_once(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full() -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    with RunLog(tmp_path) as log:
-        log.begin_run(tmp_path, 0.1)
-        monkeypatch.setattr(log._tables, "_flush", full)
-        for number in range(2 * FLUSH_TIMESTEPS):
-            log.timestep(step(number), (3, 3, 0), {})
-    assert capsys.readouterr().err.count("no longer written: No space left on device") == 1
+    said: list[str] = []
+    tables = RunTables(tmp_path, 0.1, said.append)
+    monkeypatch.setattr(tables, "_flush", full)
+    for number in range(2 * FLUSH_TIMESTEPS):
+        add(tables, number, (3, 3, 0))
+    tables.close()
+    assert said == ["the run's tables are no longer written: No space left on device"]
 
 
 def test_a_disk_that_fills_while_columns_are_added_keeps_the_rows(

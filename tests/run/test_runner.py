@@ -62,7 +62,7 @@ def test_a_timestep_takes_one_snapshot_of_the_robots(stage: Stage) -> None:
     stage.seen = set()
     stage.acts = {4: lambda: stage.seen.update(stage.tags)}
     assert stage.runner.wait().complete
-    assert stage.snapshots == stage.calls == 4
+    assert stage.snapshots == stage.checks == stage.calls == 4
     assert stage.runner.robots.keys() == {robot.tag for robot in stage.experiment.robots}
 
 

@@ -12,6 +12,7 @@ import json
 import os
 import re
 import secrets
+import shutil
 import stat
 from importlib import resources
 from pathlib import Path
@@ -161,6 +162,14 @@ def replace_bytes(path: Path, data: bytes, mode: int | None = None) -> None:
     except BaseException:
         new.unlink(missing_ok=True)
         raise
+
+
+def free_bytes(folder: Path) -> int | None:
+    """What is left on the disk of a folder; None where nobody knows."""
+    try:
+        return shutil.disk_usage(folder).free
+    except OSError:
+        return None
 
 
 def parse_json(text: str) -> Any:

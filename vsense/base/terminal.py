@@ -56,7 +56,6 @@ class Console:
 
     Attributes:
         newest: the live line in its full length.
-        also: takes every message, too; must not wait.
     """
 
     def __init__(self, stream: TextIO | None = None) -> None:
@@ -66,16 +65,20 @@ class Console:
         self._printed_ns: int | None = None
         self._lock = threading.Lock()
         self.newest = ""
-        self.also: Callable[[str, Level], None] = lambda text, level: None
+        self._repeat: Callable[[str, Level], None] = lambda text, level: None
+
+    def repeat_to(self, take: Callable[[str, Level], None]) -> None:
+        """Gives every later message to `take`, too, which must not wait."""
+        self._repeat = take
 
     def say(self, text: str, level: Level = "info") -> None:
         """Prints a message of its own; `level` says how bad it is."""
         text = printable_lines(text)
-        self.also(text, level)
+        self._repeat(text, level)
         self.whisper(text)
 
     def whisper(self, text: str) -> None:
-        """Prints a message on the stream only, for secrets: neither `also` nor a log gets it."""
+        """Prints a message on the stream only, for secrets: no log and no `repeat_to` gets it."""
         # A stream that was closed must not end an experiment.
         with self._lock, suppress(OSError):
             self._erase()

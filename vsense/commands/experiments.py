@@ -253,7 +253,7 @@ def check_doors(options: argparse.Namespace, host: str, port: int) -> None:
     """
     from vsense.monitor import recording
     from vsense.monitor.ui.foxglove_server import check_foxglove
-    from vsense.monitor.ui.room import page_access
+    from vsense.monitor.ui.watchers import page_access
     from vsense.robots.link import network
 
     check_legacy_port(options, port)

@@ -264,7 +264,7 @@ def _report_all(
     summaries = []
     try:
         for number, recording in enumerate(session.recordings, 1):
-            if len(recording.steps):
+            if len(recording.figures.steps):
                 on_stdout = options.json and not series.several
                 summaries.append(_report(session, number, on_stdout, console))
                 if lacks := rows.add(summaries[-1], recording.ended, recording.experiment):

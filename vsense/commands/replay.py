@@ -16,8 +16,13 @@ from vsense.commands import arguments
 from vsense.config import tracking_session
 from vsense.monitor import recording
 from vsense.monitor.ui.access import FoxgloveAddress, WebAddress
-from vsense.monitor.ui.foxglove_server import check_foxglove, serve_foxglove
-from vsense.monitor.ui.room import make_server, page_access
+from vsense.monitor.ui.foxglove_server import check_foxglove
+from vsense.monitor.ui.watchers import (
+    WatchedBus,
+    WatchOptions,
+    start_watchers,
+    wanted_watchers,
+)
 from vsense.run.orders import Order, OrderKind
 
 if TYPE_CHECKING:
@@ -101,7 +106,7 @@ def play(file: Path, speed: float, web: WebAddress, foxglove: FoxgloveAddress | 
     from vsense.monitor.recording.player import Player
     from vsense.monitor.recording.reader import open_recording
 
-    console, access = Console(), page_access(web)
+    console, watchers = Console(), wanted_watchers(WatchOptions(web, foxglove))
     with ExitStack() as stack:
         interrupted = stack.enter_context(interruption())
         with interrupted.at_once():
@@ -110,15 +115,9 @@ def play(file: Path, speed: float, web: WebAddress, foxglove: FoxgloveAddress | 
         bus = MessageBus()
         player = Player(opened, bus)
         player.give(Order(OrderKind.SPEED, "terminal", speed))
-        server = make_server(access, bus, player.give, lambda text: console.say(text, "warning"))
-        stack.callback(server.close)
-        addresses = server.start()
-        console.say(f"vsense: plays {opened.duration_s:.1f} s in {addresses.control}")
-        if addresses.look != addresses.control:
-            console.say(f"vsense: only to look: {addresses.look}")
-        for line in access.warnings():
-            console.say(f"vsense: {line}")
-        serve_foxglove(stack, bus, foxglove, console, recording=opened, give=player.give)
+        title = f"vsense: plays {opened.duration_s:.1f} s"
+        runs = WatchedBus(bus, player.give, console, recording=opened, title=title)
+        start_watchers(stack, watchers, runs)
         player.start()
         stack.callback(player.close)
         player.give(Order(OrderKind.PLAY, "terminal", 1.0))

@@ -186,10 +186,6 @@ class RunCommand:
             self.log.end_progress()
             self.log.say("vsense: interrupted before the run: nothing was measured")
             return False
-        try:
-            self.log.begin_run(directory, session.experiment.timestep_s)
-        except run_directory.DirectoryError as error:
-            self.log.say(f"no table of this run's timesteps: {error}", "trouble")
         one = OneRun(session, directory, readiness, self.log)
         self.rows.begin(number)
         one.run()

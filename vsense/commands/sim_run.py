@@ -62,17 +62,19 @@ class SingleRun:
         # These need the extra `web`.
         from vsense.modes.sim.room import SimRoom
         from vsense.modes.sim.watched import WatchedRuns
-        from vsense.monitor.ui.room import page_access
+        from vsense.monitor.ui.room import ControlRoom, RoomOptions
         from vsense.run.several import Series
 
         web = arguments.web_of(self.options)
         assert web is not None
-        access, foxglove = page_access(web), arguments.foxglove_of(self.options)
+        foxglove, hold = arguments.foxglove_of(self.options), self.options.hold
+        shown = RoomOptions(web, foxglove, hold=hold, locked=self.options.locked)
         seed = experiments.choose_seed(self.options, self.experiment)
-        begin = {"seed": seed, "speed": self.options.speed or 1.0, "holds": self.options.hold}
-        begin["locked"] = self.options.locked
-        libraries = libraries_of(self.experiment)
-        with SimRoom(access, self.experiment, begin, self.console, foxglove) as room:
+        libraries, speed = libraries_of(self.experiment), self.options.speed or 1.0
+        with (
+            ControlRoom(shown, self.console) as control_room,
+            SimRoom(control_room, self.experiment, seed, speed) as room,
+        ):
             whole = run_directory.make(self.options.output, self.experiment.name, seed)
             series = Series(whole, 1, False, self.interrupted)
             with WatchedRuns(room, self.interrupted) as runs:
@@ -94,7 +96,7 @@ class SingleRun:
         """Does runs as they are wanted; yields the figures of those that did not fail."""
         console, control = self.console, room.control
         while True:
-            job = self._job(directory(control.run), control.seed, libraries)
+            job = self._job(directory(control.run), room.seed, libraries)
             self._announce(job)
             room.begin_run(Path(job.directory or "."))
             try:
@@ -110,7 +112,7 @@ class SingleRun:
             if not runs.rest(lambda: console.progress("the run is over: Ctrl-C ends vsense")):
                 return
             console.end_progress()
-            control.next_run(control.seed % MOST_SEED + 1)
+            room.next_run(room.seed % MOST_SEED + 1)
 
     def _job(
         self,

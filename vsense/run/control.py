@@ -1,16 +1,18 @@
 """What a run shall do: people's orders, and the state that follows from them.
 
 Page, terminal and keyboard give their orders to `Control.give`. `TABLE` holds what every order does
-in every state. An order that stops anything is obeyed at once, in the caller's thread; the run's
-own thread, which alone starts anything, finds out afterwards.
+in every state of a run with robots, `SIMULATION_TABLE` in those of a simulation. An order that
+stops robots is obeyed at once, in the caller's thread; the run's own thread, which alone starts
+them, learns of it afterwards.
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
+from typing import NamedTuple
 
 from vsense.robots.link.wire import Wanted
 from vsense.run.orders import Order, OrderError, OrderKind
@@ -44,6 +46,7 @@ class Move:
     Attributes:
         state, following: the new state, and whether the next run is wanted; None: as it is.
         commands: what the robots are sent at once; None: nothing.
+        steps: a simulation does one timestep.
         asked: whether a start is wanted from now on.
         waits: the next run waits for a START.
         why: what ended the run; "": it has not ended, or had before.
@@ -52,6 +55,7 @@ class Move:
     says: str
     state: State | None = None
     commands: Wanted | None = None
+    steps: bool = False
     asked: bool = False
     following: bool | None = None
     waits: bool = False
@@ -63,47 +67,113 @@ _RESET = "reset: run {following} waits for a start"
 
 BEGIN = Move("run {run} starts", asked=True)
 RESUME = Move("run {run} goes on", asked=True)
-FOLLOW = Move("run {following} begins", asked=True, following=True)
+BEGIN_NEXT = Move("run {following} begins", asked=True, following=True)
 PAUSE = Move("run {run} is paused", State.PAUSED, Wanted.PAUSE)
-STAY = Move("run {run} stays paused")
-DROP = Move("the start is withdrawn", following=False)
+STAY_PAUSED = Move("run {run} stays paused")
+WITHDRAW = Move("the start is withdrawn", following=False)
 STOP = Move("run {run} is stopped", State.ENDED, Wanted.STOP, why="stopped by {by}")
 SUSPEND = Move("run {run} is suspended: start resumes it, reset ends it", State.PAUSED, Wanted.STOP)
-REST = Move("the robots rest on their way home", State.HOMING_PAUSED, Wanted.PAUSE)
-DRIVE = Move("the robots drive on to their starts", asked=True)
-ABIDE = Move("the robots go on resting")
-LEAVE = Move(
+PAUSE_HOMING = Move("the robots rest on their way home", State.HOMING_PAUSED, Wanted.PAUSE)
+RESUME_HOMING = Move("the robots drive on to their starts", asked=True)
+STAY_RESTING = Move("the robots go on resting")
+STOP_HOMING = Move(
     "run {run} is stopped on the way home", State.ENDED, Wanted.STOP, why="stopped by {by}"
 )
-BREAK = Move(_RESET, State.ENDED, Wanted.STOP, following=True, waits=True, why="reset by {by}")
-RENEW = Move(_RESET, State.ENDED, following=True, waits=True)
-AGAIN = Move("reset: run {run} waits for a start", State.WAITING, waits=True)
+RESET_RUN = Move(_RESET, State.ENDED, Wanted.STOP, following=True, waits=True, why="reset by {by}")
+RESET_ENDED = Move(_RESET, State.ENDED, following=True, waits=True)
+RESET_WAITING = Move("reset: run {run} waits for a start", State.WAITING, waits=True)
 HALT = Move(_HALTED, State.EMERGENCY, Wanted.STOP, following=False)
-CUT = replace(HALT, why="emergency stop by {by}")
+HALT_RUN = replace(HALT, why="emergency stop by {by}")
 
 ORDERS = (OrderKind.START, OrderKind.PAUSE, OrderKind.STOP, OrderKind.RESET, OrderKind.EMERGENCY)
 
-TABLE: Mapping[tuple[State, bool], tuple[Move | None, ...]] = {
-    # state, asked            START   PAUSE  STOP  RESET  EMERGENCY
-    (State.WAITING, False):   (BEGIN,  None,  None, None,  CUT),
-    (State.WAITING, True):    (None,   None,  DROP, None,  CUT),
-    (State.READY, False):     (BEGIN,  None,  None, None,  CUT),
-    (State.READY, True):      (None,   None,  DROP, None,  CUT),
-    (State.RUNNING, False):   (None,   PAUSE, STOP, BREAK, CUT),
-    (State.PAUSED, False):    (RESUME, None,  STOP, BREAK, CUT),
-    (State.PAUSED, True):     (None,   STAY,  STOP, BREAK, CUT),
-    (State.ENDED, False):     (FOLLOW, None,  None, RENEW, HALT),
-    (State.ENDED, True):      (None,   None,  DROP, RENEW, HALT),
-    (State.HOMING, False):    (None,   REST,  LEAVE, BREAK, CUT),
-    (State.HOMING_PAUSED, False): (DRIVE, None, LEAVE, BREAK, CUT),
-    (State.HOMING_PAUSED, True):  (None, ABIDE, LEAVE, BREAK, CUT),
-    (State.EMERGENCY, False): (None,   None,  None, RENEW, HALT),
-}  # fmt: skip
-"""What every order does, by state and whether a start was asked for; None: refused.
+OrderTable = Mapping[tuple[State, bool], tuple[Move | None, ...]]
+"""What every order does, by state and whether a start was asked for; None: refused."""
 
-Where STOP only suspends a run, SUSPEND stands for STOP. In a run that has not begun AGAIN stands
-for RENEW.
-"""
+TABLE: OrderTable = {
+    # state, asked            START       PAUSE         STOP      RESET        EMERGENCY
+    (State.WAITING, False):   (BEGIN,      None,         None,     None,        HALT_RUN),
+    (State.WAITING, True):    (None,       None,         WITHDRAW, None,        HALT_RUN),
+    (State.READY, False):     (BEGIN,      None,         None,     None,        HALT_RUN),
+    (State.READY, True):      (None,       None,         WITHDRAW, None,        HALT_RUN),
+    (State.RUNNING, False):   (None,       PAUSE,        STOP,     RESET_RUN,   HALT_RUN),
+    (State.PAUSED, False):    (RESUME,     None,         STOP,     RESET_RUN,   HALT_RUN),
+    (State.PAUSED, True):     (None,       STAY_PAUSED,  STOP,     RESET_RUN,   HALT_RUN),
+    (State.ENDED, False):     (BEGIN_NEXT, None,         None,     RESET_ENDED, HALT),
+    (State.ENDED, True):      (None,       None,         WITHDRAW, RESET_ENDED, HALT),
+    (State.HOMING, False):    (None,       PAUSE_HOMING, STOP_HOMING, RESET_RUN, HALT_RUN),
+    (State.HOMING_PAUSED, False): (RESUME_HOMING, None,  STOP_HOMING, RESET_RUN, HALT_RUN),
+    (State.HOMING_PAUSED, True):  (None,   STAY_RESTING, STOP_HOMING, RESET_RUN, HALT_RUN),
+    (State.EMERGENCY, False): (None,       None,         None,     RESET_ENDED, HALT),
+}  # fmt: skip
+"""Where STOP only suspends a run, SUSPEND stands for STOP. In a run that has not begun
+RESET_WAITING stands for RESET_ENDED."""
+
+GO_ON = Move("run {run} goes on", State.RUNNING, Wanted.RUN)
+STEP = Move("one timestep", State.PAUSED, steps=True)
+CUT_SHORT = Move("run {run} is stopped", commands=Wanted.STOP)
+CUT_FOR_NEXT = Move(_RESET, commands=Wanted.STOP, following=True, waits=True)
+
+SIMULATION_TABLE: OrderTable = {
+    # state, asked            START  PAUSE  STOP       RESET         EMERGENCY STEP
+    (State.WAITING, False):   (None,  None,  None,      None,         None,     None),
+    (State.RUNNING, False):   (None,  PAUSE, CUT_SHORT, CUT_FOR_NEXT, None,     STEP),
+    (State.PAUSED, False):    (GO_ON, None,  CUT_SHORT, CUT_FOR_NEXT, None,     STEP),
+    (State.ENDED, False):     (None,  None,  None,      RESET_ENDED,  None,     None),
+}  # fmt: skip
+"""Of a process that simulates, which says itself when a run has ended."""
+
+
+class OrderRules(NamedTuple):
+    """Which orders one kind of process knows.
+
+    Attributes:
+        refused: orders that never make sense, and why.
+        kinds: whose moves stand in the columns of the table.
+        valued: orders with a value, and in which states they make sense.
+        slow: orders for which a disk may take its time: they must hold up no emergency stop.
+    """
+
+    refused: Mapping[OrderKind, str]
+    kinds: tuple[OrderKind, ...] = ORDERS
+    table: OrderTable = TABLE
+    valued: Mapping[OrderKind, Collection[State]] = {
+        OrderKind.RECORD: tuple(State),
+        OrderKind.REPLACE: BETWEEN,
+    }
+    slow: Collection[OrderKind] = (OrderKind.RECORD,)
+
+
+def _only(who: str, *kinds: OrderKind) -> dict[OrderKind, str]:
+    return {kind: f"{kind.value}: only a {who} can do that" for kind in kinds}
+
+
+_NOT_HERE = {
+    OrderKind.RECORD: "nothing is recorded here: start vsense with --record",
+    OrderKind.REPLACE: "nobody can be put in for a robot here",
+}
+_REPLAYED = _only("replay", OrderKind.PLAY, OrderKind.SEEK)
+_SIMULATED = _only("replay", OrderKind.SPEED) | _only("simulation", OrderKind.STEP)
+
+ROBOT_RULES = OrderRules(_REPLAYED | _SIMULATED)
+TRACKING_RULES = OrderRules(
+    {
+        **ROBOT_RULES.refused,
+        OrderKind.EMERGENCY: "vsense track moves no robot and can stop none: stop them where they"
+        " are driven",
+    }
+)
+SIMULATION_RULES = OrderRules(
+    {
+        **_REPLAYED,
+        OrderKind.EMERGENCY: "no robot moves here: this is a simulation; pause or stop it",
+        OrderKind.REPLACE: _NOT_HERE[OrderKind.REPLACE],
+    },
+    (*ORDERS, OrderKind.STEP),
+    SIMULATION_TABLE,
+    {OrderKind.RECORD: DURING, OrderKind.SPEED: (State.WAITING, *DURING, State.ENDED)},
+    slow=(),
+)
 
 
 class Control:
@@ -114,6 +184,11 @@ class Control:
         tell: takes a line for people, from any thread.
         holds: a run whose robots are all there waits for a START.
         suspends: STOP only suspends the run, which START resumes; RESET ends it.
+        record: switches the recording on or off; None: nothing can be recorded.
+        replace: has a robot put in for another, by somebody; None: none can be.
+        speed: has a simulation go so many times as fast as real time, 0: as fast as it goes.
+        step: has a simulation do one timestep.
+        rules: which orders there are.
 
     Attributes:
         run: its number, from 1.
@@ -121,8 +196,6 @@ class Control:
         why: what ended the run: "time", or words.
         begun: whether the run is past its wait.
         next_asked: whether the next run is wanted.
-        record: switches the recording on or off; None where nothing can be recorded.
-        replace: has a robot put in for another, by somebody; None where none can be.
     """
 
     def __init__(
@@ -131,17 +204,29 @@ class Control:
         tell: Callable[[str], None],
         holds: bool = False,
         suspends: bool = False,
+        *,
+        record: Callable[[bool], str] | None = None,
+        replace: Callable[[tuple[int, int], str], str] | None = None,
+        speed: Callable[[float], str] | None = None,
+        step: Callable[[], None] = lambda: None,
+        rules: OrderRules = ROBOT_RULES,
     ) -> None:
         self.state = State.WAITING
         self.run = 1
         self.by: str | None = None
         self.why = "interrupted"
         self._holds = holds
-        self.record: Callable[[bool], str] | None = None
-        self.replace: Callable[[tuple[int, int], str], str] | None = None
+        self._step = step
+        self._valued: dict[OrderKind, Callable[[Order], str]] = {}
+        if record is not None:
+            self._valued[OrderKind.RECORD] = lambda order: record(order.value != 0)
+        if replace is not None:
+            self._valued[OrderKind.REPLACE] = lambda order: replace(order.pair, order.by)
+        if speed is not None:
+            self._valued[OrderKind.SPEED] = lambda order: speed(order.value)
         self._command = command
         self._tell = tell
-        self._suspends = suspends
+        self._suspends, self._rules = suspends, rules
         self.begun = self.next_asked = self._asked = self._waits = False
         self._lock = threading.RLock()
 
@@ -152,14 +237,16 @@ class Control:
             OrderError: it makes no sense now.
             VsenseError: the robots cannot be told.
         """
-        if order.kind == OrderKind.RECORD:
-            # A disk may take its time: that must hold up no emergency stop.
-            text = self._record(order)
+        kind = order.kind
+        if kind in self._rules.refused:
+            raise OrderError(self._rules.refused[kind])
+        if kind in self._rules.slow:
+            text = self._carry_out(order)
             self.by = order.by
         else:
             with self._lock:
-                is_cast = order.kind == OrderKind.REPLACE
-                text = self._replace(order) if is_cast else self._obey(order)
+                has_value = kind in self._rules.valued
+                text = self._carry_out(order) if has_value else self._obey(order)
                 self.by = order.by
         self._tell(f"{order.by}: {text}")
         return text
@@ -167,12 +254,12 @@ class Control:
     @property
     def can(self) -> tuple[OrderKind, ...]:
         """The orders that make sense now."""
+        rules = self._rules
         with self._lock:
-            moves, between = TABLE[self.state, self._asked], self.state in BETWEEN
-        found = [kind for kind, move in zip(ORDERS, moves) if move is not None]
-        found += [OrderKind.RECORD] if self.record is not None else []
-        found += [OrderKind.REPLACE] if self.replace is not None and between else []
-        return tuple(found)
+            state, moves = self.state, rules.table[self.state, self._asked]
+        kinds = [kind for kind, move in zip(rules.kinds, moves) if move is not None]
+        kinds += [k for k, states in rules.valued.items() if state in states and k in self._valued]
+        return tuple(kind for kind in kinds if kind not in rules.refused)
 
     @property
     def holds(self) -> bool:
@@ -196,14 +283,18 @@ class Control:
             if self.state == State.READY:
                 self.state = State.WAITING
 
-    def begin(self, start: Callable[[], object]) -> bool:
-        """Starts or resumes the run, unless an order has stopped it; says whether it did."""
+    def begin(self, start: Callable[[], object], paused: bool = False) -> bool:
+        """Starts or resumes the run, unless an order has stopped it; says whether it did.
+
+        `paused`: a simulation that begins stands still until a START.
+        """
         with self._lock:
             self.begun = True
             if self.state not in (*BEFORE, State.PAUSED, State.HOMING):
                 return False
             start()
-            self.state, self._asked, self._waits = State.RUNNING, False, False
+            self.state = State.PAUSED if paused else State.RUNNING
+            self._asked = self._waits = False
             return True
 
     def home(self, drive: Callable[[], object]) -> bool:
@@ -243,6 +334,8 @@ class Control:
             raise OrderError(self._refusal(order.kind))
         if move.commands is not None:
             self._command(move.commands)
+        if move.steps:
+            self._step()
         names = {"run": self.run, "following": self.run + 1, "by": order.by}
         self.state = self.state if move.state is None else move.state
         self._asked = move.asked
@@ -252,13 +345,11 @@ class Control:
         return move.says.format(**names)
 
     def _move(self, kind: OrderKind) -> Move | None:
-        if kind not in ORDERS:
-            who = "simulation" if kind == OrderKind.STEP else "replay"
-            raise OrderError(f"{kind.value}: only a {who} can do that")
-        move = TABLE[self.state, self._asked][ORDERS.index(kind)]
+        rules = self._rules
+        move = rules.table[self.state, self._asked][rules.kinds.index(kind)]
         if move is STOP and self._suspends:
             return SUSPEND
-        return AGAIN if move is RENEW and not self.begun else move
+        return RESET_WAITING if move is RESET_ENDED and not self.begun else move
 
     def _refusal(self, kind: OrderKind) -> str:
         """Says why an order makes no sense now."""
@@ -267,22 +358,22 @@ class Control:
                 return f"{self.by} has asked for it already"
             if self.state == State.EMERGENCY:
                 return "after an emergency stop: reset first"
-            return f"run {self.run} is going on already"
+            if self.state in (*DURING, *HOMING):
+                return f"run {self.run} is going on already"
         now = "not running" if self.state in BEFORE else self.state.value
         stopped = self.state == State.ENDED and self.why.startswith("stopped by ")
         who = f": {self.why}" if stopped else ""
         return f"cannot {kind.value}: run {self.run} is {now}{who}"
 
-    def _replace(self, order: Order) -> str:
-        if self.replace is None:
-            raise OrderError("nobody can be put in for a robot here")
-        if self.state not in BETWEEN:
-            raise OrderError(
-                f"run {self.run} is {self.state.value}: robots are put in between runs only"
-            )
-        return self.replace(order.pair, order.by)
-
-    def _record(self, order: Order) -> str:
-        if self.record is None:
-            raise OrderError("nothing is recorded here: start vsense with --record")
-        return self.record(order.value != 0)
+    def _carry_out(self, order: Order) -> str:
+        """Carries out an order with a value."""
+        kind = order.kind
+        if kind not in self._valued:
+            raise OrderError(_NOT_HERE[kind])
+        if self.state in self._rules.valued[kind]:
+            return self._valued[kind](order)
+        if kind != OrderKind.REPLACE:
+            raise OrderError(self._refusal(kind))
+        raise OrderError(
+            f"run {self.run} is {self.state.value}: robots are put in between runs only"
+        )

@@ -15,7 +15,6 @@ from typing import TextIO
 
 from vsense.base.errors import VsenseError, failing_as
 from vsense.base.terminal import Console, Level, print_data
-from vsense.run.runtime import Step
 
 SUMMARY = "summary.json"
 SERIES = "series.json"
@@ -192,12 +191,6 @@ class RunTables:
             self._measures.flush()
 
 
-def step_row(step: Step) -> tuple[tuple[int, int], tuple[int, int, int, int]]:
-    """A timestep's numbers and its times, as `RunTables.add` takes them."""
-    times_ns = step.capture_ns, step.ready_ns, step.arena_ns, step.sent_ns
-    return (step.run_timestep, step.timestep), times_ns
-
-
 class RunLog(Console):
     """A console that also writes a log into `directory`; a context that closes its files.
 
@@ -207,27 +200,16 @@ class RunLog(Console):
     def __init__(self, directory: Path) -> None:
         super().__init__()
         self._writing = threading.Lock()
-        self._tables: RunTables | None = None
         try:
             self._log = (directory / LOG).open("w")
         except OSError as error:
             raise DirectoryError(f"{error.filename}: {error.strerror}") from None
         self._good = True
 
-    def begin_run(self, directory: Path, timestep_s: float) -> None:
-        """Starts the tables of a run in its directory, and completes those of the one before."""
-        tables, self._tables = self._tables, None
-        if tables is not None:
-            tables.close()
-        trouble = lambda text: self.say(f"vsense: {text}", "trouble")  # noqa: E731
-        self._tables = RunTables(directory, timestep_s, trouble)
-
     def __enter__(self) -> RunLog:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        if self._tables is not None:
-            self._tables.close()
         self._write("", close=True)
 
     def say(self, text: str, level: Level = "info") -> None:
@@ -236,11 +218,6 @@ class RunLog(Console):
         now_s = time.time()
         clock = time.strftime("%H:%M:%S", time.localtime(now_s)) + f".{int(now_s * 1000) % 1000:03}"
         self._write(f"{clock} {text}\n")
-
-    def timestep(self, step: Step, counts: Sequence[int], measures: Mapping[str, float]) -> None:
-        """Writes a row of the tables, see `RunTables.add`."""
-        if self._tables is not None:
-            self._tables.add(*step_row(step), counts, measures)
 
     def _write(self, line: str, close: bool = False) -> None:
         with self._writing:

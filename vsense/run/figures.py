@@ -1,22 +1,26 @@
-"""The figures of a run, counted while it goes on: what `vsense run --json` prints."""
+"""A run timestep by timestep: its tables and figures, which `vsense run --json` prints."""
 
 from __future__ import annotations
 
 from array import array
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.arena import Frame
+from vsense.base.terminal import Console
 from vsense.config.specs import Experiment
 from vsense.robots.link.status import RadioStatus, RobotStatus
 from vsense.robots.link.wire import StopCause
+from vsense.run.directory import DirectoryError, RunTables
 from vsense.run.robots import Readiness
 from vsense.run.runner import Runner
 from vsense.run.runtime import Step
+from vsense.world.world import World
 
 _LIGHT_PX = 16
 """Every so many rows and columns tell how light a picture is: it must not cost time."""
@@ -51,10 +55,32 @@ class TimestepSample:
     stale: int
 
 
+class StepTimes:
+    """The numbers and times of a run's timesteps, 48 bytes each: a run may take days."""
+
+    NAMES = ("timestep", "run_timestep", "capture_ns", "ready_ns", "arena_ns", "sent_ns")
+
+    def __init__(self) -> None:
+        self._numbers = array("q")
+
+    def __len__(self) -> int:
+        return len(self._numbers) // len(self.NAMES)
+
+    def add(self, step: Step) -> None:
+        """Adds a timestep."""
+        self._numbers.extend(getattr(step, name) for name in self.NAMES)
+
+    def columns(self) -> NDArray[np.int64]:
+        """All so far: (6, n), a row for each of `NAMES`."""
+        columns = np.array(self._numbers, np.int64).reshape(-1, len(self.NAMES)).T
+        return np.asarray(columns)
+
+
 class Figures:
     """Counts what happens in the timesteps of one run, in bounded memory per timestep.
 
     Attributes:
+        steps: the timesteps that were counted.
         light_level: how light the first pictures were, see `light_of`; None: there were none.
     """
 
@@ -64,20 +90,42 @@ class Figures:
         self._robots = {robot.tag: _Robot() for robot in experiment.robots}
         self._last_run_timestep = -1
         self.light_level: float | None = None
-        # Of each timestep: capture, pictures ready, arena state done, readings sent.
-        self._times_ns = array("q")
+        self.steps = StepTimes()
 
-    @property
-    def timesteps(self) -> int:
-        """Timesteps that were counted."""
-        return len(self._times_ns) // 4
+    def carry_out(
+        self, runner: Runner, world: World, directory: Path, console: Console
+    ) -> Generator[tuple[Step, TimestepSample], None, None]:
+        """Carries a run out; yields its timesteps, which are counted, and how the robots are.
+
+        The tables go into `directory`. What the disk does not take is said, and costs no run.
+        """
+        trouble = lambda text: console.say(f"vsense: {text}", "trouble")  # noqa: E731
+        tables: RunTables | None = None
+        try:
+            tables = RunTables(directory, self._experiment.timestep_s, trouble)
+        except DirectoryError as error:
+            console.say(f"no table of this run's timesteps: {error}", "trouble")
+        try:
+            for step in runner.timesteps():
+                sample = self.observe(step, runner.robots)
+                if tables is not None:
+                    times_ns = step.capture_ns, step.ready_ns, step.arena_ns, step.sent_ns
+                    counts = sample.connected, sample.seen, sample.stale
+                    numbers = step.run_timestep, step.timestep
+                    tables.add(numbers, times_ns, counts, world.results)
+                yield step, sample
+                # Lent pictures go back during a pause.
+                del step
+        finally:
+            if tables is not None:
+                tables.close()
 
     def observe(self, step: Step, robots: Mapping[int, RobotStatus]) -> TimestepSample:
         """Counts a timestep; `robots` are the links' statuses by tag."""
         self._last_run_timestep = step.run_timestep
         if self.light_level is None and step.frames:
             self.light_level = light_of(step.frames)
-        self._times_ns.extend((step.capture_ns, step.ready_ns, step.arena_ns, step.sent_ns))
+        self.steps.add(step)
         seen = set(step.state.robots["tag"][step.state.robots["seen"]].tolist())
         stale = 0
         for tag, counted in self._robots.items():
@@ -109,44 +157,39 @@ class Figures:
         wanted = self._last_run_timestep + 1
         if runner.ended == "time":
             wanted = self._experiment.timesteps
-        capture_ns, _, _, sent_ns = self._columns_ns()
+        timesteps = len(self.steps)
+        capture_ns, _, _, sent_ns = self.steps.columns()[2:]
         late = sent_ns - capture_ns > self._dt_ns
         counts = list(self._robots.values())
         return {
             "ended": runner.ended,
-            "timesteps": self.timesteps,
-            "late_timesteps": int(late.sum()) + wanted - self.timesteps,
-            "left_out_timesteps": wanted - self.timesteps,
+            "timesteps": timesteps,
+            "late_timesteps": int(late.sum()) + wanted - timesteps,
+            "left_out_timesteps": wanted - timesteps,
             "duration_s": round(wanted * self._dt_ns / 1e9, 3),
             "missing_at_start": list(readiness.missing),
             "light_level": self.light_level,
             "arena": {
-                "seen_mean": _share(sum(c.seen for c in counts), self.timesteps),
+                "seen_mean": _share(sum(c.seen for c in counts), timesteps),
                 "silences": [
                     {"run_timestep": s.run_timestep, "duration_s": round(s.duration_s, 3)}
                     for s in runner.silences
                 ],
             },
             "latency_ms": self._latencies(),
-            "link": {
-                "sent": runner.counters.sent,
-                "received": runner.counters.received,
-                "dropped": runner.counters.dropped,
-                "reconnects": runner.reconnects,
-                "defects": runner.counters.defects,
-            },
+            "link": runner.link_figures(),
             "per_robot": [self._robot(robot.tag, robot.id) for robot in self._experiment.robots],
             "results": dict(results),
         }
 
     def _robot(self, tag: int, name: str) -> dict[str, Any]:
-        counted = self._robots[tag]
+        counted, timesteps = self._robots[tag], len(self.steps)
         return {
             "name": name,
             "tag": tag,
-            "seen_share": _share(counted.seen, self.timesteps),
-            "connected_share": _share(counted.connected, self.timesteps),
-            "stale_share": _share(counted.stale, self.timesteps),
+            "seen_share": _share(counted.seen, timesteps),
+            "connected_share": _share(counted.connected, timesteps),
+            "stale_share": _share(counted.stale, timesteps),
             "sessions": counted.sessions,
             "battery_mv": counted.battery_mv or None,
             "longest_silence_s": round(counted.silent_ns / 1e9, 3),
@@ -154,11 +197,8 @@ class Figures:
             "power_saving": counted.saves_power or None,
         }
 
-    def _columns_ns(self) -> NDArray[np.int64]:
-        return np.asarray(np.array(self._times_ns, np.int64).reshape(-1, 4).T)
-
     def _latencies(self) -> dict[str, dict[str, float | None]]:
-        capture, ready, arena, sent = self._columns_ns()
+        capture, ready, arena, sent = self.steps.columns()[2:]
         return {
             "capture_to_arena": _spread_ms(arena - capture),
             # Of another tracker the pictures are not known.

@@ -119,6 +119,17 @@ class Runner:
         overload = self._overload.alarm
         return [*self._obedience.alarms, *([] if overload is None else [overload])]
 
+    def link_figures(self) -> dict[str, int]:
+        """What the links did in the run, under the names that scripts rely on."""
+        counters = self.counters
+        return {
+            "sent": counters.sent,
+            "received": counters.received,
+            "dropped": counters.dropped,
+            "reconnects": self.reconnects,
+            "defects": counters.defects,
+        }
+
     def wait(self, limit_s: float | None = None) -> Readiness:
         """Runs timesteps until every robot is connected and every marker is seen.
 
@@ -286,6 +297,8 @@ class Runner:
         for line in self._alarms.update(robots, self._clock()):
             self._console.say(line, "warning")
         self._say_disobedience(robots, None if step is None else step.state)
+        # The readings have left.
+        self._runtime.check_cameras()
         self._observe(step, robots)
         return step
 

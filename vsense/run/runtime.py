@@ -217,6 +217,10 @@ class Runtime:
             given=given,
         )
 
+    def check_cameras(self) -> None:
+        """See `ArenaSource.check_cameras`."""
+        self._source.check_cameras()
+
     def logged(self) -> Sequence[tuple[int, str]]:
         """See `Environment.logged`."""
         return self._environment.logged()

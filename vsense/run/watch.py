@@ -34,6 +34,9 @@ class ArenaSource(Protocol):
     def stop(self) -> None:
         """The robots have stopped; any thread."""
 
+    def check_cameras(self) -> None:
+        """Looks after cameras of our own, when a timestep's work is done; any thread."""
+
 
 class Stamped(NamedTuple):
     """What a slot of the double buffer holds.

@@ -11,7 +11,7 @@ import pytest
 from tests.conftest import States
 from tests.run.stage import DT_NS, S, Stage, experiment
 from vsense.base.arena import Frame
-from vsense.modes.live.portrait import Portrait
+from vsense.modes.live.run import Portrait
 from vsense.monitor.pictures.run_figure import RunPictureError
 from vsense.run.environment import Environment
 from vsense.vision.cameras.camera import Camera
@@ -53,7 +53,7 @@ def test_nobody_is_no_picture(state: States, tmp_path: Path) -> None:
 def test_a_long_run_takes_bounded_memory(
     state: States, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("vsense.modes.live.portrait.MOST_TIMESTEPS", 4)
+    monkeypatch.setattr("vsense.modes.live.run.MOST_TIMESTEPS", 4)
     portrait, environment = lived(state, [0, 0])
     told = portrait._figure(np.array(portrait._known))
     assert told.run_timesteps.tolist() == [0, 4, 8]

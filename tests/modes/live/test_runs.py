@@ -14,9 +14,8 @@ import pytest
 from vsense.base.arena import Frame
 from vsense.base.message_bus import MessageBus
 from vsense.base.terminal import Console
-from vsense.modes.live.runs import RunPictures, Runs
+from vsense.modes.live.runs import RunPictures, Runs, begin_recording
 from vsense.modes.live.talk import Talk
-from vsense.modes.live.track import begin_recording
 from vsense.monitor.recording.pictures import (
     BackgroundRecorder,
     PictureRecorder,
@@ -24,7 +23,6 @@ from vsense.monitor.recording.pictures import (
     one_tracker,
 )
 from vsense.monitor.ui.recorders import Recorders
-from vsense.run.control import Control
 from vsense.run.orders import Order, OrderKind
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.tracking.camera_tracking import CameraTracking
@@ -51,11 +49,9 @@ class Desk:
         self.folder, self.said = folder, io.StringIO()
         console = Console(self.said)
         self.pictures = RunPictures(self._begin, True, console.say)
-        self.control = Control(lambda wanted: None, console.say)
         tell = (console.say, console.say)
         self.runs = Runs(
             "lab",
-            self.control,
             Recorders(MessageBus(), record, False, *tell),
             self.pictures,
             console,
@@ -63,6 +59,7 @@ class Desk:
             stays=stays,
             folders=True,
         )
+        self.control = self.runs.control
         self.begun = 0
         if record:
             self.runs.keep_in(folder / "out")
@@ -82,7 +79,7 @@ class Desk:
         self.runs.next_run()
 
     def record(self, on: bool) -> str:
-        return self.runs.give(Order(OrderKind.RECORD, "me", float(on)))
+        return self.control.give(Order(OrderKind.RECORD, "me", float(on)))
 
     def see(self) -> None:
         self.pictures.timestep(True, [FRAME])

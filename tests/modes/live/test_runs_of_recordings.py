@@ -89,7 +89,7 @@ class Theatre:
         if runs.control.state in (State.READY, State.ENDED):
             if self._left:
                 self._left -= 1
-                runs.give(Order(OrderKind.START, "me"))
+                runs.control.give(Order(OrderKind.START, "me"))
             else:
                 self._interrupted.set()
         return True

@@ -51,6 +51,9 @@ class Script:
     def stop(self) -> None:
         self.calls.append("stop")
 
+    def check_cameras(self) -> None:
+        self.calls.append("check")
+
     def close(self) -> None:
         self.calls.append("close")
         self.closed.set()

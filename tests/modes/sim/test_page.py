@@ -6,7 +6,8 @@ import csv
 import json
 import random
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -19,18 +20,19 @@ from vsense.base.errors import UsageError, VsenseError
 from vsense.base.message_bus import Message, MessageBus
 from vsense.base.terminal import Console
 from vsense.cli import main
+from vsense.config.experiment import load
 from vsense.config.specs import Experiment
 from vsense.modes.sim.job import Job, Setup
 from vsense.modes.sim.outcome import Task, libraries_of
 from vsense.modes.sim.recording import SimRecorder
-from vsense.modes.sim.room import SimControl, SimRoom
+from vsense.modes.sim.room import SimRoom
 from vsense.modes.sim.simulation import EPOCH_NS, MOST, WARM_UP, Simulation
 from vsense.modes.sim.watched import WatchedRuns
 from vsense.modes.sim.worker import simulate
 from vsense.monitor.recording.form import ROBOTS, RecordingError
 from vsense.monitor.recording.reader import open_recording
 from vsense.monitor.ui.access import WebAddress
-from vsense.monitor.ui.room import page_access
+from vsense.monitor.ui.room import ControlRoom, RoomOptions
 from vsense.run.changing import Change, ChangeKind
 from vsense.run.control import State
 from vsense.run.orders import Order, OrderError, OrderKind
@@ -96,35 +98,53 @@ def test_what_is_changed_between_two_timesteps_counts_in_c_as_in_python(
     assert moved(0.0)[0] != in_c[0], "the light matters"
 
 
-def test_orders_of_the_page() -> None:
+def test_orders_of_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     sent: list[tuple[int, str, Any]] = []
-    control = SimControl(lambda *order: sent.append(order), lambda text: None, seed=7)
-    give = lambda kind, value=0.0: control.give(Order(kind, "viewer 1", value))  # noqa: E731
-    with pytest.raises(OrderError, match="cannot pause: run 1 is waiting"):
-        give(OrderKind.PAUSE)
-    control.begin()
-    assert sent.pop() == (1, "begin", (1.0, True, False)) and control.state is State.RUNNING
-    for kind in (OrderKind.START, OrderKind.SEEK, OrderKind.PLAY):
-        with pytest.raises(OrderError):
-            give(kind)
-    with pytest.raises(OrderError, match="no robot moves here"):
-        give(OrderKind.EMERGENCY)
-    for speed in (0.09, -1.0):
-        with pytest.raises(OrderError, match=r"expected 0\.1 or more"):
-            give(OrderKind.SPEED, speed)
-    assert not sent and control.state is State.RUNNING
-    assert give(OrderKind.SPEED, 0.0) == "as fast as it goes"
-    assert give(OrderKind.STEP) == "one timestep" and control.state is State.PAUSED
-    give(OrderKind.START)
-    assert [(name, value) for _, name, value in sent] == [
-        ("speed", float("inf")), ("step", 1), ("play", 1),
-    ]  # fmt: skip
-    assert give(OrderKind.RESET) == "reset: run 2 waits for a start" and control.next_asked
-    assert sent[-1][:2] == (1, "stop")
-    control.end()
-    control.next_run(8)
-    control.begin()
-    assert sent[-1] == (2, "begin", (float("inf"), False, False)) and control.state is State.PAUSED
+    with opened(load("foraging"), 7) as room:
+        control = room.control
+        send = lambda name, value: sent.append((control.run, name, value))  # noqa: E731
+        monkeypatch.setattr(room, "_send", send)
+        give = lambda kind, value=0.0: control.give(Order(kind, "viewer 1", value))  # noqa: E731
+        for kind in (OrderKind.PAUSE, OrderKind.START, OrderKind.RECORD):
+            with pytest.raises(OrderError, match=f"cannot {kind.value}: run 1 is not running"):
+                give(kind)
+        room.begin_run(tmp_path)
+        assert sent.pop() == (1, "begin", (1.0, True, False)) and control.state is State.RUNNING
+        for kind in (OrderKind.START, OrderKind.SEEK, OrderKind.PLAY, OrderKind.REPLACE):
+            with pytest.raises(OrderError):
+                give(kind)
+        with pytest.raises(OrderError, match="no robot moves here"):
+            give(OrderKind.EMERGENCY)
+        for speed in (0.09, -1.0):
+            with pytest.raises(OrderError, match=r"expected 0\.1 or more"):
+                give(OrderKind.SPEED, speed)
+        assert not sent and control.state is State.RUNNING
+        assert give(OrderKind.SPEED, 0.0) == "as fast as it goes"
+        assert give(OrderKind.STEP) == "one timestep" and control.state is State.PAUSED
+        give(OrderKind.START)
+        assert [(name, value) for _, name, value in sent] == [
+            ("speed", float("inf")), ("step", 1), ("play", 1),
+        ]  # fmt: skip
+        assert give(OrderKind.STOP) == "run 1 is stopped" and control.state is State.RUNNING
+        assert give(OrderKind.RESET) == "reset: run 2 waits for a start" and control.next_asked
+        assert [order[:2] for order in sent[-2:]] == [(1, "stop")] * 2
+        room.end_run()
+        assert set(control.can) == {OrderKind.RESET, OrderKind.SPEED}
+        room.next_run(8)
+        room.begin_run(tmp_path)
+        assert sent[-1] == (2, "begin", (float("inf"), False, False))
+        assert control.state is State.PAUSED
+
+
+@contextmanager
+def opened(experiment: Experiment, seed: int, **options: bool) -> Iterator[SimRoom]:
+    """A room for simulations."""
+    shown = RoomOptions(WebAddress("127.0.0.1", 0), **options)  # type: ignore[arg-type]
+    with (
+        ControlRoom(shown, Console()) as control_room,
+        SimRoom(control_room, experiment, seed) as room,
+    ):
+        yield room
 
 
 class Viewer:
@@ -169,9 +189,7 @@ def test_a_page_that_pauses_steps_and_hurries_changes_nothing(
     setup = Setup("foraging", 12.0, 4)
     experiment, interrupted = setup.load(), threading.Event()
     libraries = libraries_of(experiment)
-    begin = {"seed": 9, "speed": 1.0, "holds": True}
-    access = page_access(WebAddress("127.0.0.1", 0))
-    with SimRoom(access, experiment, begin, Console()) as room:
+    with opened(experiment, 9, hold=True) as room:
         viewer = Viewer(room)
 
         def watch() -> None:
@@ -209,9 +227,8 @@ def test_the_world_is_changed_between_two_timesteps(tmp_path: Path, locked: bool
     setup = Setup("foraging", 12.0, 2)
     experiment, interrupted = setup.load(), threading.Event()
     libraries = libraries_of(experiment)
-    begin = {"seed": 9, "holds": True, "locked": locked}
     answers: list[tuple[str, bool]] = []
-    with SimRoom(page_access(WebAddress("127.0.0.1", 0)), experiment, begin, Console()) as room:
+    with opened(experiment, 9, hold=True, locked=locked) as room:
         viewer = Viewer(room)
         change = Change(kind=ChangeKind.MOVE, name="nest", x_m=0.25, y_m=0.5)
         ask = lambda: room._ask(change, "viewer 1", lambda *said: answers.append(said))  # noqa: E731

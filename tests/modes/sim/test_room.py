@@ -17,7 +17,7 @@ from vsense.config.experiment import load
 from vsense.modes.sim.room import SimRoom
 from vsense.modes.sim.watched import WatchedRuns
 from vsense.monitor.ui.access import WebAddress
-from vsense.monitor.ui.room import page_access
+from vsense.monitor.ui.room import ControlRoom, RoomOptions
 from vsense.run.changes import MOST_WAITING
 from vsense.run.changing import Change, ChangeKind
 from vsense.run.control import State
@@ -26,8 +26,11 @@ from vsense.run.orders import Order, OrderError, OrderKind
 
 @pytest.fixture
 def room() -> Iterator[SimRoom]:
-    access = page_access(WebAddress("127.0.0.1", 0))
-    with SimRoom(access, load("foraging"), {"seed": 7}, Console()) as opened:
+    shown = RoomOptions(WebAddress("127.0.0.1", 0))
+    with (
+        ControlRoom(shown, Console()) as control_room,
+        SimRoom(control_room, load("foraging"), 7) as opened,
+    ):
         yield opened
 
 
@@ -90,7 +93,7 @@ def test_what_a_failed_run_did_not_read_is_not_for_the_next(room: SimRoom, tmp_p
     os.read(room.descriptor, 3)
     room.end_run()
     give(room, OrderKind.RESET)
-    room.control.next_run(8)
+    room.next_run(8)
     room.begin_run(tmp_path)
     assert heard(room) == [(2, "begin", (1.0, False, False))]
     assert room.control.state is State.PAUSED

@@ -14,11 +14,12 @@ import pytest
 from tests.monitor.recording.conftest import BEGIN_NS, record
 from tests.monitor.recording.test_retrack import MADE, lab, session_files, track
 from vsense import cli
-from vsense.base.message_bus import Message, MessageBus
+from vsense.base.message_bus import Message
 from vsense.commands import replay
+from vsense.monitor.ui import watchers
 from vsense.monitor.ui.access import WebAddress
-from vsense.monitor.ui.room import PageAccess
-from vsense.run.orders import Give, Order, OrderKind
+from vsense.monitor.ui.watchers import WatchedBus
+from vsense.run.orders import Order, OrderKind
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 
 __all__ = ["lab"]
@@ -28,18 +29,15 @@ __all__ = ["lab"]
 class Page:
     """Somebody at the page: waits for an arena state, then presses Ctrl-C in the terminal."""
 
-    bus: MessageBus
-    give: Give
-    look: str = "http://look"
-    control: str = "http://control"
+    runs: WatchedBus
     closed: bool = False
 
-    def start(self) -> Page:
-        self.bus.join(self.receive, lambda topic: topic == "/arena")
-        return self
+    def start(self) -> None:
+        self.runs.console.say(self.runs.title)
+        self.runs.bus.join(self.receive, lambda topic: topic == "/arena")
 
     def receive(self, message: Message) -> None:
-        assert self.give(Order(OrderKind.PAUSE, "viewer 1")) == "paused"
+        assert self.runs.give(Order(OrderKind.PAUSE, "viewer 1")) == "paused"
         os.kill(os.getpid(), signal.SIGINT)
 
     def close(self) -> None:
@@ -52,15 +50,14 @@ def test_it_plays_until_somebody_interrupts(
     file = record(tmp_path / "run.mcap", [Message("/arena", BEGIN_NS, {})])
     pages: list[Page] = []
 
-    def make(access: PageAccess, bus: MessageBus, give: Give, tell: object) -> Page:
-        pages.append(Page(bus, give))
+    def make(runs: WatchedBus) -> Page:
+        pages.append(Page(runs))
         return pages[0]
 
-    monkeypatch.setattr(replay, "make_server", make)
+    monkeypatch.setattr(watchers, "WATCHERS", (lambda options: make,))
     assert replay.play(file, 2.0, WebAddress("127.0.0.1", 8080)) == 130
     assert pages[0].closed
-    told = capsys.readouterr().err
-    assert "in http://control" in told and "only to look: http://look" in told
+    assert "vsense: plays 0.0 s" in capsys.readouterr().err
 
 
 def test_it_tracks_again(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import importlib.util
+import io
 import json
 import os
 import struct
@@ -22,6 +23,7 @@ from tests.monitor.recording.conftest import picture, record
 from vsense.base.clock import host_ns
 from vsense.base.errors import UsageError, VsenseError
 from vsense.base.message_bus import Message, MessageBus
+from vsense.base.terminal import Console
 from vsense.monitor.foxglove.channels import LASTING
 from vsense.monitor.recording import form
 from vsense.monitor.recording.player import Player
@@ -124,10 +126,16 @@ class Served:
     """A bus that is served, and what was said."""
 
     def __init__(self, stack: ExitStack, **options: Any) -> None:
-        self.bus, self.said = MessageBus(), []
-        self.server = FoxgloveServer(self.bus, HERE, self.said.append, **options)
-        self.lines = self.server.start()
+        self.bus, self._said = MessageBus(), io.StringIO()
+        self.server = FoxgloveServer(self.bus, HERE, Console(self._said), **options)
+        self.server.start()
+        self.lines = self._said.getvalue().splitlines()
         stack.callback(self.server.close)
+
+    @property
+    def said(self) -> list[str]:
+        """What was said since it began."""
+        return self._said.getvalue().splitlines()[len(self.lines) :]
 
     def tell(self, *topics: str) -> None:
         for message in told.everything():
@@ -281,9 +289,9 @@ def test_a_replay_is_steered(stack: ExitStack, tmp_path: Path) -> None:
     ]
     file = record(tmp_path / "run.mcap", first + steps, [picture(0, "cam")])
     recording = stack.enter_context(open_recording(file))
-    bus, said = MessageBus(), []
+    bus, said = MessageBus(), io.StringIO()
     player = Player(recording, bus)
-    server = FoxgloveServer(bus, HERE, said.append, recording=recording, give=player.give)
+    server = FoxgloveServer(bus, HERE, Console(said), recording=recording, give=player.give)
     server.start()
     stack.callback(server.close)
     player.start()
@@ -313,4 +321,4 @@ def test_a_replay_is_steered(stack: ExitStack, tmp_path: Path) -> None:
         assert client.times[-1] >= utc_ns + 10 * step_ns
 
     look(server.port, talk)
-    assert said == [] and server._wanted >= LASTING
+    assert len(said.getvalue().splitlines()) == 1 and server._wanted >= LASTING

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import io
 import os
 import re
 import socket
@@ -22,12 +23,12 @@ from tests.monitor.ui.puppet import Puppet
 from tests.monitor.ui.test_server import hear, talk
 from tests.monitor.ui.test_web_listener import is_closed, rest
 from vsense.base.errors import UsageError, VsenseError
+from vsense.base.terminal import Console
 from vsense.commands import parser
 from vsense.commands.arguments import web_of
 from vsense.monitor.ui import certificate, web_listener
 from vsense.monitor.ui.access import WebAddress
-from vsense.monitor.ui.room import open_web, page_access
-from vsense.monitor.ui.server import WebServer
+from vsense.monitor.ui.watchers import WatchedBus, WebWatcher, page_access
 
 PATIENCE_S = 30.0
 OPEN = WebAddress("0.0.0.0", 0)
@@ -38,18 +39,24 @@ class Page:
 
     def __init__(self, address: WebAddress = OPEN) -> None:
         self.puppet = Puppet()
-        self.told: list[str] = []
-        self.server: WebServer
-        self.server, self.lines = open_web(
-            page_access(address), self.puppet.bus, self.puppet.give, self.told.append
-        )
+        self.said = io.StringIO()
+        runs = WatchedBus(self.puppet.bus, self.puppet.give, Console(self.said))
+        self.page = WebWatcher(page_access(address), runs)
+        self.page.start()
+        self.lines = self.said.getvalue().splitlines()
+        self.server = self.page.server
         self.port = self.server.port
         assert self.server.tokens is not None
         self.query = f"?token={self.server.tokens.control}"
 
+    @property
+    def told(self) -> list[str]:
+        """What was said since it began."""
+        return self.said.getvalue().splitlines()[len(self.lines) :]
+
     def close(self) -> None:
         self.puppet.end()
-        self.server.close()
+        self.page.close()
 
 
 Open = Callable[..., Page]

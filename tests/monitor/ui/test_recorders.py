@@ -101,7 +101,7 @@ def test_a_secret_is_printed_and_neither_told_nor_kept(
 ) -> None:
     told: list[str] = []
     with RunLog(tmp_path) as log:
-        log.also = lambda text, level: told.append(text)
+        log.repeat_to(lambda text, level: told.append(text))
         log.whisper("control room: http://x/?token=secret")
         log.say("all robots start")
     assert told == ["all robots start"]

@@ -19,9 +19,10 @@ from tests.monitor.ui.conftest import Serve
 from tests.monitor.ui.puppet import Puppet
 from vsense.base.errors import UsageError, VsenseError
 from vsense.base.message_bus import Message, MessageBus
+from vsense.monitor.ui import sentences
 from vsense.monitor.ui import server as site
 from vsense.monitor.ui.access import Tokens
-from vsense.monitor.ui.page_clients import LOOKING
+from vsense.monitor.ui.page_clients import LOOKING, WebClients
 from vsense.monitor.ui.server import WebServer
 from vsense.run.changes import Answer
 from vsense.run.changing import Change
@@ -224,6 +225,11 @@ def test_two_people_press_start_and_the_second_is_told(served: Serve) -> None:
         {"text": "cannot start: the run is running", "ok": False},
     ]
     assert [order.by for order in puppet.orders] == ["viewer 1 (127.0.0.1)", "viewer 2 (127.0.0.1)"]
+
+
+def test_everything_that_a_page_may_say_is_carried_out() -> None:
+    clients = WebClients(MessageBus(), lambda order: "")
+    assert clients._does.keys() == sentences._READERS.keys()
 
 
 @pytest.mark.parametrize(

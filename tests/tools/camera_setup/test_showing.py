@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
+from types import SimpleNamespace
 
 import pytest
 
@@ -49,7 +50,7 @@ def test_small_cells_are_said_when_the_markers_have_told_the_scale(
     spec = GrabberSpec("cam", CAMERA, "/dev/video0", None, None, 0.0, None, 0)
     monkeypatch.setattr(showing, "choose", lambda id, wanted, resources: spec)
     monkeypatch.setattr(showing, "make", lambda spec: OpenCamera("cam", scripted, None))
-    monkeypatch.setattr(showing, "TrackRoom", lambda *of: nullcontext())
+    monkeypatch.setattr(showing, "TrackRoom", lambda *of: SimpleNamespace(open=lambda: None))
     monkeypatch.setattr(showing.ShowSession, "run", lambda self, interrupted: None)
     assert showing.run("cam", Controls(), None, "arrow4x4", None, None) == 0
     said = capsys.readouterr().err

@@ -26,7 +26,7 @@ from vsense.monitor.pictures import run_figure
 from vsense.monitor.pictures.run_cameras import RunCameras
 from vsense.monitor.pictures.run_figure import spoken
 from vsense.robots.link.status import RING_LEDS
-from vsense.run.figures import late_text, link_row, number, percent
+from vsense.run.figures import StepTimes, late_text, link_row, number, percent
 
 JUDGED = "pollutant"
 """The sensor whose values are compared with the truth."""
@@ -41,7 +41,7 @@ def gather(session: Session, recording: RunNotes) -> metrics.MeasuredRun:
         LabError: a file is missing or broken.
     """
     experiment, robots = recording.experiment, len(recording.experiment.robots)
-    times = recording.steps.columns()
+    times = recording.figures.steps.columns()
     truth = _rows_of(read_truth(session.truth_log), times[0])
     steps = _timesteps(times[:, : len(truth)], truth)
     actuations = read_actuations(session.floor.log)
@@ -50,7 +50,7 @@ def gather(session: Session, recording: RunNotes) -> metrics.MeasuredRun:
     return metrics.MeasuredRun(
         timesteps=steps,
         wanted=_wanted(recording, experiment, steps),
-        lived=len(recording.steps),
+        lived=len(recording.figures.steps),
         dt_ns=session.dt_ns,
         tags=tuple(robot.tag for robot in experiment.robots),
         tracking=recording.tracking.figures(),
@@ -88,7 +88,7 @@ def _swarm_truth(
 def _wanted(recording: RunNotes, experiment: Experiment, steps: NDArray[np.void]) -> int:
     """The timesteps that the run had, as far as its logs go."""
     whole = recording.ended == "time" and experiment.timesteps > 0
-    whole = whole and len(steps) == len(recording.steps)
+    whole = whole and len(steps) == len(recording.figures.steps)
     return experiment.timesteps if whole else int(steps["run_timestep"][-1]) + 1
 
 
@@ -98,9 +98,9 @@ def _sensors_of(experiment: Experiment, robot: RobotSpec) -> list[str]:
 
 def _timesteps(times: NDArray[np.int64], truth: NDArray[np.void]) -> NDArray[np.void]:
     steps = np.zeros(len(truth), metrics.TIMESTEP)
-    names = "timestep", "run_timestep", "capture_ns", "arena_ns", "sent_ns"
-    for name, column in zip(names, times):
-        steps[name] = column
+    columns = dict(zip(StepTimes.NAMES, times))
+    for name in ("timestep", "run_timestep", "capture_ns", "arena_ns", "sent_ns"):
+        steps[name] = columns[name]
     steps["render_ns"] = truth["render_ns"]
     return steps
 
@@ -134,7 +134,7 @@ def summarise(session: Session, number: int, measured: metrics.MeasuredRun) -> d
         "parts": list(recording.parts),
         "cameras": len(session.cameras),
         "pace": clock.pace(),
-        "light_level": recording.light_level,
+        "light_level": recording.figures.light_level,
         "calibration": None if session.known is None else session.known.figures,
         **metrics.figures(measured),
         "vision": session.tracking.figures(),

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vsense.base.arena import Frame
 from vsense.base.errors import VsenseError
@@ -31,7 +30,6 @@ from vsense.robots import build
 from vsense.robots.link.status import RobotStatus
 from vsense.run.cast import played, spares_for
 from vsense.run.changing import Ground
-from vsense.run.directory import RunTables, step_row
 from vsense.run.figures import Figures
 from vsense.run.robots import Readiness
 from vsense.run.runtime import Step
@@ -41,30 +39,6 @@ from vsense.vision.tracking.camera_tracking import CameraTracking
 
 READY_TIMEOUT_S = 20.0
 """All robots must be connected and seen within this time."""
-
-
-class StepTimes:
-    """The times of a run's timesteps, 40 bytes each: a run may take days."""
-
-    def __init__(self) -> None:
-        self._numbers = array("q")
-
-    def __len__(self) -> int:
-        return len(self._numbers) // 5
-
-    def add(self, step: Step) -> None:
-        """Adds a timestep."""
-        self._numbers.extend(
-            (step.timestep, step.run_timestep, step.capture_ns, step.arena_ns, step.sent_ns)
-        )
-
-    def columns(self) -> NDArray[np.int64]:
-        """All so far: (5, n) timestep, run_timestep, capture_ns, arena_ns, sent_ns."""
-        columns: NDArray[np.int64] = np.array(self._numbers, dtype=np.int64).reshape(-1, 5).T
-        return columns
-
-
-LINK_COUNTERS = ("sent", "received", "dropped", "defects")
 
 
 @dataclass(slots=True)
@@ -78,17 +52,17 @@ class RunNotes:
         robots: they, in its order.
         parts: who played which part, as in summaries.
         ended: what ended it, as `Runner.ended`.
-        steps: the run's timesteps.
+        figures: the run's timesteps, counted.
         tracking: what was read of the markers, against the truth.
         samples: the virtual world and the experiment's measures over time.
         measures: the experiment's own, of the whole run.
         pictures: the cameras' pictures at chosen timesteps of the run.
         link: `sent`, `received`, `dropped` packets with readings, `reconnects`, `defects`.
         lateness_ms: the canary's ticks.
-        light_level: how light the first pictures were, 0 to 1.
     """
 
     samples: RunSamples
+    figures: Figures
     tracking: TrackingTally
     seed: int
     directory: Path
@@ -98,13 +72,9 @@ class RunNotes:
     resting: tuple[str, ...] = ()
     ended: str = ""
     measures: dict[str, float] = field(default_factory=dict)
-    steps: StepTimes = field(default_factory=StepTimes)
     pictures: dict[int, list[Frame]] = field(default_factory=dict)
-    link: dict[str, int] = field(
-        default_factory=lambda: dict.fromkeys((*LINK_COUNTERS, "reconnects"), 0)
-    )
+    link: dict[str, int] = field(default_factory=dict)
     lateness_ms: list[float] = field(default_factory=list)
-    light_level: float | None = None
 
 
 class Session(ExperimentSession):
@@ -236,8 +206,7 @@ class Session(ExperimentSession):
             raise
 
     def _observe(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
-        """Checks cameras and daemons; LabError where one has ended before all were ready."""
-        self.tracking.check_cameras()
+        """Checks daemons; LabError where one has ended before all were ready."""
         super()._observe(step, robots)
         for robot, how in self.swarm.fallen():
             log = self.swarm.log(robot.tag)
@@ -258,11 +227,17 @@ class Session(ExperimentSession):
         Raises:
             VsenseError: something has failed; what was recorded until then is kept.
         """
-        tracking = TrackingTally(self._tags)
-        seed = self.environment.seed
-        who = self.experiment, tuple(self.swarm.robots)
-        notes = RunNotes(RunSamples(self.experiment), tracking, seed, directory, *who)
-        notes.resting = self.resting
+        experiment = self.experiment
+        notes = RunNotes(
+            RunSamples(experiment),
+            Figures(experiment),
+            TrackingTally(self._tags),
+            self.environment.seed,
+            directory,
+            experiment,
+            tuple(self.swarm.robots),
+            resting=self.resting,
+        )
         self.recordings.append(notes)
         canary = Canary()
         self._stack.callback(canary.close)
@@ -273,10 +248,8 @@ class Session(ExperimentSession):
             failure = error
         self.stop()
         notes.parts = played(self.experiment, self.runner.robots)
-        notes.ended, counters = self.runner.ended, self.runner.counters
+        notes.ended, notes.link = self.runner.ended, self.runner.link_figures()
         notes.lateness_ms = canary.end()
-        notes.link = {name: getattr(counters, name) for name in LINK_COUNTERS}
-        notes.link["reconnects"] = self.runner.reconnects
         if failure is not None:
             # Without physics the cameras fail, too: report what failed first.
             self.floor.check()
@@ -289,24 +262,18 @@ class Session(ExperimentSession):
 
     def _run_timesteps(self, notes: RunNotes, observe: Callable[[Step], None]) -> None:
         pictures, samples = notes.pictures, notes.samples
-        counted, world = Figures(self.experiment), self.environment.world
-        trouble = lambda text: self.setup.console.say(f"vsense: {text}", "trouble")  # noqa: E731
-        tables = RunTables(notes.directory, self.experiment.timestep_s, trouble)
+        world, console = self.environment.world, self.setup.console
         step: Step | None = None
         try:
-            for step in self.runner.timesteps():
-                notes.steps.add(step)
-                moment = counted.observe(step, self.runner.robots)
-                counts = moment.connected, moment.seen, moment.stale
-                tables.add(*step_row(step), counts, world.results)
-                self._judge(step, notes.tracking)
-                samples.add(step.run_timestep, self.environment.world)
-                if step.run_timestep in samples.kept:
-                    pictures[step.run_timestep] = copy_frames(step.frames)
-                observe(step)
+            counted = notes.figures.carry_out(self.runner, world, notes.directory, console)
+            with closing(counted) as timesteps:
+                for step, _ in timesteps:
+                    self._judge(step, notes.tracking)
+                    samples.add(step.run_timestep, world)
+                    if step.run_timestep in samples.kept:
+                        pictures[step.run_timestep] = copy_frames(step.frames)
+                    observe(step)
         finally:
-            notes.light_level = counted.light_level
-            tables.close()
             samples.end(self.environment.world)
             if step is not None:
                 pictures[step.run_timestep] = copy_frames(step.frames)

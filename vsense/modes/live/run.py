@@ -1,15 +1,25 @@
-"""One run with real robots, from its first timestep to its report."""
+"""One run with real robots, from its first timestep to its report, and the picture of it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.base.arena import Frame
 from vsense.base.errors import VsenseError
-from vsense.modes.live.portrait import Portrait
+from vsense.config.specs import Experiment
 from vsense.modes.live.session import RunSession
-from vsense.monitor.pictures.run_figure import RunPictureError
+from vsense.monitor.pictures import run_figure
+from vsense.monitor.pictures.run_cameras import RunCameras
+from vsense.monitor.pictures.run_figure import RunFigure, RunPictureError
+from vsense.monitor.pictures.run_samples import SPARE, RunSamples
+from vsense.robots.link.status import RobotStatus
 from vsense.run import directory as run_directory
 from vsense.run import figures
 from vsense.run.cast import played
@@ -17,6 +27,117 @@ from vsense.run.directory import RunLog
 from vsense.run.figures import Figures, TimestepSample
 from vsense.run.robots import Readiness, shorten
 from vsense.run.runtime import Step
+from vsense.vision.cameras.camera import Camera
+from vsense.world.sightings import NEVER_NS
+from vsense.world.world import World
+
+MOST_TIMESTEPS = 6_000
+"""Ten minutes at 10 Hz: of longer runs every second timestep is kept, every fourth, and so on."""
+
+
+class Portrait:
+    """The picture of a run: the state that the host knew, at chosen moments.
+
+    It is filled timestep by timestep while the run goes on; `cameras` are our own, in any order.
+    """
+
+    def __init__(self, experiment: Experiment, cameras: Sequence[Camera] = ()) -> None:
+        self._experiment = experiment
+        self._cameras = RunCameras(cameras, experiment.marker.height_m)
+        self._newest = -1
+        self._samples = RunSamples(experiment)
+        self._source = experiment.source
+        self._every = 1
+        self._timesteps: list[int] = []
+        self._poses: list[NDArray[np.float64]] = []
+        self._known: list[NDArray[np.bool_]] = []
+        self._lit: list[list[bool]] = []
+        self._inside: list[NDArray[np.bool_]] = []
+
+    def add(
+        self,
+        run_timestep: int,
+        world: World,
+        robots: Mapping[int, RobotStatus],
+        frames: Sequence[Frame] = (),
+    ) -> None:
+        """Adds a timestep, the links' statuses by tag, and the pictures; `world` is up to date."""
+        self._look(run_timestep, frames)
+        if run_timestep % self._every and run_timestep not in self._samples.kept:
+            return
+        rows = world.robots[: len(self._experiment.robots)]
+        self._timesteps.append(run_timestep)
+        self._poses.append(np.stack([rows[key] for key in ("x_m", "y_m", "yaw_rad")], axis=-1))
+        self._known.append(rows["capture_ns"] != NEVER_NS)
+        self._lit.append([robots[robot.tag].lit for robot in self._experiment.robots])
+        if self._source is not None:
+            cone = world.cone(self._source)
+            places = self._poses[-1][:, :2]
+            outside = np.zeros(len(places), bool)
+            self._inside.append(outside if cone is None else cone.contains(places))
+        self._samples.add(run_timestep, world)
+        if len(self._timesteps) >= MOST_TIMESTEPS:
+            self._thin()
+
+    def _look(self, run_timestep: int, frames: Sequence[Frame]) -> None:
+        """Copies pictures once in a second, and where a view or the run's end may need them.
+
+        Nobody knows which timestep is the last one of a run that is stopped.
+        """
+        second = max(round(self._experiment.ticks_per_second), 1)
+        last = self._experiment.timesteps - 1
+        is_kept = run_timestep in self._samples.kept
+        if not frames or not (
+            is_kept or run_timestep % second == 0 or last - SPARE < run_timestep <= last
+        ):
+            return
+        if self._newest not in self._samples.kept:
+            self._cameras.drop(self._newest)
+        self._newest = run_timestep
+        self._cameras.keep(run_timestep, frames)
+
+    def _thin(self) -> None:
+        """Forgets every other timestep, but for those of a view and the last."""
+        self._every *= 2
+        last, kept = self._timesteps[-1], self._samples.kept
+        stay = [t % self._every == 0 or t in kept or t == last for t in self._timesteps]
+        self._timesteps = list(compress(self._timesteps, stay))
+        self._poses = list(compress(self._poses, stay))
+        self._known = list(compress(self._known, stay))
+        self._lit = list(compress(self._lit, stay))
+        self._inside = list(compress(self._inside, stay))
+        self._samples.thin(stay)
+
+    def draw(self, path: Path, world: World, blind: bool, subtitle: str) -> bool:
+        """Draws the picture after the run, into an existing folder; `subtitle` says how it was run.
+
+        False if no robot was ever seen; PictureError if the file cannot be written.
+        """
+        known = np.array(self._known)
+        if not known.any():
+            return False
+        self._samples.end(world)
+        run_figure.save(self._figure(known), path, blind, subtitle)
+        return True
+
+    def _figure(self, known: NDArray[np.bool_]) -> RunFigure:
+        """The figure of the robots that were seen at all."""
+        seen = known.any(axis=0)
+        poses = np.array(self._poses)
+        # Before a robot was seen for the first time it stands where that was.
+        first = known.argmax(axis=0)
+        for robot in np.flatnonzero(seen):
+            poses[: first[robot], robot] = poses[first[robot], robot]
+        return RunFigure(
+            self._experiment,
+            np.array(self._timesteps, np.int64),
+            poses[:, seen],
+            np.array(self._lit)[:, seen],
+            np.array(self._inside)[:, seen] if self._source is not None else None,
+            self._experiment.turn_timestep,
+            self._samples,
+            cameras=self._cameras,
+        )
 
 
 class OneRun:
@@ -58,19 +179,17 @@ class OneRun:
         self._log.end_progress()
 
     def _timesteps(self) -> None:
-        session = self._session
-        for step in session.runner.timesteps():
-            robots = session.runner.robots
-            moment = self._figures.observe(step, robots)
-            world = session.environment.world
-            self._portrait.add(step.run_timestep, world, robots, step.frames)
-            counts = moment.connected, moment.seen, moment.stale
-            self._log.timestep(step, counts, world.results)
-            lost = [status.name for status in robots.values() if not status.connected]
-            self._log.progress(self._line(step, moment, lost))
-            self._observe(step)
-            # Lent pictures go back during a pause.
-            del step
+        runner, world = self._session.runner, self._session.environment.world
+        counted = self._figures.carry_out(runner, world, self._directory, self._log)
+        with closing(counted) as timesteps:
+            for step, sample in timesteps:
+                robots = runner.robots
+                self._portrait.add(step.run_timestep, world, robots, step.frames)
+                lost = [status.name for status in robots.values() if not status.connected]
+                self._log.progress(self._line(step, sample, lost))
+                self._observe(step)
+                # Lent pictures go back during a pause.
+                del step
 
     def _end_world(self) -> None:
         environment = self._session.environment
@@ -80,7 +199,7 @@ class OneRun:
             for text in environment.said():
                 self._log.say(f"loop functions: {text}")
 
-    def _line(self, step: Step, moment: TimestepSample, lost: list[str]) -> str:
+    def _line(self, step: Step, sample: TimestepSample, lost: list[str]) -> str:
         experiment = self._experiment
         length = f"/{experiment.length_s:g}" if experiment.length_s else ""
         robots = len(experiment.robots)
@@ -88,15 +207,15 @@ class OneRun:
         return (
             f"{step.run_timestep * experiment.timestep_s:5.1f}{length} s"
             f"  timestep {step.run_timestep}"
-            f"  robots {moment.connected}/{robots}{without}  seen {moment.seen}/{robots}"
-            f"  stale {moment.stale}"
+            f"  robots {sample.connected}/{robots}{without}  seen {sample.seen}/{robots}"
+            f"  stale {sample.stale}"
             f"  capture to sent {(step.sent_ns - step.capture_ns) / 1e6:.0f} ms"
         )
 
     def report(self) -> dict[str, Any] | None:
         """Measures, writes, and prints the figures; None where nothing was measured."""
         session, environment = self._session, self._session.environment
-        if not self._figures.timesteps:
+        if not len(self._figures.steps):
             self._log.say("vsense: the run ended before its first timestep: nothing was measured")
             return None
         summary: dict[str, Any] = {

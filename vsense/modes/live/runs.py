@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import threading
+import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,17 +16,23 @@ from pathlib import Path
 from typing import Any
 
 from vsense.base.arena import ArenaState, Frame
-from vsense.base.errors import VsenseError
+from vsense.base.errors import VsenseError, failing_as
 from vsense.base.terminal import Console, print_data
+from vsense.modes.live.talk import Talk
 from vsense.monitor.recording import SUFFIX
 from vsense.monitor.recording.form import Data
-from vsense.monitor.recording.pictures import BackgroundRecorder, PictureRecordingError
+from vsense.monitor.recording.pictures import (
+    BackgroundRecorder,
+    PictureRecorder,
+    PictureRecordingError,
+    write_session_files,
+)
 from vsense.monitor.ui.recorders import OFF, Recorders
 from vsense.run import directory as run_directory
-from vsense.run.control import Control, State
-from vsense.run.orders import Order, OrderError, OrderKind
+from vsense.run.control import TRACKING_RULES, Control, State
 from vsense.run.several import Series
 from vsense.vision.tracking.camera_tracking import CameraTracking
+from vsense.vision.tracking.specs import TrackingSession
 
 
 class RunPictures:
@@ -138,6 +145,24 @@ class RunPictures:
             self._say(f"the disk was too slow: {recorder.dropped} timesteps were not recorded")
 
 
+def begin_recording(session: TrackingSession, talk: Talk) -> BackgroundRecorder | None:
+    """Begins the recording that the experiment file asks for."""
+    record = session.record
+    if not record.record_image:
+        return None
+    directory = record.root_directory
+    if record.change_root_directory_on_start:
+        with failing_as(PictureRecordingError, f"{directory}: cannot be written"):
+            directory = run_directory.make_new(directory / time.strftime("%Y-%m-%d-%H%M%S"))
+    cameras = [view.camera for view in session.views]
+    recorder = PictureRecorder(directory, cameras, record.image_format)
+    trackers = {view.camera.id: view.tracker for view in session.views}
+    with failing_as(PictureRecordingError, f"{directory}: cannot be written"):
+        write_session_files(directory, cameras, trackers, session.mask)
+    talk.say(f"recording into {directory}")
+    return BackgroundRecorder(recorder)
+
+
 @dataclass(slots=True)
 class RunCounts:
     """What one run has shown; `before` are the cameras' counts when it began."""
@@ -185,10 +210,10 @@ class RunCounts:
 
 
 class Runs:
-    """The runs of one process; all methods but `give` and `recording` belong to its thread.
+    """The runs of one process; all methods but `recording` belong to its thread.
 
     Attributes:
-        control: the state of the runs.
+        control: the state of the runs; takes orders.
         stays: after a run the process waits for the next one.
         counts: of the present run, or the last one.
         ended: number of the last run that is completed.
@@ -200,16 +225,28 @@ class Runs:
     def __init__(
         self,
         name: str,
-        control: Control,
         recorders: Recorders,
         pictures: RunPictures,
         console: Console,
         interrupted: threading.Event,
         stays: bool,
         folders: bool,
+        holds: bool = False,
+        suspends: bool = False,
     ) -> None:
-        """`name` is the session's; `folders`: its experiment file wants pictures in folders."""
-        self.name, self.control, self.stays = name, control, stays
+        """`name` is the session's; `folders`: its experiment file wants pictures in folders.
+
+        For `holds` and `suspends` see `Control`.
+        """
+        self.name, self.stays = name, stays
+        self.control = Control(
+            lambda wanted: None,
+            console.say,
+            holds,
+            suspends,
+            record=self._switch,
+            rules=TRACKING_RULES,
+        )
         self.recorders, self.pictures = recorders, pictures
         self.counts = RunCounts({})
         self.directory: Path | None = None
@@ -221,7 +258,6 @@ class Runs:
         self._failure: VsenseError | None = None
         self._summaries: list[dict[str, Any]] = []
         self._lock = threading.RLock()
-        control.record = self._switch
 
     def keep_in(self, wanted: Path | None) -> None:
         """Makes the folder of all runs, `wanted` or one in `runs/`.
@@ -230,22 +266,6 @@ class Runs:
         """
         root = run_directory.make(wanted, self.name, None)
         self._series = Series(root, 1, self.stays, self._interrupted)
-
-    def give(self, order: Order) -> str:
-        """Carries an order out; see `Control.give`. There is nothing that an emergency could stop.
-
-        OrderError if it makes no sense now.
-        """
-        if order.kind == OrderKind.EMERGENCY:
-            raise OrderError(
-                "vsense track moves no robot and can stop none: stop them where they are driven"
-            )
-        return self.control.give(order)
-
-    @property
-    def can(self) -> list[str]:
-        """The orders that make sense now."""
-        return [kind.value for kind in self.control.can if kind != OrderKind.EMERGENCY]
 
     @property
     def running(self) -> bool:

@@ -16,6 +16,7 @@ from vsense.config.casting import Pair
 from vsense.config.specs import Experiment
 from vsense.modes.live.batteries import RunBatteries
 from vsense.modes.live.sources import SteadySource, open_source
+from vsense.modes.live.steering import RunSteering, SessionCallbacks
 from vsense.monitor.ui.access import is_loopback
 from vsense.monitor.ui.messages import ExperimentFacts
 from vsense.monitor.ui.room import ControlRoom
@@ -155,31 +156,39 @@ class ExperimentSession(ABC):
 
         Gives the runtime, which has yet to be opened.
         """
-        setup, server = self.setup, self.server
-        changes = Changes(setup.console.say, setup.room.locked, ground)
+        setup, server, room = self.setup, self.server, self.setup.room
+        changes = Changes(setup.console.say, room.locked, ground)
         runtime = Runtime(source, self.environment, server, changes=changes)
-        control = Control(server.command, setup.console.say, setup.room.holds, suspends)
+        can_recast = not isinstance(server, MixedServer)
+        recast = self._cast.ask if can_recast else None
+        record, say, holds = room.recorders.switch, setup.console.say, room.holds
+        control = Control(server.command, say, holds, suspends, record=record, replace=recast)
         self.runner = Runner(
-            *(setup.experiment, runtime, server, setup.console, setup.interrupted),
-            *(self._observe, control),
+            setup.experiment,
+            runtime,
+            server,
+            setup.console,
+            setup.interrupted,
+            self._observe,
+            control,
             between=self._between,
         )
-        if not isinstance(server, MixedServer):
-            control.replace = self._cast.ask
-            setup.room.spares = lambda: spares_for(self.experiment)
-        setup.room.doubts, runner = self.doubts(), self.runner
-        setup.room.alarms, setup.room.leave = lambda: runner.alarms, setup.interrupted.set
-        setup.room.open(scene, self.environment, server, runtime, control)
+        callbacks = SessionCallbacks(
+            self.doubts(),
+            lambda: self.runner.alarms,
+            lambda: spares_for(self.experiment) if can_recast else [],
+            setup.interrupted.set,
+        )
+        RunSteering(room, scene, self.environment, server, runtime, control, callbacks).open()
         return runtime
 
     def _scene(
         self, command: str, cameras: Sequence[Camera], trackers: dict[str, str], troubles: Troubles
     ) -> ExperimentFacts:
         text = read_bytes(self.experiment.path).decode(errors="replace")
-        made = dict(self.setup.made)
-        blind, user = self.setup.blind, user_name()
+        setup, user = self.setup, user_name()
         return ExperimentFacts(
-            *(command, text, blind, cameras, trackers, troubles, made), user=user
+            command, text, setup.blind, cameras, trackers, troubles, dict(setup.made), user=user
         )
 
     def _observe(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
@@ -349,26 +358,23 @@ class RunSession(ExperimentSession):
         self.source: SteadySource = open_source(self.experiment, self._tracking, self._tell)
         self._stack.callback(self.source.close)
         self.port = self._start_server()
-        own = self.source.own
+        own, suspends = self.source.own, False
+        scene = self._scene("run", (), {}, Troubles())
         if own is not None:
+            session = own.session
             # Recordings hold what the tracker sees.
-            self.setup.room.recorders.watch_session(own.session, own.tracking)
-        views = () if own is None else own.session.views
-        scene = self._scene(
-            "run",
-            [view.camera for view in views],
-            {view.camera.id: view.tracker.id for view in views},
-            Troubles() if own is None else own.tracking.troubles,
-        )
-        if own is not None:
+            self.setup.room.recorders.watch_session(session, own.tracking)
             scene = replace(
                 scene,
-                recorded=not own.session.is_live,
-                masks=masks_px(own.session),
-                calibration=of_tracking(own.session),
+                cameras=[view.camera for view in session.views],
+                trackers={view.camera.id: view.tracker.id for view in session.views},
+                troubles=own.tracking.troubles,
+                recorded=not session.is_live,
+                masks=masks_px(session),
+                calibration=of_tracking(session),
             )
-        # STOP may only suspend a run (thesis, 2.3.1).
-        suspends = own is not None and not own.session.record.change_root_directory_on_start
+            # STOP may only suspend a run (thesis, 2.3.1).
+            suspends = not session.record.change_root_directory_on_start
         runtime = self._open_room(self.source, scene, suspends)
         runtime.open()
         self._stack.callback(runtime.close)
@@ -382,9 +388,3 @@ class RunSession(ExperimentSession):
     def doubts(self) -> list[str]:
         """See `ExperimentSession.doubts`."""
         return [*super().doubts(), *([self.source.doubt] if self.source.doubt else [])]
-
-    def _observe(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
-        """Checks the cameras, too: the timestep's readings have left."""
-        if self.source.own is not None:
-            self.source.own.tracking.check_cameras()
-        super()._observe(step, robots)

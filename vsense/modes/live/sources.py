@@ -115,6 +115,10 @@ class SteadySource:
         """See `ArenaSource.stop`."""
         self._source.stop()
 
+    def check_cameras(self) -> None:
+        """See `ArenaSource.check_cameras`."""
+        self._source.check_cameras()
+
     def figures(self) -> dict[str, object]:
         """Kind, name and counters, for the run's report."""
         return {"kind": self.kind, "name": self.name, **self._figures()}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
@@ -17,25 +16,17 @@ from vsense.base import arena
 from vsense.base.arena import ArenaState, Frame
 from vsense.base.clock import host_ns
 from vsense.base.errors import UsageError, VsenseError, failing_as
-from vsense.base.message_bus import MessageBus
 from vsense.base.terminal import Console, Interruption, drop_output, interruption
 from vsense.config import tracking_session
-from vsense.modes.live.runs import RunPictures, Runs
+from vsense.modes.live.runs import RunPictures, Runs, begin_recording
 from vsense.modes.live.talk import Talk
 from vsense.modes.live.track_room import TrackRoom, name_of
 from vsense.monitor import recording
 from vsense.monitor.pictures import snapshot
-from vsense.monitor.recording.pictures import (
-    BackgroundRecorder,
-    PictureRecorder,
-    PictureRecordingError,
-    write_session_files,
-)
 from vsense.monitor.ui.access import FoxgloveAddress, WebAddress
 from vsense.monitor.ui.foxglove_server import check_foxglove
-from vsense.monitor.ui.recorders import Recorders
-from vsense.run import directory as run_directory
-from vsense.run.control import BEFORE, Control, State
+from vsense.monitor.ui.room import ControlRoom, RoomOptions
+from vsense.run.control import BEFORE, State
 from vsense.vision.calibration.checked import told_of
 from vsense.vision.cameras.grabber import GrabberError, NoMorePictures, Troubles
 from vsense.vision.tracking.arena_tracker import TrackerCounters
@@ -91,6 +82,17 @@ class TrackOptions:
     web: WebAddress | None = None
     foxglove: FoxgloveAddress | None = None
     markers: Mapping[int, PlacedMarker] = field(default_factory=dict)
+
+    @property
+    def room(self) -> RoomOptions:
+        """How its runs are seen, steered and kept."""
+        return RoomOptions(
+            self.web,
+            self.foxglove,
+            hold=self.hold,
+            record=self.record,
+            record_images=self.record_images,
+        )
 
     @property
     def is_watched(self) -> bool:
@@ -175,21 +177,27 @@ class TrackingRun:
         self._made, self._options, self._talk = made, options, talk
         self._interrupted = interrupted
         self._live = session.is_live
-        bus, record = MessageBus(), session.record
-        self._room = TrackRoom(
-            *(options.web, session, made.troubles, console), bus=bus, foxglove=options.foxglove
-        )
-        each_run = record.change_root_directory_on_start
+        self._control_room = room = ControlRoom(options.room, console)
+        each_run = session.record.change_root_directory_on_start
         tell = lambda text: console.say(text, "trouble")  # noqa: E731
         self._runs = Runs(
             name_of(session),
-            Control(lambda wanted: None, console.say, options.hold, not each_run),
-            Recorders(bus, options.is_recorded, options.record_images, tell, console.say),
+            room.recorders,
             RunPictures(lambda: begin_recording(session, talk), each_run, tell),
             console,
             interrupted,
             stays=options.hold or (options.web is not None and session.is_live),
-            folders=record.record_image,
+            folders=session.record.record_image,
+            holds=options.hold,
+            suspends=not each_run,
+        )
+        self._room = TrackRoom(
+            room,
+            session,
+            made.troubles,
+            self._runs,
+            has_keys=options.hold or options.web is not None,
+            dated=self._live or options.is_watched,
         )
         self._begun_ns, self._came, self._done = host_ns(), False, 0
         self._stands = False
@@ -202,11 +210,10 @@ class TrackingRun:
         if options.output is not None or options.is_recorded:
             runs.keep_in(options.output)
         runs.recorders.watch_session(self._made.session, self.tracking, by_file=False)
-        stack.enter_context(self._room)
         if text := told_of(self._made.session):
             self._talk.say(text)
-        watched = options.is_watched
-        self._room.steer(runs, options.hold or options.web is not None, dated=self._live or watched)
+        stack.enter_context(self._control_room)
+        self._room.open()
 
     def run(self) -> None:
         """Tracks to the end, and leaves picture, recordings and summary."""
@@ -295,7 +302,7 @@ class TrackingRun:
             VsenseError: the tracker has failed.
         """
         try:
-            moment = self.tracking.next(SILENCE_S)
+            moment = next_timestep(self.tracking)
         except NoMorePictures:
             self._runs.control.end("the recording has ended")
             return None
@@ -319,7 +326,6 @@ class TrackingRun:
         else:
             self._talk.rest(runs.control, state)
         self._room.update(state, frames)
-        self.tracking.check_cameras()
 
     def _print(self, state: ArenaState, csv: bool) -> None:
         if self._options.json:
@@ -342,12 +348,21 @@ class TrackingRun:
             path.write_bytes(cv2.imencode(suffix, picture)[1].tobytes())
 
 
+def next_timestep(tracking: CameraTracking) -> tuple[ArenaState, Sequence[Frame]]:
+    """Waits for the next state and its pictures; raises as `CameraTracking.next`.
+
+    The cameras are checked first: the state before has been handed on.
+    """
+    tracking.check_cameras()
+    return tracking.next(SILENCE_S)
+
+
 def timesteps(
     tracking: CameraTracking, interrupted: threading.Event, most: int | None = None
 ) -> Timesteps:
     """Tracks until `interrupted` (within `SILENCE_S`), a recording ends or `most` are done.
 
-    Yields each state with its pictures; the cameras are checked when each was handed on.
+    Yields each state with its pictures.
 
     Raises:
         GrabberError: cameras gave nothing at the beginning.
@@ -356,7 +371,7 @@ def timesteps(
     begun_ns, done = host_ns(), 0
     while not interrupted.is_set() and done != most:
         try:
-            state, frames = tracking.next(SILENCE_S)
+            state, frames = next_timestep(tracking)
         except NoMorePictures:
             return
         except GrabberError:
@@ -365,27 +380,8 @@ def timesteps(
             continue
         done += 1
         yield state, frames
-        tracking.check_cameras()
 
 
 def known_timesteps(wanted: int | None, tracking: CameraTracking) -> int | None:
     """Gives how many there will be, where that is known; `wanted` is the most."""
     return min((n for n in (wanted, tracking.grabber.timesteps) if n is not None), default=None)
-
-
-def begin_recording(session: TrackingSession, talk: Talk) -> BackgroundRecorder | None:
-    """Begins the recording that the experiment file asks for."""
-    record = session.record
-    if not record.record_image:
-        return None
-    directory = record.root_directory
-    if record.change_root_directory_on_start:
-        with failing_as(PictureRecordingError, f"{directory}: cannot be written"):
-            directory = run_directory.make_new(directory / time.strftime("%Y-%m-%d-%H%M%S"))
-    cameras = [view.camera for view in session.views]
-    recorder = PictureRecorder(directory, cameras, record.image_format)
-    trackers = {view.camera.id: view.tracker for view in session.views}
-    with failing_as(PictureRecordingError, f"{directory}: cannot be written"):
-        write_session_files(directory, cameras, trackers, session.mask)
-    talk.say(f"recording into {directory}")
-    return BackgroundRecorder(recorder)

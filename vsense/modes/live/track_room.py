@@ -5,10 +5,7 @@ The thesis's Viewer (2.3.1). `vsense cameras show` shows its pictures here, too,
 
 from __future__ import annotations
 
-import os
-import shutil
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,19 +14,16 @@ import numpy as np
 import vsense
 from vsense.base.arena import ArenaState, Frame, arena_data
 from vsense.base.clock import host_ns
-from vsense.base.message_bus import MessageBus
+from vsense.base.files import free_bytes
 from vsense.base.sharing import user_name
-from vsense.base.terminal import Console, Level
 from vsense.modes.live.runs import Runs
 from vsense.monitor.recording.form import Data, ExperimentMessage, RunMessage
 from vsense.monitor.ui import keyboard, messages
-from vsense.monitor.ui.access import FoxgloveAddress, WebAddress
-from vsense.monitor.ui.control_socket import TRACKER, ControlSocket, ControlSocketError
-from vsense.monitor.ui.foxglove_server import serve_foxglove
-from vsense.monitor.ui.publisher import SECOND_NS, WINDOW, PreviewEncoder, Rates, silence_s
-from vsense.monitor.ui.room import PageAccess, open_web, page_access
+from vsense.monitor.ui.control_socket import TRACKER
+from vsense.monitor.ui.publisher import SECOND_NS, WINDOW, Rates, silence_s
+from vsense.monitor.ui.room import ControlRoom, RoomCallbacks
 from vsense.monitor.ui.tables import CameraTable
-from vsense.run.orders import Give, Order, OrderError
+from vsense.run.orders import Order, OrderError
 from vsense.vision.calibration.checked import of_tracking
 from vsense.vision.cameras.grabber import Troubles
 from vsense.vision.tracking.opening import masks_px
@@ -50,92 +44,47 @@ def name_of(session: TrackingSession) -> str:
 
 
 class TrackRoom:
-    """Shows a tracking session; a context that leaves no thread and no socket behind.
+    """Shows a tracking session in a control room.
 
-    `bus` takes all messages.
+    Args:
+        room: where it is shown.
+        troubles: the cameras'.
+        runs: what orders steer; None: nothing runs, cameras are only looked through.
+        has_keys: the terminal's keys give orders, too.
+        dated: capture times are the host clock's, so that latencies are known.
     """
 
     def __init__(
         self,
-        web: WebAddress | None,
+        room: ControlRoom,
         session: TrackingSession,
         troubles: Troubles,
-        console: Console,
-        clock: Callable[[], int] = host_ns,
-        bus: MessageBus | None = None,
-        foxglove: FoxgloveAddress | None = None,
+        runs: Runs | None = None,
+        has_keys: bool = False,
+        dated: bool = True,
     ) -> None:
-        """Shows it at `web` and to Foxglove, where these are not None; `troubles` are the cameras'.
-
-        Its buttons do something as soon as `steer` was called. Raises as `page_access`.
-        """
-        self._access = None if web is None else page_access(web)
-        self._foxglove = foxglove
-        self._bus = bus or MessageBus()
+        self._room, self._bus = room, room.bus
         self._session = session
-        self._clock = clock
-        self._console = console
         self._board = CameraTable([view.camera for view in session.views], troubles)
         self._rates = Rates(WINDOW)
         self._joined, self._due_ns = -1, 0
-        self._told: object = None
+        self._published: object = None
         self._state: ArenaState | None = None
         self._heard_ns: int | None = None
-        self._dated = True
-        self._runs: Runs | None = None
-        self._give: Give = refuse
-        self._stack = ExitStack()
-        self._preview: PreviewEncoder | None = None
-        console.also = self._tell_event
+        self._runs, self._dated, self._has_keys = runs, dated, has_keys
 
     def open(self) -> None:
-        """Serves the page, and Foxglove; VsenseError if a port is taken."""
-        if self._access is not None:
-            self._serve_page(self._access)
-        serve_foxglove(self._stack, self._bus, self._foxglove, self._console)
-        if self._access is not None or self._foxglove is not None:
-            self._preview = PreviewEncoder(self._bus)
-            self._stack.callback(self._preview.close)
-
-    def _serve_page(self, access: PageAccess) -> None:
-        server, lines = open_web(
-            access,
-            self._bus,
-            lambda order: self._give(order),
-            lambda text: self._console.say(text, "warning"),
-        )
-        self._stack.callback(server.close)
-        for line in lines:
-            # With its tokens: neither the page's events nor a recording may have them.
-            self._console.whisper(line)
-
-    def steer(self, runs: Runs, keys: bool, dated: bool) -> None:
-        """Has page, control socket and, with `keys`, the keyboard carry orders out.
-
-        `dated`: capture times are the host clock's, so that latencies are known.
-        """
-        self._runs, self._give, self._dated = runs, runs.give, dated
-        try:
-            bell = ControlSocket(self.status, runs.give, TRACKER)
-            self._stack.callback(bell.close)
-            if bell.alone:
-                self._console.say(f"the lab's others cannot steer this process: {bell.alone}")
-        except ControlSocketError as error:
-            self._console.say(f"vsense status and its like will not find this process: {error}")
-        if keys and keyboard.usable():
-            self._stack.callback(keyboard.Keyboard(runs.give, self._console.say).close)
-            self._console.say(keyboard.TRACKING_HELP)
-
-    def __enter__(self) -> TrackRoom:
-        self.open()
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self._stack.close()
+        """Opens the room; VsenseError if it cannot be served."""
+        runs, keys = self._runs, keyboard.TRACKING_HELP if self._has_keys else ""
+        if runs is None:
+            self._room.open(RoomCallbacks(refuse))
+        else:
+            give = runs.control.give
+            self._room.open(RoomCallbacks(give, self.status, kind=TRACKER, keys=keys))
 
     def update(self, state: ArenaState, frames: Sequence[Frame]) -> None:
         """Publishes what is new after a timestep; messages are made only if they are wanted."""
-        now_ns, runs = self._clock(), self._runs
+        now_ns, runs = host_ns(), self._runs
         self._state, self._heard_ns = state, now_ns
         self._board.see(frames)
         self._rates.add(state.capture_ns, now_ns)
@@ -144,12 +93,11 @@ class TrackRoom:
         self._bus.notify(
             "/arena", state.capture_ns, lambda: {**arena_data(state), "run_timestep": timestep}
         )
-        if self._preview is not None:
-            self._preview.offer(frames)
+        self._room.show(frames)
 
     def rest(self) -> None:
         """Publishes what is not a timestep's: how cameras and runs are."""
-        now_ns = self._clock()
+        now_ns = host_ns()
         if self._joined != self._bus.joined:
             self._joined, self._due_ns = self._bus.joined, 0
             self._bus.notify("/experiment", now_ns, self._facts)
@@ -159,31 +107,24 @@ class TrackRoom:
             self._bus.notify("/cameras", now_ns, lambda: self._board.data(now_ns))
         runs = self._runs
         key = None if runs is None else (runs.control.state, runs.control.run, runs.control.by)
-        if due or key != self._told:
-            self._told = key
+        if due or key != self._published:
+            self._published = key
             self._bus.notify("/run", now_ns, self._run)
 
     def status(self) -> dict[str, Any]:
         """The answer to `vsense status`; any thread."""
-        assert self._runs is not None, "the socket is opened by `steer`"
-        state, directory = self._state, self._runs.directory
+        state, directory = self._state, None if self._runs is None else self._runs.directory
         return {
-            "name": name_of(self._session),
-            "command": "track",
-            "process": os.getpid(),
+            **self._room.status_data(name_of(self._session), "track", self._run()),
             "directory": None if directory is None else str(directory),
-            "run": self._run(),
             "robots": {
                 name: [] if state is None else state.robots[name].tolist()
                 for name in ("tag", "x_m", "y_m", "yaw_rad", "seen")
             },
         }
 
-    def _tell_event(self, text: str, level: Level) -> None:
-        self._bus.event(text, level, self._clock())
-
     def _run(self) -> Data:
-        runs, state, now_ns = self._runs, self._state, self._clock()
+        runs, state, now_ns = self._runs, self._state, host_ns()
         silent_ns = 0 if self._heard_ns is None else now_ns - self._heard_ns
         common = {"late": None, "silent_s": silence_s(silent_ns), **self._rates.data()}
         if not self._dated:
@@ -191,16 +132,18 @@ class TrackRoom:
         if runs is None:
             timestep = -1 if state is None else state.timestep
             return RunMessage(state="running", timestep=timestep, **common).data()
+        recording = runs.recording()
+        file = recording["file"]
+        folder = Path.cwd() if file is None else Path(file).parent
         return RunMessage(
             state=runs.control.state.value,
             run=runs.control.run,
             by=runs.control.by,
-            can=runs.can,
+            can=[kind.value for kind in runs.control.can],
             timestep=runs.counts.timestep,
             time_s=round(runs.counts.time_ns / 1e9, 3),
-            text=self._console.newest,
-            recording=runs.recording(),
-            disk_free_bytes=_free_bytes(runs.recording()["file"]),
+            **self._room.run_data()
+            | {"runs": None, "recording": recording, "disk_free_bytes": free_bytes(folder)},
             **common,
         ).data()
 
@@ -228,14 +171,6 @@ class TrackRoom:
 def refuse(order: Order) -> str:
     """Raises OrderError for every order: there is nothing to steer."""
     raise OrderError(f"{order.kind.value}: nothing runs here, cameras are only looked through")
-
-
-def _free_bytes(file: str | None) -> int | None:
-    """What is left where recordings go."""
-    try:
-        return shutil.disk_usage(Path.cwd() if file is None else Path(file).parent).free
-    except OSError:
-        return None
 
 
 def _extent(session: TrackingSession) -> tuple[tuple[float, float], tuple[float, float]]:

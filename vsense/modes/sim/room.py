@@ -8,218 +8,82 @@ from __future__ import annotations
 
 import itertools
 import select
-import shutil
 import socket
 import threading
 import time
-from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
 from vsense.base.clock import host_ns
-from vsense.base.message_bus import Message, MessageBus
-from vsense.base.terminal import Console
+from vsense.base.message_bus import Message
 from vsense.config.specs import Experiment
-from vsense.modes.sim.paced import ANSWER, TOLD
-from vsense.modes.sim.pacing import FASTEST, SLOWEST
+from vsense.modes.sim.paced import ANSWER, FASTEST, SLOWEST, TOLD
 from vsense.monitor import recording
 from vsense.monitor.recording.form import Data, RunMessage
-from vsense.monitor.ui.access import FoxgloveAddress
-from vsense.monitor.ui.foxglove_server import serve_foxglove
 from vsense.monitor.ui.recorders import OFF
-from vsense.monitor.ui.room import PageAccess, open_web
+from vsense.monitor.ui.room import ControlRoom, RoomCallbacks
+from vsense.robots.link.wire import Wanted
 from vsense.run.changes import MOST_WAITING, Answer
 from vsense.run.changing import Change
-from vsense.run.control import State
-from vsense.run.orders import Order, OrderError, OrderKind
+from vsense.run.control import DURING, SIMULATION_RULES, Control, State
+from vsense.run.orders import OrderError
 
 _PERIOD_S = 0.5
 """`/run` is published this often, and when something changes."""
 
 _PASSING = ("/event", TOLD)
 
-ORDERS = {
-    State.WAITING: (OrderKind.SPEED,),
-    State.RUNNING: (
-        *(OrderKind.PAUSE, OrderKind.STEP, OrderKind.SPEED, OrderKind.STOP),
-        *(OrderKind.RESET, OrderKind.RECORD),
-    ),
-    State.PAUSED: (
-        *(OrderKind.START, OrderKind.STEP, OrderKind.SPEED, OrderKind.STOP),
-        *(OrderKind.RESET, OrderKind.RECORD),
-    ),
-    State.ENDED: (OrderKind.RESET, OrderKind.SPEED),
-}
-"""What makes sense in every state; there is no other state."""
-
-
-class SimControl:
-    """The orders of a simulation's page, whose state follows from them; all is for any thread.
-
-    Args:
-        send: sends an order to the simulation, see `vsense.modes.sim.paced`, and does not wait;
-            OrderError where it does not listen.
-        tell: takes a line for people.
-        speed: at the beginning, times real time.
-        holds: every run begins paused; those after a reset do anyway.
-        locked: nobody may change the world.
-
-    Attributes:
-        run: its number, from 1.
-        seed: of the run.
-        by: who gave the last order.
-        file: of the recording.
-        next_asked: whether another run is wanted after this one.
-    """
-
-    def __init__(
-        self,
-        send: Callable[[int, str, Any], None],
-        tell: Callable[[str], None],
-        seed: int,
-        speed: float = 1.0,
-        holds: bool = False,
-        locked: bool = False,
-    ) -> None:
-        self.state, self.run, self.seed, self.speed = State.WAITING, 1, seed, speed
-        self.by: str | None = None
-        self.file = Path()
-        self.next_asked = False
-        self._send, self._tell, self._holds, self._locked = send, tell, holds, locked
-        self._lock = threading.RLock()
-
-    @property
-    def can(self) -> tuple[OrderKind, ...]:
-        """The orders that make sense now."""
-        return ORDERS[self.state]
-
-    def give(self, order: Order) -> str:
-        """Carries an order out; OrderError where it makes no sense; see `vsense.run.orders.Give`.
-
-        UsageError for a recording without the library for it.
-        """
-        with self._lock:
-            if order.kind == OrderKind.EMERGENCY:
-                raise OrderError("no robot moves here: this is a simulation; pause or stop it")
-            if order.kind not in self.can:
-                raise OrderError(self._refusal(order.kind))
-            text = self._obey(order)
-            self.by = order.by
-        self._tell(f"{order.by}: {text}")
-        return text
-
-    def begin(self) -> None:
-        """A run begins: the simulation is told how."""
-        with self._lock:
-            self.state = State.PAUSED if self._holds else State.RUNNING
-            self.next_asked = False
-            self._send(self.run, "begin", (self.speed, not self._holds, self._locked))
-
-    def end(self) -> None:
-        """The run is over."""
-        with self._lock:
-            self.state = State.ENDED
-
-    def next_run(self, seed: int) -> None:
-        """Goes on to the run after this one, which a reset has asked for: it begins paused."""
-        with self._lock:
-            self.run, self.seed, self._holds, self.state = self.run + 1, seed, True, State.WAITING
-
-    def stop(self) -> None:
-        """Has the run end where it is; OrderError where it does not listen now."""
-        self._send(self.run, "stop", 0)
-
-    def _obey(self, order: Order) -> str:
-        kind, value = order.kind, order.value
-        if kind == OrderKind.SPEED:
-            return self._set_speed(value)
-        # The state follows once the order is sent: it may not be.
-        if kind == OrderKind.START:
-            self._send(self.run, "play", 1)
-            self.state = State.RUNNING
-            return f"run {self.run} goes on"
-        if kind == OrderKind.PAUSE:
-            self._send(self.run, "play", 0)
-            self.state = State.PAUSED
-            return f"run {self.run} is paused"
-        if kind == OrderKind.STEP:
-            self._send(self.run, "step", 1)
-            self.state = State.PAUSED
-            return "one timestep"
-        if kind == OrderKind.RECORD:
-            recording.require()
-            self._send(self.run, "record", int(value != 0.0))
-            return f"recording to {self.file}" if value else f"recording is off: {self.file}"
-        return self._end(kind)
-
-    def _end(self, kind: OrderKind) -> str:
-        if self.state != State.ENDED:
-            self.stop()
-        if kind == OrderKind.STOP:
-            return f"run {self.run} is stopped"
-        self.next_asked = True
-        return f"reset: run {self.run + 1} waits for a start"
-
-    def _set_speed(self, value: float) -> str:
-        speed = FASTEST if value == 0.0 else value
-        if not speed >= SLOWEST:
-            raise OrderError(f"speed: {value:g}, expected {SLOWEST:g} or more, or 0: no limit")
-        if self.state in (State.RUNNING, State.PAUSED):
-            self._send(self.run, "speed", speed)
-        self.speed = speed
-        return "as fast as it goes" if speed == FASTEST else f"{speed:g} times real time"
-
-    def _refusal(self, kind: OrderKind) -> str:
-        if kind in (OrderKind.PLAY, OrderKind.SEEK):
-            return f"{kind.value}: only a replay can do that"
-        return f"cannot {kind.value}: run {self.run} is {self.state.value}"
+_SENT = {Wanted.RUN: ("play", 1), Wanted.PAUSE: ("play", 0), Wanted.STOP: ("stop", 0)}
+"""What the simulation is sent where robots would be commanded."""
 
 
 class SimRoom:
-    """Serves the page of one process's simulations; a context that leaves no thread and no socket.
+    """Steers one process's simulations; a context that leaves no thread and no socket.
+
+    Args:
+        room: where they are shown; opens with this.
+        seed: of the first run.
+        speed: at the beginning, times real time.
 
     Attributes:
-        control: takes the orders.
+        bus: of the room.
+        control: the state of the runs; takes orders.
+        seed, speed: of the run.
         descriptor: the simulation's end of the socket.
     """
 
     def __init__(
-        self,
-        access: PageAccess,
-        experiment: Experiment,
-        control: dict[str, Any],
-        console: Console,
-        foxglove: FoxgloveAddress | None = None,
+        self, room: ControlRoom, experiment: Experiment, seed: int, speed: float = 1.0
     ) -> None:
-        """`control` has what begins a run, of `SimControl`; nothing is opened yet."""
-        self.control = SimControl(self._send, console.say, **control)
-        self.bus = MessageBus()
-        self._access, self._experiment, self._console = access, experiment, console
-        self._foxglove = foxglove
+        self._room, self._experiment, self.bus = room, experiment, room.bus
+        self.seed, self.speed = seed, speed
+        self.control = Control(
+            lambda wanted: self._send(*_SENT[wanted]),
+            room.console.say,
+            room.holds,
+            record=self._record,
+            speed=self._set_speed,
+            step=lambda: self._send("step", 1),
+            rules=SIMULATION_RULES,
+        )
         self._stack, self._sending = ExitStack(), threading.Lock()
         self._asked: dict[int, Answer] = {}
         self._asking = threading.Lock()
         self._numbers = itertools.count()
         self._current: dict[str, Message] = {}
         self._told: dict[str, Any] = {}
-        self._directory = Path()
+        self._file = Path()
         self._joined, self._due_s = -1, 0.0
         self._key: tuple[object, ...] = ()
         self._closing = False
 
     def __enter__(self) -> SimRoom:
-        """Opens the page; VsenseError if it cannot be served."""
-        server, lines = open_web(
-            *(self._access, self.bus, self.control.give),
-            *(lambda text: self._console.say(text, "warning"), self._ask),
+        """Opens the room; VsenseError if it cannot be served."""
+        self._room.open(
+            RoomCallbacks(self.control.give, ask=self._ask, time_s=lambda: self._time_s)
         )
-        self._stack.callback(server.close)
-        for line in lines:
-            self._console.whisper(line)
-        serve_foxglove(self._stack, self.bus, self._foxglove, self._console)
-        self._console.also = self._say
         ours, self._theirs = socket.socketpair()
         self._stack.callback(self._theirs.close)
         self._page, self.descriptor = Connection(ours.detach()), self._theirs.fileno()
@@ -231,26 +95,53 @@ class SimRoom:
 
     def __exit__(self, *exception: object) -> None:
         self._closing = True
-        self._console.also = lambda text, level: None
         self._stack.close()
 
     def begin_run(self, directory: Path) -> None:
         """A run begins, whose files go to `directory`."""
-        self._directory, self._told, self._current = directory, {}, {}
-        self.control.file = directory / f"{self._experiment.name}{recording.SUFFIX}"
+        self._room.keep_in(directory)
+        self._told, self._current = {}, {}
+        self._file = directory / f"{self._experiment.name}{recording.SUFFIX}"
         self._forget_asked()
         self._forget_sent()
-        self.control.begin()
+        holds, locked = self.control.holds, self._room.locked
+        # The speed that counts is that of this moment: the control's lock is held.
+        begin = lambda: self._send("begin", (self.speed, not holds, locked))  # noqa: E731
+        self.control.begin(begin, paused=holds)
 
     def end_run(self) -> None:
         """The run is over: nothing is changed any more."""
-        self.control.end()
+        self.control.end("")
         self._forget_asked()
+
+    def next_run(self, seed: int) -> None:
+        """Goes on to the run after this one, which a reset has asked for: it begins paused."""
+        self.seed = seed
+        self.control.next_run()
+
+    def stop(self) -> None:
+        """Has the run end where it is; OrderError where it does not listen now."""
+        self._send("stop", 0)
+
+    def _record(self, on: bool) -> str:
+        """Has the simulation record or not; UsageError without the library for it."""
+        recording.require()
+        self._send("record", int(on))
+        return f"recording to {self._file}" if on else f"recording is off: {self._file}"
+
+    def _set_speed(self, value: float) -> str:
+        speed = FASTEST if value == 0.0 else value
+        if not speed >= SLOWEST:
+            raise OrderError(f"speed: {value:g}, expected {SLOWEST:g} or more, or 0: no limit")
+        if self.control.state in DURING:
+            self._send("speed", speed)
+        self.speed = speed
+        return "as fast as it goes" if speed == FASTEST else f"{speed:g} times real time"
 
     def _ask(self, change: Change, by: str, answer: Answer) -> None:
         """Has the simulation change its world, see `vsense.run.changes.Ask`."""
         with self._asking:
-            if self.control.state not in (State.RUNNING, State.PAUSED):
+            if self.control.state not in DURING:
                 run, state = self.control.run, self.control.state.value
                 raise OrderError(f"nothing can be changed: run {run} is {state}")
             if len(self._asked) >= MOST_WAITING:
@@ -259,7 +150,7 @@ class SimRoom:
             # The answer may be there before `_send` returns.
             self._asked[number] = answer
             try:
-                self._send(self.control.run, "change", (number, change, by))
+                self._send("change", (number, change, by))
             except OrderError:
                 del self._asked[number]
                 raise
@@ -280,12 +171,12 @@ class SimRoom:
             while self._theirs.recv(1 << 16, socket.MSG_DONTWAIT):
                 pass
 
-    def _say(self, text: str, level: str) -> None:
-        """Has pages see a line of the terminal, at the run's time."""
-        time_s = self._told["time_s"] if self._told.get("timestep", -1) >= 0 else None
-        self.bus.event(text, level, host_ns(), time_s)
+    @property
+    def _time_s(self) -> float | None:
+        told = self._told
+        return told["time_s"] if told.get("timestep", -1) >= 0 else None
 
-    def _send(self, run: int, name: str, value: Any) -> None:
+    def _send(self, name: str, value: Any) -> None:
         """Sends an order and never waits: pages' thread and the run's end must go on."""
         with self._sending, suppress(OSError):
             # Writable: three quarters of the socket's buffer are free, and an order is far smaller.
@@ -293,7 +184,7 @@ class SimRoom:
             writable.register(self._page.fileno(), select.POLLOUT)
             if not writable.poll(0):
                 raise OrderError("the simulation does not listen: try again")
-            self._page.send((run, name, value))
+            self._page.send((self.control.run, name, value))
 
     def _run(self) -> None:
         """The thread."""
@@ -317,7 +208,7 @@ class SimRoom:
             if answer := self._asked.pop(data["number"], None):
                 answer(data["text"], data["ok"])
         elif topic == "/event" and not time_ns:
-            self._console.say(data["text"], data["level"])
+            self._room.console.say(data["text"], data["level"])
         else:
             if topic not in _PASSING:
                 self._current[topic] = message
@@ -343,7 +234,7 @@ class SimRoom:
         """Publishes `/run`, and to newcomers everything that lasts."""
         control, now_s = self.control, time.monotonic()
         still = control.state != State.RUNNING and self._told.get("timestep")
-        key = control.state, control.run, control.by, control.speed, self.bus.joined, still
+        key = control.state, control.run, control.by, self.speed, self.bus.joined, still
         if self._joined != self.bus.joined:
             self._joined = self.bus.joined
             for message in list(self._current.values()):
@@ -357,10 +248,6 @@ class SimRoom:
         control, told, experiment = self.control, self._told, self._experiment
         running = control.state == State.RUNNING
         rate_hz = told.get("rate_hz", 0.0) if running else 0.0
-        try:
-            free = shutil.disk_usage(self._directory).free
-        except OSError:
-            free = None
         data = RunMessage(
             state=control.state.value,
             run=control.run,
@@ -371,10 +258,9 @@ class SimRoom:
             length_s=experiment.length_s or None,
             rate_hz=rate_hz,
             silent_s=0.0,
-            text=self._console.newest,
-            recording=told.get("recording") or dict(OFF),
-            disk_free_bytes=free,
+            **self._room.run_data()
+            | {"runs": None, "recording": told.get("recording") or dict(OFF)},
         ).data()
-        speed = None if control.speed == FASTEST else control.speed
+        speed = None if self.speed == FASTEST else self.speed
         sim = {"speed": speed, "reached": round(rate_hz * experiment.timestep_s, 2)}
         return {**data, "sim": sim}

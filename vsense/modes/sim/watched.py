@@ -73,7 +73,7 @@ class WatchedRuns:
             self._asked_s = time.monotonic()
         if not self._stopped:
             with suppress(OrderError):  # it may listen when this is called again
-                self._room.control.stop()
+                self._room.stop()
                 self._stopped = True
         return time.monotonic() - self._asked_s > PATIENCE_S
 

@@ -11,8 +11,8 @@ import subprocess
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Collection
-from contextlib import ExitStack, suppress
+from collections.abc import Collection
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any
 
@@ -67,7 +67,7 @@ class FoxgloveServer:
     Args:
         bus: what is served.
         address: where.
-        tell: takes a line about trouble, from any thread.
+        console: takes a line where it is served, and about trouble.
         recording: the one that is played, None: time is now.
         give: carries out a replay's PLAY, SPEED and SEEK.
     """
@@ -76,11 +76,11 @@ class FoxgloveServer:
         self,
         bus: MessageBus,
         address: FoxgloveAddress,
-        tell: Callable[[str], None],
+        console: Console,
         recording: Recording | None = None,
         give: Give | None = None,
     ) -> None:
-        self._bus, self._address, self._tell = bus, address, tell
+        self._bus, self._address, self._console = bus, address, console
         self._recording, self._give = recording, give
         self._wanted: frozenset[str] = LASTING
         self._waiting: dict[str, Message] = {}
@@ -91,8 +91,8 @@ class FoxgloveServer:
         self._owes = False
         self.port = 0
 
-    def start(self) -> list[str]:
-        """Begins to serve; gives lines for people.
+    def start(self) -> None:
+        """Begins to serve, and says where.
 
         Raises:
             VsenseError: the port is taken, or a library is missing.
@@ -114,7 +114,8 @@ class FoxgloveServer:
         self._listener = self._bus.join(self.receive, self._wants)
         host = f"[{self._address.host}]" if ":" in self._address.host else self._address.host
         line = f"Foxglove: ws://{host}:{self.port}; its layout: vsense docs --path {LAYOUT}"
-        return [line, *self._address.warnings()]
+        for text in [line, *self._address.warnings()]:
+            self._console.say(text)
 
     def _begin(self) -> int:
         """Tells the process what to do; gives its port."""
@@ -187,7 +188,8 @@ class FoxgloveServer:
         except Exception as error:
             if not self._closing:
                 self._wanted = frozenset()
-                self._tell(f"Foxglove is served no more, and the run goes on without: {error!r}")
+                text = f"Foxglove is served no more, and the run goes on without: {error!r}"
+                self._console.say(text, "warning")
 
     def _next(self) -> list[Message]:
         """Waits for messages, at most for a moment; where a replay is comes before all else."""
@@ -226,22 +228,3 @@ class FoxgloveServer:
         if self._give is not None:
             with suppress(OrderError):
                 self._give(Order(kind, "Foxglove", value))
-
-
-def serve_foxglove(
-    stack: ExitStack,
-    bus: MessageBus,
-    address: FoxgloveAddress | None,
-    console: Console,
-    **replay: Any,
-) -> None:
-    """Serves a bus where it is asked for, until the stack's end, and says so.
-
-    For `replay` and errors see `FoxgloveServer`.
-    """
-    if address is None:
-        return
-    server = FoxgloveServer(bus, address, lambda text: console.say(text, "warning"), **replay)
-    for line in server.start():
-        console.say(line)
-    stack.callback(server.close)

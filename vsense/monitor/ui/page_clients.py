@@ -13,6 +13,7 @@ import json
 import threading
 import time
 from collections import OrderedDict, deque
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from aiohttp import WSMsgType, web
@@ -213,6 +214,14 @@ class WebClients:
         self._came = 0
         self._history: deque[Message] = deque(maxlen=HISTORY)
         self._listener = bus.join(self._history.append, "/event".__eq__)
+        self._does: Mapping[str, Callable[[WebClient, Any], None]] = {
+            "order": self._carry_out,
+            "change": self._change,
+            "look": WebClient.look,
+            "refresh": WebClient.refresh,
+            "pictures": WebClient.pictures,
+            "got": WebClient.got,
+        }
 
     @property
     def viewers(self) -> int:
@@ -299,15 +308,11 @@ class WebClients:
         except ValueError as error:
             viewer.post(_answer(str(error), False, isinstance(error, ChangeReadError)))
             return
-        if name == "order":
-            self._carry_out(viewer, *value)
-        elif name == "change":
-            self._change(viewer, value)
-        else:
-            getattr(viewer, name)(value)
+        self._does[name](viewer, value)
 
-    def _carry_out(self, viewer: WebClient, kind: OrderKind, value: float, pair: Pair) -> None:
+    def _carry_out(self, viewer: WebClient, order: tuple[OrderKind, float, Pair]) -> None:
         """Carries out an order, or says why not."""
+        kind, value, pair = order
         if self._viewers[viewer] is not Rights.CONTROL:
             self._answer(viewer, LOOKING, False)
             return

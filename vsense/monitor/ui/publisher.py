@@ -299,8 +299,7 @@ class PreviewEncoder:
         self._lock = threading.Lock()
         self._news = threading.Event()
         self._ending = False
-        self._thread = threading.Thread(target=self._run, name="vsense-preview", daemon=True)
-        self._thread.start()
+        self._thread: threading.Thread | None = None
 
     def offer(self, frames: Sequence[Frame]) -> None:
         """Takes pictures, copying those that are wanted; does not wait."""
@@ -313,12 +312,18 @@ class PreviewEncoder:
             with self._lock:
                 self._waiting[frame.camera] = copy
             self._news.set()
+            if self._thread is None:
+                self._thread = threading.Thread(
+                    target=self._run, name="vsense-preview", daemon=True
+                )
+                self._thread.start()
 
     def close(self) -> None:
-        """Ends the thread."""
+        """Ends the thread, which begins with the first picture that somebody wants."""
         self._ending = True
         self._news.set()
-        self._thread.join()
+        if self._thread is not None:
+            self._thread.join()
 
     def _run(self) -> None:
         while self._news.wait() and not self._ending:

@@ -131,7 +131,6 @@ class RealRuns:
 
         run = staged.run
         log.say(f"run {run.cell.number} of {staged.plan.runs}: {run.in_words()}")
-        log.begin_run(directory, session.experiment.timestep_s)
         live_run = OneRun(session, directory, readiness, log, observe)
         staged.begin()
         live_run.run()

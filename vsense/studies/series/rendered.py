@@ -91,7 +91,7 @@ class LabRuns:
             return
         notes = session.recordings[-1]
         ended, summary = notes.ended, None
-        if len(notes.steps):
+        if len(notes.figures.steps):
             with suppress(CutShort), self._interrupted.in_time():
                 summary = self._report(session, directory)
         elif self._interrupted.is_set():

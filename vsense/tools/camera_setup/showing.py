@@ -18,6 +18,7 @@ from vsense.base.errors import UsageError, VsenseError
 from vsense.base.terminal import Console, interruption
 from vsense.modes.live.track_room import TrackRoom
 from vsense.monitor.ui.access import WebAddress
+from vsense.monitor.ui.room import ControlRoom, RoomOptions
 from vsense.tools.camera_setup.markers import MarkerFinder
 from vsense.tools.camera_setup.opening import OpenCamera, choose, make, session_of
 from vsense.vision.cameras.grabber import CameraEvent, GrabberError, Troubles
@@ -88,7 +89,9 @@ def run(
                 console.say(f"vsense: {spec.id}: {width.in_words()}")
             sizes_px = {spec.id: (image.shape[1], image.shape[0])}
             session = session_of(spec.id, [spec], sizes_px, finder.px_per_m)
-            room = stack.enter_context(TrackRoom(web, session, troubles, console))
+            control_room = stack.enter_context(ControlRoom(RoomOptions(web), console))
+            room = TrackRoom(control_room, session, troubles)
+            room.open()
             ShowSession(session, finder, room, console, troubles).run(interrupted)
         return interrupted.code if interrupted.is_set() else 0
 

@@ -225,6 +225,9 @@ class TrackerLink:
                     return state, ()
         raise LinkError(f"tracker {self.name}: the link is closed")
 
+    def check_cameras(self) -> None:
+        """The cameras are the tracker's own."""
+
     def close(self) -> None:
         """Ends a `next` that waits, and the connection; can be called again."""
         self._closed = True
