@@ -116,7 +116,7 @@ def test_all_cameras_show_a_painted_floor_and_paint_it_once(served: Serve, opene
     floor = {"color": [255] * 3, "size_m": [3, 2.4], "centre_m": [0, 0], "png": floor_png()}
     told: dict[str, Any] = page.value(
         "(async () => { const { Lens } = await import('/lens.js');"
-        " const { Ground } = await import('/overlay_ground.js');"
+        " const { Ground } = await import('/ground.js');"
         f" const lens = new Lens({camera.to_json()}), floor = {json.dumps(floor)};"
         " let ready = 0, painted = 0;"
         # A replay that stands still draws again only when it is called.

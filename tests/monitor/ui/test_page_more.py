@@ -17,8 +17,8 @@ WIDTHS_PX = (390, 800, 1600)
 def place(page: Page, x_m: float, y_m: float) -> tuple[float, float]:
     """Where a place of the arena is in the window."""
     x, y = page.value(
-        "(() => { const { canvas, place } = vsense.arena, box = canvas.getBoundingClientRect();"
-        f" return [box.x + place.x({x_m}) / place.ratio, box.y + place.y({y_m}) / place.ratio];"
+        "(() => { const { canvas, view } = vsense.arena, box = canvas.getBoundingClientRect();"
+        f" return [box.x + view.x({x_m}) / view.ratio, box.y + view.y({y_m}) / view.ratio];"
         " })()"
     )
     return x, y
@@ -47,7 +47,7 @@ def test_the_head_says_which_run_of_a_plan_it_is(served: Serve, opened: Open) ->
 def test_things_are_dragged_and_numbers_are_set(served: Serve, opened: Open) -> None:
     puppet, _, url = served(running())
     page = opened(url)
-    page.until("vsense.store.world && vsense.store.settings && vsense.arena.place")
+    page.until("vsense.store.world && vsense.store.settings && vsense.arena.view")
     page.until("!document.querySelector('#edit').hidden")
     page.drag(place(page, 1.0, 0.7), place(page, 0.4, 0.5))
     assert puppet.changes == [], "nothing is moved by mistake"
@@ -166,7 +166,7 @@ def test_the_page_without_controls_falls_onto_the_floor(served: Serve, opened: O
     page.until("document.querySelector('#arena').style.transform.startsWith('matrix3d')")
     # The browser's own arithmetic takes the arena's corner to where it was dragged.
     found = page.value(
-        "(() => { const at = vsense.drawn()[0];"
+        "(() => { const at = vsense.drawnCorners()[0];"
         " const point = new DOMMatrix(document.querySelector('#arena').style.transform)"
         ".transformPoint(new DOMPoint(...at));"
         " return [point.x / point.w, point.y / point.w]; })()"

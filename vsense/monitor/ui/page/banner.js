@@ -1,91 +1,127 @@
 // Trouble in words, large enough for the other end of the room.
 
-import { byId, make, write } from "./dom.js";
-import { bytes, capital, count } from "./format.js";
 import { stateWords } from "./cameras.js";
+import { byId, inside, make, write } from "./dom.js";
+import { bytes, capital, count } from "./format.js";
 
 const SILENT_S = 1;
 const SILENT_RUN_MS = 4000;
 const UNANSWERED_MS = 700;
-const DISK_LOW = 2e9;
+const DISK_LOW_BYTES = 2e9;
 const LISTED = 3;
-const OWN = 3;
+const OWN_BANNERS = 3;
 
-/** What is wrong, the worst first: [{level, text, more}]. */
+/** `own`: it has a banner of its own.
+ * @typedef {{ level: "lost" | "trouble" | "warning", text: string, more: string, own?: boolean }} Trouble */
+
+/** What is wrong, the worst first.
+ * @param {Store} store @param {Connection} connection @returns {Trouble[]} */
 export function troubles(store, connection) {
-  const found = [];
-  const { run, robots, cameras, experiment } = store;
-  if (!connection.open) return [lost(connection)];
-  if (connection.emergency !== null && performance.now() - connection.emergency > UNANSWERED_MS) {
-    found.push({ level: "trouble", text: "EMERGENCY STOP NOT CONFIRMED", more: "vsense has not answered yet" });
-  }
-  if (run?.state === "emergency") {
-    found.push({ level: "trouble", text: "EMERGENCY STOP", more: [run.by && `pressed by ${run.by}`, run.text].filter(Boolean).join(" · ") });
-  }
-  for (const alarm of run?.alarms ?? []) found.push({ level: "trouble", text: capital(alarm.text), more: alarm.cause, own: true });
-  if (experiment && performance.now() - store.runHeard > SILENT_RUN_MS) {
-    found.push({ level: "trouble", text: "No news from the run", more: "vsense is there, but tells nothing of the experiment" });
-  }
-  if (run?.silent_s >= SILENT_S) {
-    found.push({ level: "trouble", text: `Nothing seen for ${run.silent_s.toFixed(0)} s`, more: "no camera gives an arena state" });
-  }
-  found.push(...ofRobots(robots), ...ofCameras(cameras), ...ofDisk(run));
-  if (run?.doubts?.length) {
-    found.push({ level: "warning", text: "Not authenticated", more: run.doubts.join(" · ") });
-  }
-  if (run?.state === "waiting" || run?.state.startsWith("homing")) found.push({ level: "warning", text: capital(run.text), more: "" });
-  return found;
+  if (!connection.open) return [ofConnection(connection)];
+  return [
+    ...ofEmergency(store.run, connection), ...ofRun(store), ...ofRobots(store.robots), ...ofCameras(store.cameras),
+    ...ofDisk(store.run), ...ofAccess(store.run),
+  ];
 }
 
-function lost(connection) {
+/** @param {string} text @param {string} more @returns {Trouble} */
+const trouble = (text, more) => ({ level: "trouble", text, more });
+/** @param {string} text @param {string} more @returns {Trouble} */
+const warning = (text, more) => ({ level: "warning", text, more });
+
+/** @param {Connection} connection @returns {Trouble} */
+function ofConnection(connection) {
   const seconds = Math.round((performance.now() - connection.since) / 1000);
   const text = connection.emergency !== null ? "EMERGENCY STOP NOT DELIVERED" : "Connection lost";
-  return { level: "lost", text, more: `trying again since ${seconds} s; the run goes on without this page, what is shown is old` };
+  const more = `trying again since ${seconds} s; the run goes on without this page, what is shown is old`;
+  return { level: "lost", text, more };
 }
 
-function ofRobots(robots) {
-  const bad = (robots?.trouble ?? []).map((text, row) => [robots.name[row] ?? robots.tag[row], text]).filter(([, text]) => text);
-  if (!bad.length) return [];
-  const words = bad.slice(0, LISTED).map(([name, text]) => `${name}: ${text}`);
-  if (bad.length > LISTED) words.push(`and ${bad.length - LISTED} more`);
-  if (bad.length === 1) return [{ level: "trouble", text: words[0], more: "" }];
-  return [{ level: "trouble", text: `${count(bad.length, "robot")} in trouble`, more: words.join(" · ") }];
-}
-
-function ofCameras(cameras) {
-  return (cameras?.cameras ?? [])
-    .filter((camera) => camera.state !== "ok")
-    .map((camera) => ({ level: "trouble", text: `Camera ${camera.id} ${stateWords(camera.state)}`, more: camera.text ?? "" }));
-}
-
-function ofDisk(run) {
-  const found = [];
-  if (run?.recording?.trouble) found.push({ level: "trouble", text: "Recording in trouble", more: run.recording.trouble });
-  const free = run?.disk_free_bytes;
-  if (typeof free === "number" && free < DISK_LOW) {
-    found.push({ level: "warning", text: `Disk nearly full: ${bytes(free)} left`, more: "" });
+/** @param {RunMessage | null} run @param {Connection} connection */
+function ofEmergency(run, connection) {
+  const rows = [];
+  if (connection.emergency !== null && performance.now() - connection.emergency > UNANSWERED_MS) {
+    rows.push(trouble("EMERGENCY STOP NOT CONFIRMED", "vsense has not answered yet"));
   }
-  return found;
+  if (run?.state === "emergency") {
+    rows.push(trouble("EMERGENCY STOP", [run.by && `pressed by ${run.by}`, run.text].filter(Boolean).join(" · ")));
+  }
+  return rows;
 }
 
-/** The banners: one for what has its own, and one for all the rest. */
-export function showBanner(found) {
-  const own = found.filter((one) => one.own);
-  const [first, ...others] = found.filter((one) => !one.own);
+/** @param {Store} store @returns {Trouble[]} */
+function ofRun({ run, experiment, runHeard }) {
+  /** @type {Trouble[]} */
+  const rows = (run?.alarms ?? []).map(({ text, cause }) => ({ ...trouble(capital(text), cause), own: true }));
+  if (experiment && performance.now() - runHeard > SILENT_RUN_MS) {
+    rows.push(trouble("No news from the run", "vsense is there, but tells nothing of the experiment"));
+  }
+  if (run && run.silent_s !== null && run.silent_s >= SILENT_S) {
+    rows.push(trouble(`Nothing seen for ${run.silent_s.toFixed(0)} s`, "no camera gives an arena state"));
+  }
+  return rows;
+}
+
+/** @param {RobotsMessage | null} robots */
+function ofRobots(robots) {
+  if (!robots) return [];
+  const rows = robots.trouble.map((text, row) => ({ name: robots.name[row] ?? String(robots.tag[row]), text }));
+  const bad = rows.filter(({ text }) => text).map(({ name, text }) => `${name}: ${text}`);
+  if (!bad.length) return [];
+  if (bad.length === 1) return [trouble(bad[0], "")];
+  const words = bad.slice(0, LISTED);
+  if (bad.length > LISTED) words.push(`and ${bad.length - LISTED} more`);
+  return [trouble(`${count(bad.length, "robot")} in trouble`, words.join(" · "))];
+}
+
+/** @param {CamerasMessage | null} cameras */
+function ofCameras(cameras) {
+  const bad = (cameras?.cameras ?? []).filter((camera) => camera.state !== "ok");
+  return bad.map((camera) => trouble(`Camera ${camera.id} ${stateWords(camera.state)}`, camera.text ?? ""));
+}
+
+/** @param {RunMessage | null} run */
+function ofDisk(run) {
+  const rows = [];
+  if (run?.recording?.trouble) rows.push(trouble("Recording in trouble", run.recording.trouble));
+  const free = run?.disk_free_bytes;
+  if (typeof free === "number" && free < DISK_LOW_BYTES) {
+    rows.push(warning(`Disk nearly full: ${bytes(free)} left`, ""));
+  }
+  return rows;
+}
+
+/** @param {RunMessage | null} run */
+function ofAccess(run) {
+  const rows = [];
+  if (run?.doubts?.length) rows.push(warning("Not authenticated", run.doubts.join(" · ")));
+  if (run && (run.state === "waiting" || run.state.startsWith("homing"))) rows.push(warning(capital(run.text), ""));
+  return rows;
+}
+
+/** The banners: one for what has its own, and one for all the rest.
+ * @param {Trouble[]} rows */
+export function showBanner(rows) {
+  const own = rows.filter((row) => row.own);
+  const [first, ...others] = rows.filter((row) => !row.own);
   const box = byId("alarms");
-  while (box.childElementCount > Math.min(own.length, OWN)) box.lastChild.remove();
-  own.slice(0, OWN).forEach((alarm, at) => {
-    const banner = box.children[at] ?? box.appendChild(make("section", { className: "banner" }, make("strong"), make("span")));
-    const more = at === OWN - 1 && own.length > OWN ? ` · and ${own.length - OWN} more` : "";
-    fill(banner, alarm.level, alarm.text, alarm.more + more);
+  while (box.childElementCount > Math.min(own.length, OWN_BANNERS)) box.lastElementChild?.remove();
+  own.slice(0, OWN_BANNERS).forEach((alarm, at) => {
+    if (at === box.childElementCount) {
+      box.append(make("section", { className: "banner" }, make("strong"), make("span")));
+    }
+    const hidden = at === OWN_BANNERS - 1 ? own.length - OWN_BANNERS : 0;
+    fill(box.children[at], alarm.level, alarm.text, alarm.more + (hidden > 0 ? ` · and ${hidden} more` : ""));
   });
   const banner = byId("banner");
   banner.hidden = !first;
-  if (first) fill(banner, first.level, first.text, [first.more, ...others.map((one) => one.text)].filter(Boolean).join(" · "));
+  const more = [first?.more, ...others.map((row) => row.text)].filter(Boolean).join(" · ");
+  if (first) fill(banner, first.level, first.text, more);
 }
 
+/** @param {Element} banner @param {string} level @param {string} text @param {string} more */
 function fill(banner, level, text, more) {
-  banner.dataset.level = level;
-  write(banner.querySelector("strong"), text);
-  write(banner.querySelector("span"), more);
+  banner.setAttribute("data-level", level);
+  write(inside(banner, "strong"), text);
+  write(inside(banner, "span"), more);
 }

@@ -1,26 +1,45 @@
 // All cameras in their grid, with what the tracker found in their pictures; and their figures.
 
-import { byId, fit, make, mark, press, remember, remembered, write } from "./dom.js";
+import { byId, fit, make, mark, penOf, press, remember, remembered, write } from "./dom.js";
 import { rate } from "./format.js";
 import { Overlay } from "./overlay.js";
 import { colours } from "./theme.js";
 
 const OLD_NS = 1.5e9;
 const PAINT_MS = 300;
+/** @type {Record<string, string>} */
 const STATES = { ok: "ok", moved: "has been moved", dark: "is dark", frozen: "is frozen", lost: "is lost" };
 
-/** What a camera's state is called in a sentence about it. */
+/** What a camera's state is called in a sentence about it.
+ * @param {string} state */
 export const stateWords = (state) => STATES[state] ?? state;
 
 /** One camera: a canvas, its name, and what is wrong with it. */
 class Cell {
+  /** Of the newest picture that was decoded. */
+  #number = 0;
+  #busy = false;
+  /** What lay over the picture when it was painted, and when that was [ms]. */
+  #overlayKey = "";
+  /** @type {number | null} */
+  #chosen = null;
+  #painted = 0;
+  /** @type {ImageBitmap | undefined} */
+  bitmap;
+  /** The picture that is shown.
+   * @type {PictureMessage | undefined} */
+  shown;
+  /** @type {Overlay | undefined} */
+  #overlay;
+
+  /** @param {CameraDescription} camera @param {Store} store */
   constructor(camera, store) {
     this.camera = camera;
     this.store = store;
     this.canvas = make("canvas");
     this.canvas.setAttribute("role", "img");
     this.canvas.setAttribute("aria-label", `Picture of ${camera.id}`);
-    this.pen = this.canvas.getContext("2d", { alpha: false });
+    this.pen = penOf(this.canvas, { alpha: false });
     this.rate = make("span");
     this.text = make("strong", { hidden: true });
     const tracker = camera.tracker && camera.tracker !== camera.id ? `${camera.tracker}` : "";
@@ -28,33 +47,30 @@ class Cell {
       "div", { className: "cell" }, this.canvas,
       make("p", {}, make("b", {}, camera.id), make("span", {}, tracker), this.rate), this.text,
     );
-    this.element.style.gridRow = camera.row + 1;
-    this.element.style.gridColumn = camera.column + 1;
-    this.number = 0;
-    this.busy = false;
-    this.over = "";
-    this.chosen = null;
-    this.painted = 0;
+    this.element.style.gridRow = String(camera.row + 1);
+    this.element.style.gridColumn = String(camera.column + 1);
   }
 
   /** Decodes and draws the newest picture; those that come meanwhile are passed over.
-   *  `over` changes with what lies over it, "" is nothing; `chosen` is a robot's tag or null. */
-  async draw(over, chosen) {
+   *  `overlayKey` changes with what lies over it, "" is nothing.
+   * @param {string} overlayKey @param {number | null} chosen */
+  async draw(overlayKey, chosen) {
     const picture = this.store.pictures.get(this.camera.id);
-    const asked = Boolean(over) !== Boolean(this.over) || chosen !== this.chosen;
+    const switched = Boolean(overlayKey) !== Boolean(this.#overlayKey) || chosen !== this.#chosen;
     // A world that changes in every timestep waits for the next picture, if there is one soon.
-    const moved = over !== this.over && performance.now() - this.painted > PAINT_MS;
+    const isDue = overlayKey !== this.#overlayKey && performance.now() - this.#painted > PAINT_MS;
     const resized = fit(this.canvas);
-    if ((resized || asked || moved) && this.bitmap) {
-      [this.over, this.chosen] = [over, chosen];
+    if ((resized || switched || isDue) && this.bitmap) {
+      [this.#overlayKey, this.#chosen] = [overlayKey, chosen];
       this.#paint();
     }
-    if (!picture || picture.number === this.number || this.busy) return;
-    this.number = picture.number;
-    this.busy = true;
-    [this.over, this.chosen] = [over, chosen];
+    if (!picture || picture.number === this.#number || this.#busy) return;
+    this.#number = picture.number;
+    this.#busy = true;
+    [this.#overlayKey, this.#chosen] = [overlayKey, chosen];
     try {
-      const bitmap = await createImageBitmap(new Blob([picture.blob], { type: `image/${picture.about.format}` }));
+      const blob = new Blob([/** @type {any} */ (picture.blob)], { type: `image/${picture.about.format}` });
+      const bitmap = await createImageBitmap(blob);
       this.bitmap?.close();
       this.bitmap = bitmap;
       this.shown = picture.about;
@@ -63,34 +79,37 @@ class Cell {
       write(this.text, "a picture could not be read");
       this.text.hidden = false;
     } finally {
-      this.busy = false;
+      this.#busy = false;
     }
   }
 
   #paint() {
-    const { canvas, pen, store, bitmap, camera } = this;
+    const { canvas, pen, store, bitmap, shown, camera } = this;
+    if (!bitmap || !shown) return;
     const zoom = Math.min(canvas.width / bitmap.width, canvas.height / bitmap.height);
     const [width, height] = [bitmap.width * zoom, bitmap.height * zoom];
     const [left, top] = [(canvas.width - width) / 2, (canvas.height - height) / 2];
-    this.painted = performance.now();
+    this.#painted = performance.now();
     pen.fillStyle = "#20262d";
     pen.fillRect(0, 0, canvas.width, canvas.height);
     pen.drawImage(bitmap, left, top, width, height);
     // Found in this very picture where that is still known, else in the newest.
-    const arena = store.images.get(this.shown.timestep) ?? store.arena;
+    const arena = store.images.get(shown.timestep) ?? store.arena;
     pen.save();
     pen.beginPath();
     pen.rect(left, top, width, height);
     pen.clip();
     pen.translate(left, top);
-    if (camera.mask_px) this.#mask(camera.mask_px, width / camera.width_px);
-    if (this.over && camera.model?.rotation) this.#world(arena, width / camera.width_px);
-    if (arena?.images) this.#found(arena, width / camera.width_px);
+    const scale = width / camera.width_px;
+    if (camera.mask_px) this.#drawMask(camera.mask_px, scale);
+    if (this.#overlayKey && camera.model?.rotation) this.#drawOverlay(camera.model, arena, scale);
+    if (arena?.images) this.#drawImages(arena, scale);
     pen.restore();
   }
 
-  // Nothing is looked for where the picture is veiled.
-  #mask(polygons, zoom) {
+  /** Nothing is looked for where the picture is veiled.
+   * @param {Point[][]} polygons @param {number} zoom */
+  #drawMask(polygons, zoom) {
     const { pen, camera } = this;
     pen.beginPath();
     pen.rect(0, 0, camera.width_px * zoom, camera.height_px * zoom);
@@ -102,13 +121,16 @@ class Cell {
     pen.fill("evenodd");
   }
 
-  #world(arena, zoom) {
-    const { canvas, pen, store, camera } = this;
-    this.overlay ??= new Overlay(camera, store, () => this.bitmap && this.#paint());
-    this.overlay.draw(pen, zoom, canvas.width / Math.max(canvas.clientWidth, 1), arena, this.chosen);
+  /** @param {CameraModel} model @param {ArenaMessage | null} arena @param {number} zoom */
+  #drawOverlay(model, arena, zoom) {
+    const { canvas, pen, store } = this;
+    this.#overlay ??= new Overlay(model, store, () => this.#paint());
+    this.#overlay.draw(pen, zoom, canvas.width / Math.max(canvas.clientWidth, 1), arena, this.#chosen);
   }
 
-  #found(arena, zoom) {
+  /** What the tracker found in the picture.
+   * @param {ArenaMessage} arena @param {number} zoom */
+  #drawImages(arena, zoom) {
     const { pen, canvas, camera, store } = this;
     const { tag, camera: which, x_px, y_px, yaw_px_rad } = arena.images;
     const index = arena.cameras.indexOf(camera.id);
@@ -121,7 +143,7 @@ class Cell {
     for (let row = 0; row < tag.length; row += 1) {
       if (which[row] !== index) continue;
       const [x, y] = [x_px[row] * zoom, y_px[row] * zoom];
-      pen.strokeStyle = store.objects?.has(tag[row]) ? colours.cone : "#37d0ff";
+      pen.strokeStyle = store.objects.has(tag[row]) ? colours.cone : "#37d0ff";
       pen.lineWidth = thin;
       pen.beginPath();
       pen.arc(x, y, size, 0, 2 * Math.PI);
@@ -137,21 +159,26 @@ class Cell {
     }
   }
 
-  // How large a robot is in the picture, about: as a share of the arena that a camera sees.
+  /** How large a robot is in the picture, about: as a share of the arena that a camera sees.
+   * @param {number} zoom */
   #radius(zoom) {
-    const { arena, cameras, body_radius_m: body = 0.035 } = this.store.experiment;
+    const { experiment } = this.store;
+    if (!experiment) return 5;
+    const { arena, cameras, body_radius_m: body = 0.035 } = experiment;
     const columns = Math.max(...cameras.map((camera) => camera.column)) + 1;
     return Math.max(5, (1.25 * body * this.camera.width_px * zoom * columns) / arena.size_m[0]);
   }
 
-  /** Says how the camera is. */
-  tell(told) {
+  /** Says how the camera is.
+   * @param {CameraState | undefined} state */
+  render(state) {
     const { store, shown } = this;
-    write(this.rate, told ? rate(told.rate_hz) : "");
+    write(this.rate, state ? rate(state.rate_hz) : "");
     const old = shown && store.arena && store.arena.capture_ns - shown.capture_ns > OLD_NS;
-    const bad = told && told.state !== "ok";
+    const bad = state && state.state !== "ok";
     mark(this.element, "bad", bad);
-    const words = bad ? `${stateWords(told.state)}${told.text ? `: ${told.text}` : ""}` : old ? "the picture is old" : "";
+    let words = old ? "the picture is old" : "";
+    if (bad) words = `${stateWords(state.state)}${state.text ? `: ${state.text}` : ""}`;
     write(this.text, words);
     this.text.hidden = !words;
   }
@@ -159,20 +186,28 @@ class Cell {
 
 /** The panel, and the table of figures. */
 export class Cameras {
-  constructor(store, choice) {
+  /** By the camera's id.
+   * @type {Map<string, Cell>} */
+  cells = new Map();
+  /** Whether the virtual world lies over the pictures. */
+  overlay = true;
+  #experiment = 0;
+  #layoutKey = "";
+
+  /** @param {Store} store @param {RobotSelection} selection */
+  constructor(store, selection) {
     this.store = store;
-    this.choice = choice;
-    this.cells = new Map();
+    this.selection = selection;
     this.box = byId("cameras");
     this.note = byId("cameras_note");
     this.rows = byId("watch").tBodies[0];
-    this.panel = this.box.parentElement;
+    this.panel = byId("cameras_panel");
     this.chip = byId("overlay");
     this.chip.addEventListener("click", () => this.setOverlay(!this.overlay));
     this.setOverlay(remembered("overlay", "true") === "true");
   }
 
-  /** The virtual world over the pictures, on or off. */
+  /** @param {boolean} on */
   setOverlay(on) {
     this.overlay = on;
     press(this.chip, on);
@@ -187,28 +222,30 @@ export class Cameras {
   /** Draws what is new; called once per frame of the screen. */
   draw() {
     const { changed, experiment } = this.store;
-    if (this.seen !== changed.experiment && experiment) {
-      this.seen = changed.experiment;
+    if (this.#experiment !== changed.experiment && experiment) {
+      this.#experiment = changed.experiment;
       this.#build(experiment.cameras ?? []);
     }
     if (!this.panel.clientWidth) return;
     // What changes with time is drawn with the next picture.
-    const over = this.overlay ? `world ${this.store.changed.world}` : "";
-    for (const cell of this.cells.values()) cell.draw(over, this.overlay ? this.choice.tag : null);
+    const overlayKey = this.overlay ? `world ${changed.world}` : "";
+    for (const cell of this.cells.values()) cell.draw(overlayKey, this.overlay ? this.selection.tag : null);
   }
 
   /** Renews words and figures; called a few times per second. */
-  tell() {
-    const told = new Map((this.store.cameras?.cameras ?? []).map((camera) => [camera.id, camera]));
-    for (const [id, cell] of this.cells) cell.tell(told.get(id));
-    const bad = [...told.values()].filter((camera) => camera.state !== "ok").length;
+  render() {
+    const states = this.store.cameras?.cameras ?? [];
+    for (const [id, cell] of this.cells) cell.render(states.find((state) => state.id === id));
+    const bad = states.filter(({ state }) => state !== "ok").length;
     const all = this.cells.size;
-    write(this.note, all ? (bad ? `${bad} of ${all} in trouble` : `${all}`) : "none: another tracker sends poses");
-    [...told.values()].forEach((camera, row) => this.#row(row, camera));
-    while (this.rows.rows.length > told.size) this.rows.deleteRow(-1);
+    const note = bad ? `${bad} of ${all} in trouble` : `${all}`;
+    write(this.note, all ? note : "none: another tracker sends poses");
+    states.forEach((state, row) => this.#renderRow(row, state));
+    while (this.rows.rows.length > states.length) this.rows.deleteRow(-1);
   }
 
-  #row(index, camera) {
+  /** @param {number} index @param {CameraState} camera */
+  #renderRow(index, camera) {
     const row = this.rows.rows[index] ?? this.rows.insertRow();
     while (row.cells.length < 4) row.insertCell();
     const words = camera.text ? `${camera.state}: ${camera.text}` : camera.state;
@@ -217,10 +254,11 @@ export class Cameras {
     mark(row.cells[3], "ok", camera.state === "ok");
   }
 
+  /** @param {CameraDescription[]} cameras */
   #build(cameras) {
-    const key = JSON.stringify(cameras.map((camera) => [camera.id, camera.row, camera.column, camera.tracker, camera.model]));
-    if (key === this.key) return;
-    this.key = key;
+    const key = JSON.stringify(cameras.map(({ id, row, column, tracker, model }) => [id, row, column, tracker, model]));
+    if (key === this.#layoutKey) return;
+    this.#layoutKey = key;
     this.cells = new Map(cameras.map((camera) => [camera.id, new Cell(camera, this.store)]));
     this.box.replaceChildren(...[...this.cells.values()].map((cell) => cell.element));
     const rows = Math.max(1, ...cameras.map((camera) => camera.row + 1));
@@ -229,6 +267,6 @@ export class Cameras {
     this.box.style.gridTemplate = `repeat(${rows}, minmax(0, 1fr)) / repeat(${columns}, minmax(0, 1fr))`;
     this.box.style.setProperty("--shape", `${(columns * width) / (rows * height)}`);
     this.panel.hidden = !cameras.length;
-    byId("watch").parentElement.hidden = !cameras.length;
+    byId("watch_panel").hidden = !cameras.length;
   }
 }

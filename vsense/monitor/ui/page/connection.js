@@ -2,43 +2,55 @@
 
 const RETRY_MS = [250, 500, 1000, 2000];
 const GONE_MS = 6000;
-const TELL_EVERY = 8;
-const TELL_MS = 60;
+const RECEIPT_EVERY = 8;
+const RECEIPT_MS = 60;
 
 /** One server, for as long as the page is open. */
 export class Connection {
+  open = false;
+  since = performance.now();
+  /** When the last frame came [ms]; the server says something every two seconds. */
+  heard = performance.now();
+  frames = 0;
+  /** When an emergency stop was pressed that is not answered yet [ms].
+   * @type {number | null} */
+  emergency = null;
+  /** @type {WebSocket | undefined} */
+  socket;
+  #orders = 0;
+  #answers = 0;
+  /** How many answers there are once the emergency stop is answered. */
+  #awaited = 0;
+  #tries = 0;
+  /** Frames that the server knows of. */
+  #receipted = 0;
+  /** @type {ReturnType<typeof setTimeout> | undefined} */
+  #timer;
+
   /**
-   * @param {(topic: string, timeNs: number, data: object, blob: Uint8Array|null) => void} take gets messages.
-   * @param {() => object[]} greet what to say at the beginning of every connection.
+   * @param {(topic: string, timeNs: number, data: any, blob: Uint8Array | null) => void} take gets messages.
+   * @param {() => Sentence[]} greeting what to say at the beginning of every connection.
    */
-  constructor(take, greet) {
-    this.open = false;
-    this.since = performance.now();
-    /** When the last frame came [ms]; the server says something every two seconds. */
-    this.heard = performance.now();
-    this.frames = 0;
-    /** When an emergency stop was pressed that is not answered yet [ms], or null. */
-    this.emergency = null;
-    this.asked = this.answered = this.awaited = 0;
+  constructor(take, greeting) {
     this.take = take;
-    this.greet = greet;
-    this.told = 0;
-    this.tries = 0;
+    this.greeting = greeting;
     this.#connect();
-    setInterval(() => this.open && performance.now() - this.heard > GONE_MS && this.#lose(this.socket), 1000);
+    setInterval(() => this.#checkSilence(), 1000);
   }
 
-  /** Says something; tells whether it went out. */
+  /** Says something; gives whether it went out.
+   * @param {Sentence} sentence */
   say(sentence) {
     if (this.socket?.readyState !== WebSocket.OPEN) return false;
     this.socket.send(JSON.stringify(sentence));
     return true;
   }
 
-  /** Sends an order; each gets one answer, in turn. */
+  /** Sends an order; each gets one answer, in turn.
+   * @param {string} name @param {number} value @param {{ pair?: Point }} more */
   order(name, value, more = {}) {
     const sent = this.say({ order: name, value, ...more });
-    if (sent) this.asked += 1;
+    if (sent) this.#orders += 1;
     return sent;
   }
 
@@ -46,7 +58,7 @@ export class Connection {
   stopAll() {
     this.emergency ??= performance.now();
     const sent = this.order("emergency", 1);
-    this.awaited = this.asked;
+    this.#awaited = this.#orders;
     return sent;
   }
 
@@ -55,34 +67,44 @@ export class Connection {
     const socket = new WebSocket(`${scheme}://${location.host}/ws`);
     socket.binaryType = "arraybuffer";
     this.socket = socket;
-    socket.onopen = () => {
-      Object.assign(this, { open: true, tries: 0, frames: 0, told: 0, asked: 0, answered: 0, heard: performance.now() });
-      if (this.emergency !== null) this.stopAll();
-      for (const sentence of this.greet()) this.say(sentence);
-    };
-    socket.onmessage = (event) => this.#hear(event.data);
+    socket.onopen = () => this.#begin();
+    socket.onmessage = (event) => this.#receive(event.data);
     socket.onclose = () => this.#lose(socket);
   }
 
-  // A dead network closes nothing: a socket that is silent for too long is left behind as it is.
+  #begin() {
+    this.open = true;
+    this.heard = performance.now();
+    this.frames = this.#receipted = this.#orders = this.#answers = this.#tries = 0;
+    if (this.emergency !== null) this.stopAll();
+    for (const sentence of this.greeting()) this.say(sentence);
+  }
+
+  #checkSilence() {
+    if (this.socket && this.open && performance.now() - this.heard > GONE_MS) this.#lose(this.socket);
+  }
+
+  /** A dead network closes nothing: a socket that is silent for too long is left behind as it is.
+   * @param {WebSocket} socket */
   #lose(socket) {
     socket.onopen = socket.onmessage = socket.onclose = null;
     socket.close();
     if (this.open) this.since = performance.now();
     this.open = false;
-    const wait = RETRY_MS[Math.min(this.tries, RETRY_MS.length - 1)];
-    this.tries += 1;
+    const wait = RETRY_MS[Math.min(this.#tries, RETRY_MS.length - 1)];
+    this.#tries += 1;
     setTimeout(() => this.#connect(), wait);
   }
 
-  #hear(frame) {
+  /** @param {string | ArrayBuffer} frame */
+  #receive(frame) {
     this.heard = performance.now();
     this.frames += 1;
-    this.#tell();
+    this.#scheduleReceipt();
     if (typeof frame === "string") {
       const [topic, timeNs, data] = JSON.parse(frame);
       // Changes of the world are answered when a timestep comes: they have no turn.
-      if (topic === "/answer" && !data.change) this.#answer(data.ok);
+      if (topic === "/answer" && !data.change) this.#takeAnswer(data.ok);
       this.take(topic, timeNs, data, null);
       return;
     }
@@ -91,22 +113,23 @@ export class Connection {
     this.take(topic, timeNs, data, new Uint8Array(frame, 4 + length));
   }
 
-  // An emergency stop that was refused is still asked for.
-  #answer(ok) {
-    this.answered += 1;
-    if (ok && this.answered >= this.awaited) this.emergency = null;
+  /** An emergency stop that was refused is still asked for.
+   * @param {boolean} ok */
+  #takeAnswer(ok) {
+    this.#answers += 1;
+    if (ok && this.#answers >= this.#awaited) this.emergency = null;
   }
 
   // The server keeps only so many frames on their way; the rest waits where newer ones replace it.
-  #tell() {
-    if (this.frames - this.told >= TELL_EVERY) this.#got();
-    else this.telling ??= setTimeout(() => this.#got(), TELL_MS);
+  #scheduleReceipt() {
+    if (this.frames - this.#receipted >= RECEIPT_EVERY) this.#sendReceipt();
+    else this.#timer ??= setTimeout(() => this.#sendReceipt(), RECEIPT_MS);
   }
 
-  #got() {
-    clearTimeout(this.telling);
-    this.telling = undefined;
-    this.told = this.frames;
+  #sendReceipt() {
+    clearTimeout(this.#timer);
+    this.#timer = undefined;
+    this.#receipted = this.frames;
     this.say({ got: this.frames });
   }
 }

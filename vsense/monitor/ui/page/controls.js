@@ -1,53 +1,59 @@
 // The buttons: what can be pressed now, and what a press sends.
 
-import { byId, make, mark, press, remember, remembered, write } from "./dom.js";
+import { byId, elements, inside, make, mark, press, remember, remembered, write } from "./dom.js";
 
-const TOAST_MS = 4500;
+const NOTICE_MS = 4500;
 const WAIT_MS = 3000;
+const VIEWS = ["both", "arena", "cameras"];
 
 /** Start to emergency stop, record, refresh, and what is shown. */
 export class Controls {
+  refresh = true;
+  view = "both";
+  #suited = false;
+  /** When buttons were pressed whose orders are not answered yet [ms].
+   * @type {Map<HTMLElement, number>} */
+  #pending = new Map();
+
+  /** @param {Store} store @param {Connection} connection */
   constructor(store, connection) {
     this.store = store;
     this.connection = connection;
-    this.refresh = true;
-    this.view = "both";
-    this.suited = false;
-    this.buttons = [...document.querySelectorAll("[data-order]")];
+    this.buttons = /** @type {HTMLButtonElement[]} */ (elements("[data-order]"));
+    this.viewButtons = elements("[data-view]:is(button)");
     for (const button of this.buttons) {
-      button.addEventListener("click", (event) => this.#pressed(button, event));
+      button.addEventListener("click", (event) => this.#click(button, event));
     }
     // On the way down already: an emergency does not wait for a finger to leave the button.
     byId("emergency").addEventListener("pointerdown", () => this.emergency());
     byId("emergency").addEventListener("click", (event) => event.detail || this.emergency());
     byId("refresh").addEventListener("click", () => this.setRefresh(!this.refresh));
-    for (const button of document.querySelectorAll("[data-view]:is(button)")) {
+    for (const button of this.viewButtons) {
       button.addEventListener("click", () => this.setView(button.dataset.view));
     }
     this.setView(remembered("view", "both"));
   }
 
-  /** Sends an order. */
+  /** Sends an order.
+   * @param {string} name */
   order(name, value = 0) {
-    if (!this.connection.order(name, value)) this.toast("not sent: there is no connection", false);
+    if (!this.connection.order(name, value)) this.notify("not sent: there is no connection", false);
   }
 
   /** Stops everything, now; nothing that the page shows is asked before. */
   emergency() {
-    if (document.body.dataset.mode === "replay") return;
-    if (document.body.dataset.mode === "sim") return this.#pauseSimulation();
-    if (document.body.dataset.mode === "track") {
-      this.toast("nothing here moves a robot: stop them where they are driven", false);
-      return;
-    }
-    if (!this.store.you.control) this.order("emergency", 1);
-    else if (!this.connection.stopAll()) this.toast("EMERGENCY STOP is not delivered: there is no connection", false);
+    const { mode } = document.body.dataset;
+    if (mode === "replay") return;
+    if (mode === "sim") this.#pauseSimulation();
+    else if (mode === "track") this.notify("nothing here moves a robot: stop them where they are driven", false);
+    else if (!this.store.you.control) this.order("emergency", 1);
+    else if (!this.connection.stopAll()) this.notify("EMERGENCY STOP is not delivered: there is no connection", false);
   }
 
   // No robot moves there: what can be stopped is the picture.
   #pauseSimulation() {
     if (this.store.run?.can?.includes("pause")) this.order("pause");
-    else this.toast("a simulation: no robot moves", false);
+    else this.notify("a simulation: no robot moves", false);
   }
 
   /** What the space bar does in this state. */
@@ -55,87 +61,99 @@ export class Controls {
     const can = this.store.run?.can ?? [];
     if (can.includes("start")) this.order("start");
     else if (can.includes("pause")) this.order("pause");
-    else this.toast("neither start nor pause makes sense now", false);
+    else this.notify("neither start nor pause makes sense now", false);
   }
 
   toggleRecord() {
     this.order("record", this.store.run?.recording?.on ? 0 : 1);
   }
 
+  /** @param {boolean} on */
   setRefresh(on) {
     this.refresh = on;
     press(byId("refresh"), on);
-    write(byId("refresh").querySelector("span"), on ? "Refresh" : "Refresh off");
-    this.tellServer();
+    write(inside(byId("refresh"), "span"), on ? "Refresh" : "Refresh off");
+    this.sendRefresh();
   }
 
+  /** @param {string | undefined} view */
   setView(view, keep = true) {
-    this.view = ["both", "arena", "cameras"].includes(view) ? view : "both";
+    this.view = view && VIEWS.includes(view) ? view : "both";
     byId("main").dataset.view = this.view;
-    for (const button of document.querySelectorAll("[data-view]:is(button)")) press(button, button.dataset.view === this.view);
+    for (const button of this.viewButtons) press(button, button.dataset.view === this.view);
     if (keep) remember("view", this.view);
   }
 
-  /** A camera that is only looked through has no arena: it gets all the room, once. */
+  /** A camera that is only looked through has no arena: it gets all the room, once.
+   * @param {ExperimentMessage | null} experiment */
   #suit(experiment) {
-    if (this.suited || !experiment) return;
-    this.suited = true;
+    if (this.#suited || !experiment) return;
+    this.#suited = true;
     if (experiment.command === "sim") this.setView("arena", false);
     if (experiment.mode === "track" && !experiment.robots.length) this.setView("cameras", false);
   }
 
   /** Whether the page is seen and refreshes: else the server makes next to nothing for it. */
-  get lively() {
+  get isLive() {
     return this.refresh && !document.hidden;
   }
 
-  tellServer() {
-    this.connection.say({ refresh: this.lively });
+  /** Has the server know whether the page refreshes. */
+  sendRefresh() {
+    this.connection.say({ refresh: this.isLive });
   }
 
   /** Shows what makes sense now. */
-  tell() {
+  render() {
     const { run, you } = this.store;
     this.#suit(this.store.experiment);
-    const state = run?.state ?? "none";
     const can = run?.can ?? [];
     document.body.dataset.can = can.length ? "some" : "none";
     document.body.dataset.rights = you.control ? "control" : "look";
     byId("looking").hidden = you.control;
     for (const button of this.buttons) {
-      const able = this.connection.open && can.includes(button.dataset.order);
+      const able = this.connection.open && can.includes(button.dataset.order ?? "");
       if (button.disabled === able) button.disabled = !able;
-      if (button.waits && performance.now() - button.waits > WAIT_MS) this.#waits(button, 0);
+      const since = this.#pending.get(button);
+      if (since !== undefined && performance.now() - since > WAIT_MS) this.#settle(button);
     }
-    write(byId("start").querySelector("span"), state === "homing paused" || (state === "paused" && run?.timestep >= 0) ? "Resume" : "Start");
+    const resumes = run?.state === "homing paused" || (run?.state === "paused" && run.timestep >= 0);
+    write(inside(byId("start"), "span"), resumes ? "Resume" : "Start");
     const recording = Boolean(run?.recording?.on);
     press(byId("record"), recording);
-    write(byId("record").querySelector("span"), recording ? "Recording" : "Record");
-    for (const answer of this.store.answers.splice(0)) {
-      // Of a change that was carried out the events tell.
-      if (answer.change && answer.ok) continue;
-      for (const button of this.buttons) this.#waits(button, 0);
-      this.toast(answer.text, answer.ok);
-    }
+    write(inside(byId("record"), "span"), recording ? "Recording" : "Record");
+    for (const answer of this.store.answers.splice(0)) this.#showAnswer(answer);
   }
 
-  #pressed(button, event) {
+  /** @param {AnswerMessage} answer */
+  #showAnswer(answer) {
+    // A change that was carried out is among the events.
+    if (answer.change && answer.ok) return;
+    for (const button of this.buttons) this.#settle(button);
+    this.notify(answer.text, answer.ok);
+  }
+
+  /** @param {HTMLButtonElement} button @param {MouseEvent} event */
+  #click(button, event) {
     if (button.id === "record") this.toggleRecord();
-    else this.order(button.dataset.order);
-    this.#waits(button, performance.now());
+    else this.order(button.dataset.order ?? "");
+    this.#pending.set(button, performance.now());
+    mark(button, "waits", true);
     // Whoever uses a mouse goes on with the space bar, which must not press this button again.
     if (event.detail) button.blur();
   }
 
-  #waits(button, since) {
-    button.waits = since;
-    mark(button, "waits", since);
+  /** @param {HTMLButtonElement} button */
+  #settle(button) {
+    this.#pending.delete(button);
+    mark(button, "waits", false);
   }
 
-  /** Says something for a moment. */
-  toast(text, ok) {
-    const toast = make("p", { className: ok ? "toast" : "toast bad" }, text);
-    byId("toasts").append(toast);
-    setTimeout(() => toast.remove(), TOAST_MS);
-  }
+  /** Says something for a moment.
+   * @type {Notify} */
+  notify = (text, ok) => {
+    const notice = make("p", { className: ok ? "toast" : "toast bad" }, text);
+    byId("toasts").append(notice);
+    setTimeout(() => notice.remove(), NOTICE_MS);
+  };
 }

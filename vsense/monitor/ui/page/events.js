@@ -7,6 +7,9 @@ const SHOWN = 60;
 
 /** The list of events. */
 export class Events {
+  #key = "";
+
+  /** @param {Store} store */
   constructor(store) {
     this.store = store;
     this.list = byId("events");
@@ -14,15 +17,16 @@ export class Events {
   }
 
   /** Adds what is new. */
-  tell() {
+  render() {
     const { store } = this;
     const key = `${store.changed.event} ${store.run === null}`;
-    if (this.seen === key || !store.events.length) return;
-    this.seen = key;
+    if (this.#key === key || !store.events.length) return;
+    this.#key = key;
     this.list.replaceChildren(...store.events.slice(-SHOWN).reverse().map((event) => row(event, store)));
   }
 }
 
+/** @param {import("./store.js").StoredEvent} event @param {Store} store */
 function row({ text, level, by, timeNs, run_s }, store) {
   // Times are those of the run, here and in a replay; the day's stands in the title, where it is known.
   const live = store.experiment?.mode !== "replay";

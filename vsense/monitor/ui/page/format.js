@@ -2,7 +2,8 @@
 
 const NONE = "–";
 
-/** 75.34 -> "1:15.3" */
+/** 75.34 -> "1:15.3"
+ * @param {number | null | undefined} seconds */
 export function clock(seconds, digits = 1) {
   if (seconds === null || seconds === undefined) return NONE;
   const tens = 10 ** digits;
@@ -12,14 +13,16 @@ export function clock(seconds, digits = 1) {
   return `${minutes}:${rest}`;
 }
 
-/** 41.2 -> "41 ms", 3200 -> "3.2 s" */
+/** 41.2 -> "41 ms", 3200 -> "3.2 s"
+ * @param {number | null | undefined} value */
 export function milliseconds(value) {
   if (value === null || value === undefined) return NONE;
   if (value < 999.5) return `${Math.round(value)} ms`;
   return value < 99_950 ? `${(value / 1000).toFixed(1)} s` : `${Math.round(value / 60_000)} min`;
 }
 
-/** 212000000000 -> "212 GB" */
+/** 212000000000 -> "212 GB"
+ * @param {number | null | undefined} value */
 export function bytes(value) {
   if (value === null || value === undefined) return NONE;
   const units = ["B", "kB", "MB", "GB", "TB"];
@@ -32,14 +35,16 @@ export function bytes(value) {
   return `${left < 9.95 && unit > 0 ? left.toFixed(1) : Math.round(left)} ${units[unit]}`;
 }
 
-/** A reading, short: 3 -> "3", 0.1234 -> "0.123" */
+/** A reading, short: 3 -> "3", 0.1234 -> "0.123"
+ * @param {number | null | undefined} value */
 export function reading(value) {
   if (value === null || value === undefined) return NONE;
   if (Number.isInteger(value)) return String(value);
   return Math.abs(value) >= 1000 || Math.abs(value) < 0.001 ? value.toExponential(1) : value.toFixed(3);
 }
 
-/** What a robot tells of its Wi-Fi; what it does not know is left out. */
+/** What a robot tells of its Wi-Fi; what it does not know is left out.
+ * @param {RobotRow} robot */
 export function radio(robot) {
   const parts = [typeof robot.signal_dbm === "number" ? `${robot.signal_dbm} dBm` : NONE];
   if (typeof robot.bit_rate_mbit_s === "number") parts.push(`${robot.bit_rate_mbit_s} Mbit/s`);
@@ -48,10 +53,16 @@ export function radio(robot) {
   return parts.join(" · ");
 }
 
+/** @param {number | null | undefined} mv */
 export const volts = (mv) => (mv === null || mv === undefined ? NONE : `${(mv / 1000).toFixed(2)} V`);
-/** 0.25 -> "0.25", 97.31 -> "97" */
+/** 0.25 -> "0.25", 97.31 -> "97"
+ * @param {number} value */
 export const times = (value) => (value < 10 ? String(Math.round(100 * value) / 100) : value.toFixed(0));
+/** @param {number} rad */
 export const degrees = (rad) => `${Math.round((rad * 180) / Math.PI)}°`;
+/** @param {number | null | undefined} hz */
 export const rate = (hz) => (hz === null || hz === undefined ? NONE : `${hz.toFixed(hz < 99.5 ? 1 : 0)} Hz`);
-export const count = (n, one, many = `${one}s`) => `${n} ${n === 1 ? one : many}`;
+/** @param {number} n @param {string} noun */
+export const count = (n, noun) => `${n} ${n === 1 ? noun : `${noun}s`}`;
+/** @param {string} text */
 export const capital = (text) => text.slice(0, 1).toUpperCase() + text.slice(1);

@@ -2,14 +2,22 @@
 
 import { byId, make } from "./dom.js";
 
-const PLACES = "input, select, textarea, [contenteditable]";
+/** @typedef {"emergency" | "space" | "step" | "stop" | "reset" | "record" | "refresh" | "edit" | "overlay"
+ *   | "none" | "theme" | "help"} Action */
+/** @typedef {Record<Action, () => unknown>
+ *   & { view(view: string): unknown, select(by: number): unknown }} Actions */
 
-/** Binds the keys: [keys, words, what they do, replay or live only]. */
+const TEXT_INPUTS = "input, select, textarea, [contenteditable]";
+
+/** Binds the keys.
+ * @param {Actions} actions */
 export function bindKeys(actions) {
+  // key, how it is shown, what it does in words, and in deed
+  /** @type {[string, string, string, () => unknown][]} */
   const table = [
     ["Escape", "Esc", "emergency stop; in a simulation pause", actions.emergency],
     [" ", "Space", "start, pause, resume; in a replay play, pause", actions.space],
-    ["n", "N", "in a simulation: one timestep", actions.one],
+    ["n", "N", "in a simulation: one timestep", actions.step],
     ["S", "⇧ S", "stop the run", actions.stop],
     ["R", "⇧ R", "reset: the next run begins", actions.reset],
     ["C", "⇧ C", "recording on, off", actions.record],
@@ -19,8 +27,8 @@ export function bindKeys(actions) {
     ["1", "1", "arena and cameras", () => actions.view("both")],
     ["2", "2", "arena only", () => actions.view("arena")],
     ["3", "3", "cameras only", () => actions.view("cameras")],
-    ["j", "J", "next robot", () => actions.step(1)],
-    ["k", "K", "previous robot", () => actions.step(-1)],
+    ["j", "J", "next robot", () => actions.select(1)],
+    ["k", "K", "previous robot", () => actions.select(-1)],
     ["x", "X", "no robot", actions.none],
     ["t", "T", "light, dark", actions.theme],
     ["?", "?", "this help", actions.help],
@@ -30,17 +38,18 @@ export function bindKeys(actions) {
   );
   const byKey = new Map(table.map(([key, , , act]) => [key, act]));
   // While the event comes down to its target: nobody on the way can keep it.
-  window.addEventListener("keydown", (event) => heard(event, byKey), { capture: true });
+  window.addEventListener("keydown", (event) => handle(event, byKey), { capture: true });
 }
 
-function heard(event, byKey) {
+/** @param {KeyboardEvent} event @param {Map<string, () => unknown>} byKey */
+function handle(event, byKey) {
   if (event.key === "Escape") {
-    if (!event.repeat) byKey.get("Escape")();
+    if (!event.repeat) byKey.get("Escape")?.();
     return;
   }
   if (event.ctrlKey || event.metaKey || event.altKey || event.repeat) return;
-  const target = event.target;
-  if (target.matches?.(PLACES) || (event.key === " " && target.matches?.("button"))) return;
+  const target = event.target instanceof Element ? event.target : null;
+  if (target?.matches(TEXT_INPUTS) || (event.key === " " && target?.matches("button"))) return;
   if (byId("keys").open && event.key !== "?") return;
   const act = byKey.get(event.key) ?? (event.shiftKey ? undefined : byKey.get(event.key.toLowerCase()));
   if (!act) return;

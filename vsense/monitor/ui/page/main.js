@@ -19,31 +19,35 @@ import { Store } from "./store.js";
 import * as theme from "./theme.js";
 import { Tiles } from "./tiles.js";
 
-const TELL_EVERY_MS = 250;
+const RENDER_EVERY_MS = 250;
 const SOON_MS = 40;
 
 /** The robot whose senses are shown. */
 class Choice {
+  /** @type {number | null} */
   tag = null;
 
+  /** @param {number | null} tag */
   choose(tag) {
     this.tag = tag;
-    store.readings.delete(tag);
-    connection.say(this.looks);
-    soon();
+    if (tag !== null) store.readings.delete(tag);
+    connection.say(this.readings);
+    renderSoon();
   }
 
   /** Whose readings the page wants: the chosen robot's, and those that are charted. */
-  get looks() {
-    return { look: [...new Set([this.tag, ...measures.tags])].filter((tag) => tag !== null) };
+  get readings() {
+    return { look: [...new Set(this.tag === null ? measures.tags : [this.tag, ...measures.tags])] };
   }
 
-  /** Chooses the next robot of the table, or the one before. */
-  step(by) {
-    const order = robots.order;
+  /** Chooses the next robot of the table, or the previous one.
+   * @param {number} by 1 or -1 */
+  move(by) {
+    const { order } = robots;
     if (!order.length) return;
-    const at = order.indexOf(this.tag);
-    this.choose(order[at < 0 ? (by > 0 ? 0 : order.length - 1) : (at + by + order.length) % order.length]);
+    const at = this.tag === null ? -1 : order.indexOf(this.tag);
+    const first = by > 0 ? 0 : order.length - 1;
+    this.choose(order[at < 0 ? first : (at + by + order.length) % order.length]);
   }
 }
 
@@ -51,46 +55,48 @@ class Choice {
 if (location.search) history.replaceState(null, "", location.pathname);
 
 const store = new Store();
-const connection = new Connection(take, greet);
+const connection = new Connection(take, greeting);
 const controls = new Controls(store, connection);
 const choice = new Choice();
 const arena = new Arena(store, choice);
-const edit = new Edit(store, connection, arena, (text, ok) => controls.toast(text, ok));
+const edit = new Edit(store, connection, arena, controls.notify);
 const cameras = new Cameras(store, choice);
 const robots = new Robots(store, choice);
-const measures = new Measures(store, (text, ok) => controls.toast(text, ok));
-measures.changed = () => connection.say(choice.looks);
+const measures = new Measures(store, controls.notify, () => connection.say(choice.readings));
 const replay = new Replay(store, controls);
 const panels = [
   new Tiles(store, connection), controls, cameras, robots, new Robot(store, choice), new Events(store),
-  new Replace(store, connection, choice, (text, ok) => controls.toast(text, ok)), measures, replay, edit, new Simulation(store, controls),
+  new Replace(store, connection, choice, controls.notify), measures, replay, edit, new Simulation(store, controls),
 ];
-let telling = 0;
+/** When the panels were rendered last [ms]. */
+let rendered = 0;
+/** The cameras whose pictures were asked for. */
 let pictures = "";
 
-function greet() {
+function greeting() {
   pictures = "";
-  edit.forget();
-  return [{ refresh: controls.lively }, choice.looks];
+  edit.dropPending();
+  return [{ refresh: controls.isLive }, choice.readings];
 }
 
+/** @param {string} topic @param {number} timeNs @param {any} data @param {Uint8Array | null} blob */
 function take(topic, timeNs, data, blob) {
   store.take(topic, timeNs, data, blob);
   // What somebody pressed, and what comes of it, does not wait for the next round.
-  if (topic === "/run" || topic === "/answer" || topic === "/you" || topic === "/event") soon();
+  if (topic === "/run" || topic === "/answer" || topic === "/you" || topic === "/event") renderSoon();
 }
 
 /** Words and figures, a few times per second: nobody reads faster. */
-function tell() {
-  telling = performance.now();
+function render() {
+  rendered = performance.now();
   safely(() => showBanner(troubles(store, connection)));
-  for (const panel of panels) safely(() => panel.tell());
+  for (const panel of panels) safely(() => panel.render());
   const shown = JSON.stringify(cameras.shown);
   if (shown !== pictures && connection.say({ pictures: cameras.shown })) pictures = shown;
 }
 
-function soon() {
-  telling = Math.min(telling, performance.now() - TELL_EVERY_MS + SOON_MS);
+function renderSoon() {
+  rendered = Math.min(rendered, performance.now() - RENDER_EVERY_MS + SOON_MS);
 }
 
 /** Pictures, with every frame of the screen in which something is new. */
@@ -100,10 +106,11 @@ function frame() {
     safely(() => arena.draw());
     safely(() => cameras.draw());
   }
-  if (performance.now() - telling >= TELL_EVERY_MS) tell();
+  if (performance.now() - rendered >= RENDER_EVERY_MS) render();
 }
 
-/** A panel that meets something that it does not expect must not take the others along. */
+/** A panel that meets something that it does not expect must not take the others along.
+ * @param {() => void} act */
 function safely(act) {
   try {
     act();
@@ -113,8 +120,8 @@ function safely(act) {
 }
 
 // A hidden page draws nothing, but its title and its words stay true.
-setInterval(() => document.hidden && tell(), 1000);
-document.addEventListener("visibilitychange", () => controls.tellServer());
+setInterval(() => document.hidden && render(), 1000);
+document.addEventListener("visibilitychange", () => controls.sendRefresh());
 
 const toggleHelp = () => (byId("keys").open ? byId("keys").close() : byId("keys").showModal());
 byId("help").addEventListener("click", toggleHelp);
@@ -122,11 +129,11 @@ byId("theme").addEventListener("click", theme.toggle);
 
 const isReplay = () => document.body.dataset.mode === "replay";
 const isSim = () => document.body.dataset.mode === "sim";
-const live = (act) => () => isReplay() || act();
+const live = (/** @type {() => void} */ act) => () => isReplay() || act();
 bindKeys({
   emergency: () => controls.emergency(),
   space: () => (isReplay() ? replay.playOrPause() : controls.startOrPause()),
-  one: () => isSim() && controls.order("step", 1),
+  step: () => isSim() && controls.order("step", 1),
   stop: live(() => controls.order("stop")),
   reset: live(() => controls.order("reset")),
   record: live(() => controls.toggleRecord()),
@@ -134,7 +141,7 @@ bindKeys({
   edit: () => edit.toggle(),
   overlay: () => cameras.setOverlay(!cameras.overlay),
   view: (view) => controls.setView(view),
-  step: (by) => choice.step(by),
+  select: (by) => choice.move(by),
   none: () => choice.choose(null),
   theme: theme.toggle,
   help: toggleHelp,

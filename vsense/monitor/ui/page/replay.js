@@ -1,12 +1,16 @@
 // A recording's time line.
 
-import { byId, write } from "./dom.js";
+import { byId, inside, write } from "./dom.js";
 import { clock } from "./format.js";
 
 const SEEK_EVERY_MS = 80;
 
 /** Play, pause, speed, and the slider. */
 export class Replay {
+  /** The newest `/run`, by its number, and when it came [ms]. */
+  #news = { number: -1, heard: 0 };
+
+  /** @param {Store} store @param {Controls} controls */
   constructor(store, controls) {
     this.store = store;
     this.controls = controls;
@@ -15,17 +19,20 @@ export class Replay {
     this.sought = 0;
     this.slider.addEventListener("input", () => this.#seek(false));
     this.slider.addEventListener("change", () => this.#seek(true));
-    byId("play").addEventListener("click", (event) => {
+    this.button = byId("play");
+    this.speed = byId("speed");
+    this.button.addEventListener("click", (event) => {
       this.playOrPause();
-      if (event.detail) event.currentTarget.blur();
+      if (event.detail) this.button.blur();
     });
-    byId("speed").addEventListener("change", (event) => controls.order("speed", Number(event.target.value)));
+    this.speed.addEventListener("change", () => controls.order("speed", Number(this.speed.value)));
   }
 
   playOrPause() {
     this.controls.order("play", this.store.run?.replay?.playing ? 0 : 1);
   }
 
+  /** @param {boolean} final */
   #seek(final) {
     const now = performance.now();
     this.held = !final;
@@ -36,29 +43,27 @@ export class Replay {
   }
 
   /** Shows where the replay is. */
-  tell() {
+  render() {
     const replay = this.store.run?.replay;
     if (!replay) return;
-    if (Number(this.slider.max) !== replay.duration_s) this.slider.max = replay.duration_s;
+    if (Number(this.slider.max) !== replay.duration_s) this.slider.max = String(replay.duration_s);
     if (!this.held && performance.now() - this.sought > 4 * SEEK_EVERY_MS) {
       const at = this.#position(replay);
-      this.slider.value = at;
+      this.slider.value = String(at);
       write(byId("position"), clock(at));
     }
     write(byId("duration"), clock(replay.duration_s, 0));
-    write(byId("play").querySelector("span"), replay.playing ? "Pause" : "Play");
-    byId("play").querySelector("i").className = replay.playing ? "sign pause" : "sign play";
-    const speed = byId("speed");
-    if (document.activeElement !== speed) speed.value = String(replay.speed);
+    write(inside(this.button, "span"), replay.playing ? "Pause" : "Play");
+    inside(this.button, "i").className = replay.playing ? "sign pause" : "sign play";
+    if (document.activeElement !== this.speed) this.speed.value = String(replay.speed);
   }
 
-  // The run tells its place once per second; between, the slider goes on by itself.
+  /** The run says its place once per second; between, the slider goes on by itself.
+   * @param {ReplayState} replay */
   #position(replay) {
-    if (this.told !== this.store.changed.run) {
-      this.told = this.store.changed.run;
-      this.toldAt = performance.now();
-    }
-    const since = replay.playing ? ((performance.now() - this.toldAt) / 1000) * replay.speed : 0;
+    const number = this.store.changed.run;
+    if (this.#news.number !== number) this.#news = { number, heard: performance.now() };
+    const since = replay.playing ? ((performance.now() - this.#news.heard) / 1000) * replay.speed : 0;
     return Math.min(replay.position_s + Math.min(since, 1.2 * replay.speed), replay.duration_s);
   }
 }

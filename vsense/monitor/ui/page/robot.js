@@ -1,20 +1,27 @@
 // The chosen robot from near: its LEDs, what it senses and how old that is.
 
-import { rayColour, rays, ringLeds, BODY_LED } from "./arena_robots.js";
-import { glow } from "./arena_things.js";
-import { byId, fit, make, mark, write } from "./dom.js";
+import { Brush } from "./brush.js";
+import { byId, fit, inside, make, mark, penOf, write } from "./dom.js";
 import { degrees, milliseconds, radio, reading, volts } from "./format.js";
-import { words } from "./robots.js";
+import { FromAbove } from "./projections.js";
+import { wordsOf } from "./robots.js";
+import { rgb, sceneOf } from "./scene.js";
+import { drawLedGlow, drawLeds, drawRays, isRingLit, rayColour } from "./scene_robots.js";
 import { chartable } from "./series.js";
 import * as theme from "./theme.js";
 
 const UP = Math.PI / 2;
 const BARS_FROM = 3;
 
-/** Facts that are numbers: what to chart of a row of /robots and of a pose. */
+/** @typedef {{ x: number, y: number, yaw: number, speed: number }} Pose */
+/** What of a fact can be charted.
+ * @typedef {{ label?: string, unit?: string, now(row: RobotRow, pose: Pose | null): ChartValues }} FactChart */
+
+/** Facts that are numbers: what to chart of a row of /robots and of a pose.
+ * @type {Record<string, FactChart>} */
 const CHARTS = {
-  place: { unit: "m", now: (row, pose) => [pose.x, pose.y] },
-  heading: { label: "speed", unit: "m/s", now: (row, pose) => [pose.speed] },
+  place: { unit: "m", now: (_, pose) => pose && [pose.x, pose.y] },
+  heading: { label: "speed", unit: "m/s", now: (_, pose) => pose && [pose.speed] },
   wheels: { unit: "steps/s", now: (row) => [row.left_steps_s, row.right_steps_s] },
   link: { unit: "ms", now: (row) => [row.heard_ms] },
   "Wi-Fi": { label: "signal", unit: "dBm", now: (row) => [row.signal_dbm] },
@@ -23,130 +30,171 @@ const CHARTS = {
 
 /** The panel. */
 export class Robot {
-  constructor(store, choice) {
+  /** @param {Store} store @param {RobotSelection} selection */
+  constructor(store, selection) {
     this.store = store;
-    this.choice = choice;
+    this.selection = selection;
     this.panel = byId("robot");
     this.canvas = byId("near");
-    this.pen = this.canvas.getContext("2d");
+    this.pen = penOf(this.canvas);
     this.facts = byId("robot_facts");
     this.rows = byId("readings");
-    byId("robot_close").addEventListener("click", () => choice.choose(null));
+    byId("robot_close").addEventListener("click", () => selection.choose(null));
   }
 
   /** Renews the panel; called a few times per second. */
-  tell() {
-    const tag = this.choice.tag;
+  render() {
+    const { tag } = this.selection;
     this.panel.hidden = tag === null;
     if (tag === null) return;
     const robot = this.store.robot(tag);
-    const pose = this.#pose(tag);
     write(byId("robot_name"), this.store.name(tag));
     write(byId("robot_note"), `tag ${tag}`);
-    this.#facts(robot, pose);
-    const sensed = this.store.sensed(tag);
-    this.#draw(robot, tag);
-    this.#readings(sensed);
+    this.#renderFacts(tag, robot);
+    this.#draw(tag, robot?.leds ?? 0);
+    this.#renderReadings(tag);
   }
 
+  /** @param {number} tag @returns {Pose | null} */
   #pose(tag) {
     const robots = this.store.arena?.robots;
     const row = robots?.tag.indexOf(tag) ?? -1;
-    return row < 0 ? null : { x: robots.x_m[row], y: robots.y_m[row], yaw: robots.yaw_rad[row], speed: robots.speed_m_s[row] };
+    if (!robots || row < 0) return null;
+    return { x: robots.x_m[row], y: robots.y_m[row], yaw: robots.yaw_rad[row], speed: robots.speed_m_s[row] };
   }
 
-  #facts(robot, pose) {
-    const trouble = robot ? words(robot) : "not known to the run";
-    const wheels = robot ? `${robot.left_steps_s ?? "–"} / ${robot.right_steps_s ?? "–"} steps/s` : "–";
-    const all = [
-      ["place", pose ? `${pose.x.toFixed(3)}, ${pose.y.toFixed(3)} m` : "not seen"],
-      ["heading", pose ? `${degrees(pose.yaw)} · ${(100 * (pose.speed ?? 0)).toFixed(0)} cm/s` : "–"],
-      ["wheels", wheels],
-      ["link", robot ? `${milliseconds(robot.heard_ms)}${robot.udp === false ? " · no UDP" : ""}` : "–"],
-      ["Wi-Fi", robot ? radio(robot) : "–"],
-      ["battery", robot ? volts(robot.battery_mv) : "–"],
-      ["controller", this.store.controller(this.choice.tag)?.id || "–"],
-      ["program", robot ? `${robot.controller ?? "–"} ${robot.hash ?? ""}` : "–"],
-    ];
-    const { part, uid } = this.store.part(this.choice.tag);
-    if (part !== undefined && part !== this.choice.tag) all.push(["plays", `the part of ${part}`]);
-    if (uid) all.push(["uid", uid]);
-    for (const [name, value] of Object.entries(robot?.shown ?? {})) {
-      all.push([name, value === null ? "–" : typeof value === "number" ? reading(value) : value]);
+  /** @param {number} tag @param {RobotRow | null} robot */
+  #renderFacts(tag, robot) {
+    const facts = [...this.#trouble(robot), ...this.#motion(tag, robot), ...this.#program(tag, robot)];
+    if (this.facts.childElementCount !== 2 * facts.length) {
+      this.facts.replaceChildren(...facts.flatMap(() => [make("span"), make("b")]));
     }
-    if (trouble) all.unshift(["trouble", trouble]);
-    if (this.facts.childElementCount !== 2 * all.length) {
-      this.facts.replaceChildren(...all.flatMap(() => [make("span"), make("b")]));
-    }
-    all.forEach(([name, text], index) => {
-      const value = this.facts.children[2 * index + 1];
+    facts.forEach(([name, text], index) => {
+      const value = /** @type {HTMLElement} */ (this.facts.children[2 * index + 1]);
       write(this.facts.children[2 * index], name);
       write(value, text);
       value.title = text;
       mark(value, "bad", name === "trouble");
-      chartable(value, this.#chart(name, robot));
+      chartable(value, this.#chartOf(name, tag, robot));
     });
   }
 
-  /** What of a fact can be shown over time. */
-  #chart(name, robot) {
-    const tag = this.choice.tag;
-    const told = CHARTS[name] ?? (typeof robot?.shown?.[name] === "number" && { now: (row) => [row.shown?.[name]] });
-    if (!told || !robot) return null;
-    const now = (store) => told.now(store.robot(tag) ?? {}, this.#pose(tag) ?? {});
-    return { key: `${tag}/fact/${name}`, label: `${told.label ?? name} of ${this.store.name(tag)}`, unit: told.unit, now };
+  /** @param {RobotRow | null} robot @returns {[string, string][]} */
+  #trouble(robot) {
+    const trouble = robot ? wordsOf(robot) : "not known to the run";
+    return trouble ? [["trouble", trouble]] : [];
   }
 
-  #draw(robot, tag) {
+  /** @param {number} tag @param {RobotRow | null} robot @returns {[string, string][]} */
+  #motion(tag, robot) {
+    const pose = this.#pose(tag);
+    return [
+      ["place", pose ? `${pose.x.toFixed(3)}, ${pose.y.toFixed(3)} m` : "not seen"],
+      ["heading", pose ? `${degrees(pose.yaw)} · ${(100 * (pose.speed ?? 0)).toFixed(0)} cm/s` : "–"],
+      ["wheels", robot ? `${robot.left_steps_s ?? "–"} / ${robot.right_steps_s ?? "–"} steps/s` : "–"],
+      ["link", robot ? `${milliseconds(robot.heard_ms)}${robot.udp === false ? " · no UDP" : ""}` : "–"],
+      ["Wi-Fi", robot ? radio(robot) : "–"],
+      ["battery", robot ? volts(robot.battery_mv) : "–"],
+    ];
+  }
+
+  /** @param {number} tag @param {RobotRow | null} robot @returns {[string, string][]} */
+  #program(tag, robot) {
+    /** @type {[string, string][]} */
+    const facts = [
+      ["controller", this.store.controller(tag)?.id || "–"],
+      ["program", robot ? `${robot.controller ?? "–"} ${robot.hash ?? ""}` : "–"],
+    ];
+    const { part, uid } = this.store.part(tag);
+    if (part !== undefined && part !== tag) facts.push(["plays", `the part of ${part}`]);
+    if (uid) facts.push(["uid", uid]);
+    for (const [name, value] of Object.entries(robot?.shown ?? {})) {
+      facts.push([name, typeof value === "string" ? value : reading(value)]);
+    }
+    return facts;
+  }
+
+  /** What of a fact can be shown over time.
+   * @param {string} name @param {number} tag @param {RobotRow | null} robot @returns {ChartSource | null} */
+  #chartOf(name, tag, robot) {
+    if (!robot) return null;
+    let chart = CHARTS[name];
+    if (!chart && typeof robot.shown?.[name] === "number") chart = { now: (row) => [numberOf(row.shown?.[name])] };
+    if (!chart) return null;
+    return {
+      key: `${tag}/fact/${name}`,
+      label: `${chart.label ?? name} of ${this.store.name(tag)}`,
+      unit: chart.unit,
+      now: (store) => {
+        const row = store.robot(tag);
+        return row && chart.now(row, this.#pose(tag));
+      },
+    };
+  }
+
+  /** The view has the robot's middle as origin and pixels instead of metres.
+   * @param {number} tag @param {number} leds */
+  #draw(tag, leds) {
     const { canvas, pen, store } = this;
     fit(canvas);
-    const [x, y] = [canvas.width / 2, canvas.height / 2];
-    const radius = canvas.width * 0.17;
-    const leds = robot?.leds ?? 0;
-    pen.clearRect(0, 0, canvas.width, canvas.height);
-    const lit = (store.signals?.leds.tag ?? []).indexOf(tag);
-    if (lit >= 0) glow(pen, x, y, 1.7 * radius, `rgb(${store.signals.leds.color[lit].join(" ")})`, 0.55);
-    if (leds & 0xff) glow(pen, x, y, 1.9 * radius, theme.colours.lit, 0.25);
-    if (leds & BODY_LED) glow(pen, x, y, 0.8 * radius, "rgb(40 200 80)", 0.7);
-    rays(pen, [x, y, UP], radius, 0.97 * x, store, tag, theme.colours, 0.028 * canvas.width);
-    pen.strokeStyle = leds & 0xff ? theme.colours.lit : theme.colours.robot;
+    const { width, height } = canvas;
+    const radius = width * 0.17;
+    const brush = new Brush(pen, new FromAbove(width / 2, height / 2));
+    const { colours } = theme;
+    pen.clearRect(0, 0, width, height);
+    const lit = store.signals?.leds.tag.indexOf(tag) ?? -1;
+    if (store.signals && lit >= 0) brush.glow([0, 0, 0], 1.7 * radius, rgb(store.signals.leds.color[lit]), 0.55);
+    drawLedGlow(brush, [0, 0, 0], radius, leds, colours.lit, 0.25);
+    const scene = sceneOf(brush, store, colours, tag, store.arena, store.signals);
+    drawRays(scene, [0, 0, 0], UP, radius, (0.97 * width) / 2, 0.028 * width);
+    pen.strokeStyle = isRingLit(leds) ? colours.lit : colours.robot;
     pen.lineWidth = 0.2 * radius;
     pen.beginPath();
-    pen.arc(x, y, radius, 0, 2 * Math.PI);
-    pen.moveTo(x, y);
-    pen.lineTo(x, y - 0.8 * radius);
+    pen.arc(width / 2, height / 2, radius, 0, 2 * Math.PI);
+    pen.moveTo(width / 2, height / 2);
+    pen.lineTo(width / 2, height / 2 - 0.8 * radius);
     pen.stroke();
-    if (leds) ringLeds(pen, x, y, UP, radius, leds, theme.colours.lit);
+    drawLeds(brush, [0, 0], UP, radius, leds, colours.lit);
   }
 
-  #readings(sensed) {
+  /** @param {number} tag */
+  #renderReadings(tag) {
+    const sensed = this.store.sensed(tag);
+    const sensors = sensed.map(({ sensor }) => sensor);
     while (this.rows.rows.length > sensed.length) this.rows.deleteRow(-1);
     sensed.forEach(({ sensor, values, age_ns }, index) => {
       const row = this.rows.rows[index] ?? this.rows.insertRow();
       while (row.cells.length < 3) row.insertCell();
-      this.#name(row.cells[0], sensor, sensed);
-      this.#values(row.cells[1], sensor, values, age_ns);
-      chartable(row.cells[1], this.#reading(sensor));
+      this.#renderName(row.cells[0], sensor, sensors);
+      this.#renderValues(row.cells[1], sensor, values, age_ns);
+      chartable(row.cells[1], this.#readingChart(tag, sensor));
       write(row.cells[2], age_ns === null ? "never" : milliseconds(age_ns / 1e6));
     });
   }
 
-  #reading(sensor) {
-    const tag = this.choice.tag;
-    const now = (store) => numbers(store.sensed(tag).find((each) => each.sensor.name === sensor.name));
-    return { key: `${tag}/reading/${sensor.name}`, label: `${sensor.name} of ${this.store.name(tag)}`, unit: sensor.unit ?? "", tag, now };
+  /** @param {number} tag @param {Sensor} sensor @returns {ChartSource} */
+  #readingChart(tag, sensor) {
+    return {
+      key: `${tag}/reading/${sensor.name}`,
+      label: `${sensor.name} of ${this.store.name(tag)}`,
+      unit: sensor.unit ?? "",
+      tag,
+      now: (store) => numbersOf(store.sensed(tag).find((sensed) => sensed.sensor.name === sensor.name)),
+    };
   }
 
-  #name(cell, sensor, sensed) {
+  /** @param {HTMLElement} cell @param {Sensor} sensor @param {Sensor[]} sensors */
+  #renderName(cell, sensor, sensors) {
     if (cell.textContent !== sensor.name) cell.replaceChildren(make("i"), sensor.name);
     cell.title = `${sensor.name} (${sensor.layout})`;
-    const sensors = sensed.map((each) => each.sensor);
     const colour = rayColour(sensors, sensor.name, theme.colours);
-    cell.firstChild.style.background = colour ?? "transparent";
+    inside(cell, "i").style.background = colour ?? "transparent";
   }
 
-  // Few numbers are written, many are bars: nobody reads twenty-four decimals.
-  #values(cell, sensor, values, age_ns) {
+  /** Few numbers are written, many are bars: nobody reads twenty-four decimals.
+   * @param {HTMLElement} cell @param {Sensor} sensor @param {(number | null)[]} values
+   * @param {number | null} age_ns */
+  #renderValues(cell, sensor, values, age_ns) {
     const shown = measured(sensor, values);
     if (age_ns === null || shown.length < BARS_FROM) {
       const text = age_ns === null ? "–" : shown.map(reading).join(", ");
@@ -160,13 +208,19 @@ export class Robot {
       cell.replaceChildren(bars);
     }
     cell.title = shown.map(reading).join(", ");
-    shown.forEach((value, at) => {
-      bars.children[at].style.height = `${Math.min(100, (100 * Math.abs(value ?? 0)) / peak)}%`;
+    [...bars.children].forEach((bar, at) => {
+      const share = Math.min(1, Math.abs(shown[at] ?? 0) / peak);
+      /** @type {HTMLElement} */ (bar).style.height = `${100 * share}%`;
     });
   }
 }
 
-/** A reading without the angles that some sensors tell along with it. */
+/** A reading without the angles that some sensors tell along with it.
+ * @param {Sensor} sensor @param {(number | null)[]} values */
 const measured = (sensor, values) => (sensor.angles_rad?.length ? values.slice(0, sensor.angles_rad.length) : values);
 
-const numbers = (sensed) => (sensed && sensed.age_ns !== null ? measured(sensed.sensor, sensed.values) : null);
+/** @param {SensorReading | undefined} sensed @returns {ChartValues} */
+const numbersOf = (sensed) => (sensed && sensed.age_ns !== null ? measured(sensed.sensor, sensed.values) : null);
+
+/** @param {unknown} value */
+const numberOf = (value) => (typeof value === "number" ? value : null);

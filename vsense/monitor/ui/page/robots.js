@@ -5,41 +5,72 @@ import { count, milliseconds, reading, volts } from "./format.js";
 
 const STALE_MS = 500;
 const WEAK_DBM = -75;
-// Of a name, beside the column of signals and without it.
+/** Letters of a name, beside the column of signals and without it. */
 const LONG_NAME = { radio: 6, wide: 12 };
 let longName = LONG_NAME.wide;
 
-// What the experiment has for a robot: shown where not all have the same.
-const RUNS = "runs";
-// Of its Wi-Fi, as the robot hears it: shown where one tells it.
-const SIGNAL = "signal";
-const TEXTS = ["name", RUNS, "state"];
+/** `key` is what it is sorted by.
+ * @typedef {object} Column
+ * @property {string} head
+ * @property {string} style its class.
+ * @property {(robot: RobotRow) => string} text
+ * @property {(robot: RobotRow) => string | number} key
+ * @property {(robot: RobotRow) => unknown} [isBad] */
 
-function align(name) {
-  if (name === SIGNAL) return "n signal";
-  return name === RUNS ? RUNS : TEXTS.includes(name) ? "" : "n";
-}
-
-// name of the column, head, what it shows, what it is sorted by, whether it is bad
+// What the experiment has for a robot is shown where not all have the same; the signal of its Wi-Fi
+// where one says it.
+/** @type {Column[]} */
 const COLUMNS = [
-  ["name", "robot", (r) => label(r), (r) => r.tag, () => false],
-  [RUNS, "runs", (r) => r.expected ?? "", (r) => r.expected ?? "", () => false],
-  ["state", "state", (r) => (r.connected ? r.state : "away"), (r) => `${r.connected} ${r.state}`, (r) => !r.connected],
-  ["heard", "link", (r) => milliseconds(r.heard_ms), (r) => r.heard_ms ?? Infinity, (r) => r.heard_ms > STALE_MS],
-  ["pose", "pose", (r) => milliseconds(r.pose_age_ms), (r) => r.pose_age_ms ?? Infinity, (r) => r.pose_age_ms > STALE_MS],
-  [SIGNAL, "dBm", (r) => r.signal_dbm ?? "–", (r) => r.signal_dbm ?? 0, (r) => r.signal_dbm < WEAK_DBM || r.power_saving],
-  ["battery", "battery", (r) => volts(r.battery_mv), (r) => r.battery_mv ?? Infinity, (r) => r.battery_low],
-  ["errors", "errors", (r) => String(r.base_errors ?? 0), (r) => -(r.base_errors ?? 0), (r) => r.base_errors > 0 && r.trouble],
+  { head: "robot", style: "", text: (robot) => nameOf(robot), key: (robot) => robot.tag },
+  { head: "runs", style: "runs", text: (robot) => robot.expected ?? "", key: (robot) => robot.expected ?? "" },
+  {
+    head: "state", style: "",
+    text: (robot) => (robot.connected ? robot.state : "away"),
+    key: (robot) => `${robot.connected} ${robot.state}`,
+    isBad: (robot) => !robot.connected,
+  },
+  {
+    head: "link", style: "n",
+    text: (robot) => milliseconds(robot.heard_ms),
+    key: (robot) => robot.heard_ms ?? Infinity,
+    isBad: (robot) => (robot.heard_ms ?? 0) > STALE_MS,
+  },
+  {
+    head: "pose", style: "n",
+    text: (robot) => milliseconds(robot.pose_age_ms),
+    key: (robot) => robot.pose_age_ms ?? Infinity,
+    isBad: (robot) => (robot.pose_age_ms ?? 0) > STALE_MS,
+  },
+  {
+    head: "dBm", style: "n signal",
+    text: (robot) => String(robot.signal_dbm ?? "–"),
+    key: (robot) => robot.signal_dbm ?? 0,
+    isBad: (robot) => (robot.signal_dbm ?? 0) < WEAK_DBM || robot.power_saving,
+  },
+  {
+    head: "battery", style: "n",
+    text: (robot) => volts(robot.battery_mv),
+    key: (robot) => robot.battery_mv ?? Infinity,
+    isBad: (robot) => robot.battery_low,
+  },
+  {
+    head: "errors", style: "n",
+    text: (robot) => String(robot.base_errors ?? 0),
+    key: (robot) => -(robot.base_errors ?? 0),
+    isBad: (robot) => (robot.base_errors ?? 0) > 0 && robot.trouble,
+  },
 ];
 
-// A long name is cut off where two of them may still look the same.
-function label({ tag, name }) {
+/** A long name is cut off where two of them may still look the same.
+ * @param {RobotRow} robot */
+function nameOf({ tag, name }) {
   if (!name) return String(tag);
   return name.length > longName ? `${tag} ${name}` : name;
 }
 
-/** What is to be said about a robot beyond its row; "" where all is well. */
-export function words(robot) {
+/** What is to be said about a robot beyond its row; "" where all is well.
+ * @param {RobotRow} robot */
+export function wordsOf(robot) {
   const parts = [robot.trouble];
   if (robot.stop_cause && !(robot.trouble ?? "").includes(robot.stop_cause)) parts.push(`stopped: ${robot.stop_cause}`);
   if (robot.doubt) parts.push(`identity: ${robot.doubt}`);
@@ -48,117 +79,142 @@ export function words(robot) {
   return parts.filter(Boolean).join(" · ");
 }
 
-/** What its controller shows, in one line. */
-export function shown(robot) {
-  const parts = Object.entries(robot.shown ?? {}).map(([name, value]) => `${name} ${value === null ? "–" : typeof value === "number" ? reading(value) : value}`);
-  return parts.join(" · ");
+/** What its controller shows, in one line.
+ * @param {RobotRow} robot */
+function shownBy(robot) {
+  const parts = Object.entries(robot.shown ?? {});
+  return parts.map(([name, value]) => `${name} ${typeof value === "string" ? value : reading(value)}`).join(" · ");
+}
+
+/** A robot's rows of the table.
+ * @param {() => void} choose */
+function rowsOf(choose) {
+  const lamp = make("i", { className: "lamp" });
+  const name = make("span");
+  const others = COLUMNS.slice(1).map(({ style }) => make("td", { className: style }));
+  const row = make("tr", {}, make("td", {}, lamp, name), ...others);
+  const wordsCell = make("td", { colSpan: COLUMNS.length });
+  const wordsRow = make("tr", { className: "words", hidden: true }, wordsCell);
+  const body = make("tbody", {}, row, wordsRow);
+  body.addEventListener("click", choose);
+  return { body, row, lamp, cells: [name, ...others], wordsRow, wordsCell };
 }
 
 /** The table. */
 export class Robots {
-  constructor(store, choice) {
+  #sort = { column: 0, down: false };
+  /** By tag.
+   * @type {Map<number, ReturnType<typeof rowsOf>>} */
+  #bodies = new Map();
+  /** @type {RobotRow[]} */
+  #sorted = [];
+
+  /** @param {Store} store @param {RobotSelection} selection */
+  constructor(store, selection) {
     this.store = store;
-    this.choice = choice;
+    this.selection = selection;
     this.table = byId("robots");
+    this.head = byId("robots_head");
     this.note = byId("robots_note");
-    this.sort = { column: 0, down: false };
-    this.bodies = new Map();
-    this.#head();
-  }
-
-  #head() {
-    this.heads = COLUMNS.map(([name, text], column) => {
-      const button = make("button", { type: "button" }, text);
-      button.addEventListener("click", () => {
-        this.sort = { column, down: this.sort.column === column && !this.sort.down };
-        this.tell();
-      });
-      return make("th", { className: align(name), scope: "col" }, button);
+    this.heads = COLUMNS.map(({ head, style }, column) => {
+      const button = make("button", { type: "button" }, head);
+      button.addEventListener("click", () => this.#sortBy(column));
+      return make("th", { className: style, scope: "col" }, button);
     });
-    this.table.tHead.replaceChildren(make("tr", {}, ...this.heads));
+    this.head.replaceChildren(make("tr", {}, ...this.heads));
   }
 
-  /** The robots as the table shows them, from the top. */
+  /** @param {number} column */
+  #sortBy(column) {
+    this.#sort = { column, down: this.#sort.column === column && !this.#sort.down };
+    this.render();
+  }
+
+  /** Tags of the robots as the table shows them, from the top. */
   get order() {
-    return this.sorted?.map((robot) => robot.tag) ?? [];
+    return this.#sorted.map((robot) => robot.tag);
   }
 
   /** Renews the table; called a few times per second. */
-  tell() {
+  render() {
     const { robots, rows, experiment } = this.store;
     // Who only tracks knows no robots, but markers.
-    this.table.closest(".card").hidden = !robots && experiment?.mode === "track";
+    byId("robots_panel").hidden = !robots && experiment?.mode === "track";
     if (!robots) return;
     mark(this.table, "mixed", (experiment?.controllers?.length ?? 0) > 1);
-    const radio = robots.signal_dbm?.some((dbm) => dbm !== null);
-    longName = radio ? LONG_NAME.radio : LONG_NAME.wide;
-    mark(this.table, "radio", radio);
-    this.sorted = [...rows.keys()].map((tag) => this.store.robot(tag)).sort((a, b) => this.#compare(a, b));
+    const hasRadio = robots.signal_dbm?.some((dbm) => dbm !== null);
+    longName = hasRadio ? LONG_NAME.radio : LONG_NAME.wide;
+    mark(this.table, "radio", hasRadio);
+    const all = [...rows.keys()].flatMap((tag) => this.store.robot(tag) ?? []);
+    this.#sorted = all.sort((a, b) => this.#compare(a, b));
     this.heads.forEach((head, column) => {
-      const sorted = column === this.sort.column ? (this.sort.down ? "descending" : "ascending") : "none";
+      const direction = this.#sort.down ? "descending" : "ascending";
+      const sorted = column === this.#sort.column ? direction : "none";
       if (head.getAttribute("aria-sort") !== sorted) head.setAttribute("aria-sort", sorted);
     });
-    for (const robot of this.sorted) this.#row(robot);
-    for (const [tag, { body }] of this.bodies) {
+    for (const [tag, { body }] of this.#bodies) {
       if (rows.has(tag)) continue;
       body.remove();
-      this.bodies.delete(tag);
+      this.#bodies.delete(tag);
     }
-    this.#arrange();
-    this.#count(robots);
+    this.#renderBodies();
+    this.#renderNote(robots);
   }
 
+  /** @param {RobotRow} a @param {RobotRow} b */
   #compare(a, b) {
-    const worse = Number(Boolean(b.trouble)) - Number(Boolean(a.trouble)) || Number(Boolean(b.doubt)) - Number(Boolean(a.doubt));
-    if (worse) return worse;
-    const by = COLUMNS[this.sort.column][3];
-    const [left, right] = [by(a), by(b)];
-    const order = left < right ? -1 : left > right ? 1 : a.tag - b.tag;
-    return this.sort.down ? -order : order;
+    const worse = Number(Boolean(b.trouble)) - Number(Boolean(a.trouble));
+    const dubious = Number(Boolean(b.doubt)) - Number(Boolean(a.doubt));
+    if (worse || dubious) return worse || dubious;
+    const { key } = COLUMNS[this.#sort.column];
+    const [left, right] = [key(a), key(b)];
+    let order = a.tag - b.tag;
+    if (left !== right) order = left < right ? -1 : 1;
+    return this.#sort.down ? -order : order;
   }
 
-  #row(robot) {
-    const { body, lamp, cells, wordsRow, wordsCell } = this.bodies.get(robot.tag) ?? this.#make(robot.tag);
-    COLUMNS.forEach(([, , show, , bad], column) => {
-      write(cells[column], show(robot));
-      if (!column) cells[column].parentElement.title = robot.name ?? "";
-      if (column) mark(cells[column], "bad", bad(robot));
+  /** Only what has to move is moved: a hundred rows stay where they are. */
+  #renderBodies() {
+    /** @type {Element} */
+    let before = this.head;
+    for (const robot of this.#sorted) {
+      const rows = this.#rowsOf(robot.tag);
+      this.#renderRow(robot, rows);
+      if (before.nextSibling !== rows.body) before.after(rows.body);
+      before = rows.body;
+    }
+  }
+
+  /** @param {number} tag */
+  #rowsOf(tag) {
+    let rows = this.#bodies.get(tag);
+    if (!rows) {
+      rows = rowsOf(() => this.selection.choose(this.selection.tag === tag ? null : tag));
+      this.#bodies.set(tag, rows);
+    }
+    return rows;
+  }
+
+  /** @param {RobotRow} robot @param {ReturnType<typeof rowsOf>} rows */
+  #renderRow(robot, { body, row, lamp, cells, wordsRow, wordsCell }) {
+    COLUMNS.forEach(({ text, isBad }, column) => {
+      write(cells[column], text(robot));
+      if (isBad) mark(cells[column], "bad", isBad(robot));
     });
-    mark(lamp, "on", robot.leds & 0xff);
-    const trouble = words(robot);
-    const text = trouble || shown(robot);
+    row.cells[0].title = robot.name ?? "";
+    mark(lamp, "on", (robot.leds ?? 0) & 0xff);
+    const trouble = wordsOf(robot);
+    const text = trouble || shownBy(robot);
     write(wordsCell, text);
     mark(wordsCell, "shown", !trouble);
     wordsRow.hidden = !text;
     mark(body, "bad", robot.trouble);
     mark(body, "doubt", robot.doubt || robot.stop_cause);
-    mark(body, "chosen", robot.tag === this.choice.tag);
+    mark(body, "chosen", robot.tag === this.selection.tag);
   }
 
-  #make(tag) {
-    const lamp = make("i", { className: "lamp" });
-    const label = make("span");
-    const cells = COLUMNS.map(([name], column) => (column ? make("td", { className: align(name) }) : label));
-    const wordsCell = make("td", { colSpan: COLUMNS.length });
-    const wordsRow = make("tr", { className: "words", hidden: true }, wordsCell);
-    const body = make("tbody", {}, make("tr", {}, make("td", {}, lamp, label), ...cells.slice(1)), wordsRow);
-    body.addEventListener("click", () => this.choice.choose(this.choice.tag === tag ? null : tag));
-    const made = { body, lamp, cells, wordsRow, wordsCell };
-    this.bodies.set(tag, made);
-    return made;
-  }
-
-  // Only what has to move is moved: a hundred rows stay where they are.
-  #arrange() {
-    let at = this.table.tHead;
-    for (const { tag } of this.sorted) {
-      const { body } = this.bodies.get(tag);
-      if (at.nextSibling !== body) at.after(body);
-      at = body;
-    }
-  }
-
-  #count({ tag, connected, seen, trouble }) {
+  /** @param {RobotsMessage} robots */
+  #renderNote({ tag, connected, seen, trouble }) {
     const there = connected.filter(Boolean).length;
     const inView = seen.filter(Boolean).length;
     const bad = trouble.filter(Boolean).length;

@@ -4,17 +4,18 @@ const KEPT = 2400;
 
 /** One or several numbers over the run's time [s]; `values` of one time are a list. */
 export class Series {
-  constructor() {
-    this.times = [];
-    this.values = [];
-  }
+  /** @type {number[]} */
+  times = [];
+  /** @type {ChartValues[]} */
+  values = [];
 
-  /** Adds what is so at a time; what is told again replaces what was there. */
-  add(time, values, replay) {
+  /** Adds the values of a time; in place of those that it had.
+   * @param {number | null} time @param {ChartValues} values @param {boolean} isReplay */
+  add(time, values, isReplay) {
     const { times } = this;
-    if (time === null || time === undefined) return;
+    if (time === null) return;
     // Another run begins; a replay only goes to another place.
-    if (!replay && times.length && time < times.at(-1)) this.clear();
+    if (!isReplay && times.length && time < times[times.length - 1]) this.clear();
     let at = times.length;
     while (at > 0 && times[at - 1] >= time) at -= 1;
     const same = times[at] === time ? 1 : 0;
@@ -31,7 +32,8 @@ export class Series {
     return this.values.at(-1) ?? null;
   }
 
-  /** What was so at a time, or just before. */
+  /** What was so at a time, or just before.
+   * @param {number} time */
   at(time) {
     let at = this.times.length - 1;
     while (at > 0 && this.times[at] > time) at -= 1;
@@ -40,30 +42,34 @@ export class Series {
 
   // A long run keeps its whole line, with every other of its points.
   #thin() {
-    const keep = (_, index) => index % 2 === 0;
+    const keep = (/** @type {unknown} */ _, /** @type {number} */ index) => index % 2 === 0;
     this.times = this.times.filter(keep);
     this.values = this.values.filter(keep);
   }
 }
 
-/** The robots in the polluted cone, and those that are lit; null where there can be none. */
+/** How many robots are in the polluted cone, and how many are lit; nothing where there can be none.
+ * @param {Store} store */
 export function ofSwarm(store) {
   const { signals, arena, robots } = store;
-  const found = {};
+  /** @type {Record<string, number>} */
+  const counts = {};
   const cones = signals?.cones ?? [];
   if (cones.length || store.hadCone) {
     store.hadCone = true;
-    const { tag = [], x_m: x, y_m: y } = arena?.robots ?? {};
-    found["in the cone"] = tag.filter((one, row) => store.rows.has(one) && cones.some((cone) => within(cone, x[row], y[row]))).length;
+    const { tag, x_m: x, y_m: y } = arena?.robots ?? { tag: [], x_m: [], y_m: [] };
+    const isIn = (/** @type {number} */ row) => cones.some((cone) => within(cone, x[row], y[row]));
+    counts["in the cone"] = tag.filter((robot, row) => store.rows.has(robot) && isIn(row)).length;
   }
   const lit = (robots?.leds ?? []).filter(Boolean).length;
   if (lit || store.hadLight) {
     store.hadLight = true;
-    found.lit = lit;
+    counts.lit = lit;
   }
-  return found;
+  return counts;
 }
 
+/** @param {{ x_m: number[], y_m: number[] }} cone @param {number} px @param {number} py */
 function within({ x_m: x, y_m: y }, px, py) {
   let side = 0;
   for (let at = 0; at < x.length; at += 1) {
@@ -75,10 +81,11 @@ function within({ x_m: x, y_m: y }, px, py) {
   return true;
 }
 
-/** Makes an element one that opens a chart; `what` is {key, label, unit, tag, now(store)}, null: none. */
-export function chartable(element, what) {
-  element.chart = what;
-  const on = Boolean(what);
+/** Makes an element one that opens a chart; null: none.
+ * @param {HTMLElement} element @param {ChartSource | null} source */
+export function chartable(element, source) {
+  element.chart = source;
+  const on = Boolean(source);
   if (element.classList.contains("chartable") === on) return;
   element.classList.toggle("chartable", on);
   if (on) Object.assign(element, { tabIndex: 0, title: "a click shows it over time" });

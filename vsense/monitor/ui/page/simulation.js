@@ -10,6 +10,7 @@ const SLOW = 0.9;
 
 /** The speed's list, and what became of it. */
 export class Simulation {
+  /** @param {Store} store @param {Controls} controls */
   constructor(store, controls) {
     this.store = store;
     this.select = byId("sim_speed");
@@ -22,21 +23,25 @@ export class Simulation {
     });
   }
 
+  /** @param {number} speed */
   #add(speed) {
     const words = speed === FASTEST ? "as fast as it goes" : `${times(speed)} ×`;
     const option = make("option", { value: String(speed) }, words);
-    const after = [...this.select.options].find((other) => speed !== FASTEST && (Number(other.value) > speed || other.value === "0"));
+    const orders = [...this.select.options].map((other) => Number(other.value));
+    const at = speed === FASTEST ? -1 : orders.findIndex((order) => order > speed || order === FASTEST);
+    const after = this.select.options[at];
     this.select.insertBefore(option, after ?? null);
   }
 
   /** Shows the speed. */
-  tell() {
+  render() {
     const { run } = this.store;
     if (!run?.sim) return;
     const speed = run.sim.speed ?? FASTEST;
     if (![...this.select.options].some((option) => Number(option.value) === speed)) this.#add(speed);
     if (document.activeElement !== this.select) this.select.value = String(speed);
     const slower = speed === FASTEST || run.sim.reached < SLOW * speed;
-    write(byId("sim_reached"), run.state === "running" && slower && run.sim.reached ? `${times(run.sim.reached)} × reached` : "");
+    const isShown = run.state === "running" && slower && run.sim.reached > 0;
+    write(byId("sim_reached"), isShown ? `${times(run.sim.reached)} × reached` : "");
   }
 }

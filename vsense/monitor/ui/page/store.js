@@ -8,76 +8,135 @@ const EVENTS_KEPT = 200;
 const OLD_MS = 2000;
 const PLAIN = new Set(["you", "run", "arena", "world", "signals", "fields", "robots", "cameras", "parts", "settings"]);
 
+/** @typedef {EventMessage & { timeNs: number, run_s: number | null }} StoredEvent */
+
+/** What is known of one experiment's runs. */
+class RunNews {
+  /** @type {ExperimentMessage | null} */
+  experiment = null;
+  /** @type {RunMessage | null} */
+  run = null;
+  /** @type {ArenaMessage | null} */
+  arena = null;
+  /** @type {WorldMessage | null} */
+  world = null;
+  /** @type {SignalsMessage | null} */
+  signals = null;
+  /** @type {FieldsMessage | null} */
+  fields = null;
+  /** @type {RobotsMessage | null} */
+  robots = null;
+  /** @type {CamerasMessage | null} */
+  cameras = null;
+  /** @type {SettingsMessage | null} */
+  settings = null;
+  /** @type {PartsMessage | null} */
+  parts = null;
+  /** By tag.
+   * @type {Map<number, ReadingsMessage>} */
+  readings = new Map();
+  /** Tags of tagged objects.
+   * @type {Set<number>} */
+  objects = new Set();
+  /** What people call a tag.
+   * @type {Map<number, string>} */
+  names = new Map();
+  /** Of robots' tops, by tag [m].
+   * @type {Map<number, number>} */
+  heights = new Map();
+  /** By tag, in `/robots`.
+   * @type {Map<number, number>} */
+  rows = new Map();
+  hadCone = false;
+  hadLight = false;
+  /** Where the run is, by whatever said it last. */
+  now = { timestep: -1, time_s: /** @type {number | null} */ (0) };
+  /** The newest picture of each camera.
+   * @type {Map<string, { about: PictureMessage, blob: Uint8Array, number: number }>} */
+  pictures = new Map();
+  /** Earlier places by tag.
+   * @type {Map<number, Vector[]>} */
+  trails = new Map();
+  /** The last arena states by their timestep.
+   * @type {Map<number, ArenaMessage>} */
+  images = new Map();
+  /** The last signals by their timestep.
+   * @type {Map<number, SignalsMessage>} */
+  shows = new Map();
+  /** The experiment's own numbers over time.
+   * @type {Map<string, Series>} */
+  measures = new Map();
+  /** The largest size of each sensor's numbers.
+   * @type {Map<string, number>} */
+  peaks = new Map();
+}
+
 /** Holds everything; `changed` grows per topic, so that panels see what is new to them. */
-export class Store {
-  constructor() {
-    this.clear();
-    this.you = { viewer: "", control: true, viewers: 0 };
-    this.events = [];
-    this.answers = [];
-    /** Answers to changes of the world, and whether the newest was a no. */
-    this.settled = 0;
-    this.refused = false;
-    this.changed = {};
-    this.runHeard = Infinity;
-    this.ahead = Infinity;
-  }
+export class Store extends RunNews {
+  /** @type {ViewerMessage} */
+  you = { viewer: "", control: true, viewers: 0 };
+  /** @type {StoredEvent[]} */
+  events = [];
+  /** Those that are not shown yet.
+   * @type {AnswerMessage[]} */
+  answers = [];
+  /** Answers to changes of the world, and whether the newest was a no. */
+  settled = 0;
+  refused = false;
+  /** @type {Record<string, number>} */
+  changed = {};
+  /** When the run's state was last heard of [ms]. */
+  runHeard = Infinity;
+  #ahead_ms = Infinity;
+  #timestep = -1;
 
-  /** Forgets one run's news, as when another experiment comes. */
+  /** Drops one experiment's news, as when another comes. */
   clear() {
-    this.experiment = null;
-    this.objects = new Set();
-    this.names = new Map();
-    this.heights = new Map();
-    this.run = null;
-    this.arena = null;
-    this.world = null;
-    this.signals = null;
-    this.fields = null;
-    this.robots = null;
-    this.cameras = null;
-    this.readings = new Map();
-    this.hadCone = this.hadLight = false;
-    this.settings = this.parts = null;
-    /** Where the run is, by whatever told it last. */
-    this.now = { timestep: -1, time_s: 0 };
-    this.pictures = new Map();
-    this.trails = new Map();
-    this.images = new Map();
-    this.shows = new Map();
-    this.measures = new Map();
-    this.rows = new Map();
-    this.peaks = new Map();
+    Object.assign(this, new RunNews());
   }
 
-  /** What the wall's clock showed [ms] at a time of the host's: no message comes before it is made. */
+  /** What the wall's clock showed [ms] at a time of the host's: no message comes before it is made.
+   * @param {number} timeNs */
   wall(timeNs) {
-    return timeNs / 1e6 + this.ahead;
+    return timeNs / 1e6 + this.#ahead_ms;
   }
 
-  /** Takes one message. */
+  /** Takes one message.
+   * @param {string} topic @param {number} timeNs @param {any} data @param {Uint8Array | null} blob */
   take(topic, timeNs, data, blob) {
-    if (timeNs > 0) this.ahead = Math.min(this.ahead, Date.now() - timeNs / 1e6);
+    if (timeNs > 0) this.#ahead_ms = Math.min(this.#ahead_ms, Date.now() - timeNs / 1e6);
     const [, name, rest] = topic.split("/");
     if (blob) this.pictures.set(rest, { about: data, blob, number: (this.pictures.get(rest)?.number ?? 0) + 1 });
     else if (name === "event") this.#event(timeNs, data);
     else if (name === "answer") this.#answer(data);
     else if (name === "experiment") this.#experiment(data);
-    else if (name === "readings") for (const tag of data.tag ?? []) this.readings.set(tag, data);
-    else if (PLAIN.has(name)) this[name] = data;
+    else if (name === "readings") this.#readings(data);
+    else if (PLAIN.has(name)) Object.assign(this, { [name]: data });
     if (name === "run") this.#run(data);
     if (name === "arena") this.#arena(data);
-    if (name === "robots") this.rows = new Map(data.tag.map((tag, row) => [tag, row]));
+    if (name === "robots") this.#robots(data);
     if (name === "signals") this.#signals(data);
     this.changed[name] = (this.changed[name] ?? 0) + 1;
   }
 
-  /** Which part a robot plays, and its uid; nothing where nobody has told it. */
+  /** Which part a robot plays, and its uid; nothing where nobody has said it.
+   * @param {number} tag @returns {{ part?: number, uid?: string | null }} */
   part(tag) {
     const row = this.parts?.tag?.indexOf(tag) ?? -1;
-    return row < 0 ? {} : { part: this.parts.part[row], uid: this.parts.uid[row] };
+    return !this.parts || row < 0 ? {} : { part: this.parts.part[row], uid: this.parts.uid[row] };
   }
 
+  /** @param {RobotsMessage} data */
+  #robots(data) {
+    this.rows = new Map(data.tag.map((tag, row) => [tag, row]));
+  }
+
+  /** @param {ReadingsMessage} data */
+  #readings(data) {
+    for (const tag of data.tag ?? []) this.readings.set(tag, data);
+  }
+
+  /** @param {AnswerMessage} data */
   #answer(data) {
     if (data.change) {
       this.settled += 1;
@@ -86,20 +145,24 @@ export class Store {
     this.answers.push(data);
   }
 
+  /** @param {RunMessage} data */
   #run(data) {
     this.now = { timestep: data.timestep, time_s: data.time_s };
     this.runHeard = performance.now();
   }
 
+  /** @param {ExperimentMessage} data */
   #experiment(data) {
-    const same = this.experiment && this.experiment.name === data.name && this.experiment.mode === data.mode;
-    if (!same) this.clear();
-    this.experiment = data;
-    this.objects = new Set((data.objects ?? []).map((object) => object.tag));
-    this.heights = new Map((data.robots ?? []).map((robot) => [robot.tag, robot.height_m]));
-    this.names = new Map([...(data.robots ?? []), ...(data.objects ?? [])].map((one) => [one.tag, one.name]));
+    const before = this.experiment;
+    if (before?.name !== data.name || before.mode !== data.mode) this.clear();
+    const { robots = [], objects = [] } = data;
+    Object.assign(this, { experiment: data });
+    this.objects = new Set(objects.map((object) => object.tag));
+    this.heights = new Map(robots.map((robot) => [robot.tag, robot.height_m]));
+    this.names = new Map([...robots, ...objects].map(({ tag, name }) => [tag, name]));
   }
 
+  /** @param {number} timeNs @param {EventMessage} data */
   #event(timeNs, data) {
     // Whoever comes anew is told the last events again.
     if (this.events.some((event) => event.timeNs === timeNs && event.text === data.text)) return;
@@ -110,10 +173,11 @@ export class Store {
     if (this.events.length > EVENTS_KEPT) this.events.shift();
   }
 
+  /** @param {ArenaMessage} data */
   #arena(data) {
-    const before = this.step ?? -1;
+    const before = this.#timestep;
     this.now.timestep = data.run_timestep;
-    this.step = data.run_timestep;
+    this.#timestep = data.run_timestep;
     // Another run began, or a replay went to another place: the old trails lead nowhere.
     if (data.run_timestep < before || data.run_timestep > before + 50) {
       this.trails.clear();
@@ -126,17 +190,18 @@ export class Store {
       if (!trail) this.trails.set(tag[row], (trail = []));
       const last = trail.at(-1);
       if (last && last[0] === x_m[row] && last[1] === y_m[row]) continue;
-      trail.push([x_m[row], y_m[row]]);
+      trail.push([x_m[row], y_m[row], 0]);
       if (trail.length > TRAIL) trail.shift();
     }
     this.images.set(data.timestep, data);
-    if (this.images.size > STEPS_KEPT) this.images.delete(this.images.keys().next().value);
+    dropOldest(this.images);
   }
 
+  /** @param {SignalsMessage} data */
   #signals(data) {
     this.now.time_s = data.time_s;
     this.shows.set(data.timestep, data);
-    if (this.shows.size > STEPS_KEPT) this.shows.delete(this.shows.keys().next().value);
+    dropOldest(this.shows);
     for (const [name, value] of Object.entries(data.measures ?? {})) {
       let line = this.measures.get(name);
       if (!line) this.measures.set(name, (line = new Series()));
@@ -144,50 +209,66 @@ export class Store {
     }
   }
 
-  /** The `/signals` of a timestep of the run, where that is still known, else the newest. */
+  /** The `/signals` of a timestep, where that is still known, else the newest.
+   * @param {number | undefined} timestep */
   signalsAt(timestep) {
-    return this.shows.get(timestep) ?? this.signals;
+    return (timestep === undefined ? undefined : this.shows.get(timestep)) ?? this.signals;
   }
 
-  /** What people call a tag. */
+  /** What people call a tag.
+   * @param {number} tag */
   name(tag) {
     return this.names.get(tag) ?? String(tag);
   }
 
-  /** The chosen robot's row of `/robots`, or null. */
+  /** A robot's row of `/robots`, or null.
+   * @param {number} tag @returns {RobotRow | null} */
   robot(tag) {
     const row = this.rows.get(tag);
-    if (row === undefined) return null;
-    return Object.fromEntries(Object.entries(this.robots).map(([name, column]) => [name, column[row]]));
+    if (row === undefined || !this.robots) return null;
+    const values = Object.entries(this.robots).map(([name, column]) => [name, column[row]]);
+    return /** @type {any} */ (Object.fromEntries(values));
   }
 
-  /** What drives a robot: its row of the experiment's controllers, or undefined. */
+  /** What drives a robot: its row of the experiment's controllers, or undefined.
+   * @param {number} tag */
   controller(tag) {
     const all = this.experiment?.controllers ?? [];
-    return all.find((each) => each.tags.includes(tag)) ?? all[0];
+    return all.find((controller) => controller.tags.includes(tag)) ?? all[0];
   }
 
-  /** The virtual sensors of a robot. */
+  /** The virtual sensors of a robot.
+   * @param {number} tag */
   sensors(tag) {
     return this.controller(tag)?.sensors ?? [];
   }
 
-  /** The chosen robot's reading of each sensor: [{sensor, values, age_ns}]; [] before the first. */
+  /** The chosen robot's reading of each sensor; [] before the first.
+   * @param {number} tag @returns {SensorReading[]} */
   sensed(tag) {
     const data = this.readings.get(tag);
     const row = data?.tag.indexOf(tag) ?? -1;
-    if (row < 0 || !this.experiment) return [];
+    if (!data || row < 0 || !this.experiment) return [];
     return this.sensors(tag).map((sensor, index) => {
       const captured = data.captured_ns[row][index];
       return { sensor, values: data.values[row][index], age_ns: captured < 0 ? null : data.capture_ns - captured };
     });
   }
 
-  /** The largest size of a sensor's numbers so far: what its rays and bars are drawn against. */
+  /** The largest size of a sensor's numbers so far: what its rays and bars are drawn against.
+   * @param {string} name @param {(number | null)[]} values */
   peak(name, values) {
     let peak = this.peaks.get(name) ?? 1e-9;
     for (const value of values) peak = Math.max(peak, Math.abs(value ?? 0));
     this.peaks.set(name, peak);
     return peak;
+  }
+}
+
+/** @param {Map<number, unknown>} messages by timestep. */
+function dropOldest(messages) {
+  for (const timestep of messages.keys()) {
+    if (messages.size <= STEPS_KEPT) return;
+    messages.delete(timestep);
   }
 }

@@ -8,32 +8,31 @@ const NAMES = [
 ];
 const dark = window.matchMedia("(prefers-color-scheme: dark)");
 
-/** The colours as canvases take them, by their names in style.css; replaced when they change. */
+/** The colours as canvases take them, by their names in style.css; replaced when they change.
+ * @type {Record<string, string>} */
 export let colours = {};
 /** Grows with every change, so that what was drawn before can be told from what is right now. */
 export let version = 0;
 
-function resolve() {
+/** Reads the colours again, where the style sheet has others now. */
+export function refresh() {
   const probe = document.createElement("i");
   document.body.append(probe);
-  const found = {};
-  for (const name of NAMES) {
+  colours = Object.fromEntries(NAMES.map((name) => {
     probe.style.color = `var(--${name})`;
-    found[name] = getComputedStyle(probe).color;
-  }
+    return [name, getComputedStyle(probe).color];
+  }));
   probe.remove();
-  colours = found;
   version += 1;
 }
 
 export const isDark = () => (document.documentElement.dataset.theme ?? (dark.matches ? "dark" : "light")) === "dark";
 
+/** @param {string} theme */
 function choose(theme) {
   if (theme === "light" || theme === "dark") document.documentElement.dataset.theme = theme;
-  resolve();
+  refresh();
 }
-
-export const refresh = resolve;
 
 export function toggle() {
   const theme = isDark() ? "light" : "dark";
@@ -41,5 +40,5 @@ export function toggle() {
   choose(theme);
 }
 
-dark.addEventListener("change", resolve);
+dark.addEventListener("change", refresh);
 choose(remembered("theme", ""));

@@ -1,51 +1,80 @@
 // Corners of the arena, dragged onto cameras' pictures. What they mean is computed by the server.
 
-const byId = (id) => document.getElementById(id);
+/** @typedef {{ camera: string, point: string, x: number, y: number }} Click */
+/** A camera of the page, its image once that has come, and its button with a small picture.
+ * @typedef {{ id: string, width_px: number, height_px: number }} Description
+ * @typedef {{ image: HTMLImageElement | null, thumb: HTMLCanvasElement, tab: HTMLButtonElement }} Elements
+ * @typedef {Description & Elements} Camera */
+/** What the clicks mean: `left` of each, and how the frame moves.
+ * @typedef {object} Solution
+ * @property {{ point: string, camera: string, off_mm: number[] }[]} clicks
+ * @property {{ x_mm: number, y_mm: number, yaw_deg: number }} shift
+ * @property {number} rms_mm */
+/** What is drawn by camera, as pixels: where points are expected, and the arena's outline.
+ * @typedef {{ expected: Record<string, (Point | null)[]>, outline: Record<string, Point[][]>,
+ *   found: Solution | null }} Drawing */
+
+/** @template {string} Id @param {Id} id @returns {ElementOf<Id>} */
+const byId = (id) => /** @type {any} */ (document.getElementById(id));
+/** @param {HTMLCanvasElement} canvas @returns {Pen} */
+const penOf = (canvas) => /** @type {any} */ (canvas.getContext("2d"));
 const GRAB_PX = 18;
 const FAR_MM = 10;
 const FINE_PX = 0.2;
 const COARSE_PX = 5;
+/** @type {Record<string, Point>} */
+const STEPS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
 const canvas = byId("picture");
-const pen = canvas.getContext("2d");
+const pen = penOf(canvas);
+/** @type {Camera[]} */
 let cameras = [];
+/** Names of the points that can be placed. @type {string[]} */
 let points = [];
-let told = { expected: {}, outline: {}, found: null };
+/** @type {Drawing} */
+let drawing = { expected: {}, outline: {}, found: null };
 let shown = 0;
+/** @type {string | null} */
 let chosen = null;
 let dragged = false;
 // A corner that was chosen in the list is put wherever the picture is pressed next.
 let armed = false;
 let asked = 0;
 let saved = false;
-/** "camera point" -> {camera, point, x, y} */
+/** By camera and point.
+ * @type {Map<string, Click>} */
 const clicks = new Map();
 
-const key = (camera, point) => `${camera} ${point}`;
+/** @param {string} id @param {string} point */
+const keyOf = (id, point) => `${id} ${point}`;
 const camera = () => cameras[shown];
 
-function trouble(text) {
+/** @param {string} text */
+function showTrouble(text) {
   byId("trouble").textContent = text;
   byId("trouble").hidden = !text;
 }
 
+/** @param {string} path @param {unknown} [body] */
 async function ask(path, body) {
-  const answer = await fetch(path, body && { method: "POST", body: JSON.stringify(body) });
+  const answer = await fetch(path, body ? { method: "POST", body: JSON.stringify(body) } : {});
   const data = await answer.json();
   if (!answer.ok) throw new Error(data.error ?? answer.statusText);
   return data;
 }
 
-/** Where a corner is in a picture: clicked, or else where the calibration has it. */
-function place(id, index) {
-  const click = clicks.get(key(id, points[index]));
-  return click ? [click.x, click.y] : told.expected[id]?.[index] ?? null;
+/** Where a corner is in a picture: clicked, or else where the calibration has it.
+ * @param {string} id @param {number} index @returns {Point | null} */
+function placeOf(id, index) {
+  const click = clicks.get(keyOf(id, points[index]));
+  return click ? [click.x, click.y] : drawing.expected[id]?.[index] ?? null;
 }
 
-function outline(brush, id, zoom, width) {
+/** @param {Pen} brush @param {string} id @param {number} zoom @param {number} width */
+function drawOutline(brush, id, zoom, width) {
   brush.strokeStyle = "#37d0ff";
   brush.lineWidth = width;
-  for (const line of told.outline[id] ?? []) {
+  for (const line of drawing.outline[id] ?? []) {
     brush.beginPath();
     line.forEach(([x, y], at) => (at ? brush.lineTo(x * zoom, y * zoom) : brush.moveTo(x * zoom, y * zoom)));
     brush.stroke();
@@ -53,72 +82,61 @@ function outline(brush, id, zoom, width) {
 }
 
 function paint() {
-  const one = camera();
-  if (!one?.image) return;
+  const { id, image, width_px, height_px } = camera() ?? {};
+  if (!image) return;
   const ratio = window.devicePixelRatio || 1;
   canvas.width = Math.round(canvas.clientWidth * ratio);
-  canvas.height = Math.round((canvas.width * one.height_px) / one.width_px);
-  const zoom = canvas.width / one.width_px;
-  pen.drawImage(one.image, 0, 0, canvas.width, canvas.height);
-  outline(pen, one.id, zoom, 1.5 * ratio);
+  canvas.height = Math.round((canvas.width * height_px) / width_px);
+  const zoom = canvas.width / width_px;
+  pen.drawImage(image, 0, 0, canvas.width, canvas.height);
+  drawOutline(pen, id, zoom, 1.5 * ratio);
   pen.font = `600 ${14 * ratio}px system-ui, sans-serif`;
   points.forEach((point, index) => {
-    const at = place(one.id, index);
-    if (!at) return;
-    const [x, y] = [at[0] * zoom, at[1] * zoom];
-    const set = clicks.has(key(one.id, point));
-    const size = 11 * ratio;
-    pen.strokeStyle = set ? "#ffd43b" : "#fffc";
-    pen.setLineDash(set ? [] : [4 * ratio, 4 * ratio]);
-    pen.lineWidth = (point === chosen ? 3 : 2) * ratio;
-    pen.beginPath();
-    pen.arc(x, y, size, 0, 2 * Math.PI);
-    // A cross that leaves the very place open.
-    for (const [u, v] of [[1, 0], [-1, 0], [0, 1], [0, -1]]) {
-      pen.moveTo(x + 3 * ratio * u, y + 3 * ratio * v);
-      pen.lineTo(x + size * u, y + size * v);
-    }
-    pen.stroke();
-    pen.setLineDash([]);
-    pen.lineWidth = 3 * ratio;
-    pen.strokeStyle = "#000b";
-    pen.strokeText(point, x + 1.3 * size, y - 0.9 * size);
-    pen.fillStyle = "#fff";
-    pen.fillText(point, x + 1.3 * size, y - 0.9 * size);
+    const at = placeOf(id, index);
+    if (at) drawPoint(point, at[0] * zoom, at[1] * zoom, ratio);
   });
-  cameras.forEach(small);
+  cameras.forEach(paintThumb);
 }
 
-function small(one, index) {
-  if (!one.image) return;
-  const { thumb } = one;
+/** @param {string} point @param {number} x @param {number} y @param {number} ratio */
+function drawPoint(point, x, y, ratio) {
+  const isSet = clicks.has(keyOf(camera().id, point));
+  const size = 11 * ratio;
+  pen.strokeStyle = isSet ? "#ffd43b" : "#fffc";
+  pen.setLineDash(isSet ? [] : [4 * ratio, 4 * ratio]);
+  pen.lineWidth = (point === chosen ? 3 : 2) * ratio;
+  pen.beginPath();
+  pen.arc(x, y, size, 0, 2 * Math.PI);
+  // A cross that leaves the very place open.
+  for (const [u, v] of [[1, 0], [-1, 0], [0, 1], [0, -1]]) {
+    pen.moveTo(x + 3 * ratio * u, y + 3 * ratio * v);
+    pen.lineTo(x + size * u, y + size * v);
+  }
+  pen.stroke();
+  pen.setLineDash([]);
+  pen.lineWidth = 3 * ratio;
+  pen.strokeStyle = "#000b";
+  pen.strokeText(point, x + 1.3 * size, y - 0.9 * size);
+  pen.fillStyle = "#fff";
+  pen.fillText(point, x + 1.3 * size, y - 0.9 * size);
+}
+
+/** @param {Camera} shownCamera @param {number} index */
+function paintThumb({ id, image, thumb, tab, width_px, height_px }, index) {
+  if (!image) return;
   thumb.width = Math.round(thumb.clientWidth * (window.devicePixelRatio || 1));
-  thumb.height = Math.round((thumb.width * one.height_px) / one.width_px);
-  const brush = thumb.getContext("2d");
-  brush.drawImage(one.image, 0, 0, thumb.width, thumb.height);
-  outline(brush, one.id, thumb.width / one.width_px, 2);
-  one.tab.setAttribute("aria-selected", String(index === shown));
+  thumb.height = Math.round((thumb.width * height_px) / width_px);
+  const brush = penOf(thumb);
+  brush.drawImage(image, 0, 0, thumb.width, thumb.height);
+  drawOutline(brush, id, thumb.width / width_px, 2);
+  tab.setAttribute("aria-selected", String(index === shown));
 }
 
 function list() {
   const set = new Set([...clicks.values()].map((click) => click.point));
   const unset = points.filter((point) => !set.has(point)).map((point) => ({ point, camera: "" }));
-  const rows = [...clicks.values(), ...unset].map((click) => {
-    const left = told.found?.clicks.find((each) => each.point === click.point && each.camera === click.camera);
-    const mm = left ? Math.hypot(...left.off_mm) : null;
-    const row = document.createElement("tr");
-    for (const text of [click.point, click.camera || "not set", mm === null ? "–" : `${mm.toFixed(1)} mm`]) {
-      row.append(Object.assign(document.createElement("td"), { textContent: text }));
-    }
-    row.className = [mm > FAR_MM ? "far" : "", click.point === chosen ? "chosen" : ""].join(" ");
-    row.onclick = () => {
-      armed = !click.camera;
-      show(armed ? shown : cameras.findIndex((each) => each.id === click.camera), click.point);
-    };
-    return row;
-  });
-  byId("points").tBodies[0].replaceChildren(...rows);
-  const { found } = told;
+  byId("points").tBodies[0].replaceChildren(...[...clicks.values(), ...unset].map(rowOf));
+  const { found } = drawing;
   byId("found").textContent = found
     ? `The frame moves by ${found.shift.x_mm.toFixed(1)} mm along x, ${found.shift.y_mm.toFixed(1)} mm along y, `
       + `and turns by ${found.shift.yaw_deg.toFixed(3)}°; ${found.rms_mm.toFixed(1)} mm rms are left.`
@@ -126,6 +144,23 @@ function list() {
   byId("save").disabled = saved || !found;
 }
 
+/** @param {{ point: string, camera: string }} click */
+function rowOf(click) {
+  const error = drawing.found?.clicks.find(({ point, camera: id }) => point === click.point && id === click.camera);
+  const mm = error ? Math.hypot(...error.off_mm) : null;
+  const row = document.createElement("tr");
+  for (const text of [click.point, click.camera || "not set", mm === null ? "–" : `${mm.toFixed(1)} mm`]) {
+    row.append(Object.assign(document.createElement("td"), { textContent: text }));
+  }
+  row.className = [mm !== null && mm > FAR_MM ? "far" : "", click.point === chosen ? "chosen" : ""].join(" ");
+  row.addEventListener("click", () => {
+    armed = !click.camera;
+    show(armed ? shown : cameras.findIndex(({ id }) => id === click.camera), click.point);
+  });
+  return row;
+}
+
+/** @param {number} index */
 function show(index, point = chosen) {
   shown = index;
   chosen = point;
@@ -139,22 +174,24 @@ async function solve() {
   try {
     const answer = await ask("solve", [...clicks.values()]);
     if (mine !== asked) return;
-    told = answer;
-    trouble("");
+    drawing = answer;
+    showTrouble("");
   } catch (error) {
-    if (mine === asked) trouble(error.message);
+    if (mine === asked) showTrouble(error.message);
   }
   paint();
   list();
 }
 
+/** @param {string} point @param {number} x @param {number} y */
 function put(point, x, y) {
   const { id, width_px, height_px } = camera();
-  const within = (value, size) => Math.min(Math.max(value, 0), size - 1);
-  clicks.set(key(id, point), { camera: id, point, x: within(x, width_px), y: within(y, height_px) });
+  const within = (/** @type {number} */ value, /** @type {number} */ size) => Math.min(Math.max(value, 0), size - 1);
+  clicks.set(keyOf(id, point), { camera: id, point, x: within(x, width_px), y: within(y, height_px) });
   solve();
 }
 
+/** @param {PointerEvent} event */
 function pixel(event) {
   const box = canvas.getBoundingClientRect();
   const zoom = camera().width_px / box.width;
@@ -164,12 +201,12 @@ function pixel(event) {
 canvas.addEventListener("pointerdown", (event) => {
   const [x, y, zoom] = pixel(event);
   const away = points.map((_, index) => {
-    const at = place(camera().id, index);
+    const at = placeOf(camera().id, index);
     return at ? Math.hypot(at[0] - x, at[1] - y) : Infinity;
   });
   const near = away.indexOf(Math.min(...away));
   const isNear = away[near] < GRAB_PX * zoom;
-  if (!isNear && armed) put(chosen, x, y);
+  if (!isNear && armed && chosen !== null) put(chosen, x, y);
   else chosen = isNear ? points[near] : null;
   armed = false;
   dragged = chosen !== null;
@@ -179,7 +216,7 @@ canvas.addEventListener("pointerdown", (event) => {
 });
 
 canvas.addEventListener("pointermove", (event) => {
-  if (!dragged) return;
+  if (!dragged || chosen === null) return;
   const [x, y] = pixel(event);
   put(chosen, x, y);
 });
@@ -191,15 +228,14 @@ for (const end of ["pointerup", "pointercancel"]) {
 }
 
 canvas.addEventListener("keydown", (event) => {
-  const steps = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
-  const index = points.indexOf(chosen);
-  if (index < 0) return;
+  const index = chosen === null ? -1 : points.indexOf(chosen);
+  if (chosen === null || index < 0) return;
   if (event.key === "Delete" || event.key === "Backspace") {
-    clicks.delete(key(camera().id, chosen));
+    clicks.delete(keyOf(camera().id, chosen));
     solve();
-  } else if (event.key in steps) {
-    const [u, v] = steps[event.key].map((step) => step * (event.shiftKey ? COARSE_PX : FINE_PX));
-    const at = place(camera().id, index);
+  } else if (event.key in STEPS) {
+    const [u, v] = STEPS[event.key].map((step) => step * (event.shiftKey ? COARSE_PX : FINE_PX));
+    const at = placeOf(camera().id, index);
     if (at) put(chosen, at[0] + u, at[1] + v);
   } else {
     return;
@@ -212,36 +248,42 @@ byId("save").addEventListener("click", async () => {
   try {
     await ask("save", [...clicks.values()]);
     saved = true;
-    trouble("");
+    showTrouble("");
     byId("found").textContent = "Done: the camera files are moved. This page can be closed.";
   } catch (error) {
-    trouble(error.message);
+    showTrouble(error.message);
     list();
   }
 });
 
 window.addEventListener("resize", paint);
 
-async function load(one, index) {
-  one.thumb = document.createElement("canvas");
-  one.tab = document.createElement("button");
-  one.tab.setAttribute("role", "tab");
-  one.tab.append(one.thumb, one.id);
-  one.tab.onclick = () => show(index);
-  byId("cameras").append(one.tab);
+/** @param {Description} description @param {number} index @returns {Camera} */
+function cameraOf(description, index) {
+  const [thumb, tab] = [document.createElement("canvas"), document.createElement("button")];
+  tab.setAttribute("role", "tab");
+  tab.append(thumb, description.id);
+  tab.addEventListener("click", () => show(index));
+  byId("cameras").append(tab);
+  return { ...description, image: null, thumb, tab };
+}
+
+/** @param {Camera} loading @param {number} index */
+async function load(loading, index) {
   const image = new Image();
   image.src = `picture/${index}`;
   await image.decode();
-  one.image = image;
+  loading.image = image;
   paint();
 }
 
 try {
-  const begun = await ask("start.json");
-  ({ cameras, points } = begun);
-  told = { ...begun, found: null };
+  const start = await ask("start.json");
+  points = start.points;
+  drawing = { ...start, found: null };
+  cameras = start.cameras.map(cameraOf);
   await Promise.all(cameras.map(load));
   list();
 } catch (error) {
-  trouble(`This page has lost vsense arena align: ${error.message}`);
+  showTrouble(`This page has lost vsense arena align: ${error.message}`);
 }
