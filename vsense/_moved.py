@@ -92,6 +92,7 @@ TABLE = {
     "run.recasting": "run.cast",
     "sensors": "world.sensors",
     "sensors.updating": "world.sensors.quality",
+    "sensors.readings": "base.readings",
     "series": "studies.series",
     "series.cast": "studies.series.parts",
     "series.fields": "base.toml",
@@ -128,6 +129,7 @@ TABLE = {
     "vision.tracking.layers": "vision.tracking.workers",
     "world.sensors.updating": "world.sensors.quality",
     "world.users_code": "world.loop_functions",
+    "world.sensors.readings": "base.readings",
     "xml": "base.xml",
 }
 """Old and new names below `vsense`; what lay in a package is found below its new name."""

@@ -17,10 +17,9 @@ from typing import Any
 
 from tests.bench.frames import MARKER_M, Painter, cameras
 from vsense.base.clock import host_ns
-from vsense.base.errors import VsenseError
+from vsense.base.errors import GrabberError, VsenseError
 from vsense.modes.lab.camera_spec import SIZE_PX
 from vsense.vision.cameras.genicam import GenicamSettings, GenicamSource
-from vsense.vision.cameras.grabber import GrabberError
 from vsense.vision.cameras.live_grabber import LiveGrabber
 from vsense.vision.cameras.opencv_source import Controls
 from vsense.vision.markers.families import MarkerFamily, choose_tags, load_family

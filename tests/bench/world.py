@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from vsense.base.arena import POSE, ArenaState
+from vsense.base.readings import SensorReadings
 from vsense.base.xml.element import Document, Element
 from vsense.config.devices import mount_sensor
 from vsense.modes.sim.job import Job, Setup
@@ -29,7 +30,6 @@ from vsense.run.programs import shared_objects
 from vsense.world import Light, World
 from vsense.world.sensors.bank import SensorBank
 from vsense.world.sensors.base import Scope
-from vsense.world.sensors.readings import SensorReadings
 
 ROBOTS = (15, 100, 1000)
 SENSORS = 24

@@ -9,8 +9,9 @@ from pathlib import Path
 from tests.gige.network import MIDDLE, MIDDLES, GigeCameras
 from vsense.base.arena import ArenaState, Frame
 from vsense.base.clock import host_ns
+from vsense.base.errors import GrabberError
 from vsense.config.tracking_session import load
-from vsense.vision.cameras.grabber import CameraEvent, GrabberError, Troubles
+from vsense.vision.cameras.grabber import CameraEvent, Troubles
 from vsense.vision.tracking.opening import open_tracking
 
 PATIENCE_S = 60.0

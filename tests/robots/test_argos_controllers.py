@@ -15,6 +15,7 @@ import pytest
 from tests.bench.robot import HERE as BENCH
 from tests.conftest import require_tool, require_zig, share_parts
 from vsense.base.errors import ConfigError, UsageError
+from vsense.base.readings import SensorReadings
 from vsense.base.xml.parsing import NAMESPACE
 from vsense.config.experiment import load
 from vsense.config.specs import Stage
@@ -26,7 +27,6 @@ from vsense.robots.link.table import Direction, Entry, Table
 from vsense.robots.link.wire import Wanted
 from vsense.robots.sources import CodeOptions, ProgramSources
 from vsense.run.programs import shared_objects
-from vsense.world.sensors.readings import SensorReadings
 
 FOLDER = Path(__file__).parent / "argos" / "controllers"
 READINGS = (FOLDER / "readings.cpp").resolve()

@@ -7,7 +7,7 @@ import weakref
 import pytest
 
 from tests.run.stage import DT_NS, MS, S, Stage, experiment
-from vsense.base.errors import VsenseError
+from vsense.base.errors import NoMorePictures, VsenseError
 from vsense.robots.link.status import RobotStatus
 from vsense.robots.link.trackers.client import TrackerEnded
 from vsense.robots.link.wire import Telemetry, Wanted
@@ -15,7 +15,6 @@ from vsense.run.control import State
 from vsense.run.homing.floor import DrivingFloor
 from vsense.run.homing.homing import Homing
 from vsense.run.orders import Order, OrderKind
-from vsense.vision.cameras.grabber import NoMorePictures
 
 
 @pytest.fixture

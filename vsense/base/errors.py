@@ -34,6 +34,14 @@ class VsenseError(Exception):
     exit_code = 1
 
 
+class GrabberError(VsenseError):
+    """No picture came in time, or none will come."""
+
+
+class NoMorePictures(GrabberError):
+    """A recording has ended."""
+
+
 class UsageError(VsenseError):
     """A wrong argument or name on the command line."""
 

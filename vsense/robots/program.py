@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.errors import UsageError
+from vsense.base.readings import SensorReadings
 from vsense.robots import build
 from vsense.robots.inprocess import CompiledProgram, ProgramKernel
 from vsense.robots.link.table import Table
 from vsense.robots.link.wire import Shown, Wanted
 from vsense.robots.sources import ProgramSources
-from vsense.world.sensors.readings import SensorReadings
 
 
 class Program(Protocol):

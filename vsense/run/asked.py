@@ -24,6 +24,7 @@ from pathlib import Path
 import numpy as np
 
 from vsense.base.errors import ConfigError, VsenseError, instead
+from vsense.base.readings import SensorReadings
 from vsense.config.argos import OWN
 from vsense.config.specs import ControllerSpec, Experiment, Stage
 from vsense.robots import build
@@ -37,7 +38,6 @@ from vsense.robots.sources import ProgramSources, content
 from vsense.run.environment import table_of
 from vsense.world.actuators.bank import ActuatorBank
 from vsense.world.sensors.bank import SensorBank
-from vsense.world.sensors.readings import SensorReadings
 from vsense.world.sightings import NEVER_NS
 
 PATIENCE_S = 10.0

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from vsense.base.arena import ArenaState
+from vsense.base.readings import SwarmReadings
 from vsense.config.arena import floor_of, make_field
 from vsense.config.placement import settle
 from vsense.config.specs import ControllerSpec, Experiment
@@ -23,7 +24,6 @@ from vsense.world.actuators.bank import NO_SENDERS, ActuatorBank
 from vsense.world.loop_functions import Hooks, LoopFunctions
 from vsense.world.physics.motion import Physics, obstacles
 from vsense.world.sensors.bank import SensorBank
-from vsense.world.sensors.readings import SwarmReadings
 from vsense.world.world import World
 
 if TYPE_CHECKING:

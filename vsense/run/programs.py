@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.readings import SwarmReadings
 from vsense.config.specs import ControllerSpec, Experiment
 from vsense.robots import build, inprocess
 from vsense.robots.compiling import BuildError, native
@@ -19,7 +20,6 @@ from vsense.robots.link.roster import ToldProgram
 from vsense.robots.link.table import Table
 from vsense.robots.link.wire import Shown, Wanted
 from vsense.robots.program import Program, kind_of
-from vsense.world.sensors.readings import SwarmReadings
 
 PROGRESS_BYTES = inprocess.PROGRESS_BYTES + 4
 """Those of `Program`, and which of the experiment's controllers it is: a u32."""

@@ -12,6 +12,7 @@ from functools import partial
 
 from vsense.base.arena import ArenaState
 from vsense.base.clock import host_ns, real_s
+from vsense.base.errors import NoMorePictures
 from vsense.base.terminal import Console
 from vsense.config.specs import Experiment, Stage
 from vsense.robots.link.server import VirtualSensorServer
@@ -26,7 +27,6 @@ from vsense.run.overload import SILENCE_NS, Alarm, Overload
 from vsense.run.robots import LinkCounters, Readiness, RobotAlarms
 from vsense.run.runtime import Runtime, Step
 from vsense.run.watch import NoArenaState
-from vsense.vision.cameras.grabber import NoMorePictures
 
 POLL_S = 0.25
 """A run without arena states checks this often whether it shall end."""

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.arena import ArenaState
+from vsense.base.readings import SwarmReadings
 from vsense.config.specs import Experiment
 from vsense.robots.inprocess import ACT_NS, CONTROL_NS
 from vsense.robots.link.table import Table
@@ -23,7 +24,6 @@ from vsense.run.programs import Programs, shared_objects
 from vsense.world.entities import VirtualRobot
 from vsense.world.physics.motion import Physics, obstacles
 from vsense.world.physics.proximity_ring import ProximityRing
-from vsense.world.sensors.readings import SwarmReadings
 from vsense.world.sightings import known
 from vsense.world.world import BODY_MEMORY_NS, World
 

@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
 
 from vsense.base.arena import ArenaState, Frame
+from vsense.base.errors import GrabberError
 from vsense.base.native import kernel_ffi, kernels
-from vsense.vision.cameras.grabber import GrabberError
 
 WATCH_TIMEOUT_S = 2.0
 """Cameras that deliver nothing for this long have failed."""

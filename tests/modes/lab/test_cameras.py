@@ -17,6 +17,7 @@ import pytest
 
 from tests.rigs.places import ROOT
 from vsense.base.clock import host_ns
+from vsense.base.errors import GrabberError
 from vsense.base.shared import SLOTS, LabError
 from vsense.modes.lab.backdrop import Block
 from vsense.modes.lab.bodies import Body
@@ -27,7 +28,6 @@ from vsense.modes.lab.optics import sample_times_ns
 from vsense.modes.lab.renderer import Studio
 from vsense.modes.lab.truth import TruthReader, TruthWriter, make_ring, read_truth
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.cameras.grabber import GrabberError
 from vsense.world.entities import Arena
 
 PATIENCE_S = 20.0

@@ -14,14 +14,14 @@ import pytest
 
 from tests.system.recording import make_recording
 from vsense.base.arena import POSE, ArenaState, Frame
-from vsense.base.errors import VsenseError
+from vsense.base.errors import NoMorePictures, VsenseError
 from vsense.base.terminal import Console, Interruption
 from vsense.config import tracking_session
 from vsense.modes.live.talk import Talk
 from vsense.modes.live.track import Making, TrackingRun, TrackOptions
 from vsense.run.control import State
 from vsense.run.orders import Order, OrderKind
-from vsense.vision.cameras.grabber import NoMorePictures, Troubles
+from vsense.vision.cameras.grabber import Troubles
 from vsense.vision.tracking.arena_tracker import TrackerCounters
 
 

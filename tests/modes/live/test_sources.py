@@ -12,13 +12,12 @@ import numpy as np
 import pytest
 
 from vsense.base.arena import POSE, ArenaState, Frame
-from vsense.base.errors import UsageError, VsenseError
+from vsense.base.errors import GrabberError, NoMorePictures, UsageError, VsenseError
 from vsense.config.experiment import load
 from vsense.config.specs import JsonLinesTracker, TrackerAddress
 from vsense.modes.live.sources import SteadySource, open_source
 from vsense.robots.link.status import LinkError
 from vsense.robots.link.trackers.client import TrackerEnded
-from vsense.vision.cameras.grabber import GrabberError, NoMorePictures
 
 MS = 1_000_000
 PATIENCE_S = 20.0

@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense.base.native import WireError
+from vsense.base.readings import SensorReadings
 from vsense.robots.inprocess import CompiledProgram, SimError
 from vsense.robots.link.roster import robot_seed
 from vsense.robots.link.table import Direction, Entry, Table
 from vsense.robots.link.wire import Wanted
-from vsense.world.sensors.readings import SensorReadings
 
 TABLE = Table([Entry(1, "smell", "f4"), Entry(2, "heard", "4*f4", Direction.ACTUATOR)])
 TAGS = (7, 12, 40223)

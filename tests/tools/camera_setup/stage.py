@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from tests.vision.tracking.synthetic import Look, Robot, render
+from vsense.base.errors import GrabberError
 from vsense.tools.camera_setup.opening import OpenCamera
 from vsense.tools.camera_setup.tuning import TuneOptions, Tuner
 from vsense.vision.cameras.camera import Camera as Calibration
 from vsense.vision.cameras.controls import EXPOSURE, GAIN
 from vsense.vision.cameras.discovery import GIGE, Details, FoundCamera
-from vsense.vision.cameras.grabber import GrabberError
 from vsense.vision.cameras.opencv_source import Controls
 from vsense.vision.cameras.picture import PictureError
 from vsense.vision.cameras.source import Bounds, Shot

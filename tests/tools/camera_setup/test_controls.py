@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
+from vsense.base.errors import GrabberError
 from vsense.vision.cameras.aravis import AravisError
 from vsense.vision.cameras.controls import EXPOSURE, GAIN, GenicamControls, V4l2Controls
-from vsense.vision.cameras.grabber import GrabberError
 from vsense.vision.cameras.v4l2 import V4l2Control, V4l2ControlDevice
 
 NEW = {"ExposureAuto": "Continuous", "ExposureTime": "8000.5", "GainAuto": "Off", "Gain": "2"}

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from vsense.base.errors import UsageError
+from vsense.base.errors import GrabberError, UsageError
 from vsense.commands.cameras import wanted_of
 from vsense.tools.camera_setup import listing, opening
 from vsense.tools.camera_setup.opening import choose, free
@@ -17,7 +17,6 @@ from vsense.vision.cameras import aravis, discovery, v4l2
 from vsense.vision.cameras.aravis import AravisError
 from vsense.vision.cameras.discovery import FoundCamera
 from vsense.vision.cameras.genicam import FREE, GenicamSettings
-from vsense.vision.cameras.grabber import GrabberError
 from vsense.vision.cameras.networks import GIGE, USB3, ListedCamera, Network
 from vsense.vision.cameras.opencv_source import Controls
 from vsense.vision.cameras.v4l2 import V4l2Device

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 
 from vsense.base.arena import Frame
-from vsense.base.errors import UsageError, VsenseError
+from vsense.base.errors import GrabberError, UsageError, VsenseError
 from vsense.base.terminal import Console
 from vsense.tools.camera_setup import shooting
 from vsense.tools.camera_setup.shooting import Names, ShootingSession, ShootOptions
 from vsense.vision.calibration.board import Board, page
-from vsense.vision.cameras.grabber import CameraEvent, GrabberError
+from vsense.vision.cameras.grabber import CameraEvent
 from vsense.vision.markers import paper
 
 BOARD = Board.parse("charuco:7x5:30mm:4X4_50")

@@ -10,12 +10,11 @@ from pathlib import Path
 import pytest
 
 from tests.tools.camera_setup.stage import CALIBRATION, DAMAGED, GONE, Scripted, options, tuner
-from vsense.base.errors import UsageError
+from vsense.base.errors import GrabberError, UsageError
 from vsense.base.terminal import LiveBlock
 from vsense.tools.camera_setup import tuning
 from vsense.tools.camera_setup.opening import MOST_DAMAGED, OpenCamera
 from vsense.tools.camera_setup.tuning import Tuner, TuningBlock, calibration_of
-from vsense.vision.cameras.grabber import GrabberError
 from vsense.vision.cameras.opencv_source import Controls
 
 

@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 import pytest
 
+from vsense.base.errors import GrabberError
 from vsense.vision.cameras import opencv_source
-from vsense.vision.cameras.grabber import GrabberError
 from vsense.vision.cameras.opencv_source import BUFFERS, Controls, DeviceSource
 from vsense.vision.cameras.picture import PictureError
 

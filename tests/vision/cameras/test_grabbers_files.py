@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense.vision.cameras.grabber import GrabberError
+from vsense.base.errors import GrabberError
 from vsense.vision.cameras.picture import PictureError, decode, to_grey
 from vsense.vision.cameras.recordings import DirectoryRecording, VideoRecording
 

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
-from vsense.vision.cameras.grabber import GrabberError
+from vsense.base.errors import GrabberError
 from vsense.vision.cameras.live_grabber import LiveGrabber
 from vsense.vision.cameras.opencv_source import Controls, DeviceSource
 from vsense.vision.cameras.picture import PictureError

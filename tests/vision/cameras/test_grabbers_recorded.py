@@ -12,7 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.rigs.places import DATA
-from vsense.vision.cameras.grabber import Grabber, GrabberError, NoMorePictures
+from vsense.base.errors import GrabberError, NoMorePictures
+from vsense.vision.cameras.grabber import Grabber
 from vsense.vision.cameras.paced_grabber import PacedGrabber
 from vsense.vision.cameras.picture import PictureError
 from vsense.vision.cameras.recorded_grabber import RecordedGrabber, moments

@@ -11,8 +11,8 @@ import pytest
 
 from tests.system.recording import TAGS, make_recording
 from vsense.base.arena import ArenaState
+from vsense.base.errors import GrabberError, NoMorePictures
 from vsense.config import tracking_session
-from vsense.vision.cameras.grabber import GrabberError, NoMorePictures
 from vsense.vision.tracking.camera_tracking import CameraTracking
 from vsense.vision.tracking.opening import open_tracking
 

@@ -12,8 +12,9 @@ import pytest
 
 from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, render
 from vsense.base.arena import Frame
+from vsense.base.errors import NoMorePictures
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.cameras.grabber import CameraEvent, NoMorePictures
+from vsense.vision.cameras.grabber import CameraEvent
 from vsense.vision.cameras.health import Health
 from vsense.vision.markers.families import load_family
 from vsense.vision.tracking.arena_tracker import ArenaTracker

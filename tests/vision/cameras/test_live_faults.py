@@ -12,7 +12,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from vsense.vision.cameras.grabber import ENDS, GrabberError, Troubles
+from vsense.base.errors import GrabberError
+from vsense.vision.cameras.grabber import ENDS, Troubles
 from vsense.vision.cameras.live_camera import WHOLE
 from vsense.vision.cameras.live_grabber import LiveGrabber
 from vsense.vision.cameras.picture import PictureError

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 
 from vsense.base.clock import host_ns
-from vsense.vision.cameras.grabber import GrabberError
+from vsense.base.errors import GrabberError
 from vsense.vision.cameras.live_grabber import SoftwareTrigger
 
 

@@ -8,14 +8,9 @@ import numpy as np
 import pytest
 
 from vsense.base.arena import DETECTION, Frame
+from vsense.base.errors import GrabberError, NoMorePictures
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.cameras.grabber import (
-    REPEATS,
-    CameraEvent,
-    GrabberError,
-    NoMorePictures,
-    Troubles,
-)
+from vsense.vision.cameras.grabber import REPEATS, CameraEvent, Troubles
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 from vsense.vision.tracking.camera_tracking import CameraTracking
 from vsense.vision.tracking.marker_detector import Detected

@@ -17,9 +17,9 @@ from tests.vision.cameras.test_live_faults import PERIOD_NS, Script
 from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, render
 from vsense import cli
 from vsense.base.arena import ArenaState
+from vsense.base.errors import GrabberError
 from vsense.monitor.recording.pictures import PictureRecorder, one_tracker, write_session_files
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.cameras.grabber import GrabberError
 from vsense.vision.cameras.live_grabber import LiveGrabber
 from vsense.vision.cameras.recorded_grabber import undo_jumps
 from vsense.vision.cameras.recordings import CaptureTime

@@ -12,10 +12,9 @@ import pytest
 
 from tests.vision.tracking.synthetic import Look, Robot, render
 from vsense.base.arena import Frame
-from vsense.base.errors import ConfigError
+from vsense.base.errors import ConfigError, NoMorePictures
 from vsense.config import tracking_session
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.cameras.grabber import NoMorePictures
 from vsense.vision.markers.families import load_family
 from vsense.vision.tracking.camera_tracking import CameraTracking
 from vsense.vision.tracking.opening import open_tracking

@@ -12,6 +12,7 @@ from dataclasses import asdict
 
 from vsense.base.arena import Frame
 from vsense.base.clock import host_ns, real_s
+from vsense.base.errors import GrabberError
 from vsense.base.processes import describe_exit, end, start_module
 from vsense.base.shared import FrameBank
 from vsense.modes.lab.bodies import Body
@@ -19,7 +20,7 @@ from vsense.modes.lab.camera_spec import Exposure, LabCameraSpec
 from vsense.modes.lab.optics import EXPOSURE_NS
 from vsense.modes.lab.truth import TruthReader
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.cameras.grabber import CameraEvent, GrabberError
+from vsense.vision.cameras.grabber import CameraEvent
 
 READY_TIMEOUT_S = 20.0
 """The scene of four cameras must be built within this time, that of more in so much more."""

@@ -10,7 +10,7 @@ from typing import NamedTuple, Protocol
 
 from vsense.base.arena import ArenaState, Frame
 from vsense.base.clock import host_ns
-from vsense.base.errors import UsageError
+from vsense.base.errors import GrabberError, NoMorePictures, UsageError
 from vsense.config import tracking_session
 from vsense.config.specs import Experiment, JsonLinesTracker, TrackerAddress
 from vsense.monitor.ui.access import is_loopback
@@ -19,7 +19,6 @@ from vsense.robots.link.trackers.client import ArenaClient, TrackerEnded
 from vsense.robots.link.trackers.lines import ArenaListener
 from vsense.run.runtime import Pace
 from vsense.run.watch import ArenaSource
-from vsense.vision.cameras.grabber import GrabberError, NoMorePictures
 from vsense.vision.tracking.camera_tracking import CameraTracking
 from vsense.vision.tracking.opening import open_tracking
 from vsense.vision.tracking.specs import TrackingSession

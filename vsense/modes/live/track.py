@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from vsense.base import arena
 from vsense.base.arena import ArenaState, Frame
 from vsense.base.clock import host_ns
-from vsense.base.errors import UsageError, VsenseError, failing_as
+from vsense.base.errors import GrabberError, NoMorePictures, UsageError, VsenseError, failing_as
 from vsense.base.terminal import Console, Interruption, drop_output, interruption
 from vsense.config import tracking_session
 from vsense.modes.live.runs import RunPictures, Runs, begin_recording
@@ -28,7 +28,7 @@ from vsense.monitor.ui.foxglove_server import check_foxglove
 from vsense.monitor.ui.room import ControlRoom, RoomOptions
 from vsense.run.control import BEFORE, State
 from vsense.vision.calibration.checked import told_of
-from vsense.vision.cameras.grabber import GrabberError, NoMorePictures, Troubles
+from vsense.vision.cameras.grabber import Troubles
 from vsense.vision.tracking.arena_tracker import TrackerCounters
 from vsense.vision.tracking.camera_tracking import CameraTracking
 from vsense.vision.tracking.marker_offsets import PlacedMarker

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from vsense.base.arena import ArenaState
 from vsense.base.errors import VsenseError
+from vsense.base.readings import SwarmReadings
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment
 from vsense.modes.sim.chain import Chain, ChainedParts, ChainTimes, chained
@@ -34,7 +35,6 @@ from vsense.world.entities import Box, Cylinder
 from vsense.world.physics.motion import Floats, Physics, obstacles
 from vsense.world.physics.proximity_ring import ProximityRing
 from vsense.world.physics.wheel_noise import NoisyWheels
-from vsense.world.sensors.readings import SwarmReadings
 
 EPOCH_NS = 1_000_000_000
 """The virtual clock at the first timestep; 0 stands for "never" on the wire."""

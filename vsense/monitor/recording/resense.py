@@ -20,6 +20,7 @@ import vsense
 from vsense.base.arena import POSE, ArenaState
 from vsense.base.errors import VsenseError
 from vsense.base.message_bus import Message
+from vsense.base.readings import SwarmReadings
 from vsense.config.casting import Casting
 from vsense.config.experiment import first_robots, read
 from vsense.config.placement import StartPlaces, settle
@@ -31,7 +32,6 @@ from vsense.robots.link.table import Direction
 from vsense.robots.sources import CodeOptions
 from vsense.run.changing import Change, Ground, carry_out
 from vsense.run.environment import Environment
-from vsense.world.sensors.readings import SwarmReadings
 
 _TOPICS = frozenset(("/experiment", "/arena", "/readings", form.DEEDS, form.ORDERS))
 _WAITING = 500

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from vsense.base.clock import host_ns
-from vsense.base.errors import UsageError
+from vsense.base.errors import GrabberError, UsageError
 from vsense.config import resources as resources_file
 from vsense.vision.cameras import aravis, v4l2
 from vsense.vision.cameras.aravis import AravisError
@@ -16,7 +16,6 @@ from vsense.vision.cameras.camera import Camera
 from vsense.vision.cameras.controls import CameraControls, GenicamControls, V4l2Controls
 from vsense.vision.cameras.discovery import RATE_HZ, rate_of
 from vsense.vision.cameras.genicam import FREE, SOFTWARE, GenicamSettings, GenicamSource
-from vsense.vision.cameras.grabber import GrabberError
 from vsense.vision.cameras.networks import (
     HELD,
     ListedCamera,

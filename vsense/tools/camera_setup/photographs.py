@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.canvas import FONT, INK, Colour
-from vsense.base.errors import UsageError, failing_as, instead
+from vsense.base.errors import GrabberError, UsageError, failing_as, instead
 from vsense.base.terminal import printable
 from vsense.tools.camera_setup.showing import save_picture
 from vsense.vision.calibration.board import dictionary_name
-from vsense.vision.cameras.grabber import GrabberError
 from vsense.vision.cameras.picture import Image, PictureError, read_picture
 from vsense.vision.cameras.recordings import SUFFIXES, pictures_in
 from vsense.vision.markers.dictionary import Codes, FamilyError, load_codes

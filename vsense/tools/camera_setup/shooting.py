@@ -17,7 +17,7 @@ from pathlib import Path
 
 from vsense.base.arena import Frame
 from vsense.base.clock import host_ns
-from vsense.base.errors import UsageError, VsenseError
+from vsense.base.errors import GrabberError, UsageError, VsenseError
 from vsense.base.terminal import Console, interruption
 from vsense.config import resources as resources_file
 from vsense.tools.camera_setup.opening import Size, free, make, session_of
@@ -25,7 +25,7 @@ from vsense.tools.camera_setup.showing import save_picture
 from vsense.vision.calibration.board import Board
 from vsense.vision.calibration.views import CornerFinder
 from vsense.vision.cameras.genicam import GenicamSettings
-from vsense.vision.cameras.grabber import Grabber, GrabberError, Troubles
+from vsense.vision.cameras.grabber import Grabber, Troubles
 from vsense.vision.cameras.picture import Image
 from vsense.vision.tracking.opening import live_grabber
 from vsense.vision.tracking.specs import GrabberSpec

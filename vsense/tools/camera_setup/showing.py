@@ -14,14 +14,14 @@ import numpy as np
 
 from vsense.base.arena import POSE, ArenaState, Frame
 from vsense.base.clock import host_ns
-from vsense.base.errors import UsageError, VsenseError
+from vsense.base.errors import GrabberError, UsageError, VsenseError
 from vsense.base.terminal import Console, interruption
 from vsense.modes.live.track_room import TrackRoom
 from vsense.monitor.ui.access import WebAddress
 from vsense.monitor.ui.room import ControlRoom, RoomOptions
 from vsense.tools.camera_setup.markers import MarkerFinder
 from vsense.tools.camera_setup.opening import OpenCamera, choose, make, session_of
-from vsense.vision.cameras.grabber import CameraEvent, GrabberError, Troubles
+from vsense.vision.cameras.grabber import CameraEvent, Troubles
 from vsense.vision.cameras.health import Health
 from vsense.vision.cameras.opencv_source import Controls
 from vsense.vision.cameras.picture import Image

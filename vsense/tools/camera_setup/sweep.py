@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from vsense.base.errors import VsenseError
+from vsense.base.errors import GrabberError, VsenseError
 from vsense.base.terminal import LiveBlock, aligned
 from vsense.tools.camera_setup import panel
 from vsense.tools.camera_setup.advice import (
@@ -27,7 +27,6 @@ from vsense.tools.camera_setup.advice import (
 from vsense.tools.camera_setup.panel import PanelView
 from vsense.tools.camera_setup.tuning import Tuner
 from vsense.vision.cameras.controls import EXPOSURE, GAIN, CameraControls
-from vsense.vision.cameras.grabber import GrabberError
 from vsense.vision.cameras.source import Bounds
 
 SHORTEST_US = 200.0

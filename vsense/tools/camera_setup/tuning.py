@@ -10,7 +10,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 
 from vsense.base.clock import host_ns
-from vsense.base.errors import UsageError
+from vsense.base.errors import GrabberError, UsageError
 from vsense.base.terminal import LiveBlock, interruption
 from vsense.config import resources as resources_file
 from vsense.tools.camera_setup import panel
@@ -21,7 +21,6 @@ from vsense.tools.camera_setup.panel import PanelView
 from vsense.tools.camera_setup.showing import WARM_UP
 from vsense.vision.cameras.camera import Camera as Calibration
 from vsense.vision.cameras.controls import EXPOSURE, GAIN
-from vsense.vision.cameras.grabber import GrabberError
 from vsense.vision.cameras.opencv_source import Controls
 from vsense.vision.cameras.picture import Image
 from vsense.vision.markers.families import load_family

@@ -16,8 +16,8 @@ from typing import Any
 
 import cffi
 
+from vsense.base.errors import GrabberError
 from vsense.base.terminal import printable
-from vsense.vision.cameras.grabber import GrabberError
 from vsense.vision.cameras.networks import GIGE, USB3, ListedCamera
 
 PACKAGE = "libaravis-0.8-0"

@@ -6,10 +6,10 @@ import math
 from collections.abc import Callable
 from typing import Protocol
 
+from vsense.base.errors import GrabberError
 from vsense.vision.cameras.aravis import AravisError
 from vsense.vision.cameras.aravis_camera import AravisCamera
 from vsense.vision.cameras.genicam import AUTOMATIC, NAMES, digits
-from vsense.vision.cameras.grabber import GrabberError
 from vsense.vision.cameras.opencv_source import EXPOSURE_UNIT_US
 from vsense.vision.cameras.source import Bounds
 from vsense.vision.cameras.v4l2 import V4l2Control, V4l2ControlDevice

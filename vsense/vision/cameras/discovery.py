@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
+from vsense.base.errors import GrabberError
 from vsense.vision.cameras import aravis, v4l2
 from vsense.vision.cameras import networks as gige
 from vsense.vision.cameras.aravis import AravisError
 from vsense.vision.cameras.aravis_camera import AravisCamera
 from vsense.vision.cameras.controls import EXPOSURE, GAIN
 from vsense.vision.cameras.genicam import NAMES
-from vsense.vision.cameras.grabber import GrabberError
 from vsense.vision.cameras.networks import (
     HELD,
     ListedCamera,

@@ -6,10 +6,10 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from vsense.base.errors import GrabberError
 from vsense.vision.cameras.aravis import AravisError
 from vsense.vision.cameras.aravis_camera import AravisCamera, is_address, locate
 from vsense.vision.cameras.aravis_stream import AravisStream
-from vsense.vision.cameras.grabber import GrabberError
 from vsense.vision.cameras.networks import HELD, NetworkLoad, Stream, controlled
 from vsense.vision.cameras.opencv_source import Controls
 from vsense.vision.cameras.source import (

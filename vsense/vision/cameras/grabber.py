@@ -8,15 +8,6 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from vsense.base.arena import Frame
-from vsense.base.errors import VsenseError
-
-
-class GrabberError(VsenseError):
-    """No picture came in time, or none will come."""
-
-
-class NoMorePictures(GrabberError):
-    """A recording has ended."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from vsense.vision.cameras.grabber import GrabberError
+from vsense.base.errors import GrabberError
 from vsense.vision.cameras.lateness import PICTURES, FrameTiming, jump_in_words
 from vsense.vision.cameras.picture import Image, PictureError
 from vsense.vision.cameras.recorded_grabber import wrong_size

@@ -13,7 +13,8 @@ from functools import partial
 from typing import Protocol
 
 from vsense.base.arena import Frame
-from vsense.vision.cameras.grabber import CameraEvent, GrabberError
+from vsense.base.errors import GrabberError
+from vsense.vision.cameras.grabber import CameraEvent
 from vsense.vision.cameras.live_camera import LiveCamera
 from vsense.vision.cameras.source import Source
 

@@ -22,8 +22,8 @@ from dataclasses import dataclass
 from ipaddress import IPv4Address, IPv4Interface, IPv4Network
 from pathlib import Path
 
+from vsense.base.errors import GrabberError
 from vsense.base.terminal import printable
-from vsense.vision.cameras.grabber import GrabberError
 
 _ADDRESSES, _MASK = 0x8912, 0x891B
 """SIOCGIFCONF and SIOCGIFNETMASK. Source: Linux, include/uapi/linux/sockios.h."""

@@ -9,7 +9,7 @@ from typing import Any
 
 import cv2
 
-from vsense.vision.cameras.grabber import GrabberError
+from vsense.base.errors import GrabberError
 from vsense.vision.cameras.picture import Image, PictureError, decode, is_jpeg, to_grey
 from vsense.vision.cameras.source import Shot, absent, refused, said
 

@@ -7,7 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from vsense.base.arena import Frame
-from vsense.vision.cameras.grabber import CameraEvent, GrabberError
+from vsense.base.errors import GrabberError
+from vsense.vision.cameras.grabber import CameraEvent
 from vsense.vision.cameras.recorded_grabber import PATIENCE_S, RecordedGrabber
 
 

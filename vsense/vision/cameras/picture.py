@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.errors import GrabberError
 from vsense.base.files import read_bytes
-from vsense.vision.cameras.grabber import GrabberError
 
 Image = NDArray[np.uint8]
 

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.arena import Frame
-from vsense.vision.cameras.grabber import CameraEvent, GrabberError, NoMorePictures
+from vsense.base.errors import GrabberError, NoMorePictures
+from vsense.vision.cameras.grabber import CameraEvent
 from vsense.vision.cameras.lateness import jump_in_words
 from vsense.vision.cameras.picture import Image, PictureError
 from vsense.vision.cameras.recordings import CaptureTime

@@ -18,9 +18,8 @@ from pathlib import Path
 
 import cv2
 
-from vsense.base.errors import ConfigError
+from vsense.base.errors import ConfigError, GrabberError
 from vsense.base.files import MOST_TABLE_BYTES, read_text
-from vsense.vision.cameras.grabber import GrabberError
 from vsense.vision.cameras.picture import Image, PictureError, read_picture, to_grey
 
 COLUMNS = ("picture", "timestep", "capture_ns", "capture_s")

@@ -10,14 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.arena import ArenaState, Frame
-from vsense.base.errors import VsenseError
-from vsense.vision.cameras.grabber import (
-    CameraEvent,
-    Grabber,
-    GrabberError,
-    NoMorePictures,
-    Troubles,
-)
+from vsense.base.errors import GrabberError, NoMorePictures, VsenseError
+from vsense.vision.cameras.grabber import CameraEvent, Grabber, Troubles
 from vsense.vision.cameras.health import Health
 from vsense.vision.cameras.paced_grabber import HeldPlayer
 from vsense.vision.tracking.arena_tracker import ArenaTracker

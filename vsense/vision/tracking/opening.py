@@ -10,11 +10,11 @@ from dataclasses import replace
 from pathlib import Path
 from statistics import median
 
-from vsense.base.errors import ConfigError
+from vsense.base.errors import ConfigError, GrabberError
 from vsense.vision.cameras import aravis
 from vsense.vision.cameras.aravis_camera import is_address
 from vsense.vision.cameras.genicam import FREE, SOFTWARE, GenicamSettings, GenicamSource
-from vsense.vision.cameras.grabber import Grabber, GrabberError, Troubles
+from vsense.vision.cameras.grabber import Grabber, Troubles
 from vsense.vision.cameras.live_grabber import LiveGrabber, SoftwareTrigger
 from vsense.vision.cameras.networks import (
     USUAL_PACKET,

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from vsense.base.errors import instead
 from vsense.base.native import check, kernel_ffi, kernels
+from vsense.base.readings import SensorReadings
 from vsense.world.sensors.base import (
     NUMBERS,
     MountedSensor,
@@ -26,7 +27,6 @@ from vsense.world.sensors.base import (
     scale_of,
 )
 from vsense.world.sensors.quality import ALWAYS, Delay, Distortion, Quality, QualityError, generator
-from vsense.world.sensors.readings import SensorReadings
 from vsense.world.sightings import NEVER_NS, in_order
 from vsense.world.world import World
 
