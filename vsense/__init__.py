@@ -3,11 +3,12 @@
 What people import is in `vsense.__all__`, and loaded when it is asked for (`vsense/api.py`).
 """
 
-from typing import TYPE_CHECKING, Any
-
 from vsense import _moved, api
 
+TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from typing import Any
+
     from vsense.api import *  # noqa: F403
 
 __version__ = "0.1.0"
@@ -16,9 +17,9 @@ __all__ = api.__all__
 _moved.install()
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> "Any":
     return getattr(api, name)
 
 
-def __dir__() -> list[str]:
+def __dir__() -> "list[str]":
     return sorted({*globals(), *api.__all__})

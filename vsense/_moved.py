@@ -1,15 +1,17 @@
 """Where modules of vsense 0.1 are now: one finder gives them for their old names, with a warning.
 
 It ends with vsense 0.3. `vsense.sensors.base` is `vsense.world.sensors.base`, the same object.
+
+`python -m vsense` loads this module before `vsense/__main__.py` can take the current folder out of
+the search: until an old name is asked for, nothing is imported here but `sys`.
 """
 
-from __future__ import annotations
-
-import importlib
-import importlib.machinery
 import sys
-import warnings
-from types import ModuleType
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from importlib.machinery import ModuleSpec
+    from types import ModuleType
 
 _ENDS = "0.3"
 
@@ -141,38 +143,49 @@ GONE = {
 """Modules and packages that left the package, and where one finds them."""
 
 
-def _new_name(name: str) -> str | None:
-    """Gives the full new name of a module that has moved."""
-    parts = name.split(".")[1:]
+def _found_at(parts: "list[str]") -> "str | None":
+    """Where `TABLE` says that a module is; None: where it was."""
     for count in range(len(parts), 0, -1):
         if moved := TABLE.get(".".join(parts[:count])):
-            return ".".join(["vsense", moved, *parts[count:]])
-    # `from vsense.packages import kinds` asks the new package for a module that it no longer has.
-    for old, new in TABLE.items():
-        if (moved := TABLE.get(f"{old}{'.'.join(parts).removeprefix(new)}")) and moved != new:
-            return f"vsense.{moved}"
+            return ".".join([moved, *parts[count:]])
     return None
+
+
+def _children() -> "dict[str, str]":
+    """`from vsense.packages import kinds` asks the new package for a module that it has not."""
+    names = {}
+    for name, moved in TABLE.items():
+        parent, _, leaf = name.rpartition(".")
+        new_parent = _found_at(parent.split("."))
+        if new_parent and moved != f"{new_parent}.{leaf}":
+            names[f"{new_parent}.{leaf}"] = moved
+    return names
+
+
+TABLE.update(_children())
 
 
 class _Finder:
     """Finds modules by their old names; stands before all other finders in `sys.meta_path`."""
 
     @staticmethod
-    def find_spec(
-        name: str, path: object = None, target: object = None
-    ) -> importlib.machinery.ModuleSpec | None:
+    def find_spec(name: str, path: object = None, target: object = None) -> "ModuleSpec | None":
         """See `importlib.abc.MetaPathFinder`."""
         if not name.startswith("vsense."):
             return None
-        if reason := GONE.get(name.removeprefix("vsense.")):
+        old = name[len("vsense.") :]
+        if reason := GONE.get(old):
             raise ModuleNotFoundError(f"{name} has left the package: {reason}", name=name)
-        found = _new_name(name)
-        if found is None:
+        moved = _found_at(old.split("."))
+        if moved is None:
             return None
-        if name.removeprefix("vsense.") in TABLE:
-            text = f"{name} is {found} now; the old name ends with vsense {_ENDS}"
+        import warnings
+        from importlib.machinery import ModuleSpec
+
+        if old in TABLE:
+            text = f"{name} is vsense.{moved} now; the old name ends with vsense {_ENDS}"
             warnings.warn(text, FutureWarning, stacklevel=2)
-        return importlib.machinery.ModuleSpec(name, _Alias(found))  # type: ignore[arg-type]
+        return ModuleSpec(name, _Alias(f"vsense.{moved}"))  # type: ignore[arg-type]
 
 
 class _Alias:
@@ -180,15 +193,17 @@ class _Alias:
 
     def __init__(self, new_name: str) -> None:
         self._new_name = new_name
-        self._spec: importlib.machinery.ModuleSpec | None = None
+        self._spec: ModuleSpec | None = None
 
-    def create_module(self, spec: importlib.machinery.ModuleSpec) -> ModuleType:
+    def create_module(self, spec: "ModuleSpec") -> "ModuleType":
         """See `importlib.abc.Loader`."""
+        import importlib
+
         module = importlib.import_module(self._new_name)
         self._spec = module.__spec__
         return module
 
-    def exec_module(self, module: ModuleType) -> None:
+    def exec_module(self, module: "ModuleType") -> None:
         """Gives the module its own spec back, which the import system has replaced."""
         module.__spec__ = self._spec
 

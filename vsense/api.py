@@ -5,12 +5,11 @@ the whole toolkit. Authors of sensors, actuators and loop functions find the rec
 they need here; scripts find recordings, reports and campaigns. Modules may move; these names stay.
 """
 
-from __future__ import annotations
-
-import importlib
-from typing import TYPE_CHECKING, Any
-
+# Nothing is imported here: see `vsense/_moved.py`.
+TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from typing import Any
+
     from vsense.base.errors import VsenseError
     from vsense.base.terminal import Console, interruption
     from vsense.base.xml.element import Element
@@ -87,13 +86,15 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> "Any":
     if name not in PLACES:
         raise AttributeError(f"module 'vsense' has no attribute {name!r}")
+    import importlib
+
     module, _, original = PLACES[name].partition(":")
     value = globals()[name] = getattr(importlib.import_module(module), original or name)
     return value
 
 
-def __dir__() -> list[str]:
+def __dir__() -> "list[str]":
     return sorted(PLACES)

@@ -89,5 +89,5 @@ def test_the_changelog_says_where_modules_are_that_pages_of_0_1_showed() -> None
     rows = dict(re.findall(r"^\| `(vsense[.\w]+)` \| `(vsense[.\w]+)` \|$", text, re.MULTILINE))
     script = (DATA / "made-by-0.1" / "reads.py").read_text()
     shown = set(re.findall(r"^from (vsense\S+)", script, re.MULTILINE))
-    assert rows == {old: _moved._new_name(old) for old in rows}
+    assert rows == {old: f"vsense.{_moved._found_at(old.split('.')[1:])}" for old in rows}
     assert shown - {"vsense.sim"} <= rows.keys() <= set(MODULES)

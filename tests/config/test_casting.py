@@ -112,13 +112,6 @@ def test_words_that_are_no_replacement(text: str) -> None:
         pair(text)
 
 
-def test_replacements_follow_each_other() -> None:
-    first = Casting(replaced=((23, 37),))
-    assert first.with_replaced((37, 40)).replaced == ((23, 40),)
-    assert first.with_replaced((37, 23)).replaced == ()
-    assert first.with_replaced((5, 6)).replaced == ((23, 37), (5, 6))
-
-
 def test_a_casting_travels(file: Path, lab: Path) -> None:
     casting = cast(file, lab, "23=37").casting
     assert Casting.read(json.loads(json.dumps(asdict(casting)))) == casting

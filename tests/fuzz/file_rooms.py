@@ -32,7 +32,7 @@ SHIPPED = resources.files("vsense")
 
 def prepare_argos(folder: Path) -> list[tuple[Path, bytes]]:
     """The shipped experiments, and those of the tests that use every element."""
-    shipped = Path(str(SHIPPED / "experiments"))
+    shipped = Path(str(SHIPPED / "config" / "experiments"))
     paths = [*sorted(shipped.glob("*.argos")), *sorted((HERE.parent / "config").glob("*.argos"))]
     return [(path, path.read_bytes()) for path in paths]
 
@@ -146,7 +146,7 @@ class FamilyScene:
 
 def prepare_family(folder: Path) -> FamilyScene:
     """See `FamilyScene`."""
-    shipped = sorted(Path(str(SHIPPED / "markers" / "families")).glob("*.json"))
+    shipped = sorted(Path(str(SHIPPED / "vision" / "markers" / "families")).glob("*.json"))
     return FamilyScene([json.loads(path.read_text()) for path in shipped], folder / "mine.json")
 
 

@@ -112,7 +112,7 @@ def test_links_of_the_description_are_absolute(metadata: Message) -> None:
 def test_the_readme_begins_with_a_moving_picture() -> None:
     text = (ROOT / "README.md").read_text()
     first = re.search(r"!\[[^\]]+\]\(([^)]+)\)", text)
-    assert first is not None and first.start() < text.index("## Two commands")
+    assert first is not None and first.start() < text.index("## Try it")
     path = ROOT / first[1]
     assert path.stat().st_size <= 3_000_000
     done, moving = cv2.imreadanimation(str(path))

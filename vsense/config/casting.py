@@ -8,7 +8,7 @@ by that robot. `--replace 23=37` has 37 play the part of 23.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from vsense.base.errors import UsageError
@@ -85,13 +85,6 @@ class Casting:
     def spares(self, playing: Collection[int]) -> list[int]:
         """The roster's spares that work and do not play."""
         return [tag for tag, why in self.others if why == SPARE and tag not in playing]
-
-    def with_replaced(self, pair: Pair) -> Casting:
-        """The same with another robot put in: for one that was put in itself, or a first one."""
-        out, new = pair
-        first = {plays: tag for tag, plays in self.replaced}.get(out, out)
-        kept = tuple(other for other in self.replaced if other[0] != first)
-        return replace(self, replaced=kept if first == new else (*kept, (first, new)))
 
 
 def pair(text: str) -> Pair:

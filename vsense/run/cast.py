@@ -28,15 +28,38 @@ def recast(experiment: Experiment, pair: Pair) -> Experiment:
     """
     out, new = pair
     playing = [robot.tag for robot in experiment.robots]
-    worn = [thing.tag for thing in experiment.objects]
-    worn += [robot.tag for robot in experiment.virtual_robots]
-    experiment.casting.check(f"{out}={new}", pair, playing, [*playing, *worn])
+    experiment.casting.check(f"{out}={new}", pair, playing, [*playing, *_worn(experiment)])
+    return recast_parts(experiment, {parts_of(experiment)[out]: new})
+
+
+def recast_parts(experiment: Experiment, robots: Mapping[int, int]) -> Experiment:
+    """The experiment with robots in parts, by the parts' tags, all at once; other parts stay.
+
+    Robots may exchange parts; parts that the experiment does not have are passed over.
+
+    Raises:
+        UsageError: as `Casting.check`, or a robot would play two parts.
+    """
+    parts, casting = parts_of(experiment), experiment.casting
+    moves = {tag: robots[part] for tag, part in parts.items() if robots.get(part, tag) != tag}
+    worn = [*(tag for tag in parts if tag not in moves), *_worn(experiment)]
+    for pair in moves.items():
+        casting.check(f"{pair[0]}={pair[1]}", pair, moves, worn)
+        worn.append(pair[1])
+    kept = [(part, tag) for part, tag in casting.replaced if robots.get(part, tag) == tag]
+    kept += [(parts[tag], new) for tag, new in moves.items() if parts[tag] != new]
     return replace(
         experiment,
-        robots=tuple(replace(r, tag=new) if r.tag == out else r for r in experiment.robots),
-        sources=tuple(replace(s, tag=new) if s.tag == out else s for s in experiment.sources),
-        casting=experiment.casting.with_replaced(pair),
+        robots=tuple(replace(r, tag=moves.get(r.tag, r.tag)) for r in experiment.robots),
+        sources=tuple(replace(s, tag=moves.get(s.tag, s.tag)) for s in experiment.sources),
+        casting=replace(casting, replaced=tuple(kept)),
     )
+
+
+def _worn(experiment: Experiment) -> list[int]:
+    """Tags that no robot can play with: those of tagged things and virtual robots."""
+    virtual = [robot.tag for robot in experiment.virtual_robots]
+    return [*(thing.tag for thing in experiment.objects), *virtual]
 
 
 def parts_of(experiment: Experiment) -> dict[int, int]:

@@ -57,7 +57,7 @@ def test_only_robots_of_the_same_type_do_and_a_spare_has_its_own(casting: Castin
     others = [7167]  # the roster does not know what it is
     played = load("predator_prey", casting=casting)
     assert groups(played)[:3] == [[31, 4334], [1843], others]
-    spared = load("predator_prey", casting=casting.with_replaced((4334, 61)))
+    spared = load("predator_prey", casting=replace(casting, replaced=((4334, 61),)))
     assert groups(spared)[:3] == [[31], [1843, 61], others]
     assert Casting.read({"types": [[31, "argos"]]}).types == ((31, "argos"),)
 

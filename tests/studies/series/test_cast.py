@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -76,8 +77,29 @@ def test_a_spare_plays_where_conditions_have_different_robots(tmp_path: Path) ->
     assert cast.tags == {61, *mine[:-1], *others}
     # Whom people put in while a run of b waits leaves the spare of a in its part.
     b = cast.known["b"].experiment.casting
-    cast.follow("b", b.with_replaced((others[-1], 62)))
+    cast.follow("b", replace(b, replaced=(*b.replaced, (others[-1], 62))))
     assert cast.tags == {61, 62, *mine[:-1], *others} - {others[-1]}
+
+
+def test_people_may_move_a_spare_on_in_any_order(tmp_path: Path) -> None:
+    cast, _, (first, second, third) = cast_of(tmp_path)
+    first_casting = cast.known["a"].experiment.casting
+    cast.follow("a", replace(first_casting, replaced=((first, 61), (second, 62))))
+    # While one run waits: second is repaired, then 62 takes over from 61.
+    second_casting = cast.known["a"].experiment.casting
+    cast.follow("a", replace(second_casting, replaced=((first, 62),)))
+    assert cast.tags == {62, second, third}
+    assert all(p.experiment.casting.replaced == ((first, 62),) for p in cast.known.values())
+    # Two robots exchange their parts.
+    cast.follow("a", replace(second_casting, replaced=((second, third), (third, second))))
+    assert [r.tag for r in cast.known["b"].experiment.robots] == [first, third, second]
+
+
+def test_nobody_plays_two_parts(tmp_path: Path) -> None:
+    cast, _, (first, second, _third) = cast_of(tmp_path)
+    casting = cast.known["a"].experiment.casting
+    with pytest.raises(UsageError):
+        cast.follow("a", replace(casting, replaced=((first, 61), (second, 61))))
 
 
 def test_a_run_knows_who_cannot_begin(tmp_path: Path) -> None:

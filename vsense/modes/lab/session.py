@@ -41,6 +41,11 @@ READY_TIMEOUT_S = 20.0
 """All robots must be connected and seen within this time."""
 
 
+def no_link() -> dict[str, int]:
+    """The counters of a link that failed before it could be asked."""
+    return dict.fromkeys(("sent", "received", "dropped", "reconnects", "defects"), 0)
+
+
 @dataclass(slots=True)
 class RunNotes:
     """The host's notes of a run.
@@ -73,7 +78,7 @@ class RunNotes:
     ended: str = ""
     measures: dict[str, float] = field(default_factory=dict)
     pictures: dict[int, list[Frame]] = field(default_factory=dict)
-    link: dict[str, int] = field(default_factory=dict)
+    link: dict[str, int] = field(default_factory=no_link)
     lateness_ms: list[float] = field(default_factory=list)
 
 

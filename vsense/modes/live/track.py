@@ -279,6 +279,7 @@ class TrackingRun:
         control.end("interrupted")
         if not control.begun or self._runs.ended == control.run:
             return False
+        self.tracking.check_cameras()  # the run's last picture, too
         self._runs.end(self.tracking)
         return True
 

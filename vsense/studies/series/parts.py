@@ -17,7 +17,7 @@ from vsense.config.specs import Experiment, Stage
 from vsense.modes.sim.job import Setup
 from vsense.robots.sources import CodeOptions
 from vsense.run import asked
-from vsense.run.cast import Cast, recast
+from vsense.run.cast import Cast, recast, recast_parts
 from vsense.studies.series.plan import Condition, PlannedStart, SeriesPlan
 
 STAGES = {"sim": Stage.SIM, "lab": Stage.LAB, "run": Stage.RUN}
@@ -148,10 +148,11 @@ class SeriesCast:
         """
         before = dict(self.known[condition].experiment.casting.replaced)
         after = dict(casting.replaced)
-        for part in before | after:
-            pair = before.get(part, part), after.get(part, part)
-            if pair[0] != pair[1]:
-                self._recast(pair)
+        robots = {part: after.get(part, part) for part in before | after}
+        changed = {part: tag for part, tag in robots.items() if before.get(part, part) != tag}
+        for name, planned in self.known.items():
+            experiment = recast_parts(planned.experiment, changed)
+            self.known[name] = replace(planned, experiment=experiment)
 
     def put_in_for(self, gone: Mapping[int, str]) -> list[int]:
         """Puts a spare in for each of these robots, as far as there are spares, and says so.
