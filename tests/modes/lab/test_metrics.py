@@ -12,7 +12,9 @@ from vsense.base.arena import SIGHTING
 from vsense.modes.lab import metrics
 from vsense.modes.lab.metrics import SwarmTruth
 from vsense.modes.lab.microcontrollers import ACTUATION
+from vsense.modes.lab.session import no_link
 from vsense.modes.lab.swarm import TRACE
+from vsense.run.figures import link_row
 
 DT_NS = 100_000_000
 RENDER_NS = 12_000_000
@@ -243,3 +245,8 @@ def test_nothing_seen_is_no_figure() -> None:
     assert (found["detected_mean"], found["wrong_ids"]) == (0, 0)
     assert found["position_rmse_mm"] is None and found["heading_rmse_deg"] is None
     assert metrics.TrackingTally(TAGS).figures()["detected_mean"] is None
+
+
+def test_a_link_that_failed_before_it_was_asked_has_its_row() -> None:
+    """A lab reports what it has, and then the failure."""
+    assert link_row(no_link())[1].startswith("0 of 0 datagrams received")
