@@ -16,12 +16,18 @@ def test_every_picture_of_a_run_is_checked(
 ) -> None:
     taken: list[str] = []
     check, take = CameraTracking.check_cameras, CameraTracking.next
-    monkeypatch.setattr(
-        CameraTracking, "check_cameras", lambda self: (taken.append("checked"), check(self))[1]
-    )
-    monkeypatch.setattr(
-        CameraTracking, "next", lambda self, *a: (taken.append("picture"), take(self, *a))[1]
-    )
+
+    def checked(tracking: CameraTracking) -> None:
+        taken.append("checked")
+        check(tracking)
+
+    def taken_next(tracking: CameraTracking, timeout_s: float) -> object:
+        moment = take(tracking, timeout_s)
+        taken.append("picture")
+        return moment
+
+    monkeypatch.setattr(CameraTracking, "check_cameras", checked)
+    monkeypatch.setattr(CameraTracking, "next", taken_next)
     make_recording(tmp_path, 5)
     files = [str(tmp_path / name) for name in ("resources.xml", "experiment.xml")]
     assert cli.main(["track", *files, "--offline", "--frames", "3", "--json"]) == 0
