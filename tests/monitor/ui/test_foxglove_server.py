@@ -280,6 +280,7 @@ def steps_of(client: Client) -> list[int]:
     return [data["timestep"] for topic, _, data in client.messages if topic == "/arena"]
 
 
+@pytest.mark.paced
 def test_a_replay_is_steered(stack: ExitStack, tmp_path: Path) -> None:
     begin_ns, step_ns = 5_000_000_000, 100_000_000
     first = [Message("/experiment", begin_ns, told.experiment())]
