@@ -384,7 +384,7 @@ BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
 
 CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 63500, 49, 20
 """Lines of code in `vsense/`; imports between rooms, and between folders inside of rooms."""
-DOORS_MAX, NAMES_MAX = 251, 786
+DOORS_MAX, NAMES_MAX = 251, 785
 """Modules that another room imports, and names taken from them."""
 SPLATS_MAX, OUTSIDE_MAX = 12, 214
 """Calls `f(*(a, b))`; attributes that are assigned from outside of their object."""
