@@ -30,6 +30,7 @@ def hello(random: Random, tag: int, uid: bytes, key: bytes) -> bytes:
     said = Hello(
         uid.ljust(16), tag, name.encode("utf-8", "replace")[:31].decode("utf-8", "ignore"), "test"
     )
+    said = replace(said, nonce=random.randbytes(16))
     if random.random() < 0.3:
         started, uptime_s = any_whole(random, 32), any_whole(random, 32)
         said = replace(said, started=started, uptime_s=uptime_s, params_room=any_whole(random, 16))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from enum import IntEnum
+from itertools import count
 from typing import Any
 
 from vsense.base.native import check, ffi, lib
@@ -23,6 +24,13 @@ from vsense.robots.link.wire import (
     open_packet,
     put_text,
 )
+
+_NONCES = count(1)
+
+
+def next_nonce() -> bytes:
+    """One that no other greeting of this process has."""
+    return next(_NONCES).to_bytes(16, "little")
 
 
 class Event(IntEnum):
@@ -70,9 +78,9 @@ class RobotSession:
         self._used = ffi.new("size_t *")
         check(lib.vs_session_init(self.c, config))
 
-    def connect(self, now_ns: int, nonce: bytes = bytes(16), uptime_s: int = 60) -> bytes:
-        """TCP is up; gives the HELLO."""
-        lib.vs_session_connected(self.c, nonce, uptime_s)
+    def connect(self, now_ns: int, nonce: bytes = b"", uptime_s: int = 60) -> bytes:
+        """TCP is up; gives the HELLO, without a nonce with one that no other has."""
+        lib.vs_session_connected(self.c, nonce or next_nonce(), uptime_s)
         return self.tcp_out(now_ns)
 
     def disconnect(self) -> None:

@@ -6,6 +6,7 @@ these, too: then the host says what is happening, and what was done heals by its
 
 from __future__ import annotations
 
+import select
 import socket
 import struct
 import zlib
@@ -31,7 +32,7 @@ from tests.wire.robot_session import Event, RobotSession
 from tests.wire.strategies import reseal
 from vsense.base.native import WireError, lib
 from vsense.robots.link.keys import INSECURE, LinkTrust
-from vsense.robots.link.links import HELLO_NS
+from vsense.robots.link.links import GREETED_EACH, HELLO_NS
 from vsense.robots.link.status import RobotStatus
 from vsense.robots.link.wire import (
     PUBLISHED,
@@ -228,9 +229,12 @@ def test_nothing_that_is_made_up_moves_the_robot(still: Server, robot: MakeRobot
 def test_a_greeting_that_was_heard_opens_nothing(
     still: Server, frozen: Frozen, robot: MakeRobot, attacker: MakeAttacker
 ) -> None:
+    """Neither one of today, nor one of yesterday that this host has never seen."""
     one, thief = robot(still, 1).join(), attacker(still)
     hello, proof = packets(one, "up")[:2]
-    mirror = thief.connect(hello, proof)
+    assert closed(thief.connect(hello, proof)), "no greeting counts twice"
+    assert "127.0.0.2 repeats a greeting" in still.wait("refused", 1).text
+    mirror = thief.connect(keyed_session(UID, 1).connect(S), proof)
     assert mirror.recv(4096)[3] == PacketType.WELCOME, "the robot itself may have greeted anew"
     for packet in forgeries(one):
         thief.send(packet)
@@ -241,20 +245,19 @@ def test_a_greeting_that_was_heard_opens_nothing(
         assert works(still, one, step)
     assert closed(mirror)
     assert "did not show that it is a robot" in still.wait("protocol_error", None).text
-    assert still.kinds(1) == ["connected"]
+    assert still.kinds(1) == ["connected", "refused"]
     assert works(still, one, 99)
 
 
 def test_nobody_takes_a_place_before_the_robot_comes(
     still: Server, frozen: Frozen, robot: MakeRobot, attacker: MakeAttacker
 ) -> None:
-    """By a greeting of yesterday, with another key, or without one."""
+    """By greetings of yesterday, with another key, or without one."""
     one, thief = robot(still, 1).join(), attacker(still)
-    hello = packets(one, "up")[0]
     one.tcp.close()
     still.wait("lost", 1)
     frozen.advance(2 * S)
-    squatters = [thief.connect(hello) for _ in range(3)]
+    squatters = [thief.connect(keyed_session(UID, 1).connect(S)) for _ in range(3)]
     for key in (None, KEYS.robot_key(b"\2" * 16)):
         squatters.append(thief.connect(RobotSession(UID, 1, key=key).connect(S)))
     assert [sock.recv(4096)[3] for sock in squatters] == [PacketType.WELCOME] * 3 + [
@@ -264,6 +267,25 @@ def test_nobody_takes_a_place_before_the_robot_comes(
     robot(still, 1).join()
     assert still.server.robots()[1].connected
     assert still.server.robots()[1].uid == UID
+
+
+def test_a_repeated_greeting_pushes_no_robot_out(
+    still: Server, robot: MakeRobot, attacker: MakeAttacker
+) -> None:
+    """Its answer is on its way while somebody sends what it has just said, and said before."""
+    one, thief = robot(still, 1).join(), attacker(still)
+    one.tcp.close()
+    still.wait("lost", 1)
+    sessions = still.server.robots()[1].sessions
+    one.connect()
+    hellos = [packet for packet in packets(one, "up") if packet[3] == PacketType.HELLO]
+    assert select.select([one.tcp], [], [], PATIENCE_S)[0], "the answer is there, and not yet read"
+    for _ in range(2 * GREETED_EACH):
+        for hello in hellos:
+            assert closed(thief.connect(hello))
+    one.until(lambda: bool(one.session.c.open))
+    one.say()
+    one.until(lambda: still.server.robots()[1].sessions > sessions)
 
 
 @pytest.mark.parametrize("keyed", [False, True])

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.wire.robot_session import next_nonce
 from vsense.base.native import WireError, ffi, lib
 from vsense.robots.link.keys import INSECURE
 from vsense.robots.link.roster import ExpectedRobot, Proved, SessionTable, ToldProgram
@@ -69,7 +70,12 @@ def first_word(pending: PendingSession, key: bytes) -> bytes:
 
 
 def hello(tag: int, uid: bytes = b"a") -> bytes:
-    return encode(Header(PacketType.HELLO, send_ns=77), Hello(uid.ljust(16), tag, "name", "test"))
+    return said(Hello(uid.ljust(16), tag, "name", "test"))
+
+
+def said(greeting: Hello) -> bytes:
+    """A greeting as a robot sends it: its nonce is no other's."""
+    return encode(Header(PacketType.HELLO, send_ns=77), replace(greeting, nonce=next_nonce()))
 
 
 def test_the_welcome_carries_session_table_and_the_echo_of_the_greeting() -> None:
@@ -136,7 +142,7 @@ def test_a_battery_swap_is_an_event(uptime_s: int, words: str) -> None:
     ours = roster()
     for started, up_s, now_ns in ((1, 500, S), (2, uptime_s, 61 * S)):
         told = Hello(b"a".ljust(16), 5, "name", "test", started=started, uptime_s=up_s)
-        event, _ = join(ours, encode(Header(PacketType.HELLO), told), "there", now_ns)
+        event, _ = join(ours, said(told), "there", now_ns)
     assert event.kind == "reconnected" and event.text.startswith(words)
 
 
@@ -231,8 +237,7 @@ def test_a_robot_without_room_for_the_parameters_is_refused() -> None:
     ours = SessionTable(
         {5: ExpectedRobot("five", TABLE, "a=" + "x" * 600 + "\n")}, 10**8, 1, INSECURE
     )
-    small = Hello(b"a" * 16, 5, "name", "test", params_room=512)
-    packet = encode(Header(PacketType.HELLO), small)
+    packet = said(Hello(b"a" * 16, 5, "name", "test", params_room=512))
     answer = ours.greet(packet, "here", S)
     _, notice = decode(answer.packet, answer_key(PUBLISHED, packet))
     assert isinstance(notice, Notice) and notice.code == RefuseCode.ROOM
@@ -252,7 +257,7 @@ def mixed(*programs: ToldProgram | None) -> SessionTable:
 
 
 def greeting(tag: int, name: str, digest: str = "") -> bytes:
-    return encode(Header(PacketType.HELLO), Hello(b"a" * 16, tag, "name", name, hash=digest))
+    return said(Hello(b"a" * 16, tag, "name", name, hash=digest))
 
 
 @pytest.mark.parametrize(
@@ -343,7 +348,7 @@ def test_other_robots_are_expected_between_runs_and_who_stays_stays() -> None:
 
 def running(tag: int, program: ToldProgram) -> bytes:
     told = Hello(b"a" * 16, tag, "name", program.name, hash=program.hash)
-    return encode(Header(PacketType.HELLO), told)
+    return said(told)
 
 
 def test_who_is_put_in_has_the_files_controller_or_that_of_its_fellows() -> None:

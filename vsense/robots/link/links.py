@@ -172,7 +172,8 @@ class Connections:
         """Closes the connection that has lost its place to another, if one has."""
         if loser is not None:
             if not loser.finishing:
-                self._tell(loser, "too many connections at once")
+                whose = f" in the name of {loser.pending.robot.label}" if loser.pending else ""
+                self._tell(loser, f"too many connections at once{whose}")
             self._drop(loser)
 
     def _tell(self, stranger: Connection, text: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import secrets
+from collections import defaultdict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -31,6 +32,9 @@ from vsense.robots.link.wire import (
     uid_of,
 )
 
+GREETINGS_MAX = 1024
+"""Greetings of each robot that are remembered: a nonce counts once."""
+
 TAKEN_OVER = "the same robot opened a newer session"
 
 BRING = "'vsense robot deploy'"
@@ -46,7 +50,7 @@ class Answer:
 
     Attributes:
         pending: the session that is offered; None if the greeting is refused.
-        packet: WELCOME or REFUSE.
+        packet: WELCOME or REFUSE; b"": nothing is answered.
         event: what to report; None: nothing has changed yet.
     """
 
@@ -146,6 +150,7 @@ class SessionTable:
         self._trust = trust
         self._by_session: dict[int, HostSession] = {}
         self._pending: dict[int, PendingSession] = {}
+        self._nonces: defaultdict[int, dict[bytes, None]] = defaultdict(dict)
         for tag, robot in expected.items():
             header = Header(PacketType.WELCOME, session=1, table_hash=robot.table.hash)
             encode(header, self._welcome(tag))
@@ -201,6 +206,9 @@ class SessionTable:
             known = ", ".join(map(str, sorted(self.robots))) or "none"
             text = f"tag {hello.tag} is not in this experiment; expected: {known}"
             return refuse(RefuseCode.TAG_UNKNOWN, text)
+        if self._was_heard(hello):
+            text = f"{robot.label}: somebody at {origin} repeats a greeting of it: not answered"
+            return Answer(None, b"", LinkEvent("refused", hello.tag, text, now_ns, origin))
         if robot.taken_from(hello.uid, found.key is not None, now_ns):
             return refuse(RefuseCode.TAG_IN_USE, _taken(hello.tag))
         size = len(self._expected[hello.tag].params.encode())
@@ -280,6 +288,20 @@ class SessionTable:
         if is_older(packet):
             return self._doubted(packet, hello, OLDER, origin, now_ns)
         raise WireError(lib.VS_ERR_TAG, "HELLO")
+
+    def _was_heard(self, hello: Hello) -> bool:
+        """Whether a greeting came before; else it is remembered.
+
+        Whoever hears a greeting can send it again and again: each would take one of the few places
+        of those who have greeted in the robot's name, and the robot's own would make way.
+        """
+        nonces = self._nonces[hello.tag]
+        if hello.nonce in nonces:
+            return True
+        nonces[hello.nonce] = None
+        if len(nonces) > GREETINGS_MAX:
+            del nonces[next(iter(nonces))]
+        return False
 
     def refuse_older(self, tag: int, origin: str, now_ns: int) -> Answer:
         """Turns a robot away that speaks an older protocol, and says so for it."""
