@@ -15,6 +15,7 @@ from vsense.run.control import State
 from vsense.run.homing.floor import DrivingFloor
 from vsense.run.homing.homing import Homing
 from vsense.run.orders import Order, OrderKind
+from vsense.run.runtime import Step
 
 
 @pytest.fixture
@@ -230,10 +231,39 @@ def test_a_robot_that_goes_on_after_stop_is_said_before_the_run_is_over(
     monkeypatch.setattr(stage, "robots", robots)
     stage.interrupted.set()
     stage.runner.stop()
-    assert "does not obey: told to stop 0.5 s ago, it reports that it runs" in (
+    assert "does NOT stop: LIFT IT (told to stop 0.20 s ago, it reports that it runs)" in (
         stage.terminal.getvalue()
     )
     assert stage.done == ["stop", "hush"]
+
+
+def test_a_robot_that_says_nothing_after_an_emergency_stop_is_seen_moving(stage: Stage) -> None:
+    """Its board hangs: nothing that it has reported is newer than the order."""
+    hung, other = sorted(robot.tag for robot in stage.experiment.robots)
+    stage.seen, stage.connected = {hung, other}, {hung, other}
+    runs, stands = (Telemetry(state=w, received=10) for w in (Wanted.RUN, Wanted.STOP))
+    stage.statuses[hung] = {"telemetry": runs, "wanted": Wanted.RUN}
+    stage.statuses[other] = {"telemetry": runs, "wanted": Wanted.RUN}
+    stage.runner.wait(0.0)
+    ordered_ns, step = stage.now_ns, stage.step
+    told = {"wanted": Wanted.STOP, "ordered_ns": ordered_ns}
+    stage.statuses[hung] |= told | {"heard_ns": ordered_ns - 10 * MS}
+    stage.statuses[other] = told | {"telemetry": stands, "heard_ns": ordered_ns + 60 * MS}
+
+    def drives(timeout_s: float) -> Step:
+        made = step(timeout_s)
+        rows = made.state.robots
+        rows["capture_ns"] = made.state.capture_ns
+        rows["x_m"][rows["tag"] == hung] = 0.12 * (stage.now_ns - ordered_ns) / 1e9
+        return made
+
+    stage.step = drives  # type: ignore[method-assign]
+    stage.runner.control.give(Order(OrderKind.EMERGENCY, "test"))
+    stage.runner.stop()
+    lines = [line for line in stage.terminal.getvalue().splitlines() if "LIFT IT" in line]
+    (name,) = (robot.id for robot in stage.experiment.robots if robot.tag == hung)
+    assert len(lines) == 1 and lines[0].startswith(f"ROBOT {name} does NOT stop: LIFT IT")
+    assert lines[0].endswith("(told to stop 0.30 s ago, the cameras see it move)")
 
 
 def test_a_pause_when_the_last_robot_arrives_does_not_lose_the_run(stage: Stage) -> None:

@@ -83,7 +83,7 @@ def test_with_keys_an_attack_changes_nothing(tmp_path: Path, attacker: Attacker)
     lab.end()
     said = "".join(lab.said)
     assert attacker.sent > 1000 and len(attacker.hellos) >= ROBOTS
-    for word in ("obey", "reconnected", "new session", "lost", "heard", "renewed", "broke"):
+    for word in ("LIFT", "obey", "reconnected", "new session", "lost", "heard", "renewed", "broke"):
         assert word not in said, said
     assert longest_after(lab.directory, stopped_ns) <= STOP_NS
     summary = json.loads((lab.directory / "run-1" / "summary.json").read_text())
@@ -106,7 +106,7 @@ def test_without_keys_the_host_says_what_happens(tmp_path: Path, attacker: Attac
     driver.start()
     try:
         order("stop", lab, "--emergency")
-        lab.wait_for(r"ROBOT \S+ does not obey: told to stop .* s ago")
+        lab.wait_for(r"ROBOT \S+ does NOT stop: LIFT IT \(told to stop .* s ago")
     finally:
         ended.set()
         driver.join()
@@ -115,4 +115,4 @@ def test_without_keys_the_host_says_what_happens(tmp_path: Path, attacker: Attac
     lab.end()
     with open_recording(next(lab.directory.rglob("*.mcap"))) as recording:
         told = [message.data for message in recording.messages({"/event"})]
-    assert any("does not obey" in one["text"] and one["level"] == "trouble" for one in told)
+    assert any("does NOT stop" in one["text"] and one["level"] == "trouble" for one in told)

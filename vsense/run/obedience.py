@@ -18,19 +18,22 @@ from vsense.robots.link.status import RobotStatus
 from vsense.robots.link.wire import Wanted
 from vsense.run.overload import Alarm
 
-PATIENCE_NS = 300_000_000
+PATIENCE_NS = 150_000_000
 """A robot may take so long to do what it is told: the network, a control step, a telemetry."""
 
 DEAD_LINK_NS = 500_000_000
 """A robot stops its wheels by itself 400 ms after the last that it has heard."""
 
-LOOK_NS = 300_000_000
-"""Two looks of the cameras at a robot are at least so far apart."""
+LOOK_NS = 80_000_000
+"""Two looks of the cameras that show a motion are at least so far apart."""
+
+STILL_NS = 300_000_000
+"""A robot that has not moved for so long stands."""
 
 MOVED_M, MOVED_RAD = 0.005, 0.1
-"""What moves less between two looks stands still: cameras tremble, and shake."""
+"""What moves less stands still: cameras tremble, and shake."""
 
-_DISOBEYS = "does not obey"
+_DISOBEYS = "does NOT stop"
 _STANDING = (Wanted.IDLE, Wanted.PAUSE, Wanted.STOP)
 
 
@@ -40,6 +43,12 @@ def moves(robot: RobotStatus) -> bool:
     if said is None or not robot.connected:
         return False
     return said.state == Wanted.RUN or (said.left_steps_s, said.right_steps_s) != (0, 0)
+
+
+def stands(robot: RobotStatus) -> bool:
+    """Whether a robot has reported that it stands since it was told to."""
+    heard_ns = robot.heard_ns
+    return heard_ns is not None and heard_ns > robot.ordered_ns and not moves(robot)
 
 
 def disobeys(robot: RobotStatus, now_ns: int) -> str:
@@ -58,14 +67,13 @@ def disobeys(robot: RobotStatus, now_ns: int) -> str:
 
 def _words(robot: RobotStatus, what: str, now_ns: int) -> str:
     since_s = (now_ns - robot.ordered_ns) / 1e9
-    return f"{_DISOBEYS}: told to {robot.wanted.name.lower()} {since_s:.1f} s ago, {what}"
+    return f"{_DISOBEYS}: told to {robot.wanted.name.lower()} {since_s:.2f} s ago, {what}"
 
 
 def _alarm(robot: RobotStatus, wrong: str) -> Alarm:
     what, _, cause = wrong.partition(": ")
-    hint = "lift it off the floor, or switch it off"
     kind = "disobeys" if what == _DISOBEYS else "no_link"
-    return Alarm(kind, f"{robot.name} {what}", f"{cause}; {hint}")
+    return Alarm(kind, f"{robot.name} {what}: lift it", f"{cause}; or switch it off")
 
 
 def _must_stand_ns(robot: RobotStatus) -> int | None:
@@ -110,7 +118,8 @@ class Obedience:
             if wrong:
                 alarms.append(_alarm(robot, wrong))
             if wrong and tag not in self._told:
-                lines.append(f"ROBOT {robot.name} {wrong}")
+                what, _, cause = wrong.partition(": ")
+                lines.append(f"ROBOT {robot.name} {what}: LIFT IT ({cause})")
                 self._told[tag] = wrong
             elif not wrong and (before := self._told.pop(tag, "")):
                 again = "obeys again" if before.startswith(_DISOBEYS) else "moves no more"
@@ -146,14 +155,13 @@ class Obedience:
                 self._compare(tag, time_ns, np.array(pose))
 
     def _compare(self, tag: int, time_ns: int, pose: NDArray[Any]) -> None:
-        """Compares a robot's pose with an earlier one."""
+        """Compares a robot's pose with that since which it has not moved."""
         before_ns, before = self._poses.setdefault(tag, (time_ns, pose))
-        if time_ns - before_ns < LOOK_NS:
-            return
-        self._poses[tag] = time_ns, pose
         turned = abs((pose[2] - before[2] + np.pi) % (2.0 * np.pi) - np.pi)
-        if float(np.hypot(*(pose - before)[:2])) > MOVED_M or turned > MOVED_RAD:
+        moved = float(np.hypot(*(pose - before)[:2])) > MOVED_M or turned > MOVED_RAD
+        if moved and time_ns - before_ns >= LOOK_NS:
+            self._poses[tag] = time_ns, pose
             self._moving.add(tag)
-        else:
+        elif not moved and time_ns - before_ns >= STILL_NS:
             self._moving.discard(tag)
             self._ran.discard(tag)

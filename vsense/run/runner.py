@@ -12,7 +12,7 @@ from functools import partial
 
 from vsense.base.arena import ArenaState
 from vsense.base.clock import host_ns, real_s
-from vsense.base.errors import NoMorePictures
+from vsense.base.errors import NoMorePictures, VsenseError
 from vsense.base.terminal import Console
 from vsense.config.specs import Experiment, Stage
 from vsense.robots.link.server import VirtualSensorServer
@@ -22,7 +22,7 @@ from vsense.robots.link.wire import Wanted
 from vsense.run.control import DURING, HOMING, Control, State
 from vsense.run.environment import Environment
 from vsense.run.homing import starts
-from vsense.run.obedience import Obedience, moves
+from vsense.run.obedience import Obedience, stands
 from vsense.run.overload import SILENCE_NS, Alarm, Overload
 from vsense.run.robots import LinkCounters, Readiness, RobotAlarms
 from vsense.run.runtime import Runtime, Step
@@ -35,8 +35,11 @@ Observer = Callable[[Step | None, Mapping[int, RobotStatus]], None]
 """Called after every timestep, and with None in silences, with the status of every robot by tag;
 what it raises ends the run."""
 
-STAND_TIMEOUT_NS = 500_000_000
-"""After STOP robots may report so long that they move, before that is said."""
+STAND_TIMEOUT_NS = 600_000_000
+"""Robots that have not reported that they stand are watched so long after STOP."""
+
+LOOK_S = 0.02
+"""Meanwhile reports are read so often."""
 
 SETTLE_TIMEOUT_NS = 1_000_000_000
 """After the run the last telemetry may take this long to arrive ..."""
@@ -261,7 +264,7 @@ class Runner:
 
     def stop(self) -> None:
         """Stops all robots, and waits until their telemetry says what they received."""
-        if not self._interrupted.is_set():
+        if not self._interrupted.is_set() and self.control.state != State.EMERGENCY:
             # The robots have the last readings and a whole timestep to act on them.
             threading.Event().wait(real_s(self._dt_ns / 1e9))
         self._runtime.stop()
@@ -333,16 +336,27 @@ class Runner:
         return duration_s
 
     def _see_them_stand(self) -> None:
-        """Waits for robots that still report motion, and says which go on: the run's record has it.
+        """Watches robots until they report that they stand, and says which go on.
 
         Robots that obey cost no time: what they report next is waited for anyhow.
         """
-        deadline_ns = self._clock() + STAND_TIMEOUT_NS
+        deadline_ns, sees = self._clock() + STAND_TIMEOUT_NS, True
         robots = self._server.robots()
-        while any(map(moves, robots.values())) and self._clock() < deadline_ns:
-            threading.Event().wait(0.02)
+        while self._clock() < deadline_ns:
+            if all(stands(robot) for robot in robots.values() if robot.connected):
+                return
+            state = None
+            if sees:
+                try:
+                    state = self._runtime.step(LOOK_S).state
+                except NoArenaState:
+                    pass
+                except VsenseError:
+                    sees = False  # what has failed has ended the run, and is said there
+            else:
+                threading.Event().wait(LOOK_S)
             robots = self._server.robots()
-        self._say_disobedience(robots, None)
+            self._say_disobedience(robots, state)
 
     def _say_disobedience(
         self, robots: Mapping[int, RobotStatus], state: ArenaState | None
