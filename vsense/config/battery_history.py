@@ -87,12 +87,8 @@ def read(path: Path) -> list[BatteryRow]:
         raise UsageError(f"cannot read {path}: {error.strerror}") from None
     except UnicodeDecodeError:
         raise UsageError(f"cannot read {path}: it is no text") from None
-    found = []
-    for values in csv.reader(line for line in lines if '"' not in line):
-        row = _row(values)
-        if row is not None:
-            found.append(row)
-    return found
+    rows = (_row(line.split(",")) for line in lines if '"' not in line)
+    return [row for row in rows if row is not None]
 
 
 def _row(values: list[str]) -> BatteryRow | None:

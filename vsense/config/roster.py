@@ -260,15 +260,21 @@ def _robot(own: Mapping[str, Any], defaults: Mapping[str, Any], line: int) -> Ro
 
 _OWN = ("tag", "host", "uid", "name", "spare", "out_of_order")
 
-_OLD_LINE = re.compile(r"(?P<host>[^\s\[\]=#]+)(?=.*\stag=(?P<tag>\d+))(\s+[a-z-]+=\S+)+\s*(#.*)?")
+_OLD_OPTION = re.compile(r"[a-z-]+=\S+")
 
 
 def _refuse_lines(path: Path, text: str) -> None:
-    """Says how a list of lines, as robots.txt was, is written now."""
+    """Says how a list of lines, as robots.txt was, is written now: `host tag=23 base=overo`."""
     for number, line in enumerate(text.splitlines(), 1):
-        old = _OLD_LINE.fullmatch(line.strip())
-        if old is not None:
-            words = f'tag = {old["tag"]} and host = "{old["host"]}", in robots.toml'
+        host, *options = line.partition("#")[0].split() or [""]
+        tags = [option[4:] for option in options if option.startswith("tag=")]
+        if (
+            tags
+            and tags[0].isdecimal()
+            and not set(host) & set("[]=")
+            and all(map(_OLD_OPTION.fullmatch, options))
+        ):
+            words = f'tag = {tags[0]} and host = "{host}", in robots.toml'
             raise ConfigError(
                 str(path), number, f"this robot is a table [[robot]] now, with {words}"
             )

@@ -25,10 +25,11 @@ _SEPARATOR = " "
 _OURS = "vs:"
 
 _TAKEN = re.compile(
-    rb"""<!\[CDATA\[.*?\]\]>|<!--(.*?)-->|("[^"<]*"|'[^'<]*')([A-Za-z_:]?)""", re.DOTALL
+    rb"""<!\[CDATA\[(?:.*?\]\]>|.*)|<!--(?:(.*?)-->|.*)|("[^"<]*"|'[^'<]*')([A-Za-z_:]?)""",
+    re.DOTALL,
 )
 """What TinyXML takes beside XML: any comment up to the first `-->`, and attributes without a blank
-between them."""
+between them. What does not end reaches to the end of the file, which is searched once."""
 
 
 def parse(data: bytes, file: str, of_argos: bool = False) -> Element:
@@ -85,12 +86,6 @@ def _repaired(found: re.Match[bytes]) -> bytes:
 def _uses_namespace(root: Element) -> bool:
     """Whether an element or attribute is of our own namespace."""
     return any(e.name.startswith(_OURS) or e.has_own_attribute for e in root.walk())
-
-
-def _without_dashes(comment: re.Match[bytes]) -> bytes:
-    """Blanks the dashes in a comment: XML forbids two in a row, ARGoS's parser takes them."""
-    text = comment[0]
-    return text if comment[1] is None else b"<!--" + comment[1].replace(b"-", b" ") + b"-->"
 
 
 class _TreeBuilder:

@@ -12,6 +12,7 @@ import struct
 import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import BinaryIO
 
 import zstandard
@@ -252,6 +253,7 @@ def _read_index(file: BinaryIO, size: int, name: str) -> Contents | None:
     places: list[ChunkPlace] = []
     found: dict[str, dict[str, str]] = {}
     channels: dict[int, Kept] = {}
+    read = 0
     for opcode, _, content in records(memoryview(summary)):
         if opcode == Opcode.CHANNEL:
             number, kept = channel(content)
@@ -260,8 +262,13 @@ def _read_index(file: BinaryIO, size: int, name: str) -> Contents | None:
             places.append(_indexed(ChunkIndex.read(stream(content)), begin))
         elif opcode == Opcode.METADATA_INDEX:
             index = MetadataIndex.read(stream(content))
-            _read_metadata(file, index.offset, begin, found)
+            read += _read_metadata(file, index.offset, begin, found)
+            if read > size:
+                raise DamagedError("metadata that is named twice")
     places.sort(key=lambda place: place.offset)
+    # A chunk that is named twice, or inside of another one, would be read as often.
+    if any(a.offset + a.length > b.offset for a, b in pairwise(places)):
+        raise DamagedError("chunks that overlap")
     return Contents(_head(found, name), places, channels, True)
 
 
@@ -273,12 +280,13 @@ def _indexed(index: ChunkIndex, end: int) -> ChunkPlace:
     return ChunkPlace(at, length, index.message_start_time, index.message_end_time, numbers)
 
 
-def _read_metadata(file: BinaryIO, offset: int, end: int, found: dict[str, dict[str, str]]) -> None:
-    for opcode, at, length in _heads(file, offset, end):
-        if opcode == Opcode.METADATA and length <= _MAX_RECORD:
-            metadata = Metadata.read(stream(_content(file, at, length)))
-            found[metadata.name] = metadata.metadata
-        return
+def _read_metadata(file: BinaryIO, offset: int, end: int, found: dict[str, dict[str, str]]) -> int:
+    """Reads the record there into `found`; gives its length [byte]."""
+    opcode, at, length = next(_heads(file, offset, end), (0, 0, 0))
+    if opcode == Opcode.METADATA and length <= _MAX_RECORD:
+        metadata = Metadata.read(stream(_content(file, at, length)))
+        found[metadata.name] = metadata.metadata
+    return length
 
 
 def _walk(file: BinaryIO, size: int, name: str, first: int) -> Contents:

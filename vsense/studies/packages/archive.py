@@ -24,7 +24,7 @@ MANIFEST = "manifest-sha256.txt"
 """As `sha256sum -c` reads it: all files of a package but itself."""
 
 MOST_FILES = 100_000
-_MOST_MANIFEST = 64 << 20
+_MOST_MANIFEST = 16 << 20
 _MOST_RATIO, _FREE_BYTES = 200, 256 << 20
 """A package may become so many times as large, and so much in any case."""
 _MOST_NAME, _MOST_PART = 1000, 200
@@ -192,7 +192,8 @@ class Package:
     def verify(self, tell: Tell = lambda name, share: None) -> None:
         """Compares every file with its checksum; DamagedPackage names all that are others."""
         problems = []
-        missing = [name for name in self._digests if name not in set(self.names)]
+        names = set(self.names)
+        missing = [name for name in self._digests if name not in names]
         problems += [f"{name} is missing" for name in missing]
         problems += [f"{name} was added" for name in self.names if name not in self._digests]
         for number, name in enumerate(self.names):
@@ -220,14 +221,14 @@ class Package:
     def _check(self, infos: list[zipfile.ZipInfo]) -> None:
         if len(infos) > MOST_FILES:
             raise self._error(f"has {len(infos)} files, expected at most {MOST_FILES}")
-        names = [info.filename for info in infos]
-        folders = {str(above) for name in names for above in PurePosixPath(name).parents}
         for info in infos:
-            what = _what_is_odd(info)
-            if not what and info.filename in folders:
-                what = "is a file and a folder"
-            if what:
+            if what := _what_is_odd(info):
                 raise self._error(f"its file {info.filename[:200]!r} {what}")
+        names = [info.filename for info in infos]
+        # Names are known to be short now: each has few folders above it.
+        folders = {str(above) for name in names for above in PurePosixPath(name).parents}
+        if (both := next((name for name in names if name in folders), None)) is not None:
+            raise self._error(f"its file {both[:200]!r} is a file and a folder")
         twice = [name for name, count in Counter(names).items() if count > 1]
         if twice:
             raise self._error(f"has {twice[0][:200]!r} twice")
@@ -240,8 +241,10 @@ class Package:
 
     def _manifest(self) -> dict[str, str]:
         digests: dict[str, str] = {}
-        text = self.read(MANIFEST, _MOST_MANIFEST).decode(errors="replace")
-        for number, line in enumerate(text.splitlines(), 1):
+        data = self.read(MANIFEST, _MOST_MANIFEST)
+        if data.count(b"\n") > MOST_FILES:
+            raise DamagedPackage(self.path, [f"{MANIFEST} names more than {MOST_FILES} files"])
+        for number, line in enumerate(data.decode(errors="replace").splitlines(), 1):
             match = _LINE.fullmatch(line)
             if match is None or match[2] in digests:
                 raise DamagedPackage(

@@ -13,6 +13,8 @@ from vsense.run.runs_csv import MODES
 from vsense.studies.packages.archive import wrong_name
 
 CONTENTS = "vsense-package.json"
+MOST_CONTENTS = 4 << 20
+"""Bytes of that file: some 5,000 runs."""
 NO_RECORDING = "there is no recording of it"
 FORMAT = 1
 """Rises when an older vsense can no longer reproduce what is written."""

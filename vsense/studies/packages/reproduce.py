@@ -28,6 +28,7 @@ from vsense.studies.packages.claims import Claims
 from vsense.studies.packages.contents import (
     CONTENTS,
     MADE,
+    MOST_CONTENTS,
     NO_RECORDING,
     PackageContents,
     PackedRun,
@@ -209,7 +210,6 @@ def _cells(experiment: Experiment, result: Mapping[str, Any]) -> dict[str, str]:
 
 _PACKAGE, _AGAIN = "package", "anew"
 """Folders of what was unpacked, and of what was made again."""
-_MOST_CONTENTS = 256 << 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,7 +253,7 @@ def reproduce(
         package.verify(lambda name, share: show(f"checking {100 * share:.0f} %"))
         say(f"{path}: {len(package.names)} files are what was packed")
         try:
-            contents = PackageContents.read(package.read(CONTENTS, _MOST_CONTENTS), package.names)
+            contents = PackageContents.read(package.read(CONTENTS, MOST_CONTENTS), package.names)
         except VsenseError as error:
             raise PackageError(f"{path}: {error}") from None
         if options.only_check:

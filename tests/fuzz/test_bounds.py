@@ -1,0 +1,305 @@
+"""No file of 1 MB takes the machine: every reader ends in bounded time and memory.
+
+Each case is read in a process of its own that has 15 s of processor time (5 s are the promise, on a
+machine that may be three times as slow) and 256 MB above the file's size; the system ends it where
+it wants more. A file is read, or ends in an error of ours.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import multiprocessing
+import resource
+import struct
+import tempfile
+import traceback
+import zipfile
+from collections.abc import Callable, Iterator
+from itertools import islice
+from pathlib import Path
+
+import pytest
+import zstandard
+
+from tests.monitor.recording.conftest import BEGIN_NS, record
+from vsense.base.errors import VsenseError
+from vsense.base.message_bus import Message
+from vsense.config import battery_history, resources, roster, tracking_session
+from vsense.config.experiment import load
+from vsense.monitor.recording.reader import open_recording
+from vsense.monitor.ui.access import read_tokens
+from vsense.robots import key_holders
+from vsense.robots.link import keys
+from vsense.robots.link.trackers import lines
+from vsense.run.runs_csv import read_runs
+from vsense.studies.benchmark import result
+from vsense.studies.packages import origin
+from vsense.studies.packages.archive import MANIFEST, Package
+from vsense.studies.packages.contents import CONTENTS, MOST_CONTENTS, PackageContents
+from vsense.studies.series import plan
+from vsense.vision.calibration import checked
+from vsense.vision.calibration.views import read_corners
+from vsense.vision.cameras.camera import Camera
+from vsense.vision.cameras.recordings import read_timestamps
+from vsense.vision.markers.families import load_family
+
+SIZE = 1 << 20
+CPU_S = 15
+FREE_BYTES = 256 << 20
+
+Hostile = Iterator[tuple[str, bytes]]
+"""Files, each with what it is."""
+
+
+def tracker_lines(path: Path) -> None:
+    """What a tracker sends, as the listener takes it: pieces of 64 kB."""
+    inbox, data = lines.LineInbox(), path.read_bytes()
+    for at in range(0, len(data), 1 << 16):
+        for _, text in inbox.feed(data[at : at + (1 << 16)]):
+            if text is not None:
+                try:
+                    lines.parse(text)
+                except ValueError:
+                    return  # sixteen of them close the connection
+
+
+def recording(path: Path) -> None:
+    with open_recording(path) as opened:
+        for _ in opened.messages():
+            pass
+
+
+def package(path: Path) -> None:
+    with Package(path) as opened:
+        opened.verify()
+        PackageContents.read(opened.read(CONTENTS, MOST_CONTENTS), opened.names)
+
+
+SHARED = ("tracking session", "plan", "calibration", "capture times", "corners")
+"""Readers that share their parser with another one: every third file is enough."""
+
+READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
+    "experiment": ("xml", load),
+    "cameras": ("xml", resources.load),
+    "tracking session": ("xml", tracking_session.load_whole),
+    "camera": ("json", lambda path: Camera.from_json(path.read_text())),
+    "marker family": ("json", lambda path: load_family(str(path))),
+    "calibration": ("json", checked._read),
+    "benchmark.json": ("json", result.read),
+    "tracker's lines": ("json", tracker_lines),
+    "roster": ("toml", roster.read),
+    "plan": ("toml", plan.read),
+    "runs.csv": ("csv", read_runs),
+    "batteries": ("csv", battery_history.read),
+    "capture times": ("csv", lambda path: read_timestamps(path, False)),
+    "corners": ("csv", lambda path: read_corners(path, 24)),
+    "keys": ("text", keys.read),
+    "holders of keys": ("text", key_holders.read),
+    "tokens": ("text", read_tokens),
+    "recording": ("mcap", recording),
+    "package": ("zip", package),
+    "origin": ("zip", origin.read),
+}
+
+
+def filled(piece: bytes, head: bytes = b"", tail: bytes = b"", size: int = SIZE) -> bytes:
+    """A piece as often as it fits."""
+    return head + piece * ((size - len(head) - len(tail)) // len(piece)) + tail
+
+
+def xml() -> Hostile:
+    head, tail = b"<argos-configuration>", b"</argos-configuration>"
+    for name, piece in {
+        "comments without end": b"<!--",
+        "CDATA without end": b"<![CDATA[",
+        "comments of dashes": b"<!------>",
+        "elements": b"<a/>",
+        "attributes": b"<a b='c'/>",
+        "text": b"x",
+        "quotes": b"\"'",
+        "values without end": b"<a b='",
+        "depth": b"<a>",
+        "entities": b"&#65;",
+        "lights": b"<light id='x' position='1,1,1' intensity='1'/>",
+    }.items():
+        yield name, filled(piece, head)
+        yield f"{name}, ended", filled(piece, head, tail)
+    yield "a name", head + b"<" + b"a" * (SIZE - 50) + b"/>" + tail
+    yield "a number", filled(b"9", b"<argos-configuration><arena size='", b"'/>" + tail)
+    many = b"".join(b" a%d='1'" % n for n in range(60_000))
+    yield "an element of many attributes", head + b"<a" + many + b"/>" + tail
+
+
+def toml() -> Hostile:
+    size = 256 << 10
+    for name, piece in {
+        "comments": b"#",
+        "lines": b"\n",
+        "dotted keys": b"a.",
+        "tables": b"[[robot]]\n",
+        "text": b"'",
+        "texts of lines": b'"""',
+        "escapes": b'"\\',
+    }.items():
+        yield name, filled(piece, size=size)
+        yield f"{name}, more", filled(piece)
+    yield "depth", filled(b"[", b"a = ", size=size)
+    yield "inline tables", filled(b"{a=", b"a = ", size=size)
+    yield "a number", filled(b"9", b"a = ", size=size)
+    yield "a list", filled(b"1,", b"a = [", b"]", size=size)
+    yield "keys", b"".join(b"k%d = 1\n" % n for n in range(20_000))
+    yield "long keys", b"".join(b"a%d.b.c.d.e.f.g.h = 1\n" % n for n in range(9_000))
+    yield "robots", b"".join(b"[[robot]]\ntag = %d\n" % n for n in range(11_000))
+
+
+def as_json() -> Hostile:
+    for name, piece in {
+        "depth": b"[",
+        "empty lists": b"[],",
+        "objects": b'{"a":',
+        "numbers": b"1,",
+        "digits": b"9",
+        "texts": b'"",',
+        "escapes": b"\\u0041",
+        "names": b'"a":1,',
+    }.items():
+        yield name, filled(piece)
+        yield f"{name} in a list", filled(piece, b"[", b"0]")
+        yield f"{name} in an object", filled(piece, b'{"runs":[', b"0]}")
+    yield "a text", filled(b"x", b'"', b'"')
+
+
+def csv() -> Hostile:
+    heads = (b"capture_s,timestep\n", b"camera,moment,corner,x_px,y_px\n", b"time,tag\n")
+    for name, piece in {
+        "commas": b",",
+        "lines": b"\n",
+        "quotes": b'"',
+        "rows": b"1,2,3\n",
+        "a field": b"x",
+        "NUL": b"\0",
+    }.items():
+        yield name, filled(piece)
+        for head in (*heads, b"run,experiment\n"):
+            yield f"{name} after {head.decode().strip()}", filled(piece, head)
+
+
+def text() -> Hostile:
+    for name, piece in {
+        "lines": b"\n",
+        "signs": b"x",
+        "keys": b"1 = " + b"0f" * 32 + b"\n",
+        "tokens": b"look=a-long-token\n",
+        "holders": b"1 " + b"ab" * 16 + b" 23 2026-11-23 x\n",
+        "equal signs": b"=",
+    }.items():
+        yield name, filled(piece)
+
+
+def mcap() -> Hostile:
+    sent = [Message("/experiment", BEGIN_NS, {"name": "x", "file_text": "<a/>"})]
+    sent += [Message("/arena", BEGIN_NS + n, {"n": n, "text": f"{n:099}"}) for n in range(3000)]
+    with tempfile.TemporaryDirectory() as folder:
+        whole = record(Path(folder) / "run.mcap", sent, []).read_bytes()
+    yield "heads", filled(b"\x06" + bytes(8), b"\x89MCAP0\r\n")
+    yield "an index that names one chunk often", _indexed_often(whole)
+    packed = zstandard.ZstdCompressor().compress(bytes(64 << 20))
+    content = struct.pack("<QQQI", 0, 1, 64 << 20, 0) + struct.pack("<I", 4) + b"zstd"
+    content += struct.pack("<Q", len(packed)) + packed
+    chunk = b"\x06" + struct.pack("<Q", len(content)) + content
+    end = whole.index(b"\x0f" + struct.pack("<Q", 4))  # the record DATA_END
+    yield "chunks that unfold", filled(chunk, whole[:end])
+
+
+def _indexed_often(whole: bytes) -> bytes:
+    """The same recording, whose index names its longest chunk as often as fits."""
+    footer = struct.Struct("<QQI")
+    tail = len(whole) - 8 - footer.size - 9
+    begin, _, _ = footer.unpack_from(whole, tail + 9)
+    indexes, others = [], []
+    at = begin
+    while at < tail:
+        length = 9 + struct.unpack_from("<Q", whole, at + 1)[0]
+        (indexes if whole[at] == 0x08 else others).append(whole[at : at + length])
+        at += length
+    longest = max(indexes, key=lambda one: struct.unpack_from("<Q", one, 9 + 24)[0])
+    often = longest * ((SIZE - len(whole)) // len(longest))
+    end = b"\x02" + struct.pack("<Q", footer.size) + footer.pack(begin, 0, 0) + whole[-8:]
+    return whole[:begin] + b"".join([*others, *indexes, often]) + end
+
+
+def as_zip() -> Hostile:
+    yield "long names", _zip({("a/" * 32_000) + str(n): b"" for n in range(8)})
+    yield "many files", _zip({f"f{n}": b"" for n in range(7_000)})
+    yield "contents of empty lists", _zip({CONTENTS: filled(b"[],", b"[", b"0]", 255 << 20)})
+    yield "contents of 4 MB", _zip({CONTENTS: filled(b"[],", b"[", b"0]", 4 << 20)})
+    sums = b"".join(b"%064d  f%d\n" % (n, n) for n in range(200_000))
+    yield "checksums", _zip({"a": b"x"}, sums)
+    yield "a file that unfolds", _zip({"a": bytes(200 << 20)})
+    yield "facts of empty lists", _zip({origin.FACTS: filled(b"[],", b"[", b"0]", 120 << 20)})
+
+
+def _zip(files: dict[str, bytes], manifest: bytes | None = None) -> bytes:
+    target, sums = io.BytesIO(), ""
+    with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in files.items():
+            archive.writestr(name, data)
+            sums += f"{hashlib.sha256(data).hexdigest()}  {name}\n"
+        archive.writestr(MANIFEST, sums.encode() if manifest is None else manifest)
+    return target.getvalue()
+
+
+FORMS: dict[str, Callable[[], Hostile]] = {
+    "xml": xml,
+    "toml": toml,
+    "json": as_json,
+    "csv": csv,
+    "text": text,
+    "mcap": mcap,
+    "zip": as_zip,
+}
+
+
+def read_bounded(read: Callable[[Path], object], path: Path) -> str:
+    """Reads a file in a process with bounds; says what went wrong, "": nothing."""
+    context = multiprocessing.get_context("fork")
+    ours, theirs = context.Pipe(duplex=False)
+
+    def inside() -> None:
+        used = resource.getrusage(resource.RUSAGE_SELF)
+        seconds = int(used.ru_utime + used.ru_stime) + CPU_S + 1
+        resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
+        pages = int(Path("/proc/self/statm").read_text().split()[0])
+        most = pages * resource.getpagesize() + path.stat().st_size + FREE_BYTES
+        resource.setrlimit(resource.RLIMIT_AS, (most, most))
+        try:
+            read(path)
+        except VsenseError:
+            pass
+        except BaseException as error:
+            place = traceback.extract_tb(error.__traceback__)[-1]
+            theirs.send(f"{type(error).__name__} at {place.filename}:{place.lineno}")
+
+    child = context.Process(target=inside)
+    child.start()
+    theirs.close()
+    try:
+        said = str(ours.recv())
+    except EOFError:
+        said = ""
+    child.join()
+    return said or (f"ended by {child.exitcode}" if child.exitcode else "")
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_a_reader_is_bounded(name: str, tmp_path: Path) -> None:
+    form, read = READERS[name]
+    path, wrong = tmp_path / f"hostile.{form}", {}
+    for what, data in islice(FORMS[form](), 0, None, 3 if name in SHARED else 1):
+        assert len(data) <= SIZE + 4096, what
+        path.write_bytes(data)
+        path.chmod(0o600)
+        if said := read_bounded(read, path):
+            wrong[what] = said
+    assert wrong == {}
