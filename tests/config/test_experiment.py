@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -354,3 +355,20 @@ def test_a_sensor_that_no_datagram_has_room_for_is_refused_at_its_line(
     last = f"<wide{fits}/>"
     assert error.line == mounting(fits + 1).split(last)[0].count("\n") + 1
     assert error.message.startswith(f"<wide{fits}>")
+
+
+def test_a_smaller_swarm_is_the_first_of_the_file() -> None:
+    experiment = load("pollutant")
+    assert first_robots(experiment, 4).robots == experiment.robots[:4]
+    assert first_robots(experiment, None) is experiment
+    with pytest.raises(UsageError, match=r"--robots 16: .* has 15"):
+        first_robots(experiment, 16)
+
+
+def test_what_pollutes_stays() -> None:
+    experiment = load("pollutant")
+    source = replace(experiment.sources[0], tag=experiment.robots[9].tag)
+    polluted = replace(experiment, sources=(source,))
+    assert len(first_robots(polluted, 10).robots) == 10
+    with pytest.raises(UsageError, match="--robots 9: would leave out what pollutes"):
+        first_robots(polluted, 9)

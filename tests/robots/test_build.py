@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import require_tool
+from tests.rigs.compiling import counting_compiler
 from vsense.base.errors import UsageError
 from vsense.robots import build
 
@@ -101,16 +102,6 @@ def test_other_flags_in_cc_make_a_new_build(
     first = build.daemon("mine.c", tmp_path)
     monkeypatch.setenv("CC", "cc -DMINE")
     assert build.daemon("mine.c", tmp_path) != first
-
-
-def counting_compiler(folder: Path) -> tuple[Path, Path]:
-    """A compiler that notes each program it links, and the file of its notes."""
-    notes, compiler = folder / "linked", folder / "counting-cc"
-    compiler.write_text(
-        f'#!/bin/sh\ncase "$*" in *" -s -o "*) echo >>{notes};; esac\nexec cc "$@"\n'
-    )
-    compiler.chmod(0o755)
-    return compiler, notes
 
 
 def test_processes_that_need_the_same_build_make_it_once(

@@ -65,16 +65,6 @@ class Tracker:
 
 
 @pytest.fixture
-def told() -> Told:
-    return Told()
-
-
-@pytest.fixture
-def clock() -> Clock:
-    return Clock()
-
-
-@pytest.fixture
 def listener(told: Told, clock: Clock) -> Iterator[ArenaListener]:
     made = ArenaListener("127.0.0.1", 0, (23, 24), told, clock)
     yield made

@@ -18,8 +18,10 @@ from tests.robots.link.rig import (
     Frozen,
     Robot,
     Server,
+    closed,
     keyed_session,
     reading,
+    works,
 )
 from tests.wire.robot_session import Event, RobotSession
 from vsense.base.native import lib
@@ -55,32 +57,10 @@ def pending(still: Server) -> Iterator[Connect]:
         sock.close()
 
 
-def works(server: Server, robot: Robot, timestep: int) -> bool:
-    """Whether a robot gets a reading and the host its telemetry."""
-    server.server.publish(timestep, server.clock(), {})
-    robot.timestep(timestep)
-    accepted = server.server.robots()[robot.session.c.config.tag].accepted
-    robot.say()
-    robot.until(lambda: heard_since(server, robot, accepted))
-    return True
-
-
-def heard_since(server: Server, robot: Robot, accepted: int) -> bool:
-    return server.server.robots()[robot.session.c.config.tag].accepted > accepted
-
-
 def reset(sock: socket.socket) -> None:
     """Closes a connection so that the other end's next call fails."""
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
     sock.close()
-
-
-def closed(sock: socket.socket) -> bool:
-    """Waits until the host has closed a connection."""
-    with contextlib.suppress(ConnectionResetError):
-        while sock.recv(4096):
-            pass
-    return True
 
 
 def in_fallback(still: Server, frozen: Frozen, robot: Robot) -> Robot:
@@ -236,7 +216,7 @@ def test_datagrams_of_an_ended_session_are_strays(still: Server, robot: MakeRobo
     one.until(lambda: still.server.strays() == {"VS_ERR_SESSION": 1})
 
 
-def test_who_connects_and_says_nothing_is_closed(
+def test_who_connects_and_says_nothing_closed(
     still: Server, frozen: Frozen, pending: Connect, robot: MakeRobot
 ) -> None:
     """Half open: no HELLO, or half of one."""
