@@ -227,12 +227,12 @@ def test_user_without_a_home_is_told_what_to_set(monkeypatch: pytest.MonkeyPatch
     monkeypatch.delenv("XDG_CACHE_HOME")
     monkeypatch.delenv("HOME")
     monkeypatch.setattr(pwd, "getpwuid", nobody)
-    with pytest.raises(build.BuildError, match=r"no home directory .* set XDG_CACHE_HOME"):
+    with pytest.raises(build.BuildError, match="XDG_CACHE_HOME"):
         build.cache_directory()
 
 
 def test_unknown_controller_lists_the_known_ones() -> None:
-    with pytest.raises(UsageError, match=r"no controller 'nobody'.*pollutant"):
+    with pytest.raises(UsageError, match=r"controller 'nobody'.*pollutant"):
         build.daemon("nobody")
 
 
@@ -251,5 +251,5 @@ def test_unwritable_cache_is_one_clear_line(
     own_controller(tmp_path)
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    with pytest.raises(build.BuildError, match=r"cannot build in .*: Not a directory"):
+    with pytest.raises(build.BuildError, match="Not a directory"):
         build.daemon("mine.c", tmp_path)

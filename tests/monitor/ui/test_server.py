@@ -528,9 +528,7 @@ def test_a_busy_port_is_one_clear_line(served: Serve) -> None:
     )
 
 
-@pytest.mark.parametrize(
-    ("host", "words"), [("192.0.2.7", "not an address of"), ("no host!", "cannot listen on")]
-)
+@pytest.mark.parametrize(("host", "words"), [("192.0.2.7", "address"), ("no host!", "listen")])
 def test_an_address_that_is_not_ours_is_one_clear_line(host: str, words: str) -> None:
     with pytest.raises(VsenseError, match=words):
         WebServer(MessageBus(), lambda order: "", host, 0).start()
@@ -538,7 +536,7 @@ def test_an_address_that_is_not_ours_is_one_clear_line(host: str, words: str) ->
 
 @pytest.mark.parametrize("port", [-1, 65536])
 def test_a_port_that_is_none(port: int) -> None:
-    with pytest.raises(UsageError, match="from 0 to 65535"):
+    with pytest.raises(UsageError, match="0 to 65535"):
         WebServer(MessageBus(), lambda order: "", "127.0.0.1", port)
 
 

@@ -348,7 +348,7 @@ def test_a_datagram_that_the_kernel_refuses_is_counted_for_its_robot(
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 def test_a_fault_of_the_thread_reaches_the_runtime(clock: Clock, robot: MakeRobot) -> None:
     def broken(_: LinkEvent) -> None:
-        raise KeyError("a fault in the listener")
+        raise KeyError("listener")
 
     server = VirtualSensorServer(
         host="127.0.0.1",
@@ -364,5 +364,5 @@ def test_a_fault_of_the_thread_reaches_the_runtime(clock: Clock, robot: MakeRobo
         sock.sendall(b"not a robot")
         assert closed(sock)
     server.close()
-    with pytest.raises(LinkError, match="a fault in the listener"):
+    with pytest.raises(LinkError, match="listener"):
         server.publish(1, 1, {})
