@@ -163,7 +163,7 @@ def boards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     write_program(folder / "bin" / "update-rc.d", 'echo "$@" >>"$VSENSED_ROOT/update-rc.d"')
     monkeypatch.setenv("BOARDS", str(folder))
     monkeypatch.setenv("PATH", f"{tmp_path / 'path'}:{os.environ['PATH']}")
-    # A script may stand in for a write_program only where the first bytes are not looked at.
+    # A script may stand in for a program only where the first bytes are not looked at.
     monkeypatch.setattr("vsense.robots.boards.load", lambda binary: binary.read_bytes())
     write_program(tmp_path / "vsensed", FAKE_DAEMON)
     monkeypatch.chdir(tmp_path)

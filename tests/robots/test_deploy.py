@@ -279,7 +279,7 @@ def host() -> Iterator[tuple[VirtualSensorServer, int, Callable[..., LinkEvent]]
 def test_an_experiment_brings_each_robot_its_own_program(
     boards: Path, tmp_path: Path, host, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Real daemons on two boards with different bases; then one gets the other's write_program."""
+    """Real daemons on two boards with different bases; then one gets the other's program."""
     require_tool("cc", "build-essential")
     server, port, wait = host
     bases = Microcontrollers(["argos", "asercom"])
@@ -544,7 +544,7 @@ def test_robots_that_are_out_of_order_are_left_out_unless_they_are_named(
         (["--host", "10.0.0.1"], "robots.toml:1: no base for this robot"),
         (["--host", "10.0.0.1", "--base", "x", "--port", "0"], "--port: expected 1 to 65535"),
         (["--host", "10.0.0.1", "--base", "x", "--binary", "no"], "make it with: vsense robot"),
-        (["--host", "10.0.0.1", "--base", "x", "--binary", "robots.toml"], "is no write_program"),
+        (["--host", "10.0.0.1", "--base", "x", "--binary", "robots.toml"], "is no program"),
     ],
 )
 def test_what_is_missing_is_told_before_anything_is_sent(

@@ -216,7 +216,7 @@ def test_datagrams_of_an_ended_session_are_strays(still: Server, robot: MakeRobo
     one.until(lambda: still.server.strays() == {"VS_ERR_SESSION": 1})
 
 
-def test_who_connects_and_says_nothing_closed(
+def test_who_connects_and_says_nothing_is_closed(
     still: Server, frozen: Frozen, pending: Connect, robot: MakeRobot
 ) -> None:
     """Half open: no HELLO, or half of one."""
