@@ -475,6 +475,18 @@ def test_calls_and_assignments_are_plain() -> None:
 OWN = ("self", "cls")
 
 
+def test_no_test_imports_another_test() -> None:
+    """What several of them need lies in `tests/rigs/` or in a helper module of their folder."""
+    found = {
+        (str(path.relative_to(ROOT)), name)
+        for path in (ROOT / "tests").rglob("*.py")
+        if "data" not in path.relative_to(ROOT).parts
+        for name in imports(path)
+        if re.match(r"tests\.(\w+\.)*test_", name)
+    }
+    assert found == set()
+
+
 def test_every_file_that_design_md_names_is_there() -> None:
     text = (ROOT / "vsense" / "DESIGN.md").read_text()
     named = set(re.findall(r"`([\w./-]+\.(?:py|c|h|js|hpp|txt|md|toml|xsd))`", text))

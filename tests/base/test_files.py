@@ -67,7 +67,7 @@ def test_the_size_is_looked_at_before_anything_is_read(name: str, tmp_path: Path
     large = tmp_path / name
     large.touch()
     os.truncate(large, 3 << 30)
-    with pytest.raises(VsenseError, match="has 3072 MB, expected at most"):
+    with pytest.raises(VsenseError, match="3072 MB"):
         READERS[name](large)
 
 
@@ -76,7 +76,7 @@ def test_a_file_that_lies_about_its_size_is_read_up_to_the_limit(tmp_path: Path)
     path = tmp_path / "x"
     path.write_bytes(b"x" * 100)
     assert read_bytes(path, 100) == b"x" * 100
-    with pytest.raises(OSError, match="expected at most 0 MB"):
+    with pytest.raises(OSError, match="0 MB"):
         read_bytes(path, 99)
 
 
@@ -85,7 +85,7 @@ BAD = ("1e400", "-1e999", "NaN", "Infinity", "-Infinity", "9" * 5000, str(1 << 6
 
 @pytest.mark.parametrize("number", BAD)
 def test_numbers_that_nothing_measures_are_refused_with_their_line(number: str) -> None:
-    with pytest.raises(json.JSONDecodeError, match="expected a finite number") as caught:
+    with pytest.raises(json.JSONDecodeError, match="finite") as caught:
         parse_json(f'{{"a": 1,\n "b": "x",\n "c": [{number}]}}')
     assert caught.value.lineno == 3 and caught.value.msg.startswith(f"c is {number[:20]}")
     assert len(caught.value.msg) < 90
@@ -105,7 +105,7 @@ def test_everything_else_is_as_json_has_it(value: object) -> None:
 
 def test_a_camera_of_infinite_focal_length_is_none() -> None:
     text = json.dumps({"id": "a", "width_px": 640, "height_px": 480, "fx_px": 500.0})
-    with pytest.raises(CameraError, match="line 1: fx_px is 1e400, expected a finite number"):
+    with pytest.raises(CameraError, match=r"line 1: fx_px.*1e400"):
         Camera.from_json(text.replace("500.0", "1e400"))
 
 

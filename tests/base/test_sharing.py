@@ -52,7 +52,7 @@ def test_another_mode_is_refused_with_what_mends_it(lab: Path, mode: int, words:
 
 def test_nobody_is_told_to_close_what_is_everybodys(lab: Path) -> None:
     lab.chmod(0o1777)
-    with pytest.raises(SharingError, match=r"is everybody's: expected a folder of the lab's own$"):
+    with pytest.raises(SharingError, match="everybody's:"):
         sharing.lab()
 
 
@@ -62,21 +62,21 @@ def test_links_files_and_nothing_are_refused(lab: Path, monkeypatch: pytest.Monk
     (lab.parent / "file").write_text("")
     for name, words in (
         ("link", "no link"),
-        ("file", "no link and no file"),
+        ("file", "folder.*link"),
         ("gone", "not there"),
     ):
         monkeypatch.setenv("VSENSE_LAB", str(lab.parent / name))
         with pytest.raises(SharingError, match=words):
             sharing.lab()
     monkeypatch.setenv("VSENSE_LAB", "lab")
-    with pytest.raises(SharingError, match="VSENSE_LAB=lab: expected a path that begins with /"):
+    with pytest.raises(SharingError, match=r"VSENSE_LAB=lab:.*/"):
         sharing.lab()
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can give a folder away")
 def test_somebody_elses_folder_is_refused(lab: Path) -> None:
     os.chown(lab, 65534, -1)
-    with pytest.raises(SharingError, match="belongs to nobody, expected root: sudo chown root"):
+    with pytest.raises(SharingError, match=r"nobody.*chown root"):
         sharing.lab()
 
 
@@ -90,7 +90,7 @@ def test_who_is_in_no_such_group_is_told_which(lab: Path, monkeypatch: pytest.Mo
     with pytest.raises(NotMember, match=f"for group '{group}', and carl is not in it: sudo user"):
         sharing.lab()
     monkeypatch.setattr(os, "getgrouplist", lambda user, gid: [gid, lab.stat().st_gid])
-    with pytest.raises(NotMember, match="carl has joined since this login began: log in again"):
+    with pytest.raises(NotMember, match=r"carl.*login"):
         sharing.lab()
 
 
@@ -105,12 +105,12 @@ def test_a_shared_file_follows_no_link_and_has_its_mode(lab: Path) -> None:
     os.mkfifo(lab / "c", 0o660)
     with pytest.raises(SharingError, match="b: Too many levels of symbolic links"):
         sharing.write_shared(lab / "b", 0o660)
-    with pytest.raises(SharingError, match="c: expected a plain file"):
+    with pytest.raises(SharingError, match=r"c:.*plain file"):
         sharing.write_shared(lab / "c", 0o660)
     mine = lab.parent / "mine"
     mine.touch(0o600)
     os.link(mine, lab / "d")
-    with pytest.raises(SharingError, match="d: expected a plain file that has no other name"):
+    with pytest.raises(SharingError, match=r"d:.*name"):
         sharing.write_shared(lab / "d", 0o660)
     assert stat.S_IMODE(mine.stat().st_mode) == 0o600
 

@@ -58,7 +58,7 @@ def test_what_is_no_finite_number_is_refused(text: str) -> None:
 
 @pytest.mark.parametrize("text", ["1e308", "-1e308", "1e999", "9" * 400])
 def test_out_of_range_says_the_range(text: str) -> None:
-    with pytest.raises(ConfigError, match="out of range, expected 0 to 10 m"):
+    with pytest.raises(ConfigError, match=r"range.*0.*10 m"):
         element(f'a="{text}"').number("a", 0, 10, "m")
 
 
@@ -81,9 +81,7 @@ def test_typed_values() -> None:
 
 
 def test_a_missing_attribute_says_what_was_expected_and_what_may_be_meant() -> None:
-    with pytest.raises(
-        ConfigError, match=r"intensity: is missing, .* 0 to 9 \(is 'intensty' meant"
-    ):
+    with pytest.raises(ConfigError, match=r"intensity:.*0.*9.*'intensty'"):
         element('intensty="1"').number("intensity", 0, 9)
 
 
@@ -91,19 +89,19 @@ def test_unknown_attributes_and_elements_are_refused_with_what_is_known() -> Non
     light = element('id="a" colour="red"')
     light.text("id")
     light.has("color")
-    with pytest.raises(ConfigError, match="colour: is not an attribute of it; is 'color' meant"):
+    with pytest.raises(ConfigError, match=r"colour:.*'color'"):
         light.check_all_read()
     light = element("", "\n<body/>\n<bdoy/>")
     light.optional_child("body")
-    with pytest.raises(ConfigError, match=r"x\.argos:5: <bdoy>: does not belong in <light>"):
+    with pytest.raises(ConfigError, match=r"x\.argos:5: <bdoy>:.*<light>"):
         light.check_all_read()
 
 
 def test_children_come_once_or_with_the_line_of_the_first() -> None:
     light = element("", "\n<body/>\n<body/>")
-    with pytest.raises(ConfigError, match=r"x\.argos:5: <body>: appears twice in <light>.*line 4"):
+    with pytest.raises(ConfigError, match=r"x\.argos:5: <body>:.*<light>.*line 4"):
         light.child("body")
-    with pytest.raises(ConfigError, match=r"x\.argos:3: <light>: <body> is missing"):
+    with pytest.raises(ConfigError, match=r"x\.argos:3: <light>: <body>"):
         element().child("body")
 
 
@@ -131,7 +129,7 @@ def test_our_names_are_known_by_the_namespace_whatever_the_prefix() -> None:
         (
             b"<root xmlns:vs='urn:vsense:2'>\n<vs:rig/></root>",
             2,
-            "unknown namespace 'urn:vsense:2'",
+            "namespace 'urn:vsense:2'",
         ),
         (b"<!DOCTYPE r [<!ENTITY a 'b'>]>\n<r>&a;</r>", 1, "DOCTYPE"),
         (b"<?xml version='1.0' encoding='klingon'?><r/>", 1, "encoding"),
@@ -139,10 +137,10 @@ def test_our_names_are_known_by_the_namespace_whatever_the_prefix() -> None:
         (
             b"<r>\n<vs:tags/></r>",
             2,
-            r"unbound prefix .*need xmlns:vs=\"urn:vsense:1\" in the first",
+            'unbound prefix .*xmlns:vs="urn:vsense:1"',
         ),
-        (b"<a>" * 40 + b"</a>" * 40, 1, "more than 32"),
-        (b"<a>" + b" " * (1 << 20) + b"</a>", 1, "bytes, expected at most"),
+        (b"<a>" * 40 + b"</a>" * 40, 1, "32 elements"),
+        (b"<a>" + b" " * (1 << 20) + b"</a>", 1, "bytes"),
     ],
 )
 def test_broken_xml_is_one_clear_line(xml: bytes, line: int, words: str) -> None:

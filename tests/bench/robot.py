@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.bench import robot_calls
+from tests.rigs.processes import children
 from vsense.base.clock import host_ns
 from vsense.modes.lab.microcontrollers import Microcontrollers
 from vsense.robots import boards
@@ -205,15 +206,11 @@ def _memory_kb(program: Path, say: Say) -> int:
             ready = select.select(base.readable(), [], [], 0.001)[0]
             base.receive(ready, host_ns())
             base.advance(host_ns())
-        return sum(map(_resident_kb, [daemon.pid, *_children(daemon.pid)]))
+        return sum(map(_resident_kb, [daemon.pid, *children(daemon.pid)]))
     finally:
         daemon.terminate()
         daemon.wait()
         base.close()
-
-
-def _children(pid: int) -> list[int]:
-    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
 
 def _resident_kb(pid: int) -> int:

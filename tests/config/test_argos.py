@@ -144,7 +144,7 @@ def test_the_e_puck_example_says_what_happens_instead() -> None:
     assert [entity.id for entity in settled.entities[4:]] == [
         *(f"b{i}" for i in range(5)), *(f"c{i}" for i in range(5)),
     ]  # fmt: skip
-    with pytest.raises(ConfigError, match=r"is C\+\+ for ARGoS.*--strict, and 4 more like it"):
+    with pytest.raises(ConfigError, match=r"ARGoS.*--strict.* 4 "):
         experiment.refuse_warnings()
 
 

@@ -108,7 +108,7 @@ def test_replacements_that_cannot_be(file: Path, lab: Path, pairs: list[str], wo
 
 @pytest.mark.parametrize("text", ["23", "23=", "=3", "23=23", "a=b", "1=70000", "1=2=3", "-1=2"])
 def test_words_that_are_no_replacement(text: str) -> None:
-    with pytest.raises(ValueError, match="expected two tags, such as 23=37"):
+    with pytest.raises(ValueError, match=r"tags.*23=37"):
         pair(text)
 
 

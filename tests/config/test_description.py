@@ -119,7 +119,7 @@ def test_dry_prints_and_gives_nothing(capsys: pytest.CaptureFixture[str]) -> Non
 def test_strict_refuses_what_is_not_supported(capsys: pytest.CaptureFixture[str]) -> None:
     path = str(ARGOS)
     assert open_experiment(options(experiment=path)) is not None
-    with pytest.raises(ConfigError, match=r"--strict, and 4 more like it \(--dry shows them\)"):
+    with pytest.raises(ConfigError, match=r"--strict.*4.*\(--dry"):
         open_experiment(options(experiment=path, strict=True))
     assert capsys.readouterr().out == ""
     with pytest.raises(ConfigError) as caught:

@@ -174,7 +174,7 @@ def test_what_the_robots_say_of_their_devices_counts(loaded: Read) -> None:
 def test_boxes_have_leds(loaded: Read) -> None:
     shelf = loaded().entities[1]
     assert isinstance(shelf, Box) and shelf.leds == (Led((0.0, 0.0, 0.101), (0, 255, 0)),)
-    with pytest.raises(ConfigError, match=r"<led> color: 'nocolor' is no colour"):
+    with pytest.raises(ConfigError, match="<led> color: 'nocolor'"):
         loaded(TEXT.replace('color="green"', 'color="nocolor"'))
 
 
@@ -187,7 +187,7 @@ def test_the_labs_wheels_have_it_too(loaded: Read, tmp_path: Path) -> None:
     quiet = NoisyWheels([None, *spec.wheels[1:]], 1)
     assert quiet.of_robot(0, 400, -300) == (400, -300)
     told["wheels"] = [{"relative": 1}]
-    with pytest.raises(UsageError, match="spec: wheels: expected a list of 4"):
+    with pytest.raises(UsageError, match=r"spec: wheels:.*4"):
         physics_spec.PhysicsSpec.parse(json.dumps(told).encode())
 
 

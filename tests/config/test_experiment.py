@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -26,7 +27,7 @@ Read = Callable[..., Experiment]
 
 
 def refused(read_text: Read, text: str) -> ConfigError:
-    with pytest.raises(ConfigError, match=r"^x\.argos:[0-9]+: <[\w:-]+>.*: ") as caught:
+    with pytest.raises(ConfigError, match=r"^x\.argos:[0-9]+: <[\w:-]+>.*:") as caught:
         read_text(text)
     return caught.value
 
@@ -118,7 +119,7 @@ def test_a_tag_that_the_marker_family_does_not_have_is_refused(
     text = example.replace('family="arrow4x4"', 'family="aruco_4x4_50"')
     read_text(text)
     for old, new, line in (("k_23_", "k_50_", 29), ("5 6 7", "5 50 7", 37), ("p_9_", "p_50_", 27)):
-        with pytest.raises(ConfigError, match=r"_50_.* 'aruco_4x4_50' has tags 0 to 49") as caught:
+        with pytest.raises(ConfigError, match=r"_50_.* 'aruco_4x4_50'.*0.*49") as caught:
             read_text(text.replace(old, new))
         assert caught.value.line == line
 
@@ -292,15 +293,15 @@ def test_what_argos_has_and_we_do_not_is_a_warning_with_its_line(
 
 
 def test_an_unknown_experiment_names_the_known_ones(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match=r"no experiment 'polutant': .*; is 'pollutant' or"):
+    with pytest.raises(UsageError, match=r"'polutant':.*'pollutant'"):
         load("polutant")
     with pytest.raises(UsageError, match="no experiment"):
         load("x" * 5000)
-    with pytest.raises(UsageError, match=r"nothing\.argos: cannot be read: No such file"):
+    with pytest.raises(UsageError, match=r"nothing\.argos:.*No such file"):
         load(tmp_path / "nothing.argos")
     folder = tmp_path / "folder.argos"
     folder.mkdir()
-    with pytest.raises(UsageError, match="cannot be read"):
+    with pytest.raises(UsageError, match=r"folder\.argos:.*Is a directory"):
         load(folder)
 
 
@@ -354,3 +355,20 @@ def test_a_sensor_that_no_datagram_has_room_for_is_refused_at_its_line(
     last = f"<wide{fits}/>"
     assert error.line == mounting(fits + 1).split(last)[0].count("\n") + 1
     assert error.message.startswith(f"<wide{fits}>")
+
+
+def test_a_smaller_swarm_is_the_first_of_the_file() -> None:
+    experiment = load("pollutant")
+    assert first_robots(experiment, 4).robots == experiment.robots[:4]
+    assert first_robots(experiment, None) is experiment
+    with pytest.raises(UsageError, match=r"--robots 16:.*15"):
+        first_robots(experiment, 16)
+
+
+def test_what_pollutes_stays() -> None:
+    experiment = load("pollutant")
+    source = replace(experiment.sources[0], tag=experiment.robots[9].tag)
+    polluted = replace(experiment, sources=(source,))
+    assert len(first_robots(polluted, 10).robots) == 10
+    with pytest.raises(UsageError, match=r"--robots 9:.*pollutes"):
+        first_robots(polluted, 9)

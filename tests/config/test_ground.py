@@ -71,7 +71,7 @@ def test_what_is_no_picture_is_refused_at_its_line(
     path = tmp_path / "floor.png"
 
     def refused() -> str:
-        with pytest.raises(ConfigError, match=r"^x\.argos:40: <floor> path: ") as caught:
+        with pytest.raises(ConfigError, match=r"^x\.argos:40: <floor> path:") as caught:
             read_beside(FLOOR)
         return str(caught.value)
 

@@ -78,7 +78,7 @@ def test_bodies_that_the_file_places_into_each_other_are_refused(
     read_text: Read, example: str
 ) -> None:
     experiment = read_text(example.replace('"0.5,-0.5,0"', '"0.05,0,0"'))
-    with pytest.raises(ConfigError, match=r"x\.argos:29: 'epuck_23_30' overlaps with the body"):
+    with pytest.raises(ConfigError, match=r"x\.argos:29: 'epuck_23_30'.*body"):
         place(experiment, 1)
     experiment = read_text(example.replace('"0.5,-0.5,0"', '"1.05,0.5,0"'))
     with pytest.raises(ConfigError, match="overlaps with box 'crate'"):
@@ -91,7 +91,7 @@ def test_bodies_that_touch_are_accepted(read_text: Read, example: str) -> None:
 
 def test_a_robot_without_room_is_refused_at_its_entity(read_text: Read, example: str) -> None:
     text = example.replace('max="1.4,1.1,0"', 'max="-1.3,-1.0,0"')
-    with pytest.raises(ConfigError, match=r"x\.argos:36: <entity> max_trials: no room for 'swarm_"):
+    with pytest.raises(ConfigError, match=r"x\.argos:36: <entity> max_trials:.*'swarm_"):
         for seed in range(5):
             place(read_text(text), seed)
 
@@ -206,14 +206,14 @@ def test_a_grid_is_filled_from_its_corner_as_in_argos(read_text: Read, example: 
     lights = [entity for entity in entities if isinstance(entity, Light)]
     expected = [(0.65, 0.6), (0.35, 0.6), (0.65, 0.4), (0.35, 0.4)]
     assert [light.position_m[:2] for light in lights] == [pytest.approx(p) for p in expected]
-    with pytest.raises(ConfigError, match=r"layout: has 2 places for a quantity of 4|has 2 places"):
+    with pytest.raises(ConfigError, match=r"layout: .*2 places.*4"):
         read_text(with_crowd(example, KINDS[3], grid.replace("2,3,1", "2,1,1")))
 
 
 def test_a_grid_place_that_is_taken_is_refused_at_once(read_text: Read, example: str) -> None:
     grid = 'grid" center="1,0.5,0" distances="0.3,0.2,0" layout="1,4,1'
     experiment = read_text(with_crowd(example, KINDS[0], grid))
-    with pytest.raises(ConfigError, match=r"no room for 'b\d' found in 1 trials .* box 'crate'"):
+    with pytest.raises(ConfigError, match=r"'b\d'.*1.*'crate'"):
         settle(experiment, 1)
 
 

@@ -70,7 +70,7 @@ def test_a_tag_beside_any_id(read_text: Read, example: str) -> None:
 def test_small_families_run_out_of_tags(read_text: Read, example: str) -> None:
     small = example.replace('"arrow4x4"', '"aruco_4x4_50"')
     assert sorted(by_name(read_text(with_plain(small, 44))).values()) == list(range(50))
-    with pytest.raises(ConfigError, match=r"<entity>: has no tag, and .*'aruco_4x4_50' has none"):
+    with pytest.raises(ConfigError, match=r"<entity>:.*'aruco_4x4_50'"):
         read_text(with_plain(small, 45))
 
 
@@ -100,7 +100,7 @@ def test_virtual_robots_have_tags_of_their_own_and_perhaps_a_controller(
         ("h", VIRTUAL_TAG_MIN + 1, "mine"),
     ]
     assert "g" not in by_name(experiment)
-    with pytest.raises(ConfigError, match="there is no controller 'nobody'"):
+    with pytest.raises(ConfigError, match="controller 'nobody'"):
         read_text(
             text.replace('config="mine" /></e-puck></arena>', 'config="nobody" /></e-puck></arena>')
         )
@@ -110,5 +110,5 @@ def test_virtual_robots_alone_are_no_experiment(read_text: Read, example: str) -
     start, end = example.index('<e-puck id="epuck_23_30">'), example.index("</arena>")
     text = example[:start] + '<e-puck id="g" vs:virtual="true"><body position="0,1,0"'
     text += ' orientation="0,0,0" /></e-puck>' + example[end:]
-    with pytest.raises(ConfigError, match="holds no real robot, expected <e-puck>"):
+    with pytest.raises(ConfigError, match=r"robot.*<e-puck>"):
         read_text(text)

@@ -156,16 +156,14 @@ def test_rosters_that_are_wrong(tmp_path: Path, text: str, line: int, words: str
 def test_a_list_of_lines_is_told_how_it_is_written_now(tmp_path: Path) -> None:
     path = tmp_path / "robots.txt"
     path.write_text("# ours\nroot@192.168.1.30  tag=23  base=overo # the left one\n")
-    with pytest.raises(
-        ConfigError, match=r"robots.txt:2: .* \[\[robot\]\] now, with tag = 23 and "
-    ):
+    with pytest.raises(ConfigError, match=r"robots.txt:2:.*tag = 23"):
         roster.read(path)
 
 
 @pytest.mark.parametrize("text", ["", "# none\n", "[defaults]\nport = 1\n", "robot = []\n"])
 def test_a_roster_without_robots(tmp_path: Path, text: str) -> None:
     (tmp_path / "r.toml").write_text(text)
-    with pytest.raises(UsageError, match=r"names no robot: expected tables \[\[robot\]\]"):
+    with pytest.raises(UsageError, match=r"\[\[robot\]\]"):
         roster.read(tmp_path / "r.toml")
 
 
@@ -221,9 +219,9 @@ def test_tables_in_a_line_are_written_too(tmp_path: Path, text: str) -> None:
 
 
 def test_nothing_wrong_is_ever_written(lab: Path) -> None:
-    with pytest.raises(ConfigError, match="wheel_ratio: expected a number"):
+    with pytest.raises(ConfigError, match=r"wheel_ratio:.*number"):
         roster.update(lab, {23: {"calibration.wheel_ratio": 3.0}})
-    with pytest.raises(UsageError, match="has no robot with tag 7"):
+    with pytest.raises(UsageError, match=r"robot.*tag 7"):
         roster.update(lab, {7: {"spare": True}})
     assert lab.read_text() == LAB
 

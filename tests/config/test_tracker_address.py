@@ -58,14 +58,14 @@ def test_without_a_host_there_is_none() -> None:
 @pytest.mark.parametrize(
     ("framework", "engine", "message"),
     [
-        ('vs:latency="0.1"', None, "x.argos:2: <framework> vs:latency: is without ats_host"),
-        ('ats_host="a" vs:latency="nan"', None, "vs:latency: 'nan' is not a number"),
-        ('ats_host="a" vs:latency="2"', None, "vs:latency: 2 is out of range, expected 0 to 0.3"),
-        ('ats_port="4040"', None, "x.argos:2: <framework> ats_port: is without ats_host"),
-        ('ats_host="a" its_host="b"', None, "x.argos:2: <framework> its_host: stands beside"),
-        ('ats_host="a" ats_port="0"', None, "out of range, expected 1 to 65535"),
-        ('ats_host=" "', None, "is empty, expected a host's name or address"),
-        ('ats_host="a"', 'its_host="b"', "x.argos:4: .* a tracker stands in line 2 already"),
+        ('vs:latency="0.1"', None, "x.argos:2: <framework> vs:latency:.*ats_host"),
+        ('ats_host="a" vs:latency="nan"', None, "vs:latency: 'nan'"),
+        ('ats_host="a" vs:latency="2"', None, "vs:latency: 2.*0.*0.3"),
+        ('ats_port="4040"', None, "x.argos:2: <framework> ats_port:.*ats_host"),
+        ('ats_host="a" its_host="b"', None, "x.argos:2: <framework> its_host:"),
+        ('ats_host="a" ats_port="0"', None, "range.*1.*65535"),
+        ('ats_host=" "', None, "empty.*host's"),
+        ('ats_host="a"', 'its_host="b"', "x.argos:4:.*line 2"),
         ("", 'its_host="b" translate_x="far"', "translate_x: 'far'"),
     ],
 )
@@ -79,11 +79,11 @@ def test_what_is_wrong_is_refused_at_its_line(
 @pytest.mark.parametrize(
     ("inside", "message"),
     [
-        ("<vs:tracker/>", "x.argos:2: <vs:tracker> format: is missing, expected one of: lines"),
-        ('<vs:tracker format="udp"/>', "format: 'udp' is not one of: lines"),
-        ('<vs:tracker format="lines" port="-1"/>', "port: -1 is out of range, expected 0 to"),
-        ('<vs:tracker format="lines" host=""/>', "host: is empty, expected a name or address"),
-        ('<vs:tracker format="lines" latency="1"/>', "latency: is not an attribute of it"),
+        ("<vs:tracker/>", "x.argos:2: <vs:tracker> format:.*missing"),
+        ('<vs:tracker format="udp"/>', "format: 'udp'"),
+        ('<vs:tracker format="lines" port="-1"/>', "port: -1.*0"),
+        ('<vs:tracker format="lines" host=""/>', "<vs:tracker> host:.*empty"),
+        ('<vs:tracker format="lines" latency="1"/>', "latency:.*attribute"),
         ('<vs:tracker format="lines"/>\n<vs:tracker format="lines"/>', "x.argos:3: .*twice"),
     ],
 )
@@ -93,5 +93,5 @@ def test_a_wrong_lines_tracker_is_refused_at_its_line(inside: str, message: str)
 
 
 def test_there_is_one_tracker() -> None:
-    with pytest.raises(ConfigError, match=r"x.argos:2: <vs:tracker>.* stands in line 2 already"):
+    with pytest.raises(ConfigError, match=r"x.argos:2: <vs:tracker>.*line 2"):
         read('ats_host="a"', inside='<vs:tracker format="lines"/>')

@@ -152,7 +152,7 @@ def test_square_markers_can_be_turned_on_their_robots_and_arrows_cannot(read_tex
     text = RESOURCES.replace('id="other"', 'id="other" family="aruco_4x4_50" heading="-90"')
     text = text.replace('tags="100"', 'tags="49"')
     assert read_text(text, EXPERIMENT).views[1].tracker.heading_deg == -90.0
-    with pytest.raises(ConfigError, match=r"heading: is for square markers, those of arrow4x4"):
+    with pytest.raises(ConfigError, match=r"heading:.*arrow4x4"):
         read_text(RESOURCES.replace('id="other"', 'id="other" heading="-90"'), EXPERIMENT)
 
 
@@ -222,33 +222,33 @@ def test_a_misspelt_attribute_is_no_default(
 @pytest.mark.parametrize(
     "which, old, new, line, words",
     [
-        (0, 'id="plain"', 'id="files"', 6, "'files' is there already, in line 5"),
-        (0, 'tags="100"', 'tags="100 99-101"', 17, "100 is there twice"),
-        (0, 'tags="22 3-4"', 'tags="22 16"', 15, "16 is none of the tracker's tags"),
-        (0, '"1-15, 22"', '"1-15 70000"', 14, "'70000' is not within 0-65535"),
-        (0, '"arrow4x4"', '"arow4x4"', 14, "'arow4x4' is not known; is 'arrow4x4' or"),
+        (0, 'id="plain"', 'id="files"', 6, "'files'.*line 5"),
+        (0, 'tags="100"', 'tags="100 99-101"', 17, "100.*twice"),
+        (0, 'tags="22 3-4"', 'tags="22 16"', 15, "16.*tags"),
+        (0, '"1-15, 22"', '"1-15 70000"', 14, "'70000'.*0-65535"),
+        (0, '"arrow4x4"', '"arow4x4"', 14, "'arow4x4'.*'arrow4x4'"),
         (0, '"arrow4x4"', '"mine.json"', 14, "mine.json: No such file"),
-        (0, 'timestamps="times.csv"', 'timestamps="t.csv"', 5, "there is no file .*t.csv"),
-        (0, 'timestamps="times.csv"', f'timestamps="{"t" * 5000}"', 5, "there is no file .*ttt"),
-        (0, 'path="film.avi"', 'path="movie.avi"', 7, "path: there is no video .*movie.avi"),
-        (0, '"times.csv"', '"times.csv" frame_rate="3"', 5, "stands beside 'timestamps'"),
-        (0, 'type="video"', 'type="camera"', 7, "device: is missing"),
-        (0, 'width="640" ', "", 8, "width: is missing"),
-        (0, "<cameras>", "<cameras><lens />", 20, "in <cameras>; known there are: camera"),
-        (0, "arena_tracking_system", "arena_tracking", 2, "expected <arena_tracking_system>"),
-        (1, 'camera="b"', 'camera="c"', 5, "camera: 'c' is not one of: a, b, broken, absent"),
-        (1, 'camera="b"', 'camera="a"', 5, "camera: 'a' is used already, in line 4"),
-        (1, 'grabber="film"', 'grabber="files"', 5, "grabber: 'files' is used already, in line 4"),
-        (1, 'grabber="film"', 'grabber="usb"', 5, "a camera and a recording .* do not mix"),
-        (1, 'tracker="other"', 'tracker="clash"', 5, "another height in 'arrows': 0.12 m, 0.2 m"),
-        (1, ' opt_square_size="11"', "", 3, "opt_square_size: is missing, expected the side in cm"),
-        (1, '"11"', '"0.5"', 3, "opt_square_size: 0.5 is out of range, expected 1 to 1000 cm"),
-        (1, ' opt_square', ' opt_mask="0,0 1,0 x,1" opt_square', 3, "'x,1' is no corner, expected"),
-        (1, ' opt_square', ' opt_mask="0,0 1,0" opt_square', 3, "2 corners, expected 3 or more"),
+        (0, 'timestamps="times.csv"', 'timestamps="t.csv"', 5, "file .*t.csv"),
+        (0, 'timestamps="times.csv"', f'timestamps="{"t" * 5000}"', 5, "timestamps:.*ttt"),
+        (0, 'path="film.avi"', 'path="movie.avi"', 7, "path:.*movie.avi"),
+        (0, '"times.csv"', '"times.csv" frame_rate="3"', 5, "frame_rate:.*'timestamps'"),
+        (0, 'type="video"', 'type="camera"', 7, "device:.*missing"),
+        (0, 'width="640" ', "", 8, "width:.*missing"),
+        (0, "<cameras>", "<cameras><lens />", 20, "<cameras>.*camera"),
+        (0, "arena_tracking_system", "arena_tracking", 2, "<arena_tracking>:.*_system>"),
+        (1, 'camera="b"', 'camera="c"', 5, "camera: 'c'"),
+        (1, 'camera="b"', 'camera="a"', 5, "camera: 'a'.*line 4"),
+        (1, 'grabber="film"', 'grabber="files"', 5, "grabber: 'files'.*line 4"),
+        (1, 'grabber="film"', 'grabber="usb"', 5, "recording"),
+        (1, 'tracker="other"', 'tracker="clash"', 5, "'arrows': 0.12 m, 0.2 m"),
+        (1, ' opt_square_size="11"', "", 3, "opt_square_size:.*missing"),
+        (1, '"11"', '"0.5"', 3, "opt_square_size: 0.5.*1.*1000 cm"),
+        (1, ' opt_square', ' opt_mask="0,0 1,0 x,1" opt_square', 3, "'x,1'.*corner"),
+        (1, ' opt_square', ' opt_mask="0,0 1,0" opt_square', 3, "2 corners.*3"),
         (1, ' opt_square', ' opt_mask="0,0 1,1 2,2" opt_square', 3, "enclose nothing"),
-        (1, ' opt_square', ' opt_mask="0,0 200,0 0,150" opt_square', 3, "'200,0': expected m, not"),
-        (1, ' opt_square', ' opt_mask_margin="5" opt_square', 3, "without 'opt_mask'"),
-        (1, "arena_tracking", "arena_tracking_system", 2, "expected <arena_tracking>"),
+        (1, ' opt_square', ' opt_mask="0,0 200,0 0,150" opt_square', 3, "'200,0':"),
+        (1, ' opt_square', ' opt_mask_margin="5" opt_square', 3, "'opt_mask'"),
+        (1, "arena_tracking", "arena_tracking_system", 2, "<arena_tracking_system>:.*ing>"),
         (1, "<experiment_record", "<experiment_record /><experiment_record", 7, "appears twice"),
     ],
 )  # fmt: skip
@@ -287,7 +287,7 @@ def test_a_recording_is_looked_for_when_it_is_used(read_text: Read) -> None:
 
 def test_a_session_without_a_camera_is_refused(read_text: Read) -> None:
     text = re.sub(r"<camera_state_tracker[^>]*>", "", EXPERIMENT)
-    with pytest.raises(ConfigError, match=r"^x\.xml:3: .*holds no <camera_state_tracker>"):
+    with pytest.raises(ConfigError, match=r"^x\.xml:3:.*<camera_state_tracker>"):
         read_text(RESOURCES, text)
 
 
@@ -327,7 +327,7 @@ def test_a_mask_is_an_outline_or_that_of_the_experiments_arena(read_text: Read) 
     assert masked("").mask is None
     assert masked('opt_mask="0,0  2,0 2,1.5"').mask == Mask(corners, 0.05)
     arena = masked('opt_mask="arena" opt_mask_margin="12"')
-    with pytest.raises(ConfigError, match=r"x\.xml:3: .* that of the experiment of vsense run"):
+    with pytest.raises(ConfigError, match=r"x\.xml:3:.*experiment"):
         assert arena.mask
     assert arena.within(corners).mask == Mask(corners, 0.12)
     other = masked('opt_mask="0,0 2,0 2,1.5"')

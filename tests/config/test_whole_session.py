@@ -57,12 +57,12 @@ def test_one_of_each_belong_together_and_a_folders_own_file_counts(tmp_path: Pat
     ("grabbers", "cameras", "trackers", "words"),
     [
         (live("x", "b"), ["a", "b"], TRACKER,
-         r"xml:4: <camera> id: no <grabber> is called 'a', .* give both one id, or name an exp"),
+         "xml:4: <camera> id:.*<grabber>.*'a'"),
         (live("a"), ["a"], f"{TRACKER}{TRACKER.replace('robots', 'more')}",
-         "<trackers>: declares 2, expected one; of several, an experiment file says"),
-        (live("a"), [], TRACKER, "<cameras>: declares no camera, expected one at least"),
+         "<trackers>:.*2.*file"),
+        (live("a"), [], TRACKER, "<cameras>:.*camera"),
         ([*live("a"), '<grabber id="b" type="video" path="resources.xml" frame_rate="5" />'],
-         ["a", "b"], TRACKER, "xml:5: <camera_state_tracker> grabber: a camera and a recording"),
+         ["a", "b"], TRACKER, "xml:5: <camera_state_tracker> grabber:"),
     ],
 )  # fmt: skip
 def test_what_nobody_can_know_is_said(
@@ -74,5 +74,5 @@ def test_what_nobody_can_know_is_said(
 
 
 def test_a_folder_without_a_resources_file_is_told(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match=r"resources.xml: cannot be read: No such file"):
+    with pytest.raises(UsageError, match=r"resources.xml:.*No such file"):
         load_whole(tmp_path)

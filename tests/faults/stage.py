@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.faults.relay import Relay
+from tests.rigs.processes import Lab, children
 from tests.system.attacker import Attacker
-from tests.system.test_kills import children
-from tests.system.test_lab import Lab
 from vsense.base.clock import host_ns
 from vsense.config import experiment
 from vsense.modes.lab.microcontrollers import ACTUATION

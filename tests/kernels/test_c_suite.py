@@ -6,63 +6,39 @@ from pathlib import Path
 
 import pytest
 
-from tests.wire.test_c_suite import (
-    C_SRC,
+from tests.rigs.compiling import (
+    HOST,
+    KERNEL_SUITES,
+    PICTURES,
     SANITIZE,
     STRICT,
     TESTS,
-    build,
     check_pure,
+    compiled,
     declared_functions,
-    run,
+    run_test,
     symbols,
 )
 
-HOST = C_SRC / "host"
 SOURCES = sorted(HOST.glob("*.c"))
-PICTURES = [
-    HOST / f"vs_{part}.c"
-    for part in (
-        *("math", "lens", "levels", "scan", "shape", "outline", "edges"),
-        *("sums", "words", "square", "codes", "markers"),
-    )
-]
-RAYS = [HOST / f"vs_{part}.c" for part in ("math", "sight", "rays", "obstacles")]
-FLOOR = [HOST / f"vs_{part}.c" for part in ("math", "near", "contacts", "physics", "ring")]
-SUITES = {
-    "test_scan": PICTURES,
-    "test_words": PICTURES,
-    "test_rays": RAYS,
-    "test_light": [*RAYS, HOST / "vs_light.c"],
-    "test_leds": [*RAYS, HOST / "vs_leds.c"],
-    "test_world": [
-        *(*RAYS, HOST / "vs_world.c"),
-        *(HOST / f"vs_{part}.c" for part in ("scene", "field", "floor", "places")),
-    ],
-    "test_physics": FLOOR,
-    "test_sim": [
-        *RAYS,
-        *FLOOR[1:],
-        *(HOST / f"vs_{p}.c" for p in ("world", "scene", "field", "sim")),
-    ],
-}
-"""C test -> the kernel's files: none needs another kernel's."""
 
 
-@pytest.mark.parametrize("name", SUITES)
+@pytest.mark.parametrize("name", KERNEL_SUITES)
 def test_c_suite_under_sanitizers(name: str, tmp_path: Path) -> None:
     flags = ["-std=c99", *STRICT, *SANITIZE, "-I", HOST]
-    done = run(build(tmp_path / name, *flags, TESTS / f"{name}.c", *SUITES[name], "-lm"))
+    done = run_test(
+        compiled(tmp_path / name, *flags, TESTS / f"{name}.c", *KERNEL_SUITES[name], "-lm")
+    )
     assert done.returncode == 0, done.stderr
 
 
 def build_race(target: Path, source: Path, *more: str | Path, test: str = "test_latest") -> Path:
     flags = ["-std=c11", *STRICT, "-g", "-O1", "-fsanitize=thread", "-pthread", "-I", HOST]
-    return build(target, *flags, TESTS / f"{test}.c", source, *more)
+    return compiled(target, *flags, TESTS / f"{test}.c", source, *more)
 
 
 def test_defect_05_no_torn_data_between_two_threads(tmp_path: Path) -> None:
-    done = run(build_race(tmp_path / "test_latest", HOST / "vs_latest.c"))
+    done = run_test(build_race(tmp_path / "test_latest", HOST / "vs_latest.c"))
     assert done.returncode == 0, done.stderr
 
 
@@ -70,7 +46,7 @@ THREADS = ("-DVS_TEST_THREADS", "-lm")
 
 
 def test_threads_that_search_the_same_picture_do_not_race(tmp_path: Path) -> None:
-    done = run(build_race(tmp_path / "test_threads", *PICTURES, *THREADS, test="test_words"))
+    done = run_test(build_race(tmp_path / "test_threads", *PICTURES, *THREADS, test="test_words"))
     assert done.returncode == 0, done.stderr
 
 
@@ -81,7 +57,9 @@ def test_a_kernel_with_a_state_of_its_own_would_be_found_out(tmp_path: Path) -> 
     assert mine in text
     broken.write_text(text.replace(mine, f"static {mine}"))
     others = [source for source in PICTURES if source.name != broken.name]
-    done = run(build_race(tmp_path / "test_broken", broken, *others, *THREADS, test="test_words"))
+    done = run_test(
+        build_race(tmp_path / "test_broken", broken, *others, *THREADS, test="test_words")
+    )
     assert "data race" in done.stderr
 
 
@@ -90,7 +68,7 @@ def test_a_buffer_without_ordering_would_be_found_out(tmp_path: Path) -> None:
     text = (HOST / "vs_latest.c").read_text()
     assert "memory_order_acq_rel" in text
     broken.write_text(text.replace("memory_order_acq_rel", "memory_order_relaxed"))
-    done = run(build_race(tmp_path / "test_broken", broken))
+    done = run_test(build_race(tmp_path / "test_broken", broken))
     assert "data race" in done.stderr
 
 
@@ -101,6 +79,6 @@ def test_kernel_needs_no_system_and_keeps_no_state(source: Path, tmp_path: Path)
 
 def test_headers_promise_only_what_exists(tmp_path: Path) -> None:
     """Every function of a header is defined, and every global function is in a header."""
-    kinds = symbols(build(tmp_path / "vs.o", "-std=c11", "-O2", "-r", *SOURCES))
+    kinds = symbols(compiled(tmp_path / "vs.o", "-std=c11", "-O2", "-r", *SOURCES))
     defined = {name for name, kind in kinds.items() if kind == "T"}
     assert declared_functions(HOST.glob("*.h")) == defined

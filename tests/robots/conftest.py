@@ -14,18 +14,21 @@ from typing import Any
 import pytest
 
 from tests.conftest import require_tool
+from tests.rigs import compiling
 from tests.rigs.places import ROOT
 from tests.robots.rig import TABLE, Rig
+from tests.robots.rosters import FAKE_DAEMON, SSH, write_program
 from vsense.robots.compiling import HOST_FLAGS
 from vsense.robots.link.table import Direction, Entry, Table
 
-STRICT = ["-std=c99", "-D_POSIX_C_SOURCE=200809L", "-pedantic", "-Wall", "-Wextra", "-Wshadow"]
-STRICT += ["-Wconversion", "-Werror", "-I", str(ROOT / "c_src"), "-I", str(ROOT / "robot")]
+STRICT = ["-std=c99", "-D_POSIX_C_SOURCE=200809L", *compiling.STRICT]
+STRICT += ["-I", str(ROOT / "c_src"), "-I", str(ROOT / "robot")]
 DROPS = Table([*TABLE.entries, Entry(11, "drops", "u4", Direction.ACTUATOR)])
 """What the controller of `probe.c` knows."""
 
-FLAGS = [*STRICT, *HOST_FLAGS, "-O1", "-g"]
-FLAGS += ["-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all"]
+FLAGS = [*STRICT, *HOST_FLAGS, *compiling.SANITIZE]
+QUICKLY = ("-O0", "-fno-sanitize=all")
+"""For daemons whose C is not what is tested."""
 
 
 class Builder:
@@ -58,7 +61,7 @@ class Builder:
         flags = [*FLAGS, *(word for word in more if not word.startswith("-Wl,"))]
         objects = self.objects([p for p in shipped if p.name not in left_out], flags)
         sources = [*left_out.values(), controller]
-        _cc(target, *FLAGS, *sources, *objects, "-lm", *more)
+        compiling.compiled(target, *FLAGS, *sources, *objects, "-lm", *more)
         return target
 
     def objects(self, sources: Sequence[Path], flags: Sequence[str] = FLAGS) -> list[Path]:
@@ -76,14 +79,8 @@ class Builder:
 def _compile(source: Path, target: Path, flags: Sequence[str]) -> None:
     # A compiler that was broken off must not leave what looks like an object.
     begun = target.with_suffix(".new")
-    _cc(begun, *flags, "-c", source)
+    compiling.compiled(begun, *flags, "-c", source)
     begun.rename(target)
-
-
-def _cc(target: Path, *words: str | Path) -> None:
-    command = [require_tool("cc", "build-essential"), *map(str, words), "-o", str(target)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
 
 
 @pytest.fixture(scope="session")
@@ -107,6 +104,13 @@ def probe(tmp_path_factory: pytest.TempPathFactory, build: Builder) -> Path:
     wraps = ("fork", "recv", "waitpid", "write", "clock_gettime")
     wrap = "-Wl," + ",".join(f"--wrap={name}" for name in wraps)
     return build(target, Path(__file__).parent / "probe.c", wrap)
+
+
+@pytest.fixture(scope="session")
+def talker(tmp_path_factory: pytest.TempPathFactory, build: Builder) -> Path:
+    """Path of `vsensed` with the controller of `boards.c`."""
+    target = tmp_path_factory.mktemp("talker") / "vsensed"
+    return build(target, Path(__file__).parent / "boards.c", *QUICKLY)
 
 
 @pytest.fixture
@@ -146,3 +150,25 @@ def probes(probe: Path) -> Iterator[Callable[..., Rig]]:
     yield make
     for one in made:
         one.close()
+
+
+@pytest.fixture
+def boards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """The folder with the boards; the daemon that is deployed is a stand-in, too."""
+    require_tool("tar", "tar")
+    folder = tmp_path / "boards"
+    write_program(tmp_path / "path" / "ssh", SSH)
+    write_program(folder / "bin" / "id", "echo 0")
+    write_program(folder / "bin" / "systemctl", 'echo "$@" >>"$VSENSED_ROOT/systemctl"')
+    write_program(folder / "bin" / "update-rc.d", 'echo "$@" >>"$VSENSED_ROOT/update-rc.d"')
+    monkeypatch.setenv("BOARDS", str(folder))
+    monkeypatch.setenv("PATH", f"{tmp_path / 'path'}:{os.environ['PATH']}")
+    # A script may stand in for a program only where the first bytes are not looked at.
+    monkeypatch.setattr("vsense.robots.boards.load", lambda binary: binary.read_bytes())
+    write_program(tmp_path / "vsensed", FAKE_DAEMON)
+    monkeypatch.chdir(tmp_path)
+    yield folder
+    # What was started on a board goes on when the test is over.
+    for script in folder.glob("*/etc/init.d/vsensed"):
+        board = script.parents[2]
+        subprocess.run([script, "stop"], env={**os.environ, "VSENSED_ROOT": str(board)}, timeout=30)

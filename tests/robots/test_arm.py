@@ -10,22 +10,20 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import require_tool, require_zig
-from tests.kernels import test_c_suite as kernels
-from tests.robots import test_c_suite as robot
-from tests.wire import test_c_suite as wire
+from tests.rigs import compiling
+from tests.rigs.places import ROOT
 from tests.wire.c_vectors import write_vectors
 from vsense.robots.boards import TARGETS, toolchain
 from vsense.robots.build import cache_directory
 
-ROOT = robot.ROOT
-WIRE = dict.fromkeys(("test_wire", "test_session"), wire.SESSION)
-KERNELS = {**kernels.SUITES, "test_latest": [kernels.HOST / "vs_latest.c"]}
-SUITES: dict[str, list[Path]] = {**robot.SUITES, **WIRE, **KERNELS}
+WIRE = compiling.WIRE_SUITES
+KERNELS = {**compiling.KERNEL_SUITES, "test_latest": [compiling.HOST / "vs_latest.c"]}
+SUITES: dict[str, list[Path]] = {**compiling.ROBOT_SUITES, **WIRE, **KERNELS}
 EMULATORS = {"epuck": ("qemu-arm", "-cpu", "arm926"), "aarch64": ("qemu-aarch64",)}
 LONG = ("robot_stop", "robot_number", "test_scan")
 """They take minutes on an emulated processor."""
 FOLDERS = ("c_src", "c_src/host", "robot", "firmware_bridge", "tests/c")
-RUNS = {name: str(max(int(count) // 30, 10)) for name, count in robot.RUNS.items()}
+RUNS = {name: str(max(int(count) // 30, 10)) for name, count in compiling.RUNS.items()}
 """An emulated processor lives more slowly: fewer random worlds."""
 
 

@@ -13,16 +13,15 @@ from pathlib import Path
 
 import pytest
 
-from tests.robots.conftest import ROOT, Builder
+from tests.robots.conftest import QUICKLY, ROOT, Builder
 from tests.robots.rig import CLEAN, MS, POLLUTED, TAG, Host, Rig
-from tests.robots.test_faults import SILENCE_NS, still_within
+from tests.robots.stopping import SILENCE_NS, still_within
 from vsense.base.clock import host_ns
 from vsense.base.native import ffi, lib
 from vsense.modes.lab.links import KINDS
 from vsense.robots.link.wire import Wanted
 
 RING = 0xFF
-QUICKLY = ("-O0", "-fno-sanitize=all")
 """For a second and third daemon: the sanitizers see the same code in the first one."""
 
 ON_I2C = ("gctronic", "york")
@@ -175,13 +174,6 @@ def test_a_wrong_mode_is_told(rigs: Rigs) -> None:
     rig.wait_for(lambda: text in rig.daemon.said, "what is wrong")
     rig.live_for(500 * MS)
     assert rig.daemon.said.count(text) == 1, "the same thing once"
-
-
-@pytest.fixture(scope="module")
-def talker(tmp_path_factory: pytest.TempPathFactory, build: Builder) -> Path:
-    """Path of `vsensed` with the controller of `boards.c`."""
-    target = tmp_path_factory.mktemp("talker") / "vsensed"
-    return build(target, Path(__file__).parent / "boards.c", *QUICKLY)
 
 
 @pytest.fixture

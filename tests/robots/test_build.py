@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import require_tool
+from tests.rigs.compiling import counting_compiler
 from vsense.base.errors import UsageError
 from vsense.robots import build
 
@@ -101,16 +102,6 @@ def test_other_flags_in_cc_make_a_new_build(
     first = build.daemon("mine.c", tmp_path)
     monkeypatch.setenv("CC", "cc -DMINE")
     assert build.daemon("mine.c", tmp_path) != first
-
-
-def counting_compiler(folder: Path) -> tuple[Path, Path]:
-    """A compiler that notes each program it links, and the file of its notes."""
-    notes, compiler = folder / "linked", folder / "counting-cc"
-    compiler.write_text(
-        f'#!/bin/sh\ncase "$*" in *" -s -o "*) echo >>{notes};; esac\nexec cc "$@"\n'
-    )
-    compiler.chmod(0o755)
-    return compiler, notes
 
 
 def test_processes_that_need_the_same_build_make_it_once(
@@ -236,12 +227,12 @@ def test_user_without_a_home_is_told_what_to_set(monkeypatch: pytest.MonkeyPatch
     monkeypatch.delenv("XDG_CACHE_HOME")
     monkeypatch.delenv("HOME")
     monkeypatch.setattr(pwd, "getpwuid", nobody)
-    with pytest.raises(build.BuildError, match=r"no home directory .* set XDG_CACHE_HOME"):
+    with pytest.raises(build.BuildError, match="XDG_CACHE_HOME"):
         build.cache_directory()
 
 
 def test_unknown_controller_lists_the_known_ones() -> None:
-    with pytest.raises(UsageError, match=r"no controller 'nobody'.*pollutant"):
+    with pytest.raises(UsageError, match=r"controller 'nobody'.*pollutant"):
         build.daemon("nobody")
 
 
@@ -260,5 +251,5 @@ def test_unwritable_cache_is_one_clear_line(
     own_controller(tmp_path)
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    with pytest.raises(build.BuildError, match=r"cannot build in .*: Not a directory"):
+    with pytest.raises(build.BuildError, match="Not a directory"):
         build.daemon("mine.c", tmp_path)

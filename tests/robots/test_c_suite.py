@@ -9,71 +9,18 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import require_tool
-from tests.robots.conftest import FLAGS, ROOT, STRICT, Builder
-
-TESTS = ROOT / "tests" / "c"
-ROBOT = ROOT / "robot"
-C_SRC = ROOT / "c_src"
-FIRMWARE = ROOT / "firmware_bridge"
-PROTOCOL = [
-    C_SRC / f"vs_{part}.c"
-    for part in (
-        *("err", "bytes", "tag", "wire", "table", "shown", "body"),
-        *("peer", "clock", "offer", "greeting", "session"),
-    )
-]
-POLLUTANT = ROBOT / "controllers" / "pollutant.c"
-OWN = [ROBOT / f"{part}.c" for part in ("robot", "leds", "log", "base_sensors", "number")]
-CALIBRATION = [ROBOT / "calibration.c"]
-MINDS = [ROBOT / f"{part}.c" for part in ("loop", "homing", "guard", "safety", "battery")]
-MINDS += [*CALIBRATION, *OWN]
-BASES = [*ROBOT.glob("base*.c"), *C_SRC.glob("epuck_*.c"), *C_SRC.glob("vs_i2c*.c")]
-BASES += [ROBOT / "number.c", C_SRC / "vs_format.c", C_SRC / "vs_posix.c"]
-BASES += [*FIRMWARE.glob("*.c")]
-SUITES = {
-    "robot_base": BASES,
-    "robot_base_asercom": BASES,
-    "robot_base_i2c": BASES,
-    "robot_base_boards": BASES,
-    "robot_base_config": BASES,
-    "robot_base_sensors": [*OWN, *PROTOCOL],
-    "robot_memory": [ROBOT / "memory.c"],
-    "robot_guard": [ROBOT / "guard.c"],
-    "robot_guard_process": [
-        *(ROBOT / f"{part}.c" for part in ("guard", "guard_process", "report", "signals")),
-        *(ROBOT / "watchdog.c", *BASES),
-    ],
-    "robot_posix": [],
-    "robot_format": [C_SRC / "vs_format.c"],
-    "robot_i2c_posix": [C_SRC / "vs_format.c"],
-    "robot_radio": [*(ROBOT / f"{part}.c" for part in ("number", "signals")), C_SRC / "vs_posix.c"],
-    "robot_reset": [C_SRC / "vs_format.c"],
-    "robot_settings": [ROBOT / "settings.c"],
-    "robot_uid": [
-        *(ROBOT / f"{part}.c" for part in ("options", "options_help", "presets", "settings")),
-        *CALIBRATION,
-        *(p for p in BASES if FIRMWARE not in p.parents),
-        C_SRC / "vs_bytes.c",
-    ],
-    "robot_watchdog": [],
-    "robot_battery": [ROBOT / "battery.c"],
-    "robot_number": [ROBOT / "number.c"],
-    "robot_calibration": [*CALIBRATION, ROBOT / "number.c"],
-    "robot_stop": [ROBOT / "guard.c", *BASES],
-    "robot_homing": [ROBOT / "homing.c"],
-    "robot_loop": [TESTS / "robot_life.c", *MINDS, *PROTOCOL],
-    "robot_inprocess": [
-        *(ROBOT / f"{part}.c" for part in ("inprocess", "loop", "homing", "safety", "battery")),
-        *CALIBRATION,
-        *OWN,
-        *PROTOCOL,
-    ],
-    "robot_controller": [*OWN, ROBOT / "walk.c", POLLUTANT, *PROTOCOL],
-    "robot_walk": [*OWN, ROBOT / "walk.c", POLLUTANT, *PROTOCOL],
-}
-RUNS = {"robot_base": "3000", "robot_loop": "300", "robot_base_asercom": "500"}
-RUNS |= {"robot_base_i2c": "2000"}
-"""How many random worlds a suite goes through."""
+from tests.rigs.compiling import (
+    C_SRC,
+    FIRMWARE,
+    POLLUTANT,
+    ROBOT,
+    ROBOT_SUITES,
+    RUNS,
+    TESTS,
+    compiled,
+    symbols,
+)
+from tests.robots.conftest import FLAGS, STRICT, Builder
 
 EDGE = {"base_reset", "board_link", "board_process", "calls", "check", "guard_link"}
 EDGE |= {"guard_process", "guard_rights", "key", "main", "net", "networks", "radio", "random"}
@@ -86,24 +33,13 @@ STACK_MAX = 16384
 
 
 def cc(target: Path, *arguments: str | Path) -> Path:
-    """Compiles and links with warnings as errors."""
-    command = [require_tool("cc", "build-essential"), *map(str, arguments)]
-    command += ["-I", str(C_SRC), "-I", str(ROBOT), "-I", str(FIRMWARE), "-I", str(TESTS)]
-    done = subprocess.run([*command, "-o", str(target), "-lm"], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    return target
+    """Compiles and links the daemon's C with warnings as errors."""
+    return compiled(target, *arguments, "-I", ROBOT, "-I", FIRMWARE, "-lm")
 
 
-def symbols(path: Path) -> dict[str, str]:
-    """Name and kind of every symbol, as `nm` says them."""
-    nm = [require_tool("nm", "binutils"), str(path)]
-    lines = subprocess.run(nm, capture_output=True, text=True, check=True).stdout.splitlines()
-    return {line.split()[-1].split("@")[0]: line.split()[-2] for line in lines}
-
-
-@pytest.mark.parametrize("name", SUITES)
+@pytest.mark.parametrize("name", ROBOT_SUITES)
 def test_c_suite_under_sanitizers(name: str, build: Builder, tmp_path: Path) -> None:
-    objects = build.objects(SUITES[name])
+    objects = build.objects(ROBOT_SUITES[name])
     program = cc(tmp_path / name, *FLAGS, TESTS / f"{name}.c", *objects)
     command = [str(program), *([RUNS[name]] if name in RUNS else [])]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300)

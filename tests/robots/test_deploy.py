@@ -23,7 +23,9 @@ from types import SimpleNamespace
 import pytest
 
 from tests.conftest import require_tool
+from tests.rigs.processes import is_alive
 from tests.robots import rosters
+from tests.robots.rosters import FAKE_DAEMON, deploy, write_program
 from vsense import cli
 from vsense.commands.rosters import board_of
 from vsense.config import roster
@@ -37,83 +39,11 @@ from vsense.robots.sources import ProgramSources
 from vsense.run.environment import Environment
 from vsense.run.robots import make_server
 
-FAKE_DAEMON = """
-case "$1" in
-    --version) echo "vsensed 9.9, controller test 0123456789ab" ;;
-    --check)
-        cat "$3" >"$VSENSED_ROOT/checked"
-        [ ! -e "$VSENSED_ROOT/sick" ] || { echo "base     BAD  no answer"; exit 1; }
-        echo "base     ok   it answers" ;;
-    --identify)
-        if grep -q "^watchdog = /dev/none" "$3"; then
-            echo "vsensed: $3:5: watchdog: no such device" >&2
-            exit 2
-        fi
-        uid=$(sed -n 's/^uid = //p' "$3")
-        echo "${uid:-$(cat "$VSENSED_ROOT/uid" 2>/dev/null || echo "$VSENSED_ROOT" | md5sum |
-            cut -c1-32)} from somewhere" ;;
-    --config) echo "$$" >"$VSENSED_ROOT/started"; exec sleep 600 ;;
-esac
-"""
-
-SSH = r"""
-while [ "$1" = -o ]; do shift 2; done
-echo "$2" >>"$BOARDS/$1.told"
-case $1 in
-    *off*) echo "ssh: connect to host $1 port 22: No route to host" >&2; exit 255 ;;
-    *slow*) echo $$ >"$BOARDS/slow.pid"; exec sleep 600 ;;
-esac
-export VSENSED_ROOT="$BOARDS/$1"
-mkdir -p "$VSENSED_ROOT"
-PATH="$BOARDS/$1/bin:$BOARDS/bin:$PATH" exec sh -c "$2"
-"""
-
-
-def program(path: Path, script: str) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(f"#!/bin/sh\n{script}\n")
-    path.chmod(0o755)
-
-
-@pytest.fixture
-def boards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """The folder with the boards; the daemon that is deployed is a stand-in, too."""
-    require_tool("tar", "tar")
-    folder = tmp_path / "boards"
-    program(tmp_path / "path" / "ssh", SSH)
-    program(folder / "bin" / "id", "echo 0")
-    program(folder / "bin" / "systemctl", 'echo "$@" >>"$VSENSED_ROOT/systemctl"')
-    program(folder / "bin" / "update-rc.d", 'echo "$@" >>"$VSENSED_ROOT/update-rc.d"')
-    monkeypatch.setenv("BOARDS", str(folder))
-    monkeypatch.setenv("PATH", f"{tmp_path / 'path'}:{os.environ['PATH']}")
-    # A script may stand in for a program only where the first bytes are not looked at.
-    monkeypatch.setattr("vsense.robots.boards.load", lambda binary: binary.read_bytes())
-    program(tmp_path / "vsensed", FAKE_DAEMON)
-    monkeypatch.chdir(tmp_path)
-    yield folder
-    # What was started on a board goes on when the test is over.
-    for script in folder.glob("*/etc/init.d/vsensed"):
-        board = script.parents[2]
-        subprocess.run([script, "stop"], env={**os.environ, "VSENSED_ROOT": str(board)}, timeout=30)
-
 
 def line(fifo: int) -> int:
     """The next number that somebody writes to a pipe."""
     assert select.select([fifo], [], [], 30)[0], "waited in vain for a process"
     return int(os.read(fifo, 100))
-
-
-def is_gone(pid: int) -> bool:
-    """Whether a process has ended, though maybe nobody has asked how."""
-    state = Path(f"/proc/{pid}/stat")
-    return not state.exists() or state.read_text().split()[2] == "Z"
-
-
-def deploy(tmp_path: Path, lines: str, *words: str) -> int:
-    rosters.write(tmp_path, lines)
-    common = ["--host", "10.0.0.1", "--base", "argos:/dev/ttyS0"]
-    secure = [] if "--key" in words else ["--insecure"]
-    return cli.main(["robot", "deploy", *common, *secure, *words])
 
 
 def systemd(boards: Path, name: str) -> Path:
@@ -160,11 +90,11 @@ def test_one_that_fails_keeps_nobody_else_from_working(
 def test_who_is_not_root_is_told_so(
     boards: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    program(boards / "pi@board" / "bin" / "id", "echo 1000")
+    write_program(boards / "pi@board" / "bin" / "id", "echo 1000")
     assert deploy(tmp_path, "pi@board tag=1\n") == 1
     assert "needs root: log in as root, or give --sudo" in capsys.readouterr().out
     assert not (boards / "pi@board" / "etc").exists()
-    program(boards / "bin" / "sudo", 'shift; PATH="$BOARDS/bin:$PATH" exec "$@"')
+    write_program(boards / "bin" / "sudo", 'shift; PATH="$BOARDS/bin:$PATH" exec "$@"')
     systemd(boards, "pi@board")
     assert deploy(tmp_path, "pi@board tag=1\n", "--sudo") == 0
 
@@ -173,8 +103,8 @@ def test_a_binary_for_another_board_replaces_nothing(
     boards: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     board = systemd(boards, "board")
-    program(board / "usr/local/bin/vsensed", "echo the old one")
-    program(tmp_path / "vsensed", "kill -ILL $$")
+    write_program(board / "usr/local/bin/vsensed", "echo the old one")
+    write_program(tmp_path / "vsensed", "kill -ILL $$")
     assert deploy(tmp_path, "board tag=1\n") == 1
     assert "this board cannot run it: built for another target?" in capsys.readouterr().out
     assert "the old one" in (board / "usr/local/bin/vsensed").read_text()
@@ -231,7 +161,7 @@ def test_init_script_starts_stops_and_starts_again(
         assert second != first, "it is started again when it dies"
         assert deploy(tmp_path, "old tag=1\n") == 0
         third = line(started)
-        assert third != second and is_gone(second)
+        assert third != second and not is_alive(second)
     finally:
         call("stop")
         os.close(started)
@@ -283,7 +213,7 @@ def test_rollback_brings_the_last_daemon_and_its_settings_back(
     assert "has no earlier daemon to go back to" in capsys.readouterr().out
     assert deploy(tmp_path, "board tag=1\n") == 0
     first = binary.read_bytes()
-    program(tmp_path / "vsensed", FAKE_DAEMON.replace("9.9", "10.0"))
+    write_program(tmp_path / "vsensed", FAKE_DAEMON.replace("9.9", "10.0"))
     for _ in range(2):  # the same once more is no other daemon
         assert deploy(tmp_path, "board tag=2\n") == 0
     second = binary.read_bytes()
@@ -306,7 +236,7 @@ def test_a_controller_alone_is_replaced(
 ) -> None:
     def build(controller: ProgramSources, target: str, output: Path) -> SimpleNamespace:
         name = controller.sources[0].name
-        program(output, FAKE_DAEMON.replace("test", f"{name}-{target}"))
+        write_program(output, FAKE_DAEMON.replace("test", f"{name}-{target}"))
         return SimpleNamespace(path=output)
 
     monkeypatch.setattr("vsense.commands.robot.boards.build", build)
@@ -401,7 +331,7 @@ def test_a_robot_in_an_experiment_is_left_alone(
     busy: bool,
 ) -> None:
     board = systemd(boards, "board")
-    program(boards / "bin" / "journalctl", f"echo '{JOURNAL}'")
+    write_program(boards / "bin" / "journalctl", f"echo '{JOURNAL}'")
     assert deploy(tmp_path, "board tag=1\n") == 0
     (board / "proc/net").mkdir(parents=True)
     head = "  sl  local_address rem_address   st tx_queue rx_queue tr tm->when retrnsmt   uid\n"
@@ -455,14 +385,14 @@ NO_HOST_KEY = (
 def test_what_ssh_refuses_comes_with_the_way_out(
     boards: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], said: str, way_out: str
 ) -> None:
-    program(tmp_path / "path" / "ssh", f"cat <<'END' >&2\n{said}\nEND\nexit 255")
+    write_program(tmp_path / "path" / "ssh", f"cat <<'END' >&2\n{said}\nEND\nexit 255")
     assert deploy(tmp_path, "pi@board tag=1\n") == 1
     out = capsys.readouterr().out
     assert f"FAILED  {said.splitlines()[-1]}: " in out and way_out in out
 
 
 def test_ssh_is_told_the_options(boards: Path, tmp_path: Path) -> None:
-    program(tmp_path / "path" / "ssh", 'echo "$@" >>"$BOARDS/ssh"; exit 255')
+    write_program(tmp_path / "path" / "ssh", 'echo "$@" >>"$BOARDS/ssh"; exit 255')
     words = ["--ssh-option", "HostKeyAlgorithms=+ssh-rsa", "--ssh-option", "MACs=+hmac-md5"]
     assert deploy(tmp_path, "board tag=1\n", *words) == 1
     expected = "-o HostKeyAlgorithms=+ssh-rsa -o MACs=+hmac-md5 board d=$(mktemp"
@@ -498,7 +428,7 @@ def test_init_script_leaves_the_owner_of_a_stale_pid_alone(boards: Path, tmp_pat
                 (board / f"var/run/vsensed.{name}").write_text(content)
                 assert call("status") != 0
                 call("stop")
-                assert not is_gone(one.pid)
+                assert is_alive(one.pid)
                 assert not (board / f"var/run/vsensed.{name}").exists()
     finally:
         for one in bystanders:
@@ -516,7 +446,7 @@ def text_of(path: Path) -> str:
 
 def test_log_of_the_init_script_is_bounded(boards: Path, tmp_path: Path) -> None:
     board, call = init_board(boards, "old")
-    program(
+    write_program(
         tmp_path / "vsensed",
         FAKE_DAEMON.replace("exec sleep", "seq -f 'line %.0f' 5000 >&2; exec sleep"),
     )
@@ -565,7 +495,7 @@ def test_ctrl_c_ends_all_connections(boards: Path, tmp_path: Path) -> None:
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=60)
     assert process.returncode == 130 and said.endswith("vsense: interrupted\n")
-    assert is_gone(ssh)
+    assert not is_alive(ssh)
 
 
 def test_what_is_known_of_a_robot_goes_into_its_settings(tmp_path: Path) -> None:
@@ -651,9 +581,9 @@ def test_power_saving_is_turned_off_and_stays_off(
         (board / "sys/class/net/wlan97/wireless").mkdir(parents=True)
     (new / "sys/class/net/wlan97/phy80211").mkdir()
     (new / "etc/NetworkManager/conf.d").mkdir(parents=True)
-    program(new / "bin/iw", 'echo "$@" >>"$VSENSED_ROOT/asked"')
-    program(old / "bin/iw", "exit 237")  # a driver without nl80211
-    program(old / "bin/iwconfig", 'echo "$@" >>"$VSENSED_ROOT/asked"')
+    write_program(new / "bin/iw", 'echo "$@" >>"$VSENSED_ROOT/asked"')
+    write_program(old / "bin/iw", "exit 237")  # a driver without nl80211
+    write_program(old / "bin/iwconfig", 'echo "$@" >>"$VSENSED_ROOT/asked"')
     assert deploy(tmp_path, "new tag=1\nold tag=2\nbare tag=3\ncable tag=4\n", "--json") == 0
     told = {row["robot"]: row for row in json.loads(capsys.readouterr().out)}
     assert (new / "asked").read_text() == "dev wlan97 set power_save off\n"

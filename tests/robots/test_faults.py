@@ -9,79 +9,21 @@ from pathlib import Path
 
 import pytest
 
+from tests.rigs.processes import is_alive
 from tests.robots.conftest import Builder
 from tests.robots.rig import MS, Rig, S
+from tests.robots.stopping import (
+    BEAT_NS,
+    FAULTY,
+    GUARD_NS,
+    ORDER_NS,
+    SILENCE_NS,
+    still_within,
+    wait_said,
+)
 from vsense.base.clock import host_ns
 from vsense.base.native import lib
 from vsense.robots.link.wire import StopCause, Wanted
-
-CANARY_NS = 8 * MS
-"""A loop that was itself held up for longer notes a stop too late, never too early."""
-
-SILENCE_NS = 450 * MS
-"""From the last fresh frame to speed 0 on the motors."""
-
-ORDER_NS = 50 * MS
-"""From STOP, SIGTERM or the worker's death to speed 0."""
-
-BEAT_NS = 300 * MS
-"""From the worker's last breath, stopped but not dead, to speed 0."""
-
-GUARD_NS = 450 * MS
-"""From the guard's death to speed 0: 150 until it is missed, 200 to find the base."""
-
-ATTEMPTS = 8
-COUNTED_ATTEMPTS = 2
-"""So many that the canary does not void are enough."""
-
-
-def still_within(rig: Rig, limit_ns: int, fail: Callable[[], int], mend: Callable[[], None]) -> int:
-    """Has something fail in mid-motion and compares when the motors got speed 0 with a limit.
-
-    Every attempt has to keep it but those that the canary voids, and one must be left. What
-    was kept on a busy machine was kept: only an attempt that seems late can be void.
-
-    Args:
-        rig: a running one.
-        limit_ns: the promise.
-        fail: makes it happen and returns the time that the limit counts from, or 0: then that
-            is when the last fresh frame left.
-        mend: undoes it.
-
-    Returns:
-        How many attempts there were.
-    """
-    took_ms, attempts = [], 0
-    for _ in range(ATTEMPTS):
-        attempts += 1
-        rig.run()
-        rig.live_for(300 * MS)
-        rig.held_up_ns = 0
-        began_ns = fail()
-        rig.wait_for(lambda: not rig.moving, "rest")
-        took_ns = rig.applied[-1].time_ns - (began_ns or rig.host.fresh_ns)
-        if took_ns <= limit_ns or rig.held_up_ns < CANARY_NS:
-            took_ms.append(took_ns // MS)
-        mend()
-        if len(took_ms) == COUNTED_ATTEMPTS:
-            break
-    print("speed 0 after", took_ms, "ms")
-    assert took_ms, f"the machine was never quiet in {ATTEMPTS} attempts"
-    assert max(took_ms) <= limit_ns // MS, f"{limit_ns // MS} ms promised, took {took_ms}"
-    return attempts
-
-
-def alive(pid: int | None) -> bool:
-    """Whether the process runs; one that waits to be reaped does not."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
-    except FileNotFoundError:
-        return False
-
-
-def told(rig: Rig, count: int, text: str) -> None:
-    rig.wait_for(lambda: rig.daemon.said.count(text) >= count, f"'{text}'")
-    assert rig.daemon.said.count(text) == count
 
 
 def test_stop_reaches_the_base(rig: Rig) -> None:
@@ -152,7 +94,7 @@ def test_worker_killed_and_started_again(rig: Rig) -> None:
 
     def mend() -> None:
         guard = guards.pop()
-        rig.wait_for(lambda: not alive(guard), "the guard's end")
+        rig.wait_for(lambda: not is_alive(guard), "the guard's end")
         assert rig.base.links[0].program.state.state == lib.FW_ARGOS_FRAME
         start()
 
@@ -196,27 +138,12 @@ def test_guard_dead_or_stopped_is_replaced(rig: Rig, number: signal.Signals) -> 
 
     def mend() -> None:
         rig.wait_for(lambda: rig.daemon.guard not in (None, lost[-1]), "another guard")
-        assert not alive(lost[-1])
+        assert not is_alive(lost[-1])
 
     still_within(rig, GUARD_NS, fail, mend)
     rig.run()
     rig.wait_for(lambda: rig.host.last.guard_restarts == len(lost), "the count")
     assert len(set(lost)) == len(lost)
-
-
-FAULTY = """
-#include "controller.h"
-static void init(void *state, struct vs_robot *robot) { (void)state; (void)robot; }
-static void step(void *state, struct vs_robot *robot)
-{
-    int *steps = state;
-
-    vs_robot_set_wheels(robot, 400, 400);
-    for (++*steps; *steps > 10;)
-        FAULT;
-}
-const struct vs_controller vs_controller = {"faulty", sizeof(int), init, step, NULL};
-"""
 
 
 @pytest.mark.parametrize("fault", ["continue", "*(volatile int *)0 = 1"])
@@ -284,7 +211,7 @@ def test_base_that_hangs_up_ends_the_daemon(rig: Rig) -> None:
     assert rig.daemon.process.returncode == 1
     rig.wait_for(lambda: not rig.daemon.open, "its last words")
     assert "the base hung up" in rig.daemon.said
-    assert not alive(guard)
+    assert not is_alive(guard)
 
 
 def test_base_that_is_switched_off_is_waited_for(rig: Rig) -> None:
@@ -293,7 +220,7 @@ def test_base_that_is_switched_off_is_waited_for(rig: Rig) -> None:
     rig.base.receive = lambda masters, now_ns: [os.read(m, 256) for m in masters]  # type: ignore
     rig.wait_for(lambda: rig.host.last.stop_cause == StopCause.BASE, "the cause")
     assert rig.host.last.base_errors > 0
-    told(rig, 1, "the base does not answer")
+    wait_said(rig, 1, "the base does not answer")
     rig.base.receive = real  # type: ignore[method-assign]
     rig.wait_for(lambda: rig.host.last.stop_cause == StopCause.NONE, "recovery")
     rig.run()
@@ -302,7 +229,7 @@ def test_base_that_is_switched_off_is_waited_for(rig: Rig) -> None:
 def test_refusal_is_told_once_and_tried_again(rig: Rig) -> None:
     rig.host.refuse = True
     rig.wait_for(lambda: len(rig.host.hellos) >= 3, "three tries")
-    told(rig, 1, "the host refuses: robot 23 is here already")
+    wait_said(rig, 1, "the host refuses: robot 23 is here already")
     rig.host.refuse = False
     rig.run()
 
@@ -312,7 +239,7 @@ def test_goodbye_holds_the_wheels_until_the_next_session(rig: Rig) -> None:
     rig.host.refuse = True
     rig.host.goodbye()
     rig.wait_for(lambda: not rig.moving, "rest")
-    told(rig, 1, "connection lost: that was all; trying on")
+    wait_said(rig, 1, "connection lost: that was all; trying on")
     rig.wait_for(lambda: len(rig.host.hellos) >= 2, "another try")
     rig.host.refuse = False
     rig.run()
@@ -329,7 +256,7 @@ def test_host_that_drops_the_connection_is_found_again(rig: Rig) -> None:
 def test_half_open_connection_is_given_up(rig: Rig) -> None:
     rig.run()
     rig.host.silent = True
-    told(rig, 1, "connection lost: the host is silent; trying on")
+    wait_said(rig, 1, "connection lost: the host is silent; trying on")
     rig.host.silent = False
     rig.run()
 
@@ -337,12 +264,12 @@ def test_half_open_connection_is_given_up(rig: Rig) -> None:
 def test_without_udp_state_goes_over_tcp(rig: Rig) -> None:
     rig.host.udp = False
     rig.run()
-    told(rig, 1, "no UDP from the host for 1 s: going on over TCP")
+    wait_said(rig, 1, "no UDP from the host for 1 s: going on over TCP")
     seen = len(rig.host.telemetry)
     rig.wait_for(lambda: len(rig.host.telemetry) > seen + 10, "telemetry by TCP")
     assert rig.moving
     rig.host.udp = True
-    told(rig, 1, "UDP is back")
+    wait_said(rig, 1, "UDP is back")
     assert rig.moving
 
 

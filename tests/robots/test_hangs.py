@@ -13,27 +13,15 @@ from pathlib import Path
 
 import pytest
 
-from tests.robots.conftest import ROOT, Builder
+from tests.rigs.processes import children, is_alive
+from tests.robots.conftest import QUICKLY, ROOT, Builder
 from tests.robots.rig import Rig, S
-from tests.robots.test_faults import FAULTY, GUARD_NS, alive, still_within, told
+from tests.robots.stopping import FAULTY, GUARD_NS, still_within, wait_said
 from vsense.base.clock import host_ns
 
-QUICKLY = ("-O0", "-fno-sanitize=all")
 HANG_NS = 2 * S
 GROUND, RAB = 1, 2
 """Places among a worker's children: the guard is the first."""
-
-
-def children(pid: int) -> list[int]:
-    """A process's children, in the order in which they were started."""
-    return [int(n) for n in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
-
-
-@pytest.fixture(scope="module")
-def talker(tmp_path_factory: pytest.TempPathFactory, build: Builder) -> Path:
-    """Path of `vsensed` with the controller of `boards.c`."""
-    target = tmp_path_factory.mktemp("talker") / "vsensed"
-    return build(target, Path(__file__).parent / "boards.c", *QUICKLY)
 
 
 @pytest.fixture
@@ -76,7 +64,7 @@ def test_a_board_that_hangs_costs_its_own_readings(talking: Rig, board: int, nam
     rig.wait_for(lambda: any(f"the {name} bus moves again" in line for line in logged(rig)), "it")
     rig.link.ground.ground[0] = 900
     rig.wait_for(lambda: rig.applied[-1].leds & 1 == 1, "the floor")
-    told(rig, 1, f"base: the {name} bus hangs: going on without")
+    wait_said(rig, 1, f"base: the {name} bus hangs: going on without")
     assert children(rig.daemon.process.pid) == others
     assert rig.host.last.guard_restarts == rig.host.last.base_errors == 0
 
@@ -85,7 +73,7 @@ def test_a_board_whose_process_dies_gets_another(talking: Rig) -> None:
     rig = talking
     guard, ground, rab = children(rig.daemon.process.pid)
     os.kill(ground, signal.SIGKILL)
-    told(rig, 1, "base: the ground sensors' process ended: starting another")
+    wait_said(rig, 1, "base: the ground sensors' process ended: starting another")
     rig.link.ground.ground[0] = 100
     rig.wait_for(lambda: rig.applied[-1].leds & 1 == 0, "no floor, or the new one")
     rig.link.ground.ground[0] = 900
@@ -99,7 +87,7 @@ def test_boards_end_with_their_worker_and_hold_no_base(talking: Rig) -> None:
     family = children(rig.daemon.process.pid)
     rig.daemon.process.kill()
     rig.wait_for(lambda: not rig.moving, "rest")
-    rig.wait_for(lambda: not any(map(alive, family)), "the end of all")
+    rig.wait_for(lambda: not any(map(is_alive, family)), "the end of all")
     rig.start()
     rig.run()
 
@@ -150,7 +138,9 @@ def test_a_board_that_hangs_holds_nothing_that_the_next_daemon_needs(
             assert sum(path.startswith("socket:") for path in held) == 2, "the worker, and its bus"
         os.kill(family[GROUND], signal.SIGSTOP)
         rig.daemon.process.kill()
-        rig.wait_for(lambda: not any(map(alive, (family[0], family[RAB]))), "the end of the others")
+        rig.wait_for(
+            lambda: not any(map(is_alive, (family[0], family[RAB]))), "the end of the others"
+        )
         assert not rig.moving and device.is_free()
         os.kill(family[GROUND], signal.SIGKILL)
     finally:
@@ -175,10 +165,10 @@ def test_a_guard_whose_last_words_nobody_takes_holds_nothing(
         rig.host.drop()  # which is worth a line
         rig.wait_for(lambda: rig.daemon.process.poll() is not None, "the end of the worker")
         rig.wait_for(device.is_free, "the watchdog")
-        assert alive(guard), "it waits for its log"
+        assert is_alive(guard), "it waits for its log"
         block.unlink()
-        rig.wait_for(lambda: not alive(guard), "its end")
-        told(rig, 1, "the worker hung for 3 s: stopped the wheels, ended it")
+        rig.wait_for(lambda: not is_alive(guard), "its end")
+        wait_said(rig, 1, "the worker hung for 3 s: stopped the wheels, ended it")
     finally:
         rig.close()
         device.close()
@@ -211,7 +201,7 @@ def test_a_worker_that_hangs_is_replaced_without_a_service(hanging: Path) -> Non
         assert rig.daemon.process.returncode == -signal.SIGKILL
         assert not rig.moving, "the wheels stood before"
         rig.wait_for(lambda: len(starts(rig)) == 2, "a new daemon")
-        told(rig, 1, "the worker hung for 3 s: stopped the wheels, ended it")
+        wait_said(rig, 1, "the worker hung for 3 s: stopped the wheels, ended it")
         rig.wait_for(lambda: rig.moving, "motion again")
         assert Path(f"/proc/{guard}/comm").read_text() == "vsensed\n", "the guard became it"
         assert len(children(guard)) == 1 and not Path(f"/proc/{worker}/exe").exists()
@@ -241,8 +231,8 @@ def test_a_worker_that_hangs_ends_with_its_guard_if_both_are_told_to(
         for pid in (rig.daemon.process.pid, guard):
             os.kill(pid, signal.SIGINT)
         rig.wait_for(lambda: rig.daemon.process.poll() is not None, "the end of the worker")
-        told(rig, 1, "told to end, but the worker hung: ended it")
-        rig.wait_for(lambda: not alive(guard), "the end of the guard")
+        wait_said(rig, 1, "told to end, but the worker hung: ended it")
+        rig.wait_for(lambda: not is_alive(guard), "the end of the guard")
         assert not workers(rig.device) and not rig.moving and len(starts(rig)) == 1
     finally:
         end_all(rig.device)
@@ -365,7 +355,7 @@ def test_a_log_that_takes_nothing_holds_the_worker_and_not_the_guard(
     rig.host.drop()  # which is worth a line
     rig.wait_for(lambda: not rig.moving, "rest")
     rig.live_for(S)
-    assert not rig.moving and alive(guard) and len(rig.host.hellos) == 1, "the worker waits"
+    assert not rig.moving and is_alive(guard) and len(rig.host.hellos) == 1, "the worker waits"
     block.unlink()
     rig.run()
     assert rig.daemon.guard == guard

@@ -10,8 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from tests.rigs.processes import is_alive
 from tests.robots.rig import MS, TABLE, Daemon, Rig, S, traced
-from tests.robots.test_faults import alive, told
+from tests.robots.stopping import wait_said
 from vsense.base.clock import host_ns
 from vsense.modes.lab.links import Terminal
 from vsense.robots.link.table import Direction, Entry, Table
@@ -71,7 +72,7 @@ def test_stop_frame_that_lost_a_byte_is_sent_again(
     rig.daemon.process.send_signal(number)
     rig.wait_for(lambda: cut and not rig.moving, "rest")
     if number != signal.SIGSTOP:
-        rig.wait_for(lambda: not alive(guard), "the guard's end")
+        rig.wait_for(lambda: not is_alive(guard), "the guard's end")
     assert not rig.moving
 
 
@@ -116,7 +117,7 @@ def test_full_trace_delays_nothing(rigs: Callable[..., Rig], tmp_path: Path) -> 
     rig = rigs("--trace", str(path))
     rig.start()
     rig.run()
-    told(rig, 1, "trace: steps are missing, its reader is too slow")
+    wait_said(rig, 1, "trace: steps are missing, its reader is too slow")
     rig.host.say(Wanted.STOP)
     rig.wait_for(lambda: not rig.moving, "rest")
     os.close(reader)
@@ -127,7 +128,7 @@ def test_child_of_a_controller_holds_neither_guard_nor_base(probes: Callable[...
     guard = rig.daemon.guard
     rig.daemon.process.kill()
     rig.wait_for(lambda: not rig.moving, "rest")
-    rig.wait_for(lambda: not alive(guard), "the guard's end", 3)
+    rig.wait_for(lambda: not is_alive(guard), "the guard's end", 3)
     rig.host.params = ""
     rig.start()
     rig.run()
@@ -195,7 +196,7 @@ def test_robot_that_was_taken_over_stays_away(rig: Rig) -> None:
     rig.run()
     began_ns = host_ns()
     rig.host.goodbye(GoodbyeCause.TAKEN_OVER)
-    told(rig, 1, "another robot has the same uid")
+    wait_said(rig, 1, "another robot has the same uid")
     rig.wait_for(lambda: len(rig.host.hellos) == 2, "another greeting")
     assert host_ns() - began_ns >= 5 * S
 

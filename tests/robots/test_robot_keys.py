@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.robots import rosters
-from tests.robots.test_deploy import boards, deploy, program
+from tests.robots.rosters import deploy, write_program
 from vsense import cli
 from vsense.base.errors import ConfigError, VsenseError
 from vsense.base.sharing import NotMember
@@ -20,8 +20,6 @@ from vsense.robots import key_holders
 from vsense.robots.deploying import Outcome, Part, Plan, RobotHost
 from vsense.robots.link import keys
 from vsense.robots.link.keys import LinkTrust, SwarmKeys
-
-__all__ = ["boards"]
 
 FOUR = "root@a tag=1\nroot@b tag=2\nroot@c tag=3\nroot@d tag=4 uid=" + "7" * 32 + "\n"
 
@@ -40,7 +38,7 @@ esac
 
 @pytest.fixture
 def file(tmp_path: Path, boards: Path) -> Path:
-    program(tmp_path / "vsensed", KEYED_DAEMON)
+    write_program(tmp_path / "vsensed", KEYED_DAEMON)
     return tmp_path / "lab" / "swarm.key"
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.robots.rig import MS, Rig, S
-from tests.robots.test_faults import still_within, told
+from tests.robots.stopping import still_within, wait_said
 from vsense.base.clock import host_ns
 from vsense.base.native import lib
 from vsense.modes.lab.links import KINDS
@@ -127,7 +127,7 @@ def test_without_a_reset_a_stuck_bus_leaves_the_wheels_turning(rigs: Rigs, kind:
     rig.start()
     rig.run()
     rig.link.wires.stuck = 1
-    told(rig, 1, "wheels held: the base does not answer")
+    wait_said(rig, 1, "wheels held: the base does not answer")
     rig.live_for(S)
     assert rig.moving
     rig.link.wires.stuck = 0
@@ -197,7 +197,7 @@ def test_a_file_is_no_watchdog_and_stays_as_it_is(rigs: Rigs, tmp_path: Path) ->
     rig = rigs("--watchdog", str(path))
     rig.start()
     rig.run()
-    told(rig, 1, f"--watchdog {path}: is no device; going on without it")
+    wait_said(rig, 1, f"--watchdog {path}: is no device; going on without it")
     rig.live_for(2 * S)
     assert path.read_text() == "do not lose this"
 
@@ -215,7 +215,7 @@ def test_a_pi_pucks_battery_reaches_the_host_and_stops_the_robot(rigs: Rigs) -> 
     rig.wait_for(lambda: rig.host.last.stop_cause == StopCause.BATTERY, "the cause")
     rig.wait_for(lambda: not rig.moving, "rest")
     assert (rig.host.last.battery_mv, rig.host.last.battery_low) == (3300, 1)
-    told(rig, 1, "wheels held: the battery is empty")
+    wait_said(rig, 1, "wheels held: the battery is empty")
     set_battery(rig, 3640)
     rig.live_for(2 * S)
     assert not rig.moving, "a battery rises when the wheels rest"

@@ -42,6 +42,12 @@ def status(tag: int, name: str, **known: object) -> RobotStatus:
     return RobotStatus(**(values | known))  # type: ignore[arg-type]
 
 
+def counted(sent: int, sessions: int = 1, **telemetry: int) -> RobotStatus:
+    """A robot with these counters, in its telemetry too."""
+    known = Telemetry(**telemetry)
+    return status(7, "epuck_7_0", telemetry=known, sessions=sessions, sent=sent)
+
+
 @dataclass
 class Stage:
     """What a runner sees, and what it has done.

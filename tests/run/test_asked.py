@@ -50,7 +50,7 @@ def test_a_sensor_that_nobody_offers() -> None:
     path = load("pollutant").path
     text = re.sub(r"(?s)<virtual_pollutant_sensor.*?/>", "", path.read_text())
     bare = read(text.encode(), "bare.argos", path, stage=Stage.RUN)
-    with pytest.raises(ConfigError, match=r"asks for the sensor 'pollutant', which nobody offers"):
+    with pytest.raises(ConfigError, match="sensor 'pollutant'"):
         asked.check(bare)
 
 

@@ -57,9 +57,9 @@ def test_a_part_stays_what_it_is_whoever_plays_it(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("pair", "text"),
     [
-        ((25, 37), "no robot has tag 25; expected one of 23, 24"),
-        ((23, 24), "24 is in the experiment already"),
-        ((23, 40), "40 is out of order: left motor stalls"),
+        ((25, 37), "tag 25.*23, 24"),
+        ((23, 24), "24.*experiment"),
+        ((23, 40), "40.*stalls"),
     ],
 )
 def test_who_cannot_play_is_refused_with_the_reason(
@@ -77,8 +77,8 @@ def test_requests_are_checked_against_those_before_them(
     cast = Cast(lambda: [spec], taken.append, lambda tag: "is no robot" if tag == 99 else "")
     assert cast.ask((23, 37), "ben").startswith("robot 37 is put in for 23 (")
     for pair, text in {
-        (24, 37): "37 is in the experiment already",
-        (23, 41): "no robot has tag 23",
+        (24, 37): "37.*experiment",
+        (23, 41): "robot.*tag 23",
         (24, 99): "is no robot",
     }.items():
         with pytest.raises(OrderError, match=text):
@@ -113,7 +113,7 @@ def test_only_between_runs() -> None:
     asked: list[tuple[tuple[int, int], str]] = []
     fixed = Control(lambda wanted: None, lambda text: None)
     order = Order(OrderKind.REPLACE, "ben", pair=(23, 37))
-    with pytest.raises(OrderError, match="nobody can be put in"):
+    with pytest.raises(OrderError, match="nobody"):
         fixed.give(order)
     assert OrderKind.REPLACE not in fixed.can
 
@@ -135,7 +135,7 @@ def test_only_between_runs() -> None:
 
 @pytest.mark.parametrize("said", [None, "23=37", [23], [23, 37, 1], [True, 2], [-1, 2], [1, 65536]])
 def test_what_is_no_pair_is_refused(said: object) -> None:
-    with pytest.raises(ValueError, match="pair is two tags"):
+    with pytest.raises(ValueError, match=r"pair.*tags"):
         read_pair(said)
 
 

@@ -22,22 +22,22 @@ NOISE = {"kind": "set", "controller": "ant", "name": "rgb_ground", "setting": "n
 @pytest.mark.parametrize(
     "said, says",
     [
-        (None, "is an object"),
-        ([MOVE], "is an object"),
-        ({}, "a change's kind is None"),
+        (None, "object"),
+        ([MOVE], "object"),
+        ({}, "kind.*None"),
         ({"kind": ["move"]}, "a change's kind"),
         ({**MOVE, "x_m": float("nan")}, "x_m is nan"),
         ({**MOVE, "x_m": float("inf")}, "x_m is inf"),
-        ({**MOVE, "y_m": True}, "y_m is True"),
-        ({**MOVE, "y_m": "1"}, "y_m is '1'"),
+        ({**MOVE, "y_m": True}, "y_m.*True"),
+        ({**MOVE, "y_m": "1"}, "y_m.*'1'"),
         ({**MOVE, "y_m": 10**400}, "y_m is 1"),
-        ({**MOVE, "name": 7}, "name is 7.*expected a text"),
+        ({**MOVE, "name": 7}, "name.*7.*text"),
         ({**MOVE, "name": "x" * 201}, "at most 200"),
         ({**MOVE, "name": "a\nb"}, "is no text"),
         ({**MOVE, "name": "\ud800"}, "is no text"),
         ({**MOVE, "final": 1}, "true or false"),
-        ({**MOVE, "by": "Eve"}, "has no 'by'"),
-        ({"kind": "move", "name": "nest", "x_m": 0.1}, "has to say 'y_m'"),
+        ({**MOVE, "by": "Eve"}, "'by'"),
+        ({"kind": "move", "name": "nest", "x_m": 0.1}, "'y_m'"),
         ({**NOISE, "value": None}, "value is None"),
         ({**NOISE, "value": [1]}, "value is"),
     ],
@@ -93,13 +93,13 @@ def test_what_cannot_be_changes_nothing(said: dict[str, Any], says: str) -> None
 @pytest.mark.parametrize(
     "name, parameter, value, says",
     [
-        ("foraging", "food", "trail", "names 'food', a zone; there is no zone 'trail'"),
+        ("foraging", "food", "trail", "'food'.*'trail'"),
         ("foraging", "food", ROBOT, f"there is no zone '{ROBOT}'"),
-        ("phototaxis", "light", "wall_north", "there is no light 'wall_north'"),
-        ("phototaxis", "turn_s", "soon", "is the number 120.0, not 'soon'"),
-        ("predator_prey", "prey", "predatr", "there is no controller 'predatr'; is 'predator'"),
-        ("predator_prey", "prey", "predator", "may count them"),
-        ("predator_prey", "rest_s", "nan", "is the number 10.0, not 'nan'"),
+        ("phototaxis", "light", "wall_north", "light 'wall_north'"),
+        ("phototaxis", "turn_s", "soon", "120.0.*'soon'"),
+        ("predator_prey", "prey", "predatr", "'predatr'.*'predator'"),
+        ("predator_prey", "prey", "predator", "'prey'.*'predator' 4"),
+        ("predator_prey", "rest_s", "nan", "10.0.*'nan'"),
     ],
 )
 def test_a_parameter_cannot_end_the_run(
@@ -121,7 +121,7 @@ def test_numbers_remain_numbers() -> None:
         said = {"kind": "set", "setting": parameter, "value": value}
         carry_out(Change.read(said), run.environment)
         assert world.params[parameter] == found
-    with pytest.raises(OrderError, match=r"is the whole number 12, not '3\.7\d*'; write 12\.0 in"):
+    with pytest.raises(OrderError, match=r"12.*'3\.7\d*'.*12\.0"):
         carry_out(Change.read({"kind": "set", "setting": "count", "value": 3.7}), run.environment)
 
 
@@ -179,7 +179,7 @@ def test_virtual_robots_come_and_go() -> None:
     world, said = run.environment.world, {"kind": "add", "x_m": 0.1, "y_m": 0.2}
     for _ in range(MOST_ROBOTS):
         carry_out(Change.read(said), run.environment)
-    with pytest.raises(VsenseError, match="virtual robots already"):
+    with pytest.raises(VsenseError, match="virtual robots"):
         carry_out(Change.read(said), run.environment)
     count = len(world.robots)
     carry_out(Change.read({"kind": "remove", "name": "visitor 7"}), run.environment)
@@ -214,7 +214,7 @@ def test_nobody_inherits_the_controller_of_a_robot_that_is_gone() -> None:
 
 def test_loop_functions_that_count_robots_keep_them() -> None:
     run = ChangedRun("predator_prey")
-    with pytest.raises(OrderError, match="may count the robots"):
+    with pytest.raises(OrderError, match=r"count.*robots"):
         carry_out(Change.read({"kind": "add", "x_m": 0, "y_m": 0}), run.environment)
 
 
@@ -231,7 +231,7 @@ def test_what_is_real_moves_where_somebody_can_move_it() -> None:
     run, put = ChangedRun("pollutant"), []
     (thing,) = run.environment.experiment.objects
     said = Change.read({"kind": "move", "name": thing.id, "x_m": 0.3, "y_m": 0.2})
-    with pytest.raises(OrderError, match="is real: carry it by hand"):
+    with pytest.raises(OrderError, match="is real"):
         carry_out(said, run.environment)
     ground = Ground(lambda *where: put.append(where), rebuilds=True)
     carry_out(said, run.environment, ground)

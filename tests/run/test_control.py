@@ -221,7 +221,7 @@ def test_in_every_situation_a_recording_can_be_switched_and_no_replay_steered(
 ) -> None:
     played = reach(situation, record=lambda on: f"recording {on}")
     for kind in (OrderKind.PLAY, OrderKind.SPEED, OrderKind.SEEK):
-        with pytest.raises(OrderError, match="only a replay"):
+        with pytest.raises(OrderError, match="replay"):
             played.give(kind)
     assert played.give(OrderKind.RECORD, value=1) == "recording True"
     assert OrderKind.RECORD in played.can
@@ -238,11 +238,11 @@ def test_a_run_that_is_waited_for_can_be_started_early(played: Played) -> None:
 
 def test_of_two_people_who_press_start_the_second_is_told(played: Played) -> None:
     played.give(OrderKind.START)
-    with pytest.raises(OrderError, match="Ann has asked for it already"):
+    with pytest.raises(OrderError, match=r"Ann .*asked"):
         played.give(OrderKind.START, "Bob")
     assert played.control.by == "Ann"
     played.begin()
-    with pytest.raises(OrderError, match="run 1 is going on already"):
+    with pytest.raises(OrderError, match=r"run 1 .*going"):
         played.give(OrderKind.START, "Bob")
 
 
@@ -318,7 +318,7 @@ def test_a_tracker_obeys_as_a_run_does_but_stops_no_robot(kind: OrderKind) -> No
 
 def test_recording_is_switched_where_there_is_something_to_switch(played: Played) -> None:
     assert OrderKind.RECORD not in played.can
-    with pytest.raises(OrderError, match="nothing is recorded here"):
+    with pytest.raises(OrderError, match="recorded"):
         played.give(OrderKind.RECORD, value=1)
     played = Played(record=lambda on: f"recording {on}")
     assert OrderKind.RECORD in played.can

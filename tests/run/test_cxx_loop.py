@@ -218,8 +218,8 @@ def test_what_they_throw_names_the_function(mission: Callable[..., Path], where:
 @pytest.mark.parametrize(
     ("how", "words"),
     [
-        ("controller", r"vsense runs controllers apart from loop functions"),
-        ("robot", r'AddEntity: "another" is a epuck: .* <distribute>'),
+        ("controller", "controllers apart"),
+        ("robot", 'AddEntity: "another".*<distribute>'),
     ],
 )
 def test_what_cannot_be_had_is_said(mission: Callable[..., Path], how: str, words: str) -> None:
@@ -233,12 +233,11 @@ def test_what_cannot_be_had_is_said(mission: Callable[..., Path], how: str, word
         (
             "PostStep",
             "crash",
-            r"in timestep 0 \(t = 0 s\): loop functions 'mission' \(.*mission\.cpp\):"
-            r" PostStep was killed by SIGSEGV",
+            r"timestep 0 \(t = 0 s\):.*'mission' \(.*mission\.cpp\): PostStep.*SIGSEGV",
         ),
-        ("Init", "crash", r"before the first timestep: .*: Init was killed by SIGSEGV"),
-        ("PreStep", "hang", r"in timestep 0 .*: PreStep did not return within 0\.5 s"),
-        ("PostExperiment", "throw", r"in PostExperiment: thrown in PostExperiment"),
+        ("Init", "crash", "Init.*SIGSEGV"),
+        ("PreStep", "hang", r"timestep 0.*PreStep.*0\.5 s"),
+        ("PostExperiment", "throw", "PostExperiment:.*PostExperiment"),
     ],
 )
 def test_a_simulations_end_names_the_function(
@@ -371,7 +370,7 @@ def test_an_unknown_label_lists_those_there_are(mission: Callable[..., Path]) ->
         "code": CodeOptions({"mission": [str(path.with_name("mission.cpp"))]})
     }
     experiment = load(path, stage=Stage.SIM, **options)
-    with pytest.raises(VsenseError, match=r"registered as 'another', expected: 'mission'"):
+    with pytest.raises(VsenseError, match="'another', expected: 'mission'"):
         Simulation(experiment, shared_objects(experiment), 1)
 
 

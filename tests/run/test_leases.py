@@ -78,7 +78,7 @@ def test_a_second_run_is_refused_with_who_since_when_and_what(
     assert {(one.process, one.experiment) for one in held.values()} == {(other.pid, "foraging")}
     with mine:
         mine.take([25])
-        with pytest.raises(LeasedError, match=r"^robot 24 is in use"):
+        with pytest.raises(LeasedError, match=r"^robot 24 "):
             mine.take([24])
 
 
@@ -183,13 +183,13 @@ def test_a_run_that_is_going_on_is_handed_over_with_force_only() -> None:
         SessionCallbacks((), tuple, list, lambda: told.append("left")),
     )
     control.begin(lambda: None)
-    with pytest.raises(OrderError, match=r"^run 1 is running, 0 s: with --force it ends"):
+    with pytest.raises(OrderError, match=r"^run 1 .*0 s.*--force"):
         steering.hand_over("ben (terminal)", False)
     assert told == [] and control.state == State.RUNNING
     steering.hand_over("ben (terminal)", True)
     assert told == ["STOP", "ben (terminal): run 1 is stopped", "left"]
     assert control.why == "stopped by ben (terminal)"
-    with pytest.raises(OrderError, match=r"cannot stop: run 1 is ended: stopped by ben"):
+    with pytest.raises(OrderError, match=r"run 1 .*ben"):
         control.give(Order(OrderKind.STOP, "anna"))
     steering.hand_over("ben (terminal)", False)
     assert told[3:] == ["left"], "between two runs nothing moves"

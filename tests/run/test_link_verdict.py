@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from tests.run.test_link_counters import status
+from tests.run.stage import counted
 from vsense.robots.link.meter import LinkFigures
 from vsense.run.link_verdict import as_json, judge, table, worst
 
@@ -27,7 +27,7 @@ GOOD = LinkFigures(
     power_saving=False,
     sessions=1,
 )
-THERE = replace(status(1), connected=True, udp=True)
+THERE = replace(counted(1), connected=True, udp=True)
 
 
 @pytest.mark.parametrize(

@@ -92,7 +92,7 @@ def test_a_full_disk_costs_no_row_that_was_there(
 
     monkeypatch.setattr(runs_csv.os, "fsync", full)
     row = RunRow(run="4", mode="lab", experiment="x", condition="c", measures={"new": 1.0})
-    with pytest.raises(VsenseError, match="cannot be written: No space left"):
+    with pytest.raises(VsenseError, match="No space left"):
         table.append(row)
     assert path.read_bytes() == before and [p.name for p in tmp_path.iterdir()] == [RUNS]
     assert table.rows == [FULL]
@@ -141,7 +141,7 @@ def test_half_a_row_is_no_run_and_what_is_no_table_is_not_cut(tmp_path: Path) ->
     table = RunsFile(path)
     assert table.repaired and path.read_text() == whole
     path.write_text(f"{whole}2,series,la\n")
-    with pytest.raises(UsageError, match=r"runs\.csv:3: 3 values, expected 22"):
+    with pytest.raises(UsageError, match=r"runs\.csv:3: 3 values.*22"):
         read_runs(path)
     for text in ("somebody's notes", "a,b\n1,2"):
         path.write_text(text)

@@ -17,7 +17,7 @@ import pytest
 
 from scripts.site.blocks import blocks
 from scripts.site.contents import ROOT, sources
-from tests.site.test_output import free_ports
+from tests.rigs.processes import free_ports
 
 ELSEWHERE = {
     r"sudo |pip install|python3 -m venv|dask |deactivate": "changes the machine",

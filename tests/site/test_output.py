@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import signal
-import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +13,7 @@ import pytest
 
 from scripts.site.blocks import blocks
 from scripts.site.contents import ROOT
+from tests.rigs.processes import free_ports
 from vsense.cli import main
 from vsense.run.runs_csv import COLUMNS
 
@@ -46,15 +46,6 @@ def vsense(folder: Path, words: str) -> None:
     """Runs a command in a folder."""
     command = [sys.executable, "-m", "vsense", *words.split()]
     subprocess.run(command, cwd=folder, check=True, capture_output=True, timeout=120)
-
-
-def free_ports(count: int) -> list[int]:
-    """Ports of this machine that nobody has."""
-    servers = [socket.create_server(("127.0.0.1", 0)) for _ in range(count)]
-    ports = [int(server.getsockname()[1]) for server in servers]
-    for server in servers:
-        server.close()
-    return ports
 
 
 def test_files_and_figures_of_a_simulation(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
+from tests.rigs.processes import free_port
 from vsense.base.clock import host_ns
 from vsense.modes.lab.microcontrollers import Actuation, Microcontrollers
 from vsense.robots import build
@@ -223,8 +224,7 @@ class LinesTracker(Tracker):
 
     def __init__(self, tags: list[int]) -> None:
         super().__init__(tags)
-        with socket.create_server(("127.0.0.1", 0)) as free:
-            self.port: int = free.getsockname()[1]
+        self.port: int = free_port()
         self._sock: socket.socket | None = None
         self._dead = False
 

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import socket
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -13,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.rigs.processes import Lab, free_port, order
 from tests.system.attacker import Attacker, LoopbackAttacker
-from tests.system.test_lab import Lab
 from vsense.base.clock import host_ns
 from vsense.modes.lab.microcontrollers import read_actuations
 from vsense.monitor.recording.reader import open_recording
@@ -28,9 +25,7 @@ STOP_NS = 450_000_000
 
 @pytest.fixture
 def attacker() -> Iterator[LoopbackAttacker]:
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    one = LoopbackAttacker(port)
+    one = LoopbackAttacker(free_port())
     yield one
     one.close()
 
@@ -43,12 +38,6 @@ def start(folder: Path, attacker: Attacker, *more: str) -> Lab:
     order("start", lab)
     lab.wait_for("picture to sent")
     return lab
-
-
-def order(word: str, lab: Lab, *more: str) -> None:
-    """What the operator wants."""
-    words = [sys.executable, "-m", "vsense", word, *more, "--process", str(lab.process.pid)]
-    subprocess.run(words, check=True, capture_output=True)
 
 
 def rage(attacker: Attacker, seconds: float) -> None:

@@ -17,10 +17,8 @@ from pathlib import Path
 import aiohttp
 import pytest
 
-from tests.monitor.ui.test_server import talk
-from tests.monitor.ui.test_web_listener import HALF, is_closed
-from tests.system.test_attacked_lab import order
-from tests.system.test_lab import Lab
+from tests.rigs.processes import Lab, order
+from tests.rigs.web import HALF, is_closed, talk
 from vsense.monitor.ui import web_listener
 from vsense.robots.link.links import HELLO_NS, STRANGERS_MAX
 

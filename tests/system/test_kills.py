@@ -19,6 +19,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.rigs.processes import children
 from tests.system.floor import MS, Floor, LinesTracker, Program, experiment
 
 pytestmark = pytest.mark.system
@@ -91,11 +92,6 @@ class Stage:
         else:
             self.floor.remove(self.tracker)
             self.tracker = self._start_tracker()
-
-
-def children(pid: int) -> list[int]:
-    """The children of a process."""
-    return [int(n) for n in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
 
 @pytest.fixture

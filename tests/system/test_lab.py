@@ -14,11 +14,11 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO
 
 import pytest
 
 from tests.rigs.places import ROOT
+from tests.rigs.processes import PATIENCE_S, Lab
 from tests.robots.link.legacy_rig import Client
 from vsense.modes.lab.microcontrollers import read_actuations
 from vsense.monitor.recording.reader import open_recording
@@ -30,90 +30,6 @@ KEYS = {
     "left_out_timesteps", "duration_s", "tracking", "latency_ms", "sensing", "clock", "swarm",
     "link", "vision",
 }  # fmt: skip
-
-PATIENCE_S = 60
-
-
-class Lab:
-    """A running `vsense lab`; what it says on stderr can be waited for.
-
-    `module` is the program, where it is another one with the same words.
-    """
-
-    def __init__(self, directory: Path, *arguments: str, module: str = "vsense") -> None:
-        self.directory = directory
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", module, "lab", *arguments, "--output", str(directory)],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            start_new_session=True,
-        )
-        self.said: list[str] = []
-        self.printed: list[str] = []
-        self._news = threading.Condition()
-        self._readers = [
-            threading.Thread(target=self._read, args=(stream, lines), daemon=True)
-            for stream, lines in (
-                (self.process.stderr, self.said),
-                (self.process.stdout, self.printed),
-            )
-        ]
-        for reader in self._readers:
-            reader.start()
-
-    def _read(self, stream: IO[str], lines: list[str]) -> None:
-        for line in stream:
-            with self._news:
-                lines.append(line)
-                self._news.notify_all()
-
-    def wait_for(self, pattern: str) -> str:
-        """Waits until it has said a line that matches."""
-
-        def found() -> str | None:
-            return next((line for line in self.said if re.search(pattern, line)), None)
-
-        with self._news:
-            assert self._news.wait_for(found, PATIENCE_S), "".join(self.said)
-            return found() or ""
-
-    def end(self) -> int:
-        """Waits for its end and gives its exit code."""
-        code = self.process.wait(PATIENCE_S)
-        for reader in self._readers:
-            reader.join(PATIENCE_S)
-        return code
-
-    def summary(self) -> dict[str, object]:
-        """The summary file that it left."""
-        return json.loads((self.directory / "summary.json").read_text())
-
-    def relatives(self) -> dict[int, str]:
-        """Living processes of this run, by the run directory in their arguments or parentage."""
-        found = {}
-        for folder in Path("/proc").glob("[0-9]*"):
-            try:
-                command = (folder / "cmdline").read_bytes().replace(b"\0", b" ").decode()
-                parent = parent_of(folder)
-            except (OSError, ValueError):
-                continue
-            ours = parent == self.process.pid or str(self.directory) in command
-            if ours and int(folder.name) != self.process.pid and command:
-                found[int(folder.name)] = command
-        return found
-
-    def daemon(self, tag: int) -> int:
-        """Process id of a robot's worker: the parent of the two."""
-        trace = f"robots/{tag}.trace"
-        both = {pid for pid, command in self.relatives().items() if trace in command}
-        (worker,) = (pid for pid in both if parent_of(Path(f"/proc/{pid}")) not in both)
-        return worker
-
-
-def parent_of(folder: Path) -> int:
-    """Process id of the parent of the process whose folder in /proc this is."""
-    return int((folder / "stat").read_text().rpartition(")")[2].split()[1])
 
 
 @pytest.fixture

@@ -68,7 +68,7 @@ def test_fast_diffusion_takes_several_steps_and_too_fast_is_refused() -> None:
     smell.check(0.1)
     smell.step(0.1)
     assert smell.total() == pytest.approx(1.0) and (smell.concentration >= 0.0).all()
-    with pytest.raises(WorldError, match=r"'smell': a diffusion of 5 m\^2/s is too fast"):
+    with pytest.raises(WorldError, match=r"'smell':.*5 m\^2/s"):
         drop(5.0).check(0.1)
     with pytest.raises(WorldError, match="too fast"):
         drop(5.0).step(0.1)
@@ -171,7 +171,7 @@ def test_points_outside_are_the_nearest_ones_inside() -> None:
 @pytest.mark.parametrize("amount", [-0.1, math.nan, math.inf, 1e300])
 def test_no_amount_is_negative_or_endless(amount: float) -> None:
     for act in (field().deposit, field().take):
-        with pytest.raises(WorldError, match="field 'smell': an amount is"):
+        with pytest.raises(WorldError, match=r"'smell':.*amount"):
             act([(0.0, 0.0)], amount)
 
 
@@ -214,5 +214,5 @@ def test_an_arena_smaller_than_a_cell_has_one() -> None:
 
 def test_ids_are_unique() -> None:
     assert list(by_id([field()], 0.1)) == ["smell"]
-    with pytest.raises(WorldError, match="two fields are called 'smell'"):
+    with pytest.raises(WorldError, match="called 'smell'"):
         by_id([field(), field()], 0.1)

@@ -78,7 +78,7 @@ def test_later_zones_lie_over_earlier_ones_and_colourless_ones_are_not_seen() ->
     "image", [IMAGE[:, :, 0], IMAGE[:, :, :2], IMAGE.astype(float), IMAGE[:0]], ids=str
 )
 def test_what_is_no_picture_is_refused(image: np.ndarray) -> None:  # type: ignore[type-arg]
-    with pytest.raises(WorldError, match="the floor's picture has shape"):
+    with pytest.raises(WorldError, match=r"picture.*shape"):
         Floor(image)
 
 

@@ -51,7 +51,7 @@ def test_real_things_stay_where_they_are() -> None:
         lambda: inventory.put(Box("wall", (0, 0, 0), (1, 1, 1))),
         lambda: inventory.put(Cylinder("new", (0, 0, 0), 1, 1, physical=True)),
     ):
-        with pytest.raises(WorldError, match="stands in the real arena"):
+        with pytest.raises(WorldError, match="real arena"):
             change()
     assert dict(inventory.entities) == {"wall": WALL}
 
@@ -63,17 +63,17 @@ def test_names_that_are_not_there_are_told_with_those_that_are() -> None:
         lambda: inventory.remove("lmap"),
         lambda: inventory.get("lmap"),
     ):
-        with pytest.raises(WorldError, match="no 'lmap' in the world; is 'lamp' meant"):
+        with pytest.raises(WorldError, match=r"'lmap'.*'lamp'"):
             ask()
-    with pytest.raises(WorldError, match="there are: none"):
+    with pytest.raises(WorldError, match=r"'lamp'.*none"):
         Inventory().remove("lamp")
 
 
 def test_ids_and_tags_are_unique() -> None:
-    with pytest.raises(WorldError, match="two things in the world are called 'lamp'"):
+    with pytest.raises(WorldError, match="called 'lamp'"):
         Inventory([LAMP, Box("lamp", (0, 0, 0), (1, 1, 1))])
     robots = [VirtualRobot("a", 70_000, 0, 0), VirtualRobot("b", 70_000, 0, 0)]
-    with pytest.raises(WorldError, match="'b' and 'a' have the same tag 70000"):
+    with pytest.raises(WorldError, match=r"'b'.*'a'.*70000"):
         Inventory(robots)
     inventory = Inventory(robots[:1])
     with pytest.raises(WorldError, match="same tag"):
@@ -83,7 +83,7 @@ def test_ids_and_tags_are_unique() -> None:
 
 @pytest.mark.parametrize("wrong", [None, "lamp", (0, 0, 1), Box])
 def test_only_entities_are_put(wrong: object) -> None:
-    with pytest.raises(WorldError, match="cannot be put into the world, expected: Box, Cylinder"):
+    with pytest.raises(WorldError, match="Box, Cylinder"):
         Inventory().put(wrong)
 
 

@@ -118,25 +118,25 @@ def test_a_module_beside_it_may_be_imported_late_and_blamed_at_the_call(tmp_path
 @pytest.mark.parametrize(
     ("text", "line", "message"),
     [
-        ("def reset(world)\n    pass", 1, "SyntaxError: expected ':'"),
-        ("def reset(world):\npass", 2, "IndentationError: expected an indented block"),
-        ("x = 1\nimport no_such_module_at_all", 2, "ModuleNotFoundError: No module named"),
-        ("x = 1\n\ny = 1 / 0", 3, "ZeroDivisionError: division by zero"),
+        ("def reset(world)\n    pass", 1, "SyntaxError:.*':'"),
+        ("def reset(world):\npass", 2, "IndentationError:"),
+        ("x = 1\nimport no_such_module_at_all", 2, "ModuleNotFoundError:"),
+        ("x = 1\n\ny = 1 / 0", 3, "ZeroDivisionError:"),
         ("import sys\nsys.exit(3)", 2, "SystemExit: 3"),
         ("raise SystemExit", 1, "SystemExit"),
-        ("x = 1", 1, "holds no loop function, expected: populate, reset, pre_step"),
+        ("x = 1", 1, "reset, pre_step"),
         ("", 1, "holds no loop function"),
-        ("reset = 3", 1, r"reset is 3, expected a function reset\(world\)"),
-        ("x = 1\ndef reset():\n    pass", 2, "reset: too many positional arguments, expected"),
-        ("def end(world, more):\n    pass", 1, "end: missing a required argument: 'more'"),
-        ("async def reset(world):\n    pass", 1, "reset is async or yields"),
-        ("def pre_step(world):\n    yield 1", 1, "pre_step is async or yields"),
-        ("class LoopFunctions:\n  def __init__(self):\n    oops", 3, "in LoopFunctions: NameError"),
-        ("class LoopFunctions:\n  def __init__(self, a):\n    a", 2, "in LoopFunctions: TypeError"),
+        ("reset = 3", 1, r"reset .*3.*reset\(world\)"),
+        ("x = 1\ndef reset():\n    pass", 2, "reset:.*arguments"),
+        ("def end(world, more):\n    pass", 1, "end:.*'more'"),
+        ("async def reset(world):\n    pass", 1, "reset .*async"),
+        ("def pre_step(world):\n    yield 1", 1, "pre_step .*async"),
+        ("class LoopFunctions:\n  def __init__(self):\n    oops", 3, "LoopFunctions: NameError"),
+        ("class LoopFunctions:\n  def __init__(self, a):\n    a", 2, "LoopFunctions: TypeError"),
         ("class LoopFunctions:\n  pass", 1, "holds no loop function"),
         ("class E(Exception):\n  def __str__(self): 1/0\nraise E()", 3, "E: it cannot say"),
         ("\0", 1, "null byte"),
-        ("# -*- coding: nonsense -*-", 1, "unknown encoding: nonsense"),
+        ("# -*- coding: nonsense -*-", 1, "encoding:"),
     ],
 )
 def test_a_file_that_does_not_load(tmp_path: Path, text: str, line: int, message: str) -> None:
@@ -148,9 +148,9 @@ def test_a_file_that_does_not_load(tmp_path: Path, text: str, line: int, message
 
 
 def test_a_file_that_is_not_there_or_is_none(tmp_path: Path) -> None:
-    with pytest.raises(LoopFunctionsError, match=r"gone.py:1: cannot be read: No such file"):
+    with pytest.raises(LoopFunctionsError, match=r"gone.py:1:.*No such file"):
         LoopFunctions(tmp_path / "gone.py")
-    with pytest.raises(LoopFunctionsError, match="cannot be read: Is a directory"):
+    with pytest.raises(LoopFunctionsError, match="Is a directory"):
         LoopFunctions(tmp_path)
     binary = tmp_path / "binary.py"
     binary.write_bytes(bytes(range(128, 256)))
@@ -159,7 +159,7 @@ def test_a_file_that_is_not_there_or_is_none(tmp_path: Path) -> None:
 
 
 def test_a_label_that_names_nothing(tmp_path: Path) -> None:
-    with pytest.raises(LoopFunctionsError, match="neither a class 'Mine', as the label says"):
+    with pytest.raises(LoopFunctionsError, match=r"class 'Mine'.*label"):
         LoopFunctions(written(tmp_path, "x = 1"), "Mine")
 
 
@@ -167,15 +167,15 @@ def test_a_label_that_names_nothing(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("body", "message"),
     [
-        ("world.nonsense", "AttributeError: 'World' object has no attribute 'nonsense'"),
+        ("world.nonsense", "AttributeError: 'World'.*'nonsense'"),
         ("raise SystemExit(0)", "SystemExit: 0"),
-        ("world.move('door', 0, 0)", "there is no 'door' in the world; there are: none"),
+        ("world.move('door', 0, 0)", "'door'.*world"),
         ("world.put(3)", "3 cannot be put into the world"),
-        ("world.results['a'] = 'many'", "result 'a' is 'many', expected a finite number"),
-        ("world.robots['x_m'] = 0", "ValueError: assignment destination is read-only"),
-        ("return 7", r"gave 7, expected"),
+        ("world.results['a'] = 'many'", "'a'.*'many'"),
+        ("world.robots['x_m'] = 0", "ValueError:.*read-only"),
+        ("return 7", "gave 7"),
         ("raise ValueError('two\\nlines')", "ValueError: two lines"),
-        ("def deep(): deep()\n    deep()", "RecursionError: maximum recursion depth"),
+        ("def deep(): deep()\n    deep()", "RecursionError:"),
     ],
 )
 def test_a_hook_that_fails(tmp_path: Path, hook: str, body: str, message: str) -> None:
@@ -233,26 +233,22 @@ def test_the_floors_colours(tmp_path: Path) -> None:
 )
 def test_a_floor_has_colours(tmp_path: Path, color: str) -> None:
     loop = LoopFunctions(written(tmp_path, f"def floor_color(x, y):\n    return {color}\n"))
-    with pytest.raises(
-        LoopFunctionsError, match=r"mine.py:1: in floor_color: gave .*from 0 to 255"
-    ):
+    with pytest.raises(LoopFunctionsError, match=r"mine.py:1:.*floor_color:.*0.*255"):
         loop.floor(ARENA, 10.0)
 
 
 def test_a_floor_is_asked_for_only_where_there_is_one(tmp_path: Path) -> None:
     loop = LoopFunctions(written(tmp_path, "def reset(world):\n    pass\n"))
-    with pytest.raises(LoopFunctionsError, match=r"has no floor_color\(x_m, y_m\)"):
+    with pytest.raises(LoopFunctionsError, match=r"floor_color\(x_m, y_m\)"):
         loop.floor(ARENA, 10.0)
     fine = LoopFunctions(written(tmp_path, "def floor_color(x, y):\n    return 0, 0, 0\n"))
-    with pytest.raises(LoopFunctionsError, match="expected at most 10000000"):
+    with pytest.raises(LoopFunctionsError, match="10000000"):
         fine.floor(ARENA, 1e5)
 
 
 def test_a_function_that_looks_like_a_hook_is_refused(tmp_path: Path) -> None:
     text = "def reset(world):\n    pass\n\n\ndef poststep(world):\n    pass\n"
-    with pytest.raises(
-        LoopFunctionsError, match=r"mine.py:5: poststep is no loop .*'post_step' meant"
-    ):
+    with pytest.raises(LoopFunctionsError, match=r"mine.py:5:.*'post_step'"):
         LoopFunctions(written(tmp_path, text))
     LoopFunctions(written(tmp_path, text.replace("poststep", "_poststep")))
     LoopFunctions(written(tmp_path, text.replace("poststep", "helper")))

@@ -277,18 +277,18 @@ def test_no_line_leaves_what_an_arena_can_hold(wrong: float) -> None:
     bodies = Bodies(disc_rows([0.0], [0.0]))
     point, bad = np.zeros((1, 3)), np.array([(0.0, wrong, 0.0)])
     for starts, ends in ((point, bad), (bad, point)):
-        with pytest.raises(WireError, match="lines of sight"):
+        with pytest.raises(WireError, match="sight"):
             blocked(starts, ends, bodies)
-        with pytest.raises(WireError, match="lines of sight"):
+        with pytest.raises(WireError, match="sight"):
             nearest(starts, ends, bodies)
-        with pytest.raises(WireError, match="lines of sight"):
+        with pytest.raises(WireError, match="sight"):
             bodies.seen(starts, ends)
-    with pytest.raises(WireError, match="bodies in the way"):
+    with pytest.raises(WireError, match="bodies"):
         Bodies(disc_rows([wrong], [0.0]))
 
 
 def test_as_many_starts_as_ends() -> None:
-    with pytest.raises(ValueError, match="2 starts and 1 ends"):
+    with pytest.raises(ValueError, match=r"2 starts.*1 ends"):
         blocked(np.zeros((2, 3)), np.zeros((1, 3)), Bodies(disc_rows([0.0], [0.0])))
 
 

@@ -27,7 +27,7 @@ def test_numbers_by_name() -> None:
 @pytest.mark.parametrize("number", [math.nan, math.inf, "1", None, [1.0], np.zeros(2), 1j])
 def test_what_is_no_finite_number_is_refused(number: Any) -> None:
     results = Results()
-    with pytest.raises(WorldError, match=r"result 'share' is .*expected a finite number"):
+    with pytest.raises(WorldError, match=r"'share'.*finite"):
         results["share"] = number
     assert not results
 
@@ -35,7 +35,7 @@ def test_what_is_no_finite_number_is_refused(number: Any) -> None:
 def test_an_update_in_place_is_checked_like_any_other() -> None:
     results = Results()
     results |= {"one": 1}
-    with pytest.raises(WorldError, match="expected a finite number"):
+    with pytest.raises(WorldError, match="finite"):
         results |= {"two": math.nan}
     assert dict(results) == {"one": 1.0}
 

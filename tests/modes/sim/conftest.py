@@ -4,10 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from tests.bench.sim import experiment_text
 from tests.conftest import require_tool
+from vsense.config.experiment import load
+from vsense.config.specs import Experiment, Stage
+from vsense.modes.sim.job import Job, Setup
+from vsense.modes.sim.outcome import Task, libraries_of
+from vsense.modes.sim.simulation import Simulation
 from vsense.robots import build
 
 PROBE = """
@@ -105,6 +112,8 @@ static void step(void *state, struct vs_robot *robot)
 const struct vs_controller vs_controller = {"faulty", sizeof(struct faulty), init, step};
 """
 
+LENGTH_S = 20.0
+
 
 @pytest.fixture(scope="session", autouse=True)
 def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
@@ -156,3 +165,32 @@ def write_experiment(tmp_path_factory: pytest.TempPathFactory) -> Writer:
         return path
 
     return write
+
+
+def task_of(path: Path, fault: str = "0", seed: int = 1, **changes: Any) -> Task:
+    """One second of an experiment whose controller has a fault, as a worker is asked for it."""
+    setup = Setup(str(path), 1.0, settings={"wanderer.fault": fault}, **changes)
+    experiment = setup.load()
+    libraries = libraries_of(experiment)
+    return Task(Job(setup, seed, libraries), experiment)
+
+
+def world_of(folder: Path, robots: int = 15, *changes: tuple[str, str]) -> Experiment:
+    text = experiment_text(robots)
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    path = folder / "world.argos"
+    path.write_text(text)
+    return load(str(path), LENGTH_S, {}, Stage.SIM)
+
+
+def results_of(run: Simulation) -> tuple[object, ...]:
+    record, samples = run.record, run.samples
+    kept = record.poses.tobytes(), record.leds.tobytes(), record.share.tobytes()
+    sampled: tuple[object, ...] = ()
+    if samples is not None:
+        fields = [f.tobytes() for s in samples.snapshots.values() for f in s.fields]
+        series = {name: values.tolist() for name, values in samples.measures().items()}
+        sampled = sorted(samples.snapshots), fields, series, samples.shares.tolist()
+    return *kept, *sampled, record.events, record._shown, run.complaints()

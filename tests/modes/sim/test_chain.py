@@ -8,8 +8,9 @@ from typing import Any
 
 import pytest
 
-from tests.bench.sim import CONTROLLER, experiment_text
+from tests.bench.sim import CONTROLLER
 from tests.conftest import require_tool
+from tests.modes.sim.conftest import LENGTH_S, results_of, world_of
 from vsense.base.errors import VsenseError
 from vsense.base.files import PACKAGE_FOLDER
 from vsense.config.experiment import load
@@ -23,7 +24,6 @@ from vsense.run.programs import shared_objects
 SHIPPED = sorted((PACKAGE_FOLDER / "config" / "experiments").glob("*.argos"))
 
 LIGHT = '<virtual_light_sensor implementation="default" formula="epuck" vs:angles="false" />'
-LENGTH_S = 20.0
 
 TALKING = r"""
 #include "controller.h"
@@ -58,34 +58,13 @@ def compiler() -> None:
     require_tool("cc", "build-essential")
 
 
-def world(folder: Path, robots: int = 15, *changes: tuple[str, str]) -> Experiment:
-    text = experiment_text(robots)
-    for old, new in changes:
-        assert old in text
-        text = text.replace(old, new)
-    path = folder / "world.argos"
-    path.write_text(text)
-    return load(str(path), LENGTH_S, {}, Stage.SIM)
-
-
-def told(run: Simulation) -> tuple[object, ...]:
-    record, samples = run.record, run.samples
-    kept = record.poses.tobytes(), record.leds.tobytes(), record.share.tobytes()
-    sampled: tuple[object, ...] = ()
-    if samples is not None:
-        fields = [f.tobytes() for s in samples.snapshots.values() for f in s.fields]
-        series = {name: values.tolist() for name, values in samples.measures().items()}
-        sampled = sorted(samples.snapshots), fields, series, samples.shares.tolist()
-    return *kept, *sampled, record.events, record._shown, run.complaints()
-
-
 def outcome(run: Simulation) -> tuple[object, ...]:
     """All that comes of a run, its failure too."""
     try:
         ended: object = run.run()
     except VsenseError as error:
         ended = type(error).__name__, str(error)
-    return *told(run), len(run.record.timesteps), ended
+    return *results_of(run), len(run.record.timesteps), ended
 
 
 def both_ways(
@@ -136,7 +115,7 @@ VARIANTS = {
 
 @pytest.mark.parametrize("name", VARIANTS)
 def test_c_gives_the_same_bits(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    experiment = world(tmp_path, 15, *VARIANTS[name])
+    experiment = world_of(tmp_path, 15, *VARIANTS[name])
     in_c, in_python, timesteps = both_ways(experiment, monkeypatch)
     assert in_c == in_python
     assert timesteps == experiment.timesteps - 1
@@ -152,7 +131,7 @@ def test_c_gives_the_same_bits(name: str, tmp_path: Path, monkeypatch: pytest.Mo
 def test_what_cannot_be_chained_is_not(
     change: tuple[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    *_, timesteps = both_ways(world(tmp_path, 3, change), monkeypatch)
+    *_, timesteps = both_ways(world_of(tmp_path, 3, change), monkeypatch)
     assert timesteps == 0
 
 
@@ -184,7 +163,7 @@ def with_loop(folder: Path, code: str, *changes: tuple[str, str]) -> Experiment:
     leaving = f'{wheels}<virtual_pheromone_actuator implementation="default" field="trail" />'
     (folder / "loop.c").write_text(LEAVING)
     wander = f'library="{CONTROLLER}"'
-    return world(
+    return world_of(
         folder,
         6,
         (LIGHT, sensors),
@@ -296,7 +275,7 @@ def test_a_sensor_that_cannot_travel_is_named(
 def test_notes_have_their_times(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "talker.c").write_text(TALKING)
     library = f'library="{CONTROLLER}"'
-    experiment = world(tmp_path, 4, (library, 'library="talker.c"'))
+    experiment = world_of(tmp_path, 4, (library, 'library="talker.c"'))
     in_c, in_python, timesteps = both_ways(experiment, monkeypatch)
     assert in_c == in_python
     assert timesteps == experiment.timesteps - 1
@@ -309,7 +288,7 @@ def test_what_people_change_is_the_same_in_c(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A lamp, a wall that is in the way, a noise and a latency, between calls of a run in C."""
-    experiment = world(tmp_path, 15, (LIGHT, LIGHT + GROUND))
+    experiment = world_of(tmp_path, 15, (LIGHT, LIGHT + GROUND))
     (light, _), (wall, *_) = experiment.controllers[0].sensors, experiment.boxes
     own = {"controller": experiment.controllers[0].id, "name": light.sensor.name}
     wanted: dict[int, dict[str, Any]] = {
@@ -331,7 +310,7 @@ def test_what_people_change_is_the_same_in_c(
                 carry_out(Change.read(changes[at]), made.environment, made.ground)
             at += made.go_on(at, 1 if at < 0 else min(t - at for t in (*wanted, 99999) if t > at))
         assert (made.chain is not None) is in_c
-        return told(made)
+        return results_of(made)
 
     changed = run(wanted, True)
     assert changed == run(wanted, False)

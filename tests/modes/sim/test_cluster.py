@@ -22,9 +22,9 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import lack
-from tests.modes.sim.test_watch import children
+from tests.rigs.compiling import counting_compiler
 from tests.rigs.places import ROOT
-from tests.robots.test_build import counting_compiler
+from tests.rigs.processes import descendants
 from vsense import __version__
 from vsense.base.errors import pip_line
 from vsense.cli import main
@@ -195,7 +195,7 @@ def test_who_ends_a_campaign_leaves_nothing_running(
     (started,) = workers({})
     faults = ("--set", "wanderer.fault=4", "--duration", "1", "--runs", "3", "--on", address)
     going = started_campaign(write_experiment("plain"), *faults, "-o", tmp_path / "r.csv")
-    wait_for(lambda: len(children(started.pid)) >= 2)
+    wait_for(lambda: len(descendants(started.pid)) >= 2)
     going.send_signal(number)
     said = going.communicate()[1]
     if number == signal.SIGKILL:
@@ -204,7 +204,7 @@ def test_who_ends_a_campaign_leaves_nothing_running(
         assert going.returncode == 128 + number
         assert "0 of 3 runs; the same command goes on from there" in said
     assert "Traceback" not in said
-    wait_for(lambda: not children(started.pid))
+    wait_for(lambda: not descendants(started.pid))
 
 
 def test_a_scheduler_that_dies_is_told_and_takes_its_runs_along(
@@ -215,8 +215,8 @@ def test_a_scheduler_that_dies_is_told_and_takes_its_runs_along(
     started = worker(address)
     faults = ("--set", "wanderer.fault=4", "--duration", "1", "--runs", "3", "--on", address)
     going = started_campaign(write_experiment("plain"), *faults, "-o", tmp_path / "r.csv")
-    wait_for(lambda: len(children(started.pid)) >= 2)
-    behind = children(started.pid)
+    wait_for(lambda: len(descendants(started.pid)) >= 2)
+    behind = descendants(started.pid)
     lost.end()
     said = going.communicate()[1].splitlines()[-1]
     assert going.returncode == 1

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.modes.sim.test_watch import children, task
+from tests.modes.sim.conftest import task_of
+from tests.rigs.processes import descendants
 from vsense.base.errors import VsenseError
 from vsense.base.terminal import Console, Interruption
 from vsense.cli import main
@@ -45,23 +46,23 @@ def test_a_pool_of_processes_gives_the_same_rows(pollutant: Path, tmp_path: Path
 
 def test_an_endless_loop_is_named_and_ended(write_experiment, monkeypatch) -> None:
     monkeypatch.setattr(engine, "LIMIT_S", 0.5)
-    before = len(children())
+    before = len(descendants())
     with ThreadPoolExecutor(1) as threads:
-        asked = replace(task(write_experiment("plain"), "4"), label="seed 1")
+        asked = replace(task_of(write_experiment("plain"), "4"), label="seed 1")
         going = Engine("threads", threads).simulate([asked], Interruption(), nothing)
         words = r"seed 1: robot epuck_31_0 .*timestep 4 .* not return within 0\.5 s"
         with pytest.raises(VsenseError, match=words):
             list(going)
-    assert len(children()) <= before + 1, "only the ps that asks"
+    assert len(descendants()) <= before + 1, "only the ps that asks"
 
 
 def test_a_process_waits_for_its_next_job_and_not_for_ever(write_experiment, monkeypatch) -> None:
-    path, before = write_experiment("plain"), len(children())
+    path, before = write_experiment("plain"), len(descendants())
 
     def simulate(kept_s: float, *seeds: int) -> None:
         monkeypatch.setattr(engine, "KEPT_S", kept_s)
         with ThreadPoolExecutor(1) as threads:
-            tasks = [task(path, "0", seed) for seed in seeds]
+            tasks = [task_of(path, "0", seed) for seed in seeds]
             found = list(Engine("threads", threads).simulate(tasks, Interruption(), nothing))
         assert [done.job.seed for done, _ in found] == list(seeds)
 
@@ -69,9 +70,9 @@ def test_a_process_waits_for_its_next_job_and_not_for_ever(write_experiment, mon
     (first,) = engine._free
     simulate(600.0, 3)
     assert [first] == list(engine._free)
-    assert len(children()) == before + 1
+    assert len(descendants()) == before + 1
     simulate(0.0, 4)
-    while len(children()) > before:
+    while len(descendants()) > before:
         time.sleep(0.02)
     assert not engine._free
 
@@ -117,7 +118,7 @@ class Promises:
 def test_what_an_engine_cannot_do_is_told_with_the_run(
     write_experiment, error: Exception, words: str
 ) -> None:
-    asked = replace(task(write_experiment("plain")), label="seed 1")
+    asked = replace(task_of(write_experiment("plain")), label="seed 1")
     promises = Promises(error)
     with pytest.raises(VsenseError) as caught:
         list(Engine("it", promises).simulate([asked, asked], Interruption(), nothing))
@@ -127,7 +128,7 @@ def test_what_an_engine_cannot_do_is_told_with_the_run(
 
 def test_jobs_that_nobody_waits_for_are_cancelled(write_experiment, monkeypatch) -> None:
     monkeypatch.setattr(engine, "AHEAD", 2)
-    asked, promises, interrupted = task(write_experiment("plain")), Promises(), Interruption()
+    asked, promises, interrupted = task_of(write_experiment("plain")), Promises(), Interruption()
     going = Engine("it", promises).simulate([asked] * 3, interrupted, lambda _: interrupted.set())
     with pytest.raises(Interrupted):
         list(going)
@@ -142,11 +143,11 @@ class Elsewhere(Place):
 
 
 def test_a_run_that_is_not_wanted_any_more_ends(write_experiment) -> None:
-    before = len(children())
-    line = task(write_experiment("plain"), "4").job.to_line().decode()
+    before = len(descendants())
+    line = task_of(write_experiment("plain"), "4").job.to_line().decode()
     answer = engine.do(line, fingerprint.of_machine(), Elsewhere())
     assert answer["refused"] == "nobody waits for it"
-    assert len(children()) == before
+    assert len(descendants()) == before
 
 
 def test_a_worker_of_another_kind_says_what_differs() -> None:
@@ -171,7 +172,7 @@ def test_last_digits_are_those_of_the_functions() -> None:
 
 def origin_of(path: Path, **changes: str) -> Origin:
     """What travels with a job of the experiment at a path."""
-    files = fingerprint.of_files(task(path))
+    files = fingerprint.of_files(task_of(path))
     return Origin("elsewhere", str(path.parent), None, {**files, **changes})
 
 
@@ -215,7 +216,7 @@ def test_python_that_is_imported_from_beside_counts(write_experiment, tmp_path: 
         "import math\nfrom helper import A\nclass LoopFunctions: ...\n"
     )
     (tmp_path / "helper.py").write_text("A = 1\n")
-    asked = task(path)
+    asked = task_of(path)
     names = {Path(name).name for name in fingerprint.of_files(asked)}
     assert names == {"own.argos", "loop.py", "helper.py"}
     before = fingerprint.of_campaign(asked)

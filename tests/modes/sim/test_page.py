@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from tests.conftest import require_tool
-from tests.modes.sim.test_chain import told, world
+from tests.modes.sim.conftest import results_of, world_of
 from vsense.base.errors import UsageError, VsenseError
 from vsense.base.message_bus import Message, MessageBus
 from vsense.base.terminal import Console
@@ -53,20 +53,20 @@ def simulation(experiment: Experiment) -> Simulation:
 
 @pytest.mark.parametrize("looks", [False, True])
 def test_stretches_of_any_length_are_the_same_run(tmp_path: Path, looks: bool) -> None:
-    experiment, draw = world(tmp_path), random.Random(1)
+    experiment, draw = world_of(tmp_path), random.Random(1)
     whole, parts = simulation(experiment), simulation(experiment)
     asked: list[int] = []
     parts.gate = lambda run_timestep: asked.append(run_timestep) or draw.randint(1, 9)  # type: ignore[func-returns-value]
     seen: list[int] = []
     parts.observe = seen.append if looks else None
     assert whole.run() == parts.run()
-    assert told(whole) == told(parts)
+    assert results_of(whole) == results_of(parts)
     assert len(asked) > 20 and asked == sorted(set(asked))
     assert seen == (list(range(len(parts.record.timesteps))) if looks else [])
 
 
 def test_a_run_ends_where_its_gate_is_closed(tmp_path: Path) -> None:
-    run = simulation(world(tmp_path))
+    run = simulation(world_of(tmp_path))
     run.gate = lambda run_timestep: 0 if run_timestep >= 30 else 30 - run_timestep
     run.run()
     assert len(run.record.timesteps) == len(run.record.poses) == 30
@@ -75,7 +75,7 @@ def test_a_run_ends_where_its_gate_is_closed(tmp_path: Path) -> None:
 def test_what_is_changed_between_two_timesteps_counts_in_c_as_in_python(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    experiment = world(tmp_path)
+    experiment = world_of(tmp_path)
 
     def moved(far_m: float) -> tuple[object, ...]:
         run = simulation(experiment)
@@ -90,7 +90,7 @@ def test_what_is_changed_between_two_timesteps_counts_in_c_as_in_python(
 
         run.gate = gate
         run.run()
-        return told(run)
+        return results_of(run)
 
     in_c = moved(0.7)
     monkeypatch.setattr(Simulation, "_chained", lambda run: None)

@@ -9,12 +9,13 @@ import signal
 import subprocess
 import sys
 import threading
-from pathlib import Path
 from typing import Any
 
 import pytest
 
+from tests.modes.sim.conftest import task_of
 from tests.rigs.places import ROOT
+from tests.rigs.processes import descendants
 from vsense.modes.sim.job import Job, Setup
 from vsense.modes.sim.outcome import Interrupted, SimulatedRunError, Task, libraries_of
 from vsense.modes.sim.watch import simulate_all
@@ -23,31 +24,10 @@ TIMESTEP = 4
 """The controller fails in its fifth control step."""
 
 
-def task(path: Path, fault: str = "0", seed: int = 1, **changes: Any) -> Task:
-    setup = Setup(str(path), 1.0, settings={"wanderer.fault": fault}, **changes)
-    experiment = setup.load()
-    libraries = libraries_of(experiment)
-    return Task(Job(setup, seed, libraries), experiment)
-
-
 def results(*tasks: Task, processes: int = 1, limit_s: float = 10.0) -> list[dict[str, Any]]:
     going = simulate_all(tasks, processes, threading.Event(), lambda workers: None, limit_s)
     found = {id(done): result for done, result in going}
     return [found[id(task)] for task in tasks]
-
-
-def children(of: int | None = None) -> set[int]:
-    """All processes of a process that have not ended, and theirs; by default of this one."""
-    listed = subprocess.run(
-        ["ps", "-eo", "pid=,ppid=,stat="], capture_output=True, text=True, check=True
-    )
-    rows = [line.split() for line in listed.stdout.splitlines()]
-    root = os.getpid() if of is None else of
-    found, before = {root}, set()
-    while found != before:
-        before = set(found)
-        found |= {int(pid) for pid, parent, stat in rows if int(parent) in found and stat[0] != "Z"}
-    return found - {root}
 
 
 @pytest.mark.parametrize(
@@ -61,7 +41,7 @@ def children(of: int | None = None) -> set[int]:
 )
 def test_a_crash_is_named(write_experiment, fault: str, words: str) -> None:
     with pytest.raises(Exception) as caught:
-        results(task(write_experiment("plain"), fault))
+        results(task_of(write_experiment("plain"), fault))
     assert re.fullmatch(
         rf"robot epuck_31_0 \(tag 31\), in timestep {TIMESTEP} \(t = 0\.4 s\):"
         rf" its controller 'faulty\.c' {words}",
@@ -84,18 +64,18 @@ def test_a_fault_while_a_library_is_loaded_is_named(write_experiment) -> None:
 
 
 def test_an_endless_loop_is_named_and_ended(write_experiment) -> None:
-    before = len(children())
+    before = len(descendants())
     with pytest.raises(
         Exception, match=r"robot epuck_31_0 .*timestep 4 .* not return within 0\.5 s"
     ):
-        results(task(write_experiment("plain"), "4"), limit_s=0.5)
-    assert len(children()) <= before + 1, "only the ps that asks"
+        results(task_of(write_experiment("plain"), "4"), limit_s=0.5)
+    assert len(descendants()) <= before + 1, "only the ps that asks"
 
 
 def test_one_run_is_like_any_other(write_experiment) -> None:
     """Whatever a run leaves in memory, and however many processes: the same results."""
     path = write_experiment("plain")
-    tasks = [task(path, "6", seed) for seed in (1, 2, 1, 2, 1)]
+    tasks = [task_of(path, "6", seed) for seed in (1, 2, 1, 2, 1)]
     one, two = (results(*tasks, processes=number) for number in (1, 2))
     for run in (*one, *two):
         del run["wall_s"], run["cpu_s"]
@@ -105,7 +85,7 @@ def test_one_run_is_like_any_other(write_experiment) -> None:
 
 
 def test_what_a_user_can_mend_comes_through_as_it_is(write_experiment) -> None:
-    good = task(write_experiment("crowded"))
+    good = task_of(write_experiment("crowded"))
     write_experiment(
         "crowded", ('min="-1.48,-1.18,0" max="1.48,1.18,0"', 'min="0,0,0" max="0,0,0"')
     )
@@ -115,10 +95,10 @@ def test_what_a_user_can_mend_comes_through_as_it_is(write_experiment) -> None:
 
 
 def test_who_interrupts_leaves_nobody_behind(write_experiment) -> None:
-    before = len(children())
+    before = len(descendants())
     interrupted = threading.Event()
     going = simulate_all(
-        [task(write_experiment("plain"), "4")],
+        [task_of(write_experiment("plain"), "4")],
         1,
         interrupted,
         lambda workers: interrupted.set() if workers[0].timesteps >= TIMESTEP else None,
@@ -126,19 +106,19 @@ def test_who_interrupts_leaves_nobody_behind(write_experiment) -> None:
     )
     with pytest.raises(Interrupted):
         list(going)
-    assert len(children()) <= before + 1
+    assert len(descendants()) <= before + 1
 
 
 SCRIPT = """
 import sys, threading
-from tests.modes.sim.test_watch import task
+from tests.modes.sim.conftest import task_of
 from vsense.modes.sim.watch import simulate_all
 
 def show(workers):
     if workers[0].timesteps >= 4:
         print(workers[0]._process.pid, flush=True)
 
-list(simulate_all([task(sys.argv[1], "4")], 1, threading.Event(), show, 60.0))
+list(simulate_all([task_of(sys.argv[1], "4")], 1, threading.Event(), show, 60.0))
 """
 
 
@@ -149,7 +129,7 @@ def test_a_loop_without_an_end_dies_with_who_started_it(write_experiment) -> Non
     )
     assert parent.stdout is not None
     worker = int(parent.stdout.readline())
-    looping = children(worker)
+    looping = descendants(worker)
     assert len(looping) == 1
     watched = [os.pidfd_open(pid) for pid in (worker, *looping)]
     parent.send_signal(signal.SIGKILL)

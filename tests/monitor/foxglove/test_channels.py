@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import math
-from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -12,27 +11,14 @@ import numpy as np
 import pytest
 
 from tests.monitor.foxglove import sdk, told
-from tests.monitor.foxglove.told import AT_NS, CAMERA, SHIFT_NS, VIRTUAL
+from tests.monitor.foxglove.told import AT_NS, CAMERA, SHIFT_NS, VIRTUAL, converted, turned
 from vsense.base.message_bus import Message
 from vsense.monitor.foxglove import schemas, shapes
-from vsense.monitor.foxglove.channels import Channels, Derived, sources_of
-
-
-def converted(messages: Iterable[Message], channels: Channels | None = None) -> dict[str, Any]:
-    """The newest data of each derived topic."""
-    channels = channels or Channels(SHIFT_NS)
-    made: list[Derived] = [one for each in messages for one in channels.convert(each)]
-    return {one.topic: one.data for one in made}
+from vsense.monitor.foxglove.channels import Channels, sources_of
 
 
 def named(scene: dict[str, Any]) -> dict[str, Any]:
     return {one["id"]: one for one in scene["entities"]}
-
-
-def turned(turn: dict[str, float], vector: Any) -> Any:
-    """A vector turned by a quaternion: v + 2 q x (q x v + w v)."""
-    q = np.array([turn["x"], turn["y"], turn["z"]])
-    return vector + 2.0 * np.cross(q, np.cross(q, vector) + turn["w"] * np.asarray(vector))
 
 
 def test_our_schemas_are_those_of_the_sdk() -> None:

@@ -12,8 +12,7 @@ from typing import Any
 from foxglove import layouts
 
 import vsense.monitor.foxglove
-from tests.monitor.foxglove.test_channels import converted
-from tests.monitor.foxglove.told import everything
+from tests.monitor.foxglove.told import converted, everything
 from vsense.modes.lab.camera_spec import rig
 from vsense.monitor.foxglove import channels, schemas
 from vsense.monitor.foxglove.channels import schema_of

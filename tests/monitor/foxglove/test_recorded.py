@@ -14,7 +14,7 @@ import pytest
 from mcap.reader import make_reader
 
 from tests.monitor.foxglove import sdk, told
-from tests.monitor.foxglove.test_channels import turned
+from tests.monitor.foxglove.told import turned
 from tests.monitor.recording.scene import CAMERAS, FAMILY, HEIGHTS_M, STEP_NS, frames, robots
 from tests.vision.tracking.synthetic import HEIGHT_M
 from vsense.base.arena import arena_data

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import base64
 import json
+from collections.abc import Iterable
 from typing import Any
 
 import cv2
 import numpy as np
 
 from vsense.base.message_bus import Message
+from vsense.monitor.foxglove.channels import Channels, Derived
 from vsense.monitor.ui.messages import entity
 from vsense.vision.cameras.camera import Camera
 from vsense.world.entities import Box, Cylinder, Led, Light, VirtualRobot, Zone
@@ -91,3 +93,16 @@ def everything() -> list[Message]:
         "/gap": {"from_ns": 1, "to_ns": 2, "messages": 3, "pictures": 0, "why": "the disk"},
     }
     return [Message(topic, AT_NS, data) for topic, data in told.items()]
+
+
+def converted(messages: Iterable[Message], channels: Channels | None = None) -> dict[str, Any]:
+    """The newest data of each derived topic."""
+    channels = channels or Channels(SHIFT_NS)
+    made: list[Derived] = [one for each in messages for one in channels.convert(each)]
+    return {one.topic: one.data for one in made}
+
+
+def turned(turn: dict[str, float], vector: Any) -> Any:
+    """A vector turned by a quaternion: v + 2 q x (q x v + w v)."""
+    q = np.array([turn["x"], turn["y"], turn["z"]])
+    return vector + 2.0 * np.cross(q, np.cross(q, vector) + turn["w"] * np.asarray(vector))

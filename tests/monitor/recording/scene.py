@@ -5,11 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import cache
+from pathlib import Path
+from typing import Any
 
 from tests.vision.tracking.synthetic import HEIGHT_M, Robot, render
-from vsense.base.arena import Frame
+from vsense.base.arena import Frame, arena_data
+from vsense.base.message_bus import Message, MessageBus
+from vsense.config.roster_fields import MarkerOffset
+from vsense.monitor.recording import tracker_made
+from vsense.monitor.recording.pictures import PictureRecorder, one_tracker, write_session_files
+from vsense.monitor.recording.recorder import Recorder
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import MarkerFamily, load_family
+from vsense.vision.tracking.arena_tracker import ArenaTracker
+from vsense.vision.tracking.mask import Mask
 
 FAMILY = "arrow4x4"
 STEP_NS = 100_000_000
@@ -20,6 +29,10 @@ CAMERAS = [
 ]
 STRANGER = 1234
 HEIGHTS_M = {3: HEIGHT_M, 14: HEIGHT_M, 77: HEIGHT_M}
+
+OFFSETS = dict.fromkeys((*HEIGHTS_M, STRANGER), MarkerOffset(0.003, -0.004, 0.07))
+"""Markers that sit beside the middle: recordings hold where."""
+MADE = tracker_made.of_family(CAMERAS, FAMILY, HEIGHTS_M, offsets=OFFSETS)
 
 
 def robots(timestep: int) -> list[Robot]:
@@ -55,3 +68,36 @@ def frames(timestep: int, cameras: int = 2) -> Sequence[Frame]:
         )
         for place, camera in enumerate(CAMERAS[:cameras])
     ]
+
+
+def session_files(folder: Path, mask: Mask | None = None) -> tuple[Path, Path]:
+    """The scene as a recording of `vsense track`."""
+    pictures = PictureRecorder(folder, CAMERAS)
+    pictures.write(frames(0))
+    pictures.close()
+    trackers = one_tracker(CAMERAS, FAMILY, HEIGHTS_M)
+    write_session_files(folder, CAMERAS, trackers, mask)
+    return folder / "resources.xml", folder / "experiment.xml"
+
+
+def track(
+    path: Path, tracker: ArenaTracker, made: dict[str, Any], begin: int = 0, off: range = range(0)
+) -> Path:
+    """Tracks the scene and records it from a timestep on, without those in `off`."""
+    bus, recorder = MessageBus(), None
+    for timestep in range(TIMESTEPS):
+        if timestep == begin:
+            recorder = Recorder(bus, path, pictures=True)
+            recorder.describe_tracker(made)
+        if recorder is not None and off:
+            if timestep == off.start:
+                recorder.pause()
+            if timestep == off.stop:
+                recorder.resume()
+        if recorder is not None:
+            recorder.pictures(frames(timestep), tracker)
+        state = tracker.update(frames(timestep))
+        bus.publish(Message("/arena", state.capture_ns, arena_data(state)))
+    assert recorder is not None
+    recorder.close()
+    return path

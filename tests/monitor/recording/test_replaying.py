@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from tests.monitor.recording.conftest import BEGIN_NS, record
-from tests.monitor.recording.test_retrack import MADE, lab, session_files, track
+from tests.monitor.recording.scene import MADE, session_files, track
 from vsense import cli
 from vsense.base.message_bus import Message
 from vsense.commands import replay
@@ -21,8 +21,6 @@ from vsense.monitor.ui.access import WebAddress
 from vsense.monitor.ui.watchers import WatchedBus
 from vsense.run.orders import Order, OrderKind
 from vsense.vision.tracking.arena_tracker import ArenaTracker
-
-__all__ = ["lab"]
 
 
 @dataclass

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,70 +11,29 @@ from typing import Any
 import pytest
 
 from tests.monitor.recording.conftest import record
-from tests.monitor.recording.scene import CAMERAS, FAMILY, HEIGHTS_M, STRANGER, TIMESTEPS, frames
-from vsense.base.arena import arena_data
+from tests.monitor.recording.scene import (
+    MADE,
+    OFFSETS,
+    STRANGER,
+    TIMESTEPS,
+    frames,
+    session_files,
+    track,
+)
 from vsense.base.errors import UsageError, VsenseError
-from vsense.base.message_bus import Message, MessageBus
+from vsense.base.message_bus import Message
 from vsense.config import tracking_session
-from vsense.config.roster_fields import MarkerOffset
 from vsense.monitor.recording import tracker_made
 from vsense.monitor.recording.form import RecordingError
-from vsense.monitor.recording.pictures import PictureRecorder, one_tracker, write_session_files
 from vsense.monitor.recording.reader import open_recording
-from vsense.monitor.recording.recorder import Recorder
 from vsense.monitor.recording.retrack import RetrackComparison, Retracking
 from vsense.monitor.recording.tracker_made import change_settings
-from vsense.vision.markers.families import load_family
 from vsense.vision.tracking import memory as tracker_memory
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 from vsense.vision.tracking.mask import Mask
 from vsense.vision.tracking.opening import open_tracking
 
 Change = Callable[[dict[str, Any]], dict[str, Any]]
-OFFSETS = dict.fromkeys((*HEIGHTS_M, STRANGER), MarkerOffset(0.003, -0.004, 0.07))
-"""Markers that sit beside the middle: recordings hold where."""
-MADE = tracker_made.of_family(CAMERAS, FAMILY, HEIGHTS_M, offsets=OFFSETS)
-
-
-def session_files(folder: Path, mask: Mask | None = None) -> tuple[Path, Path]:
-    """The scene as a recording of `vsense track`."""
-    pictures = PictureRecorder(folder, CAMERAS)
-    pictures.write(frames(0))
-    pictures.close()
-    trackers = one_tracker(CAMERAS, FAMILY, HEIGHTS_M)
-    write_session_files(folder, CAMERAS, trackers, mask)
-    return folder / "resources.xml", folder / "experiment.xml"
-
-
-@pytest.fixture
-def lab() -> Iterator[ArenaTracker]:
-    """A tracker as the lab makes it."""
-    tracker = ArenaTracker.for_family(CAMERAS, load_family(FAMILY), HEIGHTS_M, offsets=OFFSETS)
-    yield tracker
-    tracker.close()
-
-
-def track(
-    path: Path, tracker: ArenaTracker, made: dict[str, Any], begin: int = 0, off: range = range(0)
-) -> Path:
-    """Tracks the scene and records it from a timestep on, without those in `off`."""
-    bus, recorder = MessageBus(), None
-    for timestep in range(TIMESTEPS):
-        if timestep == begin:
-            recorder = Recorder(bus, path, pictures=True)
-            recorder.describe_tracker(made)
-        if recorder is not None and off:
-            if timestep == off.start:
-                recorder.pause()
-            if timestep == off.stop:
-                recorder.resume()
-        if recorder is not None:
-            recorder.pictures(frames(timestep), tracker)
-        state = tracker.update(frames(timestep))
-        bus.publish(Message("/arena", state.capture_ns, arena_data(state)))
-    assert recorder is not None
-    recorder.close()
-    return path
 
 
 def again(path: Path, change: Change = lambda made: made) -> RetrackComparison:

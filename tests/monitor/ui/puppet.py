@@ -344,6 +344,13 @@ class Puppet:
             self._pace.join()
 
 
+def running(robots: int = 15, cameras: int = 4) -> Puppet:
+    """A puppet whose run is running."""
+    puppet = Puppet(robots, cameras)
+    puppet.state = "running"
+    return puppet
+
+
 def main() -> None:
     """Serves a puppet until Ctrl-C."""
     parser = argparse.ArgumentParser(description=__doc__)

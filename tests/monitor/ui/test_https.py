@@ -20,8 +20,7 @@ import pytest
 from tests.conftest import require_tool
 from tests.monitor.ui.browser import Browser
 from tests.monitor.ui.puppet import Puppet
-from tests.monitor.ui.test_server import hear, talk
-from tests.monitor.ui.test_web_listener import is_closed, rest
+from tests.rigs.web import hear, is_closed, read_rest, talk
 from vsense.base.errors import UsageError, VsenseError
 from vsense.base.terminal import Console
 from vsense.commands import parser
@@ -180,7 +179,7 @@ def test_handshakes_that_lead_to_nothing_end(
     assert sum(not is_closed(sock) for sock in crowd) <= web_listener.STRANGERS_EACH
     for sock in crowd:
         sock.settimeout(PATIENCE_S)
-        assert b"HTTP" not in rest(sock)
+        assert b"HTTP" not in read_rest(sock)
     assert 1 <= len(page.told) <= 3
     assert capfd.readouterr() == ("", "")
     for sock in crowd:

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import json
-import re
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,7 +13,7 @@ import pytest
 
 from tests.monitor.ui.browser import Page
 from tests.monitor.ui.conftest import Open
-from tests.monitor.ui.test_page import PLACES, state
+from tests.monitor.ui.portrait import PLACES, SPARE, HeldLab, press, state
 from vsense.base.clock import host_ns
 from vsense.modes.lab.microcontrollers import read_actuations
 from vsense.monitor.recording.reader import open_recording
@@ -24,78 +22,29 @@ from vsense.run.runs_csv import read_runs
 pytestmark = pytest.mark.system
 
 LIMIT_MS = 450.0
-URL = re.compile(r"control room: (http://\S+)")
 ROBOTS = 15
-SPARE = 37
 PATIENCE_S = 60
 
 
-class Lab:
-    """`vsense lab` that waits for a start."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        roster = folder.parent / "robots.toml"
-        roster.write_text(f"[[robot]]\ntag = {SPARE}\nspare = true\n")
-        words = ["lab", "pollutant", "--port", "0", "--web", "0", "--hold", "--record"]
-        words += ["--roster", str(roster)]
-        self._said = (folder.parent / "said").open("w+")
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "vsense", *words, "--output", str(folder)],
-            stdin=subprocess.DEVNULL, stdout=self._said, stderr=self._said,
-        )  # fmt: skip
-
-    @property
-    def said(self) -> str:
-        self._said.seek(0)
-        return self._said.read()
-
-    def url(self) -> str:
-        """The page's address, once it is told."""
-        end_s = time.monotonic() + PATIENCE_S
-        while (found := URL.search(self.said)) is None:
-            assert self.process.poll() is None and time.monotonic() < end_s, self.said
-            time.sleep(0.05)
-        return found[1]
-
-    def end(self) -> int:
-        """Ends it as Ctrl-C does."""
-        self.process.send_signal(signal.SIGINT)
-        return self.process.wait(PATIENCE_S)
-
-    def close(self) -> None:
-        self.process.kill()
-        self.process.wait()
-        self._said.close()
-
-    def rest_ms(self, pressed_ns: int) -> float:
-        """How long after a press the last robot's motors had speed 0 [ms]."""
-        rows = read_actuations(self.folder / "actuations.bin")
-        found = []
-        for robot in range(ROBOTS):
-            own = rows[rows["robot"] == robot]
-            turning = (own["left_steps_s"] != 0) | (own["right_steps_s"] != 0)
-            before = own[own["time_ns"] <= pressed_ns]
-            assert len(before), "it was driven before"
-            after = own[(own["time_ns"] > pressed_ns) & ~turning]
-            found.append((after["time_ns"][0] - pressed_ns) / 1e6)
-        return max(found)
+def rest_ms(lab: HeldLab, pressed_ns: int) -> float:
+    """How long after a press the last robot's motors had speed 0 [ms]."""
+    rows = read_actuations(lab.directory / "actuations.bin")
+    found = []
+    for robot in range(ROBOTS):
+        own = rows[rows["robot"] == robot]
+        turning = (own["left_steps_s"] != 0) | (own["right_steps_s"] != 0)
+        before = own[own["time_ns"] <= pressed_ns]
+        assert len(before), "it was driven before"
+        after = own[(own["time_ns"] > pressed_ns) & ~turning]
+        found.append((after["time_ns"][0] - pressed_ns) / 1e6)
+    return max(found)
 
 
 @pytest.fixture
-def lab(tmp_path: Path) -> Iterator[Lab]:
-    made = Lab(tmp_path / "run")
+def lab(tmp_path: Path) -> Iterator[HeldLab]:
+    made = HeldLab(tmp_path / "run")
     yield made
     made.close()
-
-
-def press(page: Page, button: str, then: str) -> int:
-    """Presses a button and waits for the state that follows; gives when it was pressed."""
-    page.until(f"!document.querySelector('#{button}').disabled")
-    now_ns = host_ns()
-    page.click(f"#{button}")
-    state(page, then)
-    return now_ns
 
 
 def drive(page: Page) -> None:
@@ -141,7 +90,7 @@ def sensed_again(path: Path) -> dict[str, int]:
     return found
 
 
-def test_a_lab_is_steered_from_its_page(lab: Lab, opened: Open) -> None:
+def test_a_lab_is_steered_from_its_page(lab: HeldLab, opened: Open) -> None:
     page = opened(lab.url())
     state(page, "ready")
     press(page, "start", "running")
@@ -171,30 +120,34 @@ def test_a_lab_is_steered_from_its_page(lab: Lab, opened: Open) -> None:
     press(page, "start", "running")
     drive(page)
     stopped_ns = press(page, "stop", "ended")
+    lab.process.send_signal(signal.SIGINT)
     assert lab.end() == 0, lab.said
+    said = "".join(lab.said)
     took = {
-        name: lab.rest_ms(pressed_ns)
+        name: rest_ms(lab, pressed_ns)
         for name, pressed_ns in {
             "pause": paused_ns, "emergency": emergency_ns, "reset": reset_ns, "stop": stopped_ns,
         }.items()
     }  # fmt: skip
     print("speed 0 after [ms]:", took)
     assert all(ms <= LIMIT_MS for ms in took.values()), took
-    runs = json.loads((lab.folder / "series.json").read_text())["runs"]
+    runs = json.loads((lab.directory / "series.json").read_text())["runs"]
     assert [run["run"] for run in runs] == [1, 2, 3] and all(run["timesteps"] > 10 for run in runs)
     for number in (1, 2, 3):
-        assert (lab.folder / f"run-{number}" / "pollutant.mcap").stat().st_size > 10_000
-    orders = [sensed_again(lab.folder / f"run-{n}" / "pollutant.mcap")["orders"] for n in (1, 2, 3)]
+        assert (lab.directory / f"run-{number}" / "pollutant.mcap").stat().st_size > 10_000
+    orders = [
+        sensed_again(lab.directory / f"run-{n}" / "pollutant.mcap")["orders"] for n in (1, 2, 3)
+    ]
     assert orders == [2, 0, 0], "all readings are the same again, in every bit"
-    assert lab.said.count("viewer 1 (127.0.0.1): run 1 is paused") == 1
-    assert f"robot {SPARE} plays the part of {part} (" in lab.said
-    rows = read_runs(lab.folder / "runs.csv")
+    assert said.count("viewer 1 (127.0.0.1): run 1 is paused") == 1
+    assert f"robot {SPARE} plays the part of {part} (" in said
+    rows = read_runs(lab.directory / "runs.csv")
     assert [part in row.tags for row in rows] == [True, False, False]
     assert [SPARE in row.tags for row in rows] == [False, True, True]
     assert rows[0].uids[1:] == rows[1].uids[1:] and rows[0].uids[0] != rows[1].uids[0]
     first = runs[1]["parts"][0]
     assert (first["part"], first["tag"], first["uid"]) == (part, SPARE, rows[1].uids[0])
-    with open_recording(lab.folder / "run-2" / "pollutant.mcap") as recording:
+    with open_recording(lab.directory / "run-2" / "pollutant.mcap") as recording:
         told = [message.data for message in recording.messages({"/parts"})]
     assert told[0]["tag"][0] == part, "it waited for its start when the spare came"
     assert told[-1]["part"][0] == part and told[-1]["uid"][0] == first["uid"]

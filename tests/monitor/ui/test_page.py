@@ -6,12 +6,12 @@ import pytest
 
 from tests.monitor.ui.browser import Browser, Page
 from tests.monitor.ui.conftest import Open, Serve
-from tests.monitor.ui.puppet import Puppet
+from tests.monitor.ui.portrait import PLACES, state
+from tests.monitor.ui.puppet import Puppet, running
 from vsense.monitor.ui.access import Tokens
 from vsense.monitor.ui.server import WebServer
 from vsense.run.orders import Order, OrderKind
 
-PLACES = "JSON.stringify(vsense.arena.drawn.robots.map(r => [r.x_px, r.y_px]))"
 PIXELS = """(() => {
   const canvas = document.querySelector("#arena");
   const data = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
@@ -20,17 +20,6 @@ PIXELS = """(() => {
   return sum;
 })()"""
 TOKENS = Tokens("to-look-only", "to-control-it")
-
-
-def state(page: Page, wanted: str) -> None:
-    """Waits until the page shows a state."""
-    page.until(f"document.body.dataset.state === '{wanted}'")
-
-
-def running(robots: int = 15, cameras: int = 4) -> Puppet:
-    puppet = Puppet(robots, cameras)
-    puppet.state = "running"
-    return puppet
 
 
 def test_fifteen_robots_move_on_the_page(served: Serve, opened: Open) -> None:

@@ -6,8 +6,7 @@ import pytest
 
 from tests.monitor.ui.browser import Page
 from tests.monitor.ui.conftest import Open, Serve
-from tests.monitor.ui.puppet import Puppet
-from tests.monitor.ui.test_page import running
+from tests.monitor.ui.puppet import Puppet, running
 from vsense.monitor.ui.access import Tokens
 from vsense.run.changing import ChangeKind
 

@@ -16,13 +16,12 @@ import aiohttp
 import pytest
 
 from tests.monitor.ui.puppet import Puppet
-from tests.monitor.ui.test_server import TOKENS, hear, talk, ws
+from tests.rigs.web import HALF, TOKENS, hear, is_closed, read_rest, talk, ws
 from vsense.monitor.ui import server as site
 from vsense.monitor.ui import web_listener
 from vsense.monitor.ui.server import WebServer
 
 PATIENCE_S = 30.0
-HALF = b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX-"
 
 
 class Port:
@@ -79,31 +78,9 @@ def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(web_listener, "KEPT_S", 0.6)
 
 
-def rest(sock: socket.socket) -> bytes:
-    """All that comes until the other end closes."""
-    found = b""
-    with contextlib.suppress(ConnectionError):
-        while data := sock.recv(65536):
-            found += data
-    return found
-
-
-def is_closed(sock: socket.socket) -> bool:
-    """Whether the other end has closed, as far as is known here."""
-    sock.setblocking(False)
-    try:
-        while sock.recv(65536):
-            pass
-    except BlockingIOError:
-        return False
-    except ConnectionError:
-        return True
-    return True
-
-
 @pytest.mark.parametrize("sent", [b"", HALF, b"\r\n" * 20, b"GET"])
 def test_no_whole_request_in_time(port: Port, hasty: None, sent: bytes) -> None:
-    assert rest(port.connect(sent)) == b""
+    assert read_rest(port.connect(sent)) == b""
     assert port.told == ["page: 127.0.0.1: no whole request in time"]
 
 
@@ -118,14 +95,14 @@ def test_one_byte_at_a_time_wins_no_time(port: Port, hasty: None) -> None:
 
 def test_a_connection_is_kept_for_a_while_only(port: Port, hasty: None) -> None:
     sock = port.connect(port.request())
-    assert rest(sock).startswith(b"HTTP/1.1 200")
+    assert read_rest(sock).startswith(b"HTTP/1.1 200")
     assert port.told == [], "a browser does so"
 
 
 def test_a_body_that_never_comes(port: Port, hasty: None) -> None:
     head = port.request().replace(b"GET", b"POST").replace(b"\r\n\r\n", b"\r\n")
     sock = port.connect(head + b"Content-Length: 4000\r\n\r\nabc")
-    assert rest(sock).startswith(b"HTTP/1.1 405")
+    assert read_rest(sock).startswith(b"HTTP/1.1 405")
 
 
 def test_a_flood_from_one_address_ends_itself(port: Port) -> None:
@@ -168,7 +145,7 @@ def test_what_is_not_http_is_answered_and_not_printed(
     for _ in range(20):
         # One that the server closes at once may be gone before all is written.
         with contextlib.suppress(ConnectionError):
-            assert rest(port.connect(sent)).startswith(b"HTTP/1.0 400") or sent[:1] == b"\x16"
+            assert read_rest(port.connect(sent)).startswith(b"HTTP/1.0 400") or sent[:1] == b"\x16"
     assert port.answers()
     assert port.told == ["page: 127.0.0.1: not HTTP"]
     assert capfd.readouterr() == ("", "")

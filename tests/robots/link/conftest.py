@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
+from tests.robots.link.arena_rig import Told
 from tests.robots.link.rig import Clock, Frozen, Robot, Server
 
 
@@ -13,6 +14,12 @@ from tests.robots.link.rig import Clock, Frozen, Robot, Server
 def clock() -> Clock:
     """Real time, which the test can put forward."""
     return Clock()
+
+
+@pytest.fixture
+def told() -> Told:
+    """The lines for a person."""
+    return Told()
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ Nothing here sleeps: every wait is for a packet or an event, and gives up after 
 
 from __future__ import annotations
 
+import contextlib
 import os
 import select
 import socket
@@ -19,7 +20,12 @@ from vsense.robots.link.keys import LinkTrust, SwarmKeys
 from vsense.robots.link.roster import ExpectedRobot
 from vsense.robots.link.server import LinkEvent, VirtualSensorServer
 from vsense.robots.link.table import Direction, Entry, Table
-from vsense.robots.link.wire import PACKET_MAX, GoodbyeCause, Telemetry, Values
+from vsense.robots.link.wire import (
+    PACKET_MAX,
+    GoodbyeCause,
+    Telemetry,
+    Values,
+)
 
 PATIENCE_S = 20.0
 LOOK_AGAIN_S = 0.005
@@ -229,3 +235,28 @@ class Robot:
     def close(self) -> None:
         self.tcp.close()
         self.udp.close()
+
+
+MakeRobot = Callable[..., Robot]
+
+
+def heard_since(server: Server, robot: Robot, accepted: int) -> bool:
+    return server.server.robots()[robot.session.c.config.tag].accepted > accepted
+
+
+def works(server: Server, robot: Robot, timestep: int) -> bool:
+    """Whether a robot gets a reading and the host its telemetry."""
+    server.server.publish(timestep, server.clock(), {})
+    robot.timestep(timestep)
+    accepted = server.server.robots()[robot.session.c.config.tag].accepted
+    robot.say()
+    robot.until(lambda: heard_since(server, robot, accepted))
+    return True
+
+
+def closed(sock: socket.socket) -> bool:
+    """Waits until the host has closed a connection."""
+    with contextlib.suppress(ConnectionResetError):
+        while sock.recv(4096):
+            pass
+    return True

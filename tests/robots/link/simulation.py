@@ -14,6 +14,8 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import count
 
+from hypothesis import strategies as st
+
 from tests.robots.link.rig import KEYS, keyed_session
 from tests.wire.robot_session import Event
 from vsense.robots.link.keys import LinkTrust
@@ -61,6 +63,15 @@ class Weather:
 
 
 CALM = Weather()
+weathers = st.builds(
+    Weather,
+    loss=st.floats(0, 0.6),
+    repeats=st.floats(0, 0.5),
+    delay_ns=st.integers(1, 300 * MS),
+    down=st.booleans(),
+    up=st.booleans(),
+    breaks=st.sampled_from([0.0, 0.1]),
+)
 
 
 class Robot:

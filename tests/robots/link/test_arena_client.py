@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import select
-import socket
 import struct
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -13,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.rigs.processes import free_port
 from tests.robots.link.arena_rig import (
     ONE_SHOT,
     PATIENCE_S,
@@ -36,11 +36,6 @@ ROBOT = "23 1.0 2.0 3.0 0.5 -0.25 90.0"
 S = 1_000_000_000
 
 Coming = Future[tuple[ArenaState, object]]
-
-
-@pytest.fixture
-def told() -> Told:
-    return Told()
 
 
 @pytest.fixture
@@ -133,7 +128,7 @@ def test_length_zero_ends_the_run(
 ) -> None:
     coming = in_run(tracker, client, begin)
     tracker.sock.sendall(b"\0\0\0\0")
-    with pytest.raises(TrackerEnded, match="has ended the run"):
+    with pytest.raises(TrackerEnded, match="ended"):
         coming.result()
     coming = begin()
     assert tracker.command() == ONE_SHOT
@@ -199,7 +194,7 @@ def test_defect_6_waiting_costs_nothing(
     real = select.poll
     monkeypatch.setattr(select, "poll", lambda: polls.append(1) or real())
     first_state(tracker, begin)
-    with pytest.raises(LinkError, match=r"no arena state in 0.3 s"):
+    with pytest.raises(LinkError, match=r"0.3 s"):
         client.next(0.3)
     assert len(polls) <= 12
 
@@ -227,8 +222,7 @@ def test_defect_7_bytes_that_are_no_state_cost_the_connection_only(
 
 
 def test_a_tracker_that_is_not_there_is_told_once_and_tried_again(told: Told) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
+    port = free_port()
     client = ArenaClient("127.0.0.1", port, TAGS, told)
     with pytest.raises(LinkError, match=f"127.0.0.1:{port}: no arena state in 0.8 s"):
         client.next(0.8)

@@ -35,16 +35,6 @@ TEXT = "23 23.50 46.25 -45.000 0.10000 -0.20000 90.000"
 
 
 @pytest.fixture
-def told() -> Told:
-    return Told()
-
-
-@pytest.fixture
-def clock() -> Clock:
-    return Clock()
-
-
-@pytest.fixture
 def server(told: Told, clock: Clock) -> Iterator[ArenaServer]:
     made = ArenaServer("127.0.0.1", 0, locate, told, clock)
     made.start()

@@ -81,15 +81,15 @@ def test_other_ways_to_write_numbers_are_understood() -> None:
     ("body", "reason"),
     [
         (b"", "timestep ''|0 tokens"),
-        (b"x", "timestep 'x', expected a whole number"),
+        (b"x", "timestep 'x'"),
         (b"-1", "timestep '-1'"),
         (b"4294967296", "timestep '4294967296'"),
-        (b"1 2 3", "3 tokens, expected 1 [+] 7 per robot"),
-        (b"1 5 0 0 0 nan 0 0", "place 'nan', expected a number"),
+        (b"1 2 3", "3 tokens.*1 [+] 7"),
+        (b"1 5 0 0 0 nan 0 0", "place 'nan'"),
         (b"1 5 0 0 0 0 inf 0", "place 'inf'"),
         (b"1 5 0 0 0 0 1e9 0", "place '1e9'"),
         (b"1 5 0 0 0 0 0 north", "angle 'north'"),
-        (b"1 5.0 0 0 0 0 0 0", "tag '5.0'"),
+        (b"1 5.0 0 0 0 0 0 0", "'5.0'"),
         (b"1  5 0 0 0 0 0 0", "9 tokens"),
         (b"\xff\xfe", "expected a whole number"),
     ],
@@ -127,6 +127,6 @@ def test_states_are_bounded_by_robots_too() -> None:
     arena = state(0, *[(2**32 - 1, -1234.5, -1234.5, -3.1)] * (ROBOTS_MAX + 1))
     body = encode_state(2**32 - 1, arena.robots, np.full((ROBOTS_MAX + 1, 3), -12345.0))[4:]
     assert len(body) < STATE_MAX
-    with pytest.raises(LinkError, match="of 1025 robots, expected at most 1024"):
+    with pytest.raises(LinkError, match=r"1025 robots.*1024"):
         decode_state(body)
     assert len(decode_state(body[: body.rindex(b" 4294967295")])[1]) == ROBOTS_MAX

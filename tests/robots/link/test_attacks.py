@@ -24,10 +24,11 @@ from tests.robots.link.rig import (
     Robot,
     S,
     Server,
+    closed,
     keyed_session,
     reading,
+    works,
 )
-from tests.robots.link.test_faults import closed, works
 from tests.wire.robot_session import Event, RobotSession
 from tests.wire.strategies import reseal
 from vsense.base.native import WireError, lib

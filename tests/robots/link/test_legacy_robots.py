@@ -111,14 +111,14 @@ def test_of_a_mixed_swarm_those_come_whose_sensors_the_original_has() -> None:
     assert swarm.join(30) is not None and swarm.join(31) is None
     assert swarm.why_not(31) == "b has none of the virtual sensors that the original client knows"
     assert swarm.unknown == ("scent",)
-    with pytest.raises(LinkError, match="know none of this experiment's virtual sensors: scent"):
+    with pytest.raises(LinkError, match="sensors: scent"):
         translations({24: [other, light]})
 
 
 def test_robots_are_known_by_the_last_octet() -> None:
     robots = {23: ("epuck_23_30", 30), 24: ("epuck_24_31", 31), 25: ("epuck_25_0", 0)}
     assert by_octet(robots) == {30: (23, "epuck_23_30"), 31: (24, "epuck_24_31")}
-    with pytest.raises(LinkError, match=r"epuck_23_30 and other_9_30 have the same number 30"):
+    with pytest.raises(LinkError, match=r"epuck_23_30.*other_9_30.*30"):
         by_octet({**robots, 9: ("other_9_30", 30)})
     with pytest.raises(LinkError, match=r"no robot's id ends with the last octet"):
         by_octet({25: ("epuck_25_0", 0), 26: ("epuck_26_255", 255)})

@@ -111,12 +111,12 @@ def test_what_the_original_does_not_know_is_left_out_and_named() -> None:
 
 
 def test_an_experiment_without_any_of_its_sensors_is_refused() -> None:
-    with pytest.raises(LinkError, match=r"know none of this experiment's .*: pheromone$"):
+    with pytest.raises(LinkError, match=r"pheromone$"):
         Translation([Entry(1, "pheromone", "3*f4")])
     with pytest.raises(LinkError, match=r"it has none$"):
         Translation([])
 
 
 def test_a_sensor_with_too_few_numbers_is_refused() -> None:
-    with pytest.raises(LinkError, match=r"expect 8 numbers of the sensor 'light', .* gives 4"):
+    with pytest.raises(LinkError, match=r"8.*'light'.*4"):
         Translation([Entry(1, "light", "4*f4")])

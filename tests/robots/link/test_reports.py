@@ -8,10 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.robots.link.rig import Frozen, Server
-from tests.robots.link.simulation import CALM, MS, TIMESTEP_NS, S, Simulation, Weather
-from tests.robots.link.test_server import MakeRobot
-from tests.robots.link.test_session import weathers
+from tests.robots.link.rig import Frozen, MakeRobot, Server
+from tests.robots.link.simulation import CALM, MS, TIMESTEP_NS, S, Simulation, Weather, weathers
 from vsense.robots.link.status import LIFE_NS, ActuatorReport, Reporter
 from vsense.robots.link.wire import Header, PacketType, Telemetry
 

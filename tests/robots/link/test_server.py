@@ -7,15 +7,13 @@ from collections.abc import Callable
 
 import pytest
 
-from tests.robots.link.rig import MS, TABLE, Frozen, Robot, S, Server, reading
+from tests.robots.link.rig import MS, TABLE, Frozen, MakeRobot, S, Server, reading
 from tests.wire.robot_session import Event
 from vsense.base.native import WireError
 from vsense.robots.link.keys import INSECURE
 from vsense.robots.link.roster import ExpectedRobot
 from vsense.robots.link.server import LinkError, VirtualSensorServer
 from vsense.robots.link.wire import GoodbyeCause, StopCause, Telemetry, Wanted
-
-MakeRobot = Callable[..., Robot]
 
 
 def test_a_robot_joins_and_is_told_everything(server: Server, robot: MakeRobot) -> None:

@@ -9,21 +9,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.robots.link.simulation import CALM, HOUR_NS, MS, TABLE, TAG, S, Simulation, Weather
+from tests.robots.link.simulation import (
+    CALM,
+    HOUR_NS,
+    MS,
+    TABLE,
+    TAG,
+    S,
+    Simulation,
+    Weather,
+    weathers,
+)
 from tests.wire.robot_session import Event
 from vsense.robots.link.peer import Orders
 from vsense.robots.link.session import HEARTBEAT_NS, HostSession
 from vsense.robots.link.wire import Wanted
 
-weathers = st.builds(
-    Weather,
-    loss=st.floats(0, 0.6),
-    repeats=st.floats(0, 0.5),
-    delay_ns=st.integers(1, 300 * MS),
-    down=st.booleans(),
-    up=st.booleans(),
-    breaks=st.sampled_from([0.0, 0.1]),
-)
 orders = st.lists(st.tuples(st.sampled_from(Wanted), st.integers(0, 100)), max_size=5)
 
 
@@ -202,7 +203,7 @@ def test_an_unseen_robot_is_sent_its_old_reading_with_its_old_time() -> None:
 
 def test_readings_that_do_not_fit_the_table_are_refused_whole() -> None:
     host = HostSession(TAG, "epuck_23", TABLE)
-    with pytest.raises(ValueError, match=r"robot 23 \(epuck_23\): readings of \[4, 2\] byte"):
+    with pytest.raises(ValueError, match=r"robot 23 \(epuck_23\):.*\[4, 2\] byte"):
         host.hold(1, 2, [(struct.pack("<f", 1), 1), (b"ab", 1)])
 
 

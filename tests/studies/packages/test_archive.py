@@ -67,9 +67,9 @@ def test_the_same_files_are_the_same_bytes_and_come_out_again(whole: Path, tmp_p
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"runs/b.csv": b"x\n2\n"}, "runs/b.csv has changed"),
-        ({"runs/b.csv": None}, "runs/b.csv is missing"),
-        ({"runs/new.csv": b""}, "runs/new.csv was added"),
+        ({"runs/b.csv": b"x\n2\n"}, "runs/b.csv.*changed"),
+        ({"runs/b.csv": None}, "runs/b.csv.*missing"),
+        ({"runs/new.csv": b""}, "runs/new.csv.*added"),
         ({MANIFEST: b"abc  a.txt\n"}, f"line 1 of {MANIFEST}"),
         ({MANIFEST: sums(FILES) * 2}, "line 4"),
     ],
@@ -95,13 +95,13 @@ def bomb() -> list[tuple[zipfile.ZipInfo | str, bytes]]:
 
 
 HOSTILE: dict[str, Callable[[], list[tuple[zipfile.ZipInfo | str, bytes]]]] = {
-    "leads out of the package": lambda: [("../../etc/passwd", b"")],
-    "is no path inside": lambda: [("/etc/passwd", b"")],
-    "leads out of the package, or nowhere": lambda: [("runs//x", b"")],
-    "has signs that no file": lambda: [("runs\\..\\x", b""), ("a", b"")],
+    "leads out": lambda: [("../../etc/passwd", b"")],
+    "path inside": lambda: [("/etc/passwd", b"")],
+    "leads .*nowhere": lambda: [("runs//x", b"")],
+    "signs": lambda: [("runs\\..\\x", b""), ("a", b"")],
     "is a link": lambda: [(link("runs/link"), b"/etc/passwd")],
     "is too long": lambda: [("x" * 201, b"")],
-    "is a file and a folder": lambda: [("runs", b""), ("runs/x", b"")],
+    "file and a folder": lambda: [("runs", b""), ("runs/x", b"")],
     "twice": lambda: [("a", b"1"), ("a", b"2")],
     "more than any package": bomb,
     f"has no {MANIFEST}": lambda: [("a", b"")],
@@ -123,7 +123,7 @@ def test_what_is_encrypted_or_packed_otherwise_is_refused(tmp_path: Path) -> Non
     path = tmp_path / "other.zip"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_LZMA) as target:
         target.writestr("a", b"")
-    with pytest.raises(PackageError, match="compressed in a way"):
+    with pytest.raises(PackageError, match="compressed"):
         Package(path)
     zipped(path, [("a", b"secret")])
     data = bytearray(path.read_bytes())

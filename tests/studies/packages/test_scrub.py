@@ -148,7 +148,7 @@ def test_people_have_orcid_ids_whose_check_digit_is_right(
 @pytest.mark.parametrize("text", ["", "CC BY 4.0", "ftp://x", "a\nb"])
 def test_what_is_no_licence_is_refused(text: str) -> None:
     assert crate.license_of("CC-BY-4.0") == "https://spdx.org/licenses/CC-BY-4.0"
-    with pytest.raises(ValueError, match="expected an address"):
+    with pytest.raises(ValueError, match="address"):
         crate.license_of(text)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,8 @@ LOST = range(5, 8)
 HELD = (11, 12, 14)
 """Timesteps in which the driver's wheels are held: two stops."""
 LIT_FROM = 10
+
+VOID = {"meta", "img", "br"}
 
 
 def experiment(name: str = "hand", blind: bool = False, seed: int = 1) -> dict[str, Any]:
@@ -141,3 +144,27 @@ def write_cut_off(path: Path, sent: Iterable[Message]) -> Path:
         writer.flush()
     path.write_bytes(path.read_bytes()[:-300])
     return path
+
+
+class Reader(HTMLParser):
+    """Reads a page: its headings, its captions, and whether every tag is closed."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.headings: list[str] = []
+        self.sources: list[str] = []
+        self.feed(text)
+        assert not self.open
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag not in VOID:
+            self.open.append(tag)
+        self.sources += [value or "" for name, value in attrs if name in ("src", "href")]
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.open and self.open[-1] in ("h1", "h2", "h3"):
+            self.headings.append(data)

@@ -132,14 +132,14 @@ def test_a_run_is_one_whether_its_recording_or_its_row_tells_of_it(tmp_path: Pat
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("", "noise.csv:1: is no runs.csv: expected the columns run,series"),
-        ("time_s,timestep\n0,1\n", "noise.csv:1: is no runs.csv"),
-        ("campaign,experiment,seed,robots\n", "is no table of a campaign"),
+        ("", "noise.csv:1:.*runs.csv:"),
+        ("time_s,timestep\n0,1\n", "noise.csv:1:.*no runs.csv"),
+        ("campaign,experiment,seed,robots\n", "campaign"),
         (TABLE.partition("\n")[0] + "\n", "holds no run"),
-        (TABLE + "ab,hand\n", "noise.csv:5: 2 values, expected 11"),
-        (TABLE + "x" * 200_000 + "\n", "noise.csv:5: field larger than"),
-        ("x" * 200_000, "noise.csv:1: field larger than"),
-        (TABLE.replace(",10,", ",ten,"), "noise.csv:2: could not convert string to float: 'ten'"),
+        (TABLE + "ab,hand\n", "noise.csv:5: 2 values.*11"),
+        (TABLE + "x" * 200_000 + "\n", "noise.csv:5:.*larger"),
+        ("x" * 200_000, "noise.csv:1:.*larger"),
+        (TABLE.replace(",10,", ",ten,"), "noise.csv:2:.*'ten'"),
     ],
 )
 def test_what_is_no_table_is_refused(tmp_path: Path, text: str, reason: str) -> None:

@@ -6,7 +6,6 @@ import copy
 import json
 import re
 import tempfile
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.studies.report.runs import BLINKER, messages, write, write_cut_off
+from tests.studies.report.runs import BLINKER, Reader, messages, write, write_cut_off
 from vsense import cli
 from vsense.base.message_bus import Message
 from vsense.monitor.recording.form import RecordingError
@@ -23,32 +22,7 @@ from vsense.studies.report.report import PAGE, make_report
 
 TOPICS = sorted({message.topic for message in messages()})
 PICTURES = ("ways", "occupancy", "measures", "robots", "latency", "latency-over-time")
-VOID = {"meta", "img", "br"}
 pytestmark = pytest.mark.usefixtures("coarse")
-
-
-class Reader(HTMLParser):
-    """Reads a page: its headings, its captions, and whether every tag is closed."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.headings: list[str] = []
-        self.sources: list[str] = []
-        self.feed(text)
-        assert not self.open
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        if tag not in VOID:
-            self.open.append(tag)
-        self.sources += [value or "" for name, value in attrs if name in ("src", "href")]
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        if self.open and self.open[-1] in ("h1", "h2", "h3"):
-            self.headings.append(data)
 
 
 def test_the_page_holds_every_section(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.studies.report.test_report import Reader
+from tests.studies.report.runs import Reader
 from vsense.base.errors import UsageError
 from vsense.cli import main
 from vsense.monitor.recording.form import RecordingError

@@ -103,10 +103,10 @@ def test_who_has_it_is_brought_nothing(
     left_out: set[int] = set()
     runs._do_without({second: "was not reached"}, left_out, staged)
     assert left_out == {second}
-    with pytest.raises(NotEnoughRobots, match="the plan wants 1 robots"):
+    with pytest.raises(NotEnoughRobots, match=r"plan.*1 robots"):
         runs._do_without({first: "is not seen", second: "is not seen"}, left_out, staged)
 
 
 def test_without_a_roster_nobody_knows_where_they_are() -> None:
-    with pytest.raises(UsageError, match=r"expected --roster FILE .* or --no-deploy"):
+    with pytest.raises(UsageError, match=r"--roster FILE.*--no-deploy"):
         bringer(OPTIONS, None, Console(io.StringIO()))

@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.modes.sim.test_watch import children
 from tests.rigs.places import ROOT
+from tests.rigs.processes import descendants
 from vsense.cli import main
 from vsense.run.runs_csv import read_runs
 
@@ -203,7 +203,7 @@ def test_ctrl_c_ends_everything_with_130(pollutant, tmp_path: Path) -> None:
     )
     assert process.stderr is not None
     assert "0 of 10000 runs" in process.stderr.readline()
-    workers = children(process.pid)
+    workers = descendants(process.pid)
     assert len(workers) >= 2
     process.send_signal(signal.SIGINT)
     said = process.stderr.read()

@@ -139,12 +139,12 @@ def test_a_measure_that_a_run_did_not_have_stays_empty(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("a,b\n1,2\n", r"r\.csv:1: is no runs.csv: expected the columns run,series"),
-        ("a;b\n", r"separated by commas"),
-        ("campaign,experiment,seed\n", "the form before runs.csv: only report"),
-        ("run,mode,verdict\n", r"r\.csv:1: lacks the columns series, experiment, condition"),
+        ("a,b\n1,2\n", r"r\.csv:1:.*runs.csv:.*columns"),
+        ("a;b\n", "commas"),
+        ("campaign,experiment,seed\n", "before runs.csv"),
+        ("run,mode,verdict\n", r"r\.csv:1:.*series, experiment, condition"),
         (f"{HEAD},x,x\n", "two of the same name"),
-        ("\xff", "no text in UTF-8"),
+        ("\xff", "UTF-8"),
     ],
 )
 def test_another_file_is_left_alone(tmp_path: Path, text: str, words: str) -> None:
@@ -163,17 +163,17 @@ def test_another_campaigns_rows_are_refused_with_their_line(tmp_path: Path) -> N
     add(table, 2)
     one, two, three = path.read_text().splitlines(keepends=True)
     path.write_text(one + two + three.replace("cafe0001", "beef"))
-    with pytest.raises(UsageError, match=r"r\.csv:3: a row of campaign beef, this is cafe0001"):
+    with pytest.raises(UsageError, match=r"r\.csv:3:.*cafe0001"):
         start(path)
     path.write_text(one + two.replace(",valid,", ",") + three)
-    with pytest.raises(UsageError, match=r"r\.csv:2: 22 values, expected 23"):
+    with pytest.raises(UsageError, match=r"r\.csv:2: 22 values.*23"):
         start(path)
 
 
 def test_runs_with_other_measures_do_not_fit(tmp_path: Path) -> None:
     table = start(tmp_path / "r.csv")
     add(table, 1)
-    with pytest.raises(VsenseError, match="seed 2 gave the measures in_cone, left, more; "):
+    with pytest.raises(VsenseError, match=r"seed 2 .*in_cone, left, more"):
         add(table, 2, more=1.0)
 
 
@@ -183,5 +183,5 @@ def test_a_file_that_cannot_be_had_is_one_clear_line(tmp_path: Path) -> None:
     folder.write_text("")
     with pytest.raises(VsenseError, match=r"r\.csv: cannot be written: "):
         add(table, 1)
-    with pytest.raises(VsenseError, match="cannot be read: Is a directory"):
+    with pytest.raises(VsenseError, match="Is a directory"):
         start(tmp_path)

@@ -190,10 +190,10 @@ def test_one_process_at_a_time_and_no_folder_of_something_else(plan: SeriesPlan)
     other = SeriesFolder(folder, plan, [])
     with (
         SeriesFolder(folder, plan, []),
-        pytest.raises(UsageError, match="carries this series out already"),
+        pytest.raises(UsageError, match="carries"),
     ):
         other.__enter__()
-    with pytest.raises(UsageError, match="is not empty, and of no series"):
+    with pytest.raises(UsageError, match="empty"):
         SeriesFolder(plan.path.parent, plan, []).__enter__()
     (folder / "series.json").write_text('{"experiment": "foraging"}')  # of lab --runs
     with pytest.raises(UsageError, match="is of no series by a plan"):
@@ -227,7 +227,7 @@ def test_a_plan_may_try_more_often_and_not_less(plan: SeriesPlan) -> None:
     noted = json.loads((plan.path.parent / "walks" / "series.json").read_text())
     assert len(noted["changes"]) == 1 and len(noted["changes"][0]["what"]) == 2
     assert "before, now" not in carried_out(more)[2], "it is told once"
-    with pytest.raises(UsageError, match="repetitions: 2 before, now 1"):
+    with pytest.raises(UsageError, match=r"repetitions: 2.*1"):
         carried_out(plan)
 
 

@@ -134,7 +134,7 @@ def test_order_and_seeds_are_the_same_everywhere(tmp_path: Path) -> None:
 def test_rows_that_somebody_has_changed(tmp_path: Path) -> None:
     plan = plan_of(tmp_path)
     moved = replace(row(plan, 1), start="1e5")  # as spreadsheets do
-    with pytest.raises(UsageError, match=r"run-001 is of condition .*, start '1e5', repetition"):
+    with pytest.raises(UsageError, match=r"run-001.*'1e5'"):
         pending(plan, [moved])
     # The row of a first attempt was taken away: names are not given twice.
     second = replace(row(plan, 1, "void", "lost"), run="run-001-2")
@@ -184,7 +184,7 @@ def test_a_run_that_is_void_too_often_ends_the_series(tmp_path: Path) -> None:
     once = row(plan, 5, "void", void)
     assert pending(plan, [once])
     assert pending(plan, [once, row(plan, 5, "void", f"{CUT}: interrupted")])[-1]
-    with pytest.raises(VoidLimit, match=r"void 2 times.*robot 3 lost"):
+    with pytest.raises(VoidLimit, match=r"void 2 .*robot 3 lost"):
         pending(plan, [once, once])
 
 

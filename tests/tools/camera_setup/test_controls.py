@@ -118,7 +118,7 @@ def test_what_a_camera_does_not_take_back_is_told() -> None:
     put_back = made.remember()
     made.set(GAIN, 3.0)
     camera.obeys = False
-    with pytest.raises(GrabberError, match=r"gain_raw is 3, and was 12 \(access denied\)"):
+    with pytest.raises(GrabberError, match=r"gain_raw.*3.*12.*\(access denied\)"):
         put_back()
 
 
@@ -171,7 +171,7 @@ def test_v4l2_counts_in_100_us(node: str) -> None:
     assert (
         driver.values[V4l2Control.EXPOSURE] == 50 and driver.values[V4l2Control.EXPOSURE_AUTO] == 1
     )
-    with pytest.raises(GrabberError, match="does not take gain_raw 5000"):
+    with pytest.raises(GrabberError, match="gain_raw 5000"):
         made.set(GAIN, 5000.0)
     put_back()
     assert driver.values == WEBCAM
@@ -182,10 +182,10 @@ def test_a_v4l2_device_that_has_another_value_or_is_gone(node: str) -> None:
     put_back = V4l2Controls(V4l2ControlDevice(node, driver)).remember()
     driver.refuses = True
     driver.values[V4l2Control.EXPOSURE] = 50
-    with pytest.raises(GrabberError, match="exposure_time_abs is 5000, and was 25000"):
+    with pytest.raises(GrabberError, match=r"exposure_time_abs.*5000.*25000"):
         put_back()
     driver.values.clear()
-    with pytest.raises(GrabberError, match="exposure_time_abs: the device does not answer"):
+    with pytest.raises(GrabberError, match=r"exposure_time_abs:.*answer"):
         put_back()
 
 

@@ -132,7 +132,7 @@ def test_cameras_that_only_answer_to_everybody_are_listed(there: pytest.MonkeyPa
     assert len(cameras) == 6, "those that Aravis hears are there once"
     assert "is at 192.168.11.9, but this host is on eth1" in cameras["Maker-A-9"].trouble
     assert cameras["Maker-A-8"].trouble == discovery.DEAF
-    with pytest.raises(GrabberError, match=r"Maker-A-9: is at 192\.168\.11\.9, but this host"):
+    with pytest.raises(GrabberError, match=r"Maker-A-9:.*192\.168\.11\.9"):
         choose("Maker-A-9", Controls())
     without_library(there)
     found, missing = discovery.find()
@@ -214,17 +214,17 @@ def test_unknown_names_tell_which_there_are(there: pytest.MonkeyPatch) -> None:
     known = "there are Maker-A-1, Maker-A-2, Maker-U-3, /dev/video0"
     assert str(told.value) == f"no camera 'nix': {known}"
     set_opened(there, silent=("192.168.10.99",))
-    with pytest.raises(UsageError, match=r"no camera answers at 192.168.10.99: there are"):
+    with pytest.raises(UsageError, match=r"192.168.10.99:"):
         choose("192.168.10.99", Controls())
-    with pytest.raises(UsageError, match="no camera /dev/video987: there is /dev/video0"):
+    with pytest.raises(UsageError, match=r"/dev/video987:.*/dev/video0"):
         choose("/dev/video987", Controls())
-    with pytest.raises(UsageError, match="no camera /dev/video987"):
+    with pytest.raises(UsageError, match="camera /dev/video987"):
         choose("987", Controls())
 
 
 def test_without_the_library_a_name_says_what_is_missing(there: pytest.MonkeyPatch) -> None:
     without_library(there)
-    with pytest.raises(UsageError, match=r"there is /dev/video0; GigE .* apt-get install x"):
+    with pytest.raises(UsageError, match=r"/dev/video0; GigE .*apt-get install x"):
         choose("Maker-A-1", Controls())
     with pytest.raises(UsageError, match="apt-get install x"):
         choose("192.168.10.11", Controls())
@@ -233,20 +233,20 @@ def test_without_the_library_a_name_says_what_is_missing(there: pytest.MonkeyPat
 def test_a_name_of_two_cameras_is_refused(there: pytest.MonkeyPatch) -> None:
     twin = ListedCamera("Maker-A-2", GIGE, FIRST.address, "00:02", "Maker", "A", "2")
     set_there(there, [FIRST, twin])
-    with pytest.raises(UsageError, match=r"what 2 cameras are called: Maker-A-1 \(00:01\) and"):
+    with pytest.raises(UsageError, match=r"2 cameras.*Maker-A-1 \(00:01\)"):
         choose(FIRST.address, Controls())
 
 
 def test_a_camera_that_is_there_and_does_not_open_is_a_failure(there: pytest.MonkeyPatch) -> None:
     set_opened(there, silent=(FIRST.address,))
-    with pytest.raises(GrabberError, match="Maker-A-1: does not answer") as told:
+    with pytest.raises(GrabberError, match=r"Maker-A-1:.*answer") as told:
         choose("Maker-A-1", Controls())
     assert told.value.exit_code == 1
 
 
 def test_a_camera_of_another_program_is_not_opened(there: pytest.MonkeyPatch) -> None:
     set_busy(there, FIRST.address)
-    with pytest.raises(GrabberError, match="Maker-A-1: another program controls it"):
+    with pytest.raises(GrabberError, match=r"Maker-A-1:.*controls"):
         choose("Maker-A-1", Controls())
 
 
@@ -283,9 +283,9 @@ def test_a_grabber_brings_all_its_settings(tmp_path: Path) -> None:
     assert free(spec) is spec
     spec = choose("cam2", Controls(gain_raw=0.0), path)
     assert spec.settings == Controls(None, None, 9000.0, 0.0)
-    with pytest.raises(UsageError, match=r"no camera 'film' among .*: there are cam1, cam2"):
+    with pytest.raises(UsageError, match=r"'film'.*cam1, cam2"):
         choose("film", Controls(), path)
-    with pytest.raises(UsageError, match=r"nix\.xml: cannot be read"):
+    with pytest.raises(UsageError, match=r"nix\.xml: .*read"):
         choose("cam1", Controls(), str(tmp_path / "nix.xml"))
 
 
@@ -298,13 +298,13 @@ def asked(**values: float) -> argparse.Namespace:
 @pytest.mark.parametrize(
     ("name", "value", "words"),
     [
-        ("rate", 1e7, "--rate: 1e[+]07 is not from 0.01 to 1000"),
-        ("rate", 0.0, "--rate: 0 is not from 0.01"),
-        ("rate", float("nan"), "--rate: nan is not from"),
-        ("exposure", 0.5, "--exposure: 0.5 is not from 1 to 1e[+]07"),
-        ("gain", -2000.0, "--gain: -2000 is not from -1000"),
-        ("gain", float("inf"), "--gain: inf is not from"),
-        ("width", 30_000, "--width: 30000 is not from 1 to 20000"),
+        ("rate", 1e7, "--rate: 1e[+]07.*0.01 to 1000"),
+        ("rate", 0.0, "--rate: 0.*0.01"),
+        ("rate", float("nan"), "--rate: nan"),
+        ("exposure", 0.5, "--exposure: 0.5.*1 to 1e[+]07"),
+        ("gain", -2000.0, "--gain: -2000.*-1000"),
+        ("gain", float("inf"), "--gain: inf"),
+        ("width", 30_000, "--width: 30000.*1 to 20000"),
     ],
 )
 def test_what_no_resources_file_takes_no_option_takes(name: str, value: float, words: str) -> None:
@@ -318,7 +318,7 @@ def test_a_gain_in_db_may_be_negative() -> None:
 
 def test_width_and_height_go_together() -> None:
     given = asked(width=640)
-    with pytest.raises(UsageError, match="--width together with --height"):
+    with pytest.raises(UsageError, match=r"--width.*--height"):
         wanted_of(given)
     given.height = 480
     assert wanted_of(given) == Controls(size_px=(640, 480))

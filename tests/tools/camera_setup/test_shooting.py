@@ -174,16 +174,16 @@ def test_a_file_without_cameras_is_refused(tmp_path: Path) -> None:
     path.write_text(
         "<arena_tracking_system><grabbers/><trackers/><cameras/></arena_tracking_system>"
     )
-    with pytest.raises(UsageError, match="has no grabber that is a camera"):
+    with pytest.raises(UsageError, match="grabber"):
         shooting.run(replace(ASKED, resources=str(path)), False)
 
 
 @pytest.mark.parametrize("name", ["../../x", "/tmp/x", "a/b", "", ".", "a b", "-x"])
 def test_pictures_are_never_written_elsewhere(name: str) -> None:
-    with pytest.raises(UsageError, match=r"--name: .* is no plain word"):
+    with pytest.raises(UsageError, match=r"--name:.*word"):
         shooting.run(replace(ASKED, name=name), False)
 
 
 def test_a_count_needs_to_know_how_often() -> None:
-    with pytest.raises(UsageError, match="--count: expected --every"):
+    with pytest.raises(UsageError, match=r"--count:.*--every"):
         shooting.run(replace(ASKED, count=3), False)

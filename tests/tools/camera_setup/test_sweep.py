@@ -80,7 +80,7 @@ def test_unplugged_in_the_middle_is_one_line(capsys: pytest.CaptureFixture[str])
         scripted.fails = GONE if reads == 30 else None
 
     scripted.after_read = unplug
-    with pytest.raises(GrabberError, match=r"cam: gives no pictures for 0.4 s"):
+    with pytest.raises(GrabberError, match=r"cam:.*0.4 s"):
         sweep.run(tuner(scripted), threading.Event(), False)
     assert scripted.values == {EXPOSURE: 10_000.0, GAIN: 0.0}
     out, err = capsys.readouterr()
@@ -106,7 +106,7 @@ def test_a_camera_that_falls_silent_is_not_said_to_be_as_it_was(
             scripted.fails, scripted.keeps = GONE, "exposure_time_abs: timeout"
 
     scripted.after_read = silence
-    with pytest.raises(GrabberError, match="cam: gives no pictures"):
+    with pytest.raises(GrabberError, match=r"cam:.*pictures"):
         sweep.run(tuner(scripted), threading.Event(), True)
     out, err = capsys.readouterr()
     assert out == "" and err == "vsense: cam: not put back: exposure_time_abs: timeout\n"
@@ -115,7 +115,7 @@ def test_a_camera_that_falls_silent_is_not_said_to_be_as_it_was(
 def test_a_camera_without_controls_has_nothing_to_try() -> None:
     made = tuner(Scripted())
     made.camera = OpenCamera("stream", Scripted(), None)
-    with pytest.raises(VsenseError, match="stream: does not tell its exposure"):
+    with pytest.raises(VsenseError, match=r"stream:.*exposure"):
         sweep.run(made, threading.Event(), False)
 
 

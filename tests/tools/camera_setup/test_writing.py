@@ -156,7 +156,7 @@ def test_init_writes_over_nothing_unless_it_is_told_to(
 ) -> None:
     monkeypatch.setattr(files, "find", lambda: ([found()], ""))
     (tmp_path / "experiment.xml").write_text("mine")
-    with pytest.raises(UsageError, match=r"experiment\.xml: is there already; --force"):
+    with pytest.raises(UsageError, match=r"experiment\.xml:.*--force"):
         run(tmp_path)
     assert (tmp_path / "experiment.xml").read_text() == "mine"
     assert run(tmp_path, force=True) == 0
@@ -167,7 +167,7 @@ def test_init_without_cameras_says_what_to_check(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(files, "find", lambda: ([], "no library"))
-    with pytest.raises(VsenseError, match="no camera found"):
+    with pytest.raises(VsenseError, match="no camera"):
         run(tmp_path)
     assert list(tmp_path.iterdir()) == []
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-import socket
 from pathlib import Path
 
 import pytest
 
+from tests.rigs.processes import free_port
 from vsense.cli import main
 from vsense.commands.hardware import markers_of
 from vsense.config import roster
@@ -81,10 +81,7 @@ def test_real_robots_of_which_none_is_there_are_named(
     """The way with cameras that are not the lab's, and with no tracker: it ends, and says why."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    (tmp_path / "real.argos").write_text(REAL % port)
+    (tmp_path / "real.argos").write_text(REAL % free_port())
     words = "robot calibrate real.argos --insecure --port 0 --wait 1 --sensors proximity"
     assert main(words.split()) == 2
     assert "expected a <box> with vs:physical='true'" in capsys.readouterr().err

@@ -166,9 +166,9 @@ def test_white_and_black_are_found_on_the_floor_s_picture(tmp_path: Path) -> Non
     assert ground_places(painted, (0.5, 0.5), None) == replace(found, white=(0.5, 0.5))
     picture[:] = 128
     cv2.imwrite(str(tmp_path / "floor.png"), picture)
-    with pytest.raises(UsageError, match="--black X,Y: expected where it is black"):
+    with pytest.raises(UsageError, match="--black X,Y:"):
         ground_places(painted, (0.5, 0.5), None)
-    with pytest.raises(UsageError, match="expected two places"):
+    with pytest.raises(UsageError, match="two places"):
         ground_places(painted, (0.5, 0.5), (0.5, 0.505))
 
 

@@ -68,9 +68,9 @@ def broken(made: list[WallLook]) -> list[WallLook]:
 @pytest.mark.parametrize(
     ("made", "words"),
     [
-        (looks(0.012), r"stand \+1\d mm from where the experiment has it"),
-        (broken(looks()), "ps3 reads 80 of nothing and 80 of a wall"),
-        (looks()[:3], "ps0 was not seen long enough"),
+        (looks(0.012), r"\+1\d mm"),
+        (broken(looks()), "ps3.*80.*80"),
+        (looks()[:3], "ps0.*enough"),
         ([], "did not come"),
         (looks(bend=1.9), "does not read what a wall reflects|mm from where"),
     ],
@@ -84,7 +84,7 @@ def test_ground_is_what_most_readings_say() -> None:
     black = [np.array([210.0, 200.0, 230.0])] * 9 + [np.array([880.0, 900.0, 910.0])]
     white = [np.array([880.0, 900.0, 910.0])] * 9
     assert fit_ground(black, white).spans.tolist() == [[210, 880], [200, 900], [230, 910]]
-    with pytest.raises(BadReadings, match="left ground sensor reads 880 on black and 880 on white"):
+    with pytest.raises(BadReadings, match=r"left ground.*880.*880"):
         fit_ground(white, white)
     with pytest.raises(BadReadings, match="did not come"):
         fit_ground(black[:2], white)

@@ -141,6 +141,6 @@ def test_an_empty_folder_is_filled_and_a_failure_leaves_none(
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Path, "write_text", full)
-    with pytest.raises(UsageError, match=r"cannot make .*other: No space left on device"):
+    with pytest.raises(UsageError, match="other: No space left"):
         make(tmp_path / "other")
     assert [path.name for path in tmp_path.iterdir()] == ["mine"]

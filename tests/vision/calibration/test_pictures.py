@@ -85,9 +85,9 @@ def test_what_is_no_picture_is_refused(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("x")
     (tmp_path / "bad.avi").write_text("x")
     for path, said in (
-        (empty, "no pictures in this folder"),
-        (tmp_path / "none", "no such file or folder"),
-        (tmp_path / "notes.txt", "expected a picture, a video or a folder"),
+        (empty, "no pictures"),
+        (tmp_path / "none", "no such file"),
+        (tmp_path / "notes.txt", "video.*folder"),
         (tmp_path / "bad.avi", "no video that can be read"),
     ):
         with pytest.raises(UsageError, match=said):
@@ -97,7 +97,7 @@ def test_what_is_no_picture_is_refused(tmp_path: Path) -> None:
 def test_two_pictures_of_one_moment_are_refused(tmp_path: Path) -> None:
     put(tmp_path / "left" / "a.png")
     put(tmp_path / "left" / "a.jpg")
-    with pytest.raises(UsageError, match="camera left has a picture a already"):
+    with pytest.raises(UsageError, match=r"camera left.*picture a"):
         gather([tmp_path])
 
 

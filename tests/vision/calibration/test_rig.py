@@ -107,12 +107,12 @@ def _shared(view: View, others: str) -> bool:
 
 def test_camera_that_never_saw_the_board_is_named() -> None:
     views = [view for view in SHOOT.views if view.camera != "cam_1_1"]
-    with pytest.raises(CalibrationError, match="cam_1_1: the board was found in none"):
+    with pytest.raises(CalibrationError, match=r"cam_1_1:.*board"):
         solve(replace(SHOOT, views=views))
 
 
 def test_floor_that_is_no_moment_is_refused() -> None:
-    with pytest.raises(UsageError, match=r"--floor x\*: .* there are: floor_00, floor_01"):
+    with pytest.raises(UsageError, match=r"--floor.*floor_00, floor_01"):
         solve(floor=replace(FLOOR, flat=("x*",)))
 
 
@@ -147,7 +147,7 @@ def test_known_points_and_boards_together_are_better() -> None:
 def test_too_few_known_points_are_refused() -> None:
     points = known(0.0)
     few = tuple(v for v in points.sightings if v.camera != "cam_0_0")
-    with pytest.raises(CalibrationError, match=r"cam_0_0: .* 4 known points"):
+    with pytest.raises(CalibrationError, match=r"cam_0_0:.*4.*points"):
         solve(replace(SHOOT, views=[]), replace(points, sightings=few))
 
 

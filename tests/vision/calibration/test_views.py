@@ -100,7 +100,7 @@ def test_wrong_sights_of_points_are_refused(tmp_path: Path, row: str, said: str)
     points, seen = tmp_path / "points.csv", tmp_path / "seen.csv"
     points.write_text(POINTS)
     seen.write_text(f"camera,id,x_px,y_px\n{row}\n")
-    with pytest.raises(ConfigError, match=r"seen\.csv:2: ") as refusal:
+    with pytest.raises(ConfigError, match=r"seen\.csv:2:") as refusal:
         read_seen(seen, read_points(points), ["left"])
     assert said in str(refusal.value)
 
@@ -111,5 +111,5 @@ def test_too_few_or_double_points_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="expected 4 or more"):
         read_points(path)
     path.write_text("id,x_m,y_m,z_m\na,0,0,0\na,1,0,0\n")
-    with pytest.raises(ConfigError, match=r"points\.csv:3: id: a is there twice"):
+    with pytest.raises(ConfigError, match=r"points\.csv:3: id: a.*twice"):
         read_points(path)

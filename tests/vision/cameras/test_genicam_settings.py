@@ -161,5 +161,5 @@ def test_a_camera_runs_freely_or_is_triggered(trigger: str, done: str) -> None:
 
 
 def test_formats_of_more_than_a_byte_are_refused_with_those_that_serve() -> None:
-    with pytest.raises(AravisError, match="has the pixel formats Mono12, RGB8; expected one of"):
+    with pytest.raises(AravisError, match="Mono12, RGB8"):
         apply(Camera(OLD, ["Mono12", "RGB8"]), wish())  # type: ignore[arg-type]

@@ -252,13 +252,13 @@ def test_a_picture_that_cannot_be_decoded_is_not_the_end_of_the_camera(
     source, _ = opened(monkeypatch, device, Controls())
     device.comes = [None, BAD, picture(), GONE]
     for _ in range(2):
-        with pytest.raises(PictureError, match=r"^a picture cannot be decoded$"):
+        with pytest.raises(PictureError, match=r"decoded$"):
             source.read()
     assert source.read().image.shape == SIZE[::-1]
-    with pytest.raises(GrabberError, match=r"^/dev/video0 gives no more pictures$"):
+    with pytest.raises(GrabberError, match=r"^/dev/video0.*pictures$"):
         source.read()
     device.comes = [BROKEN]
-    with pytest.raises(GrabberError, match=r"^/dev/video0 has failed: the cable$"):
+    with pytest.raises(GrabberError, match=r"^/dev/video0.*cable$"):
         source.read()
 
 
@@ -269,7 +269,7 @@ def test_an_error_while_it_is_set_up_is_one_of_opening(monkeypatch: pytest.Monke
         raise failure("busy")
 
     monkeypatch.setattr(device, "set", fail)
-    with pytest.raises(GrabberError, match=r"^/dev/video0 does not open: busy$"):
+    with pytest.raises(GrabberError, match=r"^/dev/video0.*busy$"):
         opened(monkeypatch, device, Controls())
 
 
@@ -288,9 +288,9 @@ def test_the_jpegs_of_a_stream_are_decoded_here_and_damage_is_told(
     png = bytes(cv2.imencode(".png", picture())[1])
     device.comes = [packet(each) for each in (whole, whole[:500], png, small)]
     assert source.read().image.shape == SIZE[::-1]
-    with pytest.raises(PictureError, match=r"^a picture is cut off after 500 bytes$"):
+    with pytest.raises(PictureError, match=r"500 bytes$"):
         source.read()
-    with pytest.raises(PictureError, match=r"^a picture is no JPEG, in a stream of JPEGs$"):
+    with pytest.raises(PictureError, match="no JPEG"):
         source.read()
     # A camera that has another size all of a sudden shows it: FFmpeg would stretch it.
     assert source.read().image.shape == (12, 16)

@@ -114,7 +114,7 @@ def test_a_picture_that_claims_to_be_enormous_is_refused_before_it_costs_memory(
         "a claims to have 32767 x 30000 pixels, expected at most 50000000 pixels"
     )
     assert decode(encoded(suffix, scene()), "a", 48 * 64).shape == (48, 64)
-    with pytest.raises(PictureError, match=r"^a claims to have 64 x 48 pixels"):
+    with pytest.raises(PictureError, match=r"^a .*64 x 48"):
         decode(encoded(suffix, scene()), "a", 48 * 64 - 1)
 
 
@@ -129,7 +129,7 @@ def test_a_picture_that_claims_to_be_enormous_is_refused_before_it_costs_memory(
 )
 def test_the_size_in_a_jpeg_is_found_behind_whatever_comes_before(filling: bytes) -> None:
     whole = encoded(".jpg", scene())
-    with pytest.raises(PictureError, match=r"^a claims to have 64 x 48 pixels"):
+    with pytest.raises(PictureError, match=r"^a .*64 x 48"):
         decode(whole[:2] + filling + whole[2:], "a", 100)
 
 
@@ -150,14 +150,14 @@ def test_timestamps_decide_about_order_and_choice(tmp_path: Path) -> None:
     recording = DirectoryRecording(tmp_path, tmp_path / "t.csv")
     assert np.array_equal(recording.read(0), scene(ord("c")))
     assert np.array_equal(recording.read(1), scene(ord("a")))
-    with pytest.raises(PictureError, match=r"^lost\.png cannot be read: No such file"):
+    with pytest.raises(PictureError, match=r"^lost\.png.*No such file"):
         recording.read(2)
 
 
 def test_a_directory_without_pictures_says_what_it_looks_for(tmp_path: Path) -> None:
-    with pytest.raises(GrabberError, match=r"holds no pictures, expected \.png, \.jpg"):
+    with pytest.raises(GrabberError, match=r"\.png, \.jpg"):
         DirectoryRecording(tmp_path)
-    with pytest.raises(GrabberError, match="cannot be read: No such file"):
+    with pytest.raises(GrabberError, match="No such file"):
         DirectoryRecording(tmp_path / "nothing")
 
 
@@ -201,7 +201,7 @@ def test_a_videos_timestamps_may_be_a_table(film: Path, tmp_path: Path) -> None:
     )
     recording = VideoRecording(film, tmp_path / "t.csv")
     assert recording.taken[1].timestep == 5
-    with pytest.raises(PictureError, match=r"film\.avi ends after 12 pictures"):
+    with pytest.raises(PictureError, match=r"film\.avi.*12 pictures"):
         recording.read(13)
 
 
@@ -223,5 +223,5 @@ def test_a_video_cut_off_gives_what_is_left(film: Path, tmp_path: Path) -> None:
 
 def test_what_is_no_video_is_told(tmp_path: Path) -> None:
     (tmp_path / "x.avi").write_bytes(b"no video at all")
-    with pytest.raises(GrabberError, match=r"x\.avi: is no video that OpenCV opens"):
+    with pytest.raises(GrabberError, match=r"x\.avi:.*OpenCV"):
         VideoRecording(tmp_path / "x.avi")

@@ -146,7 +146,7 @@ def test_damaged_pictures_and_wrong_sizes_are_left_out_and_told() -> None:
 
 
 def test_silence_is_an_error() -> None:
-    with live(a=Fake()) as grabber, pytest.raises(GrabberError, match="no camera gave a picture"):
+    with live(a=Fake()) as grabber, pytest.raises(GrabberError, match="no camera"):
         grabber.next(0.001)
 
 
@@ -187,7 +187,7 @@ def test_a_camera_on_the_network_is_opened_read_lost_and_opened_again() -> None:
         for _ in range(2):
             assert source.open() == []
             pictures = 0
-            with pytest.raises(GrabberError, match="gives no more pictures"):
+            with pytest.raises(GrabberError, match="no more pictures"):
                 while True:
                     image = source.read().image
                     assert image.shape == SIZE[::-1] and abs(float(image.mean()) - 90) < 3

@@ -78,7 +78,7 @@ def test_it_stands_still_until_the_run_and_then_plays_from_its_beginning(
     assert captures == sorted(set(captures)), "times never go back"
     x_m = [place(state) for state in played]
     assert x_m == sorted(x_m) and x_m[-1] == pytest.approx(0.01 * (PICTURES - 1), abs=0.003)
-    with pytest.raises(NoMorePictures, match="ends after 12 timesteps"):
+    with pytest.raises(NoMorePictures, match="12 timesteps"):
         source.next(PATIENCE_S)
     figures = source.figures()
     assert figures["pictures"] + figures["left_out"] == PICTURES - 1

@@ -92,16 +92,16 @@ def test_a_tag_that_the_family_does_not_have_is_refused(tag: int) -> None:
 @pytest.mark.parametrize(
     ("change", "complaint"),
     [
-        ({"dictionary": "DICT_9X9_50"}, "'DICT_9X9_50' is not known; is "),
+        ({"dictionary": "DICT_9X9_50"}, "'DICT_9X9_50'"),
         ({"dictionary": "detectMarkers"}, "not known"),
-        ({"dictionary": "nowhere.yml"}, r"nowhere\.yml: there is no such"),
+        ({"dictionary": "nowhere.yml"}, r"nowhere\.yml:"),
         ({"size_mm": 0.0}, "positive"),
         ({"size_mm": 50.0}, "rim"),
         ({"centre_mm": [9.0, 0.0]}, "rim"),
         ({"centre_mm": [9.0]}, "index"),
         ({"heading_deg": math.nan}, "heading_deg"),
         ({"heading_deg": "north"}, "north"),
-        ({"kind": "round"}, "not arrow or square"),
+        ({"kind": "round"}, "arrow or square"),
     ],
 )
 def test_a_broken_definition_is_named(
@@ -112,7 +112,7 @@ def test_a_broken_definition_is_named(
         load_family(written(tmp_path, **change))
     short = {key: value for key, value in GOOD.items() if key != "size_mm"}
     (tmp_path / "mine.json").write_text(json.dumps(short))
-    with pytest.raises(FamilyError, match="size_mm is missing"):
+    with pytest.raises(FamilyError, match=r"size_mm.*missing"):
         load_family(str(tmp_path / "mine.json"))
 
 

@@ -70,7 +70,7 @@ def test_a_tag_that_the_family_does_not_have_is_refused(tag: int) -> None:
 
 def test_an_unknown_family_lists_the_known_ones() -> None:
     assert known_families() == ("apriltag_36h11", "arrow4x4", "arrow4x4-thesis", "aruco_4x4_50")
-    with pytest.raises(FamilyError, match="is 'arrow4x4' meant"):
+    with pytest.raises(FamilyError, match="'arrow4x4'"):
         load_family("arow")
     with pytest.raises(FamilyError, match=r"nowhere\.json"):
         load_family("nowhere.json")

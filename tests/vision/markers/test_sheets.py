@@ -171,15 +171,15 @@ def test_ids_are_ranges_lists_and_choices() -> None:
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("", "no number or range"),
-        ("1-", "'1-' is no number or range"),
+        ("", "number or range"),
+        ("1-", "'1-'.*number"),
         ("5-3", "goes backwards"),
-        ("1-3,2", "tag 2 is there twice"),
-        ("65536", "there is no tag 65536"),
+        ("1-3,2", "tag 2.*twice"),
+        ("65536", "tag 65536"),
         ("0-60000", "more than 1000"),
         ("auto:0", "expected auto:N"),
         ("auto:x", "expected auto:N"),
-        ("-4", "no number or range"),
+        ("-4", "number or range"),
     ],
 )
 def test_wrong_ids_are_refused_with_the_reason(text: str, reason: str) -> None:
@@ -188,7 +188,7 @@ def test_wrong_ids_are_refused_with_the_reason(text: str, reason: str) -> None:
 
 
 def test_too_many_automatic_ids_of_a_dictionary_are_refused() -> None:
-    with pytest.raises(UsageError, match="51 tags: the family aruco_4x4_50 has 50"):
+    with pytest.raises(UsageError, match=r"51 tags:.*aruco_4x4_50.*50"):
         families.parse_tags("auto:51", load_family("aruco_4x4_50"))
 
 

@@ -19,16 +19,17 @@ from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, render
 from vsense.base.arena import UNNAMED
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers import families
-from vsense.vision.markers.families import load_family
+from vsense.vision.markers.families import SquareFamily, load_family
 from vsense.vision.tracking.detector import make_detector
 
 LENS = (-0.12, 0.02, 0.0, 0.0, 0.0)
 FAMILIES = ("arrow4x4", "arrow4x4-thesis", "aruco_4x4_50", "apriltag_36h11")
 ROBOTS = 20
+FOCAL_PX = 1620.0
 APART_M = 0.075
 AWAY_M = 2.37
 SIZE_PX = (1000, 760)
-SCALES_PX_PER_M = {"small": 2.0 / 5.3e-3, "usual": 1620.0 / AWAY_M}
+SCALES_PX_PER_M = {"small": 2.0 / 5.3e-3, "usual": FOCAL_PX / AWAY_M}
 """Small: an arrow's unit is 2 px wide, a disc 26 px. Usual: as in the thesis, 3.6 px and 48 px."""
 GLARE, GLARE_PX, GLARE_OFF_PX = 110.0, 8.0, 12.0
 """A spot of light on each disc: the most grey values that it adds, its standard deviation, and how
@@ -90,6 +91,19 @@ def crowd(tags: Sequence[int], camera: Camera, rng: np.random.Generator) -> list
                 robots.append(Robot(tag, x, y, float(rng.uniform(-np.pi, np.pi)), 0.12))
                 break
     return robots
+
+
+def square_family(name: str) -> SquareFamily:
+    """Loads a family of squares."""
+    family = load_family(name)
+    assert isinstance(family, SquareFamily)
+    return family
+
+
+def square_crowd(family: SquareFamily, camera: Camera) -> list[Robot]:
+    """Returns 20 robots with squares, as `crowd`."""
+    rng = np.random.default_rng(3)
+    return crowd(rng.choice(family.tags, ROBOTS, replace=False).tolist(), camera, rng)
 
 
 def retouch(

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.markers.families import MarkerFamily
+from vsense.vision.markers.families import MarkerFamily, SquareFamily
 
 BLACK, WHITE = 30.0, 205.0
 HEIGHT_M = 0.06
@@ -43,6 +43,9 @@ class Look:
     ground: float = 118.0
     black: float = BLACK
     white: float = WHITE
+
+
+HARD = Look(psf_px=1.2, noise=5.0, exposure_s=0.03, light=0.6)
 
 
 def render(
@@ -150,3 +153,12 @@ def _draw(
         cover = on_disc.reshape(size).mean(axis=(1, 3))
         drawn += (1.0 - cover) * region + shade.reshape(size).mean(axis=(1, 3))
     picture[y0:y1, x0:x1] = drawn / len(times)
+
+
+def cell_corners(family: MarkerFamily | SquareFamily) -> np.ndarray:
+    """Returns the corners (2, 2) of the cells, ahead and to the left of the disc's centre [m]."""
+    if isinstance(family, SquareFamily):
+        half = 5e-4 * (family.size_mm - 2.0 * family.cell_mm)
+        return np.array([(-half, -half), (half, half)])
+    cells, half = family.cells_mm - family.disc_centre_mm, 0.5 * family.cell_mm
+    return 1e-3 * np.array([cells.min(axis=0) - half, cells.max(axis=0) + half])

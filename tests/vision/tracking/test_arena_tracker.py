@@ -195,10 +195,10 @@ def test_missing_cameras_are_no_trouble() -> None:
 
 def test_foreign_and_wrong_pictures_are_named() -> None:
     arena = tracker([])
-    with pytest.raises(TrackingError, match=r"camera 'x'; known are a, b, c, d"):
+    with pytest.raises(TrackingError, match="camera 'x'"):
         arena.update(frames(0, 0, "x"))
     wrong = Frame("a", np.zeros((10, 20), np.uint8), 0, 0, 0)
-    with pytest.raises(TrackingError, match="20 x 10 px, not 64 x 48"):
+    with pytest.raises(TrackingError, match=r"20 x 10 px.*64 x 48"):
         arena.update([wrong])
     with pytest.raises(TrackingError, match="an id of its own"):
         ArenaTracker(CAMERAS[:1] * 2, Script([]), HEIGHTS)
@@ -274,5 +274,5 @@ def test_every_pose_says_how_sure_it_is_and_where_the_pictures_show_it() -> None
 
 
 def test_a_camera_below_its_robots_is_refused() -> None:
-    with pytest.raises(TrackingError, match=r"hangs 2\.43 m above the floor, expected more than"):
+    with pytest.raises(TrackingError, match=r"2\.43 m"):
         ArenaTracker(CAMERAS, Script([]), {1: 0.06, 2: 2.5})

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.vision.cameras.test_live_faults import PERIOD_NS, Script
+from tests.rigs.scripted_camera import PERIOD_NS, Script
 from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, render
 from vsense import cli
 from vsense.base.arena import ArenaState

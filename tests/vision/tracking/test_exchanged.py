@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, render
+from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, cell_corners, render
 from vsense.base.arena import ArenaState, Frame
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.markers.families import MarkerFamily, SquareFamily, choose_tags, load_family
+from vsense.vision.markers.families import MarkerFamily, choose_tags, load_family
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 from vsense.vision.tracking.prediction import SearchPlan
 
@@ -21,15 +21,6 @@ CAMERA = Camera.looking_down("a", 0.0, 0.0, 2.43, 1620.0, (800, 600))
 SPOTS = [(x, y) for x in (-0.4, -0.13, 0.13, 0.4) for y in (-0.25, 0.0, 0.25)]
 BEFORE, AFTER = 4, 5
 SHADES = (20, 60, 120, 200, 235)
-
-
-def inner(family: MarkerFamily | SquareFamily) -> np.ndarray:
-    """Returns the corners (2, 2) of the cells, ahead and to the left of the disc's centre [m]."""
-    if isinstance(family, SquareFamily):
-        half = 5e-4 * (family.size_mm - 2.0 * family.cell_mm)
-        return np.array([(-half, -half), (half, half)])
-    cells, half = family.cells_mm - family.disc_centre_mm, 0.5 * family.cell_mm
-    return 1e-3 * np.array([cells.min(axis=0) - half, cells.max(axis=0) + half])
 
 
 def cover(picture: np.ndarray, robot: Robot, corners: np.ndarray, rng: np.random.Generator) -> None:
@@ -80,7 +71,7 @@ def test_no_name_is_carried_onto_another_robot(name: str, seed: int) -> None:
         picture = render(CAMERA, family, robots, Look(litter=0), 100 * seed + step)
         covers = np.random.default_rng(seed)
         for robot in robots if step >= BEFORE else ():
-            cover(picture, robot, inner(family), covers)
+            cover(picture, robot, cell_corners(family), covers)
         state = tracker.update([Frame("a", picture, step, (1 + step) * 100_000_000, 0)])
         assert strays(state, robots) == []
     tracker.close()

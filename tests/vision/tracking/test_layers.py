@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.vision.tracking.synthetic import Look, Robot, render
-from tests.vision.tracking.test_squares_hard import HARD
+from tests.vision.tracking.synthetic import HARD, Look, Robot, render
 from vsense.base.arena import Frame
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import MarkerFamily, SquareFamily, load_family

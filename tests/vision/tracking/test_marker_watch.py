@@ -9,8 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, render
-from tests.vision.tracking.test_exchanged import inner
+from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, cell_corners, render
 from vsense.base.arena import Frame
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import MarkerFamily, SquareFamily, choose_tags, load_family
@@ -69,7 +68,7 @@ def watch(
 
 def tape(picture: np.ndarray, family: Family, robot: Robot, share: float, shade: int) -> None:
     """Sticks something over a share of a marker's cells, from their rear."""
-    (rear, right), (front, left) = inner(family)
+    (rear, right), (front, left) = cell_corners(family)
     front = rear + share * (front - rear)
     at = np.array([(rear, right), (front, right), (front, left), (rear, left)])
     c, s = np.cos(robot.yaw_rad), np.sin(robot.yaw_rad)

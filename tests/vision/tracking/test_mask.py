@@ -61,7 +61,7 @@ def test_what_is_drawn_is_what_is_kept() -> None:
 @pytest.mark.parametrize(
     ("outline", "margin_m", "said"),
     [
-        (((0.0, 0.0), (1.0, 0.0)), 0.1, "2 corners, expected 3 or more"),
+        (((0.0, 0.0), (1.0, 0.0)), 0.1, "2 corners.*3"),
         (((0.0, 0.0), (1.0, 0.0), (2.0, 0.0)), 0.1, "enclose nothing"),
         (((0.0, 0.0), (1.0, 0.0), (np.nan, 1.0)), 0.1, "not a number"),
         (((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)), -0.1, "not a number"),

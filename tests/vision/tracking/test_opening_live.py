@@ -87,7 +87,7 @@ def test_more_than_the_network_carries_is_refused_with_the_sum(
 
 
 def test_one_device_for_two_cameras_is_refused(folder: Path) -> None:
-    with pytest.raises(ConfigError, match=r"grabber: 'the device 192\.0\.2\.1' is used already"):
+    with pytest.raises(ConfigError, match=r"grabber: 'the device 192\.0\.2\.1'"):
         session(folder, device="192.0.2.1")
 
 
@@ -105,8 +105,8 @@ def test_one_camera_by_two_names_is_refused(folder: Path, monkeypatch: pytest.Mo
 @pytest.mark.parametrize(
     "differs, words",
     [
-        ({"trigger": "software"}, "'g2' has trigger 'software', 'g0' has trigger 'free'"),
-        ({"trigger": "Line1"}, "'g2' has trigger 'Line1', 'g0' has trigger 'free'"),
+        ({"trigger": "software"}, "'g2'.*'software', 'g0'.*'free'"),
+        ({"trigger": "Line1"}, "'g2'.*'Line1', 'g0'.*'free'"),
     ],
 )
 def test_cameras_that_are_not_triggered_alike_are_refused(

@@ -63,7 +63,7 @@ def test_the_tables_of_c_are_in_metres_from_the_origin() -> None:
 def test_an_outline_longer_than_the_kernels_tables_is_refused() -> None:
     polygon = tuple((20.0 * x, 20.0 * y) for x, y in ARROW.polygon_u)
     long = replace(ARROW, unit_mm=ARROW.unit_mm / 20.0, polygon_u=polygon)
-    with pytest.raises(FamilyError, match=r"samples of 0\.4 units long, expected 8 to 96"):
+    with pytest.raises(FamilyError, match=r"0\.4.*8 to 96"):
         Kernel(long)
 
 

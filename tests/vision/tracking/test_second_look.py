@@ -11,8 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, render
-from tests.vision.tracking.test_squares_hard import FOCAL_PX, HARD, LENS, crowd, square_family
+from tests.vision.tracking.hard_sets import FOCAL_PX, LENS, square_crowd, square_family
+from tests.vision.tracking.synthetic import HARD, HEIGHT_M, Look, Robot, render
 from vsense.base.arena import Frame
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.tracking.arena_tracker import ArenaTracker
@@ -43,7 +43,7 @@ def track(shots: Sequence[Image], robots: Sequence[Robot]) -> list[set[int]]:
 
 @pytest.fixture(scope="module")
 def robots() -> list[Robot]:
-    return crowd(FAMILY, CAMERA)
+    return square_crowd(FAMILY, CAMERA)
 
 
 @pytest.fixture(scope="module")

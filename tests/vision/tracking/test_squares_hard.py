@@ -10,18 +10,14 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, render
+from tests.vision.tracking.hard_sets import FOCAL_PX, LENS, square_crowd, square_family
+from tests.vision.tracking.synthetic import HARD, HEIGHT_M, Look, Robot, render
 from vsense.base.arena import UNNAMED
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.markers.dictionary import SquareFamily
-from vsense.vision.markers.families import load_family
 from vsense.vision.tracking.detector import make_detector
 from vsense.vision.tracking.workers import Picture, Workers
 
-LENS = (-0.12, 0.02, 0.0, 0.0, 0.0)
 FAMILIES = ("aruco_4x4_50", "apriltag_36h11")
-FOCAL_PX = 1620.0
-HARD = Look(psf_px=1.2, noise=5.0, exposure_s=0.03, light=0.6)
 LOOKS = {
     "blurred": (Look(psf_px=2.0), FOCAL_PX),
     "noisy": (Look(noise=12.0), FOCAL_PX),
@@ -54,30 +50,10 @@ TONES = {
 """Gain, offset and noise: black and white are 85, 34, 34 and 22 grey values apart."""
 
 
-def crowd(family: SquareFamily, camera: Camera) -> list[Robot]:
-    """Returns 20 robots below a camera that touch nobody."""
-    rng = np.random.default_rng(3)
-    reach = 0.42 * (camera.position_m[2] - HEIGHT_M) / camera.fx_px
-    robots: list[Robot] = []
-    for tag in rng.choice(family.tags, 20, replace=False).tolist():
-        while True:
-            x, y = rng.uniform(-1.0, 1.0, 2) * reach * (camera.width_px, camera.height_px)
-            if all(np.hypot(x - r.x_m, y - r.y_m) > 0.075 for r in robots):
-                robots.append(Robot(tag, x, y, float(rng.uniform(-np.pi, np.pi)), 0.12))
-                break
-    return robots
-
-
-def square_family(name: str) -> SquareFamily:
-    family = load_family(name)
-    assert isinstance(family, SquareFamily)
-    return family
-
-
 def shoot(name: str, look: Look, focal_px: float) -> tuple[Camera, list[Robot], np.ndarray]:
     """Draws a picture of 20 robots."""
     camera = Camera.looking_down("c", 0.0, 0.0, 2.43, focal_px, (1000, 760), LENS)
-    robots = crowd(square_family(name), camera)
+    robots = square_crowd(square_family(name), camera)
     return camera, robots, render(camera, square_family(name), robots, look, 3)
 
 

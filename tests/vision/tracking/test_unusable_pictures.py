@@ -104,7 +104,7 @@ def test_no_state_is_an_error_for_run_and_serve_too_whatever_pace(tmp_path: Path
     tracker = ArenaTracker.for_family([camera], load_family("arrow4x4"), {31: 0.06})
     grabber = RecordedGrabber(recordings, {"top": SIZE}, lambda: 0)
     tracking = CameraTracking(grabber, tracker, lambda line: None)
-    with pytest.raises(VsenseError, match="none has a picture that can be used") as caught:
+    with pytest.raises(VsenseError, match=r"none .*picture") as caught:
         tracking.next(10.0)
     assert type(caught.value) is VsenseError, "a GrabberError would be waited for"
     tracking.close()
@@ -143,4 +143,4 @@ def test_serving_a_recording_without_a_usable_picture_ends(tmp_path: Path) -> No
     words = [sys.executable, "-m", "vsense", "serve", *files, "--port", "0"]
     done = subprocess.run(words, timeout=60.0, capture_output=True, text=True, check=False)
     assert done.returncode == 1
-    assert "none has a picture that can be used" in done.stderr.splitlines()[-1]
+    assert "none has a picture" in done.stderr.splitlines()[-1]

@@ -167,7 +167,7 @@ def test_no_bytes_of_a_report_reach_the_world_out_of_bounds(state: States, raw: 
 def test_a_report_of_another_size_is_refused(state: States) -> None:
     rig = Rig(state)
     rig.step({})
-    with pytest.raises(ActuatorError, match="robot with tag 3: a report of 7 byte, expected 8"):
+    with pytest.raises(ActuatorError, match=r"tag 3:.*7 byte.*8"):
         rig.bank.apply(rig.world, {3: bytes(7)})
 
 

@@ -140,7 +140,7 @@ def test_the_amount_of_a_source_stands_in_its_sensor(scope: Scope) -> None:
     for setting, amount in (('vs:amount="20"', 20.0), ("", math.inf)):
         devices.mount_sensor(element_of(text.format(setting)), scope)
         assert scope.sources[-1].amount == amount
-    with pytest.raises(ConfigError, match="vs:amount: 0 is out of range"):
+    with pytest.raises(ConfigError, match=r"vs:amount: 0.*range"):
         devices.mount_sensor(element_of(text.format('vs:amount="0"')), scope)
 
 

@@ -64,11 +64,11 @@ def test_a_new_actuator_is_one_new_file(folder: Path, scope: Scope) -> None:
 def test_two_files_for_one_element_are_refused(folder: Path) -> None:
     for name in ("lamp_of_test", "second_of_test"):
         (folder / f"{name}.py").write_text(NEW_ACTUATOR)
-    with pytest.raises(ActuatorError, match="<virtual_lamp_actuator> is another module's"):
+    with pytest.raises(ActuatorError, match=r"<virtual_lamp_actuator>.*module's"):
         devices.factories(devices.ACTUATORS)
 
 
 def test_a_new_actuators_own_errors_have_their_line(folder: Path, scope: Scope) -> None:
     (folder / "lamp_of_test.py").write_text(NEW_ACTUATOR)
-    with pytest.raises(ConfigError, match=r"x\.argos:1: <virtual_lamp_actuator> id: is missing"):
+    with pytest.raises(ConfigError, match=r"x\.argos:1: <virtual_lamp_actuator> id:"):
         devices.mount_actuator(element_of("<virtual_lamp_actuator />"), scope)

@@ -110,14 +110,14 @@ def test_no_number_that_cannot_travel_reaches_a_robot(
 ) -> None:
     bank, world = bank_of(Compass("compass", layout, factor), tags=(7,)), World((7,))
     world.update(state({7: (1, 1, 0)}, STEP_NS), 0)
-    with pytest.raises(SensorError, match=r"sensor .compass.: .* does not fit its layout"):
+    with pytest.raises(SensorError, match=r"sensor .compass.:.*layout"):
         bank.encode(world, 0)
 
 
 def test_a_reading_of_the_wrong_shape_is_refused(state: States) -> None:
     bank, world = bank_of(Compass(layout="3*f4"), tags=(7,)), World((7,))
     world.update(state({7: (1, 1, 0)}, STEP_NS), 0)
-    with pytest.raises(SensorError, match=r"gave shape \(1, 2\), expected \(1, 3\)"):
+    with pytest.raises(SensorError, match=r"\(1, 2\).*\(1, 3\)"):
         bank.encode(world, 0)
 
 
@@ -125,7 +125,7 @@ def test_layouts() -> None:
     assert layout_dtype("f4") == (1, np.dtype("<f4"))
     assert layout_dtype("24*i2") == (24, np.dtype("<i2"))
     for wrong in ("", "f8", "0*f4", "u8", "f4*2", "2*", "-1*f4", "f1", "i1"):
-        with pytest.raises(SensorError, match="expected 'type' or 'count\\*type'"):
+        with pytest.raises(SensorError, match=r"'type'.*'count\*type'"):
             layout_dtype(wrong)
 
 

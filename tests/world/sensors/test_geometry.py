@@ -47,9 +47,7 @@ def test_an_even_ring_goes_round_counter_clockwise_from_straight_ahead() -> None
 
 @pytest.mark.parametrize("text", ["0", "65", "-8", "8.0", "all", "1e2"])
 def test_a_wrong_ring_is_refused(text: str) -> None:
-    with pytest.raises(
-        ConfigError, match=r"vs:ring: .* is not 'epuck', 'argos' or a number from 1"
-    ):
+    with pytest.raises(ConfigError, match=r"vs:ring:.*'epuck', 'argos'.*1"):
         ring(text)
 
 
@@ -89,5 +87,5 @@ def test_a_field_of_view_is_all_around_by_default_and_else_around_straight_ahead
     assert within(bearings, field_of_view(element("<s/>"))).all()
     narrow = field_of_view(element('<s vs:field_of_view="60"/>'))
     assert within(bearings, narrow).tolist() == [True, True, True, False, False]
-    with pytest.raises(ConfigError, match="vs:field_of_view: 0 is out of range"):
+    with pytest.raises(ConfigError, match=r"vs:field_of_view: 0.*range"):
         field_of_view(element('<s vs:field_of_view="0"/>'))

@@ -57,9 +57,9 @@ def test_a_robot_can_be_pointed_to_and_is_noted() -> None:
 
 
 def test_an_unknown_id_is_refused_with_what_there_is() -> None:
-    with pytest.raises(ConfigError, match=r"<s> at: there is no 'gost'.* is 'ghost' or"):
+    with pytest.raises(ConfigError, match=r"<s> at:.*'gost'.*'ghost'"):
         place("gost")
-    with pytest.raises(ConfigError, match="at: is missing, expected the id of something"):
+    with pytest.raises(ConfigError, match=r"at:.*missing"):
         places.from_xml(element("<s/>"), SCOPE, "at")
 
 
@@ -73,7 +73,7 @@ def test_a_rectangle_stands_for_its_middle() -> None:
 
 
 def test_wrong_rectangles_are_refused() -> None:
-    with pytest.raises(ConfigError, match="white_max_y: is missing, expected a number"):
+    with pytest.raises(ConfigError, match=r"white_max_y:.*missing"):
         rectangle('white_min_x="-1" white_max_x="3" white_min_y="2"')
-    with pytest.raises(ConfigError, match="white_max_x: -3 is below white_min_x -1"):
+    with pytest.raises(ConfigError, match=r"white_max_x: -3.*white_min_x -1"):
         rectangle('white_min_x="-1" white_max_x="-3" white_min_y="2" white_max_y="2"')

@@ -66,9 +66,7 @@ def test_turning_the_arena_with_everything_in_it_leaves_readings_unchanged(
 def test_defect_9_the_source_is_named_in_the_file_and_not_compiled_in() -> None:
     assert sensor('pollutant_entity="ship_8_0"').source.tag == 8
     assert sensor().source.tag == 22
-    with pytest.raises(
-        ConfigError, match="no 'ghost_1_1' in the arena; tagged are: epuck_22_1, sh"
-    ):
+    with pytest.raises(ConfigError, match=r"'ghost_1_1'.*epuck_22_1"):
         sensor('pollutant_entity="ghost_1_1"')
 
 

@@ -144,10 +144,10 @@ def test_noise_is_a_share_of_the_whole_range() -> None:
 
 def test_wrong_attributes_are_refused() -> None:
     for xml, words in (
-        ('vs:fuse="yes"', "vs:fuse: 'yes' is not one of: true, false"),
-        ('vs:range="0"', "vs:range: 0 is out of range"),
-        ('vs:obstacles="real"', "vs:obstacles: 'real' is not one of: virtual, all"),
-        ('vs:ring="nine"', "vs:ring: 'nine' is not 'epuck'"),
+        ('vs:fuse="yes"', "vs:fuse: 'yes'"),
+        ('vs:range="0"', "vs:range: 0.*range"),
+        ('vs:obstacles="real"', "vs:obstacles: 'real'"),
+        ('vs:ring="nine"', "vs:ring: 'nine'.*'epuck'"),
     ):
         with pytest.raises(ConfigError, match=words):
             sensor(f"<virtual_proximity_sensor {xml}/>")

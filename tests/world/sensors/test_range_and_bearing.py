@@ -159,11 +159,11 @@ def test_layouts_and_wrong_attributes() -> None:
     big = rab('vs:max_messages="10" data_size="16"')
     assert big.layout == "181*f4"  # type: ignore[attr-defined]
     for xml, words in (
-        ('data_size="0"', "data_size: 0 is out of range, expected 1 to 16"),
-        ('loss_probability="1.5"', "loss_probability: 1.5 is out of range"),
-        ('vs:max_messages="33"', "vs:max_messages: 33 is out of range"),
-        ('check_occlusions="no"', "check_occlusions: 'no' is not one of"),
-        ('range="nan"', "range: 'nan' is not a number"),
+        ('data_size="0"', "data_size: 0.*1.*16"),
+        ('loss_probability="1.5"', "loss_probability: 1.5"),
+        ('vs:max_messages="33"', "vs:max_messages: 33.*range"),
+        ('check_occlusions="no"', "check_occlusions: 'no'"),
+        ('range="nan"', "range: 'nan'"),
     ):
         with pytest.raises(ConfigError, match=words):
             rab(xml)

@@ -80,7 +80,7 @@ def test_a_new_sensor_is_one_new_file(folder: Path) -> None:
 def test_two_files_for_one_element_are_refused(folder: Path) -> None:
     for name in ("compass_of_test", "second_of_test"):
         (folder / f"{name}.py").write_text(NEW_SENSOR)
-    with pytest.raises(SensorError, match="<virtual_compass_sensor> is another module's"):
+    with pytest.raises(SensorError, match=r"<virtual_compass_sensor>.*module's"):
         devices.factories(devices.SENSORS)
 
 
@@ -95,5 +95,5 @@ def test_a_wrong_updating_condition_is_refused(every: str) -> None:
 def test_a_layout_that_no_robot_can_read_is_refused_at_its_element(folder: Path) -> None:
     (folder / "compass_of_test.py").write_text(NEW_SENSOR.replace('"f4"', '"f8"'))
     element = parse(b"<r><virtual_compass_sensor/></r>", "x.argos").child("virtual_compass_sensor")
-    with pytest.raises(ConfigError, match=r"x.argos:1: <virtual_compass_sensor>: layout 'f8'"):
+    with pytest.raises(ConfigError, match=r"x.argos:1: <virtual_compass_sensor>:.*'f8'"):
         devices.mount_sensor(element, Scope({}, 0))
