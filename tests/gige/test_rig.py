@@ -14,8 +14,8 @@ from tests.gige.watch import Watch
 from vsense.base.clock import host_ns
 from vsense.vision.cameras.aravis import listed
 from vsense.vision.cameras.aravis_stream import BUFFERS
-from vsense.vision.cameras.genicam import GenicamSettings, GenicamSource
-from vsense.vision.cameras.opencv_source import Controls
+from vsense.vision.cameras.genicam import GenicamSource
+from vsense.vision.cameras.source import Controls, GenicamSettings
 
 
 def source(

@@ -18,8 +18,7 @@ from vsense.base.errors import GrabberError, UsageError, failing_as, instead
 from vsense.base.terminal import printable
 from vsense.tools.camera_setup.showing import save_picture
 from vsense.vision.calibration.board import dictionary_name
-from vsense.vision.cameras.picture import Image, PictureError, read_picture
-from vsense.vision.cameras.recordings import SUFFIXES, pictures_in
+from vsense.vision.cameras.picture import SUFFIXES, Image, PictureError, pictures_in, read_picture
 from vsense.vision.markers.dictionary import Codes, FamilyError, load_codes
 from vsense.vision.markers.families import SquareFamily, known_families, load_family
 from vsense.vision.tracking.squares import SquareFinder

@@ -12,8 +12,7 @@ from pathlib import Path
 
 from vsense.base.errors import ConfigError
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.cameras.genicam import FREE, GenicamSettings
-from vsense.vision.cameras.opencv_source import Controls
+from vsense.vision.cameras.source import FREE, Controls, GenicamSettings
 from vsense.vision.tracking.marker_offsets import PlacedMarker
 from vsense.vision.tracking.mask import Mask, MaskError
 
