@@ -374,7 +374,7 @@ def test_functions_fit_a_screen() -> None:
 
 BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
-    "vsense in Python": (("vsense",), (".py",), 477, 92500, 400),
+    "vsense in Python": (("vsense",), (".py",), 466, 92500, 400),
     "the page": (("vsense",), (".js", ".css", ".html"), 42, 5500, 289),
     "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 238, 26600, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 32, 6800, 510),
@@ -384,7 +384,7 @@ BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
 
 CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 63500, 49, 20
 """Lines of code in `vsense/`; imports between rooms, and between folders inside of rooms."""
-DOORS_MAX, NAMES_MAX = 251, 785
+DOORS_MAX, NAMES_MAX = 215, 742
 """Modules that another room imports, and names taken from them."""
 SPLATS_MAX, OUTSIDE_MAX = 12, 214
 """Calls `f(*(a, b))`; attributes that are assigned from outside of their object."""

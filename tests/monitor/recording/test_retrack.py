@@ -17,23 +17,23 @@ from vsense.base.errors import UsageError, VsenseError
 from vsense.base.message_bus import Message, MessageBus
 from vsense.config import tracking_session
 from vsense.config.roster_fields import MarkerOffset
-from vsense.monitor.recording import tracker_made
 from vsense.monitor.recording.form import RecordingError
 from vsense.monitor.recording.pictures import PictureRecorder, one_tracker, write_session_files
 from vsense.monitor.recording.reader import open_recording
 from vsense.monitor.recording.recorder import Recorder
 from vsense.monitor.recording.retrack import RetrackComparison, Retracking
-from vsense.monitor.recording.tracker_made import change_settings
 from vsense.vision.markers.families import load_family
-from vsense.vision.tracking import memory as tracker_memory
+from vsense.vision.tracking import recorded_tracker
+from vsense.vision.tracking import recorded_tracker as tracker_memory
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 from vsense.vision.tracking.mask import Mask
 from vsense.vision.tracking.opening import open_tracking
+from vsense.vision.tracking.recorded_tracker import change_settings
 
 Change = Callable[[dict[str, Any]], dict[str, Any]]
 OFFSETS = dict.fromkeys((*HEIGHTS_M, STRANGER), MarkerOffset(0.003, -0.004, 0.07))
 """Markers that sit beside the middle: recordings hold where."""
-MADE = tracker_made.of_family(CAMERAS, FAMILY, HEIGHTS_M, offsets=OFFSETS)
+MADE = recorded_tracker.of_family(CAMERAS, FAMILY, HEIGHTS_M, offsets=OFFSETS)
 
 
 def session_files(folder: Path, mask: Mask | None = None) -> tuple[Path, Path]:
@@ -114,7 +114,7 @@ def test_a_sessions_tracker_is_the_same_in_every_bit(tmp_path: Path, is_masked: 
     session = replace(tracking_session.load(*files), offsets=OFFSETS)
     assert session.mask == mask
     tracking = open_tracking(session, lambda: 0, print)
-    path = track(tmp_path / "run.mcap", tracking.tracker, tracker_made.of_session(session), 3)
+    path = track(tmp_path / "run.mcap", tracking.tracker, recorded_tracker.of_session(session), 3)
     assert (min(tracking.tracker.state.robots["x_m"]) > -0.17) == is_masked
     tracking.close()
     compared = again(path)
@@ -137,7 +137,7 @@ def test_memory_survives_json(lab: ArenaTracker) -> None:
     for timestep in range(14):
         lab.update(frames(timestep))
     memory = tracker_memory.freeze(lab)
-    other = tracker_made.make(MADE)
+    other = recorded_tracker.make(MADE)
     tracker_memory.restore(other, json.loads(json.dumps(memory)))
     assert json.dumps(tracker_memory.freeze(other)) == json.dumps(memory)
     # Recordings made before hold these fields under these names.

@@ -10,8 +10,7 @@ import numpy as np
 
 from tests.vision.tracking.synthetic import Look, Robot, render
 from vsense.base.errors import GrabberError
-from vsense.tools.camera_setup.panel import Tuner
-from vsense.tools.camera_setup.tuning import TuneOptions, tuner_of
+from vsense.tools.camera_setup.tuning import TuneOptions, Tuner, tuner_of
 from vsense.vision.cameras.camera import Camera as Calibration
 from vsense.vision.cameras.discovery import GIGE, Details, FoundCamera
 from vsense.vision.cameras.picture import PictureError

@@ -16,7 +16,7 @@ from vsense.tools.camera_setup.advice import (
     rounded,
 )
 from vsense.vision.markers.families import load_family
-from vsense.vision.tracking.legibility import cell_width
+from vsense.vision.tracking.marker_detector import cell_width
 
 CELL_M = 0.0053
 

@@ -20,7 +20,6 @@ from vsense.vision.cameras.networks import GIGE, USB3, ListedCamera, Network
 from vsense.vision.cameras.source import FREE, Controls, GenicamSettings
 from vsense.vision.cameras.v4l2 import V4l2Device
 from vsense.vision.tracking import single_camera
-from vsense.vision.tracking.single_camera import free
 from vsense.vision.tracking.specs import GENICAM
 
 FIRST = ListedCamera("Maker-A-1", GIGE, "192.168.10.11", "00:01", "Maker", "A", "1")
@@ -281,7 +280,7 @@ def test_a_grabber_brings_all_its_settings(tmp_path: Path) -> None:
     assert spec.settings.controls == Controls(None, 10.0, 4000.0, 3.0)
     assert spec.settings.offset_px == (8, 0)
     assert spec.settings.trigger == FREE, "alone it has nobody who triggers it"
-    assert free(spec) is spec
+    assert single_camera.free(spec) is spec
     spec = choose("cam2", Controls(gain_raw=0.0), path)
     assert spec.settings == Controls(None, None, 9000.0, 0.0)
     with pytest.raises(UsageError, match=r"no camera 'film' among .*: there are cam1, cam2"):

@@ -13,7 +13,6 @@ from tests.tools.camera_setup.stage import Scripted
 from tests.vision.tracking.synthetic import Look, Robot, render
 from vsense.base.terminal import Interruption
 from vsense.tools.camera_setup import showing
-from vsense.tools.camera_setup.showing import ShowOptions
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.cameras.source import Controls, Shot
 from vsense.vision.markers.families import load_family
@@ -34,7 +33,7 @@ def test_ctrl_c_while_the_camera_opens_starts_no_page(monkeypatch: pytest.Monkey
     monkeypatch.setattr(showing, "choose", lambda id, wanted, resources: spec)
     monkeypatch.setattr(showing, "make", lambda spec, clock: OpenCamera("cam", scripted, None))
     monkeypatch.delattr(showing, "TrackRoom")
-    assert showing.run(ShowOptions("cam", Controls(), None, "arrow4x4", None, None)) == 130
+    assert showing.run(showing.ShowOptions("cam", Controls(), None, "arrow4x4", None, None)) == 130
     assert scripted.reads == 1 and not scripted.opened
 
 
@@ -52,6 +51,6 @@ def test_small_cells_are_said_when_the_markers_have_told_the_scale(
     monkeypatch.setattr(showing, "make", lambda spec, clock: OpenCamera("cam", scripted, None))
     monkeypatch.setattr(showing, "TrackRoom", lambda *of: SimpleNamespace(open=lambda: None))
     monkeypatch.setattr(showing.ShowSession, "run", lambda self, interrupted: None)
-    assert showing.run(ShowOptions("cam", Controls(), None, "arrow4x4", None, None)) == 0
+    assert showing.run(showing.ShowOptions("cam", Controls(), None, "arrow4x4", None, None)) == 0
     said = capsys.readouterr().err
     assert re.search(r"cam: the cells of arrow4x4, 5.3 mm, are 1\.[6-9] px wide: expected", said)

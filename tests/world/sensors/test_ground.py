@@ -9,7 +9,7 @@ import pytest
 
 from tests.world.sensors.scenes import read, sensor
 from vsense.world.entities import Zone
-from vsense.world.floor import Floor
+from vsense.world.fields import Floor
 
 
 def spot(x: float, y: float, color: tuple[int, int, int], radius: float = 0.005) -> Zone:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vsense.vision.cameras.health import DARK_LEVEL
 from vsense.vision.cameras.picture import Image
-from vsense.vision.tracking.legibility import CellWidth
+from vsense.vision.tracking.marker_detector import CellWidth
 
 WHITE, BLACK = 254, 1
 """Limits of saturated and of black pixels: lens corrections and JPEG round by one level."""

@@ -21,8 +21,7 @@ from vsense.base.errors import GrabberError, UsageError, VsenseError
 from vsense.base.terminal import Console, interruption
 from vsense.config import resources as resources_file
 from vsense.tools.camera_setup.showing import save_picture
-from vsense.vision.calibration.board import Board
-from vsense.vision.calibration.views import CornerFinder
+from vsense.vision.calibration.board import Board, CornerFinder
 from vsense.vision.cameras.grabber import Grabber, Troubles
 from vsense.vision.cameras.picture import Image
 from vsense.vision.cameras.source import GenicamSettings
@@ -298,7 +297,6 @@ def _by_itself(
     count: int | None,
     interrupted: threading.Event,
 ) -> None:
-    """Takes a moment every so many seconds."""
     due_ns, taken = host_ns(), 0
     while not interrupted.is_set() and taken != count:
         due_ns += round(1e9 * every_s)

@@ -119,7 +119,6 @@ def _listed(listed: ListedCamera) -> FoundCamera:
 
 
 def _mark_shared(listed: Sequence[ListedCamera]) -> list[FoundCamera]:
-    """Marks cameras that share an address."""
     found = []
     for each in listed:
         same = [other for other in listed if each.address and other.address == each.address]

@@ -7,8 +7,7 @@ from collections.abc import Callable, Sequence
 
 from vsense.base.errors import GrabberError
 from vsense.vision.cameras.aravis import AravisError
-from vsense.vision.cameras.aravis_camera import AravisCamera, is_address, locate
-from vsense.vision.cameras.aravis_stream import AravisStream
+from vsense.vision.cameras.aravis_camera import AravisCamera, AravisStream, is_address, locate
 from vsense.vision.cameras.networks import HELD, NetworkLoad, Stream, controlled
 from vsense.vision.cameras.source import (
     AUTOMATIC,
@@ -34,8 +33,6 @@ def apply(camera: AravisCamera, settings: GenicamSettings) -> list[str]:
 
 
 class _Setting:
-    """One camera while it is set up."""
-
     def __init__(self, camera: AravisCamera, settings: GenicamSettings) -> None:
         self._camera = camera
         self._settings = settings

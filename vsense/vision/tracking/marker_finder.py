@@ -19,7 +19,7 @@ from vsense.vision.cameras.camera_array import CameraArray
 from vsense.vision.cameras.picture import Image
 from vsense.vision.markers.families import MarkerFamily, SquareFamily
 from vsense.vision.tracking.detector import make_detector
-from vsense.vision.tracking.legibility import CellWidth, cell_width
+from vsense.vision.tracking.marker_detector import CellWidth, cell_width
 from vsense.vision.tracking.prediction import Prediction
 from vsense.vision.tracking.views import image_poses, place_markers
 
@@ -125,7 +125,6 @@ class MarkerFinder:
         return float(np.exp(np.log(scales[fits][best]).mean()))
 
     def _at(self, image: Image, px_per_m: float) -> FoundMarkers:
-        """Looks for markers of one size."""
         height, width = image.shape
         camera = Camera.looking_down(_NAME, 0.0, 0.0, _AWAY_M, _AWAY_M * px_per_m, (width, height))
         return self._through(image, camera, 0.0)

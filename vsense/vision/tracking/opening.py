@@ -31,7 +31,7 @@ from vsense.vision.cameras.source import FREE, SOFTWARE, Controls, GenicamSettin
 from vsense.vision.markers.families import SquareFamily, load_family
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 from vsense.vision.tracking.camera_tracking import CameraTracking
-from vsense.vision.tracking.legibility import cell_width_seen
+from vsense.vision.tracking.marker_detector import cell_width_seen
 from vsense.vision.tracking.mask import Mask, outlines_px
 from vsense.vision.tracking.prediction import MarkerSearch, SearchPlan
 from vsense.vision.tracking.specs import (

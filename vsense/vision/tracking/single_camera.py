@@ -194,7 +194,6 @@ def _of_aravis(id: str, wanted: Controls) -> GrabberSpec:
 
 
 def _known(listed: Sequence[ListedCamera]) -> str:
-    """Lists the cameras, for an error message."""
     known = [camera.id for camera in listed] + [device.path for device in v4l2.devices()]
     if not known:
         return "there are none; see vsense cameras"
