@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -198,6 +197,8 @@ def _distance(bits: NDArray[np.uint8]) -> int:
 
 def dictionary_name(text: str) -> str:
     """Returns OpenCV's name of a dictionary, without "DICT_"; raises UsageError without one."""
+    import cv2
+
     for name in (text, text.removeprefix("DICT_"), f"APRILTAG_{text}"):
         if isinstance(getattr(cv2.aruco, f"DICT_{name}", None), int):
             return name
