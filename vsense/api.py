@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from vsense.vision.cameras.camera import Camera
     from vsense.world.actuators.base import VirtualActuator
     from vsense.world.entities import Box, Cylinder, Light, VirtualRobot, Zone
-    from vsense.world.floor import Floor
+    from vsense.world.fields import Floor
     from vsense.world.sensors.base import Robots, Scope, VirtualSensor
     from vsense.world.sensors.quality import Scale
     from vsense.world.world import World
@@ -36,7 +36,7 @@ PLACES = {
     "Cylinder": "vsense.world.entities",
     "Element": "vsense.base.xml.element",
     "Engine": "vsense.modes.sim.engine",
-    "Floor": "vsense.world.floor",
+    "Floor": "vsense.world.fields",
     "Light": "vsense.world.entities",
     "Robots": "vsense.world.sensors.base",
     "Scale": "vsense.world.sensors.quality",

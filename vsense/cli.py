@@ -23,13 +23,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         # Imported here, so that Ctrl-C is handled while the commands load.
         from vsense import commands
-        from vsense.robots.link import descriptors
+        from vsense.robots.link import strangers
 
         if COMPLETING in os.environ:
             from vsense.commands import completion
 
             completion.answer()
-        descriptors.raise_limit()
+        strangers.raise_limit()
         words = list(sys.argv[1:] if arguments is None else arguments)
         if words[:1] == ["help"]:
             words = [*words[1:2], "--help"]

@@ -14,7 +14,7 @@ from types import ModuleType
 import vsense.world.actuators
 import vsense.world.sensors
 from scripts.site.contents import ROOT
-from vsense.world import entities, fields, floor, loop_functions, world
+from vsense.world import entities, fields, loop_functions, world
 from vsense.world.sensors import quality
 
 _LABEL = re.compile(r"^(Args|Attributes|Raises|Returns|Source|Yields):\s*", re.MULTILINE)
@@ -149,7 +149,7 @@ def world_page() -> str:
         kind = getattr(entities, name)
         parts.append(f"### `{name}{_signature(kind)}`\n\n{markdown(str(kind.__doc__))}\n")
         parts += _members(kind, entities)
-    for module, kind in ((fields, fields.Field), (floor, floor.Floor)):
+    for module, kind in ((fields, fields.Field), (fields, fields.Floor)):
         parts.append(f"## {kind.__name__}\n\n{_source(module)}\n\n{markdown(str(kind.__doc__))}\n")
         parts += _members(kind, module)
     return "\n".join(parts)

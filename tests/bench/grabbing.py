@@ -19,9 +19,9 @@ from tests.bench.frames import MARKER_M, Painter, cameras
 from vsense.base.clock import host_ns
 from vsense.base.errors import GrabberError, VsenseError
 from vsense.modes.lab.camera_spec import SIZE_PX
-from vsense.vision.cameras.genicam import GenicamSettings, GenicamSource
+from vsense.vision.cameras.genicam import GenicamSource
 from vsense.vision.cameras.live_grabber import LiveGrabber
-from vsense.vision.cameras.opencv_source import Controls
+from vsense.vision.cameras.source import Controls, GenicamSettings
 from vsense.vision.markers.families import MarkerFamily, choose_tags, load_family
 from vsense.vision.tracking.detector import make_detector
 

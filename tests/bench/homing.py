@@ -24,8 +24,7 @@ from vsense.config.specs import Pose
 from vsense.robots import build
 from vsense.robots.build import SHIPPED_CONTROLLER
 from vsense.robots.inprocess import CompiledProgram
-from vsense.robots.link.peer import Goal
-from vsense.robots.link.table import Table
+from vsense.robots.link.table import Goal, Table
 from vsense.run.homing.floor import DrivingFloor
 from vsense.run.homing.homing import Homing
 from vsense.run.homing.robots import HomingLimits, Trouble

@@ -43,8 +43,8 @@ from vsense.modes.live.session import RunSetup
 from vsense.monitor.ui.room import ControlRoom, RoomOptions
 from vsense.robots.link import keys
 from vsense.robots.link.keys import LinkTrust
-from vsense.robots.link.peer import Goal
 from vsense.robots.link.status import RobotStatus
+from vsense.robots.link.table import Goal
 from vsense.run.homing import starts
 from vsense.run.homing.homing import Homing
 from vsense.run.homing.robots import Trouble

@@ -18,9 +18,8 @@ from vsense.base.clock import host_ns
 from vsense.modes.lab.microcontrollers import Microcontrollers
 from vsense.robots.compiling import BuildError
 from vsense.robots.link.keys import INSECURE
-from vsense.robots.link.roster import ExpectedRobot
 from vsense.robots.link.server import VirtualSensorServer
-from vsense.robots.link.table import Entry, Table
+from vsense.robots.link.table import Entry, ExpectedRobot, Table
 from vsense.robots.link.wire import Wanted
 
 TAG = 23

@@ -212,16 +212,25 @@ def test_the_pip_is_that_of_this_python(monkeypatch: pytest.MonkeyPatch) -> None
     assert errors.pip_line("ziglang") == "pip install ziglang"
 
 
-def test_an_emergency_stop_needs_no_library() -> None:
-    # A checkout that is being built anew, or an installation that is damaged, must still stop.
+def loaded_by(command: str) -> set[str]:
     code = (
-        "import sys\nfrom vsense import commands\ncommands.parser(['stop'])\n"
+        f"import sys\nfrom vsense import commands\ncommands.parser([{command!r}])\n"
         "print(*(name for name in sys.modules))"
     )
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    loaded = set(ran.stdout.split())
+    return set(ran.stdout.split())
+
+
+def test_an_emergency_stop_needs_no_library() -> None:
+    # A checkout that is being built anew, or an installation that is damaged, must still stop.
+    loaded = loaded_by("stop")
     assert "vsense.commands.orders" in loaded
     assert not loaded & {"numpy", "cv2", "vsense.base.native", "vsense._native", "vsense._kernels"}
+
+
+def test_a_simulation_starts_without_opencv() -> None:
+    loaded = loaded_by("sim")
+    assert "vsense.vision.markers.families" in loaded and "cv2" not in loaded
 
 
 @pytest.mark.parametrize("text", ["nan", "inf", "-inf", "0.99", "86400.1", "-1", "x", ""])

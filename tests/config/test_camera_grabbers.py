@@ -8,8 +8,7 @@ import pytest
 
 from vsense.base.errors import ConfigError
 from vsense.config import resources
-from vsense.vision.cameras.genicam import GenicamSettings
-from vsense.vision.cameras.opencv_source import Controls
+from vsense.vision.cameras.source import Controls, GenicamSettings
 from vsense.vision.tracking.specs import GrabberSpec
 
 FULL = """<arena_tracking_system><grabbers>

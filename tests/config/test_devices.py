@@ -18,8 +18,7 @@ from vsense.config.placement import settle
 from vsense.config.specs import ControllerSpec, Experiment, Stage
 from vsense.modes.lab import physics_process, physics_spec
 from vsense.world.entities import Box, Led
-from vsense.world.physics.motion import STEP_M
-from vsense.world.physics.wheel_noise import NoisyWheels
+from vsense.world.physics.motion import STEP_M, NoisyWheels
 from vsense.world.sensors.omnidirectional_camera import OmnidirectionalCamera
 from vsense.world.sensors.range_and_bearing import RangeAndBearingSensor
 

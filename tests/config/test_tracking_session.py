@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from vsense.base.errors import ConfigError, UsageError, VsenseError
 from vsense.config import resources, tracking_session
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.cameras.opencv_source import Controls
+from vsense.vision.cameras.source import Controls
 from vsense.vision.tracking.mask import Mask
 from vsense.vision.tracking.specs import TrackingSession
 

@@ -24,10 +24,10 @@ from vsense.monitor.ui.sentences import read as read_sentence
 from vsense.robots.link.keys import LinkTrust, SwarmKeys
 from vsense.robots.link.legacy.protocol import SENSORS, Translation, encode_real
 from vsense.robots.link.peer import Peer
-from vsense.robots.link.roster import ExpectedRobot, SessionTable
+from vsense.robots.link.roster import SessionTable
 from vsense.robots.link.status import LinkError
 from vsense.robots.link.streams import Inbox
-from vsense.robots.link.table import Direction, Entry, Table
+from vsense.robots.link.table import Direction, Entry, ExpectedRobot, Table
 from vsense.robots.link.trackers.client import ArenaDialog
 from vsense.robots.link.trackers.lines import LINE_MAX, LineInbox, SenderClock, parse
 from vsense.robots.link.trackers.protocol import encode_state

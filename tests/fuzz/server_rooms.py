@@ -22,9 +22,9 @@ from tests.wire.robot_session import RobotSession
 from vsense.base.native import WireError
 from vsense.robots.link.keys import LinkTrust, SwarmKeys
 from vsense.robots.link.network import Ports, ServerThread
-from vsense.robots.link.roster import ExpectedRobot
 from vsense.robots.link.server import VirtualSensorServer
 from vsense.robots.link.status import LinkEvent
+from vsense.robots.link.table import ExpectedRobot
 from vsense.robots.link.wire import Notice, PacketType, Wanted, encode, packet_length, session_keys
 from vsense.robots.link.wire import session_of as number_of
 

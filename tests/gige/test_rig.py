@@ -13,9 +13,9 @@ from tests.gige.network import CAMERAS, RATE_HZ, SIZE_PX, GigeCameras
 from tests.gige.watch import Watch
 from vsense.base.clock import host_ns
 from vsense.vision.cameras.aravis import listed
-from vsense.vision.cameras.aravis_stream import BUFFERS
-from vsense.vision.cameras.genicam import GenicamSettings, GenicamSource
-from vsense.vision.cameras.opencv_source import Controls
+from vsense.vision.cameras.aravis_camera import BUFFERS
+from vsense.vision.cameras.genicam import GenicamSource
+from vsense.vision.cameras.source import Controls, GenicamSettings
 
 
 def source(

@@ -24,7 +24,7 @@ from vsense.config.experiment import load
 from vsense.config.specs import DeviceSpec, Experiment, Pose, Stage
 from vsense.run.environment import Environment
 from vsense.world.entities import Box, Light, VirtualRobot
-from vsense.world.floor import Floor
+from vsense.world.fields import Floor
 from vsense.world.world import World
 
 OWN = "own"

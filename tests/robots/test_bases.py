@@ -18,7 +18,7 @@ from tests.robots.rig import CLEAN, MS, POLLUTED, TAG, Host, Rig
 from tests.robots.stopping import SILENCE_NS, still_within
 from vsense.base.clock import host_ns
 from vsense.base.native import ffi, lib
-from vsense.modes.lab.links import KINDS
+from vsense.modes.lab.hardware import KINDS
 from vsense.robots.link.wire import Wanted
 
 RING = 0xFF

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from tests.run.stage import counted
-from vsense.robots.link.meter import LinkFigures
+from vsense.robots.link.status import LinkFigures
 from vsense.run.link_verdict import as_json, judge, table, worst
 
 GOOD = LinkFigures(

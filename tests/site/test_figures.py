@@ -11,7 +11,7 @@ from scripts.site.blocks import blocks
 from scripts.site.contents import ROOT
 from tests.conftest import States
 from vsense.vision.markers.families import load_family
-from vsense.vision.tracking.legibility import cell_width
+from vsense.vision.tracking.marker_detector import cell_width
 from vsense.world.actuators.bank import ActuatorBank
 from vsense.world.actuators.base import MountedActuator
 from vsense.world.physics.motion import MAX_SPEED_STEPS_S, STEP_M

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense.world.entities import WorldError, Zone
-from vsense.world.floor import Floor
+from vsense.world.fields import Floor
 
 IMAGE = np.random.default_rng(4).integers(0, 256, (6, 8, 3), dtype=np.uint8)
 """6 rows, 8 columns."""

@@ -34,7 +34,7 @@ POSE = np.dtype(
 
 `tag` is the number on the marker; `x_m`, `y_m` and `yaw_rad` are the robot's in the arena frame, at
 the arena state's capture time: the middle of its axle where it is known how its marker sits on it
-(`vsense/vision/tracking/marker_offsets.py`), otherwise the disc's centre; `capture_ns` the time of
+(`vsense/vision/tracking/arena_tracker.py`), otherwise the disc's centre; `capture_ns` the time of
 the picture that last showed the robot; `age_ns` how much older that is than the arena state;
 `confidence` in [0, 1], falling while the robot is not seen; `cameras` how many cameras contributed;
 `seen` whether any did in this timestep; `covariance` that of the errors of x, y [m] and yaw [rad],
@@ -160,6 +160,14 @@ def wrap_angle(angle_rad: NDArray[np.float64] | float) -> NDArray[np.float64]:
     wrapped = np.pi - np.mod(np.pi - turn, 2.0 * np.pi)
     # Just above half a turn, the remainder rounds up to the whole turn.
     return np.where(wrapped > -np.pi, wrapped, np.pi)[()]
+
+
+def turned(
+    places: NDArray[np.float64], yaw_rad: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Places (k, 2 or more) in frames of (k,) headings, in the arena's directions: x and y [m]."""
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    return cos * places[:, 0] - sin * places[:, 1], sin * places[:, 0] + cos * places[:, 1]
 
 
 def arena_data(state: ArenaState) -> dict[str, Any]:

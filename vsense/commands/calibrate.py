@@ -137,7 +137,6 @@ def _add_check(steps: Any) -> None:
 
 
 def _add_measured(step: argparse.ArgumentParser) -> None:
-    """Declares what was measured with a tape."""
     text = "measured points: id,x_m,y_m in the arena and, where they are not on the floor, z_m"
     arguments.option(step, "--points", Path, "CSV", text)
     arguments.option(step, "--seen", Path, "CSV", "where they are seen: camera,id,x_px,y_px")

@@ -8,12 +8,13 @@ from pathlib import Path
 from vsense.base.errors import UsageError
 from vsense.base.terminal import drop_output
 from vsense.commands import arguments
+from vsense.commands.arguments import Record
 from vsense.config.resources import EXPOSURES_US, GAINS, RATES_HZ, SIDES_PX
-from vsense.tools.camera_setup import files, listing, shooting, showing, sweep, tuning
-from vsense.tools.camera_setup.markers import SPEED_M_S
+from vsense.tools.camera_setup import files, shooting, showing, tuning
 from vsense.tools.camera_setup.shooting import ShootOptions
-from vsense.tools.camera_setup.tuning import TuneOptions
-from vsense.vision.cameras.opencv_source import Controls
+from vsense.tools.camera_setup.showing import ShowOptions
+from vsense.tools.camera_setup.tuning import SPEED_M_S, TuneOptions
+from vsense.vision.cameras.source import Controls
 
 DESCRIPTION = (
     "Without an action it lists the cameras: GigE Vision, USB3 Vision, V4L2. 'show' looks through"
@@ -150,11 +151,11 @@ def _number(text: str) -> float:
 def run(options: argparse.Namespace) -> int:
     """Runs an action."""
     actions = {
-        "list": lambda: listing.run(options.json),
-        "show": lambda: _show(options),
-        "tune": lambda: _tune(options),
-        "init": lambda: files.run(options.directory, options.force),
-        "shoot": lambda: shooting.run(arguments.fill(ShootOptions, options), options.json),
+        "list": lambda: files.list_cameras(options.json),
+        "show": lambda: showing.run(_asked(ShowOptions, options, web=arguments.web_of(options))),
+        "tune": lambda: tuning.run(_asked(TuneOptions, options)),
+        "init": lambda: files.init(options.directory, options.force),
+        "shoot": lambda: shooting.run(arguments.fill(ShootOptions, options)),
     }
     try:
         return actions[options.action or "list"]()
@@ -163,15 +164,8 @@ def run(options: argparse.Namespace) -> int:
         return 0
 
 
-def _show(options: argparse.Namespace) -> int:
-    wanted, web = wanted_of(options), arguments.web_of(options)
-    return showing.run(options.id, wanted, options.resources, options.family, options.save, web)
-
-
-def _tune(options: argparse.Namespace) -> int:
-    asked = arguments.fill(TuneOptions, options, wanted=wanted_of(options))
-    measure = sweep.run if options.sweep else tuning.watch
-    return tuning.run(asked, measure, options.json)
+def _asked(kind: type[Record], options: argparse.Namespace, **others: object) -> Record:
+    return arguments.fill(kind, options, wanted=wanted_of(options), **others)
 
 
 def wanted_of(options: argparse.Namespace) -> Controls:

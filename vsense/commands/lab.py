@@ -18,8 +18,7 @@ from vsense.config.specs import Experiment, Stage
 from vsense.modes.lab import calibrated, report
 from vsense.modes.lab.calibrated import CalibratedRig
 from vsense.modes.lab.camera_spec import CameraGrid, cameras_above
-from vsense.modes.lab.hardware import told_all
-from vsense.modes.lab.links import BASES
+from vsense.modes.lab.hardware import BASES, told_all
 from vsense.modes.lab.session import Session
 from vsense.modes.live.session import RunSetup
 from vsense.monitor.pictures.run_figure import spoken

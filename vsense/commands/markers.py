@@ -8,14 +8,14 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from vsense.base.errors import UsageError, failing_as
+from vsense.base.errors import UsageError
 from vsense.base.terminal import drop_output, print_data
 from vsense.commands import arguments
 from vsense.config import roster
 from vsense.tools.camera_setup import photographs
 from vsense.tools.camera_setup.photographs import FindOptions
-from vsense.vision.markers import families, paper, sheet
-from vsense.vision.markers.families import load_family
+from vsense.vision.markers import sheet
+from vsense.vision.markers.sheet import SheetOptions
 from vsense.vision.tracking.squares import LEAST_SIDE_PX
 
 DESCRIPTION = (
@@ -49,7 +49,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_which(which: Any) -> None:
-    """Declares which markers are drawn."""
     text = (
         "1-20, or 3,7,20-22, or auto:20 for 20 numbers that stay apart under blur; robots of"
         " an experiment without tags wear the same ones"
@@ -109,35 +108,31 @@ def _print(options: argparse.Namespace) -> int:
         raise UsageError(
             "expected -o and --ids, --roster or --for for sheets, or the action find; see --help"
         )
-    if output.suffix.lower() not in (".pdf", ".png"):
-        raise UsageError(f"{output}: expected a name that ends in .pdf or .png")
     wanted, names = _FAMILY, dict[int, str]()
     if options.wearer is not None:
         wanted, names = _worn(options.wearer)
     elif options.roster is not None:
         robots = roster.read(options.roster).robots
         names = {robot.tag: robot.name or robot.host for robot in robots}
-    family = load_family(options.family or wanted)
-    chosen = list(names) if names else families.parse_tags(options.ids, family)
-    size_mm = options.size or family.disc_diameter_mm
-    pages = sheet.pages(family, chosen, size_mm, options.paper, names)
-    files = (
-        {output: paper.document(pages)}
-        if output.suffix.lower() == ".pdf"
-        else {
-            name: paper.png(paper.draw(page, options.dpi), options.dpi)
-            for name, page in zip(_names(output, len(pages)), pages)
-        }
+    sheets = sheet.write(
+        SheetOptions(
+            output=output,
+            family=options.family or wanted,
+            ids=options.ids or "",
+            names=names,
+            size_mm=options.size,
+            paper=options.paper,
+            dpi=options.dpi,
+        )
     )
-    for name, data in files.items():
-        with failing_as(UsageError, f"{name}: cannot be written"):
-            name.write_bytes(data)
     if options.json:
-        print_data(json.dumps({"files": [str(name) for name in files], "tags": chosen}))
+        facts = {"files": [str(name) for name in sheets.files], "tags": sheets.tags}
+        print_data(json.dumps(facts))
     else:
-        print_data("\n".join(str(name) for name in files))
-    print(f"vsense: tags {' '.join(map(str, chosen))}", file=sys.stderr)
-    _say_scale(family, size_mm)
+        print_data("\n".join(str(name) for name in sheets.files))
+    print(f"vsense: tags {' '.join(map(str, sheets.tags))}", file=sys.stderr)
+    if sheets.scale:
+        print(f"vsense: {sheets.scale}", file=sys.stderr)
     return 0
 
 
@@ -148,25 +143,6 @@ def _worn(experiment: str) -> tuple[str, dict[int, str]]:
     worn = load(experiment)
     names = {robot.tag: robot.id for robot in worn.robots}
     return worn.marker.family, names | {thing.tag: thing.id for thing in worn.objects}
-
-
-def _say_scale(family: sheet.AnyFamily, size_mm: float) -> None:
-    """Says with which definition discs of another size are tracked."""
-    if abs(size_mm - family.disc_diameter_mm) > 1e-6:
-        scale = size_mm / family.disc_diameter_mm
-        print(
-            f"vsense: the family {family.name} is defined for discs of"
-            f" {family.disc_diameter_mm:g} mm: track these with a definition whose lengths are"
-            f" {scale:.6g} times as large",
-            file=sys.stderr,
-        )
-
-
-def _names(output: Path, count: int) -> list[Path]:
-    if count == 1:
-        return [output]
-    width = len(str(count))
-    return [output.with_stem(f"{output.stem}-{n:0{width}}") for n in range(1, count + 1)]
 
 
 def _dpi(text: str) -> int:

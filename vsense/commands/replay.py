@@ -127,17 +127,17 @@ def play(file: Path, speed: float, web: WebAddress, foxglove: FoxgloveAddress | 
 
 def _retrack(options: argparse.Namespace) -> int:
     """Runs the tracker on recorded pictures and prints what differs; see `run`."""
-    from vsense.monitor.recording import tracker_made
     from vsense.monitor.recording.reader import open_recording
     from vsense.monitor.recording.retrack import Retracking
+    from vsense.vision.tracking import recorded_tracker
 
     console = Console()
     session = None if options.session is None else tracking_session.load(*options.session)
 
     def change(made: dict[str, Any]) -> dict[str, Any]:
         if session is not None:
-            made = {**tracker_made.of_session(session), "versions": made["versions"]}
-        return tracker_made.change_settings(made, dict(options.set))
+            made = {**recorded_tracker.of_session(session), "versions": made["versions"]}
+        return recorded_tracker.change_settings(made, dict(options.set))
 
     with ExitStack() as stack:
         interrupted = stack.enter_context(interruption())

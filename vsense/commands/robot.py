@@ -349,7 +349,6 @@ def table(outcomes: list[Outcome]) -> str:
 
 
 def _facts(outcome: Outcome) -> dict[str, Any]:
-    """An outcome for programs."""
     return {
         "robot": outcome.robot.destination,
         "tag": int(outcome.robot.settings["tag"]),

@@ -14,7 +14,7 @@ from vsense.config.experiment import first_robots, load
 from vsense.config.framework import LINES_PORT
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment, JsonLinesTracker, Stage
-from vsense.modes.lab.links import BASES
+from vsense.modes.lab.hardware import BASES
 from vsense.modes.lab.rehearsal import LineWriter, Rehearsal
 from vsense.run import directory as run_directory
 
@@ -52,7 +52,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_ends(parser: argparse.ArgumentParser) -> None:
-    """Declares where the run is."""
     text = "numeric IPv4 address of the machine with `vsense run` (default: the file's vss_host)"
     arguments.option(parser, "--host", arguments.ipv4, "ADDRESS", text)
     arguments.option(
@@ -107,7 +106,6 @@ def _lines_port(options: argparse.Namespace, experiment: Experiment) -> int:
 
 
 def _command(options: argparse.Namespace, port: int, lines_port: int) -> str:
-    """The `vsense run` that takes these robots."""
     words = ["vsense", "run", options.experiment]
     words += ["--tracker", "lines" if lines_port == LINES_PORT else f"lines:{lines_port}"]
     words += [] if options.port is None else ["--port", str(port)]

@@ -181,7 +181,6 @@ def key_table(
 
 
 def _key_facts(path: Path, known: SwarmKeys, holders: Sequence[Holder]) -> dict[str, Any]:
-    """Who has which key, for programs."""
     return {
         "file": str(path),
         "keys": sorted(known.keys),

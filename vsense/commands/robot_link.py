@@ -10,8 +10,7 @@ from vsense.base.terminal import Console, interruption, print_data
 from vsense.commands import arguments, experiments, rosters
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment, Stage
-from vsense.robots.link.roster import ExpectedRobot
-from vsense.robots.link.table import Table
+from vsense.robots.link.table import ExpectedRobot, Table
 from vsense.run import link_verdict
 from vsense.run.link_load import LinkLoad, traffic_of
 from vsense.run.link_verdict import judge

@@ -16,7 +16,7 @@ from vsense.config import battery_history
 from vsense.config.battery_history import BatteryRow
 from vsense.config.roster import Roster, RosterRobot
 from vsense.monitor.ui import control_client
-from vsense.robots import ssh
+from vsense.robots import boards
 
 EMPTY_V = 3.4
 """Where the roster has no battery_stop_mv, an e-puck's battery is taken to be empty here."""
@@ -116,9 +116,11 @@ def boards_now(
     words = "pidof vsensed >/dev/null && echo runs || echo stands"
 
     def ask(robot: RosterRobot) -> RobotNow:
-        code, said = (call or _call)(ssh.command(robot.host, (), words))
+        code, said = (call or _call)(boards.ssh_command(robot.host, (), words))
         if code:
-            return RobotNow("no answer", trouble=ssh.advice(robot.host, said.splitlines()) or "")
+            return RobotNow(
+                "no answer", trouble=boards.ssh_advice(robot.host, said.splitlines()) or ""
+            )
         is_on = said.split()[-1:] == ["runs"]
         return RobotNow("on, vsensed runs" if is_on else "on, no vsensed")
 
@@ -206,7 +208,6 @@ def _battery(row: BatteryRow | None) -> str:
 def _facts(
     robot: RosterRobot, history: Sequence[BatteryRow], now: Mapping[int, RobotNow] | None
 ) -> dict[str, Any]:
-    """A robot for programs."""
     battery = battery_history.last(history).get(robot.tag)
     is_now = None if now is None else now.get(robot.tag, _ABSENT)
     minutes = _minutes(is_now, robot, history)

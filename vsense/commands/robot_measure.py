@@ -16,22 +16,15 @@ from vsense.config.experiment import first_robots, load
 from vsense.config.placement import settle
 from vsense.config.roster import Roster
 from vsense.config.specs import Experiment, Stage
-from vsense.modes.lab.links import BASES
+from vsense.modes.lab.hardware import BASES
 from vsense.modes.live.sources import require_source
 from vsense.robots.link import keys
 from vsense.robots.link.keys import LinkTrust
-from vsense.run.homing.floor import DrivingFloor
-from vsense.tools.robot_calibration import driving, measuring
-from vsense.tools.robot_calibration.commanding import GROUND, PROXIMITY, SENSORS, OwnReadings
-from vsense.tools.robot_calibration.measuring import EmulatedSwarm, MeasuringOptions
-from vsense.tools.robot_calibration.places import Point, ground_places, spots
-from vsense.tools.robot_calibration.sensing import Sensing
+from vsense.tools.robot_calibration import measuring
+from vsense.tools.robot_calibration.measuring import EmulatedSwarm, MeasuringOptions, SensorOptions
 
 _NUMBER = r"\d+(?:\.\d+)?"
 _PAIR = rf"(-?{_NUMBER}),(-?{_NUMBER})"
-
-GROUND_BASES = ("gctronic", "york")
-"""Bases of the lab whose robots have a ground board."""
 
 
 def add_calibrate(parser: argparse.ArgumentParser) -> None:
@@ -80,7 +73,7 @@ def _add_session(parser: argparse.ArgumentParser, folder: str, json_text: str) -
     option = arguments.option
     option(parser, "--robots", arguments.positive, "N", "take only the first N robots of the file")
     text = "begin after S s at the latest, without robots that are missing (default: 20)"
-    arguments.option(parser, "--wait", arguments.seconds, "S", text, driving.PATIENCE_S)
+    arguments.option(parser, "--wait", arguments.seconds, "S", text, measuring.PATIENCE_S)
     option(parser, "-o --output", Path, "DIR", f"{folder} (default: runs/...)")
     arguments.flag(parser, "--json", json_text)
     option(parser, "--seed", arguments.natural, "N", "seed of the lab's places and light")
@@ -103,12 +96,12 @@ def _add_lab(parser: argparse.ArgumentParser, text: str) -> Any:
 
 
 def _add_sensors(parser: Any) -> None:
-    """Declares which sensors are measured, and where."""
     # Or argparse would take "-0.5,-0.8" for an option.
     parser._negative_number_matcher = re.compile(rf"^{_PAIR}$|^-{_NUMBER}$")
     group = parser.add_argument_group("sensors, measured when wheels and marker are known")
-    text = f"of the robots' own sensors: {','.join(SENSORS)}, or one of them (default: none)"
-    arguments.option(group, "--sensors", _sensors, "NAMES", text)
+    names = ",".join(SensorOptions.KNOWN)
+    text = f"of the robots' own sensors: {names}, or one of them (default: none)"
+    arguments.option(group, "--sensors", _sensors, "NAMES", text, ())
     text = "proximity is measured before this white wall, a <box> of the experiment (default:"
     arguments.option(group, "--wall", str, "ID", f"{text} before any that is near)")
     for name in ("white", "black"):
@@ -122,7 +115,7 @@ def _add_sensors(parser: Any) -> None:
 def calibrate(options: argparse.Namespace) -> int:
     """Calibrates all robots that can be; see `measuring.calibrate`."""
     with _measuring(options, rosters.roster_of(options, found=False)) as wanted:
-        return measuring.calibrate(wanted, sensing_of(options, wanted.experiment))
+        return measuring.calibrate(wanted, arguments.fill(SensorOptions, options))
 
 
 def check(options: argparse.Namespace) -> int:
@@ -174,41 +167,16 @@ def _lab_of(options: argparse.Namespace, experiment: Experiment) -> EmulatedSwar
     return EmulatedSwarm(robots, options.base, options.firmware_watchdog, options.pace)
 
 
-def sensing_of(options: argparse.Namespace, experiment: Experiment) -> Sensing | None:
-    """What is measured and where; None: no sensors.
-
-    Raises:
-        UsageError: there is no such wall or place, or these options do not go together.
-        ConfigError: the picture on the floor cannot be read.
-    """
-    wanted = options.sensors or ()
-    for name, needed in (("wall", PROXIMITY), ("white", GROUND), ("black", GROUND)):
-        if getattr(options, name) is not None and needed not in wanted:
-            raise UsageError(f"--{name} is for {needed} sensors: expected --sensors {needed}")
-    if not wanted:
-        return None
-    if GROUND in wanted and options.lab and options.base not in GROUND_BASES:
-        raise UsageError(
-            f"--lab with --base {options.base}: its robots have no ground sensors; expected --base"
-            f" {' or '.join(GROUND_BASES)}"
-        )
-    ground = None
-    if GROUND in wanted:
-        ground = ground_places(experiment, options.white, options.black)
-    before = spots(experiment, options.wall) if PROXIMITY in wanted else ()
-    return Sensing(DrivingFloor.of(experiment), before, ground, OwnReadings(wanted))
-
-
 def _sensors(text: str) -> tuple[str, ...]:
     names = tuple(dict.fromkeys(text.split(",")))
-    if not set(names) <= set(SENSORS):
+    if not set(names) <= set(SensorOptions.KNOWN):
         raise argparse.ArgumentTypeError(
-            f"'{text}': expected {' or '.join(SENSORS)}, or both with a comma between"
+            f"'{text}': expected {' or '.join(SensorOptions.KNOWN)}, or both with a comma between"
         )
     return names
 
 
-def _point(text: str) -> Point:
+def _point(text: str) -> tuple[float, float]:
     found = re.fullmatch(_PAIR, text)
     if found is None:
         raise argparse.ArgumentTypeError(f"'{text}': expected x and y in m, such as 0.5,-0.8")

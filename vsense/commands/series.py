@@ -15,7 +15,7 @@ from vsense.base.errors import UsageError
 from vsense.base.terminal import Console, Interruption, interruption, print_data
 from vsense.commands import arguments, hardware, lab, rosters, series_robots, sim
 from vsense.config.roster import FILE_NAME
-from vsense.modes.lab.links import BASES
+from vsense.modes.lab.hardware import BASES
 from vsense.modes.sim.job import Setup
 from vsense.monitor import recording
 from vsense.monitor.ui.access import make_tokens

@@ -57,7 +57,6 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _say_how(options: argparse.Namespace, lab: LabFolder | None, reason: str) -> int:
-    """Prints what root types."""
     group = options.group or (sharing.GROUP if lab is None else lab.group)
     lines = [] if reason and not options.users else sharing.instructions(group, options.users)
     if options.json:

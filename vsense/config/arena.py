@@ -24,8 +24,7 @@ from vsense.config.robots import ArenaContents, add_crowd, add_epuck, add_object
 from vsense.config.specs import Experiment, FieldSpec, FloorSpec, Stage
 from vsense.config.things import MAX_LENGTH_M, MIN_LENGTH_M, THINGS, Media, check_medium, read_thing
 from vsense.world.entities import Arena, Box, Cylinder, Entity, WorldError
-from vsense.world.fields import MAX_CONCENTRATION, Field
-from vsense.world.floor import Floor, Image
+from vsense.world.fields import MAX_CONCENTRATION, Field, Floor, Image
 
 DISTRIBUTE = "distribute"
 FIELD = "vs:field"

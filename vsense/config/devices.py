@@ -30,7 +30,7 @@ from vsense.config.specs import DeviceSpec, Stage
 from vsense.config.things import Media, check_medium
 from vsense.robots.link.table import Direction, Entry, Table
 from vsense.world.actuators.base import ActuatorError, MountedActuator, VirtualActuator
-from vsense.world.physics.wheel_noise import WheelNoise, Wheels
+from vsense.world.physics.motion import WheelNoise, Wheels
 from vsense.world.sensors.base import (
     MountedSensor,
     RobotSettings,

@@ -20,9 +20,8 @@ from vsense.base.xml.element import Element, shown
 from vsense.config import argos, programs
 from vsense.config.specs import JsonLinesTracker, LoopSpec, Stage, TrackerAddress
 from vsense.config.things import by_id
-from vsense.robots.argos_code import PAGE
 from vsense.robots.link.trackers import protocol
-from vsense.robots.sources import LOOP_FUNCTIONS, CodeOptions, stem_of
+from vsense.robots.sources import LOOP_FUNCTIONS, PAGE, CodeOptions, stem_of
 
 LINES_PORT = 4041
 """Where trackers that write JSON lines find vsense."""

@@ -15,12 +15,12 @@ from vsense.base.errors import UsageError, instead
 from vsense.base.xml.element import Element, shown
 from vsense.config import argos
 from vsense.robots import finding
-from vsense.robots.argos_code import PAGE, own_files
 from vsense.robots.build import BuildError, cache_directory, source_tree
 from vsense.robots.compiling import CXX_SUFFIXES
 from vsense.robots.sources import (
     CONTROLLER,
     LOOP_FUNCTIONS,
+    PAGE,
     CodeOptions,
     ProgramSources,
     content,
@@ -238,7 +238,7 @@ def check_added(params: Element | None, program: ProgramSources) -> None:
     """
     if params is None:
         return
-    texts = {text.decode() for path in own_files(program) for text in _TEXT.findall(content(path))}
+    texts = {text.decode() for path in program.own_files() for text in _TEXT.findall(content(path))}
     for element in params.walk():
         for key in element.added - texts:
             raise element.error(f"no source of its program reads it; {instead(key, texts)}", key)

@@ -16,8 +16,13 @@ from vsense.base.native import kernels
 from vsense.base.xml.element import Element
 from vsense.base.xml.parsing import parse
 from vsense.vision.cameras.camera import Camera, CameraError
-from vsense.vision.cameras.genicam import FREE, PIXEL_FORMATS, GenicamSettings, attribute_of
-from vsense.vision.cameras.opencv_source import Controls
+from vsense.vision.cameras.source import (
+    FREE,
+    PIXEL_FORMATS,
+    Controls,
+    GenicamSettings,
+    attribute_of,
+)
 from vsense.vision.markers.families import FamilyError, MarkerFamily, SquareFamily, load_family
 from vsense.vision.tracking.specs import (
     CAMERA,

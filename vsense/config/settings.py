@@ -14,8 +14,7 @@ from pathlib import PurePath
 
 from vsense.base.errors import UsageError, instead
 from vsense.base.xml.element import Element
-from vsense.robots.cmake import SOURCE_SUFFIXES
-from vsense.robots.sources import stem_of
+from vsense.robots.sources import SOURCE_SUFFIXES, stem_of
 
 DEVICES = {"sensor": "sensors", "actuator": "actuators"}
 """What stands for all virtual devices of a kind, and the element that holds them."""

@@ -17,11 +17,10 @@ from vsense.base.errors import ConfigError
 from vsense.config.casting import Casting
 from vsense.config.distribute import DistributedSpec, Distribution
 from vsense.config.roster_fields import MarkerOffset
-from vsense.robots.argos_code import own_files
 from vsense.robots.sources import ProgramSources, content
 from vsense.world.actuators.base import MountedActuator
 from vsense.world.entities import Arena, Box, Cylinder, Entity, VirtualRobot
-from vsense.world.physics.wheel_noise import WheelNoise
+from vsense.world.physics.motion import WheelNoise
 from vsense.world.pollution import PollutantSource
 from vsense.world.sensors.base import MountedSensor
 
@@ -217,7 +216,7 @@ class LoopSpec:
     @property
     def looks_at_leds(self) -> bool:
         """Whether C++ may ask what robots' LEDs show."""
-        files = () if self.program is None else own_files(self.program)
+        files = () if self.program is None else self.program.own_files()
         return any(b"LEDEquipped" in content(path) for path in files)
 
 

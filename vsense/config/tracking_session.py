@@ -13,7 +13,7 @@ from vsense.base.xml.parsing import parse
 from vsense.config import resources as resources_file
 from vsense.config.resources import check_recording, load_camera, read_bytes
 from vsense.robots.link.trackers.protocol import DEFAULT_PORT
-from vsense.vision.cameras.genicam import FREE
+from vsense.vision.cameras.source import FREE
 from vsense.vision.tracking.mask import MARGIN_M, Mask, MaskError
 from vsense.vision.tracking.specs import (
     CameraSpec,

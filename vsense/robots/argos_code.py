@@ -12,10 +12,14 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from vsense.robots.sources import ARGOS, ProgramSources, content, headers, included, known_headers
-
-PAGE = "vsense/config/ARGOS.md"
-"""What users read about it."""
+from vsense.robots.sources import (
+    ARGOS,
+    PAGE,
+    ProgramSources,
+    content,
+    included,
+    known_headers,
+)
 
 STANDARD = "-std=gnu++17"
 """As CMake has it, with GNU's extensions; ARGoS's users write C++11 to C++17."""
@@ -87,16 +91,10 @@ def forwarding(argos: Path, cache: Path) -> Path:
     return folder
 
 
-def own_files(program: ProgramSources) -> list[Path]:
-    """A program's sources and all headers of its own."""
-    used = headers(program.sources, program.includes)
-    return [*program.sources, *(path for path in used if path not in program.sources)]
-
-
 def missing_headers(program: ProgramSources) -> list[tuple[Path, int, str]]:
     """What of ARGoS's headers a program includes and nobody has: file, line, header."""
     found = []
-    for path in own_files(program):
+    for path in program.own_files():
         for name, _ in included(path):
             if not name.startswith(ARGOS) or name in known_headers():
                 continue
@@ -120,14 +118,14 @@ def explain_missing(missing: Sequence[tuple[Path, int, str]]) -> str:
 def needs_runtime(program: ProgramSources) -> bool:
     """Whether a program uses exceptions, or types at run time: `try`, `catch`, `throw`,
     `dynamic_cast` or `typeid` in a source or header of its own, outside of comments and texts."""
-    return any(found[1] for path in own_files(program) for found in _WORDS.finditer(content(path)))
+    return any(found[1] for path in program.own_files() for found in _WORDS.finditer(content(path)))
 
 
 def explain_controllers(program: ProgramSources) -> str:
     """What a user can do whose loop functions use a controller's class; "": they do not."""
     found = [
         f"{path}:{_line_at(path, use.start())}: GetController()"
-        for path in own_files(program)
+        for path in program.own_files()
         for use in _GET_CONTROLLER.finditer(content(path))
         if use[1]
     ]
@@ -146,7 +144,7 @@ def explain_simulator(program: ProgramSources) -> str:
     """What a user can do whose controller uses the simulator; "": it includes nothing of it."""
     found = [
         f"{path}:{_line(path, name)}: <{name}>"
-        for path in own_files(program)
+        for path in program.own_files()
         for name, _ in included(path)
         if name.startswith(ARGOS) and "/simulator/" in name
     ]

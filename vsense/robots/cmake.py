@@ -11,9 +11,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-LIST = "CMakeLists.txt"
+from vsense.robots.sources import SOURCE_SUFFIXES
 
-SOURCE_SUFFIXES = (".cpp", ".cc", ".cxx", ".c")
+LIST = "CMakeLists.txt"
 
 ARGOSS_OWN = ("argos3core_", "argos3plugin_")
 """What the targets of ARGoS and its plug-ins are called, whose place vsense takes."""

@@ -246,7 +246,7 @@ class Sources:
             BuildError: the compiler does not find one of them.
         """
         if self.program.is_argos:
-            return argos_code.own_files(self.program)
+            return self.program.own_files()
         (source,) = self.program.sources
         asked = ["-MM", "-MT", "it", str(source)]
         if self.is_cxx:
@@ -263,7 +263,6 @@ class Sources:
         return any(path.suffix in CXX_SUFFIXES for path in self.program.sources)
 
     def _our_folders(self) -> list[Path]:
-        """Our headers, ARGoS's ones among them."""
         return [*self.includes, *(folder / "argos" for folder in self.includes)]
 
     def _argos(self) -> Path:

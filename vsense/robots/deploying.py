@@ -28,9 +28,9 @@ from queue import SimpleQueue
 
 from vsense.base.errors import ConfigError, VsenseError
 from vsense.base.terminal import printable
-from vsense.robots import ssh
+from vsense.robots import boards
+from vsense.robots.boards import SSH
 from vsense.robots.link.keys import SwarmKeys, robot_file
-from vsense.robots.ssh import SSH
 
 _BOARD = Path(__file__).parent / "board"
 FILES = ("install.sh", "vsensed.init", "vsensed.radio", "vsensed.service")
@@ -319,7 +319,7 @@ class _Crew:
                 return Outcome(robot, False, "interrupted")
             # In a session of its own: Ctrl-C is ours, and no terminal is asked for anything.
             process = subprocess.Popen(
-                ssh.command(robot.destination, self._plan.ssh_options, self._plan.command()),
+                boards.ssh_command(robot.destination, self._plan.ssh_options, self._plan.command()),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
@@ -347,7 +347,6 @@ def _lines(said: bytes) -> list[str]:
 
 
 def _judge(robot: RobotHost, status: int, out: list[str], err: list[str]) -> Outcome:
-    """Says what became of a robot."""
     installed = bool(out) and ": vsensed " in out[-1]
     if installed:
         uids = [line.split()[1] for line in out[:-1] if line.startswith("uid: ")]
@@ -360,5 +359,5 @@ def _judge(robot: RobotHost, status: int, out: list[str], err: list[str]) -> Out
         text = "; ".join([text, *stays])
         return Outcome(robot, status == 0, text, details, "".join(uids))
     text = err[-1] if err else f"ssh ended with {status}"
-    way_out = ssh.advice(robot.destination, err) if status == _SSH_FAILED else None
+    way_out = boards.ssh_advice(robot.destination, err) if status == _SSH_FAILED else None
     return Outcome(robot, False, f"{text}: {way_out}" if way_out else text, tuple(err[:-1]))

@@ -17,6 +17,7 @@ from pathlib import Path
 from vsense.robots import cmake
 from vsense.robots.sources import (
     CONTROLLER,
+    SOURCE_SUFFIXES,
     ProgramSources,
     belongs,
     content,
@@ -144,10 +145,10 @@ def _sources(
 
 def _beside(folder: Path, name: str, macro: str) -> list[Path]:
     """Files called like the library, or all in a folder of its name."""
-    alone = [folder / f"{name}{suffix}" for suffix in cmake.SOURCE_SUFFIXES]
+    alone = [folder / f"{name}{suffix}" for suffix in SOURCE_SUFFIXES]
     within = folder / name
     several = sorted(within.iterdir()) if within.is_dir() else []
-    for found in (alone, [path for path in several if path.suffix in cmake.SOURCE_SUFFIXES]):
+    for found in (alone, [path for path in several if path.suffix in SOURCE_SUFFIXES]):
         there = [path.resolve() for path in found if path.is_file()]
         if any(registers(path, macro) for path in there):
             return there
@@ -202,14 +203,11 @@ def repository_at(root: Path) -> cmake.Repository:
 
 @lru_cache(maxsize=16)
 def _files(root: Path) -> tuple[Path, ...]:
-    """Sources and CMake lists of a repository."""
     found: list[Path] = []
     seen = 0
     for folder, below, names in os.walk(root):
         below[:] = sorted(n for n in below if n not in _SKIPPED and not n.startswith("."))
-        found += [
-            Path(folder, n) for n in names if n.endswith(cmake.SOURCE_SUFFIXES) or n == cmake.LIST
-        ]
+        found += [Path(folder, n) for n in names if n.endswith(SOURCE_SUFFIXES) or n == cmake.LIST]
         seen += len(names)
         if seen > _MAX_FILES:
             break

@@ -146,7 +146,6 @@ class CompiledProgram:
         self._make_room(table)
 
     def _begin(self, progress: Any) -> None:
-        """Gives all robots their memory."""
         ffi, count = self._ffi, len(self.tags)
         self._memory = mmap.mmap(-1, self._lib.vs_inprocess_size(count))
         self._progress = progress
@@ -315,6 +314,5 @@ class CompiledProgram:
         self._point("leds", self.leds)
 
     def _point(self, field: str, array: NDArray[Any]) -> None:
-        """Has a field point to an array."""
         kind = f"{array.dtype.name}_t *"
         setattr(self._now, field, self._ffi.cast(kind, array.ctypes.data))

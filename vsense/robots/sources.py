@@ -18,7 +18,6 @@ from pathlib import Path
 
 from vsense.base.errors import UsageError
 from vsense.base.files import PACKAGE_FOLDER
-from vsense.robots.cmake import SOURCE_SUFFIXES
 
 ARGOS = "argos3/"
 """What names of ARGoS's headers begin with."""
@@ -82,6 +81,11 @@ class ProgramSources:
     def short_name(self) -> str:
         """The same as a robot tells it, where it is written for ARGoS."""
         return self.name.encode()[:NAME_MAX].decode(errors="ignore")
+
+    def own_files(self) -> list[Path]:
+        """Its sources and all headers of its own."""
+        used = headers(self.sources, self.includes)
+        return [*self.sources, *(path for path in used if path not in self.sources)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -282,3 +286,10 @@ def with_sources_of_headers(
         if not more:
             return list(found)
         found.update(dict.fromkeys(more))
+
+
+PAGE = "vsense/config/ARGOS.md"
+"""What users read about it."""
+
+
+SOURCE_SUFFIXES = (".cpp", ".cc", ".cxx", ".c")

@@ -28,7 +28,6 @@ from vsense.base.readings import SensorReadings
 from vsense.config.argos import OWN
 from vsense.config.specs import ControllerSpec, Experiment, Stage
 from vsense.robots import build
-from vsense.robots.argos_code import own_files
 from vsense.robots.compiling import BuildError
 from vsense.robots.inprocess import ACT_NS
 from vsense.robots.link.table import Direction, Table
@@ -38,7 +37,7 @@ from vsense.robots.sources import ProgramSources, content
 from vsense.run.environment import table_of
 from vsense.world.actuators.bank import ActuatorBank
 from vsense.world.sensors.bank import SensorBank
-from vsense.world.sightings import NEVER_NS
+from vsense.world.world import NEVER_NS
 
 PATIENCE_S = 10.0
 """A program that takes longer for its first step is left to the run, which says so."""
@@ -92,13 +91,13 @@ def _refusal(experiment: Experiment, spec: ControllerSpec, complaint: str) -> st
 def _stands_in(spec: ControllerSpec, name: str) -> bool:
     """Whether a name stands in quotes in the program's own sources."""
     quoted = f'"{name}"'.encode()
-    return any(quoted in content(path) for path in own_files(spec.program))
+    return any(quoted in content(path) for path in spec.program.own_files())
 
 
 def _parameters(spec: ControllerSpec) -> list[str]:
     """The parameters that a program reads, as far as its sources show it; with those of walk.h."""
     walk = build.source_tree().root / "robot" / "walk.c"
-    found = [n for path in [*own_files(spec.program), walk] for n in _READS.findall(content(path))]
+    found = [n for path in [*spec.program.own_files(), walk] for n in _READS.findall(content(path))]
     return [name.decode(errors="replace") for name in found]
 
 

@@ -30,10 +30,9 @@ from vsense.world.entities import (
     VirtualRobot,
     WorldError,
 )
-from vsense.world.floor import OPAQUE, Floor
+from vsense.world.fields import OPAQUE, Floor
 from vsense.world.loop_functions import STEPS
-from vsense.world.sightings import NEVER_NS
-from vsense.world.world import World
+from vsense.world.world import NEVER_NS, World
 
 Floats = NDArray[np.float64]
 Pose = tuple[float, float, float]

@@ -15,11 +15,9 @@ from threading import Event
 from vsense.base.clock import host_ns
 from vsense.config.specs import ControllerSpec
 from vsense.robots.link.keys import LinkTrust
-from vsense.robots.link.meter import LinkFigures
-from vsense.robots.link.roster import ExpectedRobot
 from vsense.robots.link.server import LinkError, LinkEvent, VirtualSensorServer
-from vsense.robots.link.status import RobotStatus
-from vsense.robots.link.table import Direction, Entry, Table
+from vsense.robots.link.status import LinkFigures, RobotStatus
+from vsense.robots.link.table import Direction, Entry, ExpectedRobot, Table
 from vsense.robots.link.wire import GoodbyeCause, Values, Wanted
 
 Tell = Callable[[str], None]

@@ -7,8 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from vsense.base.terminal import aligned
-from vsense.robots.link.meter import LinkFigures
-from vsense.robots.link.status import RobotStatus
+from vsense.robots.link.status import LinkFigures, RobotStatus
 
 SILENCE_MS = 400.0
 """Wheels stop after this long without fresh readings (`c_src/PROTOCOL.md`, section 5)."""

@@ -16,8 +16,7 @@ from vsense.config.specs import ControllerSpec, Experiment
 from vsense.robots import build, inprocess
 from vsense.robots.compiling import BuildError, native
 from vsense.robots.inprocess import ControllerFailure, SimError
-from vsense.robots.link.roster import ToldProgram
-from vsense.robots.link.table import Table
+from vsense.robots.link.table import Table, ToldProgram
 from vsense.robots.link.wire import Shown, Wanted
 from vsense.robots.program import Program, kind_of
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 
 from vsense.base.arena import ArenaState, Frame
 from vsense.base.clock import host_ns
-from vsense.robots.link.peer import Goal
 from vsense.robots.link.server import VirtualSensorServer
+from vsense.robots.link.table import Goal
 from vsense.robots.link.wire import Values, Wanted
 from vsense.run.changes import Changes
 from vsense.run.environment import Environment

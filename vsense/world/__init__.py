@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from vsense.world.entities import Box, Cylinder, Light, VirtualRobot, Zone
-from vsense.world.floor import Floor
+from vsense.world.fields import Floor
 from vsense.world.world import World
 
 __all__ = ["Box", "Cylinder", "Floor", "Light", "VirtualRobot", "World", "Zone"]

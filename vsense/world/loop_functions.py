@@ -35,7 +35,7 @@ import numpy as np
 from vsense.base.errors import VsenseError, likely
 from vsense.base.files import read_bytes
 from vsense.world.entities import Arena, WorldError
-from vsense.world.floor import Floor
+from vsense.world.fields import Floor
 from vsense.world.world import Results, World
 
 _MAX_SHOWN = 300
@@ -347,7 +347,6 @@ class LoopFunctions:
             raise self._wrong(name, f"gave {_shown(given)}, expected nothing")
 
     def _call(self, name: str, *arguments: object) -> Any:
-        """Calls a hook if there is one."""
         hook = self._hooks.get(name)
         if hook is None:
             return None

@@ -27,8 +27,7 @@ from vsense.world.entities import (
     WorldError,
     Zone,
 )
-from vsense.world.fields import Field, by_id
-from vsense.world.floor import Floor
+from vsense.world.fields import Field, Floor, by_id
 from vsense.world.inventory import Inventory
 from vsense.world.pollution import DEFAULT_MEMORY_NS, Cone, PollutantSource, Stock
 from vsense.world.rays import LightTable, MovingBodies, entity_rows
@@ -364,7 +363,6 @@ class World:
             self._settle_bodies()
 
     def _settle_bodies(self) -> None:
-        """Renews what follows from bodies."""
         before = self._robots["tag"].tolist()
         rows = standing(self._inventory.of(VirtualRobot), self.capture_ns)
         self._robots = np.concatenate([self._robots[: self.real_robots], rows])

@@ -224,7 +224,7 @@ CHANGES = {
 }
 HOOKS = """
 from vsense.world.entities import *
-from vsense.world.floor import Floor
+from vsense.world.fields import Floor
 
 def {hook}(world):
     t = world.run_timestep

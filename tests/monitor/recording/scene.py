@@ -12,11 +12,11 @@ from tests.vision.tracking.synthetic import HEIGHT_M, Robot, render
 from vsense.base.arena import Frame, arena_data
 from vsense.base.message_bus import Message, MessageBus
 from vsense.config.roster_fields import MarkerOffset
-from vsense.monitor.recording import tracker_made
 from vsense.monitor.recording.pictures import PictureRecorder, one_tracker, write_session_files
 from vsense.monitor.recording.recorder import Recorder
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import MarkerFamily, load_family
+from vsense.vision.tracking import recorded_tracker
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 from vsense.vision.tracking.mask import Mask
 
@@ -32,7 +32,7 @@ HEIGHTS_M = {3: HEIGHT_M, 14: HEIGHT_M, 77: HEIGHT_M}
 
 OFFSETS = dict.fromkeys((*HEIGHTS_M, STRANGER), MarkerOffset(0.003, -0.004, 0.07))
 """Markers that sit beside the middle: recordings hold where."""
-MADE = tracker_made.of_family(CAMERAS, FAMILY, HEIGHTS_M, offsets=OFFSETS)
+MADE = recorded_tracker.of_family(CAMERAS, FAMILY, HEIGHTS_M, offsets=OFFSETS)
 
 
 def robots(timestep: int) -> list[Robot]:

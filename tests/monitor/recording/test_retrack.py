@@ -23,15 +23,15 @@ from tests.monitor.recording.scene import (
 from vsense.base.errors import UsageError, VsenseError
 from vsense.base.message_bus import Message
 from vsense.config import tracking_session
-from vsense.monitor.recording import tracker_made
 from vsense.monitor.recording.form import RecordingError
 from vsense.monitor.recording.reader import open_recording
 from vsense.monitor.recording.retrack import RetrackComparison, Retracking
-from vsense.monitor.recording.tracker_made import change_settings
-from vsense.vision.tracking import memory as tracker_memory
+from vsense.vision.tracking import recorded_tracker
+from vsense.vision.tracking import recorded_tracker as tracker_memory
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 from vsense.vision.tracking.mask import Mask
 from vsense.vision.tracking.opening import open_tracking
+from vsense.vision.tracking.recorded_tracker import change_settings
 
 Change = Callable[[dict[str, Any]], dict[str, Any]]
 
@@ -73,7 +73,7 @@ def test_a_sessions_tracker_is_the_same_in_every_bit(tmp_path: Path, is_masked: 
     session = replace(tracking_session.load(*files), offsets=OFFSETS)
     assert session.mask == mask
     tracking = open_tracking(session, lambda: 0, print)
-    path = track(tmp_path / "run.mcap", tracking.tracker, tracker_made.of_session(session), 3)
+    path = track(tmp_path / "run.mcap", tracking.tracker, recorded_tracker.of_session(session), 3)
     assert (min(tracking.tracker.state.robots["x_m"]) > -0.17) == is_masked
     tracking.close()
     compared = again(path)
@@ -96,7 +96,7 @@ def test_memory_survives_json(lab: ArenaTracker) -> None:
     for timestep in range(14):
         lab.update(frames(timestep))
     memory = tracker_memory.freeze(lab)
-    other = tracker_made.make(MADE)
+    other = recorded_tracker.make(MADE)
     tracker_memory.restore(other, json.loads(json.dumps(memory)))
     assert json.dumps(tracker_memory.freeze(other)) == json.dumps(memory)
     # Recordings made before hold these fields under these names.

@@ -17,15 +17,9 @@ from collections.abc import Callable
 from tests.wire.robot_session import Event, RobotSession
 from vsense.base.clock import host_ns
 from vsense.robots.link.keys import LinkTrust, SwarmKeys
-from vsense.robots.link.roster import ExpectedRobot
 from vsense.robots.link.server import LinkEvent, VirtualSensorServer
-from vsense.robots.link.table import Direction, Entry, Table
-from vsense.robots.link.wire import (
-    PACKET_MAX,
-    GoodbyeCause,
-    Telemetry,
-    Values,
-)
+from vsense.robots.link.table import Direction, Entry, ExpectedRobot, Table
+from vsense.robots.link.wire import PACKET_MAX, GoodbyeCause, Telemetry, Values
 
 PATIENCE_S = 20.0
 LOOK_AGAIN_S = 0.005

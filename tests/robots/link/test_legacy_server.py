@@ -13,9 +13,8 @@ from tests.robots.link.legacy_rig import Client, Relay
 from vsense.robots.link.keys import INSECURE
 from vsense.robots.link.legacy.protocol import LegacySwarm, Translation
 from vsense.robots.link.legacy.server import MixedServer
-from vsense.robots.link.roster import ExpectedRobot
 from vsense.robots.link.status import LinkError, LinkEvent
-from vsense.robots.link.table import Entry, Table
+from vsense.robots.link.table import Entry, ExpectedRobot, Table
 from vsense.robots.link.wire import Values, Wanted
 
 PATIENCE_S = 20.0

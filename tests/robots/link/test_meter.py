@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from tests.robots.link.simulation import HOUR_NS, MS, S, Simulation, Weather
 from vsense.base.clock import clock_difference_ns
-from vsense.robots.link.meter import FIRST_PACKETS, LinkFigures, LinkMeter
-from vsense.robots.link.status import RadioStatus, switched_on_again
+from vsense.robots.link.meter import FIRST_PACKETS, LinkMeter
+from vsense.robots.link.status import LinkFigures, RadioStatus, switched_on_again
 from vsense.robots.link.wire import Header, Hello, StopCause, Telemetry
 
 OFFSET_NS = 5_000 * S

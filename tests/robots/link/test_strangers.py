@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.robots.link.rig import S
-from vsense.robots.link import descriptors
+from vsense.robots.link import strangers
 from vsense.robots.link.strangers import (
     ADDRESSES_MAX,
     DELAY_MAX_S,
@@ -135,11 +135,11 @@ def test_the_limit_of_descriptors_goes_up_to_the_hard_one(monkeypatch: pytest.Mo
 
     monkeypatch.setattr(resource, "getrlimit", lambda which: (soft, hard))
     monkeypatch.setattr(resource, "setrlimit", set_limit)
-    assert descriptors.raise_limit() == 4096 == soft == hard
+    assert strangers.raise_limit() == 4096 == soft == hard
     soft, hard = 1024, resource.RLIM_INFINITY
-    assert descriptors.raise_limit() == 65_536
+    assert strangers.raise_limit() == 65_536
     soft = resource.RLIM_INFINITY
-    assert descriptors.raise_limit() == 65_536 and soft == resource.RLIM_INFINITY
+    assert strangers.raise_limit() == 65_536 and soft == resource.RLIM_INFINITY
 
 
 @pytest.mark.parametrize(("limit", "places"), [(1024, 64), (708, 64), (452, 32), (256, 7), (64, 4)])
@@ -147,5 +147,5 @@ def test_low_limits_leave_robots_their_descriptors(
     monkeypatch: pytest.MonkeyPatch, limit: int, places: int
 ) -> None:
     monkeypatch.setattr(resource, "getrlimit", lambda which: (limit, limit))
-    assert descriptors.places(64) == places
-    assert (f"may open {limit} files only" in descriptors.shortage()) is (places < 64)
+    assert strangers.places(64) == places
+    assert (f"may open {limit} files only" in strangers.shortage()) is (places < 64)

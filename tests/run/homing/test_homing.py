@@ -11,7 +11,7 @@ import pytest
 from tests.bench.homing import HomingField
 from vsense.base.arena import POSE, ArenaState
 from vsense.config.specs import Pose
-from vsense.robots.link.peer import STAY
+from vsense.robots.link.table import STAY
 from vsense.run.homing import motion
 from vsense.run.homing.floor import DrivingFloor
 from vsense.run.homing.homing import Homing

@@ -10,15 +10,13 @@ import numpy as np
 
 from tests.vision.tracking.synthetic import Look, Robot, render
 from vsense.base.errors import GrabberError
-from vsense.tools.camera_setup.opening import OpenCamera
-from vsense.tools.camera_setup.tuning import TuneOptions, Tuner
+from vsense.tools.camera_setup.tuning import TuneOptions, Tuner, tuner_of
 from vsense.vision.cameras.camera import Camera as Calibration
-from vsense.vision.cameras.controls import EXPOSURE, GAIN
 from vsense.vision.cameras.discovery import GIGE, Details, FoundCamera
-from vsense.vision.cameras.opencv_source import Controls
 from vsense.vision.cameras.picture import PictureError
-from vsense.vision.cameras.source import Bounds, Shot
+from vsense.vision.cameras.source import EXPOSURE, GAIN, Bounds, Controls, Shot
 from vsense.vision.markers.families import load_family
+from vsense.vision.tracking.single_camera import OpenCamera
 
 PX_PER_M = 700.0
 TAGS = (31, 1843, 4334, 7167)
@@ -107,7 +105,7 @@ def tuner(scripted: Scripted, **values: Any) -> Tuner:
     """A tuner of the scripted camera, which is open."""
     camera = OpenCamera("cam", scripted, scripted, 25.0)
     camera.open()
-    return Tuner(camera, options(**values), None)
+    return tuner_of(camera, options(**values), None)
 
 
 def found(**values: object) -> FoundCamera:

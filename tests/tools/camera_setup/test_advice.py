@@ -11,12 +11,12 @@ from vsense.tools.camera_setup.advice import (
     GOOD_BLUR_CELLS,
     Brightness,
     ExposureReading,
+    PictureScale,
     advise,
     rounded,
 )
-from vsense.tools.camera_setup.markers import PictureScale
 from vsense.vision.markers.families import load_family
-from vsense.vision.tracking.legibility import cell_width
+from vsense.vision.tracking.marker_detector import cell_width
 
 CELL_M = 0.0053
 

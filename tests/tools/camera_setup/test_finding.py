@@ -11,15 +11,15 @@ import pytest
 
 from vsense.base.errors import GrabberError, UsageError
 from vsense.commands.cameras import wanted_of
-from vsense.tools.camera_setup import listing, opening
-from vsense.tools.camera_setup.opening import choose, free
+from vsense.tools.camera_setup import files
+from vsense.tools.camera_setup.files import choose
 from vsense.vision.cameras import aravis, discovery, v4l2
 from vsense.vision.cameras.aravis import AravisError
 from vsense.vision.cameras.discovery import FoundCamera
-from vsense.vision.cameras.genicam import FREE, GenicamSettings
 from vsense.vision.cameras.networks import GIGE, USB3, ListedCamera, Network
-from vsense.vision.cameras.opencv_source import Controls
+from vsense.vision.cameras.source import FREE, Controls, GenicamSettings
 from vsense.vision.cameras.v4l2 import V4l2Device
+from vsense.vision.tracking import single_camera
 from vsense.vision.tracking.specs import GENICAM
 
 FIRST = ListedCamera("Maker-A-1", GIGE, "192.168.10.11", "00:01", "Maker", "A", "1")
@@ -61,7 +61,7 @@ def there(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     """Scripts what is there: two GigE cameras and one of USB3, all well, and a webcam."""
     set_there(monkeypatch, [FIRST, SECOND, USB])
     monkeypatch.setattr(v4l2, "devices", lambda: [WEBCAM])
-    for module in (discovery, opening):
+    for module in (discovery, single_camera):
         monkeypatch.setattr(module, "AravisCamera", type("Opened", (Opened,), {}))
         monkeypatch.setattr(module, "networks", lambda: NETWORKS)
         monkeypatch.setattr(module, "heard", lambda: [])
@@ -74,12 +74,12 @@ def set_there(monkeypatch: pytest.MonkeyPatch, listed: list[ListedCamera]) -> No
 
 
 def set_opened(monkeypatch: pytest.MonkeyPatch, **how: object) -> None:
-    for module in (discovery, opening):
+    for module in (discovery, single_camera):
         monkeypatch.setattr(module, "AravisCamera", type("Opened", (Opened,), how))
 
 
 def set_busy(monkeypatch: pytest.MonkeyPatch, *addresses: str) -> None:
-    for module in (discovery, opening):
+    for module in (discovery, single_camera):
         monkeypatch.setattr(module, "controlled", lambda address: address in addresses)
 
 
@@ -126,7 +126,7 @@ def test_cameras_that_only_answer_to_everybody_are_listed(there: pytest.MonkeyPa
     lost = ListedCamera("Maker-A-9", GIGE, "192.168.11.9", "00:09", "Maker", "A", "9")
     same = ListedCamera("Maker-A-1", GIGE, FIRST.address, FIRST.mac, "Maker", "A", "1")
     deaf = ListedCamera("Maker-A-8", GIGE, "192.168.10.8", "00:08", "Maker", "A", "8")
-    for module in (discovery, opening):
+    for module in (discovery, single_camera):
         there.setattr(module, "heard", lambda: [lost, same, deaf])
     cameras = by_id()
     assert len(cameras) == 6, "those that Aravis hears are there once"
@@ -150,7 +150,7 @@ def test_a_camera_of_another_program_is_listed_with_the_reason(there: pytest.Mon
 
 
 def run_list(as_json: bool = False) -> int:
-    return listing.run(as_json)
+    return files.list_cameras(as_json)
 
 
 def without_library(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -176,8 +176,8 @@ def test_nothing_found_says_what_to_check(
     there.setattr(v4l2, "devices", lambda: [])
     assert run_list() == 1
     out, err = capsys.readouterr()
-    assert out == "" and err == "\n".join(listing.NOTHING) + "\n"
-    assert len(listing.NOTHING) == 4 and all(len(line) <= 100 for line in listing.NOTHING)
+    assert out == "" and err == "\n".join(files.NOTHING) + "\n"
+    assert len(files.NOTHING) == 4 and all(len(line) <= 100 for line in files.NOTHING)
     run_list(as_json=True)
     assert json.loads(capsys.readouterr().out) == []
 
@@ -280,7 +280,7 @@ def test_a_grabber_brings_all_its_settings(tmp_path: Path) -> None:
     assert spec.settings.controls == Controls(None, 10.0, 4000.0, 3.0)
     assert spec.settings.offset_px == (8, 0)
     assert spec.settings.trigger == FREE, "alone it has nobody who triggers it"
-    assert free(spec) is spec
+    assert single_camera.free(spec) is spec
     spec = choose("cam2", Controls(gain_raw=0.0), path)
     assert spec.settings == Controls(None, None, 9000.0, 0.0)
     with pytest.raises(UsageError, match=r"'film'.*cam1, cam2"):

@@ -7,9 +7,9 @@ import pytest
 
 from tests.tools.camera_setup.stage import CALIBRATION, PX_PER_M, TAGS, arena
 from tests.vision.tracking.synthetic import Look, Robot, render
-from vsense.tools.camera_setup.markers import MarkerFinder
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import load_family
+from vsense.vision.tracking.marker_finder import MarkerFinder
 
 
 def test_markers_are_read_and_tell_the_scale() -> None:

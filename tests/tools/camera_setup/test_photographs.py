@@ -210,14 +210,14 @@ def test_what_cannot_be_used_is_refused_with_what_is_expected(
 def test_tiny_pictures_have_no_markers(shape: tuple[int, int]) -> None:
     rng = np.random.default_rng(3)
     image = rng.integers(0, 256, shape).astype(np.uint8)
-    assert len(SquareFinder(photographs.codes_of("4X4_50")).find(image)) == 0
+    assert len(SquareFinder(squares.codes_of("4X4_50")).find(image)) == 0
 
 
 @pytest.mark.parametrize("dictionary", ["DICT_4X4_50", "DICT_4X4_250"])
 def test_the_letter_p_is_no_marker(dictionary: str) -> None:
     """Its hole is where tag 17 has its only white cells; it was read in three of four of them."""
     rng = np.random.default_rng(0)
-    finder = SquareFinder(photographs.codes_of(dictionary))
+    finder = SquareFinder(squares.codes_of(dictionary))
     for blur in (0.5, 1.0, 1.5, 2.0):
         image = np.full((500, 700), 220, np.uint8)
         for y in range(50, 500, 80):
@@ -235,7 +235,7 @@ def test_candidates_are_the_same_in_one_part_and_in_many(monkeypatch: pytest.Mon
     texture = cv2.GaussianBlur(rng.integers(0, 256, (400, 400)).astype(np.uint8), (0, 0), 1.5)
     texture = cv2.normalize(texture, None, 0, 255, cv2.NORM_MINMAX)
     whole = np.hstack((image, cv2.copyMakeBorder(texture, 120, 120, 0, 0, cv2.BORDER_REFLECT)))
-    finder = SquareFinder(photographs.codes_of("DICT_4X4_50"))
+    finder = SquareFinder(squares.codes_of("DICT_4X4_50"))
     assert len(squares.find_quads(whole, 10.0, 900.0)) > 700
     rows = finder.find(whole)
     assert rows["tag"].tolist() == [4, 9]

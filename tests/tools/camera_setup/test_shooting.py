@@ -175,15 +175,15 @@ def test_a_file_without_cameras_is_refused(tmp_path: Path) -> None:
         "<arena_tracking_system><grabbers/><trackers/><cameras/></arena_tracking_system>"
     )
     with pytest.raises(UsageError, match="grabber"):
-        shooting.run(replace(ASKED, resources=str(path)), False)
+        shooting.run(replace(ASKED, resources=str(path)))
 
 
 @pytest.mark.parametrize("name", ["../../x", "/tmp/x", "a/b", "", ".", "a b", "-x"])
 def test_pictures_are_never_written_elsewhere(name: str) -> None:
     with pytest.raises(UsageError, match=r"--name:.*word"):
-        shooting.run(replace(ASKED, name=name), False)
+        shooting.run(replace(ASKED, name=name))
 
 
 def test_a_count_needs_to_know_how_often() -> None:
     with pytest.raises(UsageError, match=r"--count:.*--every"):
-        shooting.run(replace(ASKED, count=3), False)
+        shooting.run(replace(ASKED, count=3))

@@ -13,11 +13,10 @@ from tests.tools.camera_setup.stage import Scripted
 from tests.vision.tracking.synthetic import Look, Robot, render
 from vsense.base.terminal import Interruption
 from vsense.tools.camera_setup import showing
-from vsense.tools.camera_setup.opening import OpenCamera
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.cameras.opencv_source import Controls
-from vsense.vision.cameras.source import Shot
+from vsense.vision.cameras.source import Controls, Shot
 from vsense.vision.markers.families import load_family
+from vsense.vision.tracking.single_camera import OpenCamera
 from vsense.vision.tracking.specs import CAMERA, GrabberSpec
 
 
@@ -32,9 +31,9 @@ def test_ctrl_c_while_the_camera_opens_starts_no_page(monkeypatch: pytest.Monkey
     spec = GrabberSpec("cam", CAMERA, "/dev/video0", None, None, 0.0, None, 0)
     monkeypatch.setattr(showing, "interruption", interruption)
     monkeypatch.setattr(showing, "choose", lambda id, wanted, resources: spec)
-    monkeypatch.setattr(showing, "make", lambda spec: OpenCamera("cam", scripted, None))
+    monkeypatch.setattr(showing, "make", lambda spec, clock: OpenCamera("cam", scripted, None))
     monkeypatch.delattr(showing, "TrackRoom")
-    assert showing.run("cam", Controls(), None, "arrow4x4", None, None) == 130
+    assert showing.run(showing.ShowOptions("cam", Controls(), None, "arrow4x4", None, None)) == 130
     assert scripted.reads == 1 and not scripted.opened
 
 
@@ -49,9 +48,9 @@ def test_small_cells_are_said_when_the_markers_have_told_the_scale(
     monkeypatch.setattr(scripted, "read", lambda: Shot(image, None, 0))
     spec = GrabberSpec("cam", CAMERA, "/dev/video0", None, None, 0.0, None, 0)
     monkeypatch.setattr(showing, "choose", lambda id, wanted, resources: spec)
-    monkeypatch.setattr(showing, "make", lambda spec: OpenCamera("cam", scripted, None))
+    monkeypatch.setattr(showing, "make", lambda spec, clock: OpenCamera("cam", scripted, None))
     monkeypatch.setattr(showing, "TrackRoom", lambda *of: SimpleNamespace(open=lambda: None))
     monkeypatch.setattr(showing.ShowSession, "run", lambda self, interrupted: None)
-    assert showing.run("cam", Controls(), None, "arrow4x4", None, None) == 0
+    assert showing.run(showing.ShowOptions("cam", Controls(), None, "arrow4x4", None, None)) == 0
     said = capsys.readouterr().err
     assert re.search(r"cam: the cells of arrow4x4, 5.3 mm, are 1\.[6-9] px wide: expected", said)

@@ -10,10 +10,10 @@ import pytest
 from tests.tools.camera_setup.stage import GONE, Scripted, tuner
 from vsense.base.errors import GrabberError, VsenseError
 from vsense.tools.camera_setup import sweep
-from vsense.tools.camera_setup.opening import OpenCamera
 from vsense.tools.camera_setup.panel import PanelView
 from vsense.tools.camera_setup.sweep import exposures, gains, scaled, tried, worth
-from vsense.vision.cameras.controls import EXPOSURE, GAIN
+from vsense.vision.cameras.source import EXPOSURE, GAIN
+from vsense.vision.tracking.single_camera import OpenCamera
 
 
 def rows(scripted: Scripted) -> list[PanelView]:

@@ -13,9 +13,9 @@ from tests.tools.camera_setup.stage import CALIBRATION, DAMAGED, GONE, Scripted,
 from vsense.base.errors import GrabberError, UsageError
 from vsense.base.terminal import LiveBlock
 from vsense.tools.camera_setup import tuning
-from vsense.tools.camera_setup.opening import MOST_DAMAGED, OpenCamera
-from vsense.tools.camera_setup.tuning import Tuner, TuningBlock, calibration_of
-from vsense.vision.cameras.opencv_source import Controls
+from vsense.tools.camera_setup.tuning import TuningBlock, calibration_of, tuner_of
+from vsense.vision.cameras.source import Controls
+from vsense.vision.tracking.single_camera import MOST_DAMAGED, OpenCamera
 
 
 class Clock:
@@ -95,7 +95,7 @@ def test_errors_name_the_camera_once() -> None:
 def test_what_the_camera_does_not_tell_is_what_it_was_asked_for() -> None:
     scripted = Scripted()
     camera = OpenCamera("stream", scripted, None)
-    made = Tuner(camera, options(Controls(exposure_us=4000.0)), None)
+    made = tuner_of(camera, options(Controls(exposure_us=4000.0)), None)
     shown = made.view(scripted.read().image, scripted.read().image, None)
     assert shown.reading.exposure_us == 4000.0 and shown.reading.gain is None
 

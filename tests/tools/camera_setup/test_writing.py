@@ -12,8 +12,7 @@ from vsense.base.errors import UsageError, VsenseError
 from vsense.config import resources, tracking_session
 from vsense.tools.camera_setup import files
 from vsense.vision.cameras.discovery import USB3, V4L2, Details, FoundCamera
-from vsense.vision.cameras.genicam import GenicamSettings
-from vsense.vision.cameras.opencv_source import Controls
+from vsense.vision.cameras.source import Controls, GenicamSettings
 from vsense.vision.tracking.specs import GrabberSpec
 
 WEBCAM = found(
@@ -136,7 +135,7 @@ def test_no_name_of_a_camera_ends_a_comment(tmp_path: Path) -> None:
 
 
 def run(folder: Path, force: bool = False) -> int:
-    return files.run(folder, force)
+    return files.init(folder, force)
 
 
 def test_init_says_what_comes_next(

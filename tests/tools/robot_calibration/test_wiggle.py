@@ -13,7 +13,7 @@ import pytest
 from vsense.base.arena import POSE, ArenaState
 from vsense.cli import main
 from vsense.config import roster
-from vsense.robots.link.peer import Goal
+from vsense.robots.link.table import Goal
 from vsense.run.homing.robots import Trouble
 from vsense.tools.robot_calibration.measuring import swapped
 from vsense.tools.robot_calibration.wiggle import Verdict, WiggleCheck, WiggledRobot, exchanged

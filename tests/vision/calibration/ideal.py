@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from vsense.modes.lab.board_studio import board_plan
 from vsense.modes.lab.camera_spec import rig
 from vsense.vision.calibration.board import Board
-from vsense.vision.calibration.placement import BoardPose
+from vsense.vision.calibration.frame import BoardPose
 from vsense.vision.calibration.views import BoardViews, View
 from vsense.vision.cameras.camera import Camera
 from vsense.world.entities import Arena

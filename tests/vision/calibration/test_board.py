@@ -13,12 +13,12 @@ from vsense.vision.calibration.board import (
     CHARUCO,
     CHESSBOARD,
     Board,
+    CornerFinder,
     dark_cells,
-    dictionary_name,
     page,
     raster,
 )
-from vsense.vision.calibration.views import CornerFinder
+from vsense.vision.markers.dictionary import dictionary_name
 
 boards = st.builds(
     lambda kind, columns, rows, mm, flags, share: Board.parse(

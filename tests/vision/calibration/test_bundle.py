@@ -17,8 +17,8 @@ from vsense.vision.calibration.bundle import (
     Estimate,
     Knowledge,
     lens_of,
-    turn,
 )
+from vsense.vision.calibration.frame import turn
 from vsense.vision.calibration.solution import assemble
 
 NAMES = [camera.id for camera in CAMERAS]

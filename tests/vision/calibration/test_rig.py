@@ -18,7 +18,8 @@ from tests.vision.calibration.ideal import (
 )
 from vsense.base.errors import UsageError
 from vsense.vision.calibration.bundle import lens_of
-from vsense.vision.calibration.placement import BoardPose, FloorReference
+from vsense.vision.calibration.frame import BoardPose
+from vsense.vision.calibration.placement import FloorReference
 from vsense.vision.calibration.rig import Rig, RigSolver, Trust
 from vsense.vision.calibration.solution import CalibrationError, Solution, check_board
 from vsense.vision.calibration.views import BoardViews, View

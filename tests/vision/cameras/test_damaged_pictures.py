@@ -19,9 +19,9 @@ import pytest
 from tests.rigs.places import ROOT
 from tests.vision.cameras.damaging import damage
 from vsense.vision.cameras.live_grabber import LiveGrabber
-from vsense.vision.cameras.opencv_source import Controls, DeviceSource
+from vsense.vision.cameras.opencv_source import DeviceSource
 from vsense.vision.cameras.picture import PictureError
-from vsense.vision.cameras.source import Shot
+from vsense.vision.cameras.source import Controls, Shot
 
 SEED, COUNT, MOST = 7, 20_000, 100_000
 GROWN_MB = 400

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from vsense.vision.cameras.aravis import AravisError
-from vsense.vision.cameras.genicam import GenicamSettings, apply
-from vsense.vision.cameras.opencv_source import Controls
+from vsense.vision.cameras.genicam import apply
+from vsense.vision.cameras.source import Controls, GenicamSettings
 
 OLD = {"ExposureTimeAbs": 100.0, "GainRaw": 3, "Width": 1024, "Height": 768, "OffsetX": 64,
        "OffsetY": 32, "PixelFormat": "Mono8", "TriggerSource": "Line0"}  # fmt: skip

@@ -16,8 +16,9 @@ import pytest
 
 from vsense.base.errors import GrabberError
 from vsense.vision.cameras import opencv_source
-from vsense.vision.cameras.opencv_source import BUFFERS, Controls, DeviceSource
+from vsense.vision.cameras.opencv_source import BUFFERS, DeviceSource
 from vsense.vision.cameras.picture import PictureError
+from vsense.vision.cameras.source import Controls
 
 SIZE = (640, 480)
 MJPEG = float(cv2.VideoWriter.fourcc(*"MJPG"))

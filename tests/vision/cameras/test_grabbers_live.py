@@ -14,9 +14,9 @@ import pytest
 
 from vsense.base.errors import GrabberError
 from vsense.vision.cameras.live_grabber import LiveGrabber
-from vsense.vision.cameras.opencv_source import Controls, DeviceSource
+from vsense.vision.cameras.opencv_source import DeviceSource
 from vsense.vision.cameras.picture import PictureError
-from vsense.vision.cameras.source import Shot
+from vsense.vision.cameras.source import Controls, Shot
 
 SIZE = (64, 48)
 PATIENCE_S = 30.0

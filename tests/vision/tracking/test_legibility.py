@@ -19,7 +19,7 @@ from vsense.vision.markers.dictionary import load_codes
 from vsense.vision.markers.families import MarkerFamily, SquareFamily, load_family
 from vsense.vision.tracking import opening
 from vsense.vision.tracking.detector import make_detector
-from vsense.vision.tracking.legibility import cell_width, cell_width_seen
+from vsense.vision.tracking.marker_detector import cell_width, cell_width_seen
 from vsense.vision.tracking.opening import open_tracking
 
 FAMILIES = ["arrow4x4", "arrow4x4-thesis", "aruco_4x4_50", "apriltag_36h11"]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from vsense.config.roster_fields import MarkerOffset
-from vsense.vision.tracking.marker_offsets import MarkerOffsets
+from vsense.vision.tracking.arena_tracker import MarkerOffsets
 from vsense.vision.tracking.views import VIEW, covariances
 
 OFFSET = MarkerOffset(0.003, 0.001, math.radians(5.0))

@@ -13,7 +13,7 @@ import pytest
 from tests.rigs.places import DATA
 from tests.world.sensors.scenes import rows, sensor, world_of
 from vsense.world.entities import Box, Cylinder, Entity, Light
-from vsense.world.floor import Floor
+from vsense.world.fields import Floor
 from vsense.world.sensors.geometry import points_at
 from vsense.world.world import World
 

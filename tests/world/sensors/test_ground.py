@@ -9,7 +9,7 @@ import pytest
 
 from tests.world.sensors.scenes import STEP_NS, mount, read, sensor, world_of
 from vsense.world.entities import Zone
-from vsense.world.floor import Floor
+from vsense.world.fields import Floor
 from vsense.world.sensors.bank import SensorBank
 
 

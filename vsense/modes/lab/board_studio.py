@@ -16,8 +16,7 @@ from vsense.modes.lab.camera_spec import rig
 from vsense.modes.lab.optics import RayMap, Sensor, Window, blur, to_levels, vignetting
 from vsense.modes.lab.scene import Scene
 from vsense.vision.calibration.board import Board, raster
-from vsense.vision.calibration.bundle import turn
-from vsense.vision.calibration.placement import BoardPose
+from vsense.vision.calibration.frame import BoardPose, turn
 from vsense.vision.cameras.camera import Camera, Image32
 from vsense.world.entities import Arena
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,19 +21,14 @@ from vsense.base.arena import wrap_angle
 from vsense.base.shared import file_errors
 from vsense.modes.lab.board_studio import FLOOR, HELD, BoardStudio, board_plan
 from vsense.vision.calibration.board import Board
-from vsense.vision.calibration.bundle import lens_of, turn
-from vsense.vision.calibration.frame import FrameShift
-from vsense.vision.calibration.intrinsics import calibrate_lenses
-from vsense.vision.calibration.placement import FloorReference
-from vsense.vision.calibration.rig import Rig, RigSolver, Trust
-from vsense.vision.calibration.session import save
-from vsense.vision.calibration.solution import Solution
-from vsense.vision.calibration.views import BoardViews, CornerFinder, View
+from vsense.vision.calibration.frame import FrameShift, turn
+from vsense.vision.calibration.session import PictureCalibration
 from vsense.vision.cameras.camera import Camera
 from vsense.world.entities import Arena
 
 Floats = NDArray[np.float64]
 Tell = Callable[[str], None]
+Origin = tuple[float, float, float]
 
 BOARD = "charuco:7x5:80mm:4X4_50"
 FOLDER = "cameras"
@@ -118,9 +112,11 @@ def calibrate(
         (output / "truth").mkdir(parents=True, exist_ok=True)
         for camera in true:
             (output / "truth" / f"{camera.id}.json").write_text(camera.to_json() + "\n")
-    views, solution = _solve(true, seed, tell)
-    board = Board.parse(BOARD)
-    save(output, f"The lab's {len(true)} cameras", solution, board, views)
+    calibration, origin = _pictured(true, seed, tell)
+    views = calibration.views()
+    tell("calibrating the cameras: solving")
+    solution = calibration.solve(views, "floor_*", origin)
+    calibration.save(output, f"The lab's {len(true)} cameras", views, solution)
     by_name = {camera.id: camera for camera in solution.cameras}
     found = tuple(by_name[camera.id] for camera in true)
     figures = {
@@ -178,36 +174,23 @@ def _hang(camera: Camera, drawn: Floats) -> Camera:
     )
 
 
-def _solve(true: Sequence[Camera], seed: int, tell: Tell) -> tuple[list[View], Solution]:
-    """What `vsense calibrate rig` does, on pictures that are rendered, not read."""
+def _pictured(true: Sequence[Camera], seed: int, tell: Tell) -> tuple[PictureCalibration, Origin]:
+    """Renders a board for the cameras; and where its first pose is, as people measure that."""
     board, many = Board.parse(BOARD), max(1.0, len(true) / _USUAL)
     drawn = np.random.default_rng([seed, 12]).uniform(-1.0, 1.0, 4)
     printed = replace(board, square_m=board.square_m * (1.0 + PRINTED_SHARE * float(drawn[3])))
     plan = board_plan(true, printed, round(FLOOR * many), round(HELD * many), seed)
     studio = BoardStudio(true, printed, seed)
-    counts = {camera.id: 0 for camera in true}
-    views: list[View] = []
-    cv2.setNumThreads(1)
-    # What is drawn next waits for nobody: corners are looked for beside it.
-    with ThreadPoolExecutor(1) as looker:
-        finder, looks = CornerFinder(board), []
-        for number, (moment, pose) in enumerate(plan, 1):
-            for camera, image in studio.take(pose):
-                counts[camera] += 1
-                looks.append((camera, moment, looker.submit(finder.find, image)))
-            tell(f"calibrating the cameras: the board in {number} of {len(plan)} places")
-        for camera, moment, look in looks:
-            if (found := look.result()) is not None:
-                views.append(View(camera, moment, *found))
-    views.sort(key=lambda view: (view.camera, view.moment))
     sizes = {camera.id: (camera.width_px, camera.height_px) for camera in true}
-    shoot = BoardViews(dict(sorted(sizes.items())), views, counts)
-    tell("calibrating the cameras: solving")
-    lenses = {one.id: lens_of(one) for one in calibrate_lenses(shoot, board).cameras}
+    calibration = PictureCalibration(board, sizes)
+    cv2.setNumThreads(1)
+    for number, (moment, pose) in enumerate(plan, 1):
+        for camera, image in studio.take(pose):
+            calibration.look(camera, moment, image)
+        tell(f"calibrating the cameras: the board in {number} of {len(plan)} places")
     x, y, _ = plan[0][1].shift.tolist()
     x, y = x + LAID_M * float(drawn[0]), y + LAID_M * float(drawn[1])
-    floor = FloorReference(flat=("floor_*",), origin=(x, y, LAID_RAD * float(drawn[2])))
-    return views, RigSolver(Rig(shoot, board, floor, lenses, Trust.FREE)).solve()
+    return calibration, (x, y, LAID_RAD * float(drawn[2]))
 
 
 def errors(

@@ -2,11 +2,16 @@
 
 Each is drawn by its tag and a seed of its own: the robot with a marker is the same one in every
 experiment and run, as in a real lab, until another seed buys new robots.
+
+A robot's radio is emulated, too: the real `vsensed` reads it from a file that looks like
+`/proc/net/wireless` (the kernel's net/wireless/wext-proc.c); below the table stands what a board
+says by ioctls. No packet is lost or late for it: that is the network's.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -14,13 +19,30 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.arena import turned
+from vsense.base.errors import UsageError
 from vsense.config.roster_fields import MarkerOffset
-from vsense.modes.lab.radio import EmulatedRadio
 from vsense.modes.lab.real_sensors import SensorHardware, draw_sensors
-from vsense.vision.tracking.marker_offsets import turned
 from vsense.world.physics.motion import AXLE_M, WHEEL_DIAMETER_MM
 
 Floats = NDArray[np.float64]
+
+KINDS = ("argos", "asercom", "gctronic", "york")
+"""The names of `vsensed --base`."""
+
+MIXED = "mixed"
+"""One kind after the other."""
+
+BASES = (*KINDS, MIXED)
+
+
+def bases_of(name: str, count: int) -> list[str]:
+    """The kind of base of each of `count` robots; UsageError where `name` is none of `BASES`."""
+    if name not in BASES:
+        raise UsageError(f"no base {name!r} in the lab: expected one of {', '.join(BASES)}")
+    kinds = KINDS if name == MIXED else (name,)
+    return [kinds[robot % len(kinds)] for robot in range(count)]
+
 
 _MOST_RATIO = 1.095
 """Of two wheels: what `vsensed` can be told ends at 1.1."""
@@ -167,3 +189,56 @@ def to_markers(poses: Floats, offsets: Floats) -> Floats:
     """Poses (n, 3) of markers from those of their bodies, with offsets (n, 3) in their frames."""
     arm_x, arm_y = turned(offsets, poses[:, 2])
     return np.column_stack((poses[:, 0] + arm_x, poses[:, 1] + arm_y, poses[:, 2] + offsets[:, 2]))
+
+
+HEAD = (
+    "Inter-| sta-|   Quality        |   Discarded packets               | Missed | WE\n"
+    " face | tus | link level noise |  nwid  crypt   frag  retry   misc | beacon | 22\n"
+)
+NAME = "wlan0"
+
+WEAKEST_DBM, STRONGEST_DBM = -110, -40
+"""Between these the kernel makes a link quality of 0 to 70 of a signal (wext-compat.c)."""
+
+SAVES_POWER = "saves"
+
+WRITTEN = re.compile(rf"(\d+)=(-\d+)(?:,(\d+(?:\.\d+)?))?(,{SAVES_POWER})?")
+
+
+@dataclass(frozen=True, slots=True)
+class EmulatedRadio:
+    """A radio as its robot tells it.
+
+    Attributes:
+        signal_dbm: of the access point, -127 to -1.
+        rate_mbit_s: its bit rate.
+        saves_power: whether its power saving is on.
+        retries: frames that it gave up after all tries.
+    """
+
+    signal_dbm: int
+    rate_mbit_s: float = 54.0
+    saves_power: bool = False
+    retries: int = 0
+
+    def file_text(self) -> str:
+        """The file that `vsensed --radio` reads."""
+        quality = min(max(self.signal_dbm, WEAKEST_DBM), STRONGEST_DBM) - WEAKEST_DBM
+        row = (
+            f"{NAME:>6}: 0000  {quality:3}.  {self.signal_dbm:3}.  -256  "
+            f"{0:6} {0:6} {0:6} {self.retries:6} {0:6}   {0:6}\n"
+        )
+        rate = f"rate {round(1e6 * self.rate_mbit_s)}\n"
+        return f"{HEAD}{row}{rate}power {int(self.saves_power)}\n"
+
+
+def read_radio(text: str) -> tuple[int, EmulatedRadio]:
+    """Reads TAG=DBM[,MBIT][,saves]; ValueError says what was expected."""
+    found = WRITTEN.fullmatch(text)
+    if found is None:
+        expected = f"TAG=DBM[,MBIT_S][,{SAVES_POWER}], such as 23=-84 or 23=-61,5.5,saves"
+        raise ValueError(f"'{text}': expected {expected}")
+    tag, signal_dbm, rate = int(found[1]), int(found[2]), float(found[3] or 54.0)
+    if not -127 <= signal_dbm <= -1 or not 0.1 <= rate <= 2000.0:
+        raise ValueError(f"'{text}': expected -127 to -1 dBm, and 0.1 to 2000 Mbit/s")
+    return tag, EmulatedRadio(signal_dbm, rate, found[4] is not None)

@@ -59,7 +59,7 @@ class Microcontrollers:
     def __init__(
         self, kinds: Sequence[str], watchdog: bool = False, grounded: bool = False
     ) -> None:
-        """Powers one on for each of `kinds`, of `vsense.modes.lab.links.KINDS`.
+        """Powers one on for each of `kinds`, of `vsense.modes.lab.hardware.KINDS`.
 
         Args:
             kinds: of each robot.

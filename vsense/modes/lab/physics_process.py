@@ -52,15 +52,13 @@ from vsense.base.processes import describe_exit, end, read_line, start_module
 from vsense.base.shared import LabError, LogFile
 from vsense.config.specs import Experiment, ObjectSpec, RobotSpec
 from vsense.modes.lab.canary import Lateness
-from vsense.modes.lab.hardware import RobotHardware
-from vsense.modes.lab.links import bases_of
+from vsense.modes.lab.hardware import RobotHardware, bases_of
 from vsense.modes.lab.microcontrollers import ActuationLog, Microcontrollers
 from vsense.modes.lab.physics_spec import BOX, CYLINDER, POSE, PhysicsSpec, read_number
 from vsense.modes.lab.real_sensors import NOMINAL_SENSORS, RealGround
 from vsense.modes.lab.truth import TruthWriter
-from vsense.world.physics.motion import TICK_NS, Physics, obstacles
+from vsense.world.physics.motion import TICK_NS, NoisyWheels, Physics, obstacles
 from vsense.world.physics.proximity_ring import ProximityRing
-from vsense.world.physics.wheel_noise import NoisyWheels
 
 FLUSH_TICKS = 10
 """The log is written to disk ten times per second."""
@@ -246,7 +244,7 @@ class FloorProcess:
             truth: name of the truth ring.
             seed: of the proximity sensors' noise.
             directory: of the log.
-            base: of all robots, of `vsense.modes.lab.links.BASES`.
+            base: of all robots, of `vsense.modes.lab.hardware.BASES`.
             watchdog, hardware, black: as in `Microcontrollers` and `LabRobots`.
 
         Raises:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vsense.base.errors import UsageError
 from vsense.modes.lab.real_sensors import SensorHardware, read_sensors
-from vsense.world.physics.wheel_noise import WheelNoise
+from vsense.world.physics.motion import WheelNoise
 
 POSE = ("x_m", "y_m", "yaw_rad")
 BOX = (*POSE, "size_x_m", "size_y_m")
@@ -25,8 +25,8 @@ CYLINDER = ("x_m", "y_m", "radius_m")
 class PhysicsSpec:
     """The process's spec; bodies as `Physics` takes them, robots by index.
 
-    `bases` are of `vsense.modes.lab.links.KINDS`; `seed` is that of the sensors' noise; `watchdog`
-    as in `Microcontrollers`.
+    `bases` are of `vsense.modes.lab.hardware.KINDS`; `seed` is that of the sensors' noise;
+    `watchdog` as in `Microcontrollers`.
     """
 
     robots: NDArray[np.float64]

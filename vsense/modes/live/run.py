@@ -28,8 +28,7 @@ from vsense.run.figures import Figures, TimestepSample
 from vsense.run.robots import Readiness, shorten
 from vsense.run.runtime import Step
 from vsense.vision.cameras.camera import Camera
-from vsense.world.sightings import NEVER_NS
-from vsense.world.world import World
+from vsense.world.world import NEVER_NS, World
 
 MOST_TIMESTEPS = 6_000
 """Ten minutes at 10 Hz: of longer runs every second timestep is kept, every fourth, and so on."""

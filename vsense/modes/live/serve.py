@@ -21,11 +21,9 @@ from vsense.modes.live.track import SILENCE_S, Timesteps, timesteps
 from vsense.monitor.ui.access import is_loopback
 from vsense.robots.link.trackers.server import ArenaServer
 from vsense.vision.cameras.grabber import Troubles
-from vsense.vision.tracking.camera_tracking import CameraTracking
-from vsense.vision.tracking.marker_offsets import PlacedMarker
+from vsense.vision.tracking.camera_tracking import CameraTracking, ImagePoses
 from vsense.vision.tracking.opening import OFFLINE, open_tracking
-from vsense.vision.tracking.specs import TrackingSession
-from vsense.vision.tracking.views import ImagePoses
+from vsense.vision.tracking.specs import PlacedMarker, TrackingSession
 
 _NO_MARKERS: Mapping[int, PlacedMarker] = {}
 

@@ -10,7 +10,7 @@ from vsense.monitor.ui import keyboard
 from vsense.monitor.ui.messages import ExperimentFacts
 from vsense.monitor.ui.publisher import Publisher
 from vsense.monitor.ui.room import ControlRoom, RoomCallbacks
-from vsense.robots.link import descriptors
+from vsense.robots.link import strangers
 from vsense.robots.link.server import VirtualSensorServer
 from vsense.run.control import DURING, Control
 from vsense.run.environment import Environment
@@ -65,7 +65,7 @@ class RunSteering:
 
     def open(self) -> None:
         """Opens the room; VsenseError if it cannot be served."""
-        if shortage := descriptors.shortage():
+        if shortage := strangers.shortage():
             self._room.console.say(shortage, "warning")
         changes, publisher = self._changes, self._publisher
         self._room.open(

@@ -31,9 +31,8 @@ from vsense.vision.calibration.checked import told_of
 from vsense.vision.cameras.grabber import Troubles
 from vsense.vision.tracking.arena_tracker import TrackerCounters
 from vsense.vision.tracking.camera_tracking import CameraTracking
-from vsense.vision.tracking.marker_offsets import PlacedMarker
 from vsense.vision.tracking.opening import OFFLINE, PACED, open_tracking
-from vsense.vision.tracking.specs import TrackingSession
+from vsense.vision.tracking.specs import PlacedMarker, TrackingSession
 
 FIRST_PICTURE_NS = 15_000_000_000
 """Cameras that give nothing for this long at the beginning do not work at all."""

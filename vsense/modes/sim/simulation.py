@@ -32,9 +32,8 @@ from vsense.run.cxx_loop import LoopHost
 from vsense.run.environment import Environment, physics_of
 from vsense.run.programs import LOADING, LOADING_LOOP, PROGRESS_BYTES, Programs, loading
 from vsense.world.entities import Box, Cylinder
-from vsense.world.physics.motion import Floats, Physics, obstacles
+from vsense.world.physics.motion import Floats, NoisyWheels, Physics, obstacles
 from vsense.world.physics.proximity_ring import ProximityRing
-from vsense.world.physics.wheel_noise import NoisyWheels
 
 EPOCH_NS = 1_000_000_000
 """The virtual clock at the first timestep; 0 stands for "never" on the wire."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vsense.config.specs import Experiment
 from vsense.world.entities import Arena, Box, Cylinder, Entity, Light, Zone
-from vsense.world.floor import Floor
+from vsense.world.fields import Floor
 from vsense.world.world import World
 
 if TYPE_CHECKING:

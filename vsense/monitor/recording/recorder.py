@@ -27,7 +27,7 @@ from vsense.monitor.foxglove.channels import Channels
 from vsense.monitor.recording import form, megabytes
 from vsense.monitor.recording.waiting import Bounds, Item, Waiting, WaitingPicture, gap_message
 from vsense.monitor.recording.writer import RecordingWriter
-from vsense.vision.tracking import memory
+from vsense.vision.tracking import recorded_tracker
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 
 FLUSH_S = 0.5
@@ -117,7 +117,7 @@ class Recorder:
         kept: list[Item] = []
         sizes: list[int] = []
         if not self._has_memory and tracker is not None and self._tracker is not None:
-            data = {"made": self._tracker, "memory": memory.freeze(tracker)}
+            data = {"made": self._tracker, "memory": recorded_tracker.freeze(tracker)}
             kept.append(Message(form.TRACKER, now_ns, data))
             sizes.append(_FIRST_SIZE)
         for frame in frames:

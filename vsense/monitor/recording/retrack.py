@@ -17,11 +17,11 @@ import numpy as np
 
 from vsense.base.arena import ArenaState, Frame, arena_data
 from vsense.base.message_bus import Message
-from vsense.monitor.recording import form, tracker_made
+from vsense.monitor.recording import form
 from vsense.monitor.recording.form import RecordingError
 from vsense.monitor.recording.reader import Recording
 from vsense.vision.cameras.grabber import CameraEvent
-from vsense.vision.tracking import memory
+from vsense.vision.tracking import recorded_tracker
 from vsense.vision.tracking.camera_tracking import CameraTracking
 
 _REMEMBERED = 500
@@ -185,7 +185,7 @@ class Retracking:
         changed = self._change(made)
         self._pictures.close()
         if self._tracking is None:
-            now = tracker_made.versions()
+            now = recorded_tracker.versions()
             then = {name: str(made["versions"].get(name)) for name in now}
             self.comparison.versions = {n: (then[n], now[n]) for n in now if then[n] != now[n]}
         else:
@@ -193,11 +193,11 @@ class Retracking:
         if self._tracking is None or changed != self._made:
             if self._tracking is not None:
                 self._tracking.close()
-            tracker = tracker_made.make(changed)
+            tracker = recorded_tracker.make(changed)
             self._tracking = CameraTracking(self._pictures, tracker, lambda line: None)
             self._made = changed
         if changed == made:
-            memory.restore(self._tracking.tracker, message.data["memory"])
+            recorded_tracker.restore(self._tracking.tracker, message.data["memory"])
 
     def _track(self, message: Message) -> Iterator[ArenaState]:
         """Adds a picture; when all of a timestep are there, tracks."""

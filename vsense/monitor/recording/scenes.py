@@ -34,7 +34,7 @@ from vsense.world.entities import (
     WorldError,
     Zone,
 )
-from vsense.world.floor import Floor
+from vsense.world.fields import Floor
 
 ODD = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError, WorldError)
 """What a damaged message raises."""

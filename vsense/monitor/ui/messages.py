@@ -25,8 +25,7 @@ from vsense.run.environment import Environment, Equipment
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.cameras.grabber import Troubles
 from vsense.world.entities import BODY_RADIUS_M, Entity
-from vsense.world.fields import Field
-from vsense.world.floor import Floor
+from vsense.world.fields import Field, Floor
 from vsense.world.sensors.base import VirtualSensor, layout_dtype
 from vsense.world.world import World
 

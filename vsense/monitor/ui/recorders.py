@@ -136,9 +136,9 @@ class Recorders:
         self._wanted, self._pictures = self._wanted or wanted, self._pictures or wanted
 
         def describe() -> Mapping[str, Any]:
-            from vsense.monitor.recording import tracker_made
+            from vsense.vision.tracking import recorded_tracker
 
-            return tracker_made.of_session(session)
+            return recorded_tracker.of_session(session)
 
         self._watch(tracking, describe)
 
@@ -151,9 +151,9 @@ class Recorders:
         cameras, heights_m, offsets = tracker.cameras, dict(tracker.heights_m), tracker.offsets
 
         def describe() -> Mapping[str, Any]:
-            from vsense.monitor.recording import tracker_made
+            from vsense.vision.tracking import recorded_tracker
 
-            return tracker_made.of_family(cameras, marker.family, heights_m, offsets=offsets)
+            return recorded_tracker.of_family(cameras, marker.family, heights_m, offsets=offsets)
 
         self._watch(tracking, describe)
 

@@ -22,7 +22,7 @@ from typing import Any
 from aiohttp import web
 
 from vsense.base.clock import host_ns
-from vsense.robots.link import descriptors
+from vsense.robots.link import strangers
 from vsense.robots.link.strangers import Places, RateLimit, StrangerLog, owner_of
 
 REQUEST_S = 5.0
@@ -104,8 +104,8 @@ class WebListener:
         self.log = StrangerLog("page", tell)
         self._listening, self._make, self._tls = listening, make, tls
         self._loop = asyncio.get_running_loop()
-        self._strangers = Places[Visitor](descriptors.places(STRANGERS_MAX), STRANGERS_EACH)
-        self._known = Places[Visitor](descriptors.places(KNOWN_MAX), KNOWN_EACH)
+        self._strangers = Places[Visitor](strangers.places(STRANGERS_MAX), STRANGERS_EACH)
+        self._known = Places[Visitor](strangers.places(KNOWN_MAX), KNOWN_EACH)
         self._all: dict[Any, Visitor] = {}
         self._rate = RateLimit(REQUESTS_HZ, REQUESTS_BURST)
         self._resume_s: float | None = None
@@ -184,7 +184,7 @@ class WebListener:
             except OSError as error:
                 self.log.note("this machine", f"{NOT_ACCEPTED}: {error.strerror}", host_ns())
                 self._loop.remove_reader(self._listening)
-                self._resume_s = self._loop.time() + descriptors.PAUSE_S
+                self._resume_s = self._loop.time() + strangers.PAUSE_S
                 return
             self._admit(sock, str(address[0]))
 
@@ -226,7 +226,7 @@ class WebListener:
 
     async def _sweep_often(self) -> None:
         while True:
-            await asyncio.sleep(descriptors.PAUSE_S if self._resume_s else SWEEP_S)
+            await asyncio.sleep(strangers.PAUSE_S if self._resume_s else SWEEP_S)
             now_s = self._loop.time()
             if self._resume_s is not None and now_s >= self._resume_s:
                 self._resume_s = None
@@ -269,7 +269,7 @@ class Seats:
     """The places of pages, of which there are `most`."""
 
     def __init__(self, most: int) -> None:
-        self._most = descriptors.places(most)
+        self._most = strangers.places(most)
         self._lookers: Counter[str] = Counter()
         self._taken = 0
 

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from functools import partial
 
 from vsense.base.native import WireError, lib
-from vsense.robots.link import descriptors
+from vsense.robots.link import strangers
 from vsense.robots.link.session import Address, HostSession, PendingSession
 from vsense.robots.link.shared import ServerState
 from vsense.robots.link.status import LinkEvent
@@ -80,8 +80,8 @@ class Connections:
         self._offered, self._opened = offered, opened
         self._all: dict[socket.socket, Connection] = {}
         self._by_tag: dict[int, Connection] = {}
-        self._strangers = Places[Connection](descriptors.places(STRANGERS_MAX), STRANGERS_EACH)
-        most = descriptors.places(GREETED_MAX) + len(shared.roster.robots)
+        self._strangers = Places[Connection](strangers.places(STRANGERS_MAX), STRANGERS_EACH)
+        most = strangers.places(GREETED_MAX) + len(shared.roster.robots)
         self._greeted = Places[Connection](most, GREETED_EACH)
         self._listening = False
         self._finishing = False

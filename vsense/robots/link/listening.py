@@ -13,7 +13,7 @@ import threading
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from vsense.robots.link import descriptors
+from vsense.robots.link import strangers
 from vsense.robots.link.network import Waker, listen
 from vsense.robots.link.status import LinkError
 from vsense.robots.link.strangers import StrangerLog
@@ -200,7 +200,7 @@ class ListeningServer:
             text = f"cannot accept a connection: {error.strerror}"
             with self._lock:
                 self._strangers.note("this machine", text, now_ns)
-            self._resume_ns = now_ns + round(descriptors.PAUSE_S * 1e9)
+            self._resume_ns = now_ns + round(strangers.PAUSE_S * 1e9)
             self._selector.unregister(self._listener)
 
     # --- what a subclass does

@@ -8,11 +8,11 @@ distinguishes them. A robot that was just welcomed may try UDP for a second befo
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 from vsense.base.native import ffi, lib
 from vsense.robots.link.status import EventKind
-from vsense.robots.link.table import Direction, Output, Table, text_of
+from vsense.robots.link.table import STAY, Direction, Goal, Output, Table, text_of
 from vsense.robots.link.wire import (
     DATAGRAM_MAX,
     NEVER_US,
@@ -32,23 +32,6 @@ from vsense.robots.link.wire import (
     session_keys,
     shown_of,
 )
-
-
-class Goal(NamedTuple):
-    """Where a robot is to drive with HOME, as it saw it at the capture time.
-
-    Attributes:
-        x_mm, y_mm: ahead of it and to its left; nearer than 5 mm it only turns.
-        heading: to turn by at the goal [1e-4 rad], counter-clockwise.
-    """
-
-    x_mm: int = 0
-    y_mm: int = 0
-    heading: int = 0
-
-
-STAY = Goal()
-"""To stand where one stands."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from vsense.robots.link.keys import LinkTrust
 from vsense.robots.link.peer import Greeting, Orders
 from vsense.robots.link.session import Address, HostSession, PendingSession
 from vsense.robots.link.status import LinkEvent, cut_text
-from vsense.robots.link.table import Table
+from vsense.robots.link.table import BRING, ExpectedRobot, ToldProgram
 from vsense.robots.link.wire import (
     PUBLISHED,
     GoodbyeCause,
@@ -36,8 +36,6 @@ GREETINGS_MAX = 1024
 """Greetings of each robot that are remembered: a nonce counts once."""
 
 TAKEN_OVER = "the same robot opened a newer session"
-
-BRING = "'vsense robot deploy'"
 DEPLOY = f"bring it one with {BRING}"
 DEPLOY_IT = f"bring it that with {BRING}"
 FORMER = f"start its vsensed anew, or bring it the newest with {BRING}"
@@ -72,48 +70,6 @@ class Proved:
     farewell: bytes
     refusal: bytes
     events: list[LinkEvent]
-
-
-@dataclass(frozen=True, slots=True)
-class ToldProgram:
-    """A controller as robots tell it in their greeting.
-
-    Attributes:
-        name: what it calls itself, "": not known.
-        hash: of its source, "": not known.
-    """
-
-    name: str
-    hash: str = ""
-
-    def __str__(self) -> str:
-        return f"'{self.name or 'unnamed'}'{f' ({self.hash})' if self.hash else ''}"
-
-    def is_same(self, other: ToldProgram) -> bool:
-        """Whether both are made of the same source, as far as is known."""
-        return self.hash == other.hash if self.hash and other.hash else self.name == other.name
-
-
-@dataclass(frozen=True, slots=True)
-class ExpectedRobot:
-    """A robot of the experiment.
-
-    Attributes:
-        name: its own in the experiment.
-        table: its sensor table.
-        params: lines "key=value\\n" for its controller.
-        program: its controller, None: not known.
-        strict: one that calls itself otherwise is turned away even where all robots have this one.
-        exact: it runs what the file has, or another robot with the same controller; any other is
-            turned away: it may not have been there when they were deployed.
-    """
-
-    name: str
-    table: Table
-    params: str = ""
-    program: ToldProgram | None = None
-    strict: bool = False
-    exact: bool = False
 
 
 class SessionTable:

@@ -14,18 +14,20 @@ from dataclasses import replace
 from vsense.base.clock import host_ns
 from vsense.robots.link import network as ports
 from vsense.robots.link.keys import LinkTrust
-from vsense.robots.link.meter import LinkFigures, LinkMeter
+from vsense.robots.link.meter import LinkMeter
 from vsense.robots.link.network import ServerThread
-from vsense.robots.link.peer import STAY, Goal, Orders
-from vsense.robots.link.roster import ExpectedRobot, SessionTable
+from vsense.robots.link.peer import Orders
+from vsense.robots.link.roster import SessionTable
 from vsense.robots.link.shared import ServerState
 from vsense.robots.link.status import (
     ActuatorReport,
     EventThrottle,
     LinkError,
     LinkEvent,
+    LinkFigures,
     RobotStatus,
 )
+from vsense.robots.link.table import STAY, ExpectedRobot, Goal
 from vsense.robots.link.wire import GoodbyeCause, Values, Wanted
 
 __all__ = ["LinkError", "LinkEvent", "RobotStatus", "VirtualSensorServer"]

@@ -11,7 +11,7 @@ from typing import Any
 
 from vsense.base.native import lib
 from vsense.robots.link.meter import LinkMeter
-from vsense.robots.link.peer import STAY, Change, Goal, Greeting, Orders, Peer, Presence
+from vsense.robots.link.peer import Change, Greeting, Orders, Peer, Presence
 from vsense.robots.link.status import (
     EventKind,
     LinkEvent,
@@ -21,7 +21,7 @@ from vsense.robots.link.status import (
     cut_text,
     switched_on_again,
 )
-from vsense.robots.link.table import Direction, Table
+from vsense.robots.link.table import STAY, Direction, Goal, Table
 from vsense.robots.link.wire import (
     GoodbyeCause,
     Header,

@@ -319,3 +319,42 @@ def switched_on_again(before: Hello, now: Hello, span_s: float) -> str:
     if before.started == now.started or now.uptime_s >= least_s:
         return ""
     return f"was switched on again (battery swapped?), up for {now.uptime_s} s; "
+
+
+@dataclass(frozen=True, slots=True)
+class LinkFigures:
+    """One robot's link over a time; None is unknown.
+
+    Attributes:
+        heard_s: of the time, how long after the first packet.
+        packets: telemetry that came.
+        loss_up, loss_down: share of packets from the robot, and to it, that were lost, 0..1.
+        round_trip_p50_ms, round_trip_p99_ms: without the time that the robot held the echo.
+        jitter_ms: mean difference of two successive packets' times on their way (RFC 3550, 6.4.1).
+        gap_ms: longest time in which nothing was heard.
+        stale: how often the robot said that its wheels are held: what it heard was too old.
+        late: control steps that began late, as a share, 0..1.
+        signal_dbm: the median signal; `weakest_dbm` the weakest one.
+        bit_rate_mbit_s: the median bit rate.
+        retries: frames that the radio gave up meanwhile.
+        power_saving: whether it was on at some time.
+        sessions: that were opened; more than one: the link broke.
+    """
+
+    heard_s: float = 0.0
+    packets: int = 0
+    loss_up: float | None = None
+    loss_down: float | None = None
+    round_trip_p50_ms: float | None = None
+    round_trip_p99_ms: float | None = None
+    jitter_ms: float | None = None
+    gap_ms: float | None = None
+    stale: int = 0
+    overruns: int = 0
+    late: float | None = None
+    signal_dbm: float | None = None
+    weakest_dbm: int | None = None
+    bit_rate_mbit_s: float | None = None
+    retries: int | None = None
+    power_saving: bool | None = None
+    sessions: int = 0

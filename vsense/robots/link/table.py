@@ -5,9 +5,71 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 from vsense.base.native import check, ffi, lib
+
+
+class Goal(NamedTuple):
+    """Where a robot is to drive with HOME, as it saw it at the capture time.
+
+    Attributes:
+        x_mm, y_mm: ahead of it and to its left; nearer than 5 mm it only turns.
+        heading: to turn by at the goal [1e-4 rad], counter-clockwise.
+    """
+
+    x_mm: int = 0
+    y_mm: int = 0
+    heading: int = 0
+
+
+STAY = Goal()
+"""To stand where one stands."""
+
+
+BRING = "'vsense robot deploy'"
+
+
+@dataclass(frozen=True, slots=True)
+class ToldProgram:
+    """A controller as robots tell it in their greeting.
+
+    Attributes:
+        name: what it calls itself, "": not known.
+        hash: of its source, "": not known.
+    """
+
+    name: str
+    hash: str = ""
+
+    def __str__(self) -> str:
+        return f"'{self.name or 'unnamed'}'{f' ({self.hash})' if self.hash else ''}"
+
+    def is_same(self, other: ToldProgram) -> bool:
+        """Whether both are made of the same source, as far as is known."""
+        return self.hash == other.hash if self.hash and other.hash else self.name == other.name
+
+
+@dataclass(frozen=True, slots=True)
+class ExpectedRobot:
+    """A robot of the experiment.
+
+    Attributes:
+        name: its own in the experiment.
+        table: its sensor table.
+        params: lines "key=value\\n" for its controller.
+        program: its controller, None: not known.
+        strict: one that calls itself otherwise is turned away even where all robots have this one.
+        exact: it runs what the file has, or another robot with the same controller; any other is
+            turned away: it may not have been there when they were deployed.
+    """
+
+    name: str
+    table: Table
+    params: str = ""
+    program: ToldProgram | None = None
+    strict: bool = False
+    exact: bool = False
 
 
 def text_of(cdata: Any) -> str:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vsense.base.arena import ArenaState, wrap_angle
 from vsense.config.specs import Pose
-from vsense.robots.link.peer import STAY, Goal
+from vsense.robots.link.table import STAY, Goal
 from vsense.run.homing.assignment import Way, assign, straight_m
 from vsense.run.homing.floor import DrivingFloor
 from vsense.run.homing.motion import MAX_M_S, braked_m_s, carrot_m, in_frame

@@ -14,9 +14,9 @@ from vsense.base.arena import ArenaState
 from vsense.base.terminal import Console
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment, Pose
-from vsense.robots.link.peer import Goal
 from vsense.robots.link.server import VirtualSensorServer
 from vsense.robots.link.status import RobotStatus
+from vsense.robots.link.table import Goal
 from vsense.robots.link.wire import StopCause, Wanted
 from vsense.run.control import Control, State
 from vsense.run.homing.floor import DrivingFloor

@@ -12,10 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.tools.camera_setup.markers import PictureScale, blur_px
 from vsense.vision.cameras.health import DARK_LEVEL
 from vsense.vision.cameras.picture import Image
-from vsense.vision.tracking.legibility import CellWidth
+from vsense.vision.tracking.marker_detector import CellWidth
 
 WHITE, BLACK = 254, 1
 """Limits of saturated and of black pixels: lens corrections and JPEG round by one level."""
@@ -204,3 +203,16 @@ def _longer(reading: ExposureReading, before: str) -> str:
     cost = "" if blur is None else f" (blur {blur:.1f} px)"
     rest = ", then gain" if wanted_us > longest_us else ""
     return f"{before}exposure {longer_us:g} us{cost}{rest}"
+
+
+@dataclass(frozen=True, slots=True)
+class PictureScale:
+    """Pixels per metre at the height of the markers, and for the user how they are known."""
+
+    px_per_m: float
+    source: str
+
+
+def blur_px(exposure_us: float, speed_m_s: float, px_per_m: float) -> float:
+    """Returns how far something moves in the picture during the exposure."""
+    return speed_m_s * 1e-6 * exposure_us * px_per_m

@@ -20,7 +20,6 @@ import numpy as np
 from vsense.base.errors import UsageError, VsenseError
 from vsense.vision.calibration import alignment
 from vsense.vision.calibration.alignment import Alignment
-from vsense.vision.calibration.check import PointSight
 from vsense.vision.calibration.frame import FrameShift
 from vsense.vision.cameras.camera import Camera, Floats
 from vsense.vision.cameras.picture import Image
@@ -32,7 +31,6 @@ _FILES = {
     "align.css": ("align.css", "text/css; charset=utf-8"),
 }
 _MOST_BYTES = 65_536
-_MOST_CLICKS = 400
 _STEPS = 60
 """Pieces of each side of an outline that is drawn."""
 _QUALITY = 88
@@ -76,7 +74,7 @@ class AlignTask:
 
     def solve(self, clicks: Any) -> dict[str, Any]:
         """What clicks mean so far; with fewer than two points that is nothing yet."""
-        sights = self._sights(clicks)
+        sights = alignment.read_clicks(clicks, self._cameras, self._points)
         if len({sight.point for sight in sights}) < 2:
             return {"found": None, **self._drawn(FrameShift())}
         found = alignment.solve(self._cameras, self._points, sights)
@@ -84,7 +82,9 @@ class AlignTask:
 
     def save(self, clicks: Any) -> dict[str, Any]:
         """Moves the frame; UsageError where that was done or there are too few clicks."""
-        found = alignment.solve(self._cameras, self._points, self._sights(clicks))
+        found = alignment.solve(
+            self._cameras, self._points, alignment.read_clicks(clicks, self._cameras, self._points)
+        )
         with self._lock:
             if self.saved is not None:
                 raise UsageError("this was saved already; start vsense arena align again")
@@ -96,23 +96,6 @@ class AlignTask:
         """A camera's picture as a JPEG; KeyError where there is none."""
         quality = (cv2.IMWRITE_JPEG_QUALITY, _QUALITY)
         return cv2.imencode(".jpg", self._pictures[camera], quality)[1].tobytes()
-
-    def _sights(self, clicks: Any) -> list[PointSight]:
-        if not isinstance(clicks, list) or len(clicks) > _MOST_CLICKS:
-            raise UsageError("clicks: expected a list")
-        sights = []
-        for click in clicks:
-            try:
-                camera, point = str(click["camera"]), str(click["point"])
-                pixel = np.array((float(click["x"]), float(click["y"])))
-            except (TypeError, KeyError, ValueError, OverflowError):
-                raise UsageError("a click: expected camera, point, x and y") from None
-            if camera not in self._cameras or point not in self._points:
-                raise UsageError(f"a click on {point[:40]!r} in {camera[:40]!r}: not known here")
-            if not np.isfinite(pixel).all() or not self._cameras[camera].contains(pixel):
-                raise UsageError(f"a click on {point}: outside of the picture")
-            sights.append(PointSight(camera, point, pixel))
-        return sights
 
     def _drawn(self, shift: FrameShift) -> dict[str, Any]:
         """Where the pictures show points and outline when the frame is moved."""
@@ -189,8 +172,6 @@ class AlignServer(ThreadingHTTPServer):
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """One request."""
-
     server: AlignServer
     timeout = 10.0
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,14 +15,8 @@ from vsense.base.terminal import interruption
 from vsense.tools.camera_setup.align_page import AlignServer, AlignTask
 from vsense.vision.calibration import alignment
 from vsense.vision.calibration.alignment import Alignment
-from vsense.vision.calibration.check import PointSight, read_places
-from vsense.vision.calibration.checking import read_seen
-from vsense.vision.calibration.pictures import gather, inspect
 from vsense.vision.calibration.session import cameras_of
 from vsense.vision.cameras.camera import Camera, Floats
-from vsense.vision.cameras.picture import Image
-
-_CLICK = re.compile(r"(?P<camera>.+):(?P<point>[^:]+):(?P<x>[^:,]+),(?P<y>[^:,]+)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,12 +45,8 @@ def run(options: AlignOptions, corners_m: Sequence[Sequence[float]]) -> int:
         VsenseError: the page cannot be served.
     """
     cameras = cameras_of("--cameras", options.cameras)
-    points = alignment.points_of(corners_m, options.height)
-    if options.points:
-        points = read_places(options.points)
-    clicks = [parse_click(text, cameras, points) for text in options.clicks]
-    if options.seen:
-        clicks += read_seen(options.seen, points, cameras)
+    points = alignment.points_of(corners_m, options.height, options.points)
+    clicks = alignment.sights_of(options.clicks, options.seen, cameras, points)
     if not clicks:
         return _with_page(options, cameras, points, np.array(corners_m))
     found = alignment.solve(cameras, points, clicks)
@@ -74,25 +63,6 @@ def undo(folder: Path) -> int:
     return 0
 
 
-def parse_click(
-    text: str, cameras: Mapping[str, Camera], points: Mapping[str, Floats]
-) -> PointSight:
-    """Reads `CAMERA:POINT:X,Y`; raises UsageError."""
-    found = _CLICK.fullmatch(text)
-    if found is None:
-        raise UsageError(f"--click {text}: expected CAMERA:POINT:X,Y such as cam_0_0:sw:212,1003")
-    for name, known in (("camera", cameras), ("point", points)):
-        if found[name] not in known:
-            raise UsageError(f"--click {text}: {name} is not one of: {', '.join(known)}")
-    try:
-        pixel = np.array((float(found["x"]), float(found["y"])))
-    except ValueError:
-        pixel = np.full(2, np.nan)
-    if not np.isfinite(pixel).all() or not cameras[found["camera"]].contains(pixel):
-        raise UsageError(f"--click {text}: '{found['x']},{found['y']}' is no pixel of that camera")
-    return PointSight(found["camera"], found["point"], pixel)
-
-
 def _with_page(
     options: AlignOptions,
     cameras: Mapping[str, Camera],
@@ -105,7 +75,7 @@ def _with_page(
             "expected --pictures, of all cameras at one moment (vsense cameras shoot takes them),"
             " or --click, or --seen"
         )
-    pictures = _pictures(options, cameras)
+    pictures = alignment.pictures_of(options.pictures, options.camera, cameras, options.cameras)
     outline = np.column_stack((corners_m, np.full(len(corners_m), options.height)))
     task = AlignTask(cameras, points, outline, pictures, lambda found: _deliver(options, found))
     with interruption() as interrupted, AlignServer(task, options.port) as server:
@@ -116,30 +86,6 @@ def _with_page(
             return interrupted.code
     print(json.dumps(alignment.as_json(task.saved), indent=2) if options.json else options.cameras)
     return 0
-
-
-def _pictures(options: AlignOptions, cameras: Mapping[str, Camera]) -> dict[str, Image]:
-    """Each camera's last picture."""
-    assert options.pictures is not None
-    found: dict[str, Image] = {}
-    pictures = {(options.camera or one.camera): one for one in gather(options.pictures)}
-    for name in pictures:
-        if name not in cameras:
-            raise UsageError(
-                f"--pictures: camera {name}: {options.cameras} has no file of it; expected"
-                f" {', '.join(cameras)}, as folder of the pictures or with --camera"
-            )
-    names = {one: name for name, one in pictures.items()}
-    looked = inspect(list(names), lambda: lambda image: image, lambda done, total: None)
-    for one, size, image in looked:
-        camera = cameras[names[one]]
-        if size != (camera.width_px, camera.height_px):
-            raise UsageError(
-                f"{one.path}: {size[0]} x {size[1]} px, expected {camera.width_px} x"
-                f" {camera.height_px} as in the file of {camera.id}"
-            )
-        found[camera.id] = image
-    return found
 
 
 def _deliver(options: AlignOptions, found: Alignment) -> None:

@@ -1,14 +1,19 @@
-"""`vsense cameras init`: configuration files for all cameras that are found, ready to edit."""
+"""`vsense cameras list` and `init`: the cameras that are there, and their configuration files."""
 
 from __future__ import annotations
 
+import json
 import re
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 from xml.sax.saxutils import quoteattr
 
 from vsense.base.errors import UsageError, VsenseError
+from vsense.base.terminal import aligned
+from vsense.config import resources as resources_file
 from vsense.config.resources import (
     DEFAULT_HEIGHT_M,
     DEFAULT_SPEED_M_S,
@@ -19,13 +24,135 @@ from vsense.config.resources import (
 )
 from vsense.config.tracking_session import EXPERIMENT, RESOURCES
 from vsense.monitor.recording import pictures
-from vsense.tools.camera_setup.listing import NOTHING
 from vsense.vision.cameras.discovery import RATE_HZ, V4L2, FoundCamera, find
-from vsense.vision.cameras.genicam import FREE, PIXEL_FORMATS, SOFTWARE
-from vsense.vision.cameras.source import Bounds
+from vsense.vision.cameras.source import (
+    FREE,
+    PIXEL_FORMATS,
+    SOFTWARE,
+    Bounds,
+    Controls,
+    GenicamSettings,
+)
 from vsense.vision.markers import families
 from vsense.vision.markers.families import load_family
-from vsense.vision.tracking.specs import CAMERA, GENICAM, TrackerSpec
+from vsense.vision.tracking.single_camera import camera_named, free
+from vsense.vision.tracking.specs import CAMERA, GENICAM, GrabberSpec, TrackerSpec
+
+HEAD = ("id", "kind", "address", "model", "resolution", "rate", "formats")
+FORMATS_SHOWN = 3
+_UNKNOWN = "-"
+
+
+def lines(found: Sequence[FoundCamera]) -> list[str]:
+    """Returns a row for each camera, with its trouble below."""
+    head, *rows = aligned([HEAD, *(_row(camera) for camera in found)])
+    table = [head]
+    for camera, row in zip(found, rows):
+        table.append(row)
+        if camera.trouble:
+            table.append(f"  ! {camera.trouble}")
+    return table
+
+
+def facts(camera: FoundCamera) -> dict[str, Any]:
+    """Returns a camera as JSON values; null is unknown."""
+    details = asdict(camera.details)
+    width, height = details.pop("size_px") or (None, None)
+    return {
+        "id": camera.id,
+        "kind": camera.kind,
+        "address": camera.address or None,
+        "model": camera.model,
+        "serial": camera.serial or None,
+        "mac": camera.mac or None,
+        "width_px": width,
+        "height_px": height,
+        **details,
+        "trouble": camera.trouble or None,
+    }
+
+
+def formats(names: Sequence[str]) -> str:
+    """Returns the first few formats, those that vsense takes first."""
+    usable = [name for name in PIXEL_FORMATS if name in names]
+    ordered = [*usable, *(name for name in names if name not in usable)]
+    more = len(ordered) - FORMATS_SHOWN
+    shown = " ".join(ordered[:FORMATS_SHOWN])
+    return f"{shown} +{more}" if more > 0 else shown or _UNKNOWN
+
+
+def _row(camera: FoundCamera) -> tuple[str, ...]:
+    details = camera.details
+    size = _UNKNOWN if details.size_px is None else "x".join(map(str, details.size_px))
+    rate = _UNKNOWN if details.rate_hz is None else f"{details.rate_hz:.4g} Hz"
+    return (
+        camera.id,
+        camera.kind,
+        camera.address or _UNKNOWN,
+        camera.model or _UNKNOWN,
+        size,
+        rate,
+        formats(details.formats),
+    )
+
+
+NOTHING = (
+    "no camera found. What to check:",
+    "  power and cable: does the camera's lamp shine? PoE needs a switch or an injector for it.",
+    "  network: is this host on the cameras' network (ip -4 addr)? A firewall passes UDP 3956?",
+    "  /dev/video*: is there one, and are you in the group video (groups)?",
+)
+
+
+def list_cameras(as_json: bool) -> int:
+    """Prints the table or JSON; without cameras, what to check on standard error, and 1."""
+    if sys.stderr.isatty():
+        print("asking who is there ...", end="", file=sys.stderr, flush=True)
+    found, missing = find()
+    if sys.stderr.isatty():
+        print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+    if as_json:
+        print(json.dumps([facts(camera) for camera in found], indent=2))
+    elif found:
+        print("\n".join(lines(found)))
+    if missing:
+        print(f"vsense: {missing}", file=sys.stderr)
+    if not found:
+        print("\n".join(NOTHING), file=sys.stderr)
+    return int(not found)
+
+
+def choose(id: str, wanted: Controls, resources: str | None = None) -> GrabberSpec:
+    """Finds the camera that a user means: a grabber of a resources file, or one that is there.
+
+    `wanted` are settings from the command line.
+
+    Raises:
+        UsageError: There is no such camera, or the file cannot be read.
+        ConfigError: The resources file is wrong.
+        GrabberError: The camera exists and does not open.
+    """
+    if resources is None:
+        return camera_named(id, wanted)
+    return _of_file(id, wanted, resources)
+
+
+def _of_file(id: str, wanted: Controls, path: str) -> GrabberSpec:
+    """Chooses a grabber of a resources file; the command line's settings come first."""
+    resources = resources_file.load(path)
+    live = {name: spec for name, spec in resources.grabbers.items() if spec.is_live}
+    if id not in live:
+        known = ", ".join(live) or "none"
+        are = "is" if len(live) == 1 else "are"
+        raise UsageError(f"no camera {id!r} among the grabbers of {path}: there {are} {known}")
+    spec = live[id]
+    asked = {name: value for name, value in asdict(wanted).items() if value is not None}
+    controls = replace(spec.controls, **asked)
+    settings: Controls | GenicamSettings = controls
+    if isinstance(spec.settings, GenicamSettings):
+        settings = replace(spec.settings, controls=controls)
+    return free(replace(spec, settings=settings, frame_rate_hz=controls.rate_hz))
+
 
 FAMILY = "arrow4x4"
 TRACKER = "robots"
@@ -184,7 +311,7 @@ ROSTER = "auto:20"
 BOARD = "charuco:7x5:80mm:4X4_50"
 
 
-def run(directory: Path, force: bool) -> int:
+def init(directory: Path, force: bool) -> int:
     """Writes the files into a folder, and prints the next steps; `force` overwrites files.
 
     Raises:

@@ -1,4 +1,4 @@
-"""A camera's pictures as a block of text: histogram, figures, advice."""
+"""A camera's pictures measured, and as a block of text: histogram, figures, advice."""
 
 from __future__ import annotations
 
@@ -10,8 +10,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.tools.camera_setup.advice import ExposureReading, advise
-from vsense.tools.camera_setup.markers import FoundMarkers
+from vsense.tools.camera_setup.advice import (
+    ExposureReading,
+    PictureScale,
+    advise,
+    brightness,
+    noise,
+)
+from vsense.vision.cameras.picture import Image
+from vsense.vision.cameras.source import EXPOSURE, GAIN, Controls
+from vsense.vision.markers.families import MarkerFamily, SquareFamily
+from vsense.vision.tracking.marker_finder import FoundMarkers, MarkerFinder
+from vsense.vision.tracking.single_camera import OpenCamera
 
 WIDTH = 80
 COLUMNS = 32
@@ -37,6 +47,60 @@ class PanelView:
     reading: ExposureReading
     family: str
     found: FoundMarkers
+
+
+class Tuner:
+    """Measures the pictures of a camera."""
+
+    def __init__(
+        self,
+        camera: OpenCamera,
+        family: MarkerFamily | SquareFamily,
+        finder: MarkerFinder,
+        speed_m_s: float,
+        wanted: Controls,
+        scale: PictureScale | None,
+    ) -> None:
+        """Takes an open camera, the markers to look for, and what the user knows of the picture.
+
+        `speed_m_s` is the robots'; `wanted` is what the camera was asked for.
+        """
+        self.camera = camera
+        self.family = family
+        self.speed_m_s = speed_m_s
+        self._wanted = {EXPOSURE: wanted.exposure_us, GAIN: wanted.gain_raw}
+        self._scale = scale
+        self._finder = finder
+
+    @property
+    def cell_m(self) -> float:
+        """Side of a marker's cell."""
+        return 1e-3 * float(self.family.cell_mm)
+
+    def view(self, first: Image, second: Image, rate_hz: float | None) -> PanelView:
+        """Measures two pictures in a row, which come at `rate_hz`."""
+        found = self._finder.find(second)
+        scale = self._scale
+        if scale is None and self._finder.px_per_m is not None:
+            scale = PictureScale(self._finder.px_per_m, "size of the markers")
+        reading = ExposureReading(
+            self._value(EXPOSURE),
+            self._value(GAIN),
+            brightness(second),
+            noise(first, second),
+            self.speed_m_s,
+            scale,
+            self.cell_m,
+            None if scale is None else self._finder.cell_width(scale.px_per_m),
+        )
+        height, width = second.shape
+        return PanelView(self.camera.id, (width, height), rate_hz, reading, self.family.name, found)
+
+    def _value(self, name: str) -> float | None:
+        """Returns a camera's own value, or else the one it was asked for."""
+        controls = self.camera.controls
+        value = None if controls is None else controls.value(name)
+        return self._wanted[name] if value is None else value
 
 
 def lines(view: PanelView, blocks: bool = True) -> list[str]:

@@ -14,15 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.canvas import FONT, INK, Colour
-from vsense.base.errors import GrabberError, UsageError, failing_as, instead
+from vsense.base.errors import GrabberError, UsageError, failing_as
 from vsense.base.terminal import printable
 from vsense.tools.camera_setup.showing import save_picture
-from vsense.vision.calibration.board import dictionary_name
-from vsense.vision.cameras.picture import Image, PictureError, read_picture
-from vsense.vision.cameras.recordings import SUFFIXES, pictures_in
-from vsense.vision.markers.dictionary import Codes, FamilyError, load_codes
-from vsense.vision.markers.families import SquareFamily, known_families, load_family
-from vsense.vision.tracking.squares import SquareFinder
+from vsense.vision.cameras.picture import SUFFIXES, Image, PictureError, pictures_in, read_picture
+from vsense.vision.tracking.squares import SquareFinder, codes_of
 
 COLUMNS = ("picture", "tag", "x1_px", "y1_px", "x2_px", "y2_px", "x3_px", "y3_px", "x4_px", "y4_px")
 """Of the table: the corners as in SQUARE, the upper left one first, clockwise in the picture."""
@@ -90,41 +86,6 @@ def run(options: FindOptions) -> int:
             save_picture(draw(image, found), drawn[path])
     print(f"vsense: {_summary(len(paths), damaged, count, codes.name)}", file=sys.stderr)
     return 1 if damaged else 0
-
-
-def codes_of(name: str) -> Codes:
-    """Returns the words of a square family, or of a dictionary by its name or file.
-
-    Raises:
-        UsageError: there are none of this name, or its markers cannot be found in any picture.
-    """
-    try:
-        if name.endswith((".yml", ".yaml", ".xml")):
-            return load_codes(name)
-        if not name.endswith(".json") and name not in known_families():
-            return load_codes(_dictionary(name))
-        family = load_family(name)
-    except FamilyError as error:
-        raise UsageError(f"--family: {error}") from None
-    if isinstance(family, SquareFamily):
-        return family.codes
-    raise UsageError(
-        f"--family: {name} are arrows, which are told from other dark things by their size, and"
-        " that takes a calibrated camera: expected ArUco or AprilTag markers; arrows are found by"
-        " `vsense track`, in folders of pictures, too, and by `vsense cameras show`"
-    )
-
-
-def _dictionary(name: str) -> str:
-    try:
-        return f"DICT_{dictionary_name(name)}"
-    except UsageError:
-        square = [n for n in known_families() if isinstance(load_family(n), SquareFamily)]
-        known = [*square, *(word for word in dir(cv2.aruco) if word.startswith("DICT_"))]
-        raise UsageError(
-            f"--family: {name!r} is neither the path of a definition (.json) or of a dictionary"
-            f" (.yml) nor a known family; {instead(name, known)}"
-        ) from None
 
 
 def _listed(paths: Sequence[Path]) -> Iterator[Path]:

@@ -20,14 +20,13 @@ from vsense.base.clock import host_ns
 from vsense.base.errors import GrabberError, UsageError, VsenseError
 from vsense.base.terminal import Console, interruption
 from vsense.config import resources as resources_file
-from vsense.tools.camera_setup.opening import Size, free, make, session_of
 from vsense.tools.camera_setup.showing import save_picture
-from vsense.vision.calibration.board import Board
-from vsense.vision.calibration.views import CornerFinder
-from vsense.vision.cameras.genicam import GenicamSettings
+from vsense.vision.calibration.board import Board, CornerFinder
 from vsense.vision.cameras.grabber import Grabber, Troubles
 from vsense.vision.cameras.picture import Image
+from vsense.vision.cameras.source import GenicamSettings
 from vsense.vision.tracking.opening import live_grabber
+from vsense.vision.tracking.single_camera import Size, free, make, session_of
 from vsense.vision.tracking.specs import GrabberSpec
 
 FLOOR = "floor"
@@ -91,6 +90,7 @@ class ShootOptions:
         every: Time from one moment to the next [s]; None: the Enter key takes each.
         count: Number of moments; None: no limit.
         name: Of the first series.
+        json: The moments are printed for programs.
     """
 
     resources: str
@@ -99,12 +99,11 @@ class ShootOptions:
     every: float | None
     count: int | None
     name: str
+    json: bool = False
 
 
-def run(options: ShootOptions, as_json: bool) -> int:
+def run(options: ShootOptions) -> int:
     """Takes pictures until its input ends, all are taken, or it is interrupted.
-
-    With `as_json` the moments are printed for programs.
 
     Returns:
         0, 130 after Ctrl-C, or 1 where nothing was taken.
@@ -135,7 +134,7 @@ def run(options: ShootOptions, as_json: bool) -> int:
             _by_hand(shoot, names, interrupted, console)
         else:
             _by_itself(shoot, names, options.every, options.count, interrupted)
-        _end(shoot, options, as_json, console)
+        _end(shoot, options, console)
         if interrupted.is_set():
             return interrupted.code
         return 0 if shoot.moments else 1
@@ -250,7 +249,7 @@ def _sizes(specs: list[GrabberSpec], console: Console) -> dict[str, Size]:
             sizes_px[spec.id] = controls.size_px
             continue
         console.progress(f"opening {spec.id} ...")
-        camera = make(free(spec))
+        camera = make(free(spec), host_ns)
         try:
             camera.open()
             height, width = camera.picture().image.shape
@@ -298,7 +297,6 @@ def _by_itself(
     count: int | None,
     interrupted: threading.Event,
 ) -> None:
-    """Takes a moment every so many seconds."""
     due_ns, taken = host_ns(), 0
     while not interrupted.is_set() and taken != count:
         due_ns += round(1e9 * every_s)
@@ -323,9 +321,9 @@ def _typed() -> queue.Queue[str | None]:
     return lines
 
 
-def _end(shoot: ShootingSession, options: ShootOptions, as_json: bool, console: Console) -> None:
+def _end(shoot: ShootingSession, options: ShootOptions, console: Console) -> None:
     console.end_progress()
-    if as_json:
+    if options.json:
         print(json.dumps(shoot.moments, indent=2))
     if not shoot.moments:
         console.say("vsense: no picture was taken")

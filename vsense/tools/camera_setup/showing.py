@@ -7,6 +7,7 @@ import threading
 from collections import deque
 from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -19,15 +20,15 @@ from vsense.base.terminal import Console, interruption
 from vsense.modes.live.track_room import TrackRoom
 from vsense.monitor.ui.access import WebAddress
 from vsense.monitor.ui.room import ControlRoom, RoomOptions
-from vsense.tools.camera_setup.markers import MarkerFinder
-from vsense.tools.camera_setup.opening import OpenCamera, choose, make, session_of
+from vsense.tools.camera_setup.files import choose
 from vsense.vision.cameras.grabber import CameraEvent, Troubles
 from vsense.vision.cameras.health import Health
-from vsense.vision.cameras.opencv_source import Controls
 from vsense.vision.cameras.picture import Image
+from vsense.vision.cameras.source import Controls
 from vsense.vision.markers.families import load_family
-from vsense.vision.tracking.legibility import cell_width
+from vsense.vision.tracking.marker_finder import MarkerFinder
 from vsense.vision.tracking.opening import live_grabber
+from vsense.vision.tracking.single_camera import OpenCamera, make, session_of
 from vsense.vision.tracking.specs import GrabberSpec, TrackingSession
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".pgm")
@@ -56,40 +57,46 @@ WINDOW = 20
 SILENCE_S = 0.5
 
 
-def run(
-    id: str,
-    wanted: Controls,
-    resources: str | None,
-    family: str,
-    save: Path | None,
-    web: WebAddress | None,
-) -> int:
-    """Shows a camera in the page until it is interrupted, or saves a picture.
+@dataclass(frozen=True, slots=True)
+class ShowOptions:
+    """Which camera is shown; see `vsense cameras show -h`.
 
-    `id`, `wanted` and `resources` are as in `choose`; with `save`, one picture goes into that
-    file.
+    `id`, `wanted` and `resources` are as in `choose`. `save`: one picture goes into this file; else
+    `web` says where the page is.
+    """
+
+    id: str
+    wanted: Controls
+    resources: str | None
+    family: str
+    save: Path | None
+    web: WebAddress | None
+
+
+def run(options: ShowOptions) -> int:
+    """Shows a camera in the page until it is interrupted, or saves a picture.
 
     Raises:
         UsageError: There is no such camera, or a file of this kind cannot be written.
         VsenseError: The camera does not open, or the page cannot be served.
     """
+    save = options.save
     if save is not None and save.suffix.lower() not in SUFFIXES:
         raise UsageError(f"{save}: expected a name that ends in {', '.join(SUFFIXES)}")
     with ExitStack() as stack:
         interrupted = stack.enter_context(interruption())
-        spec = choose(id, wanted, resources)
-        markers = load_family(family)
-        finder = MarkerFinder(markers)
+        spec = choose(options.id, options.wanted, options.resources)
+        finder = MarkerFinder(load_family(options.family))
         image = _look(spec, save)
         if save is None and not interrupted.is_set():
             finder.find(image)
             console, troubles = Console(), Troubles()
-            width = cell_width(markers, finder.px_per_m) if finder.px_per_m else None
+            width = finder.cell_width(finder.px_per_m) if finder.px_per_m else None
             if width is not None and width.is_small:
                 console.say(f"vsense: {spec.id}: {width.in_words()}")
             sizes_px = {spec.id: (image.shape[1], image.shape[0])}
             session = session_of(spec.id, [spec], sizes_px, finder.px_per_m)
-            control_room = stack.enter_context(ControlRoom(RoomOptions(web), console))
+            control_room = stack.enter_context(ControlRoom(RoomOptions(options.web), console))
             room = TrackRoom(control_room, session, troubles)
             room.open()
             ShowSession(session, finder, room, console, troubles).run(interrupted)
@@ -98,7 +105,7 @@ def run(
 
 def _look(spec: GrabberSpec, save: Path | None) -> Image:
     """Takes a first picture, and saves it if wanted."""
-    camera = make(spec)
+    camera = make(spec, host_ns)
     try:
         told = camera.open()
         image = camera.picture().image if save is None else settled(camera)

@@ -24,10 +24,9 @@ from vsense.tools.camera_setup.advice import (
     advise,
     rounded,
 )
-from vsense.tools.camera_setup.panel import PanelView
-from vsense.tools.camera_setup.tuning import Tuner
-from vsense.vision.cameras.controls import EXPOSURE, GAIN, CameraControls
-from vsense.vision.cameras.source import Bounds
+from vsense.tools.camera_setup.panel import PanelView, Tuner
+from vsense.vision.cameras.source import EXPOSURE, GAIN, Bounds
+from vsense.vision.tracking.single_camera import CameraControls
 
 SHORTEST_US = 200.0
 """With shorter exposures a robot moves by less than a twentieth of a pixel."""

@@ -13,18 +13,21 @@ from vsense.base.clock import host_ns
 from vsense.base.errors import GrabberError, UsageError
 from vsense.base.terminal import LiveBlock, interruption
 from vsense.config import resources as resources_file
-from vsense.tools.camera_setup import panel
-from vsense.tools.camera_setup.advice import ExposureReading, brightness, noise
-from vsense.tools.camera_setup.markers import MarkerFinder, PictureScale
-from vsense.tools.camera_setup.opening import OpenCamera, choose, make
-from vsense.tools.camera_setup.panel import PanelView
+from vsense.tools.camera_setup import panel, sweep
+from vsense.tools.camera_setup.advice import PictureScale
+from vsense.tools.camera_setup.files import choose
+from vsense.tools.camera_setup.panel import Tuner
 from vsense.tools.camera_setup.showing import WARM_UP
 from vsense.vision.cameras.camera import Camera as Calibration
-from vsense.vision.cameras.controls import EXPOSURE, GAIN
-from vsense.vision.cameras.opencv_source import Controls
 from vsense.vision.cameras.picture import Image
+from vsense.vision.cameras.source import Controls
 from vsense.vision.markers.families import load_family
-from vsense.vision.tracking.legibility import cell_width
+from vsense.vision.tracking.marker_finder import MarkerFinder
+from vsense.vision.tracking.single_camera import OpenCamera, make
+
+SPEED_M_S = 0.13
+"""An e-puck's greatest speed. Source: reference/epuck.md."""
+
 
 PERIOD_NS = 500_000_000
 """Time between two drawings."""
@@ -37,6 +40,7 @@ class TuneOptions:
 
     `id`, `wanted` and `resources` are as in `choose`; `speed` [m/s] is the robots'; `height_m` is
     from the lens down to the markers, `marker_height` [m] from the floor up to them, for `camera`.
+    `sweep`: exposures and gains are tried.
     """
 
     id: str
@@ -49,6 +53,8 @@ class TuneOptions:
     height_m: float | None
     camera: str | None
     marker_height: float
+    sweep: bool = False
+    json: bool = False
 
 
 def known_scale(options: TuneOptions, calibration: Calibration | None) -> PictureScale | None:
@@ -68,59 +74,15 @@ def known_scale(options: TuneOptions, calibration: Calibration | None) -> Pictur
     return PictureScale(px_per_m, f"calibration of {calibration.id}")
 
 
-class Tuner:
-    """Measures the pictures of a camera."""
-
-    def __init__(
-        self, camera: OpenCamera, options: TuneOptions, calibration: Calibration | None
-    ) -> None:
-        """Takes an open camera, and its calibration where there is one; raises FamilyError."""
-        self.camera = camera
-        self.family = load_family(options.family)
-        self.speed_m_s = options.speed
-        wanted = options.wanted
-        self._wanted = {EXPOSURE: wanted.exposure_us, GAIN: wanted.gain_raw}
-        self._scale = known_scale(options, calibration)
-        self._finder = MarkerFinder(self.family, calibration, options.marker_height)
-
-    @property
-    def cell_m(self) -> float:
-        """Side of a marker's cell."""
-        return 1e-3 * float(self.family.cell_mm)
-
-    def view(self, first: Image, second: Image, rate_hz: float | None) -> PanelView:
-        """Measures two pictures in a row, which come at `rate_hz`."""
-        found = self._finder.find(second)
-        scale = self._scale
-        if scale is None and self._finder.px_per_m is not None:
-            scale = PictureScale(self._finder.px_per_m, "size of the markers")
-        reading = ExposureReading(
-            self._value(EXPOSURE),
-            self._value(GAIN),
-            brightness(second),
-            noise(first, second),
-            self.speed_m_s,
-            scale,
-            self.cell_m,
-            None if scale is None else cell_width(self.family, scale.px_per_m),
-        )
-        height, width = second.shape
-        return PanelView(self.camera.id, (width, height), rate_hz, reading, self.family.name, found)
-
-    def _value(self, name: str) -> float | None:
-        """Returns a camera's own value, or else the one it was asked for."""
-        controls = self.camera.controls
-        value = None if controls is None else controls.value(name)
-        return self._wanted[name] if value is None else value
+def tuner_of(camera: OpenCamera, options: TuneOptions, calibration: Calibration | None) -> Tuner:
+    """Takes an open camera, and its calibration where there is one; raises FamilyError."""
+    family, scale = load_family(options.family), known_scale(options, calibration)
+    finder = MarkerFinder(family, calibration, options.marker_height)
+    return Tuner(camera, family, finder, options.speed, options.wanted, scale)
 
 
-Measure = Callable[[Tuner, threading.Event, bool], bool]
-"""Prints measurements of an open camera until the event is set; True: as JSON. Returns whether the
-camera is as it was before."""
-
-
-def run(options: TuneOptions, measure: Measure, as_json: bool) -> int:
-    """Opens a camera and measures it, with `watch` or `vsense.tools.camera_setup.sweep.run`.
+def run(options: TuneOptions) -> int:
+    """Opens a camera and shows its measurements, or sweeps its exposures and gains.
 
     Returns:
         0, 1 where the camera is not as it was before, or 130 after Ctrl-C.
@@ -132,12 +94,13 @@ def run(options: TuneOptions, measure: Measure, as_json: bool) -> int:
     with ExitStack() as stack:
         interrupted = stack.enter_context(interruption())
         calibration = calibration_of(options)
-        camera = make(choose(options.id, options.wanted, options.resources))
-        tuner = Tuner(camera, options, calibration)
+        camera = make(choose(options.id, options.wanted, options.resources), host_ns)
+        tuner = tuner_of(camera, options, calibration)
         stack.callback(camera.source.close)
         for text in camera.open():
             print(f"vsense: {options.id}: {text}", file=sys.stderr)
-        is_back = measure(tuner, interrupted, as_json)
+        measure = sweep.run if options.sweep else watch
+        is_back = measure(tuner, interrupted, options.json)
         if interrupted.is_set():
             return interrupted.code
         return 0 if is_back else 1

@@ -20,7 +20,7 @@ from vsense.base import sharing
 from vsense.base.errors import EXTRAS, VsenseError, pip_line
 from vsense.robots import boards, build, key_holders
 from vsense.robots.compiling import APT_LINE, BuildError, native
-from vsense.robots.link import descriptors, keys, network
+from vsense.robots.link import keys, network, strangers
 from vsense.vision.cameras import aravis
 from vsense.vision.cameras.aravis import AravisError
 
@@ -159,7 +159,7 @@ def _sockets() -> Iterator[Finding]:
 
 
 def _descriptors() -> Iterator[Finding]:
-    shortage = descriptors.shortage()
+    shortage = strangers.shortage()
     if shortage:
         yield Finding("open files", LACKS, shortage)
 

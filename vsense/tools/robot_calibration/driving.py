@@ -117,10 +117,6 @@ class SwarmCalibration:
                 self.leave_out(tag, self.routines[tag].needs)
 
 
-PATIENCE_S = 20.0
-"""Robots are waited for so long; then it begins without those that are missing."""
-
-
 def drive(
     session: ExperimentSession,
     wheels: WheelsWanted,

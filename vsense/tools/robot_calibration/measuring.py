@@ -8,10 +8,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from vsense.base import clock
-from vsense.base.errors import VsenseError
+from vsense.base.errors import UsageError, VsenseError
 from vsense.base.terminal import Console, aligned, interruption, print_data
 from vsense.config import roster
 from vsense.config.roster import Roster
@@ -24,14 +24,30 @@ from vsense.monitor.ui.room import ControlRoom, RoomOptions
 from vsense.robots.link.keys import LinkTrust
 from vsense.run import directory as run_directory
 from vsense.run.control import State
+from vsense.run.homing.floor import DrivingFloor
 from vsense.tools.robot_calibration import driving, results
-from vsense.tools.robot_calibration.commanding import CONTROLLER, SENSORS, WheelsWanted, commanded
+from vsense.tools.robot_calibration.commanding import (
+    CONTROLLER,
+    GROUND,
+    PROXIMITY,
+    SENSORS,
+    OwnReadings,
+    WheelsWanted,
+    commanded,
+)
 from vsense.tools.robot_calibration.driving import SwarmCalibration
+from vsense.tools.robot_calibration.places import Point, ground_places, spots
 from vsense.tools.robot_calibration.results import RobotResult
 from vsense.tools.robot_calibration.sensing import Sensing
 from vsense.tools.robot_calibration.wiggle import Verdict, WiggleCheck, WiggledRobot, exchanged
 
 CALIBRATION_FILE, CHECK_FILE = "calibration.json", "check.json"
+
+PATIENCE_S = 20.0
+"""Robots are waited for so long; then it begins without those that are missing."""
+
+GROUND_BASES = ("gctronic", "york")
+"""Bases of the lab whose robots have a ground board."""
 
 BLACK_M = 0.05
 """Radius of the black disc that lies on the lab's floor."""
@@ -80,6 +96,24 @@ class MeasuringOptions:
     as_json: bool
 
 
+@dataclass(frozen=True, slots=True)
+class SensorOptions:
+    """Which of the robots' own sensors are measured, and where; see `vsense robot calibrate -h`.
+
+    Attributes:
+        sensors: some of `KNOWN`.
+        wall: id of the white wall; None: any that is near.
+        white, black: where the floor is so [m]; None: where the experiment's floor is.
+    """
+
+    KNOWN: ClassVar = SENSORS
+
+    sensors: tuple[str, ...] = ()
+    wall: str | None = None
+    white: Point | None = None
+    black: Point | None = None
+
+
 @contextmanager
 def _session(
     options: MeasuringOptions, experiment: Experiment, directory: Path, robots: LabRobots
@@ -117,8 +151,33 @@ def _say_interrupted(session: ExperimentSession) -> None:
         session.setup.console.say("vsense: interrupted; what was found until then is kept")
 
 
-def calibrate(options: MeasuringOptions, sensing: Sensing | None) -> int:
-    """Calibrates all robots that can be, and with `sensing` their sensors.
+def sensing_of(options: MeasuringOptions, asked: SensorOptions) -> Sensing | None:
+    """What is measured and where; None: no sensors.
+
+    Raises:
+        UsageError: there is no such wall or place, or these options do not go together.
+        ConfigError: the picture on the floor cannot be read.
+    """
+    experiment, sensors, lab = options.experiment, asked.sensors, options.lab
+    places = {"wall": asked.wall, "white": asked.white, "black": asked.black}
+    for name, place in places.items():
+        needed = PROXIMITY if name == "wall" else GROUND
+        if place is not None and needed not in sensors:
+            raise UsageError(f"--{name} is for {needed} sensors: expected --sensors {needed}")
+    if not sensors:
+        return None
+    if GROUND in sensors and lab is not None and lab.base not in GROUND_BASES:
+        raise UsageError(
+            f"--lab with --base {lab.base}: its robots have no ground sensors; expected --base"
+            f" {' or '.join(GROUND_BASES)}"
+        )
+    ground = ground_places(experiment, asked.white, asked.black) if GROUND in sensors else None
+    before = spots(experiment, asked.wall) if PROXIMITY in sensors else ()
+    return Sensing(DrivingFloor.of(experiment), before, ground, OwnReadings(sensors))
+
+
+def calibrate(options: MeasuringOptions, asked: SensorOptions = SensorOptions()) -> int:
+    """Calibrates all robots that can be, and their sensors that are `asked` for.
 
     Returns:
         0; 1 where a robot was left out; 130 after Ctrl-C, 143 after SIGTERM.
@@ -126,7 +185,7 @@ def calibrate(options: MeasuringOptions, sensing: Sensing | None) -> int:
     Raises:
         VsenseError: no robot is there, or something else than a robot has failed.
     """
-    wheels = WheelsWanted()
+    sensing, wheels = sensing_of(options, asked), WheelsWanted()
     experiment = commanded(
         options.experiment, wheels, None if sensing is None else sensing.readings
     )
@@ -167,7 +226,6 @@ def _results(
     swarm: SwarmCalibration,
     robots: LabRobots,
 ) -> list[RobotResult]:
-    """One result for each robot."""
     ended = session.runner.ended
     cut = "it was interrupted"
     if ended not in ("time", "interrupted"):
@@ -194,7 +252,6 @@ def _keep_calibration(
     directory: Path,
     console: Console,
 ) -> None:
-    """Shows what was found and keeps it."""
     worst = results.worst(calibrated)
     summary: dict[str, Any] = {
         "experiment": experiment.name,
@@ -222,7 +279,6 @@ def _keep_calibration(
 
 
 def _errors(worst: Mapping[str, float]) -> str:
-    """The largest errors in a line."""
     return (
         f"largest errors: marker {worst['marker_mm']:.2f} mm, {worst['marker_deg']:.2f}"
         f" degrees; distance {100 * worst['distance']:.2f} %, turn {100 * worst['turn']:.2f} %"

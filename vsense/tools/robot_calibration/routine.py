@@ -240,7 +240,6 @@ class MotionRoutine:
 
     @property
     def _yaw(self) -> float:
-        """The marker's heading as seen last."""
         pose = self._moment.pose
         if pose is None:
             raise RobotFailed("was not seen when it was to set out")

@@ -14,7 +14,7 @@ from enum import Enum
 from typing import NamedTuple
 
 from vsense.base.arena import ArenaState, wrap_angle
-from vsense.robots.link.peer import Goal
+from vsense.robots.link.table import Goal
 from vsense.run.homing.robots import Trouble
 
 TURN_RAD = math.radians(20.0)

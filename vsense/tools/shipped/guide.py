@@ -122,7 +122,6 @@ def _rows(root: Element) -> Iterator[tuple[str, str, str]]:
 
 
 def _meaning(element: Element, parent: str) -> str:
-    """What an element is there for."""
     if parent == "controllers":
         return (
             f"One kind of robot: `library` is its program, `{element.peek('library')}`; robots name"
@@ -162,7 +161,6 @@ def calls() -> dict[str, str]:
 
 
 def _of_controller(text: str) -> list[str]:
-    """What a controller is and calls."""
     used = dict.fromkeys(name for name in _NAMES.findall(text) if name in calls())
     return [
         "The robots' program, in C99. `init` is called when a run begins, `step` in every timestep;"

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -22,11 +23,13 @@ import numpy as np
 from vsense.base.errors import UsageError, failing_as
 from vsense.base.files import parse_json, replace_text
 from vsense.base.terminal import aligned
-from vsense.vision.calibration.check import PointSight, rms
+from vsense.vision.calibration.check import PointSight, read_places, read_seen, rms
 from vsense.vision.calibration.checked import FILE as CHECK
 from vsense.vision.calibration.frame import FrameShift
+from vsense.vision.calibration.pictures import gather, inspect
 from vsense.vision.calibration.session import cameras_of
 from vsense.vision.cameras.camera import Camera, Floats
+from vsense.vision.cameras.picture import Image
 
 CORNERS = ("sw", "se", "ne", "nw")
 """Names of an arena's corners: south is low y, west low x."""
@@ -89,9 +92,102 @@ def solve(
     return Alignment(clicks, shift, shift.apply(seen) - wanted)
 
 
-def points_of(corners_m: Sequence[Sequence[float]], height_m: float) -> dict[str, Floats]:
-    """The corners of an arena by their names, at a height above the floor."""
+def points_of(
+    corners_m: Sequence[Sequence[float]], height_m: float, path: Path | None = None
+) -> dict[str, Floats]:
+    """The corners of an arena by their names, at a height above the floor; or a file's points.
+
+    Raises UsageError or ConfigError where the file cannot be used.
+    """
+    if path is not None:
+        return read_places(path)
     return {name: np.array((x, y, height_m)) for name, (x, y) in zip(CORNERS, corners_m)}
+
+
+_CLICK = re.compile(r"(?P<camera>.+):(?P<point>[^:]+):(?P<x>[^:,]+),(?P<y>[^:,]+)")
+
+
+def sights_of(
+    clicks: Sequence[str],
+    seen: Path | None,
+    cameras: Mapping[str, Camera],
+    points: Mapping[str, Floats],
+) -> list[PointSight]:
+    """Reads where cameras see points: `CAMERA:POINT:X,Y` each, and a table `seen`.
+
+    Raises UsageError or ConfigError.
+    """
+    sights = [_clicked(text, cameras, points) for text in clicks]
+    return sights + (read_seen(seen, points, cameras) if seen else [])
+
+
+def _clicked(text: str, cameras: Mapping[str, Camera], points: Mapping[str, Floats]) -> PointSight:
+    found = _CLICK.fullmatch(text)
+    if found is None:
+        raise UsageError(f"--click {text}: expected CAMERA:POINT:X,Y such as cam_0_0:sw:212,1003")
+    for name, known in (("camera", cameras), ("point", points)):
+        if found[name] not in known:
+            raise UsageError(f"--click {text}: {name} is not one of: {', '.join(known)}")
+    try:
+        pixel = np.array((float(found["x"]), float(found["y"])))
+    except ValueError:
+        pixel = np.full(2, np.nan)
+    if not np.isfinite(pixel).all() or not cameras[found["camera"]].contains(pixel):
+        raise UsageError(f"--click {text}: '{found['x']},{found['y']}' is no pixel of that camera")
+    return PointSight(found["camera"], found["point"], pixel)
+
+
+MOST_CLICKS = 400
+
+
+def read_clicks(
+    clicks: object, cameras: Mapping[str, Camera], points: Mapping[str, Floats]
+) -> list[PointSight]:
+    """Reads a page's clicks, objects of camera, point, x and y; raises UsageError."""
+    if not isinstance(clicks, list) or len(clicks) > MOST_CLICKS:
+        raise UsageError("clicks: expected a list")
+    sights = []
+    for click in clicks:
+        try:
+            camera, point = str(click["camera"]), str(click["point"])
+            pixel = np.array((float(click["x"]), float(click["y"])))
+        except (TypeError, KeyError, ValueError, OverflowError):
+            raise UsageError("a click: expected camera, point, x and y") from None
+        if camera not in cameras or point not in points:
+            raise UsageError(f"a click on {point[:40]!r} in {camera[:40]!r}: not known here")
+        if not np.isfinite(pixel).all() or not cameras[camera].contains(pixel):
+            raise UsageError(f"a click on {point}: outside of the picture")
+        sights.append(PointSight(camera, point, pixel))
+    return sights
+
+
+def pictures_of(
+    paths: Sequence[Path], camera: str | None, cameras: Mapping[str, Camera], folder: Path
+) -> dict[str, Image]:
+    """Reads each camera's last picture, (h, w) uint8.
+
+    `camera`: all pictures are its own, whatever their folders. `folder` has the cameras' files.
+    Raises UsageError where a picture cannot be used.
+    """
+    found: dict[str, Image] = {}
+    pictures = {(camera or one.camera): one for one in gather(paths)}
+    for name in pictures:
+        if name not in cameras:
+            raise UsageError(
+                f"--pictures: camera {name}: {folder} has no file of it; expected"
+                f" {', '.join(cameras)}, as folder of the pictures or with --camera"
+            )
+    names = {one: name for name, one in pictures.items()}
+    looked = inspect(list(names), lambda: lambda image: image, lambda done, total: None)
+    for one, size, image in looked:
+        known = cameras[names[one]]
+        if size != (known.width_px, known.height_px):
+            raise UsageError(
+                f"{one.path}: {size[0]} x {size[1]} px, expected {known.width_px} x"
+                f" {known.height_px} as in the file of {known.id}"
+            )
+        found[known.id] = image
+    return found
 
 
 def apply(folder: Path, found: Alignment) -> list[Path]:

@@ -13,10 +13,14 @@ from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from vsense.base.errors import UsageError
 from vsense.vision.cameras.picture import Image
+from vsense.vision.markers.dictionary import dictionary_name
 from vsense.vision.markers.paper import Fill, Floats, Page, Text, line
+
+Ints = NDArray[np.int64]
 
 CHESSBOARD = "chessboard"
 CHARUCO = "charuco"
@@ -144,14 +148,6 @@ def _length_m(text: str, part: str) -> float:
     return length_m
 
 
-def dictionary_name(text: str) -> str:
-    """Returns OpenCV's name of a dictionary, without "DICT_"; raises UsageError without one."""
-    for name in (text, text.removeprefix("DICT_"), f"APRILTAG_{text}"):
-        if isinstance(getattr(cv2.aruco, f"DICT_{name}", None), int):
-            return name
-    raise UsageError(f"dictionary '{text}': expected e.g. 4X4_50 or 36h11")
-
-
 def _options(text: str, parts: list[str]) -> dict[str, Any]:
     options: dict[str, Any] = {}
     for part in parts:
@@ -272,3 +268,118 @@ def _paper_m(board: Board) -> tuple[float, float]:
             if paper[0] >= needed[0] and paper[1] >= needed[1]:
                 return paper
     return needed
+
+
+LEAST_CORNERS = 6
+"""ChArUco corners that determine the board's pose well enough."""
+
+_CHESSBOARD_SHARE = 0.35
+"""The refinement's half window over the smallest extent of a square."""
+_CHARUCO_GAPS = 1.0
+"""The same over the white gap around a marker, which must stay outside of the window."""
+_WINDOW_PX = (2, 11)
+_STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-3)
+_CHESSBOARD_FLAGS = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
+
+
+class CornerFinder:
+    """Finds one kind of board; one per thread."""
+
+    def __init__(self, board: Board) -> None:
+        """Prepares OpenCV's detector."""
+        self._board = board
+        self._charuco = cv2.aruco.CharucoDetector(board.charuco) if board.kind == CHARUCO else None
+        gap = (1.0 - board.marker_share) / 2.0
+        self._share = _CHARUCO_GAPS * gap if self._charuco else _CHESSBOARD_SHARE
+
+    def find(self, image: Image) -> tuple[Ints, Floats] | None:
+        """Looks for the board in an (h, w) uint8 picture.
+
+        Returns:
+            (n,) numbers of the corners and (n, 2) pixels; None: no board was found.
+        """
+        if self._board.inverted:
+            image = np.asarray(cv2.bitwise_not(image), dtype=np.uint8)
+        found = self._find_charuco(image) if self._charuco else self._find_chessboard(image)
+        if found is None:
+            return None
+        ids, pixels = found
+        return ids, _refined(image, pixels, self._share * self._square_px(ids, pixels))
+
+    def _find_charuco(self, image: Image) -> tuple[Ints, Floats] | None:
+        assert self._charuco is not None
+        pixels, ids, _, _ = self._charuco.detectBoard(image)
+        if ids is None or len(ids) < LEAST_CORNERS:
+            return None
+        numbers = np.asarray(ids, dtype=np.int64).ravel()
+        # Corners of a single row do not fix the turn about it.
+        per_row = self._board.columns - 1
+        if len(set(numbers // per_row)) < 2 or len(set(numbers % per_row)) < 2:
+            return None
+        return numbers, np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
+
+    def _find_chessboard(self, image: Image) -> tuple[Ints, Floats] | None:
+        size = (self._board.columns - 1, self._board.rows - 1)
+        flags = _CHESSBOARD_FLAGS | cv2.CALIB_CB_FAST_CHECK
+        found, corners = cv2.findChessboardCorners(image, size, flags=flags)
+        if not found:
+            found, corners = cv2.findChessboardCornersSB(image, size)
+        if not found:
+            return None
+        grid = corners.reshape(size[1], size[0], 2).astype(np.float64)
+        grid = self._upright(image, grid)
+        return np.arange(size[0] * size[1]), grid.reshape(-1, 2)
+
+    def _upright(self, image: Image, grid: Floats) -> Floats:
+        """The (rows, columns, 2) corners with the printed board's upper left one first."""
+        right, down = grid[0, -1] - grid[0, 0], grid[-1, 0] - grid[0, 0]
+        if right[0] * down[1] - right[1] * down[0] < 0.0:
+            grid = grid[:, ::-1]
+        middles = (grid[1:, 1:] + grid[:-1, 1:] + grid[1:, :-1] + grid[:-1, :-1]) / 4.0
+        rows, columns = middles.shape[:2]
+        column, row = np.meshgrid(np.arange(1, columns + 1), np.arange(rows, 0, -1))
+        grey = _grey(image, middles)
+        dark = (column + row) % 2 == 0
+        turned = grey[dark].mean() > grey[~dark].mean()
+        return grid[::-1, ::-1] if turned else grid
+
+    def _square_px(self, ids: Ints, pixels: Floats) -> Floats:
+        """(n,) the smallest extent of a square near each corner, with its foreshortening."""
+        per_row = self._board.columns - 1
+        place = np.column_stack((ids % per_row, ids // per_row)).astype(np.float64)
+        # The distortion of a lens is negligible over one square.
+        matrix = np.asarray(cv2.findHomography(place, pixels)[0], dtype=np.float64)
+        if matrix.shape != (3, 3):
+            return np.zeros(len(ids))
+        sides = [
+            _mapped(matrix, place + half) - _mapped(matrix, place - half)
+            for half in np.array(((0.5, 0.0), (0.0, 0.5)))
+        ]
+        return np.asarray(np.linalg.svd(np.stack(sides, axis=-1), compute_uv=False)[:, 1])
+
+
+def _mapped(matrix: Floats, points: Floats) -> Floats:
+    """(n, 2) points through a (3, 3) projective map."""
+    mapped = np.column_stack((points, np.ones(len(points)))) @ matrix.T
+    return np.asarray(mapped[:, :2] / mapped[:, 2:])
+
+
+def _grey(image: Image, points_px: Floats) -> Floats:
+    column = np.clip(np.rint(points_px[..., 0]).astype(int), 0, image.shape[1] - 1)
+    row = np.clip(np.rint(points_px[..., 1]).astype(int), 0, image.shape[0] - 1)
+    return np.asarray(image[row, column], dtype=np.float64)
+
+
+def _refined(image: Image, pixels: Floats, window_px: Floats) -> Floats:
+    """The saddles of the grey levels near the corners, each in a window of its own size."""
+    half = np.clip(window_px.astype(int), *_WINDOW_PX)
+    refined: Floats = pixels.copy()
+    for size in np.unique(half):
+        chosen = half == size
+        start = pixels[chosen].astype(np.float32).reshape(-1, 1, 2)
+        end = cv2.cornerSubPix(image, start.copy(), (int(size), int(size)), (-1, -1), _STOP)
+        moved = end.reshape(-1, 2).astype(np.float64)
+        # A corner that moves out of its window has found something else.
+        near = np.linalg.norm(moved - pixels[chosen], axis=1) <= size
+        refined[chosen] = np.where(near[:, np.newaxis], moved, pixels[chosen])
+    return refined

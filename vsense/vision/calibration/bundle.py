@@ -19,6 +19,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.vision.calibration.frame import turn
 from vsense.vision.cameras.camera import Camera, Floats
 
 LENS_SIZE = 9
@@ -99,19 +100,6 @@ def undistorted(lens: Floats, pixels: Floats) -> Floats:
     camera = camera_of("lens", (1, 1), lens, np.diag((1.0, -1.0, -1.0)), np.array((0.0, 0.0, 1.0)))
     # One metre above the floor and looking down, floor x and -y are the ray's slopes.
     return camera.to_plane(pixels, 0.0) * (1.0, -1.0)
-
-
-def turn(vectors: Floats) -> Floats:
-    """Returns (n, 3, 3) rotations by the (n, 3) vectors, direction the axis, length the angle.
-
-    Source: Rodrigues' formula.
-    """
-    angle = np.linalg.norm(vectors, axis=1)[:, None, None]
-    axis = vectors / np.maximum(angle[:, :, 0], 1e-300)
-    cross = np.zeros((len(vectors), 3, 3))
-    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -axis[:, 2], axis[:, 1], -axis[:, 0]
-    cross -= np.transpose(cross, (0, 2, 1))
-    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross)
 
 
 Ints = NDArray[np.int64]

@@ -18,6 +18,7 @@ import numpy as np
 from vsense.base.errors import ConfigError
 from vsense.vision.calibration.checked import digest
 from vsense.vision.calibration.frame import FrameShift
+from vsense.vision.calibration.placement import SEEN_COLUMNS
 from vsense.vision.calibration.views import number_at, read_table
 from vsense.vision.cameras.camera import Camera, Floats
 
@@ -206,3 +207,19 @@ def rms(lengths: Floats) -> float:
 
 def _mm(length_m: float) -> float:
     return round(1e3 * length_m, 2)
+
+
+def read_seen(
+    path: Path, points: Mapping[str, Floats], cameras: Mapping[str, Camera]
+) -> list[PointSight]:
+    """Reads where cameras see points, `camera,id,x_px,y_px`; raises UsageError or ConfigError."""
+    sights = []
+    for line, (camera, id, *place) in read_table(path, SEEN_COLUMNS):
+        if camera not in cameras:
+            known = ", ".join(cameras)
+            raise ConfigError(str(path), line, f"camera: '{camera}': expected {known}")
+        if id not in points:
+            raise ConfigError(str(path), line, f"id: '{id}' is not among the points")
+        x, y = (number_at(path, line, n, text) for n, text in zip(SEEN_COLUMNS[2:], place))
+        sights.append(PointSight(camera, id, np.array((x, y))))
+    return sights

@@ -12,17 +12,17 @@ from typing import Any
 
 import numpy as np
 
-from vsense.base.errors import ConfigError, UsageError, VsenseError
+from vsense.base.errors import UsageError, VsenseError
 from vsense.base.terminal import aligned
 from vsense.vision.calibration import check
-from vsense.vision.calibration.board import Board
-from vsense.vision.calibration.check import PointCheck, PointSight, rms, steps_m
+from vsense.vision.calibration.board import Board, CornerFinder
+from vsense.vision.calibration.check import PointCheck, PointSight, read_seen, rms, steps_m
 from vsense.vision.calibration.checked import FILE
 from vsense.vision.calibration.frame import FrameShift
 from vsense.vision.calibration.pictures import gather, inspect
-from vsense.vision.calibration.placement import SEEN_COLUMNS, FloorReference, TagFinder
+from vsense.vision.calibration.placement import FloorReference, TagFinder
 from vsense.vision.calibration.session import cameras_of
-from vsense.vision.calibration.views import CornerFinder, View, number_at, read_table
+from vsense.vision.calibration.views import View
 from vsense.vision.cameras.camera import Camera, Floats
 from vsense.vision.cameras.picture import Image
 from vsense.vision.markers.families import load_family
@@ -95,7 +95,6 @@ def run(options: CheckOptions) -> int:
 
 
 def _check_options(options: CheckOptions) -> None:
-    """Refuses options that do not go together."""
     if bool(options.points) == bool(options.board):
         raise UsageError("expected one of --points and --board")
     if options.board and not options.floor:
@@ -125,22 +124,6 @@ def _with_points(options: CheckOptions, cameras: Mapping[str, Camera]) -> PointC
         raise VsenseError(f"{options.points}: none of its points was seen")
     tapes = [tape for tape in tapes if tape.first in seen and tape.second in seen]
     return check.check(cameras, points, sights, tapes)
-
-
-def read_seen(
-    path: Path, points: Mapping[str, Floats], cameras: Mapping[str, Camera]
-) -> list[PointSight]:
-    """Reads where cameras see points, `camera,id,x_px,y_px`; raises UsageError or ConfigError."""
-    sights = []
-    for line, (camera, id, *place) in read_table(path, SEEN_COLUMNS):
-        if camera not in cameras:
-            known = ", ".join(cameras)
-            raise ConfigError(str(path), line, f"camera: '{camera}': expected {known}")
-        if id not in points:
-            raise ConfigError(str(path), line, f"id: '{id}' is not among the points")
-        x, y = (number_at(path, line, n, text) for n, text in zip(SEEN_COLUMNS[2:], place))
-        sights.append(PointSight(camera, id, np.array((x, y))))
-    return sights
 
 
 def _looked(

@@ -1,4 +1,4 @@
-"""The arena frame over a calibrated rig: how far one is from another, and cameras carried over.
+"""Rigid motions: turns, poses of bodies, and the arena frame moved over a calibrated rig.
 
 A calibration says well where the cameras are to each other, and less well where the arena is: that
 is as good as the first board was laid. The one can be moved without touching the other: all cameras
@@ -67,3 +67,36 @@ def places_seen(cameras: Sequence[Camera], pixels: Sequence[Floats], height_m: f
     return np.array(
         [camera.to_plane(pixel, height_m) for camera, pixel in zip(cameras, pixels)]
     ).reshape(-1, 2)
+
+
+def turn(vectors: Floats) -> Floats:
+    """Returns (n, 3, 3) rotations by the (n, 3) vectors, direction the axis, length the angle.
+
+    Source: Rodrigues' formula.
+    """
+    angle = np.linalg.norm(vectors, axis=1)[:, None, None]
+    axis = vectors / np.maximum(angle[:, :, 0], 1e-300)
+    cross = np.zeros((len(vectors), 3, 3))
+    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -axis[:, 2], axis[:, 1], -axis[:, 0]
+    cross -= np.transpose(cross, (0, 2, 1))
+    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross)
+
+
+@dataclass(frozen=True, slots=True)
+class BoardPose:
+    """A body's pose: `turn` (3, 3) @ point + `shift` (3,) [m] takes its points to another frame."""
+
+    turn: Floats
+    shift: Floats
+
+    def inverse(self) -> BoardPose:
+        """Returns the inverse transform."""
+        return BoardPose(self.turn.T, -self.turn.T @ self.shift)
+
+    def after(self, first: BoardPose) -> BoardPose:
+        """Returns this transform applied after another."""
+        return BoardPose(self.turn @ first.turn, self.turn @ first.shift + self.shift)
+
+    def apply(self, points: Floats) -> Floats:
+        """Transforms (n, 3) points."""
+        return np.asarray(points @ self.turn.T + self.shift)

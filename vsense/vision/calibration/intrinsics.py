@@ -23,7 +23,8 @@ from vsense.vision.calibration.bundle import (
     camera_of,
     project,
 )
-from vsense.vision.calibration.placement import BoardPose, first_lens, poses_in_camera
+from vsense.vision.calibration.frame import BoardPose
+from vsense.vision.calibration.placement import first_lens, poses_in_camera
 from vsense.vision.calibration.solution import (
     CalibrationError,
     Solution,

@@ -18,8 +18,8 @@ from typing import TypeVar
 import cv2
 
 from vsense.base.errors import UsageError
-from vsense.vision.cameras.picture import Image, PictureError, read_picture, to_grey
-from vsense.vision.cameras.recordings import SUFFIXES, CaptureTime, read_timestamps
+from vsense.vision.cameras.picture import SUFFIXES, Image, PictureError, read_picture, to_grey
+from vsense.vision.cameras.recordings import CaptureTime, read_timestamps
 
 T = TypeVar("T")
 

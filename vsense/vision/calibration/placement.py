@@ -16,12 +16,13 @@ import cv2
 import numpy as np
 
 from vsense.base.errors import ConfigError, UsageError
-from vsense.vision.calibration.board import dictionary_name
 from vsense.vision.calibration.bundle import LENS_SIZE, project, undistorted
+from vsense.vision.calibration.frame import BoardPose
 from vsense.vision.calibration.solution import CalibrationError
 from vsense.vision.calibration.views import View, number_at, read_table
 from vsense.vision.cameras.camera import Floats
 from vsense.vision.cameras.picture import Image
+from vsense.vision.markers.dictionary import dictionary_name
 
 POINT_COLUMNS = ("id", "x_m", "y_m", "z_m")
 SEEN_COLUMNS = ("camera", "id", "x_px", "y_px")
@@ -153,26 +154,6 @@ _FOCAL_SHARES = np.geomspace(0.4, 5.0, 16)
 """Focal lengths that are tried, over the picture's width: 100 to 11 degrees of view."""
 _PATIENCE_PX = 100.0
 """Points that are further off count as this."""
-
-
-@dataclass(frozen=True, slots=True)
-class BoardPose:
-    """A body's pose: `turn` (3, 3) @ point + `shift` (3,) [m] takes its points to another frame."""
-
-    turn: Floats
-    shift: Floats
-
-    def inverse(self) -> BoardPose:
-        """Returns the inverse transform."""
-        return BoardPose(self.turn.T, -self.turn.T @ self.shift)
-
-    def after(self, first: BoardPose) -> BoardPose:
-        """Returns this transform applied after another."""
-        return BoardPose(self.turn @ first.turn, self.turn @ first.shift + self.shift)
-
-    def apply(self, points: Floats) -> Floats:
-        """Transforms (n, 3) points."""
-        return np.asarray(points @ self.turn.T + self.shift)
 
 
 def poses_in_camera(lens: Floats, points: Floats, pixels: Floats) -> list[BoardPose]:

@@ -17,9 +17,9 @@ from vsense.vision.calibration.bundle import (
     Knowledge,
     camera_of,
 )
+from vsense.vision.calibration.frame import BoardPose
 from vsense.vision.calibration.intrinsics import NOISE_PX, any_lens
 from vsense.vision.calibration.placement import (
-    BoardPose,
     FloorReference,
     Placement,
     Placer,
@@ -131,7 +131,6 @@ class RigSolver:
         return np.asarray(board.points_m[view.ids])
 
     def _place_m(self, body: str) -> Floats:
-        """Where a known point is."""
         return self._rig.floor.points_m[body.removeprefix("point ")]
 
     def _start(self) -> Estimate:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from vsense.base.errors import UsageError
 from vsense.base.files import read_text
 from vsense.vision.calibration import report
-from vsense.vision.calibration.board import Board, page
+from vsense.vision.calibration.board import Board, CornerFinder, page
 from vsense.vision.calibration.bundle import lens_of
 from vsense.vision.calibration.intrinsics import calibrate_lenses
 from vsense.vision.calibration.pictures import PictureFile, gather, inspect
@@ -28,13 +29,7 @@ from vsense.vision.calibration.placement import (
 )
 from vsense.vision.calibration.rig import Rig, RigSolver, Trust
 from vsense.vision.calibration.solution import Solution, check_board
-from vsense.vision.calibration.views import (
-    BoardViews,
-    CornerFinder,
-    View,
-    read_corners,
-    write_corners,
-)
+from vsense.vision.calibration.views import BoardViews, View, read_corners, write_corners
 from vsense.vision.cameras.camera import Camera, Floats
 from vsense.vision.cameras.picture import Image
 from vsense.vision.markers import paper
@@ -293,6 +288,48 @@ def save(
     for camera in solution.cameras:
         _write(folder / f"{camera.id}.json", (camera.to_json() + "\n").encode())
     return report.as_text(solution, check), text
+
+
+class PictureCalibration:
+    """Calibrates cameras from a board's pictures as they come, as `rig` does from files."""
+
+    def __init__(self, board: Board, sizes_px: Mapping[str, tuple[int, int]]) -> None:
+        """Takes the board as it was measured, and width and height of the pictures by camera."""
+        self._board = board
+        self._sizes = dict(sorted(sizes_px.items()))
+        self._counts = dict.fromkeys(sizes_px, 0)
+        self._looks: list[tuple[str, str, Future[Corners | None]]] = []
+        self._finder = CornerFinder(board)
+        # What is drawn next waits for nobody: corners are looked for beside it.
+        self._looker = ThreadPoolExecutor(1)
+
+    def look(self, camera: str, moment: str, image: Image) -> None:
+        """Takes an (h, w) uint8 picture; the caller does not change it any more."""
+        self._counts[camera] += 1
+        self._looks.append((camera, moment, self._looker.submit(self._finder.find, image)))
+
+    def views(self) -> list[View]:
+        """Waits for all pictures that were taken; gives where the board's corners are in them."""
+        self._looker.shutdown()
+        seen = ((camera, moment, look.result()) for camera, moment, look in self._looks)
+        views = [View(camera, moment, *found) for camera, moment, found in seen if found]
+        return sorted(views, key=lambda view: (view.camera, view.moment))
+
+    def solve(
+        self, views: Sequence[View], flat: str, origin: tuple[float, float, float]
+    ) -> Solution:
+        """Finds all cameras; in the moments `flat` the board lies on the floor, first at `origin`.
+
+        Raises CalibrationError where the pictures do not link the cameras.
+        """
+        shoot = BoardViews(self._sizes, views, self._counts)
+        lenses = {one.id: lens_of(one) for one in calibrate_lenses(shoot, self._board).cameras}
+        floor = FloorReference(flat=(flat,), origin=origin)
+        return RigSolver(Rig(shoot, self._board, floor, lenses, Trust.FREE)).solve()
+
+    def save(self, folder: Path, title: str, views: Sequence[View], solution: Solution) -> None:
+        """Writes camera files and report; raises UsageError."""
+        save(folder, title, solution, self._board, views)
 
 
 def cameras_of(option: str, folder: Path) -> dict[str, Camera]:

@@ -11,8 +11,6 @@ from vsense.vision.cameras import aravis, v4l2
 from vsense.vision.cameras import networks as gige
 from vsense.vision.cameras.aravis import AravisError
 from vsense.vision.cameras.aravis_camera import AravisCamera
-from vsense.vision.cameras.controls import EXPOSURE, GAIN
-from vsense.vision.cameras.genicam import NAMES
 from vsense.vision.cameras.networks import (
     HELD,
     ListedCamera,
@@ -22,7 +20,7 @@ from vsense.vision.cameras.networks import (
     several,
     stranded,
 )
-from vsense.vision.cameras.source import Bounds
+from vsense.vision.cameras.source import EXPOSURE, GAIN, NAMES, Bounds
 
 GIGE, USB3, V4L2 = "GigE", "USB3", "V4L2"
 DEAF = "answers to everybody, but not to this host alone: look at its network mask and the firewall"
@@ -121,7 +119,6 @@ def _listed(listed: ListedCamera) -> FoundCamera:
 
 
 def _mark_shared(listed: Sequence[ListedCamera]) -> list[FoundCamera]:
-    """Marks cameras that share an address."""
     found = []
     for each in listed:
         same = [other for other in listed if each.address and other.address == each.address]

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 from vsense.base.errors import GrabberError
 from vsense.vision.cameras.aravis import AravisError
-from vsense.vision.cameras.aravis_camera import AravisCamera, is_address, locate
-from vsense.vision.cameras.aravis_stream import AravisStream
+from vsense.vision.cameras.aravis_camera import AravisCamera, AravisStream, is_address, locate
 from vsense.vision.cameras.networks import HELD, NetworkLoad, Stream, controlled
-from vsense.vision.cameras.opencv_source import Controls
 from vsense.vision.cameras.source import (
+    AUTOMATIC,
     FIRST_S,
+    FREE,
+    NAMES,
+    PIXEL_FORMATS,
+    SOFTWARE,
     Bounds,
+    GenicamSettings,
     Shot,
     Value,
     absent,
@@ -23,61 +26,6 @@ from vsense.vision.cameras.source import (
     silence_s,
 )
 
-FREE = "free"
-SOFTWARE = "software"
-PIXEL_FORMATS = ("Mono8", "BayerRG8", "BayerGB8", "BayerGR8", "BayerBG8")
-"""One byte per pixel. Bayer is taken as grey, which the camera's white balance keeps grey."""
-
-NAMES = {
-    "exposure_time_abs": ("ExposureTimeAbs", "ExposureTime"),
-    "gain_raw": ("GainRaw", "Gain"),
-    "offset_x": ("OffsetX",),
-    "offset_y": ("OffsetY",),
-    "width": ("Width",),
-    "height": ("Height",),
-    "pixel_format": ("PixelFormat",),
-}
-"""The resources file's name, and the cameras' names, the older one first."""
-_TIMES = {
-    "AcquisitionFrameRate": "frame_rate",
-    "AcquisitionFrameRateAbs": "frame_rate",
-    "TriggerMode": "trigger",
-    "TriggerSource": "trigger",
-    "GevSCPSPacketSize": "packet_size",
-    "GevSCPD": "packet_delay",
-}
-"""Features that Aravis sets itself for these attributes."""
-AUTOMATIC = {"exposure_time_abs": "ExposureAuto", "gain_raw": "GainAuto"}
-"""Features that set these by themselves."""
-
-
-@dataclass(frozen=True, slots=True)
-class GenicamSettings:
-    """What a camera is asked for; None leaves its own choice.
-
-    Attributes:
-        offset_px: Upper left corner of the part of the sensor that is read.
-        pixel_format: One of `PIXEL_FORMATS`; None: the first of them that the camera has.
-        packet_size: Bytes of a packet with its IP header; None: the largest that gets through.
-        packet_delay_us: Pause between two packets.
-        trigger: `FREE`, `SOFTWARE`, or the name of a line such as "Line1".
-        features: Names and values of other features, set in this order.
-    """
-
-    controls: Controls
-    offset_px: tuple[int, int] | None = None
-    pixel_format: str | None = None
-    packet_size: int | None = None
-    packet_delay_us: float | None = None
-    trigger: str = FREE
-    features: tuple[tuple[str, str], ...] = ()
-
-
-def attribute_of(feature: str) -> str | None:
-    """Returns the resources file's own name for a feature; None: it has none."""
-    named = {f: name for name, features in NAMES.items() for f in features}
-    return named.get(feature) or _TIMES.get(feature)
-
 
 def apply(camera: AravisCamera, settings: GenicamSettings) -> list[str]:
     """Sets everything; returns what was refused or rounded. Raises AravisError if unusable."""
@@ -85,8 +33,6 @@ def apply(camera: AravisCamera, settings: GenicamSettings) -> list[str]:
 
 
 class _Setting:
-    """One camera while it is set up."""
-
     def __init__(self, camera: AravisCamera, settings: GenicamSettings) -> None:
         self._camera = camera
         self._settings = settings

@@ -11,7 +11,7 @@ import cv2
 
 from vsense.base.errors import GrabberError
 from vsense.vision.cameras.picture import Image, PictureError, decode, is_jpeg, to_grey
-from vsense.vision.cameras.source import Shot, absent, refused, said
+from vsense.vision.cameras.source import Controls, Shot, absent, refused, said
 
 _SILENT = 0
 """OpenCV's level for no messages at all."""
@@ -53,20 +53,6 @@ EXPOSURE_UNIT_US = 100.0
 _MJPEG = cv2.VideoWriter.fourcc(*"MJPG")
 _PACKETS = -1
 """Value of CAP_PROP_FORMAT at which OpenCV hands over a stream's packets as they came."""
-
-
-@dataclass(frozen=True, slots=True)
-class Controls:
-    """What a camera is asked for; None leaves its own choice.
-
-    `size_px` is (width, height); `exposure_us` switches automatic exposure off; `gain_raw` has the
-    camera's own unit.
-    """
-
-    size_px: tuple[int, int] | None = None
-    rate_hz: float | None = None
-    exposure_us: float | None = None
-    gain_raw: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

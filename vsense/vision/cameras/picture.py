@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -139,3 +140,24 @@ def _is_whole(data: bytes) -> bool:
     if data.startswith(_JPEG):
         return _JPEG_END in data.rstrip(b"\0")[-64:]
     return True
+
+
+SUFFIXES = (".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".bmp", ".tif", ".tiff", ".webp")
+
+
+def pictures_in(folder: Path) -> list[str]:
+    """Returns the names of a folder's pictures in natural order; raises GrabberError."""
+    try:
+        names = [p.name for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and p.is_file()]
+    except OSError as error:
+        raise GrabberError(f"{folder}: cannot be read: {error.strerror}") from None
+    return sorted(names, key=natural_order)
+
+
+_DIGITS = re.compile(r"([0-9]+)")
+
+
+def natural_order(name: str) -> tuple[object, ...]:
+    """Sort key of names in which "a2" comes before "a10"."""
+    parts = _DIGITS.split(name.lower())
+    return tuple((int(p), "") if p.isdecimal() else (-1, p) for p in parts), name

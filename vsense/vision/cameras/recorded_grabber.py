@@ -279,7 +279,6 @@ class RecordedGrabber:
             self._coming.append((moment, parts))
 
     def _read(self, moment: RecordedTimestep, cameras: list[str]) -> list[Frame]:
-        """Reads the pictures of one reader's cameras."""
         frames = []
         for camera in cameras:
             place = moment.places.get(camera)

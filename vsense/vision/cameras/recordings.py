@@ -20,7 +20,14 @@ import cv2
 
 from vsense.base.errors import ConfigError, GrabberError
 from vsense.base.files import MOST_TABLE_BYTES, read_text
-from vsense.vision.cameras.picture import Image, PictureError, read_picture, to_grey
+from vsense.vision.cameras.picture import (
+    SUFFIXES,
+    Image,
+    PictureError,
+    pictures_in,
+    read_picture,
+    to_grey,
+)
 
 COLUMNS = ("picture", "timestep", "capture_ns", "capture_s")
 
@@ -144,11 +151,8 @@ def _seconds(path: Path, line: int, text: str) -> int:
     return round(value * 1e9)
 
 
-SUFFIXES = (".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".bmp", ".tif", ".tiff", ".webp")
 DEFAULT_RATE_HZ = 10.0
 """One timestep of ARGoS. Source: thesis, 2.2.1."""
-
-_DIGITS = re.compile(r"([0-9]+)")
 
 
 class DirectoryRecording:
@@ -185,21 +189,6 @@ class DirectoryRecording:
 
     def close(self) -> None:
         """Does nothing."""
-
-
-def natural_order(name: str) -> tuple[object, ...]:
-    """Sort key of names in which "a2" comes before "a10"."""
-    parts = _DIGITS.split(name.lower())
-    return tuple((int(p), "") if p.isdecimal() else (-1, p) for p in parts), name
-
-
-def pictures_in(folder: Path) -> list[str]:
-    """Returns the names of a folder's pictures in natural order; raises GrabberError."""
-    try:
-        names = [p.name for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and p.is_file()]
-    except OSError as error:
-        raise GrabberError(f"{folder}: cannot be read: {error.strerror}") from None
-    return sorted(names, key=natural_order)
 
 
 _MOST_PICTURES = 2_000_000

@@ -8,6 +8,21 @@ from typing import Protocol
 
 from vsense.vision.cameras.picture import Image
 
+
+@dataclass(frozen=True, slots=True)
+class Controls:
+    """What a camera is asked for; None leaves its own choice.
+
+    `size_px` is (width, height); `exposure_us` switches automatic exposure off; `gain_raw` has the
+    camera's own unit.
+    """
+
+    size_px: tuple[int, int] | None = None
+    rate_hz: float | None = None
+    exposure_us: float | None = None
+    gain_raw: float | None = None
+
+
 Value = float | str
 """A setting's value: a number in the setting's own unit, or a word such as "Mono8"."""
 Bounds = tuple[float, float]
@@ -110,3 +125,63 @@ def _text(value: Value) -> str:
     if isinstance(value, str):
         return value
     return f"{value:.0f}" if float(value).is_integer() else f"{value:.7g}"
+
+
+FREE = "free"
+SOFTWARE = "software"
+PIXEL_FORMATS = ("Mono8", "BayerRG8", "BayerGB8", "BayerGR8", "BayerBG8")
+"""One byte per pixel. Bayer is taken as grey, which the camera's white balance keeps grey."""
+
+NAMES = {
+    "exposure_time_abs": ("ExposureTimeAbs", "ExposureTime"),
+    "gain_raw": ("GainRaw", "Gain"),
+    "offset_x": ("OffsetX",),
+    "offset_y": ("OffsetY",),
+    "width": ("Width",),
+    "height": ("Height",),
+    "pixel_format": ("PixelFormat",),
+}
+"""The resources file's name, and the cameras' names, the older one first."""
+_TIMES = {
+    "AcquisitionFrameRate": "frame_rate",
+    "AcquisitionFrameRateAbs": "frame_rate",
+    "TriggerMode": "trigger",
+    "TriggerSource": "trigger",
+    "GevSCPSPacketSize": "packet_size",
+    "GevSCPD": "packet_delay",
+}
+"""Features that Aravis sets itself for these attributes."""
+AUTOMATIC = {"exposure_time_abs": "ExposureAuto", "gain_raw": "GainAuto"}
+"""Features that set these by themselves."""
+
+
+@dataclass(frozen=True, slots=True)
+class GenicamSettings:
+    """What a camera is asked for; None leaves its own choice.
+
+    Attributes:
+        offset_px: Upper left corner of the part of the sensor that is read.
+        pixel_format: One of `PIXEL_FORMATS`; None: the first of them that the camera has.
+        packet_size: Bytes of a packet with its IP header; None: the largest that gets through.
+        packet_delay_us: Pause between two packets.
+        trigger: `FREE`, `SOFTWARE`, or the name of a line such as "Line1".
+        features: Names and values of other features, set in this order.
+    """
+
+    controls: Controls
+    offset_px: tuple[int, int] | None = None
+    pixel_format: str | None = None
+    packet_size: int | None = None
+    packet_delay_us: float | None = None
+    trigger: str = FREE
+    features: tuple[tuple[str, str], ...] = ()
+
+
+def attribute_of(feature: str) -> str | None:
+    """Returns the resources file's own name for a feature; None: it has none."""
+    named = {f: name for name, features in NAMES.items() for f in features}
+    return named.get(feature) or _TIMES.get(feature)
+
+
+EXPOSURE, GAIN = "exposure_time_abs", "gain_raw"
+"""As in the resources file: exposure in us, gain in the camera's own unit."""

@@ -89,7 +89,6 @@ _READ, _WRITE = 2, 1
 
 
 def _request(direction: int, number: int, layout: struct.Struct) -> int:
-    """The number of a V4L2 ioctl."""
     return direction << 30 | layout.size << 16 | ord("V") << 8 | number
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.errors import VsenseError, instead
+from vsense.base.errors import UsageError, VsenseError, instead
 
 if TYPE_CHECKING:
     import cv2
@@ -193,3 +193,13 @@ def _distance(bits: NDArray[np.uint8]) -> int:
         np.fill_diagonal(apart, least)
         least = min(least, round(float(apart.min())))
     return max(least, 1)
+
+
+def dictionary_name(text: str) -> str:
+    """Returns OpenCV's name of a dictionary, without "DICT_"; raises UsageError without one."""
+    import cv2
+
+    for name in (text, text.removeprefix("DICT_"), f"APRILTAG_{text}"):
+        if isinstance(getattr(cv2.aruco, f"DICT_{name}", None), int):
+            return name
+    raise UsageError(f"dictionary '{text}': expected e.g. 4X4_50 or 36h11")

@@ -223,7 +223,6 @@ def _file(objects: Sequence[bytes]) -> bytes:
 
 
 def _content(page: Page) -> bytes:
-    """The page's drawing operators, in millimetres."""
     scale = f"{POINTS_PER_MM:.9f}"
     parts = [f"{scale} 0 0 {scale} 0 0 cm"]
     for item in page.items:

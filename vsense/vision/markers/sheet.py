@@ -7,15 +7,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.errors import UsageError
+from vsense.base.errors import UsageError, failing_as
 from vsense.vision.markers.dictionary import SquareFamily
-from vsense.vision.markers.families import MarkerFamily
-from vsense.vision.markers.paper import Fill, Floats, Page, Text, dashed_circle, line
+from vsense.vision.markers.families import MarkerFamily, load_family, parse_tags
+from vsense.vision.markers.paper import (
+    Fill,
+    Floats,
+    Page,
+    Text,
+    dashed_circle,
+    document,
+    draw,
+    line,
+    png,
+)
 
 AnyFamily = MarkerFamily | SquareFamily
 
@@ -211,3 +222,81 @@ def _frame(page: Page, title: str) -> None:
     page.items.append(
         Text(left + _BAR_MM + 4.0, base - 1.6, 3.2, "print at 100 %, not fit to page")
     )
+
+
+@dataclass(frozen=True, slots=True)
+class SheetOptions:
+    """Which markers are drawn into which file; see `vsense markers -h`.
+
+    Attributes:
+        output: NAME.pdf, or NAME.png; several pages become NAME-1.png, NAME-2.png, ...
+        family: a shipped family's name, or a definition file.
+        ids: their numbers, as `parse_tags` reads them; where there are `names` they count.
+        names: who wears them, by number.
+        size_mm: diameter of the disc; None: the family's.
+        paper: "a4" or "letter".
+        dpi: of PNGs.
+    """
+
+    output: Path
+    family: str = "arrow4x4"
+    ids: str = ""
+    names: Mapping[int, str] = field(default_factory=dict)
+    size_mm: float | None = None
+    paper: str = "a4"
+    dpi: int = 300
+
+
+@dataclass(frozen=True, slots=True)
+class Sheets:
+    """Sheets that were written: files and markers' numbers; `scale` is a hint where one is needed.
+
+    It says with which definition discs of another size are tracked.
+    """
+
+    files: tuple[Path, ...]
+    tags: tuple[int, ...]
+    scale: str | None
+
+
+def write(options: SheetOptions) -> Sheets:
+    """Writes sheets of markers, true to scale.
+
+    Raises:
+        UsageError: a number, the size or the file's name cannot be used, or it cannot be written.
+        FamilyError: there is no such family.
+    """
+    output, dpi = options.output, options.dpi
+    suffix = output.suffix.lower()
+    if suffix not in (".pdf", ".png"):
+        raise UsageError(f"{output}: expected a name that ends in .pdf or .png")
+    family = load_family(options.family)
+    tags = list(options.names) if options.names else parse_tags(options.ids, family)
+    size_mm = options.size_mm or family.disc_diameter_mm
+    drawn = pages(family, tags, size_mm, options.paper, options.names)
+    if suffix == ".pdf":
+        files = {output: document(drawn)}
+    else:
+        names = _file_names(output, len(drawn))
+        files = {name: png(draw(page, dpi), dpi) for name, page in zip(names, drawn)}
+    for name, data in files.items():
+        with failing_as(UsageError, f"{name}: cannot be written"):
+            name.write_bytes(data)
+    return Sheets(tuple(files), tuple(tags), _scale_hint(family, size_mm))
+
+
+def _scale_hint(family: AnyFamily, size_mm: float) -> str | None:
+    if abs(size_mm - family.disc_diameter_mm) <= 1e-6:
+        return None
+    scale = size_mm / family.disc_diameter_mm
+    return (
+        f"the family {family.name} is defined for discs of {family.disc_diameter_mm:g} mm: track"
+        f" these with a definition whose lengths are {scale:.6g} times as large"
+    )
+
+
+def _file_names(output: Path, count: int) -> list[Path]:
+    if count == 1:
+        return [output]
+    width = len(str(count))
+    return [output.with_stem(f"{output.stem}-{n:0{width}}") for n in range(1, count + 1)]

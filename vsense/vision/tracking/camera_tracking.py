@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 
 from vsense.base.arena import ArenaState, Frame
 from vsense.base.errors import GrabberError, NoMorePictures, VsenseError
+from vsense.vision.cameras.camera import Camera
 from vsense.vision.cameras.grabber import CameraEvent, Grabber, Troubles
 from vsense.vision.cameras.health import Health
 from vsense.vision.cameras.paced_grabber import HeldPlayer
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 from vsense.vision.tracking.marker_watch import MarkerWatch
+from vsense.vision.tracking.views import Floats, ahead_m, heading_px_rad
 
 PERIOD_NS = 80_000_000
 """Pictures of a live camera that follow each other faster than this are not all checked."""
@@ -190,3 +192,37 @@ class CameraTracking:
     def _tell_events(self, events: Iterable[CameraEvent]) -> None:
         for line in self.troubles.lines(events):
             self._tell(line)
+
+
+class ImagePoses:
+    """Finds for each robot the picture that shows it best."""
+
+    def __init__(self, cameras: Sequence[Camera], heights_m: Mapping[int, float]) -> None:
+        self._cameras = list(cameras)
+        self._heights_m = dict(heights_m)
+
+    def learn(self, heights_m: Mapping[int, float]) -> None:
+        """Takes the heights of tags that have joined, too; any thread."""
+        self._heights_m.update(heights_m)
+
+    def __call__(self, robots: NDArray[np.void]) -> Floats:
+        """Returns (n,) POSE robots' poses in the picture whose middle they are nearest to.
+
+        Returns:
+            (n, 3) column and row of the disc's centre [px], and the heading in the picture
+            [degrees], counter-clockwise in (-180, 180] and 0 to the right.
+        """
+        height = [self._heights_m.get(int(tag), 0.0) for tag in robots["tag"]]
+        place = np.stack((robots["x_m"], robots["y_m"], np.array(height, dtype=float)), axis=-1)
+        best = np.zeros((len(robots), 3))
+        nearest = np.full(len(robots), np.inf)
+        for camera in self._cameras:
+            at_px = camera.project(place)
+            ahead_px = camera.project(place + ahead_m(robots["yaw_rad"]))
+            theta = np.degrees(heading_px_rad(ahead_px - at_px))
+            size = np.array((camera.width_px, camera.height_px))
+            off = np.abs((at_px + 0.5) / size - 0.5).max(axis=1)
+            better = off < nearest
+            nearest[better] = off[better]
+            best[better] = np.column_stack((at_px, theta))[better]
+        return best

@@ -13,7 +13,7 @@ from statistics import median
 from vsense.base.errors import ConfigError, GrabberError
 from vsense.vision.cameras import aravis
 from vsense.vision.cameras.aravis_camera import is_address
-from vsense.vision.cameras.genicam import FREE, SOFTWARE, GenicamSettings, GenicamSource
+from vsense.vision.cameras.genicam import GenicamSource
 from vsense.vision.cameras.grabber import Grabber, Troubles
 from vsense.vision.cameras.live_grabber import LiveGrabber, SoftwareTrigger
 from vsense.vision.cameras.networks import (
@@ -23,15 +23,15 @@ from vsense.vision.cameras.networks import (
     NetworkLoad,
     Stream,
 )
-from vsense.vision.cameras.opencv_source import Controls, DeviceSource, teach_opencv
+from vsense.vision.cameras.opencv_source import DeviceSource, teach_opencv
 from vsense.vision.cameras.paced_grabber import HeldPlayer, PacedGrabber
 from vsense.vision.cameras.recorded_grabber import CameraRecording, RecordedGrabber
 from vsense.vision.cameras.recordings import DirectoryRecording, VideoRecording
-from vsense.vision.cameras.source import Source
+from vsense.vision.cameras.source import FREE, SOFTWARE, Controls, GenicamSettings, Source
 from vsense.vision.markers.families import SquareFamily, load_family
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 from vsense.vision.tracking.camera_tracking import CameraTracking
-from vsense.vision.tracking.legibility import cell_width_seen
+from vsense.vision.tracking.marker_detector import cell_width_seen
 from vsense.vision.tracking.mask import Mask, outlines_px
 from vsense.vision.tracking.prediction import MarkerSearch, SearchPlan
 from vsense.vision.tracking.specs import (

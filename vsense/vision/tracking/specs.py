@@ -9,12 +9,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Protocol
 
 from vsense.base.errors import ConfigError
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.cameras.genicam import FREE, GenicamSettings
-from vsense.vision.cameras.opencv_source import Controls
-from vsense.vision.tracking.marker_offsets import PlacedMarker
+from vsense.vision.cameras.source import FREE, Controls, GenicamSettings
 from vsense.vision.tracking.mask import Mask, MaskError
 
 DIRECTORY = "directory"
@@ -230,3 +229,16 @@ class TrackingSession:
     def error(self, line: int, message: str) -> ConfigError:
         """Makes the error that something in the experiment file is wrong."""
         return ConfigError(self.file, line, message)
+
+
+class PlacedMarker(Protocol):
+    """A marker's place in its robot's frame: its centre [m] and its heading [rad]."""
+
+    @property
+    def x_m(self) -> float: ...
+
+    @property
+    def y_m(self) -> float: ...
+
+    @property
+    def yaw_rad(self) -> float: ...

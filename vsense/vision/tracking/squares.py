@@ -12,7 +12,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.vision.markers.dictionary import Codes, Floats
+from vsense.base.errors import UsageError, instead
+from vsense.vision.markers.dictionary import Codes, FamilyError, Floats, dictionary_name, load_codes
+from vsense.vision.markers.families import SquareFamily, known_families, load_family
 from vsense.vision.tracking.squares_edges import Sides, fit_local_corners, fit_sides
 from vsense.vision.tracking.squares_words import WordReader
 
@@ -307,3 +309,38 @@ def _single(found: NDArray[np.void]) -> NDArray[np.void]:
             kept.append(row)
     found = found[kept]
     return found[np.lexsort((*found["corners_px"][:, 0].T, found["tag"]))]
+
+
+def codes_of(name: str) -> Codes:
+    """Returns the words of a square family, or of a dictionary by its name or file.
+
+    Raises:
+        UsageError: there are none of this name, or its markers cannot be found in any picture.
+    """
+    try:
+        if name.endswith((".yml", ".yaml", ".xml")):
+            return load_codes(name)
+        if not name.endswith(".json") and name not in known_families():
+            return load_codes(_dictionary(name))
+        family = load_family(name)
+    except FamilyError as error:
+        raise UsageError(f"--family: {error}") from None
+    if isinstance(family, SquareFamily):
+        return family.codes
+    raise UsageError(
+        f"--family: {name} are arrows, which are told from other dark things by their size, and"
+        " that takes a calibrated camera: expected ArUco or AprilTag markers; arrows are found by"
+        " `vsense track`, in folders of pictures, too, and by `vsense cameras show`"
+    )
+
+
+def _dictionary(name: str) -> str:
+    try:
+        return f"DICT_{dictionary_name(name)}"
+    except UsageError:
+        square = [n for n in known_families() if isinstance(load_family(n), SquareFamily)]
+        known = [*square, *(word for word in dir(cv2.aruco) if word.startswith("DICT_"))]
+        raise UsageError(
+            f"--family: {name!r} is neither the path of a definition (.json) or of a dictionary"
+            f" (.yml) nor a known family; {instead(name, known)}"
+        ) from None

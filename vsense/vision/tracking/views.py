@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.arena import DETECTION, IMAGE_POSE, UNNAMED
-from vsense.vision.cameras.camera import Camera
 from vsense.vision.cameras.camera_array import CameraArray, Places
 from vsense.vision.tracking.rows import stack_rows
 
@@ -244,56 +243,22 @@ def image_poses(cameras: CameraArray, placed: Placed) -> NDArray[np.void]:
     poses = np.zeros(len(rows), dtype=IMAGE_POSE)
     at_px = np.stack((rows["x_px"], rows["y_px"]), axis=-1)
     points = np.column_stack((ground_m, height_m))
-    ahead_px = cameras.project(points + _ahead_m(rows["yaw_rad"]), camera)
+    ahead_px = cameras.project(points + ahead_m(rows["yaw_rad"]), camera)
     poses["tag"], poses["camera"] = rows["tag"], picture
     poses["x_px"], poses["y_px"] = at_px.T
-    poses["yaw_px_rad"] = _heading_px_rad(ahead_px - at_px)
+    poses["yaw_px_rad"] = heading_px_rad(ahead_px - at_px)
     poses["x_m"], poses["y_m"] = ground_m.T
     poses["yaw_rad"] = rows["yaw_rad"]
     return poses
 
 
-class ImagePoses:
-    """Finds for each robot the picture that shows it best."""
-
-    def __init__(self, cameras: Sequence[Camera], heights_m: Mapping[int, float]) -> None:
-        self._cameras = list(cameras)
-        self._heights_m = dict(heights_m)
-
-    def learn(self, heights_m: Mapping[int, float]) -> None:
-        """Takes the heights of tags that have joined, too; any thread."""
-        self._heights_m.update(heights_m)
-
-    def __call__(self, robots: NDArray[np.void]) -> Floats:
-        """Returns (n,) POSE robots' poses in the picture whose middle they are nearest to.
-
-        Returns:
-            (n, 3) column and row of the disc's centre [px], and the heading in the picture
-            [degrees], counter-clockwise in (-180, 180] and 0 to the right.
-        """
-        height = [self._heights_m.get(int(tag), 0.0) for tag in robots["tag"]]
-        place = np.stack((robots["x_m"], robots["y_m"], np.array(height, dtype=float)), axis=-1)
-        best = np.zeros((len(robots), 3))
-        nearest = np.full(len(robots), np.inf)
-        for camera in self._cameras:
-            at_px = camera.project(place)
-            ahead_px = camera.project(place + _ahead_m(robots["yaw_rad"]))
-            theta = np.degrees(_heading_px_rad(ahead_px - at_px))
-            size = np.array((camera.width_px, camera.height_px))
-            off = np.abs((at_px + 0.5) / size - 0.5).max(axis=1)
-            better = off < nearest
-            nearest[better] = off[better]
-            best[better] = np.column_stack((at_px, theta))[better]
-        return best
-
-
-def _ahead_m(yaw_rad: Floats) -> Floats:
+def ahead_m(yaw_rad: Floats) -> Floats:
     """Returns (n, 3) short ways in the arena along (n,) headings."""
     along = (np.cos(yaw_rad), np.sin(yaw_rad), np.zeros(len(yaw_rad)))
     return _AHEAD_M * np.stack(along, axis=-1)
 
 
-def _heading_px_rad(along_px: Floats) -> Floats:
+def heading_px_rad(along_px: Floats) -> Floats:
     """Returns headings in a picture, counter-clockwise in (-pi, pi] and 0 to the right.
 
     `along_px` is (n, 2) the picture of a short way ahead.

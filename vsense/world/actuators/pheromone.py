@@ -65,7 +65,6 @@ class PheromoneActuator:
         return ApplyFunction(kernels, "vs_field_release", self._release(world))
 
     def _release(self, world: World) -> Any:
-        """Makes the `struct vs_release *`."""
         field = world.fields[self.field].as_c()
         return kernel_ffi.new("struct vs_release *", (field, world.timestep_s, MAX_CONCENTRATION))
 

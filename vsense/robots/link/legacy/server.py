@@ -16,10 +16,10 @@ from typing import Any
 from vsense.base.clock import host_ns
 from vsense.robots.link.legacy.protocol import LegacyRobot, LegacySwarm
 from vsense.robots.link.listening import Client, ListeningServer
-from vsense.robots.link.peer import Goal
 from vsense.robots.link.server import NO_GOALS, VirtualSensorServer
 from vsense.robots.link.status import EventKind, EventThrottle, LinkEvent, RobotStatus
 from vsense.robots.link.strangers import PERIOD_NS
+from vsense.robots.link.table import Goal
 from vsense.robots.link.wire import GoodbyeCause, Values, Wanted
 
 STUCK_NS = 5_000_000_000

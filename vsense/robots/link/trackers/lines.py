@@ -16,7 +16,7 @@ from typing import Any
 
 from vsense.base.arena import ArenaState
 from vsense.base.clock import host_ns
-from vsense.robots.link import descriptors
+from vsense.robots.link import strangers
 from vsense.robots.link.network import listen
 from vsense.robots.link.status import LinkError
 from vsense.robots.link.strangers import Places, StrangerLog, owner_of
@@ -253,7 +253,7 @@ class ArenaListener(TrackerLink):
         except OSError as error:
             text = f"cannot accept a connection: {error.strerror}"
             self._strangers.note("this machine", text, now_ns)
-            self._resume_ns = now_ns + round(descriptors.PAUSE_S * 1e9)
+            self._resume_ns = now_ns + round(strangers.PAUSE_S * 1e9)
             return
         sock.setblocking(False)
         candidate = _Tracker(sock, str(address[0]), now_ns)
@@ -362,6 +362,5 @@ class ArenaListener(TrackerLink):
 
 
 def _answer(sock: socket.socket, values: dict[str, object]) -> None:
-    """Writes one line, if the tracker reads."""
     with contextlib.suppress(OSError):
         sock.send(json.dumps(values).encode() + b"\n")

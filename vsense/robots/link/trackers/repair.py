@@ -260,5 +260,4 @@ class TrackerLink:
         raise NotImplementedError
 
     def _hang_up(self) -> None:
-        """Closes the connection."""
         raise NotImplementedError

@@ -154,8 +154,6 @@ class _Served(Client):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Waiting:
-    """A client that is not served yet."""
-
     sock: socket.socket
     origin: str
 

@@ -19,25 +19,9 @@ from vsense.vision.cameras.camera_array import CameraArray
 from vsense.vision.cameras.picture import Image
 from vsense.vision.markers.families import MarkerFamily, SquareFamily
 from vsense.vision.tracking.detector import make_detector
+from vsense.vision.tracking.marker_detector import CellWidth, cell_width
 from vsense.vision.tracking.prediction import Prediction
 from vsense.vision.tracking.views import image_poses, place_markers
-
-SPEED_M_S = 0.13
-"""An e-puck's greatest speed. Source: reference/epuck.md."""
-
-
-@dataclass(frozen=True, slots=True)
-class PictureScale:
-    """Pixels per metre at the height of the markers, and for the user how they are known."""
-
-    px_per_m: float
-    source: str
-
-
-def blur_px(exposure_us: float, speed_m_s: float, px_per_m: float) -> float:
-    """Returns how far something moves in the picture during the exposure."""
-    return speed_m_s * 1e-6 * exposure_us * px_per_m
-
 
 _LEAST_CELL_PX, _MOST_CELL_PX = 1.5, 20.0
 """Smaller cells cannot be read; larger ones are no picture of an arena."""
@@ -121,6 +105,10 @@ class MarkerFinder:
         self.px_per_m = scale
         return self._at(image, scale)
 
+    def cell_width(self, px_per_m: float) -> CellWidth:
+        """Whether markers of the family can be named in a picture of this scale."""
+        return cell_width(self._family, px_per_m)
+
     def _search(self, image: Image) -> float | None:
         """Returns the middle of the scales with the most markers; None: no markers."""
         cell_m = 1e-3 * self._family.cell_mm
@@ -137,7 +125,6 @@ class MarkerFinder:
         return float(np.exp(np.log(scales[fits][best]).mean()))
 
     def _at(self, image: Image, px_per_m: float) -> FoundMarkers:
-        """Looks for markers of one size."""
         height, width = image.shape
         camera = Camera.looking_down(_NAME, 0.0, 0.0, _AWAY_M, _AWAY_M * px_per_m, (width, height))
         return self._through(image, camera, 0.0)
