@@ -20,7 +20,7 @@ from vsense.monitor.pictures.run_figure import spoken
 from vsense.run.runs_csv import MODES
 from vsense.studies.benchmark import definition
 from vsense.studies.benchmark.definition import Definition
-from vsense.studies.report.study import lacking_tests
+from vsense.studies.report import lacking_tests
 from vsense.studies.series import plan as plans
 from vsense.studies.series.order import Forecast
 from vsense.studies.series.parts import PlannedExperiment

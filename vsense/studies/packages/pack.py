@@ -21,7 +21,7 @@ from vsense.studies.packages.gathering import FoundRun, FoundSeries, gather
 from vsense.studies.packages.kinds import FileKind
 from vsense.studies.packages.origin import RunOrigin
 from vsense.studies.packages.places import OWN_FOLDERS, PACKAGE, Scrubber, folders_of
-from vsense.studies.report.study.results import Questions
+from vsense.studies.report import Questions
 
 README = "README.md"
 _MOST_TEXT = 1 << 30
