@@ -8,7 +8,7 @@ import pytest
 
 from tests.run.test_link_counters import status
 from vsense.robots.link.meter import LinkFigures
-from vsense.run.link_verdict import as_json, judge, table, worst
+from vsense.run.link_check import as_json, judge, table, worst
 
 GOOD = LinkFigures(
     heard_s=60.0,

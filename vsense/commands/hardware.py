@@ -16,8 +16,7 @@ from vsense.config.specs import Experiment
 from vsense.run.cast import spares_for
 
 if TYPE_CHECKING:
-    from vsense.modes.lab.hardware import HardwareErrors, LabRobots
-    from vsense.modes.lab.radio import EmulatedRadio
+    from vsense.modes.lab.hardware import EmulatedRadio, HardwareErrors, LabRobots
 
 _NUMBER = r"\d+(?:\.\d+)?"
 
@@ -133,7 +132,7 @@ def _marker(text: str) -> tuple[float, float]:
 
 
 def _radio(text: str) -> tuple[int, EmulatedRadio]:
-    from vsense.modes.lab.radio import read_radio
+    from vsense.modes.lab.hardware import read_radio
 
     try:
         return read_radio(text)

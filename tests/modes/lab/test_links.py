@@ -15,7 +15,8 @@ from tests.firmware import tables
 from vsense.base.errors import UsageError
 from vsense.base.native import lib
 from vsense.base.shared import LabError
-from vsense.modes.lab.links import BASES, GROUND_RAW, KINDS, MIXED, PROGRAMS, Bus, bases_of
+from vsense.modes.lab.hardware import BASES, MIXED, bases_of
+from vsense.modes.lab.links import GROUND_RAW, KINDS, PROGRAMS, Bus
 from vsense.modes.lab.microcontrollers import Actuation, Microcontrollers
 
 PATIENCE_S = 20.0

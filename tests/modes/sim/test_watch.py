@@ -15,8 +15,9 @@ from typing import Any
 import pytest
 
 from tests.rigs.places import ROOT
+from vsense.base.errors import Interrupted
 from vsense.modes.sim.job import Job, Setup
-from vsense.modes.sim.outcome import Interrupted, SimulatedRunError, Task, libraries_of
+from vsense.modes.sim.outcome import SimulatedRunError, Task, libraries_of
 from vsense.modes.sim.watch import simulate_all
 
 TIMESTEP = 4

@@ -7,15 +7,18 @@ experiment and run, as in a real lab, until another seed buys new robots.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+import re
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.errors import UsageError
 from vsense.config.roster_fields import MarkerOffset
-from vsense.modes.lab.radio import EmulatedRadio
+from vsense.config.specs import Experiment
+from vsense.modes.lab.links import KINDS
 from vsense.modes.lab.real_sensors import SensorHardware, draw_sensors
 from vsense.vision.tracking.marker_offsets import turned
 from vsense.world.physics.motion import AXLE_M, WHEEL_DIAMETER_MM
@@ -24,6 +27,12 @@ Floats = NDArray[np.float64]
 
 _MOST_RATIO = 1.095
 """Of two wheels: what `vsensed` can be told ends at 1.1."""
+
+
+MIXED = "mixed"
+"""One kind after the other."""
+
+BASES = (*KINDS, MIXED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,3 +176,85 @@ def to_markers(poses: Floats, offsets: Floats) -> Floats:
     """Poses (n, 3) of markers from those of their bodies, with offsets (n, 3) in their frames."""
     arm_x, arm_y = turned(offsets, poses[:, 2])
     return np.column_stack((poses[:, 0] + arm_x, poses[:, 1] + arm_y, poses[:, 2] + offsets[:, 2]))
+
+
+HEAD = (
+    "Inter-| sta-|   Quality        |   Discarded packets               | Missed | WE\n"
+    " face | tus | link level noise |  nwid  crypt   frag  retry   misc | beacon | 22\n"
+)
+NAME = "wlan0"
+
+WEAKEST_DBM, STRONGEST_DBM = -110, -40
+"""Between these the kernel makes a link quality of 0 to 70 of a signal (wext-compat.c)."""
+
+SAVES_POWER = "saves"
+
+WRITTEN = re.compile(rf"(\d+)=(-\d+)(?:,(\d+(?:\.\d+)?))?(,{SAVES_POWER})?")
+
+
+@dataclass(frozen=True, slots=True)
+class EmulatedRadio:
+    """A radio as its robot tells it.
+
+    Attributes:
+        signal_dbm: of the access point, -127 to -1.
+        rate_mbit_s: its bit rate.
+        saves_power: whether its power saving is on.
+        retries: frames that it gave up after all tries.
+    """
+
+    signal_dbm: int
+    rate_mbit_s: float = 54.0
+    saves_power: bool = False
+    retries: int = 0
+
+    def file_text(self) -> str:
+        """The file that `vsensed --radio` reads."""
+        quality = min(max(self.signal_dbm, WEAKEST_DBM), STRONGEST_DBM) - WEAKEST_DBM
+        row = (
+            f"{NAME:>6}: 0000  {quality:3}.  {self.signal_dbm:3}.  -256  "
+            f"{0:6} {0:6} {0:6} {self.retries:6} {0:6}   {0:6}\n"
+        )
+        rate = f"rate {round(1e6 * self.rate_mbit_s)}\n"
+        return f"{HEAD}{row}{rate}power {int(self.saves_power)}\n"
+
+
+def read_radio(text: str) -> tuple[int, EmulatedRadio]:
+    """Reads TAG=DBM[,MBIT][,saves]; ValueError says what was expected."""
+    found = WRITTEN.fullmatch(text)
+    if found is None:
+        expected = f"TAG=DBM[,MBIT_S][,{SAVES_POWER}], such as 23=-84 or 23=-61,5.5,saves"
+        raise ValueError(f"'{text}': expected {expected}")
+    tag, signal_dbm, rate = int(found[1]), int(found[2]), float(found[3] or 54.0)
+    if not -127 <= signal_dbm <= -1 or not 0.1 <= rate <= 2000.0:
+        raise ValueError(f"'{text}': expected -127 to -1 dBm, and 0.1 to 2000 Mbit/s")
+    return tag, EmulatedRadio(signal_dbm, rate, found[4] is not None)
+
+
+def bases_of(name: str, count: int) -> list[str]:
+    """The kind of base of each of `count` robots; UsageError where `name` is none of `BASES`."""
+    if name not in BASES:
+        raise UsageError(f"no base {name!r} in the lab: expected one of {', '.join(BASES)}")
+    kinds = KINDS if name == MIXED else (name,)
+    return [kinds[robot % len(kinds)] for robot in range(count)]
+
+
+@dataclass(frozen=True, slots=True)
+class EmulatedLab:
+    """What a lab on this machine is made of.
+
+    Attributes:
+        base: what robots are based on, of `BASES`.
+        firmware_watchdog: their firmware has one, as in `Microcontrollers`.
+        cameras: columns and rows of them; None: as many as it takes.
+        calibrate: they hang as people hang them, and are known from pictures of a board only.
+        pace: all its clocks go at this share of real time.
+        robots: what an experiment's robots differ in.
+    """
+
+    base: str = BASES[0]
+    firmware_watchdog: bool = False
+    cameras: tuple[int, int] | None = None
+    calibrate: bool = False
+    pace: float = 1.0
+    robots: Callable[[Experiment], LabRobots] = lambda experiment: NOMINAL

@@ -19,27 +19,12 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.errors import UsageError
 from vsense.base.native import ffi, lib
 from vsense.base.shared import LabError
 from vsense.robots.inprocess import AMBIENT_RAW
 
 KINDS = ("argos", "asercom", "gctronic", "york")
 """The names of `vsensed --base`."""
-
-MIXED = "mixed"
-"""One kind after the other."""
-
-BASES = (*KINDS, MIXED)
-
-
-def bases_of(name: str, count: int) -> list[str]:
-    """The kind of base of each of `count` robots; UsageError where `name` is none of `BASES`."""
-    if name not in BASES:
-        raise UsageError(f"no base {name!r} in the lab: expected one of {', '.join(BASES)}")
-    kinds = KINDS if name == MIXED else (name,)
-    return [kinds[robot % len(kinds)] for robot in range(count)]
-
 
 GROUND_RAW = 800
 """Reading of every ground sensor, higher is brighter: the lab's floor is a light one."""

@@ -52,8 +52,7 @@ from vsense.base.processes import describe_exit, end, read_line, start_module
 from vsense.base.shared import LabError, LogFile
 from vsense.config.specs import Experiment, ObjectSpec, RobotSpec
 from vsense.modes.lab.canary import Lateness
-from vsense.modes.lab.hardware import RobotHardware
-from vsense.modes.lab.links import bases_of
+from vsense.modes.lab.hardware import RobotHardware, bases_of
 from vsense.modes.lab.microcontrollers import ActuationLog, Microcontrollers
 from vsense.modes.lab.physics_spec import BOX, CYLINDER, POSE, PhysicsSpec, read_number
 from vsense.modes.lab.real_sensors import NOMINAL_SENSORS, RealGround

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from vsense.base.clock import pace
 from vsense.base.processes import describe_exit, end
 from vsense.base.shared import LabError
-from vsense.modes.lab.radio import EmulatedRadio
+from vsense.modes.lab.hardware import EmulatedRadio
 from vsense.robots.link.keys import SwarmKeys, robot_file, write_private
 
 CLOCK_OFFSET_NS = 3_600_000_000_000
