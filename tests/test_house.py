@@ -19,9 +19,10 @@ import vsense
 from vsense import _moved, api
 from vsense.base.native import kernels, lib
 from vsense.base.xml import parsing
+from vsense.modes import origin
 from vsense.modes.lab import truth
 from vsense.monitor.recording import form
-from vsense.studies.packages import contents, origin
+from vsense.studies.packages import contents
 
 ROOT = Path(__file__).parent.parent
 MODULES = {
@@ -374,7 +375,7 @@ def test_functions_fit_a_screen() -> None:
 
 BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
-    "vsense in Python": (("vsense",), (".py",), 466, 92600, 400),
+    "vsense in Python": (("vsense",), (".py",), 468, 93200, 400),
     "the page": (("vsense",), (".js", ".css", ".html"), 42, 5500, 289),
     "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 238, 26600, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 32, 6800, 510),
@@ -382,11 +383,11 @@ BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 
-CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 63600, 49, 20
+CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 63800, 48, 19
 """Lines of code in `vsense/`; imports between rooms, and between folders inside of rooms."""
-DOORS_MAX, NAMES_MAX = 211, 735
+DOORS_MAX, NAMES_MAX = 182, 703
 """Modules that another room imports, and names taken from them."""
-SPLATS_MAX, OUTSIDE_MAX = 12, 214
+SPLATS_MAX, OUTSIDE_MAX = 10, 213
 """Calls `f(*(a, b))`; attributes that are assigned from outside of their object."""
 
 

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 
 from tests.rigs.places import DATA
 from vsense.base.errors import ConfigError, UsageError
 from vsense.base.native import ffi, lib
-from vsense.commands.experiments import open_experiment
 from vsense.config.description import bytes_down, bytes_up, describe
 from vsense.config.experiment import load
-from vsense.config.specs import Experiment
+from vsense.config.specs import Experiment, Stage
+from vsense.modes.options import ExperimentOptions
 from vsense.robots.link.table import Direction, Entry, Table
 
 Read = Callable[..., Experiment]
@@ -85,46 +85,31 @@ def test_what_is_not_supported_stands_at_the_end() -> None:
     assert "no limit, timesteps of 100 ms, seed 124" in description
 
 
-def options(**changes: object) -> argparse.Namespace:
-    plain = {"experiment": "pollutant", "duration": None, "set": [], "dry": False, "strict": False}
-    plain |= {
-        "lenient": False,
-        "roster": None,
-        "replace": [],
-        "json": False,
-        "sources": [],
-        "include": [],
-    }
-    return argparse.Namespace(**{**plain, **changes})
+def asked(experiment: str = "pollutant", **how: Any) -> ExperimentOptions:
+    return ExperimentOptions(experiment, Stage.RUN, **how)
 
 
-def test_opening_as_the_command_line_says(capsys: pytest.CaptureFixture[str]) -> None:
-    experiment = open_experiment(
-        options(duration=60.0, set=[("wanderer.walk_s", "3"), ("sensor.noise", "0.1")])
-    )
-    assert experiment is not None
+def test_loading_as_it_is_asked_for() -> None:
+    settings = {"wanderer.walk_s": "3", "sensor.noise": "0.1"}
+    experiment = asked(duration=60.0, settings=settings).load()
     assert experiment.length_s == 60.0
     assert experiment.controllers[0].params["walk_s"] == "3"
     assert experiment.controllers[0].sensors[0].quality.noise_level == 0.1
-    given = open_experiment(options(set=[("a.b", ["1", "2"])]), {"wanderer.walk_s": "4"})
-    assert given is not None and given.controllers[0].params["walk_s"] == "4"
-    assert capsys.readouterr().out == ""
 
 
-def test_dry_prints_and_gives_nothing(capsys: pytest.CaptureFixture[str]) -> None:
-    assert open_experiment(options(dry=True, strict=True)) is None
-    assert capsys.readouterr().out == describe(load("pollutant")) + "\n"
+def test_what_is_described_is_all() -> None:
+    assert list(asked(strict=True).described(False)) == [describe(load("pollutant"))]
 
 
-def test_strict_refuses_what_is_not_supported(capsys: pytest.CaptureFixture[str]) -> None:
+def test_strict_refuses_what_is_not_supported() -> None:
     path = str(ARGOS)
-    assert open_experiment(options(experiment=path)) is not None
-    with pytest.raises(ConfigError, match=r"--strict.*4.*\(--dry"):
-        open_experiment(options(experiment=path, strict=True))
-    assert capsys.readouterr().out == ""
+    asked(path).load()
+    with pytest.raises(ConfigError, match=r"--strict, and 4 more like it \(--dry shows them\)"):
+        asked(path, strict=True).load()
+    described = asked(path, strict=True).described(False)
+    assert "not as the file says:" in next(described)
     with pytest.raises(ConfigError) as caught:
-        open_experiment(options(experiment=path, strict=True, dry=True))
+        next(described)
     assert (caught.value.file, caught.value.line) == (path, 19)
-    assert "not as the file says:" in capsys.readouterr().out
     with pytest.raises(UsageError):
-        open_experiment(options(set=[("nobody.x", "1")]))
+        asked(settings={"nobody.x": "1"}).load()

@@ -27,6 +27,7 @@ from vsense.base.errors import VsenseError
 from vsense.base.message_bus import Message
 from vsense.config import battery_history, resources, roster, tracking_session
 from vsense.config.experiment import load
+from vsense.modes import origin
 from vsense.monitor.recording.reader import open_recording
 from vsense.monitor.ui.access import read_tokens
 from vsense.robots import key_holders
@@ -34,7 +35,6 @@ from vsense.robots.link import keys
 from vsense.robots.link.trackers import lines
 from vsense.run.runs_csv import read_runs
 from vsense.studies.benchmark import result
-from vsense.studies.packages import origin
 from vsense.studies.packages.archive import MANIFEST, Package
 from vsense.studies.packages.contents import CONTENTS, MOST_CONTENTS, PackageContents
 from vsense.studies.series import plan

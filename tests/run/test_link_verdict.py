@@ -8,7 +8,7 @@ import pytest
 
 from tests.run.stage import counted
 from vsense.robots.link.status import LinkFigures
-from vsense.run.link_verdict import as_json, judge, table, worst
+from vsense.run.link_check import as_json, judge, table, worst
 
 GOOD = LinkFigures(
     heard_s=60.0,

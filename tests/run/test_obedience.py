@@ -12,7 +12,7 @@ from tests.run.stage import status
 from vsense.base.arena import POSE, ArenaState
 from vsense.robots.link.status import RobotStatus
 from vsense.robots.link.wire import Telemetry, Wanted
-from vsense.run.obedience import Obedience, disobeys
+from vsense.run.alarms import Obedience, disobeys
 
 S = 1_000_000_000
 MS = 1_000_000

@@ -11,7 +11,7 @@ import pytest
 from tests.run.stage import Stage, experiment
 from vsense.base.arena import POSE, ArenaState
 from vsense.robots.link.wire import StopCause, Telemetry
-from vsense.run.overload import Overload
+from vsense.run.alarms import Overload
 from vsense.run.runtime import Step
 
 MS = 1_000_000

@@ -48,6 +48,10 @@ class UsageError(VsenseError):
     exit_code = 2
 
 
+class Interrupted(Exception):
+    """The user has ended the runs."""
+
+
 class CutShort(VsenseError):
     """A signal has ended the command before it did anything; `exit_code` says which."""
 

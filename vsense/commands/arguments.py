@@ -26,6 +26,18 @@ _UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
 _LENGTH = re.compile(r"([0-9]+(?:\.[0-9]*)?) *(mm|cm|m|in)")
 
 
+def parsed(read: Callable[[str], Record]) -> Callable[[str], Record]:
+    """The type of an argument that `read` reads, which raises ValueError."""
+
+    def parse(text: str) -> Record:
+        try:
+            return read(text)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+
+    return parse
+
+
 def seconds(text: str) -> float:
     """A length of time in s, at least one and finite."""
     value = _number(text, float, "a number of seconds")
@@ -356,8 +368,8 @@ def add_bases(parser: Any, bases: Sequence[str]) -> None:
 
 def fill(kind: type[Record], options: argparse.Namespace, **others: Any) -> Record:
     """Makes a dataclass of the options that are named as its fields; `others` are given."""
-    names = [field.name for field in fields(kind) if field.name not in others]  # type: ignore[arg-type]
-    return kind(**{name: getattr(options, name) for name in names}, **others)
+    names = {field.name for field in fields(kind)} - others.keys()  # type: ignore[arg-type]
+    return kind(**{name: getattr(options, name) for name in names if name in options}, **others)
 
 
 def add_code(parser: argparse.ArgumentParser) -> None:
@@ -383,9 +395,5 @@ def add_code(parser: argparse.ArgumentParser) -> None:
 
 
 def code_of(options: argparse.Namespace) -> CodeOptions:
-    """Returns what `add_code` declares.
-
-    Raises:
-        UsageError: an option has another form.
-    """
+    """Returns what `add_code` declares; UsageError: an option has another form."""
     return CodeOptions.of(options.sources, options.include)

@@ -4,18 +4,13 @@ from __future__ import annotations
 
 import argparse
 import json
-import time
-from collections.abc import Collection, Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any
 
-from vsense.base.errors import UsageError, VsenseError
+from vsense.base.errors import UsageError
 from vsense.base.terminal import Console, aligned, print_data
 from vsense.commands import COMMANDS, arguments
-from vsense.monitor.ui.control_client import ask, order_all, whose
-from vsense.monitor.ui.control_socket import folders
-
-if TYPE_CHECKING:  # a stop must not wait for it
-    from vsense.run.leases import Lease
+from vsense.monitor.ui import control_client
 
 DESCRIPTION = (
     "Talks to the `vsense run` or `vsense lab` that this user, or another member of its lab (see"
@@ -28,15 +23,6 @@ HANDOVER = (
     " are free. A run that is going on ends with --force only. Members of a lab hand over each"
     " other's (see `vsense share`). Without robots: all that one run has."
 )
-
-HANDOVER_TIMEOUT_S = 60.0
-"""A run's figures and pictures may take so long after its end."""
-
-_POLL_S = 0.1
-
-
-class HandoverError(VsenseError):
-    """The robots were not given back."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -90,7 +76,7 @@ def run(options: argparse.Namespace) -> int:
     if options.command == "handover":
         return _hand_over(options)
     if options.command == "status":
-        answer = ask({"ask": "status"}, options.process)
+        answer = control_client.ask({"ask": "status"}, options.process)
         print_data(json.dumps(answer, indent=2) if options.json else table(answer))
         return 0
     kind = "emergency" if getattr(options, "emergency", False) else options.command
@@ -99,15 +85,9 @@ def run(options: argparse.Namespace) -> int:
         order["pair"] = list(options.pair)
     if getattr(options, "all", False):
         return _order_all(order, options)
-    answer = ask(order, options.process)
-    print_data(json.dumps(answer) if options.json else text_of(answer))
+    answer = control_client.ask(order, options.process)
+    print_data(json.dumps(answer) if options.json else control_client.text_of(answer))
     return 0
-
-
-def text_of(answer: Mapping[str, Any]) -> str:
-    """What an order did, and whose run it was where that is another account's."""
-    owner = f" (a run of {answer['user']}'s)" if "user" in answer else ""
-    return f"{answer['text']}{owner}"
 
 
 def _order_all(order: Mapping[str, Any], options: argparse.Namespace) -> int:
@@ -117,7 +97,7 @@ def _order_all(order: Mapping[str, Any], options: argparse.Namespace) -> int:
     """
     if options.process is not None:
         raise UsageError("--all and --process: one or the other")
-    answered, reasons = order_all(order)
+    answered, reasons = control_client.order_all(order)
     for reason in reasons:
         Console().say(f"vsense: runs of others were not reached: {reason}", "trouble")
     if options.json:
@@ -143,7 +123,7 @@ def _is_idle(answer: Mapping[str, Any]) -> bool:
 
 def robots(options: argparse.Namespace) -> int:
     """Shows the robots of the running experiment."""
-    answer = ask({"ask": "status"}, options.process)
+    answer = control_client.ask({"ask": "status"}, options.process)
     rows = answer["robots"]
     shown = seen_table if answer["command"] == "track" else robot_table
     print_data(json.dumps(rows, indent=2) if options.json else shown(rows))
@@ -152,80 +132,19 @@ def robots(options: argparse.Namespace) -> int:
 
 def _hand_over(options: argparse.Namespace) -> int:
     """Has robots handed over, and waits until they are."""
-    from vsense.run import leases
-
-    held = _held()
     if options.list:
+        held = control_client.held_robots()
         rows = {str(tag): str(lease) for tag, lease in held.items()}
-        print_data(json.dumps(rows, indent=2) if options.json else _holders(held))
-        return 0
-    held = _wanted(held, options.robots, options.process)
-    processes = sorted({lease.process for lease in held.values()})
-    for process in processes:
-        answer = ask({"ask": "handover", "force": options.force}, process)
-        Console().say(f"process {process} {text_of(answer)}")
-    _wait(held)
-    freed: dict[str, Any] = {"free": sorted(held), "processes": processes}
-    print_data(json.dumps(freed) if options.json else f"{leases.robots(held)} free")
-    return 0
-
-
-def _held() -> dict[int, Lease]:
-    """All robots that a run has, in the folders that this account sees."""
-    from vsense.run import leases
-
-    places, reasons = folders()
-    held = {tag: lease for place in places for tag, lease in leases.holders(place).items()}
-    if not held and reasons:
-        raise UsageError("\n".join(["no run has robots here", *reasons]))
-    return held
-
-
-def _wanted(
-    held: Mapping[int, Lease], tags: Collection[int], process: int | None
-) -> dict[int, Lease]:
-    """Of the robots that are held those that are meant; UsageError where there are none."""
-    if tags and process is not None:
-        raise UsageError("robots and --process: one or the other")
-    if not held:
-        raise UsageError("no run has robots here")
-    owners = {lease.process for tag, lease in held.items() if not tags or tag in tags}
-    if process is not None:
-        owners &= {process}
-    if not owners:
-        who = f"process {process} has no robots" if process is not None else "nobody has them"
-        raise UsageError(f"{who}; there are:\n{_holders(held)}")
-    if len(owners) > 1 and not tags:
-        raise UsageError(
-            f"several runs have robots:\n{_holders(held)}\nsay which, or --process PID"
+        print_data(
+            json.dumps(rows, indent=2) if options.json else control_client.holders_text(held)
         )
-    # A run gives back all that it has.
-    return {tag: lease for tag, lease in held.items() if lease.process in owners}
-
-
-def _wait(wanted: Mapping[int, Lease]) -> None:
-    """Waits until nobody has these robots any more."""
-    from vsense.run import leases
-
-    console, end_s = Console(), time.monotonic() + HANDOVER_TIMEOUT_S
-    while left := {tag: lease for tag, lease in _held().items() if wanted.get(tag) == lease}:
-        if time.monotonic() > end_s:
-            console.end_progress()
-            raise HandoverError(
-                f"{leases.robots(left)} not given back: {next(iter(left.values()))}"
-            )
-        console.progress(f"waiting for the end of that run: {leases.robots(left)} still held")
-        time.sleep(_POLL_S)
-    console.end_progress()
-
-
-def _holders(held: Mapping[int, Lease]) -> str:
-    from vsense.run import leases
-
-    if not held:
-        return "no run has robots here"
-    lines = (f"{leases.robots(tags)} in use: {who}" for who, tags in leases.by_lease(held).items())
-    return "\n".join(lines)
+        return 0
+    free, processes = control_client.hand_over(
+        options.robots, options.process, options.force, Console()
+    )
+    freed: dict[str, Any] = {"free": free, "processes": processes}
+    print_data(json.dumps(freed) if options.json else f"{control_client.robots_are(free)} free")
+    return 0
 
 
 def table(answer: Mapping[str, Any]) -> str:
@@ -237,7 +156,7 @@ def table(answer: Mapping[str, Any]) -> str:
     sent = "" if latency is None else f", capture to sent {latency['p50']:.0f} ms"
     silent = f"\nno arena state for {now['silent_s']:.1f} s" if now["silent_s"] else ""
     which = _of_series(answer["series"]) if "series" in answer else f"run {now['run']}"
-    head = f"{answer['name']}{whose(answer)}: {which} is {now['state']}"
+    head = f"{answer['name']}{control_client.whose(answer)}: {which} is {now['state']}"
     return (
         f"{head}, {now['time_s']:.1f}{length} s,"
         f" timestep {now['timestep']}{late}; {now['rate_hz']:.1f} Hz{sent}{silent}{_kept(now)}\n\n"

@@ -5,15 +5,11 @@ from __future__ import annotations
 import argparse
 import json
 import re
-from dataclasses import asdict
 from pathlib import Path
 
-from vsense.base.errors import UsageError
 from vsense.base.terminal import Console, interruption, print_data
 from vsense.commands import arguments, report
-from vsense.monitor.recording import megabytes
-from vsense.studies.packages import crate
-from vsense.studies.packages.pack import PackedFiles, PackOptions, pack
+from vsense.studies.packages.pack import PackOptions, pack
 
 DESCRIPTION = (
     "Packs runs for others: experiments, plan, controllers, calibrations, roster, seeds, versions,"
@@ -44,15 +40,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     arguments.option(group, "--about", str, "TEXT", "what it is, in a few sentences")
     group.add_argument(
         "--author",
-        type=_person,
+        type=arguments.parsed(PackOptions.author),
         action="append",
         default=[],
         metavar="NAME",
         help="who made it: 'NAME' or 'NAME <ORCID iD>'; several: repeat it",
     )
-    arguments.option(
-        group, "--license", _license, "NAME", "its licence: a name such as CC-BY-4.0, or an address"
-    )
+    licence = arguments.parsed(PackOptions.license_of)
+    text = "its licence: a name such as CC-BY-4.0, or an address"
+    arguments.option(group, "--license", licence, "NAME", text)
     arguments.option(
         group, "--date", _date, "YYYY-MM-DD", "its day (default: that of its newest run)"
     )
@@ -61,56 +57,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Packs; 0."""
-    first = options.runs[0]
-    stem = first.stem if first.suffix == ".csv" else first.resolve().name
-    target = options.output or Path(f"{stem}.zip")
-    if target.suffix != ".zip":
-        raise UsageError(f"-o {target}: expected a name that ends in .zip")
-    asked = None if options.no_report else report.questions_of(options)
     wanted = PackOptions(
+        options.output,
         options.name or "",
         options.about or "",
         options.author,
         options.license or "",
         options.date or "",
         options.pictures,
-        asked,
+        None if options.no_report else report.questions_of(options),
     )
     console = Console()
     with interruption() as interrupted, interrupted.at_once():
-        made = pack(options.runs, target, wanted, console.progress)
+        packed = pack(options.runs, wanted, console.progress)
     console.end_progress()
-    _say(console, made, target)
-    if options.json:
-        told = {"package": str(target), "bytes": target.stat().st_size, **asdict(made)}
-        print_data(json.dumps(told, indent=2))
-    return 0
-
-
-def _say(console: Console, made: PackedFiles, target: Path) -> None:
-    """Says what was packed, what stayed out, and what cannot be made again."""
-    size = megabytes(target.stat().st_size)
-    console.say(f"{target}: {made.runs} runs, {made.files} files, {size}")
-    for what, count in made.left_out.items():
-        console.say(f"left out or replaced: {what} ({count})")
-    if made.pictures_bytes > 0:
-        console.say(f"--pictures would add about {megabytes(made.pictures_bytes)}")
-    for words in made.lacks:
+    for words in packed.lines():
+        console.say(words)
+    for words in packed.lacks:
         console.say(f"lacking: {words}", "warning")
-
-
-def _person(text: str) -> crate.Person:
-    try:
-        return crate.person(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-
-
-def _license(text: str) -> str:
-    try:
-        return crate.license_of(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
+    if options.json:
+        print_data(json.dumps(packed.as_json(), indent=2))
+    return 0
 
 
 def _date(text: str) -> str:

@@ -4,19 +4,12 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from vsense.base.errors import UsageError
 from vsense.base.terminal import Console
 from vsense.commands import arguments
-from vsense.monitor import recording
-from vsense.studies.report.study import BY, SEED, SUFFIX
-
-if TYPE_CHECKING:
-    from vsense.studies.report.study.results import Questions
+from vsense.studies.report import Questions
 
 DESCRIPTION = (
     "Makes report.html, one page that holds everything it shows, and its charts as PNG, SVG or PDF:"
@@ -75,8 +68,12 @@ def add_questions(parser: argparse.ArgumentParser) -> None:
         " than a margin that you chose before you saw the runs",
     )
     arguments.flag(group, "--unpaired", "take runs with the same start for independent ones")
-    text = f"of the bootstrap: the same runs and seed give the same page (default: {SEED})"
-    arguments.option(group, "--seed", arguments.natural, "N", text)
+    text = (
+        f"of the bootstrap: the same runs and seed give the same page (default: {Questions().seed})"
+    )
+    arguments.option(
+        group, "--seed", arguments.natural, "N", f"{text} (default: {Questions().seed})"
+    )
 
 
 def _columns(text: str) -> list[str]:
@@ -95,78 +92,27 @@ def _margin(text: str) -> tuple[str, float]:
 
 def run(options: argparse.Namespace) -> int:
     """Makes the report; see `vsense.studies.report.report`."""
-    files = [file for path in options.files for file in _files_of(path)]
-    asked = _asked(options, files)
-    if any(file.suffix != SUFFIX for file in files):
-        recording.require()
-    from vsense.studies.report.report import make_report
+    from vsense.studies.report.report import ReportOptions, report
 
-    alone = files[0].with_name(f"{files[0].stem}-report")
-    folder = options.output or (alone if len(files) == 1 else Path("report"))
-    console = Console()
-    made = make_report(
-        files,
-        folder,
-        lambda path, share: console.progress(f"reading {path}: {100 * share:.0f} %"),
-        options.format or "png",
-        options.style,
-        asked,
-        lambda text: console.progress(f"computing {text}"),
-    )
-    console.end_progress()
-    for text in (*made.missing, *made.notes):
-        console.say(f"vsense: {text}")
-    for one in made.findings:
-        if not one.complete:
-            console.say(f"vsense: {one.path} was cut off: its last second may be missing")
-        if one.damaged:
-            console.say(f"vsense: {one.damaged} parts of {one.path} are damaged")
-        if one.only_tracked:
-            console.say(f"vsense: {one.path}: {one.only_tracked}")
-        if not one.gathered.ran:
-            console.say(f"vsense: {one.path} holds no run: all of it is shown")
-    if options.json:
-        print(json.dumps(made.as_json(), indent=1))
-    else:
-        print(f"{made.files[0]}: {len(made.files) - 1} charts beside it")
-    return 0
-
-
-def _asked(options: argparse.Namespace, files: Sequence[Path]) -> Questions:
-    """What is asked of the tables; UsageError where something is, and there are none."""
-    told = {name: getattr(options, name) for name in ("by", "against", "measure", "same", "seed")}
-    named = [f"--{name}" for name, value in told.items() if value not in (None, [])]
+    asked = {name: getattr(options, name) for name in ("by", "against", "measure", "same", "seed")}
+    named = [f"--{name}" for name, value in asked.items() if value not in (None, [])]
     named += ["--unpaired"] if options.unpaired else []
-    if named and not any(file.suffix == SUFFIX for file in files):
-        raise UsageError(f"{', '.join(named)}: tables of runs (.csv) only, and none is named")
-    return questions_of(options)
+    how = ReportOptions(
+        options.output, options.format or "png", options.style, questions_of(options), named
+    )
+    written = report(options.files, how, Console())
+    print(json.dumps(written.as_json(), indent=1) if options.json else written.in_words())
+    return 0
 
 
 def questions_of(options: argparse.Namespace) -> Questions:
     """What is asked of tables, as `add_questions` declares it."""
-    from vsense.studies.report.study.results import Questions
-
+    plain = Questions()
     return Questions(
-        by=options.by or BY,
+        by=options.by or plain.by,
         independent=options.unpaired,
-        seed=SEED if options.seed is None else options.seed,
+        seed=plain.seed if options.seed is None else options.seed,
         margins=dict(options.same),
         only=options.measure,
         against=options.against or "",
     )
-
-
-def _files_of(path: Path) -> list[Path]:
-    """The recordings, or the tables of runs, that a path means; raises as `files_of`.
-
-    A folder of runs has a runs.csv beside its recordings, which show more.
-    """
-    from vsense.run.runs_csv import RUNS
-    from vsense.studies.report.study.collect import tables_in
-
-    if not path.is_dir() or not (tables := tables_in(path)):
-        return recording.files_of(path)
-    if all(table.name == RUNS for table in tables):
-        with suppress(UsageError):
-            return recording.files_of(path)
-    return tables

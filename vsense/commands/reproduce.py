@@ -7,9 +7,9 @@ import json
 import os
 from pathlib import Path
 
+from vsense.base.errors import Interrupted
 from vsense.base.terminal import Console, interruption, print_data
 from vsense.commands import arguments
-from vsense.modes.sim.outcome import Interrupted
 from vsense.studies.packages.reproduce import ReproduceOptions, reproduce
 
 DESCRIPTION = (

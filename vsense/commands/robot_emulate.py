@@ -11,9 +11,8 @@ from vsense.base.errors import UsageError
 from vsense.base.terminal import Console, interruption
 from vsense.commands import arguments, experiments, hardware, rosters
 from vsense.config.experiment import first_robots, load
-from vsense.config.framework import LINES_PORT
 from vsense.config.placement import settle
-from vsense.config.specs import Experiment, JsonLinesTracker, Stage
+from vsense.config.specs import LINES_PORT, Experiment, JsonLinesTracker, Stage
 from vsense.modes.lab.hardware import BASES
 from vsense.modes.lab.rehearsal import LineWriter, Rehearsal
 from vsense.run import directory as run_directory

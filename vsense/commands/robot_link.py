@@ -11,9 +11,8 @@ from vsense.commands import arguments, experiments, rosters
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment, Stage
 from vsense.robots.link.table import ExpectedRobot, Table
-from vsense.run import link_verdict
-from vsense.run.link_load import LinkLoad, traffic_of
-from vsense.run.link_verdict import judge
+from vsense.run import link_check
+from vsense.run.link_check import LinkLoad, judge, traffic_of
 
 DEFAULT = "foraging"
 """Whose traffic it is where no experiment is named."""
@@ -88,8 +87,8 @@ def run(options: argparse.Namespace) -> int:
         console.say(f"vsense: interrupted after {lasted_s:.1f} s: what was measured until then")
     verdicts = [judge(robots_now[tag], figures[tag], experiment.timestep_s) for tag in robots]
     facts = {"experiment": experiment.name, "timestep_s": experiment.timestep_s}
-    told = link_verdict.as_json(verdicts, facts | {"duration_s": round(lasted_s, 3)})
-    print_data(json.dumps(told, indent=2) if options.json else link_verdict.table(verdicts))
+    told = link_check.as_json(verdicts, facts | {"duration_s": round(lasted_s, 3)})
+    print_data(json.dumps(told, indent=2) if options.json else link_check.table(verdicts))
     if interrupted.is_set():
         return interrupted.code
     return 0 if told["holds"] else 1

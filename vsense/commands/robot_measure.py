@@ -17,7 +17,7 @@ from vsense.config.placement import settle
 from vsense.config.roster import Roster
 from vsense.config.specs import Experiment, Stage
 from vsense.modes.lab.hardware import BASES
-from vsense.modes.live.sources import require_source
+from vsense.modes.live.opening import require_source
 from vsense.robots.link import keys
 from vsense.robots.link.keys import LinkTrust
 from vsense.tools.robot_calibration import measuring

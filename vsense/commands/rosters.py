@@ -10,8 +10,7 @@ from vsense.base.errors import UsageError
 from vsense.commands import arguments
 from vsense.config import roster
 from vsense.config.casting import Casting, Pair, pair
-from vsense.config.roster import FILE_NAME, SPARE, Roster, RosterRobot
-from vsense.config.specs import Experiment
+from vsense.config.roster import FILE_NAME, Roster, RosterRobot
 from vsense.robots.deploying import RobotHost
 
 HERE = f"(default: {FILE_NAME} in the current folder, where there is one)"
@@ -26,27 +25,13 @@ def add_roster(parser: argparse.ArgumentParser, text: str, default: str = HERE) 
 
 
 def roster_of(options: argparse.Namespace, found: bool = True) -> Roster | None:
-    """Reads the roster that is meant; None: none is.
-
-    Raises:
-        UsageError: it cannot be read, or names no robot.
-        ConfigError: something in it is wrong.
-    """
-    if options.roster is not None:
-        return roster.read(options.roster)
-    path = Path(FILE_NAME)
-    return roster.read(path) if found and path.exists() else None
+    """Reads the roster that is meant; None: none is. Raises as `find_roster`."""
+    return roster.find_roster(options.roster, found)
 
 
 def wanted_roster(options: argparse.Namespace) -> Roster:
-    """Reads the roster, which there has to be; raises as `roster_of`, and where there is none."""
-    known = roster_of(options)
-    if known is None:
-        raise UsageError(
-            f"no roster: expected --roster FILE, or {FILE_NAME} here, with a table [[robot]] for"
-            " each robot: see 'vsense docs robot'"
-        )
-    return known
+    """Reads the roster, which there has to be; raises as `require_roster`."""
+    return roster.require_roster(options.roster)
 
 
 def add_casting(parser: argparse.ArgumentParser, default: str = HERE) -> None:
@@ -84,24 +69,6 @@ def casting_of(options: argparse.Namespace, found: bool) -> Casting:
     """Who plays; raises as `roster_of`."""
     limit = getattr(options, "robots", None)
     return Casting.of(roster_of(options, found), options.replace, limit)
-
-
-def say_casting(experiment: Experiment, say: Callable[[str], None]) -> None:
-    """Says who was taken out of a roster, who plays for whom, and who of them is out of order."""
-    casting = experiment.casting
-    playing = {robot.tag for robot in experiment.robots}
-    taken = [tag for tag in experiment.taken if tag in playing]
-    others = dict(casting.others)
-    if taken:
-        left = [f"{tag} is {why}" for tag, why in others.items() if tag not in playing]
-        less = f"; not taken: {', '.join(left)}" if left else ""
-        say(f"{casting.roster}: robots {' '.join(map(str, taken))} play{less}")
-    for out, new in casting.replaced:
-        name = next((robot.id for robot in experiment.robots if robot.tag == new), "")
-        say(f"robot {new} plays the part of {out}{f' ({name})' if name else ''}")
-    for tag, why in others.items():
-        if tag in playing and why != SPARE:
-            say(f"robot {tag} is {why}: --replace {tag}=TAG has another one play its part")
 
 
 def add_tags(parser: argparse.ArgumentParser) -> None:

@@ -4,25 +4,18 @@ from __future__ import annotations
 
 import argparse
 import tempfile
-from collections.abc import Collection, Mapping
-from contextlib import ExitStack
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from vsense.base.errors import UsageError
-from vsense.base.terminal import Console, Interruption
-from vsense.commands import arguments, experiments, hardware, robot_keys, rosters
+from vsense.base.terminal import Console
+from vsense.commands import arguments, robot_keys, rosters
 from vsense.commands import run as run_command
 from vsense.config.roster import Roster
 from vsense.config.specs import Experiment
 from vsense.robots import boards
 from vsense.robots.deploying import Part, Plan
-from vsense.studies.series.parts import PlanLoader, PlannedExperiment, SeriesCast
-
-if TYPE_CHECKING:
-    from vsense.monitor.ui.room import RoomOptions
-    from vsense.studies.series.real import Bring, RealRuns
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -46,63 +39,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     robot_keys.add_ssh(group)
 
 
-def complete(loader: PlanLoader, options: argparse.Namespace) -> PlanLoader:
-    """Has experiments loaded with the tracker and the markers of the options."""
-
-    def finish(experiment: Experiment) -> Experiment:
-        known = replace(experiment, markers=hardware.markers_of(options))
-        return run_command.with_tracker(known, options.tracker)
-
-    return replace(loader, virtual_devices=options.virtual_devices, finish=finish)
-
-
-def maker(
-    options: argparse.Namespace,
-    loader: PlanLoader,
-    known: Mapping[str, PlannedExperiment],
-    console: Console,
-    interrupted: Interruption,
-    room: RoomOptions,
-    stack: ExitStack,
-) -> RealRuns:
-    """Who makes runs with real robots; `stack` gives the robots back.
-
-    Raises:
-        UsageError: something is missing, before anything is started.
-        VsenseError: a port, a key or the page cannot be had.
-    """
-    from vsense.modes.live.sources import require_source
-    from vsense.monitor.ui.access import is_loopback
-    from vsense.run.leases import RobotLeases
-    from vsense.studies.series.real import RealOptions, RealRuns
-
-    for planned in known.values():
-        require_source(planned.experiment, options.tracking)
-    first = next(iter(known.values())).experiment
-    host = first.host if options.host is None else options.host
-    experiments.check_doors(options, host, first.port if options.port is None else options.port)
-    roster = rosters.roster_of(options)
-    trust = experiments.trust_of(options)
-    real = RealOptions(trust, options.host, options.port, options.tracking, room)
-    if not is_loopback(host):
-        leases = RobotLeases(experiments.lease_folder(), options.command, loader.plan.name)
-        real = replace(real, lease=stack.enter_context(leases).take)
-    if _programs(known) > 1 and not options.no_deploy:
-        real = replace(real, bring=bringer(options, roster, console))
-    return RealRuns(loader, SeriesCast(known, console), console, interrupted, real)
-
-
-def _programs(known: Mapping[str, PlannedExperiment]) -> int:
-    """How many programs the conditions run for some part."""
-    parts: dict[int, set[object]] = {}
-    for planned in known.values():
-        experiment = planned.experiment
-        for number, robot in enumerate(experiment.robots):
-            parts.setdefault(number, set()).add(experiment.controller_of(robot).program)
-    return max(map(len, parts.values()), default=0)
-
-
-def bringer(options: argparse.Namespace, roster: Roster | None, console: Console) -> Bring:
+def bringer(
+    options: argparse.Namespace, roster: Roster | None, console: Console
+) -> Callable[[Experiment, Collection[int]], Mapping[int, str]]:
     """What brings robots their controllers; UsageError: nobody says how they are reached."""
     from vsense.commands.robot import build_programs
 

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import os
 from pathlib import Path
 
 from vsense.base.errors import UsageError
-from vsense.base.terminal import Console, Interruption, interruption
 from vsense.commands import arguments, experiments
-from vsense.commands.sim_run import SingleRun
 from vsense.config.specs import Stage
-from vsense.modes.sim.dask_cluster import require_dask
-from vsense.modes.sim.job import Setup, Sweep
-from vsense.modes.sim.outcome import Interrupted
-from vsense.monitor import recording
+from vsense.modes.sim import experiment
+from vsense.modes.sim.experiment import SimOptions
+from vsense.modes.sim.job import Sweep
 
 DESCRIPTION = (
     "Runs an experiment in this machine alone: the same controller, compiled once and run in one"
@@ -109,64 +105,27 @@ def add_on(parser: argparse._ActionsContainer) -> None:
 def run(options: argparse.Namespace) -> int:
     """Runs an experiment or a campaign; 0, or 130 after Ctrl-C, 143 after SIGTERM."""
     sweep = Sweep.of(options.set, options.runs, options.seeds)
-    _check(options, sweep)
-    settings = sweep.first
-    experiment = experiments.open_experiment(options, settings, Stage.SIM)
-    if experiment is None:
+    _check(options, sweep.seeds is not None)
+    asked = experiments.options_of(options, Stage.SIM, sweep.first)
+    if experiments.is_dry(options, asked):
         return 0
-    setup = Setup(
-        *(options.experiment, options.duration, options.robots, options.blind, settings),
-        *(arguments.code_of(options), experiment.casting),
-    )
-    experiment = setup.fit(experiment)
-    console = Console()
-    experiments.say_warnings(console, experiment)
-    with interruption() as interrupted:
-        try:
-            if sweep.seeds is None:
-                one = SingleRun(options, setup, experiment, console, interrupted)
-                return one.run() if options.web is None else one.run_watched()
-            _run_campaign(options, sweep, setup, console, interrupted)
-            return 0
-        except Interrupted:
-            console.end_progress()
-            return interrupted.code
-
-
-def _run_campaign(
-    options: argparse.Namespace,
-    sweep: Sweep,
-    setup: Setup,
-    console: Console,
-    interrupted: Interruption,
-) -> None:
+    if sweep.seeds is None:
+        doors = {"web": arguments.web_of(options), "foxglove": arguments.foxglove_of(options)}
+        return experiment.run(arguments.fill(SimOptions, options, experiment=asked, **doors))
     from vsense.studies.series import campaign  # a single run begins sooner without it
 
-    output, drawing = campaign.outputs(options.output, options.format)
-    jobs = options.jobs or len(os.sched_getaffinity(0))
-    files = {"output": output, "drawing": drawing}
-    fields = {"sweep": sweep, "setup": setup, "jobs": jobs, **files}
-    asked = arguments.fill(campaign.Campaign, options, **fields)
-    campaign.run(asked, console, interrupted)
+    return campaign.simulate(asked, sweep, arguments.fill(campaign.CampaignOptions, options))
 
 
-def _check(options: argparse.Namespace, sweep: Sweep) -> None:
-    """Refuses what does not go together, or is not installed, before anything is made."""
-    if options.record:
-        recording.require()
-    if options.on is not None:
-        if sweep.seeds is None:
+def _check(options: argparse.Namespace, many: bool) -> None:
+    """Refuses what does not go with one run, or with many."""
+    if not many:
+        if options.on is not None:
             raise UsageError("--on: a campaign only, see --runs")
-        check_on(options)
-    if sweep.seeds is None:
         if options.format or options.style:
             raise UsageError("--format, --style: a campaign's chart only, see --runs")
         if options.web is None and (options.hold or options.speed or options.foxglove):
             raise UsageError("--hold, --speed, --foxglove: only with --web, which shows the run")
-        if options.foxglove is not None:
-            from vsense.monitor.ui.foxglove_server import check_foxglove
-
-            check_foxglove(arguments.foxglove_of(options), (options.web or ("", 0))[1:])
         return
     if options.seed is not None:
         raise UsageError("--seed: a campaign has --seeds")
@@ -174,12 +133,3 @@ def _check(options: argparse.Namespace, sweep: Sweep) -> None:
         raise UsageError(
             "--web, --foxglove, --hold, --speed: one run only, no campaign (--runs, --seeds)"
         )
-
-
-def check_on(options: argparse.Namespace) -> None:
-    """Refuses what does not go with --on."""
-    if options.record:
-        raise UsageError("--record: with --on the recordings would lie on the workers' machines")
-    if options.jobs is not None:
-        raise UsageError("-j: with --on the cluster has as many at a time as its workers take")
-    require_dask()

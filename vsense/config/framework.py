@@ -18,13 +18,10 @@ from pathlib import Path
 from vsense.base.files import read_bytes
 from vsense.base.xml.element import Element, shown
 from vsense.config import argos, programs
-from vsense.config.specs import JsonLinesTracker, LoopSpec, Stage, TrackerAddress
+from vsense.config.specs import LINES_PORT, JsonLinesTracker, LoopSpec, Stage, TrackerAddress
 from vsense.config.things import by_id
 from vsense.robots.link.trackers import protocol
 from vsense.robots.sources import LOOP_FUNCTIONS, PAGE, CodeOptions, stem_of
-
-LINES_PORT = 4041
-"""Where trackers that write JSON lines find vsense."""
 
 _ENGINE = "iridia_tracking_system"
 _TRACKER = "vs:tracker"

@@ -122,6 +122,33 @@ def read(path: Path) -> Roster:
     return _read(path, read_toml_text(path))
 
 
+def find_roster(path: Path | None, here: bool = True) -> Roster | None:
+    """Reads the roster that is meant; None: none is.
+
+    Args:
+        path: the file; None: the one in the current folder, where there is one, and `here`.
+
+    Raises:
+        UsageError: it cannot be read, or names no robot.
+        ConfigError: something in it is wrong.
+    """
+    if path is not None:
+        return read(path)
+    usual = Path(FILE_NAME)
+    return read(usual) if here and usual.exists() else None
+
+
+def require_roster(path: Path | None) -> Roster:
+    """Reads the roster, which there has to be; raises as `find_roster`, and where there is none."""
+    known = find_roster(path)
+    if known is None:
+        raise UsageError(
+            f"no roster: expected --roster FILE, or {FILE_NAME} here, with a table [[robot]] for"
+            " each robot: see 'vsense docs robot'"
+        )
+    return known
+
+
 def update(path: Path, changes: Mapping[int, Mapping[str, Any]]) -> Roster:
     """Writes what is known of robots into a roster; all else in it stays, comments too.
 

@@ -237,6 +237,10 @@ class TrackerAddress:
     line: int
 
 
+LINES_PORT = 4041
+"""Where trackers that write JSON lines find vsense."""
+
+
 @dataclass(frozen=True, slots=True)
 class JsonLinesTracker:
     """Any other tracker: it connects to vsense and writes JSON lines.

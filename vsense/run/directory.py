@@ -21,6 +21,10 @@ SERIES = "series.json"
 """Figures of one run, and of several."""
 
 
+TRAJECTORY, LOGGED = "trajectory.npz", "events.csv"
+"""Poses and events of a simulation."""
+
+
 class DirectoryError(VsenseError):
     """A file or directory of a run cannot be written."""
 

@@ -1,6 +1,6 @@
 """Waits for the robots, starts them together, runs the timesteps and stops them.
 
-`vsense.run.several` says where each run leaves its files, and whether another one follows.
+`vsense.modes.several` says where each run leaves its files, and whether another one follows.
 """
 
 from __future__ import annotations
@@ -19,11 +19,10 @@ from vsense.robots.link.server import VirtualSensorServer
 from vsense.robots.link.status import RobotStatus
 from vsense.robots.link.trackers.client import TrackerEnded
 from vsense.robots.link.wire import Wanted
+from vsense.run.alarms import SILENCE_NS, Alarm, Obedience, Overload, stands
 from vsense.run.control import DURING, HOMING, Control, State
 from vsense.run.environment import Environment
 from vsense.run.homing import starts
-from vsense.run.obedience import Obedience, stands
-from vsense.run.overload import SILENCE_NS, Alarm, Overload
 from vsense.run.robots import LinkCounters, Readiness, RobotAlarms
 from vsense.run.runtime import Runtime, Step
 from vsense.run.watch import NoArenaState

@@ -12,7 +12,7 @@ from tests.robots import rosters
 from vsense import cli
 from vsense.base.errors import VsenseError
 from vsense.config import battery_history
-from vsense.modes.live.batteries import RunBatteries
+from vsense.run.robots import RunBatteries
 
 
 def robots(**millivolts: int) -> Any:

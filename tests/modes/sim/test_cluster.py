@@ -29,7 +29,7 @@ from vsense import __version__
 from vsense.base.errors import pip_line
 from vsense.cli import main
 from vsense.commands import arguments
-from vsense.modes.sim import dask_cluster
+from vsense.modes.sim import engine
 
 SHORT = ("--duration", "6")
 
@@ -298,7 +298,7 @@ def test_a_scheduler_that_is_not_there_is_told_before_anything_runs(
     """Nobody listens, or somebody who says nothing."""
     require_dask()
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(dask_cluster, "CONNECT_S", 0.3)
+    monkeypatch.setattr(engine, "CONNECT_S", 0.3)
     with socket.create_server(("127.0.0.1", 0)) as silent:
         port = silent.getsockname()[1]
         if what == "Timed out":

@@ -16,8 +16,9 @@ import pytest
 from tests.modes.sim.conftest import task_of
 from tests.rigs.places import ROOT
 from tests.rigs.processes import descendants
+from vsense.base.errors import Interrupted
 from vsense.modes.sim.job import Job, Setup
-from vsense.modes.sim.outcome import Interrupted, SimulatedRunError, Task, libraries_of
+from vsense.modes.sim.outcome import SimulatedRunError, Task, libraries_of
 from vsense.modes.sim.watch import simulate_all
 
 TIMESTEP = 4

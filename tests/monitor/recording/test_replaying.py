@@ -15,7 +15,10 @@ from tests.monitor.recording.conftest import BEGIN_NS, record
 from tests.monitor.recording.scene import MADE, session_files, track
 from vsense import cli
 from vsense.base.message_bus import Message
+from vsense.base.terminal import Console, interruption
 from vsense.commands import replay
+from vsense.monitor.replay import ReplayOptions
+from vsense.monitor.replay import replay as replay_recording
 from vsense.monitor.ui import watchers
 from vsense.monitor.ui.access import WebAddress
 from vsense.monitor.ui.watchers import WatchedBus
@@ -53,7 +56,10 @@ def test_it_plays_until_somebody_interrupts(
         return pages[0]
 
     monkeypatch.setattr(watchers, "WATCHERS", (lambda options: make,))
-    assert replay.play(file, 2.0, WebAddress("127.0.0.1", 8080)) == 130
+    wanted = ReplayOptions(WebAddress("127.0.0.1", 8080), speed=2.0)
+    with interruption() as interrupted:
+        assert replay_recording(file, wanted, Console(), interrupted) is None
+        assert interrupted.code == 130
     assert pages[0].closed
     assert "vsense: plays 0.0 s" in capsys.readouterr().err
 

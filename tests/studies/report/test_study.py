@@ -18,11 +18,12 @@ from vsense.base.errors import UsageError
 from vsense.cli import main
 from vsense.monitor.recording.form import RecordingError
 from vsense.run.runs_csv import RunRow, RunsFile
+from vsense.studies.report import Questions
 from vsense.studies.report.report import make_report
 from vsense.studies.report.study import results, words
 from vsense.studies.report.study.collect import read_tables, tables_in
 from vsense.studies.report.study.design import Study, studies
-from vsense.studies.report.study.results import Questions, results_of
+from vsense.studies.report.study.results import results_of
 
 pytestmark = pytest.mark.usefixtures("coarse")
 

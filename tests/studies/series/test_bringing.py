@@ -20,7 +20,7 @@ from vsense.robots.sources import ProgramSources
 from vsense.studies.series.order import pending
 from vsense.studies.series.parts import PlanLoader, SeriesCast
 from vsense.studies.series.plan import read
-from vsense.studies.series.real import RealOptions, RealRuns
+from vsense.studies.series.real import RealRuns, RobotSeries
 from vsense.studies.series.staged import NotEnoughRobots, StagedRun
 
 OPTIONS = argparse.Namespace(target="epuck", sudo=True, ssh_option=["A=b"], key=Path("no.key"))
@@ -91,7 +91,7 @@ def test_who_has_it_is_brought_nothing(
     said = Console(io.StringIO())
     runs = RealRuns(
         *(loader, SeriesCast(known, said), said, Interruption()),
-        RealOptions(INSECURE, bring=bring),
+        RobotSeries(INSECURE, bring=bring),
     )
     run = pending(plan, [])[0]
     staged = StagedRun.of(plan, run, known["a"])

@@ -13,10 +13,9 @@ from typing import Any
 
 import pytest
 
-from vsense.base.errors import UsageError, VsenseError
+from vsense.base.errors import Interrupted, UsageError, VsenseError
 from vsense.base.terminal import Console, Interruption
 from vsense.modes.sim.job import Setup
-from vsense.modes.sim.outcome import Interrupted
 from vsense.run.directory import TIMESTEPS
 from vsense.run.runs_csv import RunRow, read_runs
 from vsense.studies.series import simulated

@@ -13,9 +13,10 @@ import pytest
 from tests.vision.calibration.ideal import CAMERAS
 from tests.vision.tracking.synthetic import Look, Robot, render
 from vsense.cli import main
+from vsense.monitor.recording import calibration_words
 from vsense.monitor.recording.form import ExperimentMessage
 from vsense.studies.report.facts import read_facts
-from vsense.vision.calibration.checked import in_words, of_session
+from vsense.vision.calibration.checked import of_session
 from vsense.vision.calibration.frame import FrameShift
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import load_family
@@ -126,16 +127,16 @@ def test_later_runs_tell_what_was_checked_and_whether_it_still_is(
     files = {f"usb {c.id}": (c, folder / f"{c.id}.json") for c in CAMERAS}
     before = of_session(files)
     assert not before["checked"] and len(before["unchecked"]) == 4
-    assert "never checked" in in_words(before)
+    assert "never checked" in calibration_words(before)
     assert run(folder, *tables) == 0
     capsys.readouterr()
     known = of_session(files)
     assert known["checked"] and known["checks"][0]["points"] == 5
-    assert in_words(known).endswith("at 5 points: 0.0 mm rms, 0.0 mm at worst")
+    assert calibration_words(known).endswith("at 5 points: 0.0 mm rms, 0.0 mm at worst")
     moved = FrameShift(0.001).moved(CAMERAS[2])
     changed = of_session({**files, f"usb {moved.id}": (moved, files[f"usb {moved.id}"][1])})
     assert not changed["checked"] and changed["stale"] == [f"usb {moved.id}"]
-    assert in_words(changed).endswith(f"but usb {moved.id} has changed since: check again")
+    assert calibration_words(changed).endswith(f"but usb {moved.id} has changed since: check again")
     (folder / "report" / "check.json").write_text("[1]")
     assert of_session(files)["checks"] == []
 

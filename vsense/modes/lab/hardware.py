@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from vsense.base.arena import turned
 from vsense.base.errors import UsageError
 from vsense.config.roster_fields import MarkerOffset
+from vsense.config.specs import Experiment
 from vsense.modes.lab.real_sensors import SensorHardware, draw_sensors
 from vsense.world.physics.motion import AXLE_M, WHEEL_DIAMETER_MM
 
@@ -242,3 +243,24 @@ def read_radio(text: str) -> tuple[int, EmulatedRadio]:
     if not -127 <= signal_dbm <= -1 or not 0.1 <= rate <= 2000.0:
         raise ValueError(f"'{text}': expected -127 to -1 dBm, and 0.1 to 2000 Mbit/s")
     return tag, EmulatedRadio(signal_dbm, rate, found[4] is not None)
+
+
+@dataclass(frozen=True, slots=True)
+class EmulatedLab:
+    """What a lab on this machine is made of.
+
+    Attributes:
+        base: what robots are based on, of `BASES`.
+        firmware_watchdog: their firmware has one, as in `Microcontrollers`.
+        cameras: columns and rows of them; None: as many as it takes.
+        calibrate: they hang as people hang them, and are known from pictures of a board only.
+        pace: all its clocks go at this share of real time.
+        robots: what an experiment's robots differ in.
+    """
+
+    base: str = BASES[0]
+    firmware_watchdog: bool = False
+    cameras: tuple[int, int] | None = None
+    calibrate: bool = False
+    pace: float = 1.0
+    robots: Callable[[Experiment], LabRobots] = lambda experiment: NOMINAL

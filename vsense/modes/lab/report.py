@@ -23,8 +23,7 @@ from vsense.modes.lab.session import RunNotes, Session
 from vsense.modes.lab.swarm import read_trace
 from vsense.modes.lab.truth import read_truth
 from vsense.monitor.pictures import run_figure
-from vsense.monitor.pictures.run_cameras import RunCameras
-from vsense.monitor.pictures.run_figure import spoken
+from vsense.monitor.pictures.run_figure import RunCameras, spoken
 from vsense.robots.link.status import RING_LEDS
 from vsense.run.figures import StepTimes, late_text, link_row, number, percent
 

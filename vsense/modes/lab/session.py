@@ -16,10 +16,10 @@ from vsense.base.shared import LabError
 from vsense.config.casting import Pair
 from vsense.config.specs import Experiment
 from vsense.modes.lab.calibrated import CalibratedRig
-from vsense.modes.lab.camera_spec import CameraGrid, robot_body, spec_for
+from vsense.modes.lab.camera_spec import robot_body, spec_for
 from vsense.modes.lab.canary import Canary
 from vsense.modes.lab.grabber import LabGrabber
-from vsense.modes.lab.hardware import NOMINAL, LabRobots, to_markers
+from vsense.modes.lab.hardware import NOMINAL, EmulatedLab, LabRobots, to_markers
 from vsense.modes.lab.metrics import TrackingTally
 from vsense.modes.lab.physics_process import FloorProcess
 from vsense.modes.lab.swarm import Robot, Swarm
@@ -91,19 +91,18 @@ class Session(ExperimentSession):
         self,
         setup: RunSetup,
         directory: Path,
-        base: str,
-        watchdog: bool = False,
-        legacy_port: int | None = None,
-        grid: CameraGrid | None = None,
-        known: CalibratedRig | None = None,
+        lab: EmulatedLab,
         robots: LabRobots = NOMINAL,
+        known: CalibratedRig | None = None,
+        legacy_port: int | None = None,
     ) -> None:
-        """Prepares runs of robots on a `base` of `modes/lab/links.py`; `directory` exists.
+        """Prepares runs in a lab.
 
-        Their firmware has a `watchdog`, as in `Microcontrollers`, or none. On `legacy_port` the
-        original's client gets the readings of a robot of the lab. `grid` is the cameras', as in
-        `vsense.modes.lab.camera_spec.rig`; `known` are others, tracked with as far as they are
-        known; `robots` what they differ in.
+        Args:
+            directory: exists.
+            robots: what they differ in.
+            known: cameras in place of the lab's, tracked with as far as they are known.
+            legacy_port: there the original's client gets the readings of a robot of the lab.
 
         Raises:
             VsenseError: something in the experiment cannot be made.
@@ -112,9 +111,7 @@ class Session(ExperimentSession):
         self.directory = directory
         self.truth_log = directory / "truth.bin"
         self.recordings: list[RunNotes] = []
-        self._base = base
-        self._watchdog = watchdog
-        self._grid = grid
+        self._lab = lab
         self.known, self.robots = known, robots
         self._ready = False
         self.dt_ns = setup.experiment.timestep_ns
@@ -129,7 +126,7 @@ class Session(ExperimentSession):
         # The cameras build their scene while everything else starts.
         hardware = self.robots.hardware
         true = None if self.known is None else self.known.true
-        where = truth.name, seed, self.truth_log, self._grid
+        where = truth.name, seed, self.truth_log, self._lab.cameras
         spec = spec_for(experiment, *where, true, hardware, self.robots.worn)
         self._markers = np.array([body.marker for body in spec.bodies])
         grabber = LabGrabber(spec)
@@ -139,7 +136,8 @@ class Session(ExperimentSession):
         self.cameras = grabber.cameras if self.known is None else list(self.known.found)
         self.tracking = self._track(grabber)
         self._stack.callback(self.tracking.close)
-        floor = experiment, truth.name, seed, self.directory, self._base, self._watchdog
+        of_base = self._lab.base, self._lab.firmware_watchdog
+        floor = experiment, truth.name, seed, self.directory, *of_base
         self.floor = FloorProcess(*floor, hardware, self.robots.black)
         self._stack.callback(self.floor.close)
         keys = self.setup.trust.keys

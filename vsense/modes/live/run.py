@@ -16,8 +16,7 @@ from vsense.base.errors import VsenseError
 from vsense.config.specs import Experiment
 from vsense.modes.live.session import RunSession
 from vsense.monitor.pictures import run_figure
-from vsense.monitor.pictures.run_cameras import RunCameras
-from vsense.monitor.pictures.run_figure import RunFigure, RunPictureError
+from vsense.monitor.pictures.run_figure import RunCameras, RunFigure, RunPictureError
 from vsense.monitor.pictures.run_samples import SPARE, RunSamples
 from vsense.robots.link.status import RobotStatus
 from vsense.run import directory as run_directory

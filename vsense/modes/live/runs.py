@@ -19,6 +19,7 @@ from vsense.base.arena import ArenaState, Frame
 from vsense.base.errors import VsenseError, failing_as
 from vsense.base.terminal import Console, print_data
 from vsense.modes.live.talk import Talk
+from vsense.modes.several import Series
 from vsense.monitor.recording import SUFFIX
 from vsense.monitor.recording.form import Data
 from vsense.monitor.recording.pictures import (
@@ -30,7 +31,6 @@ from vsense.monitor.recording.pictures import (
 from vsense.monitor.ui.recorders import OFF, Recorders
 from vsense.run import directory as run_directory
 from vsense.run.control import TRACKING_RULES, Control, State
-from vsense.run.several import Series
 from vsense.vision.tracking.camera_tracking import CameraTracking
 from vsense.vision.tracking.specs import TrackingSession
 

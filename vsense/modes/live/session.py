@@ -14,7 +14,6 @@ from vsense.base.sharing import user_name
 from vsense.base.terminal import Console, Interruption, Level
 from vsense.config.casting import Pair
 from vsense.config.specs import Experiment
-from vsense.modes.live.batteries import RunBatteries
 from vsense.modes.live.sources import SteadySource, open_source
 from vsense.modes.live.steering import RunSteering, SessionCallbacks
 from vsense.monitor.ui.access import is_loopback
@@ -34,6 +33,7 @@ from vsense.run.homing.homing import Homing
 from vsense.run.homing.starts import Starts, tell_end
 from vsense.run.robots import (
     Readiness,
+    RunBatteries,
     battery_words,
     expected_robots,
     low_batteries,

@@ -10,9 +10,10 @@ from typing import NamedTuple, Protocol
 
 from vsense.base.arena import ArenaState, Frame
 from vsense.base.clock import host_ns
-from vsense.base.errors import GrabberError, NoMorePictures, UsageError
+from vsense.base.errors import GrabberError, NoMorePictures
 from vsense.config import tracking_session
 from vsense.config.specs import Experiment, JsonLinesTracker, TrackerAddress
+from vsense.modes.live.opening import require_source
 from vsense.monitor.ui.access import is_loopback
 from vsense.robots.link.status import LinkError
 from vsense.robots.link.trackers.client import ArenaClient, TrackerEnded
@@ -126,16 +127,6 @@ class SteadySource:
         """See `ClosableSource.close`."""
         self._closed = True
         self._source.close()
-
-
-def require_source(experiment: Experiment, tracking: tuple[str, str] | None) -> None:
-    """Raises UsageError if neither the command line (`tracking`) nor the experiment names one."""
-    if tracking is None and experiment.tracker is None:
-        raise UsageError(
-            f"{experiment.file} names no tracker: give --tracking RESOURCES.xml SESSION.xml for"
-            ' cameras of your own, --tracker WHERE for another one, or ats_host="..." or'
-            ' <vs:tracker format="lines" /> in its <framework>'
-        )
 
 
 def open_source(

@@ -12,10 +12,10 @@ from vsense.monitor.ui.publisher import Publisher
 from vsense.monitor.ui.room import ControlRoom, RoomCallbacks
 from vsense.robots.link import strangers
 from vsense.robots.link.server import VirtualSensorServer
+from vsense.run.alarms import Alarm
 from vsense.run.control import DURING, Control
 from vsense.run.environment import Environment
 from vsense.run.orders import Order, OrderError, OrderKind
-from vsense.run.overload import Alarm
 from vsense.run.runtime import Runtime
 
 

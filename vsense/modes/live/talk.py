@@ -7,9 +7,12 @@ from collections.abc import Callable
 
 from vsense.base.arena import ArenaState
 from vsense.base.terminal import Console
+from vsense.monitor.recording import calibration_words
 from vsense.run.control import Control, State
+from vsense.vision.calibration.checked import of_tracking
 from vsense.vision.cameras.grabber import Troubles
 from vsense.vision.tracking.arena_tracker import TrackerCounters
+from vsense.vision.tracking.specs import TrackingSession
 
 BAR_WIDTH = 24
 
@@ -107,3 +110,9 @@ class Talk:
         if not counted:  # slower than that: since the beginning
             counted, since_ns = self._done, self._begun_ns
         return counted / max((now_ns - since_ns) / 1e9, 1e-6)
+
+
+def told_of(session: TrackingSession) -> str:
+    """What to say of a session's calibration when it begins; "" where it was never checked."""
+    known = of_tracking(session)
+    return calibration_words(known) if known["checks"] else ""

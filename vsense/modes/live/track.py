@@ -19,15 +19,12 @@ from vsense.base.errors import GrabberError, NoMorePictures, UsageError, VsenseE
 from vsense.base.terminal import Console, Interruption, drop_output, interruption
 from vsense.config import tracking_session
 from vsense.modes.live.runs import RunPictures, Runs, begin_recording
-from vsense.modes.live.talk import Talk
+from vsense.modes.live.talk import Talk, told_of
 from vsense.modes.live.track_room import TrackRoom, name_of
-from vsense.monitor import recording
 from vsense.monitor.pictures import snapshot
 from vsense.monitor.ui.access import FoxgloveAddress, WebAddress
-from vsense.monitor.ui.foxglove_server import check_foxglove
 from vsense.monitor.ui.room import ControlRoom, RoomOptions
 from vsense.run.control import BEFORE, State
-from vsense.vision.calibration.checked import told_of
 from vsense.vision.cameras.grabber import Troubles
 from vsense.vision.tracking.arena_tracker import TrackerCounters
 from vsense.vision.tracking.camera_tracking import CameraTracking
@@ -140,9 +137,7 @@ def _check(options: TrackOptions, session: TrackingSession) -> None:
             "--offline: is faster than anybody looks; --web, --foxglove, --hold and --record"
             " go at the pictures' own pace"
         )
-    if options.is_recorded:
-        recording.require()
-    check_foxglove(options.foxglove, () if options.web is None else (options.web.port,))
+    options.room.check()
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, Any
 from vsense.base.errors import VsenseError
 from vsense.base.message_bus import MessageBus
 from vsense.modes.sim.job import Job
-from vsense.modes.sim.record import LOGGED, TRAJECTORY
 from vsense.modes.sim.simulation import Simulation
 from vsense.monitor.pictures.run_samples import RunSamples
 from vsense.monitor.recording import SUFFIX
-from vsense.run.directory import RunTables
+from vsense.run.directory import LOGGED, TRAJECTORY, RunTables
 
 if TYPE_CHECKING:
     from vsense.modes.sim.paced import PacedRun

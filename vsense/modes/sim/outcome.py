@@ -12,10 +12,11 @@ from vsense.base.errors import VsenseError
 from vsense.base.processes import describe_exit
 from vsense.config.specs import Experiment
 from vsense.modes.sim.job import Job
-from vsense.modes.sim.record import LOGGED, EventLog
+from vsense.modes.sim.record import EventLog
 from vsense.modes.sim.simulation import LOOP_FUNCTION, WARM_UP
 from vsense.robots.inprocess import SimError
 from vsense.robots.loop_library import FUNCTIONS
+from vsense.run.directory import LOGGED
 from vsense.run.programs import LOADING, LOADING_LOOP, shared_objects
 
 Answer = dict[str, Any]
@@ -29,10 +30,6 @@ Answer = dict[str, Any]
     {"ended": -9}                         how the process behind it ended, as of `subprocess`
 
 and `progress`: what `Programs` noted last."""
-
-
-class Interrupted(Exception):
-    """The user has ended the runs."""
 
 
 class SimulatedRunError(VsenseError):

@@ -18,8 +18,8 @@ from vsense.base.terminal import Level
 from vsense.config.specs import Experiment
 from vsense.modes.lab import metrics
 from vsense.monitor.pictures.run_samples import RunSamples
+from vsense.monitor.recording import changes
 from vsense.monitor.recording.form import EVENTS, SHOWN
-from vsense.monitor.recording.senses import changes
 from vsense.robots.link.status import RING_LEDS
 from vsense.robots.link.wire import Shown
 from vsense.world.physics.motion import pointer
@@ -89,10 +89,6 @@ class SimulatedTracker:
     def use(self, timesteps: int) -> None:
         """So many timesteps' errors have been used."""
         self._used += timesteps
-
-
-TRAJECTORY = "trajectory.npz"
-LOGGED = "events.csv"
 
 
 class EventLog:

@@ -16,9 +16,7 @@ from vsense.base.errors import VsenseError
 from vsense.base.message_bus import Listener, Message, MessageBus
 from vsense.monitor.foxglove.channels import Channels
 from vsense.monitor.recording import form
-from vsense.monitor.recording.recorder import FLUSH_S
-from vsense.monitor.recording.waiting import gap_message
-from vsense.monitor.recording.writer import RecordingWriter
+from vsense.monitor.recording.writer import FLUSH_S, RecordingWriter, gap_message
 
 
 class SimRecorder:

@@ -12,9 +12,10 @@ from contextlib import ExitStack, suppress
 from itertools import islice
 from typing import Any, Generic, Protocol, TypeVar
 
+from vsense.base.errors import Interrupted
 from vsense.base.processes import start_module
 from vsense.base.shared import SharedBlock
-from vsense.modes.sim.outcome import Answer, Interrupted, Task
+from vsense.modes.sim.outcome import Answer, Task
 from vsense.modes.sim.simulation import WARM_UP
 from vsense.run.programs import PROGRESS_BYTES
 

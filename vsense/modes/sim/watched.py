@@ -8,8 +8,8 @@ from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from typing import Any
 
-from vsense.base.errors import VsenseError
-from vsense.modes.sim.outcome import Interrupted, Task
+from vsense.base.errors import Interrupted, VsenseError
+from vsense.modes.sim.outcome import Task
 from vsense.modes.sim.room import SimRoom
 from vsense.modes.sim.watch import LIMIT_S, POLL_S, Show, WorkerProcess, watch
 from vsense.run.orders import OrderError

@@ -6,7 +6,7 @@ beneath. For the pollution experiment it combines figures 5.1 and 5.2 of the the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,15 +14,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.arena import Frame
 from vsense.base.canvas import GRID, INK, MUTED, SCALE, Canvas, Colour, Floats, Image, width_of
 from vsense.base.errors import VsenseError
 from vsense.config.specs import Experiment
 from vsense.monitor.pictures import arena_view
 from vsense.monitor.pictures.arena_view import WIDTH_PX
-from vsense.monitor.pictures.run_cameras import RunCameras
+from vsense.monitor.pictures.camera_view import CameraGrid
 from vsense.monitor.pictures.run_samples import RunSamples
 from vsense.monitor.pictures.scene import CONE, DARK, LIT, ArenaMoment
+from vsense.monitor.pictures.stitch import Shade, TopView
 from vsense.monitor.pictures.world_snapshot import WorldSnapshot
+from vsense.vision.cameras.camera import Camera
 from vsense.world.entities import Arena
 
 TRAIL_S = 6.0
@@ -307,3 +310,56 @@ def ticks(low: float, high: float, most: int) -> Floats:
     first = np.ceil(low / step - 1e-9)
     count = np.floor(high / step + 1e-9) - first + 1
     return np.asarray((first + np.arange(count)) * step)
+
+
+_PAPER: Colour = (255, 255, 255)
+
+
+class RunCameras:
+    """The pictures of a run's cameras at chosen timesteps, and how to show them.
+
+    Args:
+        cameras: may be none.
+        top_m: height of the markers above the floor.
+        shade: see `TopView`.
+
+    Attributes:
+        pictures: by the run's timestep and the camera's id.
+    """
+
+    def __init__(self, cameras: Sequence[Camera], top_m: float, shade: Shade | None = None) -> None:
+        self.pictures: dict[int, Mapping[str, Image]] = {}
+        self._cameras, self._top_m, self._shade = cameras, top_m, shade
+
+    def keep(self, timestep: int, frames: Sequence[Frame]) -> None:
+        """Copies pictures, so that their memory returns to the cameras."""
+        known = {camera.id for camera in self._cameras}
+        copied = {f.camera: f.image.copy() for f in frames if f.camera in known}
+        if copied:
+            self.pictures[timestep] = copied
+
+    def drop(self, timestep: int) -> None:
+        """Forgets the pictures of a timestep, if there are any."""
+        self.pictures.pop(timestep, None)
+
+    def newest(self, timestep: int, reach: int) -> int | None:
+        """The newest timestep with pictures up to this one, at most `reach` before it."""
+        found = [t for t in self.pictures if timestep - reach <= t <= timestep]
+        return max(found, default=None)
+
+    def top_view(self, timestep: int, part: Arena, width_px: int) -> Image | None:
+        """The cameras' view of a part of the arena from above; None: there is none."""
+        pictures = self.pictures.get(timestep)
+        if not pictures:
+            return None
+        zoom = width_px / part.size_m[0]
+        return TopView(self._cameras, part, zoom, self._top_m, self._shade).draw(pictures)
+
+    def grid(self, timestep: int, moment: ArenaMoment, width_px: int) -> Image | None:
+        """All pictures with the moment drawn in, `SCALE` times as large; None: there are none."""
+        pictures = self.pictures.get(timestep)
+        if not pictures:
+            return None
+        middle = np.array(moment.snapshot.arena.centre_m[:2])
+        shown = CameraGrid(self._cameras, width_px, middle, SCALE)
+        return shown.draw({c.id: moment for c in self._cameras}, pictures, _PAPER)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from vsense.base import errors
 
@@ -55,3 +57,35 @@ def size_line(path: Path | str, size: int, duration_s: float) -> str:
 def megabytes(size: float) -> str:
     """A file's size as people read it."""
     return f"{size / 1e9:.1f} GB" if size >= 1e9 else f"{size / 1e6:.1f} MB"
+
+
+def changes(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[tuple[str, Any]]:
+    """The shown values that differ; one that is shown no more is None."""
+    names = [*now, *(name for name in before if name not in now)]
+    return [
+        (name, now.get(name))
+        for name in names
+        if name not in before or now.get(name) != before[name]
+    ]
+
+
+def calibration_words(known: Mapping[str, Any]) -> str:
+    """What a recording has of its calibration, for people; "" where there is nothing to tell."""
+    checks, stale = known.get("checks"), known.get("stale")
+    if not isinstance(checks, Sequence) or not isinstance(stale, Sequence):
+        return ""
+    if not checks:
+        return "the calibration was never checked: vsense calibrate check says how true it is"
+    check = checks[-1] if isinstance(checks[-1], Mapping) else {}
+    rms, worst = check.get("rms_mm"), check.get("worst_mm")
+    when = str(check.get("when", "?")).split("T")[0]
+    text = f"calibration checked {when} at {check.get('points')} points: {rms} mm rms, {worst} mm"
+    text += " at worst"
+    names = [str(name) for name in stale]
+    if names:
+        has = "has" if len(names) == 1 else "have"
+        return f"{text}; but {', '.join(names)} {has} changed since: check again"
+    unchecked = known.get("unchecked") or []
+    if unchecked:
+        return f"{text}; not of {', '.join(map(str, unchecked))}"
+    return text

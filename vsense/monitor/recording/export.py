@@ -1,20 +1,23 @@
-"""Recordings as CSV tables. README.md describes the columns."""
+"""Recordings as CSV tables, as a video, or for Foxglove. README.md describes the columns."""
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterable, Mapping
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from vsense.base.errors import failing_as
+from vsense.base.errors import UsageError, failing_as
 from vsense.base.message_bus import Message
-from vsense.monitor.recording import form
+from vsense.base.terminal import Console, Interruption
+from vsense.monitor import recording
+from vsense.monitor.recording import changes, form
 from vsense.monitor.recording.form import EVENTS, ROBOTS, SHOWN, ExperimentMessage, RecordingError
-from vsense.monitor.recording.reader import Recording, read_gap
-from vsense.monitor.recording.senses import changes
+from vsense.monitor.recording.reader import Recording, open_recording, read_gap
 
 Row = list[Any]
 
@@ -27,6 +30,131 @@ TRAJECTORIES = (
     "covariance_yy_m2", "covariance_y_yaw_m_rad", "covariance_yaw_yaw_rad2",
 )  # fmt: skip
 TABLES = ("trajectories", "readings", "robots", "shown", "measures", "events")
+
+
+@dataclass(frozen=True, slots=True)
+class ExportOptions:
+    """What of a recording is written; by default its tables.
+
+    Attributes:
+        output: folder of the tables; None: FILE without its suffix.
+        video: file of a video in place of them.
+        foxglove: file of a recording for Foxglove in place of them.
+        film: of the video, what is asked for, by the names of `VideoPlan`.
+    """
+
+    output: Path | None = None
+    video: Path | None = None
+    foxglove: Path | None = None
+    film: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Exported:
+    """What was written: `facts` for scripts, `lines` for people."""
+
+    facts: Mapping[str, Any]
+    lines: Sequence[str]
+
+
+def export(
+    path: Path, options: ExportOptions, console: Console, interrupted: Interruption
+) -> Exported | None:
+    """Writes what a recording, or the only one in a folder, holds.
+
+    Returns:
+        What was written; None: a video was interrupted, and nothing is left of it.
+
+    Raises:
+        UsageError: options do not go together, or there is no recording.
+        RecordingError: the recording cannot be read, or a file cannot be written.
+        CutShort: it was interrupted.
+    """
+    _check(options)
+    path = recording.file_of(path)
+    with ExitStack() as stack:
+        with interrupted.at_once():
+            opened = stack.enter_context(open_recording(path))
+        if options.video is not None:
+            return _video(opened, options.video, options.film, console, interrupted)
+        with interrupted.at_once():
+            if options.foxglove is not None:
+                return _foxglove(opened, options.foxglove, console)
+            return _tables(opened, options.output or path.with_suffix(""), console)
+
+
+def _check(options: ExportOptions) -> None:
+    """Refuses options that do not go together."""
+    if options.video is None and options.film:
+        words = {"from_s": "from", "to_s": "to"}
+        name = next(iter(options.film))
+        raise UsageError(f"--{words.get(name, name)} belongs to --video NAME.webm")
+    if options.video is not None and options.output is not None:
+        raise UsageError("--output and --csv are for tables, --video says its own file: give one")
+    if options.video is not None and options.foxglove is not None:
+        raise UsageError("--video and --foxglove write different files: give one")
+    if options.foxglove is not None and options.output is not None:
+        raise UsageError("--output is the folder of tables: --foxglove names its own file")
+
+
+def _tables(opened: Recording, folder: Path, console: Console) -> Exported:
+    rows = export_csv(opened, folder)
+    _say_state(opened, console)
+    tables = {f"{folder / name}.csv": count for name, count in rows.items()}
+    return Exported({"tables": tables}, [f"{name}: {n} rows" for name, n in tables.items()])
+
+
+def _video(
+    opened: Recording,
+    path: Path,
+    asked: Mapping[str, Any],
+    console: Console,
+    interrupted: Interruption,
+) -> Exported | None:
+    from vsense.monitor.recording.video import Video, VideoPlan
+
+    with interrupted.at_once():
+        film = Video(opened, VideoPlan(**asked))
+    begun_s = time.monotonic()
+
+    def show(done: int) -> None:
+        left_s = (time.monotonic() - begun_s) / done * (film.frames - done)
+        left = f"{int(left_s) // 60}:{int(left_s) % 60:02}"
+        console.progress(f"video: {100 * done // film.frames} %, {left} left")
+
+    complete = film.write(path, show, interrupted.is_set)
+    console.end_progress()
+    _say_state(opened, console)
+    if not complete:
+        console.say(f"vsense: interrupted; nothing is left of {path}")
+        return None
+    size, duration_s = path.stat().st_size, round(film.frames / film.fps, 3)
+    facts = {"video": str(path), "frames": film.frames, "seconds": duration_s, "bytes": size}
+    line = f"{path}: {duration_s:.1f} s, {film.frames} frames, {size / 1e6:.1f} MB"
+    return Exported(facts, [line])
+
+
+def _foxglove(opened: Recording, path: Path, console: Console) -> Exported:
+    from vsense.monitor.recording.foxglove_export import export_foxglove
+
+    show = lambda share: console.progress(f"for Foxglove: {share:.0%}")  # noqa: E731
+    sizes = export_foxglove(opened, path, show)
+    console.end_progress()
+    _say_damage(opened, console)
+    return Exported(
+        {"files": sizes}, [f"{name}: {size / 1e6:.1f} MB" for name, size in sizes.items()]
+    )
+
+
+def _say_state(opened: Recording, console: Console) -> None:
+    if not opened.complete:
+        console.say(f"vsense: {opened.path} was cut off: its last second may be missing")
+    _say_damage(opened, console)
+
+
+def _say_damage(opened: Recording, console: Console) -> None:
+    if opened.damaged:
+        console.say(f"vsense: {len(opened.damaged)} parts of {opened.path} are damaged")
 
 
 def export_csv(recording: Recording, folder: Path) -> dict[str, int]:

@@ -25,13 +25,11 @@ from vsense.base.message_bus import Listener, Message, MessageBus
 from vsense.base.terminal import Level
 from vsense.monitor.foxglove.channels import Channels
 from vsense.monitor.recording import form, megabytes
-from vsense.monitor.recording.waiting import Bounds, Item, Waiting, WaitingPicture, gap_message
-from vsense.monitor.recording.writer import RecordingWriter
+from vsense.monitor.recording.waiting import Bounds, Item, Waiting, WaitingPicture
+from vsense.monitor.recording.writer import FLUSH_S, RecordingWriter, gap_message
 from vsense.vision.tracking import recorded_tracker
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 
-FLUSH_S = 0.5
-"""Time from disk to disk; with what the writing itself takes, less than a second."""
 RETRY_S = 1.0
 FORETELL_S = 10.0
 """After so long it is known what a minute costs."""

@@ -74,6 +74,11 @@ class ResenseComparison:
     first: FirstDifference | None = None
     versions: tuple[str, str] | None = None
 
+    @property
+    def exit_code(self) -> int:
+        """1 where readings differ."""
+        return int(self.different > 0)
+
     def lines(self) -> list[str]:
         """The comparison for people."""
         same = self.readings - self.different

@@ -78,6 +78,11 @@ class RetrackComparison:
             turn_rad = abs(math.remainder(yaw1 - yaw0, math.tau))
             self.heading_rad = max(self.heading_rad, turn_rad)
 
+    @property
+    def exit_code(self) -> int:
+        """0: other settings track otherwise."""
+        return 0
+
     def lines(self) -> list[str]:
         """The comparison for people."""
         lines = [f"{self.timesteps} timesteps compared, {self.equal} the same in every bit"]

@@ -76,13 +76,3 @@ def _column(data: Mapping[str, object], name: str) -> list[Any]:
     if not isinstance(column, list):
         raise TypeError(f"{name} is no list")
     return column
-
-
-def changes(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[tuple[str, Any]]:
-    """The shown values that differ; one that is shown no more is None."""
-    names = [*now, *(name for name in before if name not in now)]
-    return [
-        (name, now.get(name))
-        for name in names
-        if name not in before or now.get(name) != before[name]
-    ]

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 from vsense.base.arena import Frame
 from vsense.base.message_bus import Message
-from vsense.monitor.recording import form
+from vsense.monitor.recording.writer import gap_message
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,17 +157,3 @@ class Waiting:
             counts = (0, gap.left_out) if kind == _PICTURES else (gap.left_out, 0)
             message = gap_message(now_ns, gap.from_ns, gap.to_ns, counts, gap.why)
             self._queues[kind].append(message, _SMALL, now_ns)
-
-
-def gap_message(
-    now_ns: int, from_ns: int, to_ns: int, counts: tuple[int, int], why: str
-) -> Message:
-    """Makes the mark of a gap; `counts` are the messages and pictures that are missing."""
-    data = {
-        "from_ns": from_ns,
-        "to_ns": to_ns,
-        "messages": counts[0],
-        "pictures": counts[1],
-        "why": why,
-    }
-    return Message(form.GAP, now_ns, data)

@@ -23,6 +23,9 @@ from vsense.monitor.foxglove.channels import Derived
 from vsense.monitor.recording import form
 from vsense.monitor.recording.form import Head, RecordingError
 
+FLUSH_S = 0.5
+"""Time from disk to disk; with what the writing itself takes, less than a second."""
+
 
 class WholeFile:
     """A new file that grows by whole pieces; it gets its name with the first one.
@@ -248,3 +251,17 @@ class RecordingWriter:
         if values != self._experiment:
             self._experiment = values
             self._mcap.add_metadata(form.EXPERIMENT, values)
+
+
+def gap_message(
+    now_ns: int, from_ns: int, to_ns: int, counts: tuple[int, int], why: str
+) -> Message:
+    """Makes the mark of a gap; `counts` are the messages and pictures that are missing."""
+    data = {
+        "from_ns": from_ns,
+        "to_ns": to_ns,
+        "messages": counts[0],
+        "pictures": counts[1],
+        "why": why,
+    }
+    return Message(form.GAP, now_ns, data)

@@ -6,16 +6,19 @@ import json
 import socket
 import stat
 import time
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from vsense.base.errors import UsageError, VsenseError
 from vsense.base.sharing import user_name
-from vsense.base.terminal import aligned
+from vsense.base.terminal import Console, aligned
 from vsense.monitor.ui.control_socket import TRACKER, folders
+
+if TYPE_CHECKING:
+    from vsense.run.leases import Lease
 
 PATIENCE_S = 5.0
 _MOST_BYTES = 1 << 24
@@ -30,6 +33,15 @@ _NOTHING_RUNS = (
 
 Answered = tuple[tuple[str, ...], dict[str, Any]]
 """An experiment in words, its process number first, and its answer."""
+
+
+HANDOVER_TIMEOUT_S = 60.0
+"""A run's figures and pictures may take so long after its end."""
+_POLL_S = 0.1
+
+
+class HandoverError(VsenseError):
+    """The robots were not given back."""
 
 
 class TerminalError(VsenseError):
@@ -190,3 +202,99 @@ def _answer(path: Path, line: bytes) -> dict[str, Any] | None:
         return None
     except (OSError, ValueError) as error:
         return {"error": f"does not answer: {error}"}
+
+
+def text_of(answer: Mapping[str, Any]) -> str:
+    """What an order did, and whose run it was where that is another account's."""
+    owner = f" (a run of {answer['user']}'s)" if "user" in answer else ""
+    return f"{answer['text']}{owner}"
+
+
+def held_robots() -> dict[int, Lease]:
+    """All robots that a run has, in the folders that this account sees.
+
+    UsageError: there are none, and some folder cannot be used.
+    """
+    from vsense.run import leases  # which a stop must not wait for
+
+    places, reasons = folders()
+    held = {tag: lease for place in places for tag, lease in leases.holders(place).items()}
+    if not held and reasons:
+        raise UsageError("\n".join(["no run has robots here", *reasons]))
+    return held
+
+
+def hand_over(
+    tags: Collection[int], process: int | None, force: bool, console: Console
+) -> tuple[list[int], list[int]]:
+    """Ends the runs that have robots, and waits until the robots are free.
+
+    Args:
+        tags: of the robots that are wanted; none: all that one run has.
+        process: of that run; None: the only one.
+        force: a run that is going on ends, too.
+
+    Returns:
+        The robots that are free, and the processes that had them.
+
+    Raises:
+        UsageError: nobody has them, or it is not clear which are meant.
+        TerminalError: a run refuses.
+        HandoverError: they were not given back.
+    """
+    held = _wanted(held_robots(), tags, process)
+    processes = sorted({lease.process for lease in held.values()})
+    for number in processes:
+        answer = ask({"ask": "handover", "force": force}, number)
+        console.say(f"process {number} {text_of(answer)}")
+    _wait(held, console)
+    return sorted(held), processes
+
+
+def _wanted(
+    held: Mapping[int, Lease], tags: Collection[int], process: int | None
+) -> dict[int, Lease]:
+    if tags and process is not None:
+        raise UsageError("robots and --process: one or the other")
+    if not held:
+        raise UsageError("no run has robots here")
+    owners = {lease.process for tag, lease in held.items() if not tags or tag in tags}
+    if process is not None:
+        owners &= {process}
+    if not owners:
+        who = f"process {process} has no robots" if process is not None else "nobody has them"
+        raise UsageError(f"{who}; there are:\n{holders_text(held)}")
+    if len(owners) > 1 and not tags:
+        raise UsageError(
+            f"several runs have robots:\n{holders_text(held)}\nsay which, or --process PID"
+        )
+    # A run gives back all that it has.
+    return {tag: lease for tag, lease in held.items() if lease.process in owners}
+
+
+def _wait(wanted: Mapping[int, Lease], console: Console) -> None:
+    end_s = time.monotonic() + HANDOVER_TIMEOUT_S
+    while left := {tag: lease for tag, lease in held_robots().items() if wanted.get(tag) == lease}:
+        if time.monotonic() > end_s:
+            console.end_progress()
+            raise HandoverError(f"{robots_are(left)} not given back: {next(iter(left.values()))}")
+        console.progress(f"waiting for the end of that run: {robots_are(left)} still held")
+        time.sleep(_POLL_S)
+    console.end_progress()
+
+
+def holders_text(held: Mapping[int, Lease]) -> str:
+    """Who has which robots, in lines."""
+    from vsense.run import leases
+
+    if not held:
+        return "no run has robots here"
+    lines = (f"{robots_are(tags)} in use: {who}" for who, tags in leases.by_lease(held).items())
+    return "\n".join(lines)
+
+
+def robots_are(tags: Iterable[int]) -> str:
+    """Robots in words, with their verb: "robots 23, 24 are"."""
+    from vsense.run import leases
+
+    return leases.robots(tags)

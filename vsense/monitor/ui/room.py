@@ -14,10 +14,11 @@ from pathlib import Path
 
 from vsense.base.arena import Frame
 from vsense.base.clock import host_ns
-from vsense.base.errors import VsenseError
+from vsense.base.errors import UsageError, VsenseError
 from vsense.base.files import free_bytes
 from vsense.base.message_bus import MessageBus
 from vsense.base.terminal import Console, Level
+from vsense.monitor import recording
 from vsense.monitor.recording.form import Data
 from vsense.monitor.ui import keyboard
 from vsense.monitor.ui.control_socket import (
@@ -26,11 +27,13 @@ from vsense.monitor.ui.control_socket import (
     HandOver,
     refuse_handover,
 )
+from vsense.monitor.ui.foxglove_server import check_foxglove
 from vsense.monitor.ui.publisher import PreviewEncoder, Publisher
 from vsense.monitor.ui.recorders import Recorders
 from vsense.monitor.ui.watchers import (
     WatchedBus,
     WatchOptions,
+    page_access,
     start_watchers,
     wanted_watchers,
 )
@@ -61,6 +64,27 @@ class RoomOptions(WatchOptions):
     record_images: bool = False
     locked: bool = False
     series: Data | None = None
+
+    def check(self, *ports: int | None) -> None:
+        """Refuses what page, Foxglove and recordings lack, before anything is made or started.
+
+        `ports` are those of robots.
+
+        Raises:
+            UsageError: a library is missing, or two are to have one port.
+            VsenseError: the page's files cannot be used, or another program has a port.
+        """
+        if self.record or self.record_images:
+            recording.require()
+        check_foxglove(self.foxglove, (*ports, None if self.web is None else self.web.port))
+        if self.web is None:
+            return
+        page_access(self.web)
+        if self.web.port and self.web.port in ports:
+            raise UsageError(
+                f"--web: {self.web.port} is a port for robots, too: give the page another, such as"
+                f" --web {self.web.port + 1}"
+            )
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from vsense.monitor.ui.messages import numbers
 from vsense.robots.link.status import RadioStatus, RobotStatus
 from vsense.robots.link.table import Entry
 from vsense.robots.link.wire import Shown, StopCause, Wanted
-from vsense.run.obedience import disobeys
+from vsense.run.alarms import disobeys
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.cameras.grabber import Troubles
 

@@ -13,8 +13,9 @@ from vsense.base.terminal import aligned
 from vsense.run.runs_csv import RunRow
 from vsense.studies.benchmark import definition
 from vsense.studies.benchmark.result import read, row_of
+from vsense.studies.report import Questions
 from vsense.studies.report.study import words
-from vsense.studies.report.study.results import Questions, StudyResult, as_json, results_of
+from vsense.studies.report.study.results import StudyResult, as_json, results_of
 
 BY = ("series",)
 

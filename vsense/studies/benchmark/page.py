@@ -12,12 +12,12 @@ from vsense.base.errors import failing_as
 from vsense.monitor.pictures.run_figure import spoken
 from vsense.monitor.recording.form import RecordingError
 from vsense.studies.benchmark.comparing import ComparedLabs
-from vsense.studies.report import can_draw, lacking, plot
+from vsense.studies.report import Questions, can_draw, lacking, lacking_tests, plot
 from vsense.studies.report.markup import DASH, Counter, document, figure_of, note, share_of, tiles
 from vsense.studies.report.plot import Drawing
 from vsense.studies.report.report import PAGE, Charts, require_empty
-from vsense.studies.report.study import lacking_tests, section
-from vsense.studies.report.study.results import Questions, StudyResult
+from vsense.studies.report.study import section
+from vsense.studies.report.study.results import StudyResult
 
 _ROW_IN, _FRAME_IN = 0.22, 0.6
 

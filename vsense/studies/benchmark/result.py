@@ -27,7 +27,8 @@ from vsense.studies.benchmark.evidence import (
     wrong_measures,
 )
 from vsense.studies.benchmark.motion import robots_of, shift_of, standing_noise
-from vsense.studies.report.study.results import Questions, StudyResult, results_of
+from vsense.studies.report import Questions
+from vsense.studies.report.study.results import StudyResult, results_of
 from vsense.studies.series.parts import PlannedExperiment
 from vsense.studies.series.plan import SeriesPlan
 

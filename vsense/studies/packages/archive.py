@@ -19,16 +19,15 @@ from typing import IO
 
 from vsense.base.errors import VsenseError, failing_as
 from vsense.base.files import open_bytes
+from vsense.modes import origin
 
 MANIFEST = "manifest-sha256.txt"
 """As `sha256sum -c` reads it: all files of a package but itself."""
 
-MOST_FILES = 100_000
 _MOST_MANIFEST = 16 << 20
 _MOST_RATIO, _FREE_BYTES = 200, 256 << 20
 """A package may become so many times as large, and so much in any case."""
 _MOST_NAME, _MOST_PART = 1000, 200
-DATE = (1980, 1, 1, 0, 0, 0)
 _PACKED = (".mcap", ".npz", ".png", ".webp", ".webm", ".zip", ".pdf")
 """What is compressed already."""
 _PIECE = 1 << 20
@@ -121,7 +120,7 @@ def write(path: Path, entries: Entries, tell: Tell = lambda name, share: None) -
 
 
 def _add(archive: zipfile.ZipFile, name: str, source: bytes | Path) -> None:
-    info = zipfile.ZipInfo(name, DATE)
+    info = zipfile.ZipInfo(name, origin.DATE)
     info.create_system, info.external_attr = 3, (stat.S_IFREG | 0o644) << 16
     stored = name.endswith(_PACKED)
     info.compress_type = zipfile.ZIP_STORED if stored else zipfile.ZIP_DEFLATED
@@ -219,8 +218,8 @@ class Package:
                     shutil.copyfileobj(file, into, _PIECE)
 
     def _check(self, infos: list[zipfile.ZipInfo]) -> None:
-        if len(infos) > MOST_FILES:
-            raise self._error(f"has {len(infos)} files, expected at most {MOST_FILES}")
+        if len(infos) > origin.MOST_FILES:
+            raise self._error(f"has {len(infos)} files, expected at most {origin.MOST_FILES}")
         for info in infos:
             if what := _what_is_odd(info):
                 raise self._error(f"its file {info.filename[:200]!r} {what}")
@@ -242,8 +241,10 @@ class Package:
     def _manifest(self) -> dict[str, str]:
         digests: dict[str, str] = {}
         data = self.read(MANIFEST, _MOST_MANIFEST)
-        if data.count(b"\n") > MOST_FILES:
-            raise DamagedPackage(self.path, [f"{MANIFEST} names more than {MOST_FILES} files"])
+        if data.count(b"\n") > origin.MOST_FILES:
+            raise DamagedPackage(
+                self.path, [f"{MANIFEST} names more than {origin.MOST_FILES} files"]
+            )
         for number, line in enumerate(data.decode(errors="replace").splitlines(), 1):
             match = _LINE.fullmatch(line)
             if match is None or match[2] in digests:

@@ -13,9 +13,9 @@ from typing import Any
 from urllib.parse import quote
 
 from vsense.base.errors import UsageError
+from vsense.modes import origin
 from vsense.studies.packages.contents import PackageContents
 from vsense.studies.packages.gathering import FoundSeries
-from vsense.studies.packages.origin import RunOrigin
 
 METADATA = "ro-crate-metadata.json"
 _CONTEXT = "https://w3id.org/ro/crate/1.1/context"
@@ -107,7 +107,7 @@ def license_of(text: str) -> str:
 def describe(
     title: Title,
     files: Sequence[Described],
-    origins: Mapping[str, RunOrigin],
+    origins: Mapping[str, origin.RunOrigin],
     found: Sequence[FoundSeries],
 ) -> bytes:
     """The description.
@@ -205,7 +205,7 @@ def _file(file: Described) -> Entity:
     }
 
 
-def _software(origins: Mapping[str, RunOrigin]) -> list[Entity]:
+def _software(origins: Mapping[str, origin.RunOrigin]) -> list[Entity]:
     found: dict[str, Entity] = {}
     for kept in origins.values():
         needs = []

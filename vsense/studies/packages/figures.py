@@ -15,9 +15,7 @@ from typing import Any
 from vsense.base.errors import UsageError, VsenseError, failing_as
 from vsense.monitor.recording import require
 from vsense.studies.packages.archive import PackageError
-from vsense.studies.report import can_draw, lacking
-from vsense.studies.report.study import lacking_tests
-from vsense.studies.report.study.results import Questions
+from vsense.studies.report import Questions, can_draw, lacking, lacking_tests
 
 REPORT = "report"
 """The folder of the report."""

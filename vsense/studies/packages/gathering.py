@@ -12,10 +12,10 @@ from typing import Any
 
 from vsense.base.errors import UsageError, failing_as
 from vsense.base.files import read_text
+from vsense.modes import origin
 from vsense.monitor.recording import SUFFIX
 from vsense.run.directory import SERIES, SUMMARY
 from vsense.run.runs_csv import RUNS, RunRow, read_runs
-from vsense.studies.packages import origin
 from vsense.studies.packages.archive import PackageError
 
 _MOST_SUMMARY = 64 << 20
@@ -45,6 +45,14 @@ class FoundRun:
         there = [] if self.folder is None else sorted(self.folder.glob(f"*{SUFFIX}"))
         return [*there, *(path for path in self.files.values() if path.suffix == SUFFIX)]
 
+    def key_in(self, made: origin.RunOrigin) -> str:
+        """The key of a simulated run's setup; "": it has none."""
+        row = self.facts
+        keys = [origin.key_of(row.condition, row.start), origin.key_of(row.condition)]
+        if self.row is None:
+            keys.append(origin.key_of())
+        return next((key for key in keys if key in made.setups), "")
+
 
 @dataclass(frozen=True, slots=True)
 class FoundSeries:
@@ -69,6 +77,11 @@ class FoundSeries:
         """What a run was made from, None: nobody kept it."""
         found = [path for begin, path in self.origins if begin <= (run.row or 0)]
         return found[-1] if found else None
+
+    def is_of_other(self, path: Path, run: FoundRun) -> bool:
+        """Whether a file is in the folder of another run."""
+        others = {other.folder for other in self.runs} - {run.folder, None}
+        return any(path.is_relative_to(other) for other in others if other is not None)
 
 
 def gather(paths: Sequence[Path]) -> list[FoundSeries]:

@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 from vsense import __version__
-from vsense.base.errors import VsenseError, failing_as
+from vsense.base.errors import UsageError, VsenseError, failing_as
 from vsense.base.files import read_bytes
-from vsense.monitor.recording import SUFFIX, require
+from vsense.modes import origin
+from vsense.monitor.recording import SUFFIX, megabytes, require
 from vsense.run.runs_csv import utc
-from vsense.studies.packages import archive, contents, crate, figures, kinds, origin
+from vsense.studies.packages import archive, contents, crate, figures, kinds
 from vsense.studies.packages.archive import MANIFEST, PackageError
 from vsense.studies.packages.contents import CONTENTS, PackageContents, PackedRun
 from vsense.studies.packages.crate import Described, Person, Title
 from vsense.studies.packages.gathering import FoundRun, FoundSeries, gather
 from vsense.studies.packages.kinds import FileKind
-from vsense.studies.packages.origin import RunOrigin
 from vsense.studies.packages.places import OWN_FOLDERS, PACKAGE, Scrubber, folders_of
-from vsense.studies.report.study.results import Questions
+from vsense.studies.report import Questions
 
 README = "README.md"
 _MOST_TEXT = 1 << 30
@@ -33,6 +34,7 @@ class PackOptions:
     """What is packed, and what is said of it.
 
     Attributes:
+        output: the package, a new file whose name ends in .zip; None: called after the first runs.
         name, about: of the package, for people; "": made of its runs.
         authors, license: who made it, and the licence's address; "": not said.
         date: its day, as ISO 8601; "": that of its last run.
@@ -40,6 +42,7 @@ class PackOptions:
         asked: what the report asks of tables; None: there is no report.
     """
 
+    output: Path | None = None
     name: str = ""
     about: str = ""
     authors: Sequence[Person] = ()
@@ -48,18 +51,38 @@ class PackOptions:
     pictures: bool = False
     asked: Questions | None = field(default_factory=Questions)
 
+    @staticmethod
+    def author(text: str) -> Person:
+        """Reads "NAME" or "NAME <ORCID>"; raises as `crate.person`."""
+        return crate.person(text)
+
+    @staticmethod
+    def license_of(text: str) -> str:
+        """The address of a licence; raises as `crate.license_of`."""
+        return crate.license_of(text)
+
+    def target(self, runs: Path) -> Path:
+        """The package of runs; UsageError: its name does not end in .zip."""
+        stem = runs.stem if runs.suffix == ".csv" else runs.resolve().name
+        target = self.output or Path(f"{stem}.zip")
+        if target.suffix != ".zip":
+            raise UsageError(f"-o {target}: expected a name that ends in .zip")
+        return target
+
 
 @dataclass(slots=True)
 class PackedFiles:
     """What was packed.
 
     Attributes:
+        package: the file.
         runs, files, size: how many, and their bytes, unpacked.
         lacks: what cannot be made again, and why.
         left_out: what was replaced or left out, and how often.
         pictures_bytes: of what pictures and videos would add.
     """
 
+    package: Path
     runs: int
     files: int
     size: int
@@ -67,10 +90,23 @@ class PackedFiles:
     left_out: dict[str, int]
     pictures_bytes: int
 
+    def as_json(self) -> dict[str, Any]:
+        """All of it, for scripts."""
+        file = {"package": str(self.package), "bytes": self.package.stat().st_size}
+        return {**file, **asdict(self), **file}
+
+    def lines(self) -> Iterator[str]:
+        """What was packed, and what was left out, for people."""
+        size = megabytes(self.package.stat().st_size)
+        yield f"{self.package}: {self.runs} runs, {self.files} files, {size}"
+        for what, count in self.left_out.items():
+            yield f"left out or replaced: {what} ({count})"
+        if self.pictures_bytes > 0:
+            yield f"--pictures would add about {megabytes(self.pictures_bytes)}"
+
 
 def pack(
     paths: Sequence[Path],
-    target: Path,
     options: PackOptions,
     show: Callable[[str], None] = lambda text: None,
 ) -> PackedFiles:
@@ -78,12 +114,13 @@ def pack(
 
     Args:
         paths: folders of series and of runs, tables of runs.
-        target: the new file.
         show: takes what is going on.
 
     Raises:
+        UsageError: as `PackOptions.target`.
         VsenseError: something is no run, cannot be read or written, or there is a file already.
     """
+    target = options.target(paths[0])
     if target.exists():
         raise PackageError(f"{target}: is there already; expected a new file")
     found = gather(paths)
@@ -91,7 +128,7 @@ def pack(
         packing = Packing(Path(folder), options, found, show)
         packing.add_all()
         archive.write(target, packing.entries, lambda name, share: show(f"writing {name}"))
-        return packing.result()
+        return packing.result(target)
 
 
 class Packing:
@@ -106,7 +143,7 @@ class Packing:
     ) -> None:
         self.entries: dict[str, bytes | Path] = {}
         self._stage, self._options, self._found, self._show = stage, options, found, show
-        self._origins: dict[Path, tuple[str, RunOrigin]] = {}
+        self._origins: dict[Path, tuple[str, origin.RunOrigin]] = {}
         self._described: list[Described] = []
         self._lacks: list[str] = []
         self._out: dict[str, int] = {}
@@ -136,15 +173,15 @@ class Packing:
         self._put(README, text.encode(), "Read me", "What this is.", "text/markdown")
         self._describe()
 
-    def result(self) -> PackedFiles:
-        """What was packed."""
+    def result(self, package: Path) -> PackedFiles:
+        """What was packed into a file."""
         size = sum(
             len(source) if isinstance(source, bytes) else source.stat().st_size
             for source in self.entries.values()
         )
         out = {**self._scrubber.counts, **self._out}
-        told = len(self._runs), len(self.entries), size
-        return PackedFiles(*told, self._lacks, out, self._pictures_bytes)
+        runs, files, more = len(self._runs), len(self.entries), self._pictures_bytes
+        return PackedFiles(package, runs, files, size, self._lacks, out, more)
 
     def _moved(self) -> list[tuple[str, str]]:
         """Paths, and what they are in the package; reads what runs were made from."""
@@ -162,7 +199,7 @@ class Packing:
             pairs += folders_of(named).items()
         return pairs
 
-    def _add_origin(self, path: Path, name: str, kept: RunOrigin) -> None:
+    def _add_origin(self, path: Path, name: str, kept: origin.RunOrigin) -> None:
         for file, data in kept.files.items():
             packed_name = f"{name}/{file}"
             self._add(packed_name, data, kinds.of_source(file), packed_name.rpartition("/")[0])
@@ -192,7 +229,7 @@ class Packing:
         where = "" if run.folder is None else self._place(series, run)
         if run.folder is not None:
             files = sorted(path for path in run.folder.rglob("*") if path.is_file())
-            inner = [path for path in files if not _is_of_other(path, run.folder, series)]
+            inner = [path for path in files if not series.is_of_other(path, run)]
             self._add_files(series, inner, where, run.folder)
         for name, path in run.files.items():
             self._add(f"{series.name}/{name}", path, _kind(name), "")
@@ -208,7 +245,7 @@ class Packing:
             row=run.row,
             folder=where,
             sources=name,
-            key="" if made is None else _key(made, run),
+            key="" if made is None else run.key_in(made),
             recordings=tuple(name for name in recordings if name in self.entries),
         )
         self._runs.append(packed)
@@ -352,21 +389,7 @@ def _title(options: PackOptions, found: Sequence[FoundSeries]) -> Title:
                  options.license, date)  # fmt: skip
 
 
-def _is_of_other(path: Path, folder: Path, series: FoundSeries) -> bool:
-    others = [run.folder for run in series.runs if run.folder not in (None, folder)]
-    return any(path.is_relative_to(other) for other in others if other is not None)
-
-
 def _kind(name: str) -> FileKind:
     kind = kinds.of_run(name.rpartition("/")[2])
     assert kind is not None
     return kind
-
-
-def _key(made: RunOrigin, run: FoundRun) -> str:
-    """The key of a simulated run's setup; "": it has none."""
-    row = run.facts
-    keys = [origin.key_of(row.condition, row.start), origin.key_of(row.condition)]
-    if run.row is None:
-        keys.append(origin.key_of())
-    return next((key for key in keys if key in made.setups), "")

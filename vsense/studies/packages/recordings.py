@@ -14,9 +14,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from vsense.base.errors import VsenseError, failing_as
+from vsense.base.errors import Interrupted, VsenseError, failing_as
 from vsense.base.message_bus import Message
-from vsense.modes.sim.outcome import Interrupted
 from vsense.modes.sim.watch import Flag
 from vsense.monitor.recording import form
 from vsense.monitor.recording.form import ExperimentMessage

@@ -17,10 +17,9 @@ from vsense.config.specs import Experiment
 from vsense.modes.sim import fingerprint
 from vsense.modes.sim.job import Job
 from vsense.modes.sim.outcome import Task
-from vsense.modes.sim.record import LOGGED, TRAJECTORY
 from vsense.modes.sim.watch import LIMIT_S, Flag, WorkerProcess, watch
 from vsense.monitor.recording import require
-from vsense.run.directory import MEASURES, SUMMARY, TIMESTEPS
+from vsense.run.directory import LOGGED, MEASURES, SUMMARY, TIMESTEPS, TRAJECTORY
 from vsense.run.programs import shared_objects
 from vsense.studies.packages import comparing, figures
 from vsense.studies.packages.archive import Package, PackageError

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from vsense.monitor.recording import calibration_words
 from vsense.monitor.recording.form import ExperimentMessage
-from vsense.vision.calibration.checked import in_words
 from vsense.world.entities import BODY_RADIUS_M, Arena
 
 TIMESTEP_S = 0.1
@@ -90,7 +90,7 @@ def read_facts(data: Mapping[str, Any]) -> Facts:
         controllers=_controllers(experiment),
         body_radius_m=radius_m if radius_m is not None and 0.0 < radius_m < 1.0 else BODY_RADIUS_M,
         file_text=experiment.file_text,
-        calibration=in_words(experiment.calibration or {}),
+        calibration=calibration_words(experiment.calibration or {}),
     )
 
 

@@ -6,13 +6,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
 
-from vsense.studies.report import tables
+from vsense.studies.report import Questions, tables
 from vsense.studies.report.charts import few
 from vsense.studies.report.compare import Group
 from vsense.studies.report.findings import Findings
 from vsense.studies.report.markup import Counter, Shown, document, note, share_of, tiles
 from vsense.studies.report.study import section
-from vsense.studies.report.study.results import Questions, StudyResult
+from vsense.studies.report.study.results import StudyResult
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,22 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from vsense.base.errors import failing_as
+from vsense.base.errors import UsageError, failing_as
+from vsense.base.terminal import Console
+from vsense.monitor import recording
 from vsense.monitor.recording.form import RecordingError
-from vsense.studies.report import can_draw, charts, compare, findings, lacking, maps, plot
+from vsense.studies.report import (
+    Questions,
+    can_draw,
+    charts,
+    compare,
+    findings,
+    lacking,
+    lacking_tests,
+    maps,
+    plot,
+)
 from vsense.studies.report.compare import CampaignRuns, campaign_runs
 from vsense.studies.report.findings import Findings, read_findings
 from vsense.studies.report.markup import Shown
 from vsense.studies.report.page import Chapter, ComparedRuns, Studied, page
-from vsense.studies.report.study import SUFFIX, lacking_tests, results, section, words
-from vsense.studies.report.study.collect import TableOfRuns, read_tables
-from vsense.studies.report.study.results import Questions, StudyResult
+from vsense.studies.report.study import results, section, words
+from vsense.studies.report.study.collect import SUFFIX, TableOfRuns, files_of, read_tables
+from vsense.studies.report.study.results import StudyResult
 
 PAGE = "report.html"
 PAGE_PX_PER_IN = 128
@@ -50,6 +62,24 @@ class Report:
         """What is to be said of the tables themselves."""
         return () if self.studied is None else self.studied.notes
 
+    def warnings(self) -> Iterator[str]:
+        """What is missing, and what is to be said of tables and of damaged recordings."""
+        yield from self.missing
+        yield from self.notes
+        for one in self.findings:
+            if not one.complete:
+                yield f"{one.path} was cut off: its last second may be missing"
+            if one.damaged:
+                yield f"{one.damaged} parts of {one.path} are damaged"
+            if one.only_tracked:
+                yield f"{one.path}: {one.only_tracked}"
+            if not one.gathered.ran:
+                yield f"{one.path} holds no run: all of it is shown"
+
+    def in_words(self) -> str:
+        """Where it is, for people."""
+        return f"{self.files[0]}: {len(self.files) - 1} charts beside it"
+
     def as_json(self) -> dict[str, Any]:
         """The figures, for scripts."""
         found = _compared(self.findings, self.tables)
@@ -65,6 +95,55 @@ class Report:
             data["studies"] = [results.as_json(result) for result in studies]
             data["methods"] = words.methods(studies, self.studied.asked)
         return data
+
+
+@dataclass(frozen=True, slots=True)
+class ReportOptions:
+    """How a report is made.
+
+    Attributes:
+        output: its folder; None: beside the file with -report, of several files: report.
+        form, style: as `form` and `sheet` of `make_report`.
+        asked: what is asked of tables of runs.
+        for_tables: options that were named and that only tables of runs understand.
+    """
+
+    output: Path | None = None
+    form: str = "png"
+    style: str | None = None
+    asked: Questions | None = None
+    for_tables: Sequence[str] = ()
+
+
+def report(paths: Sequence[Path], options: ReportOptions, console: Console) -> Report:
+    """Makes the report of recordings, tables of runs, and of folders that hold some.
+
+    Says on the console what it does, and the report's warnings.
+
+    Raises:
+        UsageError: a folder holds none, something is asked of tables and there are none, or a
+            package is missing; else as `make_report`, as which it raises what else there is.
+    """
+    files = [file for path in paths for file in files_of(path)]
+    if options.for_tables and not any(file.suffix == SUFFIX for file in files):
+        named = ", ".join(options.for_tables)
+        raise UsageError(f"{named}: tables of runs (.csv) only, and none is named")
+    if any(file.suffix != SUFFIX for file in files):
+        recording.require()
+    alone = files[0].with_name(f"{files[0].stem}-report")
+    written = make_report(
+        files,
+        options.output or (alone if len(files) == 1 else Path("report")),
+        lambda path, share: console.progress(f"reading {path}: {100 * share:.0f} %"),
+        options.form,
+        options.style,
+        options.asked,
+        lambda text: console.progress(f"computing {text}"),
+    )
+    console.end_progress()
+    for text in written.warnings():
+        console.say(f"vsense: {text}")
+    return written
 
 
 def make_report(

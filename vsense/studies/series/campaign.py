@@ -14,24 +14,26 @@ from typing import Any
 
 import numpy as np
 
-from vsense.base.errors import UsageError, VsenseError, failing_as
-from vsense.base.terminal import Console, Interruption, print_data
+from vsense.base.errors import Interrupted, UsageError, VsenseError, failing_as
+from vsense.base.terminal import Console, Interruption, interruption, print_data
 from vsense.config.placement import StartPlaces
+from vsense.modes import origin
+from vsense.modes.options import ExperimentOptions, say_warnings
 from vsense.modes.sim import fingerprint
 from vsense.modes.sim.engine import Engine
+from vsense.modes.sim.experiment import setup_of
 from vsense.modes.sim.job import Job, Setup, Sweep
-from vsense.modes.sim.outcome import Interrupted, Task, libraries_of
+from vsense.modes.sim.outcome import Task, libraries_of
 from vsense.monitor.recording import SUFFIX
 from vsense.run import asked
 from vsense.run.runs_csv import condition_of
-from vsense.studies.packages import origin
 from vsense.studies.report import FORMATS, can_draw, lacking
 from vsense.studies.series.folder import CampaignTable
 from vsense.studies.series.order import CAMPAIGN, Cell
 from vsense.studies.series.parts import PlannedExperiment
 from vsense.studies.series.plan import Condition, PlannedStart, SeriesPlan
 from vsense.studies.series.series import SeriesLoop
-from vsense.studies.series.simulated import Simulate, SimulatedRuns, simulator
+from vsense.studies.series.simulated import Simulate, SimulatedRuns, check_simulator, simulator
 
 _EVER = 2**31
 """A run that somebody has made void in the table is repeated however often."""
@@ -45,7 +47,7 @@ class Campaign:
         output: the CSV file.
         drawing: the picture's file.
         style: of the picture: a Matplotlib style sheet or its name, or None.
-        jobs: runs at the same time on this machine.
+        jobs: runs at the same time on this machine; None: one per processor.
         on: address of a Dask cluster that does the runs instead; None: this machine does.
         json: print the figures on standard output.
         lenient: a controller may ask for what nobody offers, or be told what it does not read.
@@ -57,7 +59,7 @@ class Campaign:
     output: Path
     drawing: Path
     style: str | None = None
-    jobs: int = 1
+    jobs: int | None = 1
     json: bool = False
     on: str | None = None
     lenient: bool = False
@@ -66,6 +68,58 @@ class Campaign:
     def setup_of(self, planned: PlannedExperiment, cell: Cell | None = None) -> Setup:
         """What the runs of a condition are made from."""
         return replace(self.setup, settings=planned.settings)
+
+
+@dataclass(frozen=True, slots=True)
+class CampaignOptions:
+    """What of a campaign is asked for beside its experiment and its sweep.
+
+    Attributes:
+        output: the CSV file, or the picture's; None: results.csv.
+        format: of the picture, of `FORMATS`; None: as `output` says, or png.
+        style, jobs, on, json, record: as `Campaign` has them.
+    """
+
+    output: Path | None = None
+    format: str | None = None
+    style: str | None = None
+    jobs: int | None = None
+    on: str | None = None
+    json: bool = False
+    record: bool = False
+
+
+def simulate(experiment: ExperimentOptions, sweep: Sweep, options: CampaignOptions) -> int:
+    """Does the campaign of an experiment; 0, or 130 after Ctrl-C, 143 after SIGTERM.
+
+    Raises:
+        UsageError: something is missing or does not go together.
+        VsenseError: it cannot run, or a run has failed.
+    """
+    check_simulator(options.on, options.jobs, options.record)
+    loaded, console = experiment.load(), Console()
+    setup = setup_of(experiment)
+    say_warnings(setup.fit(loaded), console)
+    output, drawing = outputs(options.output, options.format)
+    campaign = Campaign(
+        sweep,
+        setup,
+        output,
+        drawing,
+        options.style,
+        options.jobs,
+        options.json,
+        options.on,
+        experiment.lenient,
+        options.record,
+    )
+    with interruption() as interrupted:
+        try:
+            run(campaign, console, interrupted)
+        except Interrupted:
+            console.end_progress()
+            return interrupted.code
+    return 0
 
 
 def outputs(output: Path | None, form: str | None) -> tuple[Path, Path]:

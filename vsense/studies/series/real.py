@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from vsense.base.terminal import Console, Interruption
 from vsense.config.specs import Experiment
+from vsense.modes.live.opening import LinkOptions
 from vsense.modes.live.run import OneRun
 from vsense.modes.live.session import RunSession, RunSetup
 from vsense.monitor.ui.room import ControlRoom, RoomOptions
@@ -17,7 +18,7 @@ from vsense.run.robots import Readiness
 from vsense.run.runtime import Step
 from vsense.studies.series.folder import SeriesFolder
 from vsense.studies.series.order import PlannedRun
-from vsense.studies.series.parts import PlanLoader, SeriesCast
+from vsense.studies.series.parts import PlanLoader, PlannedExperiment, SeriesCast
 from vsense.studies.series.series import RunOutcome, RunResult
 from vsense.studies.series.staged import NotEnoughRobots, StagedRun
 
@@ -27,22 +28,19 @@ why."""
 
 
 @dataclass(frozen=True, slots=True)
-class RealOptions:
+class RobotSeries:
     """What a series with real robots is made with.
 
     Attributes:
         trust: which robots are believed.
-        host, port: where they connect to; None: as each experiment says.
-        tracking: files of our own cameras, as `open_source` has them; None: another tracker.
+        link: where they connect to, and where arena states come from.
         room: how runs are seen and kept.
         bring: see `Bring`; None: nothing is ever brought.
         lease: takes robots by their tags, before they hear of a run.
     """
 
     trust: LinkTrust
-    host: str | None = None
-    port: int | None = None
-    tracking: tuple[str, str] | None = None
+    link: LinkOptions = field(default_factory=LinkOptions)
     room: RoomOptions = field(default_factory=RoomOptions)
     bring: Bring | None = None
     lease: Callable[[Collection[int]], None] = lambda tags: None
@@ -57,7 +55,7 @@ class RealRuns:
         cast: SeriesCast,
         console: Console,
         interrupted: Interruption,
-        options: RealOptions,
+        options: RobotSeries,
     ) -> None:
         self._loader, self._cast, self._options = loader, cast, options
         self._console, self._interrupted = console, interrupted
@@ -104,7 +102,7 @@ class RealRuns:
         """Tries to make a run; gives by tag who cannot play, and why, or what the run came to."""
         self._options.lease([robot.tag for robot in staged.experiment.robots])
         with staged.control_room(self._options.room, log) as room:
-            session = RunSession(self._setup(staged, room, log), self._options.tracking, None)
+            session = RunSession(self._setup(staged, room, log), self._options.link.tracking, None)
             with session:
                 room.begin_run(session.environment, directory)
                 readiness = staged.wait(session, self._cast)
@@ -144,10 +142,8 @@ class RealRuns:
 
     def _setup(self, staged: StagedRun, room: ControlRoom, log: RunLog) -> RunSetup:
         experiment, options, cell = staged.experiment, self._options, staged.run.cell
-        host = experiment.host if options.host is None else options.host
-        port = experiment.port if options.port is None else options.port
         code = asdict(self._loader.code.absolute(Path.cwd()))
-        who = (host, port), options.trust, log, self._interrupted, room
+        who = options.link.address(experiment), options.trust, log, self._interrupted, room
         origin = staged.origin(code) | {"virtual_devices": self._loader.virtual_devices}
         blind = staged.planned.condition.blind
         lease = options.lease
@@ -168,3 +164,13 @@ class RealRuns:
             )
         for tag in missing:
             self._console.say(f"robot {tag} is left out of {staged.run.name}", "warning")
+
+
+def count_programs(conditions: Iterable[PlannedExperiment]) -> int:
+    """How many programs conditions run for some part."""
+    parts: dict[int, set[object]] = {}
+    for planned in conditions:
+        experiment = planned.experiment
+        for number, robot in enumerate(experiment.robots):
+            parts.setdefault(number, set()).add(experiment.controller_of(robot).program)
+    return max(map(len, parts.values()), default=0)

@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from vsense.base.arena import ArenaState
 from vsense.base.errors import CutShort, VsenseError
 from vsense.base.terminal import Console, Interruption
-from vsense.config.specs import Experiment, Pose
-from vsense.modes.lab import report
-from vsense.modes.lab.calibrated import CalibratedRig, calibrate
-from vsense.modes.lab.camera_spec import CameraGrid, cameras_above
-from vsense.modes.lab.hardware import NOMINAL, LabRobots, told_all
+from vsense.config.specs import Pose
+from vsense.modes.lab.calibrated import CalibratedRig
+from vsense.modes.lab.experiment import calibrate_cameras, report_run
+from vsense.modes.lab.hardware import EmulatedLab, told_all
 from vsense.modes.lab.session import Session
 from vsense.modes.live.session import RunSetup
 from vsense.monitor.ui.room import ControlRoom, RoomOptions
 from vsense.robots.link import keys
 from vsense.robots.link.keys import LinkTrust
-from vsense.run import directory as run_directory
 from vsense.run.runtime import Step
 from vsense.studies.series.folder import SeriesFolder
 from vsense.studies.series.order import PlannedRun
@@ -29,29 +27,6 @@ from vsense.studies.series.parts import PlanLoader, SeriesCast
 from vsense.studies.series.series import RunResult
 from vsense.studies.series.staged import NotEnoughRobots, StagedRun
 from vsense.world.entities import Arena
-
-
-@dataclass(frozen=True, slots=True)
-class LabOptions:
-    """How the lab of a series is made.
-
-    Attributes:
-        base: what robots are based on, as `vsense lab --base`.
-        watchdog: their firmware has one.
-        port: for robots; None: the experiment's.
-        cameras: columns and rows of them; None: as many as it takes.
-        calibrate: they hang as people hang them, and are known from pictures of a board only.
-        room: how runs are seen and kept.
-        robots: what an experiment's robots differ in.
-    """
-
-    base: str
-    watchdog: bool = False
-    port: int | None = None
-    cameras: CameraGrid | None = None
-    calibrate: bool = False
-    room: RoomOptions = field(default_factory=RoomOptions)
-    robots: Callable[[Experiment], LabRobots] = lambda experiment: NOMINAL
 
 
 class LabRuns:
@@ -63,9 +38,13 @@ class LabRuns:
         cast: SeriesCast,
         console: Console,
         interrupted: Interruption,
-        options: LabOptions,
+        lab: EmulatedLab,
+        room: RoomOptions,
+        port: int | None = None,
     ) -> None:
-        self._loader, self._cast, self._options = loader, cast, options
+        """`room`: how runs are seen and kept; `port`: for robots, None: each experiment's."""
+        self._loader, self._cast = loader, cast
+        self._lab, self._room, self._port = lab, room, port
         self._console, self._interrupted = console, interrupted
         self._poses: dict[int, Pose] = {}
         self._rigs: dict[tuple[Arena, float], CalibratedRig] = {}
@@ -79,7 +58,7 @@ class LabRuns:
         run = runs[0]
         directory = folder.of_run(run)
         staged = StagedRun.of(self._loader.plan, run, self._cast.known[run.cell.condition])
-        with staged.control_room(self._options.room, self._console) as room:
+        with staged.control_room(self._room, self._console) as room:
             session = self._session(staged, room, directory, self._rig(staged, folder))
             try:
                 self._drive(staged, session, room, directory)
@@ -93,7 +72,7 @@ class LabRuns:
         ended, summary = notes.ended, None
         if len(notes.figures.steps):
             with suppress(CutShort), self._interrupted.in_time():
-                summary = self._report(session, directory)
+                summary = report_run(session, len(session.recordings))
         elif self._interrupted.is_set():
             return
         yield run, staged.outcome(summary, ended, session.runner.control)
@@ -101,32 +80,30 @@ class LabRuns:
 
     def _rig(self, staged: StagedRun, folder: SeriesFolder) -> CalibratedRig | None:
         """The cameras of all runs in an arena, calibrated once; None: they are known exactly."""
-        experiment, options = staged.experiment, self._options
-        if not options.calibrate:
+        experiment, lab = staged.experiment, self._lab
+        if not lab.calibrate:
             return None
         key = experiment.arena, experiment.marker.height_m
         if key not in self._rigs:
             place = folder.path / f"arena-{len(self._rigs) + 1}" if self._rigs else folder.path
-            ideal, progress = cameras_above(experiment, options.cameras), self._console.progress
             with self._interrupted.at_once():
-                rig = calibrate(ideal, *key, staged.plan.seed, place, progress)
-            self._console.end_progress()
-            self._console.say(rig.in_words())
+                seed = staged.plan.seed
+                rig = calibrate_cameras(lab, experiment, seed, place, self._console)
+            assert rig is not None
             self._rigs[key] = rig
         return self._rigs[key]
 
     def _session(
         self, staged: StagedRun, room: ControlRoom, directory: Path, known: CalibratedRig | None
     ) -> Session:
-        options, robots = self._options, self._options.robots(staged.experiment)
-        base = options.base, options.watchdog, None, options.cameras, known, robots
+        robots = self._lab.robots(staged.experiment)
         origin = staged.origin(asdict(self._loader.code.absolute(Path.cwd())))
         setup = self._setup(staged, room, origin | told_all(robots.hardware))
-        return Session(setup, directory, *base)
+        return Session(setup, directory, self._lab, robots, known)
 
     def _setup(self, staged: StagedRun, room: ControlRoom, origin: Mapping[str, Any]) -> RunSetup:
         experiment, cell = staged.from_where(self._poses), staged.run.cell
-        port = experiment.port if self._options.port is None else self._options.port
+        port = experiment.port if self._port is None else self._port
         starts = staged.starts if self._poses else None
         who = (experiment.host, port), LinkTrust(keys.make()), self._console, self._interrupted
         blind = staged.planned.condition.blind
@@ -168,12 +145,3 @@ class LabRuns:
                 *(rows[name].tolist() for name in ("tag", "x_m", "y_m", "yaw_rad"))
             ):
                 self._poses[tag] = Pose(x_m, y_m, yaw_rad)
-
-    def _report(self, session: Session, directory: Path) -> dict[str, Any]:
-        measured = report.gather(session, session.recordings[-1])
-        summary = report.summarise(session, len(session.recordings), measured)
-        run_directory.write_summary(directory, summary, False)
-        if not summary["unlogged_timesteps"]:
-            path = directory / f"{session.experiment.name}.png"
-            report.draw(session, session.recordings[-1], measured, path)
-        return summary

@@ -7,10 +7,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from vsense.base.errors import CutShort
+from vsense.base.errors import CutShort, Interrupted
 from vsense.base.terminal import Console, Interruption
 from vsense.config.experiment import SUFFIX
-from vsense.modes.sim.outcome import Interrupted
 from vsense.run.runs_csv import VALID, VOID, RunRow
 from vsense.studies.series.criteria import Evidence, why_void
 from vsense.studies.series.folder import CampaignTable, SeriesFolder

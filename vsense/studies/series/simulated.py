@@ -6,6 +6,7 @@ the same bytes however often it is interrupted: it leaves them out.
 
 from __future__ import annotations
 
+import os
 import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -14,12 +15,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from vsense.base.errors import VsenseError, failing_as
+from vsense.base.errors import Interrupted, UsageError, VsenseError, failing_as
 from vsense.base.terminal import Console, Interruption
-from vsense.modes.sim import dask_cluster
+from vsense.modes.sim import engine
 from vsense.modes.sim.job import Job, Setup
-from vsense.modes.sim.outcome import Interrupted, Task, libraries_of
+from vsense.modes.sim.outcome import Task, libraries_of
 from vsense.modes.sim.watch import Show, WorkerProcess, simulate_all
+from vsense.monitor import recording
 from vsense.monitor.recording import megabytes
 from vsense.run.runs_csv import RunRow, versions
 from vsense.studies.series.folder import CampaignTable, SeriesFolder
@@ -34,19 +36,35 @@ Simulate = Callable[..., Iterator[tuple[Task, dict[str, Any]]]]
 """Does tasks, given `interrupted` and `show`: see `Engine.simulate`."""
 
 
+def check_simulator(address: str | None, jobs: int | None, record: bool) -> None:
+    """Refuses what is not installed, or does not go together, before anything is made.
+
+    For the arguments see `simulator`; `record`: every run has a recording.
+    """
+    if record:
+        recording.require()
+    if address is None:
+        return
+    if record:
+        raise UsageError("--record: with --on the recordings would lie on the workers' machines")
+    if jobs is not None:
+        raise UsageError("-j: with --on the cluster has as many at a time as its workers take")
+    engine.require_dask()
+
+
 @contextmanager
 def simulator(
-    address: str | None, jobs: int, console: Console, interrupted: Interruption
+    address: str | None, jobs: int | None, console: Console, interrupted: Interruption
 ) -> Iterator[Simulate]:
     """What does runs: `jobs` at a time on this machine, or a Dask cluster at an address.
 
-    Raises as `dask_cluster.connected`.
+    None: one per processor. Raises as `connected`.
     """
     if address is None:
-        yield partial(simulate_all, processes=jobs)
+        yield partial(simulate_all, processes=jobs or len(os.sched_getaffinity(0)))
         return
-    with dask_cluster.connected(address, console, interrupted) as engine:
-        yield engine.simulate
+    with engine.connected(address, console, interrupted) as cluster:
+        yield cluster.simulate
 
 
 class SimulatedRuns:
@@ -125,9 +143,9 @@ class SimulatedRuns:
 
     def _clear(self, tasks: Sequence[Task]) -> None:
         """Takes the folders away of runs that have not begun."""
-        for recording in (task.job.recording for task in tasks if self._record):
+        for file in (task.job.recording for task in tasks if self._record):
             with suppress(OSError):  # it holds what was recorded until then
-                Path(recording or "").parent.rmdir()
+                Path(file or "").parent.rmdir()
 
     def _warn(self, condition: str, complaints: Sequence[str]) -> None:
         """Says what a run of a condition warns of, unless it was said before."""

@@ -16,7 +16,7 @@ from vsense.base.terminal import Console, aligned, interruption, print_data
 from vsense.config import roster
 from vsense.config.roster import Roster
 from vsense.config.specs import Experiment
-from vsense.modes.lab.hardware import LabRobots
+from vsense.modes.lab.hardware import EmulatedLab, LabRobots
 from vsense.modes.lab.session import Session
 from vsense.modes.live.session import ExperimentSession, RunSession, RunSetup
 from vsense.monitor.ui.access import WebAddress
@@ -137,7 +137,7 @@ def _session(
         if lab is None:
             yield RunSession(setup, options.tracking, None)
         else:
-            yield Session(setup, directory, lab.base, lab.watchdog, robots=robots)
+            yield Session(setup, directory, EmulatedLab(lab.base, lab.watchdog), robots)
 
 
 def _exit_code(session: ExperimentSession, succeeded: bool) -> int:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -68,34 +68,6 @@ def of_tracking(session: TrackingSession) -> dict[str, Any]:
     files = session.resources.cameras
     views = [view for view in session.views if view.camera.id in files]
     return of_session({v.camera.id: (v.camera, files[v.camera.id].calibration) for v in views})
-
-
-def told_of(session: TrackingSession) -> str:
-    """What to say of a session's calibration when it begins; "" where it was never checked."""
-    known = of_tracking(session)
-    return in_words(known) if known["checks"] else ""
-
-
-def in_words(known: Mapping[str, Any]) -> str:
-    """What `of_session` gives as a line for people; "" where nothing is known or is damaged."""
-    checks, stale = known.get("checks"), known.get("stale")
-    if not isinstance(checks, Sequence) or not isinstance(stale, Sequence):
-        return ""
-    if not checks:
-        return "the calibration was never checked: vsense calibrate check says how true it is"
-    check = checks[-1] if isinstance(checks[-1], Mapping) else {}
-    rms, worst = check.get("rms_mm"), check.get("worst_mm")
-    when = str(check.get("when", "?")).split("T")[0]
-    text = f"calibration checked {when} at {check.get('points')} points: {rms} mm rms, {worst} mm"
-    text += " at worst"
-    names = [str(name) for name in stale]
-    if names:
-        has = "has" if len(names) == 1 else "have"
-        return f"{text}; but {', '.join(names)} {has} changed since: check again"
-    unchecked = known.get("unchecked") or []
-    if unchecked:
-        return f"{text}; not of {', '.join(map(str, unchecked))}"
-    return text
 
 
 def _read(path: Path) -> dict[str, Any] | None:

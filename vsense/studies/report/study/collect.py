@@ -5,14 +5,18 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from vsense.base.errors import UsageError, failing_as
 from vsense.base.files import open_bytes, read_bytes
+from vsense.monitor import recording
 from vsense.monitor.recording.form import RecordingError
-from vsense.run.runs_csv import COLUMNS, FORMER, RunRow, are_columns, condition_of, read_runs
-from vsense.studies.report.study import SUFFIX
+from vsense.run.runs_csv import COLUMNS, FORMER, RUNS, RunRow, are_columns, condition_of, read_runs
+
+SUFFIX = ".csv"
+"""Of tables of runs."""
 
 _FORMER_LAST = ("seed", "robots", "duration_s")
 """Columns of a campaign's table as vsense once wrote it: `FORMER`, settings, these, measures."""
@@ -37,6 +41,23 @@ def tables_in(folder: Path) -> list[Path]:
     with failing_as(RecordingError, f"{folder}: cannot be read"):
         files = (path for path in sorted(folder.glob(f"*{SUFFIX}")) if path.is_file())
         return [path for path in files if _is_table(path)]
+
+
+def files_of(path: Path) -> list[Path]:
+    """The recordings, or the tables of runs, that a path means.
+
+    A folder of runs has a runs.csv beside its recordings, which show more.
+
+    Raises:
+        UsageError: a folder holds neither.
+        RecordingError: it cannot be read.
+    """
+    if not path.is_dir() or not (tables := tables_in(path)):
+        return recording.files_of(path)
+    if all(table.name == RUNS for table in tables):
+        with suppress(UsageError):
+            return recording.files_of(path)
+    return tables
 
 
 def read_tables(paths: Iterable[Path]) -> list[TableOfRuns]:

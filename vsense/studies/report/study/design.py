@@ -11,7 +11,7 @@ import numpy as np
 
 from vsense.base.errors import UsageError, instead
 from vsense.run.runs_csv import COLUMNS, MODES, RunRow
-from vsense.studies.report.study import BY
+from vsense.studies.report import BY
 from vsense.studies.report.study.rank_tests import Floats
 
 APART = ("experiment", "mode", "condition")

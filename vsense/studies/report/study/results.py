@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
 from itertools import combinations
 from typing import Any
 
@@ -11,36 +11,14 @@ import numpy as np
 
 from vsense.base.errors import UsageError, instead
 from vsense.run.runs_csv import RunRow
-from vsense.studies.report.study import BY, SEED, rank_tests
+from vsense.studies.report import Questions
+from vsense.studies.report.study import rank_tests
 from vsense.studies.report.study.design import Arm, Study, studies
 from vsense.studies.report.study.effects import EffectSize, Spread, effect_of, spread_of
 from vsense.studies.report.study.rank_tests import Equivalence, Floats, RankTest
 
 MOST_ARMS = 10
 """Conditions that are all compared with each other."""
-
-
-@dataclass(frozen=True, slots=True)
-class Questions:
-    """What a person asks of runs, before looking at them.
-
-    Attributes:
-        by: columns of runs.csv whose values are compared, see `studies`.
-        independent: runs with the same start make no pairs.
-        seed: of the bootstrap.
-        margins: by measure, how far means may lie apart and still be called the same.
-        only: measures that are looked at; (): all.
-        against: the condition that all others are compared with; "": each with each.
-        tests: SciPy is there.
-    """
-
-    by: Sequence[str] = BY
-    independent: bool = False
-    seed: int = SEED
-    margins: Mapping[str, float] = field(default_factory=dict)
-    only: Sequence[str] = ()
-    against: str = ""
-    tests: bool = True
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vsense.monitor.pictures.run_figure import spoken
-from vsense.studies.report import plot
+from vsense.studies.report import Questions, plot
 from vsense.studies.report.markup import DASH, Counter, Shown, note, share_of
 from vsense.studies.report.plot import Drawing
 from vsense.studies.report.study import words
 from vsense.studies.report.study.effects import Spread
 from vsense.studies.report.study.rank_tests import Floats
-from vsense.studies.report.study.results import MeasureResult, Questions, StudyResult
+from vsense.studies.report.study.results import MeasureResult, StudyResult
 from vsense.studies.report.study.words import interval, n_of, number, p_of, statistic
 
 if TYPE_CHECKING:

@@ -10,10 +10,11 @@ import numpy as np
 
 from vsense import __version__
 from vsense.monitor.pictures.run_figure import spoken
+from vsense.studies.report import Questions
 from vsense.studies.report.markup import DASH, figure_of, share_of
 from vsense.studies.report.study.effects import EffectSize
 from vsense.studies.report.study.rank_tests import ALPHA, CHI_SQUARED, NORMAL, Equivalence, RankTest
-from vsense.studies.report.study.results import MeasureResult, PairResult, Questions, StudyResult
+from vsense.studies.report.study.results import MeasureResult, PairResult, StudyResult
 
 _MINUS = "−"
 _FEW = 5

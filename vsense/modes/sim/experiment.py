@@ -1,38 +1,112 @@
-"""`vsense sim`, one run: with a page or without, its files, and what is said of it."""
+"""One simulation: with a page or without, its files, and what is said of it."""
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vsense.base.errors import VsenseError
-from vsense.base.terminal import Console, Interruption, print_data
-from vsense.commands import arguments, experiments
+from vsense.base.errors import Interrupted, VsenseError
+from vsense.base.terminal import Console, Interruption, interruption, print_data
 from vsense.config.specs import Experiment
+from vsense.modes import origin
 from vsense.modes.lab.metrics import swarm_rows
+from vsense.modes.options import ExperimentOptions, choose_seed, say_warnings
 from vsense.modes.sim.job import Job, Setup
 from vsense.modes.sim.outcome import Task, libraries_of
-from vsense.modes.sim.record import LOGGED, TRAJECTORY
 from vsense.modes.sim.watch import Show, WorkerProcess, simulate_all
+from vsense.monitor import recording
 from vsense.monitor.recording import SUFFIX, size_line
 from vsense.run import directory as run_directory
+from vsense.run.directory import LOGGED, TRAJECTORY
 from vsense.run.environment import MOST_SEED
-from vsense.studies.packages import origin
 
 if TYPE_CHECKING:
     from vsense.modes.sim.room import SimRoom
     from vsense.modes.sim.watched import WatchedRuns
+    from vsense.monitor.ui.access import FoxgloveAddress, WebAddress
+    from vsense.monitor.ui.room import RoomOptions
 
 
 @dataclass(frozen=True, slots=True)
-class SingleRun:
+class SimOptions:
+    """How an experiment is simulated.
+
+    Attributes:
+        experiment: which, and how it is read.
+        web: where a page shows the run; None: nowhere.
+        foxglove: where Foxglove does, too.
+        speed: times real time, at which a page's run begins; None: 1.
+        hold: it begins paused.
+        locked: nobody may change the world on the page.
+        record: every run has a recording.
+        json: the figures are printed on standard output.
+    """
+
+    experiment: ExperimentOptions
+    web: WebAddress | None = None
+    foxglove: FoxgloveAddress | None = None
+    speed: float | None = None
+    hold: bool = False
+    locked: bool = False
+    record: bool = False
+    json: bool = False
+
+    @property
+    def room(self) -> RoomOptions:
+        """How a page shows it."""
+        from vsense.monitor.ui.room import RoomOptions  # a run without a page begins sooner
+
+        return RoomOptions(self.web, self.foxglove, hold=self.hold, locked=self.locked)
+
+
+def run(options: SimOptions) -> int:
+    """Simulates an experiment; with a page others may follow.
+
+    Returns:
+        0, or 130 after Ctrl-C, 143 after SIGTERM; with a page that of the newest run's failure.
+
+    Raises:
+        UsageError: something is missing or does not go together.
+        VsenseError: it cannot be simulated, or has failed.
+    """
+    if options.record:
+        recording.require()
+    if options.web is not None:
+        options.room.check()
+    experiment, console = options.experiment.load(), Console()
+    setup = setup_of(options.experiment)
+    experiment = setup.fit(experiment)
+    say_warnings(experiment, console)
+    with interruption() as interrupted:
+        try:
+            runs = _SingleRun(options, setup, experiment, console, interrupted)
+            return runs.run() if options.web is None else runs.run_watched()
+        except Interrupted:
+            console.end_progress()
+            return interrupted.code
+
+
+def setup_of(options: ExperimentOptions) -> Setup:
+    """What runs of an experiment are made from."""
+    return Setup(
+        options.experiment,
+        options.duration,
+        options.robots,
+        options.blind,
+        options.settings,
+        options.code,
+        options.casting,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _SingleRun:
     """A run that is no campaign; with a page there may be others after it."""
 
-    options: argparse.Namespace
+    options: SimOptions
     setup: Setup
     experiment: Experiment
     console: Console
@@ -60,23 +134,20 @@ class SingleRun:
             are there all the same; as of the newest run's failure.
         """
         # These need the extra `web`.
+        from vsense.modes.several import Series
         from vsense.modes.sim.room import SimRoom
         from vsense.modes.sim.watched import WatchedRuns
-        from vsense.monitor.ui.room import ControlRoom, RoomOptions
-        from vsense.run.several import Series
+        from vsense.monitor.ui.room import ControlRoom
 
-        web = arguments.web_of(self.options)
-        assert web is not None
-        foxglove, hold = arguments.foxglove_of(self.options), self.options.hold
-        shown = RoomOptions(web, foxglove, hold=hold, locked=self.options.locked)
-        seed = experiments.choose_seed(self.options, self.experiment)
-        libraries, speed = libraries_of(self.experiment), self.options.speed or 1.0
+        options, output = self.options, self.options.experiment.output
+        seed = choose_seed(options.experiment.seed, self.experiment)
+        libraries, speed = libraries_of(self.experiment), options.speed or 1.0
         with (
-            ControlRoom(shown, self.console) as control_room,
+            ControlRoom(options.room, self.console) as control_room,
             SimRoom(control_room, self.experiment, seed, speed) as room,
         ):
-            whole = run_directory.make(self.options.output, self.experiment.name, seed)
-            series = Series(whole, 1, False, self.interrupted)
+            directory = run_directory.make(output, self.experiment.name, seed)
+            series = Series(directory, 1, False, self.interrupted)
             with WatchedRuns(room, self.interrupted) as runs:
                 summaries = list(self._watched(room, runs, series.directory, libraries))
             series.write_summary(self.experiment.name, summaries, self.options.json)
@@ -123,11 +194,9 @@ class SingleRun:
         """The run; without arguments the only one, in a new directory."""
         name = self.experiment.name
         if directory is None:
-            seed, libraries = (
-                experiments.choose_seed(self.options, self.experiment),
-                libraries_of(self.experiment),
-            )
-            directory = run_directory.make(self.options.output, name, seed)
+            seed = choose_seed(self.options.experiment.seed, self.experiment)
+            libraries = libraries_of(self.experiment)
+            directory = run_directory.make(self.options.experiment.output, name, seed)
         assert seed is not None and libraries is not None
         kept = str(directory / f"{name}{SUFFIX}") if self.options.record else None
         setups = {origin.key_of(): self.setup}
@@ -162,14 +231,14 @@ class SingleRun:
         """Writes and prints a run's figures."""
         console, directory = self.console, Path(job.directory or ".")
         console.end_progress()
-        summary = summarise(job, result)
+        summary = _summarise(job, result)
         self._tell(result, directory)
         run_directory.write_summary(directory, summary, on_stdout)
-        console.say(table(summary))
+        console.say(_table(summary))
         console.say(f"trajectories: {directory / TRAJECTORY}")
         console.say(f"picture: {directory / self.experiment.name}.png")
         if result["recording"] is not None:
-            say_recording(console, result["recording"])
+            _say_recording(console, result["recording"])
         return summary
 
     def _tell(self, result: dict[str, Any], directory: Path) -> None:
@@ -183,14 +252,14 @@ class SingleRun:
             self.console.say(f"{more} more events: {directory / LOGGED}")
 
 
-def say_recording(console: Console, made: dict[str, Any]) -> None:
+def _say_recording(console: Console, made: dict[str, Any]) -> None:
     """Says where a run's recording is, how large, and what is wrong with it."""
     console.say(size_line(made["file"], made["bytes"], made["seconds"]))
     if made["trouble"]:
         console.say(f"vsense: the recording is not whole: {made['trouble']}", "trouble")
 
 
-def summarise(job: Job, result: dict[str, Any]) -> dict[str, Any]:
+def _summarise(job: Job, result: dict[str, Any]) -> dict[str, Any]:
     """Gives a run's figures under the names that scripts rely on."""
     duration_s = result["timesteps"] * result["timestep_s"]
     return {
@@ -207,7 +276,7 @@ def summarise(job: Job, result: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def table(summary: dict[str, Any]) -> str:
+def _table(summary: dict[str, Any]) -> str:
     """The summary as a person reads it."""
     text = (
         f"{summary['duration_s']:g} s of {summary['robots']} robots,"

@@ -1,0 +1,260 @@
+"""Experiments in the lab: one run after the other, all reported when they are over."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vsense.base import clock
+from vsense.base.errors import CutShort, UsageError, VsenseError
+from vsense.base.terminal import Console, interruption
+from vsense.config.specs import Experiment
+from vsense.modes import origin
+from vsense.modes.lab import calibrated, report
+from vsense.modes.lab.calibrated import CalibratedRig
+from vsense.modes.lab.camera_spec import cameras_above
+from vsense.modes.lab.hardware import EmulatedLab, told_all
+from vsense.modes.lab.session import Session
+from vsense.modes.live.opening import StagedOptions, check_ports, say_link, say_trust
+from vsense.modes.live.session import RunSetup
+from vsense.modes.options import say_warnings
+from vsense.modes.several import Series
+from vsense.monitor.pictures.run_figure import spoken
+from vsense.monitor.ui.room import ControlRoom
+from vsense.robots.link import keys
+from vsense.robots.link.keys import LinkTrust
+from vsense.run import directory as run_directory
+from vsense.run.runs_csv import RunRows
+from vsense.run.runtime import Step
+
+COMPLAINTS_TIMESTEP = 10
+"""By then every controller has begun and reported what it misses."""
+
+
+@dataclass(frozen=True, slots=True)
+class LabOptions(StagedOptions):
+    """How an experiment runs in the lab.
+
+    The robots' port, and whether they have keys, are the link's.
+
+    Attributes:
+        lab: what it is made of.
+    """
+
+    lab: EmulatedLab = field(default_factory=EmulatedLab)
+
+
+def run(options: LabOptions) -> int:
+    """Runs an experiment in the lab and reports about it, also after a failure.
+
+    Returns:
+        0, or 130 after Ctrl-C, 143 after SIGTERM: what was measured by then is reported, too.
+
+    Raises:
+        UsageError: something does not go together, before anything is started.
+        VsenseError: the lab cannot be made, or has failed.
+    """
+    asked = options.experiment
+    opened = asked.load()
+    check_ports(options.room, options.link, opened)
+    set_pace(options.lab.pace, opened.host)
+    starts = options.starts_of(opened)
+    experiment, seed, directory = asked.prepare(opened)
+    console = Console()
+    _warn(console, experiment, directory)
+    with interruption() as interrupted, ControlRoom(options.room, console) as room:
+        with interrupted.at_once():
+            known = calibrate_cameras(options.lab, experiment, seed, directory, console)
+        if known is not None:
+            console.say(f"camera files and report: {directory / calibrated.FOLDER}")
+        robots = options.lab.robots(experiment)
+        setup = RunSetup(
+            experiment,
+            seed,
+            asked.blind,
+            options.link.address(experiment),
+            _trust(options, console),
+            console,
+            interrupted,
+            room,
+            asked.made_of(experiment, seed) | told_all(robots.hardware),
+            starts,
+            options.battery,
+        )
+        legacy_port = options.link.legacy_port
+        session = Session(setup, directory, options.lab, robots, known, legacy_port)
+        return _carry_out(session, options)
+
+
+def _carry_out(session: Session, options: LabOptions) -> int:
+    """Carries out all runs and reports about them; gives the exit code."""
+    console, interrupted = session.setup.console, session.setup.interrupted
+    directory, on_stdout = session.directory, options.json
+    series = Series(directory, options.room.runs, session.setup.room.holds, interrupted)
+    rows = RunRows(directory, "lab", dict(options.experiment.settings))
+    failure = _run_all(session, series, rows)
+    console.end_progress()
+    try:
+        with interrupted.in_time():
+            _report_all(on_stdout, session, series, rows)
+    except CutShort:
+        console.say(f"vsense: no time for the figures; the run's logs are in {directory}")
+        if failure is not None:
+            console.say(f"vsense: {failure}", "trouble")
+        raise
+    if failure is not None:
+        raise failure
+    return interrupted.code if series.was_broken(session.runner.control) else 0
+
+
+def _trust(options: LabOptions, console: Console) -> LinkTrust:
+    trust = keys.INSECURE if options.link.insecure else LinkTrust(keys.make())
+    say_trust(trust, console.say)
+    return trust
+
+
+def calibrate_cameras(
+    lab: EmulatedLab, experiment: Experiment, seed: int, folder: Path, console: Console
+) -> CalibratedRig | None:
+    """Hangs and calibrates the cameras of all runs, and says how well they are known.
+
+    None: they are known exactly. VsenseError: they cannot be calibrated.
+    """
+    if not lab.calibrate:
+        return None
+    ideal, height_m = cameras_above(experiment, lab.cameras), experiment.marker.height_m
+    rig = calibrated.calibrate(ideal, experiment.arena, height_m, seed, folder, console.progress)
+    console.end_progress()
+    console.say(rig.in_words())
+    return rig
+
+
+def set_pace(pace: float, host: str) -> None:
+    """Has all clocks go at a pace; UsageError where robots on other machines could come."""
+    if pace != 1.0 and not host.startswith("127."):
+        raise UsageError(
+            "--pace: the robots of a slow lab are on this machine only: expected a vss_host of"
+            f" 127.0.0.1, got {host}; --set experiment.vss_host=127.0.0.1"
+        )
+    clock.slow(round(pace * 1000))
+
+
+def _run_all(session: Session, series: Series, rows: RunRows) -> VsenseError | None:
+    """Carries out all runs; returns a failure in one of them, to be raised after the reports."""
+    console, room = session.setup.console, session.setup.room
+    with session:
+        say_link(session.server, session.doubts(), console)
+        try:
+            while True:
+                directory = series.directory(session.runner.control.run)
+                room.begin_run(session.environment, directory)
+                session.wait_until_ready()
+                session.home()
+                _announce(console, session, directory)
+                rows.begin(session.runner.control.run)
+                session.run(directory, _progress(console, session))
+                room.recorders.end_run()
+                if not series.goes_on(session.runner):
+                    return None
+                session.next_run()
+        except VsenseError as error:
+            room.fail(error)
+            return error
+
+
+def _warn(console: Console, experiment: Experiment, directory: Path) -> None:
+    """Says what will not be as somebody may expect, and keeps what the runs are made from."""
+    say_warnings(experiment, console)
+    origin.keep(directory, "lab", [experiment], console.say)
+    if experiment.tracker is not None:
+        place = f"{experiment.file}:{experiment.tracker.line}"
+        console.say(f"vsense: {place}: its tracker is left alone: the lab has its own cameras")
+
+
+def _announce(console: Console, session: Session, directory: Path) -> None:
+    experiment = session.experiment
+    console.say(
+        f"{experiment.name}: {len(experiment.robots)} robots, seed {session.environment.seed},"
+        f" {experiment.length_s:g} s; logs in {directory}"
+    )
+    camera = session.cameras[0]
+    if len(session.cameras) != 4:
+        console.say(
+            f"{len(session.cameras)} cameras, {camera.position_m[2]:.2f} m high, pictures of"
+            f" {camera.width_px} x {camera.height_px} pixels"
+        )
+    if clock.pace() != 1.0:
+        console.say(f"pace {clock.pace():g}: all times are of the lab's clock, which is so slow")
+
+
+def _progress(console: Console, session: Session) -> Callable[[Step], None]:
+    """Makes the function that updates the live line."""
+    experiment = session.experiment
+    length = f"/{experiment.length_s:g}" if experiment.length_s else ""
+
+    def show(step: Step) -> None:
+        if step.run_timestep == COMPLAINTS_TIMESTEP:
+            for complaint in session.swarm.complaints():
+                console.say(f"vsense: {complaint}")
+        robots = session.runner.robots.values()
+        connected = sum(robot.connected for robot in robots)
+        lit = sum(robot.lit for robot in robots if robot.connected)
+        latency_ms = (step.sent_ns - step.ready_ns) / 1e6
+        console.progress(
+            f"{step.run_timestep * experiment.timestep_s:5.1f}{length} s"
+            f"  timestep {step.run_timestep}  robots {connected}/{len(robots)}"
+            f"{_measured(session)}  lit {lit}  picture to sent {latency_ms:.0f} ms"
+        )
+
+    return show
+
+
+def _measured(session: Session) -> str:
+    """The host's measure of success: robots in the cone, or the experiment's measures."""
+    world, source = session.environment.world, session.experiment.source
+    if source is None:
+        return "".join(f"  {spoken(name)} {value:.3g}" for name, value in world.results.items())
+    cone, robots = world.cone(source), world.robots
+    places = np.stack((robots["x_m"], robots["y_m"]), axis=-1)
+    return f"  in the cone {0 if cone is None else int(cone.contains(places).sum())}"
+
+
+def _report_all(on_stdout: bool, session: Session, series: Series, rows: RunRows) -> None:
+    """Measures, writes and prints the figures of all runs."""
+    summaries, say = [], session.setup.console.say
+    try:
+        for number, notes in enumerate(session.recordings, 1):
+            if len(notes.figures.steps):
+                alone = on_stdout and not series.several
+                summaries.append(report_run(session, number, say, alone))
+                if lacks := rows.add(summaries[-1], notes.ended, notes.experiment):
+                    session.setup.console.say(lacks, "trouble")
+            else:
+                say("vsense: the run ended before its first timestep: nothing was measured")
+    finally:
+        series.write_summary(session.experiment.name, summaries, on_stdout)
+
+
+def report_run(
+    session: Session,
+    number: int,
+    say: Callable[[str], None] = lambda text: None,
+    on_stdout: bool = False,
+) -> dict[str, Any]:
+    """Measures a run, writes and says its figures, and draws last; gives its summary."""
+    notes = session.recordings[number - 1]
+    measured = report.gather(session, notes)
+    summary = report.summarise(session, number, measured)
+    say(report.table(summary))
+    run_directory.write_summary(notes.directory, summary, on_stdout)
+    if summary["unlogged_timesteps"]:
+        say("no picture: the logs end before the run")
+        return summary
+    path = notes.directory / f"{session.experiment.name}.png"
+    report.draw(session, notes, measured, path)
+    say(f"picture: {path}")
+    return summary
