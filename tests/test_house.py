@@ -22,7 +22,7 @@ from vsense.base.xml import parsing
 from vsense.modes import origin
 from vsense.modes.lab import truth
 from vsense.monitor.recording import form
-from vsense.studies.packages import contents
+from vsense.studies.packages import _contents
 
 ROOT = Path(__file__).parent.parent
 MODULES = {
@@ -231,6 +231,26 @@ def test_no_public_class_name_twice() -> None:
                     defined[node.name].append(module)
     assert "ArenaState" in defined
     assert {name: modules for name, modules in defined.items() if len(modules) > 1} == {}
+
+
+PLUGINS = re.compile(r"vsense\.(world\.(sensors|actuators)|config\.experiments|commands)\.")
+"""Where a file is a kind of sensor, an experiment, a command: found by its name."""
+
+
+def test_the_layout_shows_what_may_be_touched() -> None:
+    """An underscore begins what only its own room imports."""
+    doors = {
+        other
+        for module, known in links().items()
+        for other in known
+        if room_of(other) != room_of(module)
+    }
+    for module, path in MODULES.items():
+        if path.name != "__init__.py" and room_of(module) in ROOMS:
+            private = path.name.startswith("_")
+            assert not (private and module in doors), f"{module}: another room imports it"
+            if not PLUGINS.match(module):
+                assert private or module in doors, f"{module}: only its own room imports it"
 
 
 def test_only_commands_know_argparse() -> None:
@@ -505,7 +525,7 @@ def test_formats_are_those_that_design_md_tells() -> None:
     rows = dict(re.findall(r"^\| (\S+).*? \| ([\d.]+)", table, re.M))
     assert rows["wire"] == str(lib.VS_VERSION)
     assert rows["recording"] == ".".join(map(str, form.FORMAT))
-    assert rows["package"] == str(contents.FORMAT)
+    assert rows["package"] == str(_contents.FORMAT)
     assert rows["`made.zip`,"] == str(origin.FORMAT)
     assert rows["`.argos`"] == parsing.NAMESPACE.rpartition(":")[2]
     assert rows["truth"] == truth.LOG_MAGIC.decode()[-1]

@@ -176,13 +176,39 @@ class _Finder:
         moved = _found_at(old.split("."))
         if moved is None:
             return None
-        import warnings
-        from importlib.machinery import ModuleSpec
+        new = f"vsense.{moved}"
+        return _alias(name, _private(new) or new, warns=old in TABLE)
 
-        if old in TABLE:
-            text = f"{name} is vsense.{moved} now; the old name ends with vsense {_ENDS}"
-            warnings.warn(text, FutureWarning, stacklevel=2)
-        return ModuleSpec(name, _Alias(f"vsense.{moved}"))  # type: ignore[arg-type]
+
+class _PrivateFinder:
+    """Finds what only its own room imports by the name without the underscore; asked last."""
+
+    @staticmethod
+    def find_spec(name: str, path: object = None, target: object = None) -> "ModuleSpec | None":
+        """See `importlib.abc.MetaPathFinder`."""
+        new = _private(name)
+        return None if new is None else _alias(name, new, warns=True)
+
+
+def _private(name: str) -> "str | None":
+    """`vsense.world._inventory` for `vsense.world.inventory`; None: there is none."""
+    parent, _, leaf = name.rpartition(".")
+    if not parent.startswith("vsense.") or leaf.startswith("_"):
+        return None
+    from importlib.util import find_spec
+
+    private = f"{parent}._{leaf}"
+    return private if find_spec(private) else None
+
+
+def _alias(name: str, new: str, warns: bool) -> "ModuleSpec":
+    import warnings
+    from importlib.machinery import ModuleSpec
+
+    if warns:
+        text = f"{name} is {new} now; the old name ends with vsense {_ENDS}"
+        warnings.warn(text, FutureWarning, stacklevel=3)
+    return ModuleSpec(name, _Alias(new))  # type: ignore[arg-type]
 
 
 class _Alias:
@@ -208,3 +234,4 @@ class _Alias:
 def install() -> None:
     """Has the import system know the old names."""
     sys.meta_path.insert(0, _Finder())
+    sys.meta_path.append(_PrivateFinder())

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 /*
  * vs_sim.h - timesteps of a simulation as far as they are C: the kernels of physics, world,
- * sensors and rings, and the robots' controllers, in the order in which vsense/modes/sim/simulation.py
+ * sensors and rings, and the robots' controllers, in the order in which vsense/modes/sim/_simulation.py
  * and vsense/run/environment.py call them. There is nothing here that they do not do, too.
  */
 #ifndef VS_SIM_H

@@ -17,11 +17,11 @@ from vsense.base.files import parse_json, read_bytes, read_text, replace_text
 from vsense.config import battery_history, experiment, resources, roster
 from vsense.monitor.recording.reader import open_recording
 from vsense.monitor.ui.access import read_tokens
-from vsense.studies.series import plan
-from vsense.vision.calibration.views import read_table
+from vsense.studies.series import _plan
+from vsense.vision.calibration._views import read_table
+from vsense.vision.cameras._recordings import read_timestamps
 from vsense.vision.cameras.camera import Camera, CameraError
 from vsense.vision.cameras.picture import read_picture
-from vsense.vision.cameras.recordings import read_timestamps
 from vsense.vision.markers.families import load_family
 
 READERS: dict[str, Callable[[Path], object]] = {
@@ -29,7 +29,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     "resources.xml": resources.load,
     "tokens": read_tokens,
     "robots.toml": roster.read,
-    "plan.toml": plan.read,
+    "plan.toml": _plan.read,
     "robots.battery.csv": battery_history.read,
     "times.csv": lambda path: read_timestamps(path, False),
     "views.csv": lambda path: read_table(path, ["x"]),

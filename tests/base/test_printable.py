@@ -18,7 +18,7 @@ from vsense.base.terminal import Console, printable, printable_lines
 from vsense.robots.link.status import LinkError
 from vsense.robots.link.trackers.lines import ArenaListener
 from vsense.robots.link.wire import PUBLISHED, Header, Hello, PacketType, decode, encode
-from vsense.vision.cameras import networks
+from vsense.vision.cameras import _networks
 
 HOSTILE = (
     "\x1b]0;title\x07\x1b[2J\r\b\x00\x7f\x9b31m\x85\x8d\u061c\u200e\u200f\u2028\u2029"
@@ -98,4 +98,4 @@ def test_what_a_tracker_writes() -> None:
 
 
 def test_what_a_camera_calls_itself() -> None:
-    assert is_safe(networks._text(HOSTILE.encode(errors="surrogatepass") + b"\0rest"))
+    assert is_safe(_networks._text(HOSTILE.encode(errors="surrogatepass") + b"\0rest"))

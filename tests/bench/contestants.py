@@ -33,9 +33,9 @@ from vsense.base.arena import Frame
 from vsense.base.processes import start_module
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import load_family
+from vsense.vision.tracking._prediction import SearchPlan
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 from vsense.vision.tracking.marker_detector import MarkerDetector
-from vsense.vision.tracking.prediction import SearchPlan
 
 MAX_THREADS = 2
 

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.modes.lab.bodies import Body
-from vsense.modes.lab.camera_spec import LabCameraSpec, camera_at
-from vsense.modes.lab.renderer import Studio
+from vsense.modes.lab._bodies import Body
+from vsense.modes.lab._camera_spec import LabCameraSpec, camera_at
+from vsense.modes.lab._renderer import Studio
 from vsense.vision.cameras.camera import Camera
 
 Floats = NDArray[np.float64]

@@ -18,12 +18,12 @@ from typing import Any
 from tests.bench.frames import MARKER_M, Painter, cameras
 from vsense.base.clock import host_ns
 from vsense.base.errors import GrabberError, VsenseError
-from vsense.modes.lab.camera_spec import SIZE_PX
-from vsense.vision.cameras.genicam import GenicamSource
-from vsense.vision.cameras.live_grabber import LiveGrabber
+from vsense.modes.lab._camera_spec import SIZE_PX
+from vsense.vision.cameras._genicam import GenicamSource
+from vsense.vision.cameras._live_grabber import LiveGrabber
 from vsense.vision.cameras.source import Controls, GenicamSettings
 from vsense.vision.markers.families import MarkerFamily, choose_tags, load_family
-from vsense.vision.tracking.detector import make_detector
+from vsense.vision.tracking._detector import make_detector
 
 RATE_HZ = 10.0
 PACKETS = (1500, 9000)

@@ -36,7 +36,7 @@ from vsense.config import experiment as files
 from vsense.config.placement import settle
 from vsense.config.specs import Stage
 from vsense.modes.lab import session as lab_session
-from vsense.modes.lab.grabber import LabGrabber
+from vsense.modes.lab._grabber import LabGrabber
 from vsense.modes.lab.hardware import HardwareErrors, LabRobots, draw_all
 from vsense.modes.lab.session import Session
 from vsense.modes.live.session import RunSetup

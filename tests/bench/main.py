@@ -11,7 +11,7 @@ from typing import Any
 
 from tests.bench import grabbing, homing, identity, robot, sim, tracking, world
 from vsense.base.errors import VsenseError
-from vsense.commands import arguments
+from vsense.commands import _arguments
 
 Options = argparse.Namespace
 
@@ -64,7 +64,7 @@ SUBJECTS: dict[str, tuple[Callable[[Options], dict[str, Any]], Callable[[Any], s
 
 def _count(default: int, text: str) -> dict[str, Any]:
     text = f"{text} (default: {default})"
-    return {"type": arguments.positive, "metavar": "N", "default": default, "help": text}
+    return {"type": _arguments.positive, "metavar": "N", "default": default, "help": text}
 
 
 _ROUNDS = _count(5, "how often each detector or size of swarm takes its turn")

@@ -18,7 +18,7 @@ from typing import Any
 from tests.bench import robot_calls
 from tests.rigs.processes import children
 from vsense.base.clock import host_ns
-from vsense.modes.lab.microcontrollers import Microcontrollers
+from vsense.modes.lab._microcontrollers import Microcontrollers
 from vsense.robots import boards
 from vsense.robots.boards import TARGETS, toolchain
 from vsense.robots.build import FAST_PARTS, SHIPPED_CONTROLLER, cache_directory, source_tree

@@ -15,7 +15,7 @@ import subprocess
 from pathlib import Path
 
 from vsense.base.clock import host_ns
-from vsense.modes.lab.microcontrollers import Microcontrollers
+from vsense.modes.lab._microcontrollers import Microcontrollers
 from vsense.robots.compiling import BuildError
 from vsense.robots.link.keys import INSECURE
 from vsense.robots.link.server import VirtualSensorServer

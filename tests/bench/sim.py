@@ -32,10 +32,10 @@ import numpy as np
 from vsense.base.native import kernel_ffi, kernels
 from vsense.base.processes import python_module
 from vsense.base.terminal import aligned
-from vsense.modes.sim.chain import Chain
+from vsense.modes.sim._chain import Chain
+from vsense.modes.sim._simulation import WARM_UP, Simulation
 from vsense.modes.sim.job import Job, Setup
 from vsense.modes.sim.outcome import Task
-from vsense.modes.sim.simulation import WARM_UP, Simulation
 from vsense.modes.sim.watch import simulate_all
 from vsense.run.programs import shared_objects
 

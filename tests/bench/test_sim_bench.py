@@ -14,7 +14,7 @@ from tests.bench import beside_argos, main, sim
 from tests.conftest import require_tool
 from vsense.config.experiment import load
 from vsense.config.placement import settle
-from vsense.modes.sim.simulation import Simulation
+from vsense.modes.sim._simulation import Simulation
 from vsense.run.programs import shared_objects
 from vsense.world.entities import Light
 

@@ -31,8 +31,8 @@ from tests.bench.frames import MARKER_M, FrameSet, Image, Painter, cameras
 from tests.bench.whole_tracker import PER_CAMERA, WholeTracker
 from vsense.base.terminal import aligned
 from vsense.vision.markers.families import MarkerFamily, choose_tags, load_family
-from vsense.vision.tracking.detector import make_detector
-from vsense.vision.tracking.prediction import SearchPlan
+from vsense.vision.tracking._detector import make_detector
+from vsense.vision.tracking._prediction import SearchPlan
 
 ROBOTS = 20
 TABLE_2_1 = ((1, 0.30), (5, 0.30), (5, 0.11), (5, 0.10), (9, 0.11))

@@ -25,9 +25,9 @@ from tests.bench.frames import (
 )
 from vsense.base.arena import Frame
 from vsense.vision.markers.families import load_family
+from vsense.vision.tracking._prediction import MarkerSearch
+from vsense.vision.tracking._workers import Kernels, Picture, Workers
 from vsense.vision.tracking.arena_tracker import ArenaTracker
-from vsense.vision.tracking.prediction import MarkerSearch
-from vsense.vision.tracking.workers import Kernels, Picture, Workers
 
 CAMERAS = (4, 4)
 PER_CAMERA = 20

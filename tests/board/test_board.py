@@ -12,7 +12,7 @@ import pytest
 from tests.board.board import HOST, I2C, UART, Board
 from tests.conftest import require_zig
 from tests.robots.rig import MS, TAG, Rig
-from vsense.modes.lab.microcontrollers import Microcontrollers
+from vsense.modes.lab._microcontrollers import Microcontrollers
 from vsense.robots.boards import TARGETS, toolchain
 from vsense.robots.build import cache_directory
 

@@ -21,10 +21,10 @@ import pytest
 from vsense import __version__, cli, commands
 from vsense.base import errors
 from vsense.base.errors import UsageError
-from vsense.commands import arguments
+from vsense.commands import _arguments
 from vsense.monitor import recording
+from vsense.monitor.ui._watchers import page_access
 from vsense.monitor.ui.access import WebAddress
-from vsense.monitor.ui.watchers import page_access
 
 
 def test_ctrl_c_while_the_commands_load_is_no_traceback(
@@ -236,12 +236,12 @@ def test_a_simulation_starts_without_opencv() -> None:
 @pytest.mark.parametrize("text", ["nan", "inf", "-inf", "0.99", "86400.1", "-1", "x", ""])
 def test_no_length_of_time(text: str) -> None:
     with pytest.raises(argparse.ArgumentTypeError):
-        arguments.seconds(text)
+        _arguments.seconds(text)
 
 
 @pytest.mark.parametrize("text", ["1", "86400", "1e3"])
 def test_length_of_time(text: str) -> None:
-    assert arguments.seconds(text) == float(text)
+    assert _arguments.seconds(text) == float(text)
 
 
 def test_the_exit_code_is_right_where_nobody_reads_the_error() -> None:

@@ -16,7 +16,7 @@ from vsense.config.description import describe
 from vsense.config.experiment import load, read
 from vsense.config.placement import settle
 from vsense.config.specs import ControllerSpec, Experiment, Stage
-from vsense.modes.lab import physics_process, physics_spec
+from vsense.modes.lab import _physics_process, _physics_spec
 from vsense.world.entities import Box, Led
 from vsense.world.physics.motion import STEP_M, NoisyWheels
 from vsense.world.sensors.omnidirectional_camera import OmnidirectionalCamera
@@ -179,15 +179,15 @@ def test_boxes_have_leds(loaded: Read) -> None:
 
 def test_the_labs_wheels_have_it_too(loaded: Read, tmp_path: Path) -> None:
     experiment = settle(loaded(stage=Stage.LAB), 1)
-    told = physics_process._spec(experiment, "truth", 1, tmp_path / "log")
+    told = _physics_process._spec(experiment, "truth", 1, tmp_path / "log")
     told["bases"] = ["argos"] * len(experiment.robots)
-    spec = physics_spec.PhysicsSpec.parse(json.dumps(told).encode())
+    spec = _physics_spec.PhysicsSpec.parse(json.dumps(told).encode())
     assert NoisyWheels(spec.wheels, 1).of_robot(1, 400, 400) != (400, 400)
     quiet = NoisyWheels([None, *spec.wheels[1:]], 1)
     assert quiet.of_robot(0, 400, -300) == (400, -300)
     told["wheels"] = [{"relative": 1}]
     with pytest.raises(UsageError, match=r"spec: wheels:.*4"):
-        physics_spec.PhysicsSpec.parse(json.dumps(told).encode())
+        _physics_spec.PhysicsSpec.parse(json.dumps(told).encode())
 
 
 def test_wheels_come_out_as_in_argos(loaded: Read) -> None:

@@ -9,8 +9,8 @@ import pytest
 
 from vsense.base.arena import wrap_angle
 from vsense.base.errors import ConfigError
+from vsense.config._things import NAMED
 from vsense.config.specs import Experiment
-from vsense.config.things import NAMED
 from vsense.world.entities import Box, Cylinder, Entity, Light, Zone
 from vsense.world.sensors.range_and_bearing import RangeAndBearingSensor
 

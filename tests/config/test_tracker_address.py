@@ -6,7 +6,7 @@ import pytest
 
 from vsense.base.errors import ConfigError
 from vsense.base.xml.parsing import parse
-from vsense.config.framework import read_tracker
+from vsense.config._framework import read_tracker
 from vsense.config.specs import JsonLinesTracker, TrackerAddress
 
 

@@ -9,20 +9,20 @@ import sys
 
 from tests.faults.relay import NET, address
 from vsense.cli import main
-from vsense.modes.lab import swarm
+from vsense.modes.lab import _swarm
 
 
-class FarSwarm(swarm.Swarm):
+class FarSwarm(_swarm.Swarm):
     """The robots of the lab, far from it."""
 
     net = NET
 
-    def _command(self, robot: swarm.Robot) -> list[str]:
+    def _command(self, robot: _swarm.Robot) -> list[str]:
         words = super()._command(robot)
         words[words.index("--host") + 1] = address(self.robots.index(robot), self.net)
         return words
 
 
 if __name__ == "__main__":
-    swarm.Swarm = FarSwarm  # type: ignore[misc]
+    _swarm.Swarm = FarSwarm  # type: ignore[misc]
     sys.exit(main())

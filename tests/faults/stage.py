@@ -20,7 +20,7 @@ from tests.rigs.processes import Lab, children
 from tests.system.attacker import Attacker
 from vsense.base.clock import host_ns
 from vsense.config import experiment
-from vsense.modes.lab.microcontrollers import ACTUATION
+from vsense.modes.lab._microcontrollers import ACTUATION
 from vsense.monitor.ui import control_socket
 
 HERE = Path(__file__).parent

@@ -15,7 +15,7 @@ from tests.conftest import require_own_network
 from tests.faults.faults import Fault
 from tests.faults.judge import Wheels, Window, judge, judge_end, judge_kill
 from tests.rigs.places import ROOT
-from vsense.modes.lab.microcontrollers import ACTUATION
+from vsense.modes.lab._microcontrollers import ACTUATION
 
 MS = 1_000_000
 GOES, STANDS = (-300, 300), (0, 0)

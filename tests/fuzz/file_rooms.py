@@ -19,12 +19,12 @@ from vsense.config.description import describe
 from vsense.monitor.ui.access import read_tokens
 from vsense.robots import key_holders
 from vsense.robots.link import keys
-from vsense.studies.series import plan
-from vsense.vision.calibration.views import read_corners
+from vsense.studies.series import _plan
+from vsense.vision.calibration._views import read_corners
+from vsense.vision.cameras._recordings import read_timestamps
 from vsense.vision.cameras.camera import Camera, CameraError
-from vsense.vision.cameras.recordings import read_timestamps
 from vsense.vision.markers.families import MarkerFamily, known_families, load_family
-from vsense.vision.tracking.kernel import Kernel
+from vsense.vision.tracking._kernel import Kernel
 
 HERE = Path(__file__).resolve().parent
 SHIPPED = resources.files("vsense")
@@ -183,7 +183,7 @@ _LISTS: Mapping[str, tuple[str, Callable[[Path], object]]] = {
         '[[condition]]\nname = "x"\nsettings = { "c.d" = "e" }\n[[condition]]\nblind = true\n'
         "[[start]]\nseed = 7\n[[start]]\nposes = [[0.5, -0.5, 90]]\n[void]\nlost_s = 5\n"
         "[robots]\nleast = 2\n",
-        lambda path: plan.read(path).facts(),
+        lambda path: _plan.read(path).facts(),
     ),
     "keys": (f"# Swarm keys\n2 = {'0f' * 32}\n1 = {'e1' * 32}\n", keys.read),
     "tokens": ("look=a-long-token\ncontrol=another-token\n", read_tokens),

@@ -18,20 +18,20 @@ from tests.fuzz import mutate
 from tests.fuzz.robots import TABLE, Robot, hello
 from vsense.base.arena import POSE, ArenaState
 from vsense.base.native import WireError
+from vsense.monitor.ui._sentences import read as read_sentence
 from vsense.monitor.ui.access import AccessControl, Forbidden, Tokens
 from vsense.monitor.ui.control_socket import ControlSocket
-from vsense.monitor.ui.sentences import read as read_sentence
+from vsense.robots.link._peer import Peer
+from vsense.robots.link._roster import SessionTable
+from vsense.robots.link._streams import Inbox
 from vsense.robots.link.keys import LinkTrust, SwarmKeys
 from vsense.robots.link.legacy.protocol import SENSORS, Translation, encode_real
-from vsense.robots.link.peer import Peer
-from vsense.robots.link.roster import SessionTable
 from vsense.robots.link.status import LinkError
-from vsense.robots.link.streams import Inbox
 from vsense.robots.link.table import Direction, Entry, ExpectedRobot, Table
+from vsense.robots.link.trackers._repair import Repair
 from vsense.robots.link.trackers.client import ArenaDialog
 from vsense.robots.link.trackers.lines import LINE_MAX, LineInbox, SenderClock, parse
 from vsense.robots.link.trackers.protocol import encode_state
-from vsense.robots.link.trackers.repair import Repair
 from vsense.robots.link.trackers.server import ArenaSession
 from vsense.robots.link.wire import (
     PUBLISHED,

@@ -12,12 +12,12 @@ from tests.monitor.recording.conftest import record
 from tests.studies.report.runs import messages as made_messages
 from vsense.base.errors import VsenseError
 from vsense.base.message_bus import Message, MessageBus
+from vsense.monitor.recording._player import Player
+from vsense.monitor.recording._recorder import Recorder
 from vsense.monitor.recording.export import export_csv
-from vsense.monitor.recording.player import Player
 from vsense.monitor.recording.reader import open_recording
-from vsense.monitor.recording.recorder import Recorder
 from vsense.run.orders import Order, OrderKind
-from vsense.studies.report.findings import as_json, read_findings
+from vsense.studies.report._findings import as_json, read_findings
 
 BEGIN_NS = 5_000_000_000
 

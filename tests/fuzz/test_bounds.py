@@ -34,14 +34,14 @@ from vsense.robots import key_holders
 from vsense.robots.link import keys
 from vsense.robots.link.trackers import lines
 from vsense.run.runs_csv import read_runs
-from vsense.studies.benchmark import result
-from vsense.studies.packages.archive import MANIFEST, Package
-from vsense.studies.packages.contents import CONTENTS, MOST_CONTENTS, PackageContents
-from vsense.studies.series import plan
+from vsense.studies.benchmark import _result
+from vsense.studies.packages._archive import MANIFEST, Package
+from vsense.studies.packages._contents import CONTENTS, MOST_CONTENTS, PackageContents
+from vsense.studies.series import _plan
 from vsense.vision.calibration import checked
-from vsense.vision.calibration.views import read_corners
+from vsense.vision.calibration._views import read_corners
+from vsense.vision.cameras._recordings import read_timestamps
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.cameras.recordings import read_timestamps
 from vsense.vision.markers.families import load_family
 
 SIZE = 1 << 20
@@ -86,10 +86,10 @@ READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "camera": ("json", lambda path: Camera.from_json(path.read_text())),
     "marker family": ("json", lambda path: load_family(str(path))),
     "calibration": ("json", checked._read),
-    "benchmark.json": ("json", result.read),
+    "benchmark.json": ("json", _result.read),
     "tracker's lines": ("json", tracker_lines),
     "roster": ("toml", roster.read),
-    "plan": ("toml", plan.read),
+    "plan": ("toml", _plan.read),
     "runs.csv": ("csv", read_runs),
     "batteries": ("csv", battery_history.read),
     "capture times": ("csv", lambda path: read_timestamps(path, False)),

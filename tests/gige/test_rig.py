@@ -12,9 +12,9 @@ from tests.gige.faults import VICTIM
 from tests.gige.network import CAMERAS, RATE_HZ, SIZE_PX, GigeCameras
 from tests.gige.watch import Watch
 from vsense.base.clock import host_ns
+from vsense.vision.cameras._aravis_camera import BUFFERS
+from vsense.vision.cameras._genicam import GenicamSource
 from vsense.vision.cameras.aravis import listed
-from vsense.vision.cameras.aravis_camera import BUFFERS
-from vsense.vision.cameras.genicam import GenicamSource
 from vsense.vision.cameras.source import Controls, GenicamSettings
 
 

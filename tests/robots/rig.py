@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from vsense.base.clock import host_ns
-from vsense.modes.lab.microcontrollers import Actuation, Microcontrollers
-from vsense.robots.link.peer import Orders, Peer
+from vsense.modes.lab._microcontrollers import Actuation, Microcontrollers
+from vsense.robots.link._peer import Orders, Peer
 from vsense.robots.link.table import Entry, Table
 from vsense.robots.link.wire import (
     PUBLISHED,

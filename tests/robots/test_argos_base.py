@@ -7,7 +7,7 @@ import subprocess
 from pathlib import Path
 
 from tests.conftest import require_tool
-from vsense.robots import argos_code, build
+from vsense.robots import _argos_code, build
 
 ARGOS = build.source_tree().root / "robot" / "argos"
 HERE = Path(__file__).parent / "argos"
@@ -44,7 +44,7 @@ int main(int count, char **)
 def compiled(folder: Path, *words: str | Path) -> Path:
     require_tool("c++", "build-essential")
     (folder / "hooks.cpp").write_text(HOOKS)
-    forward = argos_code.forwarding(ARGOS, folder)
+    forward = _argos_code.forwarding(ARGOS, folder)
     command = ["c++", "-Wall", "-Wextra", "-Werror", f"-I{forward}", *words]
     command += [*PARTS, folder / "hooks.cpp", "-o", folder / "program"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300)

@@ -19,8 +19,8 @@ from vsense.base.readings import SensorReadings
 from vsense.base.xml.parsing import NAMESPACE
 from vsense.config.experiment import load
 from vsense.config.specs import Stage
-from vsense.modes.sim.simulation import Simulation
-from vsense.robots import argos_code, boards, build, finding
+from vsense.modes.sim._simulation import Simulation
+from vsense.robots import _argos_code, boards, build, finding
 from vsense.robots.compiling import BuildError
 from vsense.robots.inprocess import CompiledProgram, ControllerFailure
 from vsense.robots.link.table import Direction, Entry, Table
@@ -333,23 +333,23 @@ def test_one_library_may_hold_several(readings: Path, tmp_path: Path) -> None:
 
 
 def test_what_needs_no_exceptions_is_seen_in_code_only(tmp_path: Path) -> None:
-    assert argos_code.needs_runtime(ProgramSources((CATCHING,)))
-    assert not argos_code.needs_runtime(ProgramSources((READINGS,), (FOLDER,)))
+    assert _argos_code.needs_runtime(ProgramSources((CATCHING,)))
+    assert not _argos_code.needs_runtime(ProgramSources((READINGS,), (FOLDER,)))
     source, header = tmp_path / "a.cpp", tmp_path / "a.h"
     source.write_text('#include "a.h"\n// catch\n/* throw */ const char *a = "dynamic_cast";\n')
     header.write_text("")
-    assert not argos_code.needs_runtime(ProgramSources((source,)))
+    assert not _argos_code.needs_runtime(ProgramSources((source,)))
     header.write_text("inline int f() { try { return 1; } catch (...) { return 2; } }\n")
-    assert argos_code.needs_runtime(ProgramSources((source,)))
+    assert _argos_code.needs_runtime(ProgramSources((source,)))
 
 
 def test_a_controller_that_uses_the_simulator_is_told_with_its_line(tmp_path: Path) -> None:
     source = tmp_path / "a.cpp"
     source.write_text("\n#include <argos3/core/simulator/space/space.h>\n")
-    told = argos_code.explain_simulator(ProgramSources((source,)))
+    told = _argos_code.explain_simulator(ProgramSources((source,)))
     assert "#ifndef VSENSE" in told
     assert told.splitlines()[1:] == [f"{source}:2: <argos3/core/simulator/space/space.h>"]
-    assert argos_code.explain_simulator(ProgramSources((READINGS,), (FOLDER,))) == ""
+    assert _argos_code.explain_simulator(ProgramSources((READINGS,), (FOLDER,))) == ""
 
 
 EXPERIMENT = """<argos-configuration xmlns:vs="NAMESPACE">
@@ -514,7 +514,7 @@ def test_on_the_oldest_board_it_lives_and_fails_in_order(
     source = tmp_path / "plain.cpp"
     source.write_text(PLAIN)
     program = ProgramSources((source,) if name == "plain" else (CATCHING,))
-    assert argos_code.needs_runtime(program) == (name == "catching")
+    assert _argos_code.needs_runtime(program) == (name == "catching")
     tree = build.source_tree()
     made = tree.daemon(program, plain=True)
     own = [path for path in made.own if path.name != "main.c"]

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.robots.rig import Rig
-from vsense.modes.lab.microcontrollers import Microcontrollers
+from vsense.modes.lab._microcontrollers import Microcontrollers
 
 Check = Callable[..., tuple[int, dict[str, str]]]
 

@@ -12,7 +12,7 @@ from tests.bench.robot import HERE as BENCH
 from tests.conftest import require_tool, require_zig
 from vsense.config import argos
 from vsense.config.experiment import load
-from vsense.modes.sim.simulation import Simulation
+from vsense.modes.sim._simulation import Simulation
 from vsense.robots import boards, build
 from vsense.robots.compiling import BuildError, Sources, native, own_cxxflags
 from vsense.robots.sources import ProgramSources

@@ -27,11 +27,11 @@ from tests.rigs.processes import is_alive
 from tests.robots import rosters
 from tests.robots.rosters import FAKE_DAEMON, deploy, write_program
 from vsense import cli
-from vsense.commands.rosters import board_of
+from vsense.commands._rosters import board_of
 from vsense.config import roster
 from vsense.config.experiment import load
 from vsense.config.placement import settle
-from vsense.modes.lab.microcontrollers import Microcontrollers
+from vsense.modes.lab._microcontrollers import Microcontrollers
 from vsense.robots import deploying
 from vsense.robots.link.keys import INSECURE
 from vsense.robots.link.server import LinkEvent, VirtualSensorServer

@@ -14,7 +14,7 @@ from tests.rigs.processes import is_alive
 from tests.robots.rig import MS, TABLE, Daemon, Rig, S, traced
 from tests.robots.stopping import wait_said
 from vsense.base.clock import host_ns
-from vsense.modes.lab.links import Terminal
+from vsense.modes.lab._links import Terminal
 from vsense.robots.link.table import Direction, Entry, Table
 from vsense.robots.link.wire import GoodbyeCause, Wanted
 

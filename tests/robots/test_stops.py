@@ -13,8 +13,8 @@ from tests.robots.rig import MS, Rig, S
 from tests.robots.stopping import still_within, wait_said
 from vsense.base.clock import host_ns
 from vsense.base.native import lib
+from vsense.modes.lab._microcontrollers import Actuation
 from vsense.modes.lab.hardware import KINDS
-from vsense.modes.lab.microcontrollers import Actuation
 from vsense.robots.link.wire import StopCause
 
 Rigs = Callable[..., Rig]

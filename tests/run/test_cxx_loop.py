@@ -20,14 +20,14 @@ from vsense.base.terminal import Interruption
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment, Stage
 from vsense.modes.sim import fingerprint
+from vsense.modes.sim._simulation import Simulation
 from vsense.modes.sim.engine import Engine
 from vsense.modes.sim.job import Job, Setup, Sweep
 from vsense.modes.sim.outcome import Task, libraries_of
-from vsense.modes.sim.simulation import Simulation
 from vsense.modes.sim.watch import simulate_all
 from vsense.robots import build
 from vsense.robots.sources import CodeOptions, ProgramSources
-from vsense.run import loop_process
+from vsense.run import _loop_process
 from vsense.run.environment import Environment
 from vsense.run.programs import shared_objects
 from vsense.studies.series import campaign
@@ -312,7 +312,7 @@ def test_a_process_of_their_own_may_break(
     how: str,
     words: str,
 ) -> None:
-    monkeypatch.setattr(loop_process, "LIMIT_S", 0.3)
+    monkeypatch.setattr(_loop_process, "LIMIT_S", 0.3)
     experiment = load(mission(fails_in="PostStep", how=how))
     here = Environment(experiment, 7)
     with pytest.raises(VsenseError, match=rf"loop functions 'mission' \(mission\.cpp\): {words}"):

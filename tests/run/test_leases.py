@@ -20,9 +20,9 @@ import pytest
 from vsense import cli
 from vsense.base.sharing import SharingError
 from vsense.base.terminal import Console
-from vsense.commands import experiments
+from vsense.commands import _experiments
 from vsense.config.experiment import load
-from vsense.modes.live.steering import RunSteering, SessionCallbacks
+from vsense.modes.live._steering import RunSteering, SessionCallbacks
 from vsense.monitor.ui.messages import ExperimentFacts
 from vsense.monitor.ui.room import ControlRoom, RoomOptions
 from vsense.robots.link.server import VirtualSensorServer
@@ -160,10 +160,10 @@ def test_a_run_whose_robots_another_has_is_refused_before_its_port_is_open(
         calibrate = ["robot", "calibrate", "aggregation", "--tracking", "r.json", "s.json"]
         assert cli.main([*calibrate, "--insecure", "--host", "0.0.0.0"]) == 1
         assert capsys.readouterr().err == said, "what else moves real robots"
-        with experiments.lease_robots(options, experiment, "127.0.0.1"):
+        with _experiments.lease_robots(options, experiment, "127.0.0.1"):
             assert list(leases.holders(folder)) == [first]
         process.kill()
-    with experiments.lease_robots(options, experiment, "0.0.0.0"):
+    with _experiments.lease_robots(options, experiment, "0.0.0.0"):
         names = {path.stem for path in folder.iterdir() if path.read_text()}
         assert names == {f"robot-{robot.tag}" for robot in experiment.robots}
 

@@ -11,9 +11,9 @@ import pytest
 from tests.conftest import States, require_tool
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment
+from vsense.modes.sim._simulation import Simulation
 from vsense.modes.sim.job import Job, Setup
 from vsense.modes.sim.outcome import Task
-from vsense.modes.sim.simulation import Simulation
 from vsense.modes.sim.watch import simulate_all
 from vsense.robots.inprocess import SimError
 from vsense.robots.link.table import Direction

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense.robots.link.roster import OLDER
+from vsense.robots.link._roster import OLDER
 from vsense.run.robots import Readiness, shorten
 
 ROBOTS = {30: "epuck_30_1", 4: "epuck_4_2", 17: "epuck_17_3"}

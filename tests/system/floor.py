@@ -22,7 +22,7 @@ from typing import Protocol
 
 from tests.rigs.processes import free_port
 from vsense.base.clock import host_ns
-from vsense.modes.lab.microcontrollers import Actuation, Microcontrollers
+from vsense.modes.lab._microcontrollers import Actuation, Microcontrollers
 from vsense.robots import build
 
 MS = 1_000_000

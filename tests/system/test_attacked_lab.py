@@ -13,7 +13,7 @@ import pytest
 from tests.rigs.processes import Lab, free_port, order
 from tests.system.attacker import Attacker, LoopbackAttacker
 from vsense.base.clock import host_ns
-from vsense.modes.lab.microcontrollers import read_actuations
+from vsense.modes.lab._microcontrollers import read_actuations
 from vsense.monitor.recording.reader import open_recording
 
 pytestmark = pytest.mark.system

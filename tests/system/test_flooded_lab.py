@@ -19,14 +19,14 @@ import pytest
 
 from tests.rigs.processes import Lab, order
 from tests.rigs.web import HALF, is_closed, talk
-from vsense.monitor.ui import web_listener
-from vsense.robots.link.links import HELLO_NS, STRANGERS_MAX
+from vsense.monitor.ui import _web_listener
+from vsense.robots.link._links import HELLO_NS, STRANGERS_MAX
 
 pytestmark = pytest.mark.system
 
 CROWD = 1000
 TOKENS = "look=look-only-token\ncontrol=control-it-token\n"
-LIMIT_S = max(web_listener.REQUEST_S, web_listener.KEPT_S, HELLO_NS / 1e9) + 5.0
+LIMIT_S = max(_web_listener.REQUEST_S, _web_listener.KEPT_S, HELLO_NS / 1e9) + 5.0
 DESCRIPTORS = 1024
 
 
@@ -86,7 +86,7 @@ def test_strangers_on_two_ports_cost_nobody_anything(tmp_path: Path, room: None)
     begun_s = time.monotonic()
     crowd = flood(web, [b"", HALF, kept])
     crowd += flood(robots_port(lab), [b"", b"VS\2", bytes(40)])
-    most = STRANGERS_MAX + web_listener.STRANGERS_MAX + web_listener.KNOWN_MAX
+    most = STRANGERS_MAX + _web_listener.STRANGERS_MAX + _web_listener.KNOWN_MAX
     assert descriptors(lab) <= before + most
 
     tag = int(next((lab.directory / "robots").glob("*.sh")).stem)

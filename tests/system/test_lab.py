@@ -20,7 +20,7 @@ import pytest
 from tests.rigs.places import ROOT
 from tests.rigs.processes import PATIENCE_S, Lab
 from tests.robots.link.legacy_rig import Client
-from vsense.modes.lab.microcontrollers import read_actuations
+from vsense.modes.lab._microcontrollers import read_actuations
 from vsense.monitor.recording.reader import open_recording
 
 pytestmark = pytest.mark.system

@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.system.rehearsal import VSENSE, emulated
-from vsense.modes.lab.microcontrollers import read_actuations
+from vsense.modes.lab._microcontrollers import read_actuations
 
 pytestmark = pytest.mark.system
 

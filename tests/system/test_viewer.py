@@ -15,7 +15,7 @@ from tests.system.viewer import Viewer
 from vsense.cli import main
 from vsense.monitor.recording.reader import open_recording
 from vsense.monitor.ui.control_client import TerminalError
-from vsense.studies.report.findings import read_findings
+from vsense.studies.report._findings import read_findings
 
 pytestmark = pytest.mark.system
 

@@ -11,7 +11,7 @@ from itertools import count
 from typing import Any
 
 from vsense.base.native import check, ffi, lib
-from vsense.robots.link.peer import counters_of
+from vsense.robots.link._peer import counters_of
 from vsense.robots.link.table import Output, Table, text_of
 from vsense.robots.link.wire import (
     DATAGRAM_MAX,

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tests.wire.robot_session import Event, RobotSession
 from vsense.base.native import ffi, lib
-from vsense.robots.link.peer import Orders, Peer
+from vsense.robots.link._peer import Orders, Peer
 from vsense.robots.link.table import Direction, Entry, Table
 from vsense.robots.link.wire import (
     PUBLISHED,

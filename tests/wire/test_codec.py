@@ -18,7 +18,7 @@ from tests.wire.strategies import (
     with_length,
 )
 from vsense.base.native import WireError, check, ffi, lib
-from vsense.robots.link.peer import telemetry_of
+from vsense.robots.link._peer import telemetry_of
 from vsense.robots.link.table import Direction, Output, Table
 from vsense.robots.link.wire import (
     DATAGRAM_MAX,

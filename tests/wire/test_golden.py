@@ -12,7 +12,7 @@ import pytest
 
 from tests.rigs.places import ROOT
 from vsense.base.native import WireError, check, ffi, lib
-from vsense.robots.link.peer import older_us, telemetry_of
+from vsense.robots.link._peer import older_us, telemetry_of
 from vsense.robots.link.table import Direction, Entry, Output, Table
 from vsense.robots.link.wire import (
     DATAGRAM_MAX,

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.wire.strategies import MS, Link, S
-from vsense.robots.link.peer import Orders
+from vsense.robots.link._peer import Orders
 from vsense.robots.link.status import LogLines
 from vsense.robots.link.wire import Telemetry, Wanted
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tests.wire.robot_session import Event, RobotSession
 from tests.wire.strategies import MS, POLLUTANT, Link, S, balance, reseal
 from vsense.base.native import WireError, lib
-from vsense.robots.link.peer import Orders, Peer
+from vsense.robots.link._peer import Orders, Peer
 from vsense.robots.link.table import Table
 from vsense.robots.link.wire import (
     PUBLISHED,

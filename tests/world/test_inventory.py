@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from vsense.world._inventory import Inventory
 from vsense.world.entities import Box, Cylinder, Light, VirtualRobot, WorldError
-from vsense.world.inventory import Inventory
 
 WALL = Box("wall", (0, 1, 0), (2, 0.1, 0.1), physical=True)
 DOOR = Box("door", (1, 0, 0), (0.5, 0.1, 0.1))

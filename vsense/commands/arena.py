@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from vsense.base.errors import UsageError
-from vsense.commands import arguments
+from vsense.commands import _arguments
 from vsense.config import experiment
 from vsense.tools.camera_setup import aligning
 from vsense.tools.camera_setup.aligning import AlignOptions
@@ -39,7 +39,7 @@ def run(options: argparse.Namespace) -> int:
         return aligning.undo(options.cameras)
     if options.experiment is None:
         raise UsageError("expected an experiment, whose arena it is, or --undo")
-    asked = arguments.fill(AlignOptions, options, clicks=options.click)
+    asked = _arguments.fill(AlignOptions, options, clicks=options.click)
     return aligning.run(asked, experiment.load(options.experiment).arena.corners_m)
 
 
@@ -50,7 +50,7 @@ def _add_align(step: Any) -> None:
         help="whose arena it is: a shipped experiment's name, or the path of a .argos file",
     )
     text = "folder with the camera files in use (default: cameras)"
-    arguments.option(step, "--cameras", Path, "DIR", text, Path("cameras"))
+    _arguments.option(step, "--cameras", Path, "DIR", text, Path("cameras"))
     step.add_argument(
         "--pictures",
         type=Path,
@@ -59,12 +59,12 @@ def _add_align(step: Any) -> None:
         help="what to drag the corners on: a folder with a folder per camera, as `vsense cameras"
         " shoot` makes it; each camera's last picture counts",
     )
-    arguments.option(step, "--camera", str, "NAME", arguments.ONE_CAMERA)
-    arguments.option(step, "--port", arguments.port, "P", "of the page (default: a free one)", 0)
+    _arguments.option(step, "--camera", str, "NAME", _arguments.ONE_CAMERA)
+    _arguments.option(step, "--port", _arguments.port, "P", "of the page (default: a free one)", 0)
     _add_clicks(step)
-    arguments.flag(step, "--dry", "say what would be changed, and change nothing")
-    arguments.flag(step, "--undo", "put the camera files back as they were before the last time")
-    arguments.flag(step, "--json", "print what was found as one JSON object on standard output")
+    _arguments.flag(step, "--dry", "say what would be changed, and change nothing")
+    _arguments.flag(step, "--undo", "put the camera files back as they were before the last time")
+    _arguments.flag(step, "--json", "print what was found as one JSON object on standard output")
 
 
 def _add_clicks(step: Any) -> None:
@@ -76,11 +76,11 @@ def _add_clicks(step: Any) -> None:
         metavar="CAMERA:POINT:X,Y",
         help="without a page: a camera shows a corner at this pixel; once for each",
     )
-    arguments.option(step, "--seen", Path, "CSV", "or all of them: camera,id,x_px,y_px")
+    _arguments.option(step, "--seen", Path, "CSV", "or all of them: camera,id,x_px,y_px")
     text = "other points than the corners: id,x_m,y_m in the arena and perhaps z_m"
-    arguments.option(step, "--points", Path, "CSV", text)
+    _arguments.option(step, "--points", Path, "CSV", text)
     text = (
         "how high above the floor the corners are that are clicked on, such as 12cm for the"
         " walls' upper edges (default: 0cm)"
     )
-    arguments.option(step, "--height", arguments.length_m, "LENGTH", text, 0.0)
+    _arguments.option(step, "--height", _arguments.length_m, "LENGTH", text, 0.0)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vsense.base.terminal import print_data
-from vsense.commands import arguments, series
+from vsense.commands import _arguments, series
 from vsense.monitor import recording
 from vsense.run.runs_csv import MODES
 
@@ -30,33 +30,33 @@ DESCRIPTION = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     parser.add_argument("--mode", choices=MODES, default="sim", help="where (default: sim)")
-    arguments.flag(
+    _arguments.flag(
         parser, "--dry", "only say what is measured, which runs follow, how long it takes"
     )
-    arguments.flag(
+    _arguments.flag(
         parser, "--quick", "six runs of 6 s with four robots: a first look, comparable with nothing"
     )
     text = "with so many robots, 5 or more: comparable with results of as many"
-    arguments.option(parser, "--robots", arguments.positive, "N", f"{text} (default: 15)")
+    _arguments.option(parser, "--robots", _arguments.positive, "N", f"{text} (default: 15)")
     parser.add_argument(
         "--site", metavar="NAME", help="what results call this lab (default: this machine's name)"
     )
     text = "folder of the runs and of the result (default: vsense-benchmark-1-MODE here)"
-    arguments.option(parser, "-o --output", Path, "DIR", text)
-    arguments.flag(parser, "--json", "print the result as one JSON object")
+    _arguments.option(parser, "-o --output", Path, "DIR", text)
+    _arguments.flag(parser, "--json", "print the result as one JSON object")
     series.add_making(parser)
     never = {"lenient": False, "sources": [], "include": [], "on": None}
     parser.set_defaults(action=None, record=True, record_images=False, locked=True, **never)
     actions = parser.add_subparsers(title="with results", metavar="ACTION", dest="action")
-    add = partial(arguments.add_action, actions)
+    add = partial(_arguments.add_action, actions)
     check = add("check", "check a result against its runs: nothing in it is believed")
     _add_result(check, "file", "the result: benchmark.json, or the folder that it is in")
     compare = add("compare", "compare two labs' results: tests, effect sizes, sameness")
     _add_result(compare, "first", "a result")
     _add_result(compare, "second", "another lab's")
-    arguments.flag(compare, "--unpaired", "take runs with the same start for independent ones")
+    _arguments.flag(compare, "--unpaired", "take runs with the same start for independent ones")
     text = "make a page with figures, in an empty folder"
-    arguments.option(compare, "--report", Path, "FOLDER", text)
+    _arguments.option(compare, "--report", Path, "FOLDER", text)
 
 
 def _add_result(parser: argparse.ArgumentParser, name: str, text: str) -> None:
@@ -80,7 +80,7 @@ def run(options: argparse.Namespace) -> int:
         return _give(options, benchmark.compare(*pair, options.unpaired, options.report))
     how = series.options_of(options, options.mode, None)
     planned = benchmark.PlannedBenchmark(
-        arguments.fill(benchmark.BenchmarkOptions, options, series=replace(how, json=False))
+        _arguments.fill(benchmark.BenchmarkOptions, options, series=replace(how, json=False))
     )
     if options.dry:
         return _give(options, planned.described())

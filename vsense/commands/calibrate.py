@@ -8,7 +8,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from vsense.commands import arguments
+from vsense.commands import _arguments
 from vsense.modes.lab import board_studio
 from vsense.vision.calibration import checking, session
 from vsense.vision.calibration.checking import CheckOptions
@@ -54,12 +54,12 @@ def run(options: argparse.Namespace) -> int:
     if options.step == "example":
         return board_studio.write(options.directory, options.board, options.seed)
     if options.step == "check":
-        return checking.run(arguments.fill(CheckOptions, options))
+        return checking.run(_arguments.fill(CheckOptions, options))
     if options.step == "board":
         return session.print_board(options.board, options.output)
     if options.step == "intrinsics":
-        return session.intrinsics(arguments.fill(LensOptions, options))
-    return session.rig(arguments.fill(RigOptions, options))
+        return session.intrinsics(_arguments.fill(LensOptions, options))
+    return session.rig(_arguments.fill(RigOptions, options))
 
 
 def _add_board(steps: Any) -> None:
@@ -89,11 +89,11 @@ def _add_rig(steps: Any) -> None:
     step.add_argument("--board", metavar="BOARD", help=_BOARD)
     _add_sources(step)
     text = "folder with camera files whose lenses are right already and stay as they are"
-    arguments.option(step, "--intrinsics", Path, "DIR", text)
-    arguments.flag(step, "--refine", "let these lenses move a little, by half a percent")
+    _arguments.option(step, "--intrinsics", Path, "DIR", text)
+    _arguments.flag(step, "--refine", "let these lenses move a little, by half a percent")
     _add_floor(step, "the board", "the board's")
     text = "where the board's origin was at the first of them, in m and degrees (default: 0,0,0)"
-    arguments.option(step, "--origin", _place, "X,Y,DEG", text, (0.0, 0.0, 0.0))
+    _arguments.option(step, "--origin", _place, "X,Y,DEG", text, (0.0, 0.0, 0.0))
     _add_points(step)
 
 
@@ -106,16 +106,16 @@ def _add_floor(step: argparse.ArgumentParser, board: str, whose: str) -> None:
         help=f"moments when {board} lay on the floor: names or patterns such as 'floor_*'",
     )
     text = f"how high {whose} printed face was above the floor, such as 5mm (default: 0mm)"
-    arguments.option(step, "--thickness", arguments.length_m, "LENGTH", text, 0.0)
+    _arguments.option(step, "--thickness", _arguments.length_m, "LENGTH", text, 0.0)
 
 
 def _add_points(step: argparse.ArgumentParser) -> None:
-    arguments.option(step, "--points", Path, "CSV", "known points: id,x_m,y_m,z_m in the arena")
-    arguments.option(step, "--seen", Path, "CSV", "where they are seen: camera,id,x_px,y_px")
+    _arguments.option(step, "--points", Path, "CSV", "known points: id,x_m,y_m,z_m in the arena")
+    _arguments.option(step, "--seen", Path, "CSV", "where they are seen: camera,id,x_px,y_px")
     text = "or: the points are middles of tags, ids their numbers, such as 4X4_50 or 36h11"
-    arguments.option(step, "--tags", str, "DICT", text)
+    _arguments.option(step, "--tags", str, "DICT", text)
     text = "how well the points are known (default: 1mm)"
-    arguments.option(step, "--accuracy", arguments.length_m, "LENGTH", text, 0.001)
+    _arguments.option(step, "--accuracy", _arguments.length_m, "LENGTH", text, 0.001)
 
 
 def _add_check(steps: Any) -> None:
@@ -127,25 +127,25 @@ def _add_check(steps: Any) -> None:
         " beside the camera files: later runs, recordings and reports tell it.",
     )
     text = "folder with the camera files in use (default: cameras)"
-    arguments.option(step, "--cameras", Path, "DIR", text, Path("cameras"))
+    _arguments.option(step, "--cameras", Path, "DIR", text, Path("cameras"))
     _add_measured(step)
     _add_second_board(step)
     _add_pictures(step)
     text = "fail (1) where a point is farther off, such as 5mm"
-    arguments.option(step, "--limit", arguments.length_m, "LENGTH", text)
-    arguments.flag(step, "--json", "print the check as one JSON object on standard output")
+    _arguments.option(step, "--limit", _arguments.length_m, "LENGTH", text)
+    _arguments.flag(step, "--json", "print the check as one JSON object on standard output")
 
 
 def _add_measured(step: argparse.ArgumentParser) -> None:
     text = "measured points: id,x_m,y_m in the arena and, where they are not on the floor, z_m"
-    arguments.option(step, "--points", Path, "CSV", text)
-    arguments.option(step, "--seen", Path, "CSV", "where they are seen: camera,id,x_px,y_px")
+    _arguments.option(step, "--points", Path, "CSV", text)
+    _arguments.option(step, "--seen", Path, "CSV", "where they are seen: camera,id,x_px,y_px")
     step.add_argument(
         "--tags", metavar="DICT", help="or: ArUco or AprilTag markers lie there, such as 4X4_50"
     )
     text = "or: robots' markers are there, ids their tags, z_m their height; such as arrow4x4"
-    arguments.option(step, "--markers", str, "FAMILY", text)
-    arguments.option(
+    _arguments.option(step, "--markers", str, "FAMILY", text)
+    _arguments.option(
         step, "--distances", Path, "CSV", "tape measures between points: from,to,distance_m"
     )
 
@@ -165,24 +165,24 @@ def _add_example(steps: Any) -> None:
     )
     step.add_argument("directory", type=Path, help="folder for pictures/ and truth/")
     step.add_argument("--board", default="charuco:7x5:80mm:4X4_50", metavar="BOARD", help=_BOARD)
-    arguments.option(step, "--seed", arguments.natural, "N", "seed of poses and noise", 1)
+    _arguments.option(step, "--seed", _arguments.natural, "N", "seed of poses and noise", 1)
 
 
 def _add_pictures(step: argparse.ArgumentParser) -> None:
     step.add_argument("--pictures", type=Path, nargs="+", metavar="PATH", help=_PICTURES)
-    arguments.option(step, "--camera", str, "NAME", arguments.ONE_CAMERA)
+    _arguments.option(step, "--camera", str, "NAME", _arguments.ONE_CAMERA)
     text = "take every N-th picture of a video (default: 1)"
-    arguments.option(step, "--every", arguments.positive, "N", text, 1)
+    _arguments.option(step, "--every", _arguments.positive, "N", text, 1)
 
 
 def _add_sources(step: argparse.ArgumentParser) -> None:
     _add_pictures(step)
     text = "instead of pictures: corners found before, camera,moment,corner,x_px,y_px"
-    arguments.option(step, "--corners", Path, "CSV", text)
-    arguments.option(step, "--size", _size, "WxH", "size of the pictures that --corners came from")
+    _arguments.option(step, "--corners", Path, "CSV", text)
+    _arguments.option(step, "--size", _size, "WxH", "size of the pictures that --corners came from")
     text = "folder for camera files and report (default: cameras)"
-    arguments.option(step, "-o --output", Path, "DIR", text, Path("cameras"))
-    arguments.flag(step, "--json", "print the report as one JSON object on standard output")
+    _arguments.option(step, "-o --output", Path, "DIR", text, Path("cameras"))
+    _arguments.flag(step, "--json", "print the report as one JSON object on standard output")
 
 
 def _place(text: str) -> tuple[float, float, float]:

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from vsense.base.errors import UsageError
 from vsense.base.terminal import drop_output
-from vsense.commands import arguments
-from vsense.commands.arguments import Record
+from vsense.commands import _arguments
+from vsense.commands._arguments import Record
 from vsense.config.resources import EXPOSURES_US, GAINS, RATES_HZ, SIDES_PX
 from vsense.tools.camera_setup import files, shooting, showing, tuning
 from vsense.tools.camera_setup.shooting import ShootOptions
@@ -41,33 +41,33 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print the list as JSON")
     actions = parser.add_subparsers(title="actions", metavar="ACTION", dest="action")
     for name, (text, declare) in _ACTIONS.items():
-        declare(arguments.add_action(actions, name, text))
+        declare(_arguments.add_action(actions, name, text))
 
 
 def _add_show(parser: argparse.ArgumentParser) -> None:
     _add_camera(parser)
     text = "take one picture into a file (.png, .jpg, .pgm) instead of showing it in the page"
-    arguments.option(parser, "--save", Path, "FILE", text)
-    arguments.add_web(parser, ("127.0.0.1", 8080))
+    _arguments.option(parser, "--save", Path, "FILE", text)
+    _arguments.add_web(parser, ("127.0.0.1", 8080))
 
 
 def _add_tune(parser: argparse.ArgumentParser) -> None:
     _add_camera(parser)
     text = "try exposures and gains, say which are best, and put the camera's own values back"
-    arguments.flag(parser, "--sweep", text)
+    _arguments.flag(parser, "--sweep", text)
     _add_json(parser)
     group = parser.add_argument_group("what is in the picture")
     text = "of the robots (default: 0.13, an e-puck's maximum)"
-    arguments.option(group, "--speed", _positive, "M/S", text, SPEED_M_S)
+    _arguments.option(group, "--speed", _positive, "M/S", text, SPEED_M_S)
     text = "pixels per metre at the markers (default: told by the markers in the picture)"
-    arguments.option(group, "--px-per-m", _positive, "PX", text)
-    arguments.option(group, "--focal-px", _positive, "PX", "or: focal length, with --height-m")
-    arguments.option(group, "--height-m", _positive, "M", "from the lens down to the markers")
+    _arguments.option(group, "--px-per-m", _positive, "PX", text)
+    _arguments.option(group, "--focal-px", _positive, "PX", "or: focal length, with --height-m")
+    _arguments.option(group, "--height-m", _positive, "M", "from the lens down to the markers")
     group.add_argument(
         "--camera", metavar="ID", help="or: the calibrated camera of the resources file"
     )
     text = "of the markers above the floor, for --camera (default: 0.06)"
-    arguments.option(group, "--marker-height", _positive, "M", text, 0.06)
+    _arguments.option(group, "--marker-height", _positive, "M", text, 0.06)
 
 
 def _add_init(parser: argparse.ArgumentParser) -> None:
@@ -87,18 +87,18 @@ def _add_shoot(parser: argparse.ArgumentParser) -> None:
         "resources", metavar="RESOURCES", help="the resources file: all its cameras take part"
     )
     text = "gets a folder per camera (default: shoot)"
-    arguments.option(parser, "-o --output", Path, "DIR", text, Path("shoot"))
+    _arguments.option(parser, "-o --output", Path, "DIR", text, Path("shoot"))
     text = (
         "say in which pictures this board is seen, such as charuco:7x5:80mm:4X4_50; see vsense"
         " calibrate"
     )
-    arguments.option(parser, "--board", str, "BOARD", text)
+    _arguments.option(parser, "--board", str, "BOARD", text)
     text = "take a picture every S seconds, instead of with the Enter key"
-    arguments.option(parser, "--every", _positive, "S", text)
+    _arguments.option(parser, "--every", _positive, "S", text)
     text = "end after N pictures, with --every (default: with Ctrl-C)"
-    arguments.option(parser, "--count", arguments.positive, "N", text)
+    _arguments.option(parser, "--count", _arguments.positive, "N", text)
     text = "the pictures are WORD_01, WORD_02, ... (default: floor)"
-    arguments.option(parser, "--name", str, "WORD", text, "floor")
+    _arguments.option(parser, "--name", str, "WORD", text, "floor")
     _add_json(parser)
 
 
@@ -107,14 +107,14 @@ def _add_camera(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("id", metavar="ID", help=_ID)
     group = parser.add_argument_group("the camera")
     text = "take ID for a grabber of this resources file, with all its settings"
-    arguments.option(group, "--resources", str, "FILE", text)
+    _arguments.option(group, "--resources", str, "FILE", text)
     group.add_argument("--exposure", type=_number, metavar="US", help="exposure time in us")
     group.add_argument("--gain", type=_number, metavar="RAW", help="in the camera's own unit")
-    group.add_argument("--width", type=arguments.positive, metavar="PX", help="with --height")
-    group.add_argument("--height", type=arguments.positive, metavar="PX", help="with --width")
+    group.add_argument("--width", type=_arguments.positive, metavar="PX", help="with --height")
+    group.add_argument("--height", type=_arguments.positive, metavar="PX", help="with --width")
     group.add_argument("--rate", type=_number, metavar="HZ", help="pictures per second")
     text = "the markers to look for in its pictures (default: arrow4x4)"
-    arguments.option(parser, "--family", str, "NAME", text, "arrow4x4")
+    _arguments.option(parser, "--family", str, "NAME", text, "arrow4x4")
 
 
 def _add_json(parser: argparse.ArgumentParser) -> None:
@@ -152,10 +152,10 @@ def run(options: argparse.Namespace) -> int:
     """Runs an action."""
     actions = {
         "list": lambda: files.list_cameras(options.json),
-        "show": lambda: showing.run(_asked(ShowOptions, options, web=arguments.web_of(options))),
+        "show": lambda: showing.run(_asked(ShowOptions, options, web=_arguments.web_of(options))),
         "tune": lambda: tuning.run(_asked(TuneOptions, options)),
         "init": lambda: files.init(options.directory, options.force),
-        "shoot": lambda: shooting.run(arguments.fill(ShootOptions, options)),
+        "shoot": lambda: shooting.run(_arguments.fill(ShootOptions, options)),
     }
     try:
         return actions[options.action or "list"]()
@@ -165,7 +165,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _asked(kind: type[Record], options: argparse.Namespace, **others: object) -> Record:
-    return arguments.fill(kind, options, wanted=wanted_of(options), **others)
+    return _arguments.fill(kind, options, wanted=wanted_of(options), **others)
 
 
 def wanted_of(options: argparse.Namespace) -> Controls:

@@ -7,7 +7,7 @@ from itertools import groupby
 
 from vsense.base.errors import UsageError
 from vsense.base.terminal import aligned, paged
-from vsense.commands import arguments
+from vsense.commands import _arguments
 from vsense.tools.shipped import documents
 
 DESCRIPTION = (
@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="a page's or file's name as it is listed, or the end of its path",
     )
-    arguments.flag(parser, "--path", "say where the file is instead of printing it")
+    _arguments.flag(parser, "--path", "say where the file is instead of printing it")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 
 from vsense.base.terminal import aligned, print_data
-from vsense.commands import arguments
+from vsense.commands import _arguments
 from vsense.tools.doctor.checks import BROKEN, LACKS, Finding, findings
 from vsense.tools.doctor.versions import versions
 
@@ -21,7 +21,7 @@ DESCRIPTION = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
-    arguments.flag(parser, "--json", "print the findings as one JSON object")
+    _arguments.flag(parser, "--json", "print the findings as one JSON object")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from vsense.base.errors import UsageError
 from vsense.base.terminal import Console, interruption, print_data
-from vsense.commands import arguments
+from vsense.commands import _arguments
 from vsense.monitor import recording
 
 DESCRIPTION = (
@@ -28,14 +28,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     # Scripts say it; there is no other format.
     parser.add_argument("--csv", action="store_true", help=argparse.SUPPRESS)
     text = "folder for the tables, made if need be (default: FILE without .mcap)"
-    arguments.option(parser, "-o --output", Path, "FOLDER", text)
+    _arguments.option(parser, "-o --output", Path, "FOLDER", text)
     text = (
         "write the recording once more for Foxglove, with its own channels beside ours, and"
         " NAME-layout.json with a layout that fits it, instead of tables; new recordings have these"
         " channels already"
     )
-    arguments.option(parser, "--foxglove", Path, "NAME.mcap", text)
-    arguments.flag(parser, "--json", "print the files, and how much is in them, as JSON")
+    _arguments.option(parser, "--foxglove", Path, "NAME.mcap", text)
+    _arguments.flag(parser, "--json", "print the files, and how much is in them, as JSON")
     _add_film(parser.add_argument_group("a video"))
 
 
@@ -44,12 +44,12 @@ def _add_film(film: argparse._ArgumentGroup) -> None:
         "write this file: NAME.webm, a video (VP8) for every browser; NAME.webp, an animated"
         " picture; NAME.mp4 (H.264) where this machine's OpenCV writes it"
     )
-    arguments.option(film, "--video", Path, "NAME", text)
+    _arguments.option(film, "--video", Path, "NAME", text)
     text = (
         "arena (from above), a camera's id, cameras (all as they hang), or both: arena and"
         " cameras (default: both, or arena where no pictures were recorded)"
     )
-    arguments.option(film, "--view", str, "VIEW", text)
+    _arguments.option(film, "--view", str, "VIEW", text)
     film.add_argument(
         "--from", dest="from_s", type=_seconds, metavar="S",
         help="begin so many seconds after the recording's beginning (default: with the first run)",
@@ -62,9 +62,9 @@ def _add_film(film: argparse._ArgumentGroup) -> None:
         "--fps", type=_rate, metavar="N",
         help="frames per second (default: as many as timesteps pass in one, at most 30)",
     )  # fmt: skip
-    arguments.option(film, "--speed", _speed, "X", "times the real speed, 0.1 to 100 (default: 1)")
-    arguments.option(film, "--size", _size, "WxH", "of the frames in pixels (default: 1280x720)")
-    arguments.option(film, "--robot", arguments.natural, "TAG", "draw what this robot senses")
+    _arguments.option(film, "--speed", _speed, "X", "times the real speed, 0.1 to 100 (default: 1)")
+    _arguments.option(film, "--size", _size, "WxH", "of the frames in pixels (default: 1280x720)")
+    _arguments.option(film, "--robot", _arguments.natural, "TAG", "draw what this robot senses")
 
 
 def run(options: argparse.Namespace) -> int:

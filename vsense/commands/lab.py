@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from vsense.commands import arguments, experiments, hardware
+from vsense.commands import _arguments, _experiments, _hardware
 from vsense.config.specs import Stage
 from vsense.modes.lab import experiment
 from vsense.modes.lab.experiment import LabOptions
@@ -23,22 +23,22 @@ DESCRIPTION = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
-    experiments.add_experiment(parser, Stage.LAB)
-    experiments.add_settings(parser)
-    arguments.add_bases(parser, BASES)
+    _experiments.add_experiment(parser, Stage.LAB)
+    _experiments.add_settings(parser)
+    _arguments.add_bases(parser, BASES)
     text = "TCP and UDP port; 0 takes a free one (default: the file's)"
-    arguments.option(parser, "--port", arguments.port, "P", text)
-    experiments.add_insecure(
+    _arguments.option(parser, "--port", _arguments.port, "P", text)
+    _experiments.add_insecure(
         parser, "give the lab's robots no keys (default: keys that are made for this lab alone)"
     )
-    experiments.add_legacy_port(parser)
-    arguments.option(
+    _experiments.add_legacy_port(parser)
+    _arguments.option(
         parser, "-o --output", Path, "DIR", "folder for picture and logs (default: runs/...)"
     )
     add_cameras(parser)
     add_pace(parser)
-    hardware.add_robots(parser)
-    experiments.add_room(parser)
+    _hardware.add_robots(parser)
+    _experiments.add_room(parser)
 
 
 def add_pace(group: Any) -> None:
@@ -47,7 +47,7 @@ def add_pace(group: Any) -> None:
         "all clocks of the lab go at this share of real time, 0.01 to 1, where this machine"
         " cannot keep up with more (default: 1)"
     )
-    arguments.option(group, "--pace", hardware.pace, "P", text, 1.0)
+    _arguments.option(group, "--pace", _hardware.pace, "P", text, 1.0)
 
 
 def add_cameras(group: Any) -> None:
@@ -56,12 +56,12 @@ def add_cameras(group: Any) -> None:
         "so many columns and rows of cameras, up to 8x8; they hang so high, and have so many"
         " pixels, that they see the whole arena (default: as many as it takes, 2x2 at least)"
     )
-    arguments.option(group, "--cameras", _grid, "CxR", text)
+    _arguments.option(group, "--cameras", _grid, "CxR", text)
     text = (
         "hang the cameras as people do, a little off, and know them only from rendered pictures of"
         " a board, as `vsense calibrate rig` would (default: the cameras are known exactly)"
     )
-    arguments.flag(group, "--calibrate", text)
+    _arguments.flag(group, "--calibrate", text)
 
 
 def _grid(text: str) -> tuple[int, int]:
@@ -73,14 +73,14 @@ def _grid(text: str) -> tuple[int, int]:
 
 def run(options: argparse.Namespace) -> int:
     """Runs an experiment in the lab; see `vsense.modes.lab.experiment.run`."""
-    asked = experiments.options_of(options, Stage.LAB)
-    if experiments.is_dry(options, asked):
+    asked = _experiments.options_of(options, Stage.LAB)
+    if _experiments.is_dry(options, asked):
         return 0
-    given = {"experiment": asked, "lab": lab_of(options)} | experiments.staged_of(options)
-    return experiment.run(arguments.fill(LabOptions, options, **given))
+    given = {"experiment": asked, "lab": lab_of(options)} | _experiments.staged_of(options)
+    return experiment.run(_arguments.fill(LabOptions, options, **given))
 
 
 def lab_of(options: argparse.Namespace) -> EmulatedLab:
     """Returns what the lab's options declare."""
-    robots = partial(hardware.robots_of, options)
-    return arguments.fill(EmulatedLab, options, robots=robots)
+    robots = partial(_hardware.robots_of, options)
+    return _arguments.fill(EmulatedLab, options, robots=robots)

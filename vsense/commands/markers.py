@@ -10,7 +10,7 @@ from typing import Any
 
 from vsense.base.errors import UsageError
 from vsense.base.terminal import drop_output, print_data
-from vsense.commands import arguments
+from vsense.commands import _arguments
 from vsense.config import roster
 from vsense.tools.camera_setup import photographs
 from vsense.tools.camera_setup.photographs import FindOptions
@@ -33,19 +33,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "marker family: a shipped one's name, or a definition file (default: arrow4x4, or the"
         " experiment's)"
     )
-    arguments.option(parser, "--family", str, "NAME", text)
+    _arguments.option(parser, "--family", str, "NAME", text)
     _add_which(parser.add_mutually_exclusive_group())
     text = "diameter of the white disc, such as 70mm (default: the family's)"
-    arguments.option(parser, "--size", arguments.length_mm, "SIZE", text)
+    _arguments.option(parser, "--size", _arguments.length_mm, "SIZE", text)
     parser.add_argument(
         "--paper", choices=("a4", "letter"), default="a4", help="paper (default: a4)"
     )
-    arguments.option(parser, "--dpi", _dpi, "N", "resolution of PNGs (default: 300)", 300)
+    _arguments.option(parser, "--dpi", _dpi, "N", "resolution of PNGs (default: 300)", 300)
     text = "file.pdf, or file.png; several pages become file-1.png, file-2.png, ..."
-    arguments.option(parser, "-o --output", Path, "FILE", text)
-    arguments.flag(parser, "--json", "print the sheets' files and the tags as one JSON object")
+    _arguments.option(parser, "-o --output", Path, "FILE", text)
+    _arguments.flag(parser, "--json", "print the sheets' files and the tags as one JSON object")
     actions = parser.add_subparsers(title="actions", metavar="ACTION", dest="action")
-    _add_find(arguments.add_action(actions, "find", "find ArUco and AprilTag markers in pictures"))
+    _add_find(_arguments.add_action(actions, "find", "find ArUco and AprilTag markers in pictures"))
 
 
 def _add_which(which: Any) -> None:
@@ -53,9 +53,9 @@ def _add_which(which: Any) -> None:
         "1-20, or 3,7,20-22, or auto:20 for 20 numbers that stay apart under blur; robots of"
         " an experiment without tags wear the same ones"
     )
-    arguments.option(which, "--ids", str, "IDS", text)
+    _arguments.option(which, "--ids", str, "IDS", text)
     text = "the markers of a lab's robots, spares included, with their names: robots.toml"
-    arguments.option(which, "--roster", Path, "FILE", text)
+    _arguments.option(which, "--roster", Path, "FILE", text)
     which.add_argument(
         "--for",
         dest="wearer",
@@ -86,9 +86,9 @@ def _add_find(parser: argparse.ArgumentParser) -> None:
         help="jsonl: one object per picture (default); csv: one row per marker",
     )
     text = "write each picture there as PNG, with what was found drawn in"
-    arguments.option(parser, "--draw", Path, "DIR", text)
+    _arguments.option(parser, "--draw", Path, "DIR", text)
     text = f"shortest side of a marker (default: {LEAST_SIDE_PX:g}); 20 and more is faster"
-    arguments.option(parser, "--least-side", _side, "PX", text, LEAST_SIDE_PX)
+    _arguments.option(parser, "--least-side", _side, "PX", text, LEAST_SIDE_PX)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -96,7 +96,7 @@ def run(options: argparse.Namespace) -> int:
     if options.action is None:
         return _print(options)
     try:
-        return photographs.run(arguments.fill(FindOptions, options))
+        return photographs.run(_arguments.fill(FindOptions, options))
     except BrokenPipeError:
         drop_output()
         return 0

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from vsense.base.terminal import print_data
-from vsense.commands import arguments
+from vsense.commands import _arguments
 from vsense.tools.shipped import templates
 
 DESCRIPTION = (
@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f" There are: {', '.join(templates.templates())}",
     )
     text = "add a virtual sensor of your own, in Python, which the controller reads"
-    arguments.flag(parser, "--sensor", text)
+    _arguments.flag(parser, "--sensor", text)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -9,7 +9,7 @@ from typing import Any
 
 from vsense.base.errors import UsageError
 from vsense.base.terminal import Console, aligned, print_data
-from vsense.commands import COMMANDS, arguments
+from vsense.commands import COMMANDS, _arguments
 from vsense.monitor.ui import control_client
 
 DESCRIPTION = (
@@ -43,24 +43,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument(
             "robots",
             nargs="*",
-            type=arguments.natural,
+            type=_arguments.natural,
             metavar="TAG",
             help="the robots that are wanted",
         )
     add_process(parser)
     if name == "handover":
-        arguments.flag(parser, "--force", "end a run that is going on, too; its wheels stop")
-        arguments.flag(parser, "--list", "only say who has which robots")
-    arguments.flag(parser, "--json", "print the answer as one JSON object")
+        _arguments.flag(parser, "--force", "end a run that is going on, too; its wheels stop")
+        _arguments.flag(parser, "--list", "only say who has which robots")
+    _arguments.flag(parser, "--json", "print the answer as one JSON object")
     if name == "stop":
         text = "stop all robots now, whatever the run is doing; only a reset ends it"
-        arguments.flag(parser, "--emergency", text)
+        _arguments.flag(parser, "--emergency", text)
         text = "stop every experiment on this machine that this user runs, or a member of its lab"
-        arguments.flag(parser, "--all", text)
+        _arguments.flag(parser, "--all", text)
 
 
 def _tag_pair(text: str) -> tuple[int, int]:
-    from vsense.commands.rosters import tag_pair  # which a stop must not wait for
+    from vsense.commands._rosters import tag_pair  # which a stop must not wait for
 
     return tag_pair(text)
 
@@ -68,7 +68,7 @@ def _tag_pair(text: str) -> tuple[int, int]:
 def add_process(parser: argparse.ArgumentParser) -> None:
     """Declares which experiment is meant."""
     text = "its process number, where several run"
-    arguments.option(parser, "--process", arguments.process, "PID", text)
+    _arguments.option(parser, "--process", _arguments.process, "PID", text)
 
 
 def run(options: argparse.Namespace) -> int:

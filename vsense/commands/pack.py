@@ -8,7 +8,7 @@ import re
 from pathlib import Path
 
 from vsense.base.terminal import Console, interruption, print_data
-from vsense.commands import arguments, report
+from vsense.commands import _arguments, report
 from vsense.studies.packages.pack import PackOptions, pack
 
 DESCRIPTION = (
@@ -29,27 +29,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="the folder of a series or of runs, or a table of runs (.csv)",
     )
     text = "the package, a new file (default: as the first RUNS, with .zip)"
-    arguments.option(parser, "-o --output", Path, "FILE", text)
-    arguments.flag(
+    _arguments.option(parser, "-o --output", Path, "FILE", text)
+    _arguments.flag(
         parser, "--pictures", "with the cameras' pictures and videos, which may be gigabytes"
     )
-    arguments.flag(parser, "--no-report", "without a report")
-    arguments.flag(parser, "--json", "print what was packed as one JSON object")
+    _arguments.flag(parser, "--no-report", "without a report")
+    _arguments.flag(parser, "--json", "print what was packed as one JSON object")
     group = parser.add_argument_group("what is said of it")
-    arguments.option(group, "--name", str, "TEXT", "its title (default: the names of its runs)")
-    arguments.option(group, "--about", str, "TEXT", "what it is, in a few sentences")
+    _arguments.option(group, "--name", str, "TEXT", "its title (default: the names of its runs)")
+    _arguments.option(group, "--about", str, "TEXT", "what it is, in a few sentences")
     group.add_argument(
         "--author",
-        type=arguments.parsed(PackOptions.author),
+        type=_arguments.parsed(PackOptions.author),
         action="append",
         default=[],
         metavar="NAME",
         help="who made it: 'NAME' or 'NAME <ORCID iD>'; several: repeat it",
     )
-    licence = arguments.parsed(PackOptions.license_of)
+    licence = _arguments.parsed(PackOptions.license_of)
     text = "its licence: a name such as CC-BY-4.0, or an address"
-    arguments.option(group, "--license", licence, "NAME", text)
-    arguments.option(
+    _arguments.option(group, "--license", licence, "NAME", text)
+    _arguments.option(
         group, "--date", _date, "YYYY-MM-DD", "its day (default: that of its newest run)"
     )
     report.add_questions(parser)

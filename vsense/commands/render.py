@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from vsense.base.terminal import Console
-from vsense.commands import arguments
+from vsense.commands import _arguments
 from vsense.config.experiment import load
 from vsense.config.specs import Stage
 from vsense.modes.lab.recorder import record
@@ -21,13 +21,13 @@ DESCRIPTION = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
-    arguments.add_experiment_name(parser)
+    _arguments.add_experiment_name(parser)
     parser.add_argument("directory", type=Path, help="folder for all of it, made if need be")
-    arguments.option(
-        parser, "--frames", arguments.positive, "N", "timesteps to draw (default: 100)", 100
+    _arguments.option(
+        parser, "--frames", _arguments.positive, "N", "timesteps to draw (default: 100)", 100
     )
-    arguments.option(
-        parser, "--seed", arguments.natural, "N", "seed of poses, ways and noise (default: 1)", 1
+    _arguments.option(
+        parser, "--seed", _arguments.natural, "N", "seed of poses, ways and noise (default: 1)", 1
     )
     parser.add_argument(
         "--format",

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from vsense.base.errors import UsageError
 from vsense.base.terminal import Console, interruption
-from vsense.commands import arguments
+from vsense.commands import _arguments
 from vsense.monitor import recording
 
 DESCRIPTION = (
@@ -23,14 +23,14 @@ DESCRIPTION = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     parser.add_argument("file", type=Path, help="the recording (.mcap), or its run's folder")
-    arguments.add_web(parser, ("127.0.0.1", 8080))
-    arguments.add_foxglove(parser)
-    arguments.option(parser, "--speed", float, "X", "times the real speed (default: 1)", 1.0)
+    _arguments.add_web(parser, ("127.0.0.1", 8080))
+    _arguments.add_foxglove(parser)
+    _arguments.option(parser, "--speed", float, "X", "times the real speed (default: 1)", 1.0)
     again = parser.add_argument_group("tracking again")
     again.add_argument("--retrack", action="store_true", help="run the tracker again and compare")
     again.add_argument(
         "--set",
-        type=arguments.setting,
+        type=_arguments.setting,
         action="append",
         default=[],
         metavar="GROUP.NAME=VALUE",
@@ -45,11 +45,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     world = parser.add_argument_group("sensing again")
     text = "make the virtual world again, with what people changed in it, and compare the readings"
-    arguments.flag(world, "--resense", text)
-    arguments.option(
+    _arguments.flag(world, "--resense", text)
+    _arguments.option(
         world, "--experiment", Path, "FILE", "the experiment's file, where it is no longer there"
     )
-    arguments.flag(parser, "--json", "print the comparison as JSON")
+    _arguments.flag(parser, "--json", "print the comparison as JSON")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -61,8 +61,8 @@ def run(options: argparse.Namespace) -> int:
 
     if options.json and not (options.retrack or options.resense):
         raise UsageError("--json belongs to --retrack and --resense")
-    doors = {"web": arguments.web_of(options), "foxglove": arguments.foxglove_of(options)}
-    wanted = arguments.fill(ReplayOptions, options, **doors, settings=dict(options.set))
+    doors = {"web": _arguments.web_of(options), "foxglove": _arguments.foxglove_of(options)}
+    wanted = _arguments.fill(ReplayOptions, options, **doors, settings=dict(options.set))
     with interruption() as interrupted:
         found = replay(options.file, wanted, Console(), interrupted)
         if found is None:

@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from vsense.base.terminal import Console
-from vsense.commands import arguments
+from vsense.commands import _arguments
 from vsense.studies.report import Questions
 
 DESCRIPTION = (
@@ -35,8 +35,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "folder for the report, made if need be, else empty (default: FILE without .mcap and"
         " with -report; of several: report)"
     )
-    arguments.option(parser, "-o --output", Path, "FOLDER", text)
-    arguments.add_charts(parser)
+    _arguments.option(parser, "-o --output", Path, "FOLDER", text)
+    _arguments.add_charts(parser)
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")
     add_questions(parser)
 
@@ -48,9 +48,9 @@ def add_questions(parser: argparse.ArgumentParser) -> None:
         "columns whose values are compared, such as mode or start; runs that differ in"
         " experiment, mode or condition are else kept apart (default: condition)"
     )
-    arguments.option(group, "--by", _columns, "COLUMN[,COLUMN]", text)
+    _arguments.option(group, "--by", _columns, "COLUMN[,COLUMN]", text)
     text = "compare all others with this one (default: each with each)"
-    arguments.option(group, "--against", str, "CONDITION", text)
+    _arguments.option(group, "--against", str, "CONDITION", text)
     group.add_argument(
         "--measure",
         action="append",
@@ -67,12 +67,12 @@ def add_questions(parser: argparse.ArgumentParser) -> None:
         help="test whether conditions are the same: whether the means of a measure differ by less"
         " than a margin that you chose before you saw the runs",
     )
-    arguments.flag(group, "--unpaired", "take runs with the same start for independent ones")
+    _arguments.flag(group, "--unpaired", "take runs with the same start for independent ones")
     text = (
         f"of the bootstrap: the same runs and seed give the same page (default: {Questions().seed})"
     )
-    arguments.option(
-        group, "--seed", arguments.natural, "N", f"{text} (default: {Questions().seed})"
+    _arguments.option(
+        group, "--seed", _arguments.natural, "N", f"{text} (default: {Questions().seed})"
     )
 
 

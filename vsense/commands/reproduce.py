@@ -9,7 +9,7 @@ from pathlib import Path
 
 from vsense.base.errors import Interrupted
 from vsense.base.terminal import Console, interruption, print_data
-from vsense.commands import arguments
+from vsense.commands import _arguments
 from vsense.studies.packages.reproduce import ReproduceOptions, reproduce
 
 DESCRIPTION = (
@@ -25,16 +25,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     parser.add_argument("package", type=Path, help="the package (.zip)")
     text = "a new folder for what is unpacked and made again (default: nothing stays)"
-    arguments.option(parser, "-o --output", Path, "FOLDER", text)
+    _arguments.option(parser, "-o --output", Path, "FOLDER", text)
     text = (
         "compile and run code of the package: controllers and loop functions are programs of"
         " whoever packed it, and can do what you can"
     )
-    arguments.flag(parser, "--trust", text)
-    arguments.flag(parser, "--check", "only compare the checksums")
-    arguments.flag(parser, "--json", "print what was found as one JSON object")
+    _arguments.flag(parser, "--trust", text)
+    _arguments.flag(parser, "--check", "only compare the checksums")
+    _arguments.flag(parser, "--json", "print what was found as one JSON object")
     text = "simulated runs at the same time (default: one per processor)"
-    arguments.option(parser, "-j --jobs", arguments.positive, "N", text)
+    _arguments.option(parser, "-j --jobs", _arguments.positive, "N", text)
 
 
 def run(options: argparse.Namespace) -> int:

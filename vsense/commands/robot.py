@@ -14,14 +14,14 @@ from typing import Any
 from vsense.base.errors import UsageError
 from vsense.base.terminal import Console, aligned, patience
 from vsense.commands import (
-    arguments,
-    experiments,
+    _arguments,
+    _experiments,
+    _rosters,
     robot_emulate,
     robot_keys,
     robot_link,
     robot_list,
     robot_measure,
-    rosters,
 )
 from vsense.config.casting import Casting
 from vsense.config.experiment import load
@@ -53,7 +53,7 @@ DESCRIPTION = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True, dest="action")
-    add = partial(arguments.add_action, actions)
+    add = partial(_arguments.add_action, actions)
     _add_build(add("build", "build vsensed with a controller for a board"))
     _add_deploy(add("deploy", "copy vsensed to the robots of the roster"))
     robot_keys.add_arguments(add("keys", "make the swarm's key, and see which robots have which"))
@@ -81,16 +81,16 @@ def _add_build(parser: argparse.ArgumentParser) -> None:
         "the controller's .c or .cpp file, a shipped controller's name, or for ARGoS a library"
         " whose files --sources names, or a folder of sources"
     )
-    arguments.option(what, "--controller", str, "FILE", text)
+    _arguments.option(what, "--controller", str, "FILE", text)
     text = (
         "a daemon for each controller that robots of this experiment run: a shipped one's"
         " name, or the path of a .argos file; of several, -o is followed by the controller's id"
     )
-    arguments.option(what, "--experiment", str, "NAME", text)
+    _arguments.option(what, "--experiment", str, "NAME", text)
     parser.add_argument(
         "--target", required=True, choices=list(boards.TARGETS), help=f"kind of board. {kinds}"
     )
-    arguments.option(
+    _arguments.option(
         parser, "-o --output", Path, "FILE", "where it goes (default: vsensed)", Path("vsensed")
     )
     parser.add_argument("--json", action="store_true", help="print what was built as JSON")
@@ -98,54 +98,54 @@ def _add_build(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_code(parser: argparse.ArgumentParser) -> None:
-    arguments.add_code(parser)
+    _arguments.add_code(parser)
     text = (
         "with --controller: which of the controllers that its sources register for ARGoS"
         " (default: the only one)"
     )
-    arguments.option(parser, "--label", str, "LABEL", text, "")
+    _arguments.option(parser, "--label", str, "LABEL", text, "")
 
 
 def _add_deploy(parser: argparse.ArgumentParser) -> None:
-    rosters.add_roster(
+    _rosters.add_roster(
         parser,
         "the lab's robots, a table [[robot]] each with tag = 23 and host = what ssh is told; what"
         " was measured of one becomes its settings",
     )
-    rosters.add_tags(parser)
-    rosters.add_replace(parser, "with --experiment: bring 37 the controller that 23 runs")
+    _rosters.add_tags(parser)
+    _rosters.add_replace(parser, "with --experiment: bring 37 the controller that 23 runs")
     _add_what(parser)
     _add_code(parser)
     text = "numeric IPv4 address of the machine that `vsense run` will run on"
-    arguments.option(parser, "--host", str, "ADDRESS", text)
-    arguments.option(parser, "--port", arguments.port, "P", "its port (default: 4050)", 4050)
+    _arguments.option(parser, "--host", str, "ADDRESS", text)
+    _arguments.option(parser, "--port", _arguments.port, "P", "its port (default: 4050)", 4050)
     parser.add_argument(
         "--base",
         help="what turns the robots' wheels: argos:/dev/ttyS0, or a board's name, such as pipuck;"
         " see vsensed --help",
     )
-    experiments.add_key(parser)
-    experiments.add_insecure(
+    _experiments.add_key(parser)
+    _experiments.add_insecure(
         parser, "bring no keys: the robots obey whoever sends them commands", page=False
     )
     _add_ways(parser)
 
 
 def _add_what(parser: argparse.ArgumentParser) -> None:
-    arguments.option(
+    _arguments.option(
         parser, "--binary", Path, "FILE", "the daemon, from `vsense robot build` (default: vsensed)"
     )
     text = (
         "replace the controller alone: build a daemon with this .c or .cpp file, or"
         " shipped controller, for --target, and send that; settings and service stay as they are"
     )
-    arguments.option(parser, "--controller", str, "FILE", text)
+    _arguments.option(parser, "--controller", str, "FILE", text)
     text = (
         "bring each robot, by its tag, the controller that it runs in this experiment: a"
         " shipped one's name, or the path of a .argos file; they are built for --target. With"
         " --host settings and service go with it, without it they stay as they are"
     )
-    arguments.option(parser, "--experiment", str, "NAME", text)
+    _arguments.option(parser, "--experiment", str, "NAME", text)
     parser.add_argument(
         "--target",
         choices=list(boards.TARGETS),
@@ -157,7 +157,7 @@ def _add_what(parser: argparse.ArgumentParser) -> None:
         "send nothing: each robot goes back to the daemon before this one and its settings;"
         " a second time, forth again"
     )
-    arguments.flag(parser, "--rollback", text)
+    _arguments.flag(parser, "--rollback", text)
 
 
 def _add_ways(parser: argparse.ArgumentParser) -> None:
@@ -169,7 +169,7 @@ def _add_ways(parser: argparse.ArgumentParser) -> None:
         " auto, by what the board has)",
     )
     text = "have each robot look whether its base, network and clock are well (vsensed --check)"
-    arguments.flag(parser, "--check", text)
+    _arguments.flag(parser, "--check", text)
     robot_keys.add_reach(parser)
 
 
@@ -194,7 +194,7 @@ def build(options: argparse.Namespace) -> int:
     if options.experiment is None:
         built = [_compiled(_program(options), options.target, options.output)]
     else:
-        experiment = load(options.experiment, code=arguments.code_of(options))
+        experiment = load(options.experiment, code=_arguments.code_of(options))
         driving = {robot.controller for robot in experiment.robots}
         built = list(build_programs(experiment, driving, options.target, options.output).values())
     facts = [asdict(b) | {"path": str(b.path), "controller": str(b.controller)} for b in built]
@@ -217,7 +217,7 @@ def _compiled(program: ProgramSources, target: str, output: Path) -> Built:
 
 def _program(options: argparse.Namespace) -> ProgramSources:
     """The program that `--controller` names, with `--sources` and `--include`."""
-    code, name = arguments.code_of(options), options.controller
+    code, name = _arguments.code_of(options), options.controller
     extra = folders(code.includes, Path.cwd(), cache_directory()) if code.includes else []
     patterns = code.patterns(stem_of(name))
     if not patterns and Path(name).is_dir():
@@ -244,14 +244,14 @@ def build_programs(
 
 def deploy(options: argparse.Namespace) -> int:
     """Brings `vsensed` to the robots of a roster; prints a table of the outcomes."""
-    known = rosters.wanted_roster(options)
-    robots = rosters.boards(known, options.tags, Console().say)
+    known = _rosters.wanted_roster(options)
+    robots = _rosters.boards(known, options.tags, Console().say)
     with tempfile.TemporaryDirectory(prefix="vsense-") as folder:
         plan, robots = _plan(options, known, robots, Path(folder))
     if plan.part is Part.ALL:
         deploying.check(plan, robots, str(known.path))
         if not options.insecure:
-            keys = experiments.trust_of(options).keys
+            keys = _experiments.trust_of(options).keys
             holders = key_holders.read(robot_keys.holders_of(options))
             plan = replace(plan, keys=keys, uids=key_holders.uids(holders, robots))
     elif plan.part is Part.DAEMON:
@@ -305,7 +305,7 @@ def _binaries(
     Where all of them run the same, whoever has no part in it, as a spare, is brought that, too.
     """
     casting = Casting.of(known, options.replace)
-    code = arguments.code_of(options)
+    code = _arguments.code_of(options)
     experiment = load(options.experiment, code=code, casting=casting)
     parts = {robot.tag: robot.controller for robot in experiment.robots}
     alike = set(parts.values())

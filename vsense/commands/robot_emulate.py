@@ -9,7 +9,7 @@ from pathlib import Path
 
 from vsense.base.errors import UsageError
 from vsense.base.terminal import Console, interruption
-from vsense.commands import arguments, experiments, hardware, rosters
+from vsense.commands import _arguments, _experiments, _hardware, _rosters
 from vsense.config.experiment import first_robots, load
 from vsense.config.placement import settle
 from vsense.config.specs import LINES_PORT, Experiment, JsonLinesTracker, Stage
@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the action's arguments."""
     parser.add_argument(
         "robots",
-        type=arguments.positive,
+        type=_arguments.positive,
         nargs="?",
         metavar="N",
         help="take only the first N robots of the experiment (default: all)",
@@ -33,47 +33,47 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "whose robots, controllers and walls: a shipped experiment's name, or the path of a"
         f" .argos file (default: {DEFAULT})"
     )
-    arguments.option(parser, "--experiment", str, "NAME", text, DEFAULT)
-    arguments.add_code(parser)
-    rosters.add_casting(parser)
+    _arguments.option(parser, "--experiment", str, "NAME", text, DEFAULT)
+    _arguments.add_code(parser)
+    _rosters.add_casting(parser)
     _add_ends(parser)
-    arguments.add_bases(parser, BASES)
-    hardware.add_radios(parser)
-    experiments.add_key(parser)
-    experiments.add_insecure(
+    _arguments.add_bases(parser, BASES)
+    _hardware.add_radios(parser)
+    _experiments.add_key(parser)
+    _experiments.add_insecure(
         parser, "give the robots no keys: for a run that is --insecure, too", page=False
     )
     text = "seed of places, clocks and noise (default: the file's; 0 draws a fresh one)"
-    arguments.option(parser, "--seed", arguments.natural, "N", text)
-    arguments.option(
+    _arguments.option(parser, "--seed", _arguments.natural, "N", text)
+    _arguments.option(
         parser, "-o --output", Path, "DIR", "folder for the robots' logs (default: runs/...)"
     )
 
 
 def _add_ends(parser: argparse.ArgumentParser) -> None:
     text = "numeric IPv4 address of the machine with `vsense run` (default: the file's vss_host)"
-    arguments.option(parser, "--host", arguments.ipv4, "ADDRESS", text)
-    arguments.option(
-        parser, "--port", arguments.port, "P", "its port for robots (default: the file's vss_port)"
+    _arguments.option(parser, "--host", _arguments.ipv4, "ADDRESS", text)
+    _arguments.option(
+        parser, "--port", _arguments.port, "P", "its port for robots (default: the file's vss_port)"
     )
     text = (
         "its port for lines of a tracker (default: that of the file's <vs:tracker>, else"
         f" {LINES_PORT})"
     )
-    arguments.option(parser, "--tracker-port", arguments.port, "P", text)
+    _arguments.option(parser, "--tracker-port", _arguments.port, "P", text)
 
 
 def run(options: argparse.Namespace) -> int:
     """Emulates robots until Ctrl-C or SIGTERM; returns 130 or 143."""
-    casting = rosters.casting_of(options, found=True)
-    code = arguments.code_of(options)
+    casting = _rosters.casting_of(options, found=True)
+    code = _arguments.code_of(options)
     loaded = load(options.experiment, stage=Stage.LAB, code=code, casting=casting)
     if (options.robots or 0) > len(loaded.robots):
         raise UsageError(f"{options.robots} robots: {loaded.file} has {len(loaded.robots)}")
     experiment = first_robots(loaded, options.robots)
-    radios = hardware.radios_of(options, experiment)
-    trust = experiments.trust_of(options)
-    seed = experiments.choose_seed(options, experiment)
+    radios = _hardware.radios_of(options, experiment)
+    trust = _experiments.trust_of(options)
+    seed = _experiments.choose_seed(options, experiment)
     experiment = settle(experiment, seed)
     host = experiment.host if options.host is None else options.host
     address = host, experiment.port if options.port is None else options.port

@@ -11,7 +11,7 @@ from typing import Any
 
 from vsense.base.errors import UsageError
 from vsense.base.terminal import Console, aligned
-from vsense.commands import arguments, experiments, rosters
+from vsense.commands import _arguments, _experiments, _rosters
 from vsense.robots import deploying, key_holders
 from vsense.robots.deploying import Outcome, Part, Plan, RobotHost
 from vsense.robots.key_holders import Holder
@@ -20,21 +20,21 @@ from vsense.robots.link.keys import SwarmKeys
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    experiments.add_key(parser)
+    _experiments.add_key(parser)
     text = (
         "make a swarm key: the first one, or one that follows it. Robots that it does not"
         " reach keep their older one, which the host still takes, and are named"
     )
-    arguments.flag(parser, "--new-key", text)
-    rosters.add_roster(
+    _arguments.flag(parser, "--new-key", text)
+    _rosters.add_roster(
         parser,
         "bring the newest key to the robots of this roster whose daemons have a key already; their"
         " wheels stop for a moment (default: bring it nowhere)",
         default="",
     )
-    rosters.add_tags(parser)
+    _rosters.add_tags(parser)
     text = "take swarm key N out of the file: robots that still have it are refused from now on"
-    arguments.option(parser, "--forget", arguments.positive, "N", text)
+    _arguments.option(parser, "--forget", _arguments.positive, "N", text)
     add_reach(parser)
 
 
@@ -42,7 +42,7 @@ def add_reach(parser: argparse.ArgumentParser) -> None:
     """Declares how robots are reached, and how what became of them is printed."""
     add_ssh(parser)
     text = "replace it on robots that are in a running experiment, too; their wheels stop"
-    arguments.flag(parser, "--force", text)
+    _arguments.flag(parser, "--force", text)
     parser.add_argument("--json", action="store_true", help="print the results as JSON")
 
 
@@ -73,12 +73,12 @@ def deploy_all(plan: Plan, robots: Sequence[RobotHost]) -> list[Outcome]:
 
 
 def holders_of(options: argparse.Namespace) -> Path:
-    return key_holders.file_of(experiments.key_path(options))
+    return key_holders.file_of(_experiments.key_path(options))
 
 
 def renewing(plan: Plan, options: argparse.Namespace, robots: Sequence[RobotHost]) -> Plan:
     """A plan that brings the newest key, too, to those of the robots that have a former one."""
-    path = experiments.key_path(options)
+    path = _experiments.key_path(options)
     if not path.exists():
         return plan
     known, holders = swarm_keys.read(path), key_holders.read(holders_of(options))
@@ -92,14 +92,14 @@ def note(options: argparse.Namespace, known: SwarmKeys, outcomes: Sequence[Outco
     """Notes to whom a key was brought, and forgets former ones that nobody needs any more."""
     holders = key_holders.note(holders_of(options), known.newest, outcomes)
     robots = [one.robot for one in outcomes]
-    known, forgotten = key_holders.forget(experiments.key_path(options), known, holders, robots)
+    known, forgotten = key_holders.forget(_experiments.key_path(options), known, holders, robots)
     for line in said_of(forgotten, known):
         Console().say(line)
 
 
 def run(options: argparse.Namespace) -> int:
     """Makes, brings and forgets swarm keys; then says which robots have which."""
-    path = experiments.key_path(options)
+    path = _experiments.key_path(options)
     if options.new_key:
         swarm_keys.follow(path)
     if not path.exists():
@@ -135,7 +135,7 @@ def _forget(path: Path, number: int) -> SwarmKeys:
 
 def _bring(options: argparse.Namespace, known: SwarmKeys) -> list[Outcome]:
     """Brings the newest key to the robots of a list."""
-    robots = rosters.boards(rosters.wanted_roster(options), options.tags, Console().say)
+    robots = _rosters.boards(_rosters.wanted_roster(options), options.tags, Console().say)
     plan = Plan(
         sudo=options.sudo,
         force=options.force,

@@ -7,7 +7,7 @@ import json
 
 from vsense.base.errors import UsageError
 from vsense.base.terminal import Console, interruption, print_data
-from vsense.commands import arguments, experiments, rosters
+from vsense.commands import _arguments, _experiments, _rosters
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment, Stage
 from vsense.robots.link.table import ExpectedRobot, Table
@@ -25,30 +25,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "robots",
         nargs="?",
-        type=arguments.numbers,
+        type=_arguments.numbers,
         metavar="TAGS",
         help="these robots, such as 23,30-34 (default: the experiment's; without --experiment"
         " those of the roster that work and are no spares)",
     )
     text = f"measure for so long (default: {FOR_S:g})"
-    arguments.option(parser, "--for", arguments.seconds, "S", text, FOR_S)
+    _arguments.option(parser, "--for", _arguments.seconds, "S", text, FOR_S)
     text = (
         "whose packets and timestep: a shipped experiment's name, or the path of a .argos"
         f" file (default: {DEFAULT})"
     )
-    arguments.option(parser, "--experiment", str, "NAME", text)
-    arguments.add_code(parser)
-    rosters.add_casting(parser)
+    _arguments.option(parser, "--experiment", str, "NAME", text)
+    _arguments.add_code(parser)
+    _rosters.add_casting(parser)
     _add_link(parser)
-    arguments.flag(parser, "--json", "print the figures as JSON")
+    _arguments.flag(parser, "--json", "print the figures as JSON")
 
 
 def _add_link(parser: argparse.ArgumentParser) -> None:
     text = f"begin after S s at the latest, without robots that are missing (default: {WAIT_S:g})"
-    arguments.option(parser, "--wait", arguments.seconds, "S", text, WAIT_S)
-    arguments.add_link(parser)
-    experiments.add_key(parser)
-    experiments.add_insecure(
+    _arguments.option(parser, "--wait", _arguments.seconds, "S", text, WAIT_S)
+    _arguments.add_link(parser)
+    _experiments.add_key(parser)
+    _experiments.add_insecure(
         parser, "take robots that have no key, too: whoever reaches the port can be one", page=False
     )
 
@@ -64,12 +64,12 @@ def run(options: argparse.Namespace) -> int:
     robots = _robots(options, experiment)
     host = experiment.host if options.host is None else options.host
     port = experiment.port if options.port is None else options.port
-    trust = experiments.trust_of(options)
+    trust = _experiments.trust_of(options)
     console = Console()
-    experiments.say_trust(trust, console.say)
+    _experiments.say_trust(trust, console.say)
     with (
         interruption() as interrupted,
-        experiments.lease_tags(options, experiment.name, robots, host),
+        _experiments.lease_tags(options, experiment.name, robots, host),
         LinkLoad(robots, experiment.timestep_ns, (host, port), trust, console.say) as link,
     ):
         _announce(experiment, len(robots), (host, link.port), console)
@@ -109,13 +109,13 @@ def _announce(
 
 def _experiment(options: argparse.Namespace) -> Experiment:
     """Whose traffic it is; only where it is named do the roster's robots play its parts."""
-    code = arguments.code_of(options)
+    code = _arguments.code_of(options)
     if options.experiment is None:
         if options.replace:
             raise UsageError("--replace: expected --experiment, whose parts they play")
         return load(DEFAULT, stage=Stage.RUN, code=code)
     chosen, options.robots = options.robots, None  # it is no number of robots
-    casting = rosters.casting_of(options, found=True)
+    casting = _rosters.casting_of(options, found=True)
     options.robots = chosen
     return load(options.experiment, stage=Stage.RUN, code=code, casting=casting)
 
@@ -135,7 +135,7 @@ def _robots(options: argparse.Namespace, experiment: Experiment) -> dict[int, Ex
                 there = ", ".join(map(str, own))
                 raise UsageError(f"robot {tag}: {experiment.file} has {there}")
         return {tag: ExpectedRobot(*own[tag]) for tag in wanted}
-    known = rosters.roster_of(options)
+    known = _rosters.roster_of(options)
     names = {} if known is None else {robot.tag: robot.name for robot in known.robots}
     wanted = options.robots
     if wanted is None and known is not None:

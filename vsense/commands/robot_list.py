@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from vsense.base.terminal import aligned, print_data
-from vsense.commands import arguments, orders, rosters
+from vsense.commands import _arguments, _rosters, orders
 from vsense.config import battery_history
 from vsense.config.battery_history import BatteryRow
 from vsense.config.roster import Roster, RosterRobot
@@ -45,31 +45,31 @@ class RobotNow:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the action's arguments."""
-    rosters.add_roster(parser, "whose robots")
-    arguments.flag(parser, "--json", "print the table as JSON")
+    _rosters.add_roster(parser, "whose robots")
+    _arguments.flag(parser, "--json", "print the table as JSON")
 
 
 def add_status(parser: argparse.ArgumentParser) -> None:
     """Declares the arguments of `robot status`."""
     orders.add_process(parser)
-    rosters.add_roster(
+    _rosters.add_roster(
         parser,
         "show all robots of this roster: part, link and battery as the running experiment tells"
         " them, or where none runs, whether each board answers ssh and runs vsensed; and what the"
         " roster knows of each (default: only those of the running experiment)",
         default="",
     )
-    arguments.flag(parser, "--json", "print the table as JSON")
+    _arguments.flag(parser, "--json", "print the table as JSON")
 
 
 def run(options: argparse.Namespace) -> int:
     """Prints the roster."""
-    return _print(rosters.wanted_roster(options), None, options.json)
+    return _print(_rosters.wanted_roster(options), None, options.json)
 
 
 def status(options: argparse.Namespace) -> int:
     """Prints the robots of the running experiment, or with `--roster` those of a roster."""
-    known = rosters.roster_of(options, found=False)
+    known = _rosters.roster_of(options, found=False)
     if known is None:
         return orders.robots(options)
     runs = control_client.alive()

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from vsense.base.errors import UsageError
-from vsense.commands import arguments, experiments, hardware, rosters
+from vsense.commands import _arguments, _experiments, _hardware, _rosters
 from vsense.config.casting import Casting
 from vsense.config.experiment import first_robots, load
 from vsense.config.placement import settle
@@ -29,9 +29,9 @@ _PAIR = rf"(-?{_NUMBER}),(-?{_NUMBER})"
 
 def add_calibrate(parser: argparse.ArgumentParser) -> None:
     """Declares the arguments of `robot calibrate`."""
-    arguments.add_experiment_name(parser)
+    _arguments.add_experiment_name(parser)
     _add_tracking(parser)
-    rosters.add_roster(
+    _rosters.add_roster(
         parser,
         "the lab's robots: what is found is written into it (default: it is only shown)",
         default="",
@@ -40,23 +40,23 @@ def add_calibrate(parser: argparse.ArgumentParser) -> None:
     _add_session(parser, folder, "print the results as JSON")
     _add_sensors(parser)
     lab = _add_lab(parser, "calibrate a lab's robots, of which all is known")
-    hardware.add_errors(lab, usual=True)
+    _hardware.add_errors(lab, usual=True)
 
 
 def add_check(parser: argparse.ArgumentParser) -> None:
     """Declares the arguments of `robot check`."""
-    arguments.add_experiment_name(parser)
+    _arguments.add_experiment_name(parser)
     text = (
         "each robot turns 20 degrees and back in its turn, all others stand: the marker that turns"
         " must be its own (default: nobody moves, it is only looked who is connected and seen)"
     )
-    arguments.flag(parser, "--wiggle", text)
+    _arguments.flag(parser, "--wiggle", text)
     _add_tracking(parser)
-    rosters.add_roster(parser, "the lab's robots: who plays, and what of it has to be changed")
+    _rosters.add_roster(parser, "the lab's robots: who plays, and what of it has to be changed")
     _add_session(parser, f"folder for {measuring.CHECK_FILE}", "print what was found as JSON")
     lab = _add_lab(parser, "check a lab's robots, of which some may have a fault")
-    hardware.add_errors(lab)
-    hardware.add_faults(lab)
+    _hardware.add_errors(lab)
+    _hardware.add_faults(lab)
 
 
 def _add_tracking(parser: argparse.ArgumentParser) -> None:
@@ -70,17 +70,17 @@ def _add_tracking(parser: argparse.ArgumentParser) -> None:
 
 def _add_session(parser: argparse.ArgumentParser, folder: str, json_text: str) -> None:
     """Declares who takes part, where files go, how robots connect, and the page."""
-    option = arguments.option
-    option(parser, "--robots", arguments.positive, "N", "take only the first N robots of the file")
+    option = _arguments.option
+    option(parser, "--robots", _arguments.positive, "N", "take only the first N robots of the file")
     text = "begin after S s at the latest, without robots that are missing (default: 20)"
-    arguments.option(parser, "--wait", arguments.seconds, "S", text, measuring.PATIENCE_S)
+    _arguments.option(parser, "--wait", _arguments.seconds, "S", text, measuring.PATIENCE_S)
     option(parser, "-o --output", Path, "DIR", f"{folder} (default: runs/...)")
-    arguments.flag(parser, "--json", json_text)
-    option(parser, "--seed", arguments.natural, "N", "seed of the lab's places and light")
-    arguments.add_link(parser)
-    experiments.add_key(parser)
-    arguments.add_web(parser, insecure=False)
-    experiments.add_insecure(
+    _arguments.flag(parser, "--json", json_text)
+    option(parser, "--seed", _arguments.natural, "N", "seed of the lab's places and light")
+    _arguments.add_link(parser)
+    _experiments.add_key(parser)
+    _arguments.add_web(parser, insecure=False)
+    _experiments.add_insecure(
         parser, "take robots that have no key, too: whoever reaches the port can drive robots"
     )
 
@@ -88,10 +88,10 @@ def _add_session(parser: argparse.ArgumentParser, folder: str, json_text: str) -
 def _add_lab(parser: argparse.ArgumentParser, text: str) -> Any:
     """Declares `--lab`, what it does, and of what the lab is made; gives the group of options."""
     lab = parser.add_argument_group("in the lab")
-    arguments.flag(lab, "--lab", text)
-    arguments.add_bases(parser, BASES)
+    _arguments.flag(lab, "--lab", text)
+    _arguments.add_bases(parser, BASES)
     text = "all clocks of the lab go at this share of real time, as in vsense lab (default: 1)"
-    arguments.option(lab, "--pace", hardware.pace, "P", text, 1.0)
+    _arguments.option(lab, "--pace", _hardware.pace, "P", text, 1.0)
     return lab
 
 
@@ -101,26 +101,26 @@ def _add_sensors(parser: Any) -> None:
     group = parser.add_argument_group("sensors, measured when wheels and marker are known")
     names = ",".join(SensorOptions.KNOWN)
     text = f"of the robots' own sensors: {names}, or one of them (default: none)"
-    arguments.option(group, "--sensors", _sensors, "NAMES", text, ())
+    _arguments.option(group, "--sensors", _sensors, "NAMES", text, ())
     text = "proximity is measured before this white wall, a <box> of the experiment (default:"
-    arguments.option(group, "--wall", str, "ID", f"{text} before any that is near)")
+    _arguments.option(group, "--wall", str, "ID", f"{text} before any that is near)")
     for name in ("white", "black"):
         text = (
             f"where the floor is {name}, in m, for 4 cm around (default: the roomiest such place in"
             " the picture on the experiment's floor)"
         )
-        arguments.option(group, f"--{name}", _point, "X,Y", text)
+        _arguments.option(group, f"--{name}", _point, "X,Y", text)
 
 
 def calibrate(options: argparse.Namespace) -> int:
     """Calibrates all robots that can be; see `measuring.calibrate`."""
-    with _measuring(options, rosters.roster_of(options, found=False)) as wanted:
-        return measuring.calibrate(wanted, arguments.fill(SensorOptions, options))
+    with _measuring(options, _rosters.roster_of(options, found=False)) as wanted:
+        return measuring.calibrate(wanted, _arguments.fill(SensorOptions, options))
 
 
 def check(options: argparse.Namespace) -> int:
     """Checks all robots; see `measuring.check`."""
-    with _measuring(options, rosters.roster_of(options, found=not options.lab)) as wanted:
+    with _measuring(options, _rosters.roster_of(options, found=not options.lab)) as wanted:
         return measuring.check(wanted, options.wiggle)
 
 
@@ -143,19 +143,19 @@ def _measuring(options: argparse.Namespace, known: Roster | None) -> Iterator[Me
         raise UsageError("--lab has cameras of its own: expected no --tracking")
     host = experiment.host if options.host is None else options.host
     port = 0 if options.lab else experiment.port
-    leases = nullcontext() if options.lab else experiments.lease_robots(options, experiment, host)
+    leases = nullcontext() if options.lab else _experiments.lease_robots(options, experiment, host)
     with leases:
-        seed = experiments.choose_seed(options, experiment)
+        seed = _experiments.choose_seed(options, experiment)
         experiment = settle(experiment, seed, options.lab)
         yield MeasuringOptions(
             experiment=experiment,
             seed=seed,
             address=(host, port if options.port is None else options.port),
-            trust=LinkTrust(keys.make()) if options.lab else experiments.trust_of(options),
+            trust=LinkTrust(keys.make()) if options.lab else _experiments.trust_of(options),
             tracking=options.tracking,
             lab=_lab_of(options, experiment) if options.lab else None,
             known=known,
-            web=arguments.web_of(options),
+            web=_arguments.web_of(options),
             wait_s=options.wait,
             output=options.output,
             as_json=options.json,
@@ -163,7 +163,7 @@ def _measuring(options: argparse.Namespace, known: Roster | None) -> Iterator[Me
 
 
 def _lab_of(options: argparse.Namespace, experiment: Experiment) -> EmulatedSwarm:
-    robots = hardware.robots_of(options, experiment)
+    robots = _hardware.robots_of(options, experiment)
     return EmulatedSwarm(robots, options.base, options.firmware_watchdog, options.pace)
 
 

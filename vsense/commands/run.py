@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from vsense.commands import arguments, experiments, hardware
+from vsense.commands import _arguments, _experiments, _hardware
 from vsense.config.specs import LINES_PORT, Stage
 from vsense.modes.live import experiment
 from vsense.modes.live.experiment import RealOptions
@@ -22,21 +22,21 @@ DESCRIPTION = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
-    experiments.add_experiment(parser, Stage.RUN)
-    experiments.add_settings(parser)
+    _experiments.add_experiment(parser, Stage.RUN)
+    _experiments.add_settings(parser)
     add_ends(parser)
-    experiments.add_legacy_port(parser)
+    _experiments.add_legacy_port(parser)
     text = "start after S s at the latest, without whoever is missing (default: wait for all)"
-    arguments.option(parser, "--start-after", arguments.seconds, "S", text)
+    _arguments.option(parser, "--start-after", _arguments.seconds, "S", text)
     text = (
         "serve the devices of ARGoS's elements, such as <epuck_ground>, from the virtual world, as"
         " in the lab; the ring of proximity sensors stays the robots' own"
     )
-    arguments.flag(parser, "--virtual-devices", text)
-    arguments.option(
+    _arguments.flag(parser, "--virtual-devices", text)
+    _arguments.option(
         parser, "-o --output", Path, "DIR", "folder for notes and figures (default: runs/...)"
     )
-    experiments.add_room(parser)
+    _experiments.add_room(parser)
 
 
 def add_ends(parser: argparse.ArgumentParser) -> None:
@@ -53,19 +53,19 @@ def add_ends(parser: argparse.ArgumentParser) -> None:
         f" lines (port {LINES_PORT}) or lines:PORT is one that connects to this machine and writes"
         " lines, such as that of `vsense robot emulate`"
     )
-    arguments.option(eyes, "--tracker", arguments.tracker, "WHERE", text)
+    _arguments.option(eyes, "--tracker", _arguments.tracker, "WHERE", text)
     text = "interface that robots connect to, 0.0.0.0: all (default: the file's vss_host)"
-    arguments.option(parser, "--host", str, "ADDRESS", text)
+    _arguments.option(parser, "--host", str, "ADDRESS", text)
     text = "TCP and UDP port; 0 takes a free one (default: the file's vss_port)"
-    arguments.option(parser, "--port", arguments.port, "P", text)
-    experiments.add_trust(parser)
+    _arguments.option(parser, "--port", _arguments.port, "P", text)
+    _experiments.add_trust(parser)
 
 
 def run(options: argparse.Namespace) -> int:
     """Runs an experiment with real robots; see `vsense.modes.live.experiment.run`."""
-    asked = experiments.options_of(options, Stage.RUN)
-    if experiments.is_dry(options, asked):
+    asked = _experiments.options_of(options, Stage.RUN)
+    if _experiments.is_dry(options, asked):
         return 0
-    given = {"experiment": asked} | experiments.staged_of(options)
-    markers = hardware.markers_of(options)
-    return experiment.run(arguments.fill(RealOptions, options, **given, markers=markers))
+    given = {"experiment": asked} | _experiments.staged_of(options)
+    markers = _hardware.markers_of(options)
+    return experiment.run(_arguments.fill(RealOptions, options, **given, markers=markers))

@@ -10,7 +10,7 @@ from typing import Any
 
 from vsense.base.errors import UsageError
 from vsense.base.terminal import print_data
-from vsense.commands import arguments, hardware, lab, rosters, series_robots, sim
+from vsense.commands import _arguments, _hardware, _rosters, lab, series_robots, sim
 from vsense.config.roster import FILE_NAME
 from vsense.modes.lab.hardware import BASES
 from vsense.modes.live.opening import LinkOptions
@@ -35,41 +35,41 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "plan", nargs="?", type=Path, metavar="PLAN", help="a file such as plan.toml"
     )
-    arguments.flag(parser, "--example", "print a plan whose lines are explained, and end")
-    arguments.flag(
+    _arguments.flag(parser, "--example", "print a plan whose lines are explained, and end")
+    _arguments.flag(
         parser, "--dry", "only say which runs follow, in which order, and how long they take"
     )
     parser.add_argument("--mode", choices=MODES, help="make the runs there (default: the plan's)")
     text = "folder of the series (default: NAME-MODE beside the plan)"
-    arguments.option(parser, "-o --output", Path, "DIR", text)
-    arguments.flag(parser, "--json", "print how the series stands in the end as one JSON object")
+    _arguments.option(parser, "-o --output", Path, "DIR", text)
+    _arguments.flag(parser, "--json", "print how the series stands in the end as one JSON object")
     text = (
         "go on where a controller asks for a sensor or actuator that nobody offers, or is told a"
         " parameter that it does not read"
     )
-    arguments.flag(parser, "--lenient", text)
-    arguments.add_code(parser)
+    _arguments.flag(parser, "--lenient", text)
+    _arguments.add_code(parser)
     sim.add_on(parser)
     add_making(parser)
     group = parser.add_argument_group("control room")
-    arguments.add_locked(group)
-    arguments.add_recording(group)
+    _arguments.add_locked(group)
+    _arguments.add_recording(group)
 
 
 def add_making(parser: argparse.ArgumentParser) -> None:
     """Declares who plays, and how runs are made in each mode."""
     text = "simulated runs at the same time (default: one per processor)"
-    arguments.option(parser, "-j --jobs", arguments.positive, "N", text)
+    _arguments.option(parser, "-j --jobs", _arguments.positive, "N", text)
     default = f"(default: with real robots {FILE_NAME} in the current folder, otherwise none)"
-    rosters.add_casting(parser, default)
+    _rosters.add_casting(parser, default)
     series_robots.add_arguments(parser)
     group = parser.add_argument_group("lab")
-    arguments.add_bases(group, BASES)
+    _arguments.add_bases(group, BASES)
     lab.add_cameras(group)
     lab.add_pace(group)
-    hardware.add_errors(group)
-    arguments.add_web(parser, insecure=False)
-    arguments.add_foxglove(parser)
+    _hardware.add_errors(group)
+    _arguments.add_web(parser, insecure=False)
+    _arguments.add_foxglove(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -92,18 +92,18 @@ def options_of(
 ) -> SeriesOptions:
     """Returns what `add_making` declares, and the others of `vsense series`."""
     # Every run is a series' and begins by itself.
-    doors = {"web": arguments.web_of(options), "foxglove": arguments.foxglove_of(options)}
+    doors = {"web": _arguments.web_of(options), "foxglove": _arguments.foxglove_of(options)}
     once = {"hold": False, "runs": 1, "series": None, "tokens": None}
-    return arguments.fill(
+    return _arguments.fill(
         SeriesOptions,
         options,
         mode=mode,
         output=output,
-        code=arguments.code_of(options),
+        code=_arguments.code_of(options),
         replace=tuple(options.replace),
-        room=arguments.fill(RoomOptions, options, **doors, **once),
+        room=_arguments.fill(RoomOptions, options, **doors, **once),
         lab=lab.lab_of(options),
-        link=arguments.fill(LinkOptions, options),
+        link=_arguments.fill(LinkOptions, options),
         bringer=None if options.no_deploy else partial(series_robots.bringer, options),
         **{"limit": None, **others},
     )

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from vsense.base.errors import UsageError
 from vsense.base.terminal import Console
-from vsense.commands import arguments, robot_keys, rosters
+from vsense.commands import _arguments, _rosters, robot_keys
 from vsense.commands import run as run_command
 from vsense.config.roster import Roster
 from vsense.config.specs import Experiment
@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     run_command.add_ends(parser)
     parser.set_defaults(legacy_port=None)
     text = "with real robots, serve the devices of ARGoS's elements from the virtual world"
-    arguments.flag(parser, "--virtual-devices", text)
+    _arguments.flag(parser, "--virtual-devices", text)
     group = parser.add_argument_group("bringing controllers to robots")
     group.add_argument(
         "--target",
@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "bring nothing: robots have what they need (default: where conditions have different"
         " controllers, each robot of the roster is brought its own before a run)"
     )
-    arguments.flag(group, "--no-deploy", text)
+    _arguments.flag(group, "--no-deploy", text)
     robot_keys.add_ssh(group)
 
 
@@ -53,7 +53,7 @@ def bringer(
     how = Plan(sudo=options.sudo, ssh_options=tuple(options.ssh_option), part=Part.DAEMON)
 
     def bring(experiment: Experiment, tags: Collection[int]) -> Mapping[int, str]:
-        robots = {int(r.settings["tag"]): r for r in rosters.boards(roster, tags, console.say)}
+        robots = {int(r.settings["tag"]): r for r in _rosters.boards(roster, tags, console.say)}
         drives = {r.tag: r.controller for r in experiment.robots if r.tag in robots}
         with tempfile.TemporaryDirectory(prefix="vsense-") as folder:
             output = Path(folder) / "vsensed"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from vsense.commands import arguments, hardware, rosters
+from vsense.commands import _arguments, _hardware, _rosters
 from vsense.modes.live import serve
 
 DESCRIPTION = (
@@ -16,18 +16,18 @@ DESCRIPTION = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
-    arguments.add_tracking_files(parser)
-    rosters.add_roster(parser, rosters.MARKERS)
+    _arguments.add_tracking_files(parser)
+    _rosters.add_roster(parser, _rosters.MARKERS)
     text = (
         "interface to listen on, 0.0.0.0: all (default: 127.0.0.1, this machine only): the"
         " original's protocol knows no keys, so whoever reaches the port is served"
     )
-    arguments.option(parser, "--host", str, "ADDRESS", text, "127.0.0.1")
+    _arguments.option(parser, "--host", str, "ADDRESS", text, "127.0.0.1")
     text = "TCP port; 0 takes a free one (default: the experiment file's server_port)"
-    arguments.option(parser, "--port", arguments.port, "P", text)
+    _arguments.option(parser, "--port", _arguments.port, "P", text)
 
 
 def run(options: argparse.Namespace) -> int:
     """Serves; see `vsense.modes.live.serve.run`."""
-    markers = hardware.markers_of(options)
+    markers = _hardware.markers_of(options)
     return serve.run(options.resources, options.experiment, options.host, options.port, markers)

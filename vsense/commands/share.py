@@ -12,7 +12,7 @@ from vsense.base import sharing
 from vsense.base.errors import UsageError
 from vsense.base.sharing import LabFolder, NotMember
 from vsense.base.terminal import print_data
-from vsense.commands import arguments
+from vsense.commands import _arguments
 from vsense.run import leases
 
 DESCRIPTION = (
@@ -29,8 +29,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "users", nargs="*", type=_name, metavar="USER", help="who shall be in it (default: you)"
     )
     text = f"the Unix group (default: {sharing.GROUP}, or that of the folder that is there)"
-    arguments.option(parser, "--group", _name, "NAME", text)
-    arguments.flag(parser, "--json", "print it as one JSON object")
+    _arguments.option(parser, "--group", _name, "NAME", text)
+    _arguments.flag(parser, "--json", "print it as one JSON object")
 
 
 def _name(text: str) -> str:

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from vsense.base.errors import UsageError
-from vsense.commands import arguments, experiments
+from vsense.commands import _arguments, _experiments
 from vsense.config.specs import Stage
 from vsense.modes.sim import experiment
 from vsense.modes.sim.experiment import SimOptions
@@ -24,7 +24,7 @@ DESCRIPTION = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
-    experiments.add_experiment(parser, Stage.SIM)
+    _experiments.add_experiment(parser, Stage.SIM)
     parser.add_argument(
         "-o",
         "--output",
@@ -35,23 +35,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     _add_page(parser)
     _add_campaign(parser)
-    arguments.add_charts(parser)
+    _arguments.add_charts(parser)
 
 
 def _add_page(parser: argparse.ArgumentParser) -> None:
-    arguments.add_web(parser)
-    arguments.add_foxglove(parser)
+    _arguments.add_web(parser)
+    _arguments.add_foxglove(parser)
     group = parser.add_argument_group("watching and recording")
-    arguments.option(
+    _arguments.option(
         group,
         "--speed",
-        arguments.sim_speed,
+        _arguments.sim_speed,
         "X",
         "with --web, begin at X times real time, 0.1 or more; max: as fast as it goes (default: 1)",
     )
-    arguments.flag(group, "--hold", "with --web, begin paused")
-    arguments.add_locked(group)
-    arguments.flag(
+    _arguments.flag(group, "--hold", "with --web, begin paused")
+    _arguments.add_locked(group)
+    _arguments.flag(
         group,
         "--record",
         "record every run to an MCAP file, for vsense replay, report and export: about 0.5 MB a"
@@ -63,16 +63,16 @@ def _add_campaign(parser: argparse.ArgumentParser) -> None:
     campaign = parser.add_argument_group("campaign")
     campaign.add_argument(
         "--runs",
-        type=arguments.positive,
+        type=_arguments.positive,
         metavar="N",
         help="runs of every setting, with the seeds 1 to N unless --seeds says which",
     )
-    arguments.option(
-        campaign, "--seeds", arguments.numbers, "LIST", "their seeds, such as 1-100 or 1,2,10-12"
+    _arguments.option(
+        campaign, "--seeds", _arguments.numbers, "LIST", "their seeds, such as 1-100 or 1,2,10-12"
     )
     campaign.add_argument(
         "--set",
-        type=arguments.setting,
+        type=_arguments.setting,
         action="append",
         default=[],
         metavar="ELEMENT.ATTRIBUTE=VALUE[,VALUE...]",
@@ -84,7 +84,7 @@ def _add_campaign(parser: argparse.ArgumentParser) -> None:
     campaign.add_argument(
         "-j",
         "--jobs",
-        type=arguments.positive,
+        type=_arguments.positive,
         metavar="N",
         help="runs at the same time (default: one per processor)",
     )
@@ -95,7 +95,7 @@ def add_on(parser: argparse._ActionsContainer) -> None:
     """Declares the cluster that simulates."""
     parser.add_argument(
         "--on",
-        type=arguments.scheduler,
+        type=_arguments.scheduler,
         metavar="tcp://HOST:PORT",
         help="do the runs on the workers of this Dask scheduler, with the same results; they need"
         " this vsense, a compiler, and the experiment's files in the same place",
@@ -106,15 +106,15 @@ def run(options: argparse.Namespace) -> int:
     """Runs an experiment or a campaign; 0, or 130 after Ctrl-C, 143 after SIGTERM."""
     sweep = Sweep.of(options.set, options.runs, options.seeds)
     _check(options, sweep.seeds is not None)
-    asked = experiments.options_of(options, Stage.SIM, sweep.first)
-    if experiments.is_dry(options, asked):
+    asked = _experiments.options_of(options, Stage.SIM, sweep.first)
+    if _experiments.is_dry(options, asked):
         return 0
     if sweep.seeds is None:
-        doors = {"web": arguments.web_of(options), "foxglove": arguments.foxglove_of(options)}
-        return experiment.run(arguments.fill(SimOptions, options, experiment=asked, **doors))
+        doors = {"web": _arguments.web_of(options), "foxglove": _arguments.foxglove_of(options)}
+        return experiment.run(_arguments.fill(SimOptions, options, experiment=asked, **doors))
     from vsense.studies.series import campaign  # a single run begins sooner without it
 
-    return campaign.simulate(asked, sweep, arguments.fill(campaign.CampaignOptions, options))
+    return campaign.simulate(asked, sweep, _arguments.fill(campaign.CampaignOptions, options))
 
 
 def _check(options: argparse.Namespace, many: bool) -> None:

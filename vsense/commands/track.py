@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from vsense.commands import arguments, hardware, rosters
+from vsense.commands import _arguments, _hardware, _rosters
 from vsense.modes.live import track
 from vsense.modes.live.track import TrackOptions
 
@@ -21,39 +21,39 @@ DESCRIPTION = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
-    arguments.add_tracking_files(parser, optional=True)
+    _arguments.add_tracking_files(parser, optional=True)
     text = "work on a recording as fast as possible, not at the pace of its pictures"
-    arguments.flag(parser, "--offline", text)
+    _arguments.flag(parser, "--offline", text)
     parser.add_argument(
         "--format",
         choices=("jsonl", "csv"),
         default="jsonl",
         help="jsonl: one object per timestep (default); csv: one row per robot and timestep",
     )
-    arguments.flag(
+    _arguments.flag(
         parser, "--json", "print no states, but at the end the run's figures as one JSON object"
     )
     text = "draw the last state: the cameras' pictures with every robot's ring, heading and id"
-    arguments.option(parser, "--snapshot", Path, "PNG", text)
-    arguments.option(parser, "--frames", arguments.natural, "N", "end after N timesteps of runs")
+    _arguments.option(parser, "--snapshot", Path, "PNG", text)
+    _arguments.option(parser, "--frames", _arguments.natural, "N", "end after N timesteps of runs")
     text = (
         "folder for what runs leave: figures, and recordings (default: none; where something"
         " is recorded, runs/...)"
     )
-    arguments.option(parser, "-o --output", Path, "DIR", text)
-    rosters.add_roster(parser, rosters.MARKERS)
-    arguments.add_web(parser)
-    arguments.add_foxglove(parser)
-    group = arguments.add_hold(
+    _arguments.option(parser, "-o --output", Path, "DIR", text)
+    _rosters.add_roster(parser, _rosters.MARKERS)
+    _arguments.add_web(parser)
+    _arguments.add_foxglove(parser)
+    group = _arguments.add_hold(
         parser,
         "track, but begin no run by itself: a key, the page or vsense start does; after a run wait"
         " for the next one, until Ctrl-C. A recording begins anew with each run",
     )
-    arguments.add_recording(group)
+    _arguments.add_recording(group)
 
 
 def run(options: argparse.Namespace) -> int:
     """Tracks; see `vsense.modes.live.track.run`."""
-    doors = {"web": arguments.web_of(options), "foxglove": arguments.foxglove_of(options)}
-    markers = hardware.markers_of(options)
-    return track.run(arguments.fill(TrackOptions, options, **doors, markers=markers))
+    doors = {"web": _arguments.web_of(options), "foxglove": _arguments.foxglove_of(options)}
+    markers = _hardware.markers_of(options)
+    return track.run(_arguments.fill(TrackOptions, options, **doors, markers=markers))

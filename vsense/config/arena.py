@@ -12,7 +12,7 @@ from vsense.base.errors import ConfigError
 from vsense.base.files import read_bytes
 from vsense.base.xml.element import Element, shown
 from vsense.config import argos
-from vsense.config.distribute import (
+from vsense.config._distribute import (
     OBJECT,
     ROBOT,
     Crowd,
@@ -20,9 +20,16 @@ from vsense.config.distribute import (
     read_distribute,
     warn_of_height,
 )
-from vsense.config.robots import ArenaContents, add_crowd, add_epuck, add_object
+from vsense.config._robots import ArenaContents, add_crowd, add_epuck, add_object
+from vsense.config._things import (
+    MAX_LENGTH_M,
+    MIN_LENGTH_M,
+    THINGS,
+    Media,
+    check_medium,
+    read_thing,
+)
 from vsense.config.specs import Experiment, FieldSpec, FloorSpec, Stage
-from vsense.config.things import MAX_LENGTH_M, MIN_LENGTH_M, THINGS, Media, check_medium, read_thing
 from vsense.world.entities import Arena, Box, Cylinder, Entity, WorldError
 from vsense.world.fields import MAX_CONCENTRATION, Field, Floor, Image
 

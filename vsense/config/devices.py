@@ -26,8 +26,8 @@ import vsense.world.sensors
 from vsense.base.native import WireError
 from vsense.base.xml.element import Element
 from vsense.config import argos
+from vsense.config._things import Media, check_medium
 from vsense.config.specs import DeviceSpec, Stage
-from vsense.config.things import Media, check_medium
 from vsense.robots.link.table import Direction, Entry, Table
 from vsense.world.actuators.base import ActuatorError, MountedActuator, VirtualActuator
 from vsense.world.physics.motion import WheelNoise, Wheels

@@ -13,17 +13,18 @@ from vsense.base.files import PACKAGE_FOLDER, read_bytes
 from vsense.base.native import lib
 from vsense.base.xml.element import Element
 from vsense.base.xml.parsing import parse
-from vsense.config import argos, programs
+from vsense.config import _programs, argos
+from vsense.config._framework import collect, read_loop_functions, read_rest, read_run, read_tracker
+from vsense.config._population import cast, populate
+from vsense.config._robots import ArenaContents
+from vsense.config._settings import apply, check_used
+from vsense.config._things import Media, by_id, read_media
 from vsense.config.arena import DISTRIBUTE, read_arena
 from vsense.config.argos import USING_SETTINGS
 from vsense.config.casting import Casting
 from vsense.config.devices import Devices, read_devices
 from vsense.config.devices import virtual_devices as names_of_virtual
-from vsense.config.framework import collect, read_loop_functions, read_rest, read_run, read_tracker
 from vsense.config.placement import overlapping
-from vsense.config.population import cast, populate
-from vsense.config.robots import ArenaContents
-from vsense.config.settings import apply, check_used
 from vsense.config.specs import (
     ControllerSpec,
     Experiment,
@@ -33,7 +34,6 @@ from vsense.config.specs import (
     RobotSpec,
     Stage,
 )
-from vsense.config.things import Media, by_id, read_media
 from vsense.robots.sources import CodeOptions, ProgramSources
 from vsense.vision.markers.families import known_families, load_family
 from vsense.world.sensors.base import RobotSettings, Scope
@@ -80,7 +80,7 @@ def load(
     Args:
         length_s: length of the run instead of the file's; shares of it follow.
         settings: values by "ELEMENT.attribute" instead of the file's; see
-            `vsense.config.settings`.
+            `vsense.config._settings`.
         stage: what it is loaded for.
         virtual_devices: the devices of ARGoS's elements are virtual ones also where they may be
             the robots' own; in the lab and in simulation they are.
@@ -142,7 +142,7 @@ def _read_understood(
     marker, media = _read_marker(root), read_media(root)
     arena = root.child("arena")
     bodies = read_arena(arena, path.parent, media, 1.0 / run.ticks_per_second, serves.stage)
-    programs.check_sources(root, serves.code)
+    _programs.check_sources(root, serves.code)
     loop_functions = read_loop_functions(root, path.parent, serves.code)
     populate(root.document, loop_functions, bodies, run.seed)
     if not bodies.robots:
@@ -184,7 +184,7 @@ def _read_controllers(
     media: Media,
     serves: _Serves,
 ) -> tuple[ControllerSpec, ...]:
-    read = [programs.read(element, scope.folder, serves.code) for element in controllers]
+    read = [_programs.read(element, scope.folder, serves.code) for element in controllers]
     cpp = [argos.is_cpp(element, program) for element, program in zip(controllers, read)]
     settings = [_settings(controller, bodies) for controller in controllers]
     stage, virtual, _ = serves
@@ -224,9 +224,9 @@ def _read_controller(
     settings: dict[str, str] = {}
     declared = ""
     if program.is_argos:
-        programs.check_added(params, program)
-        settings = programs.settings(params)
-        declared = programs.told(element, params, devices.sensors, devices.actuators)
+        _programs.check_added(params, program)
+        settings = _programs.settings(params)
+        declared = _programs.told(element, params, devices.sensors, devices.actuators)
     elif params is not None:
         settings = collect(params, {})
     if library == argos.STAND_STILL:

@@ -19,7 +19,7 @@ from typing import Any
 
 from vsense.base.arena import wrap_angle
 from vsense.base.errors import UsageError
-from vsense.config.distribute import DistributedSpec, Distribution
+from vsense.config._distribute import DistributedSpec, Distribution
 from vsense.config.specs import Experiment, ObjectSpec, Pose, RobotSpec, Stage
 from vsense.world.entities import (
     BODY_HEIGHT_M,

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from vsense.base.errors import ConfigError
+from vsense.config._distribute import DistributedSpec, Distribution
 from vsense.config.casting import Casting
-from vsense.config.distribute import DistributedSpec, Distribution
 from vsense.config.roster_fields import MarkerOffset
 from vsense.robots.sources import ProgramSources, content
 from vsense.world.actuators.base import MountedActuator

@@ -13,13 +13,13 @@ from vsense.base.message_bus import MessageBus
 from vsense.base.terminal import Console, Interruption
 from vsense.config import tracking_session
 from vsense.monitor import recording
-from vsense.monitor.recording.player import Player
+from vsense.monitor.recording._player import Player
 from vsense.monitor.recording.reader import Recording, open_recording
 from vsense.monitor.recording.resense import ResenseComparison, Resensing
 from vsense.monitor.recording.retrack import RetrackComparison, Retracking
+from vsense.monitor.ui._foxglove_server import check_foxglove
+from vsense.monitor.ui._watchers import WatchedBus, WatchOptions, start_watchers, wanted_watchers
 from vsense.monitor.ui.access import FoxgloveAddress, WebAddress
-from vsense.monitor.ui.foxglove_server import check_foxglove
-from vsense.monitor.ui.watchers import WatchedBus, WatchOptions, start_watchers, wanted_watchers
 from vsense.run.orders import Order, OrderKind
 from vsense.vision.tracking.recorded_tracker import change_settings, of_session
 

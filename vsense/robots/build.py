@@ -17,9 +17,9 @@ from functools import partial
 from pathlib import Path
 
 from vsense.base.errors import UsageError, instead
-from vsense.robots import cache
-from vsense.robots.argos_code import CONTROLLER_PARTS, FLAGS, LOOP_PARTS, STANDARD
-from vsense.robots.cache import cache_directory
+from vsense.robots import _cache
+from vsense.robots._argos_code import CONTROLLER_PARTS, FLAGS, LOOP_PARTS, STANDARD
+from vsense.robots._cache import cache_directory
 from vsense.robots.compiling import (
     CFLAGS,
     CXX_LIBRARIES,
@@ -211,7 +211,7 @@ def daemon(
     if program.sources == shipped and tree.prebuilt.is_file():
         return tree.prebuilt
     target = cache_directory() / _fingerprint(tree, program) / "vsensed"
-    return cache.built(target, partial(compile_daemon, tree, program))
+    return _cache.built(target, partial(compile_daemon, tree, program))
 
 
 def shared(controller: str | ProgramSources, beside: Path | None = None) -> Path:
@@ -231,7 +231,7 @@ def shared(controller: str | ProgramSources, beside: Path | None = None) -> Path
     tree = source_tree()
     program = tree.program(controller, beside)
     target = cache_directory() / _fingerprint(tree, program) / "inprocess.so"
-    return cache.built(target, partial(_compile_runtime, tree, program))
+    return _cache.built(target, partial(_compile_runtime, tree, program))
 
 
 def loop_functions(program: ProgramSources) -> Path:
@@ -245,7 +245,7 @@ def loop_functions(program: ProgramSources) -> Path:
     program = replace(program, label="")
     sources = tree.loop(program)
     target = cache_directory() / _fingerprint(tree, program, sources) / "loop_functions.so"
-    return cache.built(target, lambda target: sources.link(native(), target, SHARED_FLAGS))
+    return _cache.built(target, lambda target: sources.link(native(), target, SHARED_FLAGS))
 
 
 def compile_daemon(tree: SourceTree, program: ProgramSources, target: Path) -> None:
@@ -255,12 +255,12 @@ def compile_daemon(tree: SourceTree, program: ProgramSources, target: Path) -> N
         BuildError: the compiler is missing or refuses a source, or the folder cannot be written.
     """
     compiler = native()
-    cache.with_parts(tree.daemon(program), compiler).link_daemon(compiler, target)
+    _cache.with_parts(tree.daemon(program), compiler).link_daemon(compiler, target)
 
 
 def _compile_runtime(tree: SourceTree, program: ProgramSources, target: Path) -> None:
     compiler = native()
-    runtime = cache.with_parts(tree.runtime(program), compiler, SHARED_FLAGS)
+    runtime = _cache.with_parts(tree.runtime(program), compiler, SHARED_FLAGS)
     runtime.link(compiler, target, SHARED_FLAGS)
 
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from vsense.base.errors import VsenseError
-from vsense.robots import argos_code
+from vsense.robots import _argos_code
 from vsense.robots.sources import ProgramSources, content, headers
 
 SECTIONS = ("-O2", "-ffunction-sections", "-fdata-sections")
@@ -272,18 +272,18 @@ class Sources:
     def _check_headers(self) -> None:
         """Raises BuildError where code for ARGoS includes what nobody has."""
         if self.program.is_argos:
-            missing = argos_code.missing_headers(self.program)
+            missing = _argos_code.missing_headers(self.program)
             if missing:
-                raise BuildError(argos_code.explain_missing(missing))
+                raise BuildError(_argos_code.explain_missing(missing))
 
     def _for_all(self) -> list[str]:
         """What a C++ compiler is told for every file of code for ARGoS."""
         if self.cache is None:
             return []
-        with_runtime = not self.plain or argos_code.needs_runtime(self.program)
+        with_runtime = not self.plain or _argos_code.needs_runtime(self.program)
         runtime = ("-fexceptions", "-funwind-tables") if with_runtime else PLAIN
         try:
-            folder = argos_code.forwarding(self._argos(), self.cache)
+            folder = _argos_code.forwarding(self._argos(), self.cache)
         except OSError as error:
             raise BuildError(f"cannot build in {self.cache}: {error.strerror}") from error
         return [*runtime, f"-I{folder}"]
@@ -300,10 +300,10 @@ class Sources:
         told: list[str] = []
         if source not in self.own_cxx:
             told = [f"-I{folder}" for folder in program.includes]
-        elif source.stem == argos_code.ENTRY:
+        elif source.stem == _argos_code.ENTRY:
             label, name = program.label, program.short_name
             told = [f'-DVS_ARGOS_LABEL="{label}"', f'-DVS_ARGOS_NAME="{name}"']
-        language = [argos_code.STANDARD, *SECTIONS, *argos_code.FLAGS, "-fno-threadsafe-statics"]
+        language = [_argos_code.STANDARD, *SECTIONS, *_argos_code.FLAGS, "-fno-threadsafe-statics"]
         return language, [*for_all, *told, *own_cxxflags()]
 
     def _run(self, toolchain: Toolchain, language: Sequence[str], arguments: Sequence[str]) -> str:
@@ -331,7 +331,7 @@ class Sources:
         if self.program.is_argos and re.search("undefined (reference|symbol)", said):
             is_controller = self.what == "controller"
             explain = (
-                argos_code.explain_simulator if is_controller else argos_code.explain_controllers
+                _argos_code.explain_simulator if is_controller else _argos_code.explain_controllers
             )
             why = explain(self.program)
             if why:

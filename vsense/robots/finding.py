@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 
-from vsense.robots import cmake
+from vsense.robots import _cmake
 from vsense.robots.sources import (
     CONTROLLER,
     SOURCE_SUFFIXES,
@@ -99,7 +99,7 @@ def named(
     return complete(sources, label, repository_of(sources[0]), extra, macro)
 
 
-def repository_of(source: Path) -> cmake.Repository | None:
+def repository_of(source: Path) -> _cmake.Repository | None:
     """The repository that a source is part of; None: nothing says where it begins."""
     root = _root(source.parent)
     return None if root is None or root == source.parent else repository_at(root)
@@ -108,7 +108,7 @@ def repository_of(source: Path) -> cmake.Repository | None:
 def complete(
     sources: Sequence[Path],
     label: str,
-    repository: cmake.Repository | None,
+    repository: _cmake.Repository | None,
     extra: Sequence[Path] = (),
     macro: str = CONTROLLER,
 ) -> ProgramSources:
@@ -128,7 +128,7 @@ def complete(
 
 
 def _sources(
-    repository: cmake.Repository, name: str, label: str, folder: Path, macro: str
+    repository: _cmake.Repository, name: str, label: str, folder: Path, macro: str
 ) -> list[Path]:
     target = repository.targets.get(name) or repository.targets.get(f"lib{name}")
     if name and target is not None:
@@ -155,7 +155,7 @@ def _beside(folder: Path, name: str, macro: str) -> list[Path]:
     return []
 
 
-def _registering(repository: cmake.Repository, label: str, macro: str) -> list[Path]:
+def _registering(repository: _cmake.Repository, label: str, macro: str) -> list[Path]:
     """The target of the only file that registers the label, or that file alone."""
     found = [path for path in _files(repository.root) if _has(path, label, macro)]
     if len(found) != 1:
@@ -190,15 +190,15 @@ def _root(place: Path) -> Path | None:
             break
         if (path / ".git").exists():
             return path
-        if (path / cmake.LIST).is_file():
+        if (path / _cmake.LIST).is_file():
             found = path
     return None if found in (Path.home(), Path(found.anchor)) else found
 
 
 @lru_cache(maxsize=16)
-def repository_at(root: Path) -> cmake.Repository:
+def repository_at(root: Path) -> _cmake.Repository:
     """What the CMake files of the repository say that begins at `root`."""
-    return cmake.read(root, [path for path in _files(root) if path.name == cmake.LIST])
+    return _cmake.read(root, [path for path in _files(root) if path.name == _cmake.LIST])
 
 
 @lru_cache(maxsize=16)
@@ -207,7 +207,7 @@ def _files(root: Path) -> tuple[Path, ...]:
     seen = 0
     for folder, below, names in os.walk(root):
         below[:] = sorted(n for n in below if n not in _SKIPPED and not n.startswith("."))
-        found += [Path(folder, n) for n in names if n.endswith(SOURCE_SUFFIXES) or n == cmake.LIST]
+        found += [Path(folder, n) for n in names if n.endswith(SOURCE_SUFFIXES) or n == _cmake.LIST]
         seen += len(names)
         if seen > _MAX_FILES:
             break

@@ -21,7 +21,7 @@ from vsense.base.errors import VsenseError
 from vsense.base.native import check, lib
 from vsense.base.readings import SensorReadings
 from vsense.robots import build
-from vsense.robots.link.roster import robot_seed
+from vsense.robots.link._roster import robot_seed
 from vsense.robots.link.status import LogLines
 from vsense.robots.link.table import Direction, Table
 from vsense.robots.link.wire import Header, PacketType, Shown, Wanted, Welcome, encode, shown_of

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vsense.config.specs import Experiment, LoopSpec
 from vsense.robots.loop_library import Colors, CxxLoopError, LoopCaller
-from vsense.run.loop_process import LoopProcess
+from vsense.run._loop_process import LoopProcess
 from vsense.world.entities import (
     MAX_INTENSITY,
     Arena,

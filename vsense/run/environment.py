@@ -27,7 +27,7 @@ from vsense.world.sensors.bank import SensorBank
 from vsense.world.world import World
 
 if TYPE_CHECKING:
-    from vsense.run.virtual_swarm import VirtualSwarm
+    from vsense.run._virtual_swarm import VirtualSwarm
 
 
 MOST_SEED = 2**32 - 1
@@ -134,7 +134,7 @@ class Environment:
         if not any(robot.controller for robot in self.experiment.virtual_robots):
             return None
         # It needs a compiler, which experiments without such robots do not.
-        from vsense.run.virtual_swarm import VirtualSwarm
+        from vsense.run._virtual_swarm import VirtualSwarm
 
         return VirtualSwarm(self.experiment, self.tables, self.seed)
 

@@ -1,6 +1,6 @@
 """Waits for the robots, starts them together, runs the timesteps and stops them.
 
-`vsense.modes.several` says where each run leaves its files, and whether another one follows.
+`vsense.modes._several` says where each run leaves its files, and whether another one follows.
 """
 
 from __future__ import annotations

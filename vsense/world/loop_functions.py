@@ -268,7 +268,7 @@ class LoopFunctions:
         return LoopFunctions(*self._made_of)
 
     def populate(self, space: object) -> None:
-        """Calls the user's `populate`; see `vsense.config.population`.
+        """Calls the user's `populate`; see `vsense.config._population`.
 
         Raises:
             LoopFunctionsError: it failed.

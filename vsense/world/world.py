@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.arena import ArenaState
+from vsense.world._inventory import Inventory
 from vsense.world.entities import (
     Arena,
     Box,
@@ -28,7 +29,6 @@ from vsense.world.entities import (
     Zone,
 )
 from vsense.world.fields import Field, Floor, by_id
-from vsense.world.inventory import Inventory
 from vsense.world.pollution import DEFAULT_MEMORY_NS, Cone, PollutantSource, Stock
 from vsense.world.rays import LightTable, MovingBodies, entity_rows
 from vsense.world.sightings import NEVER_NS as NEVER_NS

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from vsense.modes.lab import calibrated
+from vsense.modes.lab._camera_spec import rig
 from vsense.modes.lab.calibrated import as_hung, calibrate, errors
-from vsense.modes.lab.camera_spec import rig
 from vsense.vision.calibration.frame import FrameShift
 from vsense.vision.cameras.camera import Camera
 from vsense.world.entities import Arena

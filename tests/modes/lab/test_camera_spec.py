@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from vsense.config.experiment import load
-from vsense.modes.lab.backdrop import Block
-from vsense.modes.lab.camera_spec import LabCameraSpec, spec_for
+from vsense.modes.lab._backdrop import Block
+from vsense.modes.lab._camera_spec import LabCameraSpec, spec_for
 
 CYLINDER = (
     '<cylinder id="{}" radius="0.1" height="0.2" movable="false" vs:physical="{}">{}</cylinder>'

@@ -19,13 +19,13 @@ from tests.rigs.places import ROOT
 from vsense.base.clock import host_ns
 from vsense.base.errors import GrabberError
 from vsense.base.shared import SLOTS, LabError
-from vsense.modes.lab.backdrop import Block
-from vsense.modes.lab.bodies import Body
-from vsense.modes.lab.camera_spec import LabCameraSpec, rig
-from vsense.modes.lab.cameras import SAMPLES, Input
-from vsense.modes.lab.grabber import LabGrabber
-from vsense.modes.lab.optics import sample_times_ns
-from vsense.modes.lab.renderer import Studio
+from vsense.modes.lab._backdrop import Block
+from vsense.modes.lab._bodies import Body
+from vsense.modes.lab._camera_spec import LabCameraSpec, rig
+from vsense.modes.lab._cameras import SAMPLES, Input
+from vsense.modes.lab._grabber import LabGrabber
+from vsense.modes.lab._optics import sample_times_ns
+from vsense.modes.lab._renderer import Studio
 from vsense.modes.lab.truth import TruthReader, TruthWriter, make_ring, read_truth
 from vsense.vision.cameras.camera import Camera
 from vsense.world.entities import Arena
@@ -38,9 +38,9 @@ SECOND_NS = 1_000_000_000
 ORPHAN = """
 import sys
 from pathlib import Path
-from vsense.modes.lab.camera_spec import LabCameraSpec
+from vsense.modes.lab._camera_spec import LabCameraSpec
 from vsense.base.shared import SLOTS
-from vsense.modes.lab.grabber import LabGrabber
+from vsense.modes.lab._grabber import LabGrabber
 
 grabber = LabGrabber(LabCameraSpec.from_json(sys.stdin.readline()))
 grabber.start(int(sys.argv[1]))

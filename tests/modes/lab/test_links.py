@@ -15,9 +15,9 @@ from tests.firmware import tables
 from vsense.base.errors import UsageError
 from vsense.base.native import lib
 from vsense.base.shared import LabError
+from vsense.modes.lab._links import GROUND_RAW, PROGRAMS, Bus
+from vsense.modes.lab._microcontrollers import Actuation, Microcontrollers
 from vsense.modes.lab.hardware import BASES, KINDS, MIXED, bases_of
-from vsense.modes.lab.links import GROUND_RAW, PROGRAMS, Bus
-from vsense.modes.lab.microcontrollers import Actuation, Microcontrollers
 
 PATIENCE_S = 20.0
 BYTE_NS = 90_000

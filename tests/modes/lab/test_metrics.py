@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from vsense.base.arena import SIGHTING
-from vsense.modes.lab import metrics
-from vsense.modes.lab.metrics import SwarmTruth
-from vsense.modes.lab.microcontrollers import ACTUATION
+from vsense.modes.lab import _metrics
+from vsense.modes.lab._metrics import SwarmTruth
+from vsense.modes.lab._microcontrollers import ACTUATION
+from vsense.modes.lab._swarm import TRACE
 from vsense.modes.lab.session import no_link
-from vsense.modes.lab.swarm import TRACE
 from vsense.run.figures import link_row
 
 DT_NS = 100_000_000
@@ -30,15 +30,15 @@ SEEN = np.array([(7, 0.001, 0.0, 0.0), (9, 1.0, 0.0, 0.0)], SIGHTING)
 
 def tally(poses: np.ndarray, sightings: Sequence[np.ndarray]) -> dict:
     """Judges the sightings of a run by the true poses (timesteps, 2, 3)."""
-    found = metrics.TrackingTally(TAGS)
+    found = _metrics.TrackingTally(TAGS)
     for truth, seen in zip(poses, sightings, strict=True):
         found.add(seen, truth)
     return found.figures()
 
 
-def make_run() -> metrics.MeasuredRun:
+def make_run() -> _metrics.MeasuredRun:
     """Two robots, the first in the cone, everything as it should be."""
-    steps = np.zeros(TIMESTEPS, metrics.TIMESTEP)
+    steps = np.zeros(TIMESTEPS, _metrics.TIMESTEP)
     steps["run_timestep"] = np.arange(TIMESTEPS)
     steps["timestep"] = FIRST + steps["run_timestep"]
     steps["capture_ns"] = 1_000_000_000 + DT_NS * steps["run_timestep"]
@@ -49,7 +49,7 @@ def make_run() -> metrics.MeasuredRun:
     poses[:, 1, 0] = 1.0
     depth_m = np.tile([0.1, -0.1], (TIMESTEPS, 1))
     lit = np.tile([True, False], (TIMESTEPS, 1))
-    return metrics.MeasuredRun(
+    return _metrics.MeasuredRun(
         timesteps=steps,
         wanted=TIMESTEPS,
         lived=TIMESTEPS,
@@ -90,7 +90,7 @@ def make_actuations(steps: np.ndarray) -> np.ndarray:
     return rows.reshape(-1)
 
 
-def without(run: metrics.MeasuredRun, row: int) -> metrics.MeasuredRun:
+def without(run: _metrics.MeasuredRun, row: int) -> _metrics.MeasuredRun:
     """The same run, in which the host missed one timestep and the robots with it."""
     keep = np.arange(TIMESTEPS) != row
     truth = run.truth
@@ -105,7 +105,7 @@ def without(run: metrics.MeasuredRun, row: int) -> metrics.MeasuredRun:
 
 
 def test_perfect_run_is_perfect() -> None:
-    figures = metrics.figures(make_run())
+    figures = _metrics.figures(make_run())
     assert (figures["timesteps"], figures["late_timesteps"]) == (TIMESTEPS, 0)
     assert figures["duration_s"] == pytest.approx(1.0)
     assert figures["tracking"]["detected_mean"] == 2
@@ -141,7 +141,7 @@ def test_missed_timestep_is_late_and_its_readings_are_wrong(row: int) -> None:
     if row == 0:
         # A run begins with the first timestep that the host lived of it.
         run = replace(run, timesteps=run.timesteps.copy())
-    figures = metrics.figures(without(run, row))
+    figures = _metrics.figures(without(run, row))
     assert (figures["timesteps"], figures["late_timesteps"]) == (TIMESTEPS - 1, 1)
     assert (figures["sensing"]["readings"], figures["sensing"]["expected"]) == (18, 20)
     assert figures["sensing"]["fresh_share"] == pytest.approx(0.9)
@@ -153,7 +153,7 @@ def test_missed_timestep_is_late_and_its_readings_are_wrong(row: int) -> None:
 def test_slow_timestep_is_late() -> None:
     run = make_run()
     run.timesteps["sent_ns"][4] = run.timesteps["capture_ns"][4] + DT_NS + 1
-    assert metrics.figures(run)["late_timesteps"] == 1
+    assert _metrics.figures(run)["late_timesteps"] == 1
 
 
 @pytest.mark.parametrize(
@@ -163,7 +163,7 @@ def test_slow_timestep_is_late() -> None:
 def test_wrong_stale_missing_or_foreign_value_does_not_agree(field: str, value: object) -> None:
     run = make_run()
     run.traces[0][field][2] = value
-    sensing = metrics.sensing(run)
+    sensing = _metrics.sensing(run)
     assert sensing["agreement_in"] == pytest.approx(0.9)
     assert sensing["agreement_out"] == 1
 
@@ -175,17 +175,17 @@ def test_value_is_judged_by_the_truth_of_its_own_capture_time() -> None:
     late = run.traces[1]
     late["value"][6], late["capture_ns"][6] = 1.0, run.timesteps["capture_ns"][5]
     late["value"][5] = 1.0
-    assert metrics.sensing(run)["agreement_in"] == 1
+    assert _metrics.sensing(run)["agreement_in"] == 1
     late["value"][6] = 0.0
-    assert metrics.sensing(run)["agreement_in"] < 1
+    assert _metrics.sensing(run)["agreement_in"] < 1
 
 
 def test_places_near_the_edge_are_not_judged() -> None:
     run = make_run()
     assert run.truth.depth_m is not None
-    run.truth.depth_m[:, 0] = 0.9 * metrics.EDGE_MARGIN_M
+    run.truth.depth_m[:, 0] = 0.9 * _metrics.EDGE_MARGIN_M
     run.traces[0]["value"] = 0.0
-    assert metrics.sensing(run)["agreement_in"] is None
+    assert _metrics.sensing(run)["agreement_in"] is None
 
 
 def test_swapped_ids_are_wrong_and_not_detected() -> None:
@@ -212,12 +212,12 @@ def test_wrong_heading_across_half_a_turn_is_small() -> None:
 def test_wrong_age_shows() -> None:
     run = make_run()
     run.traces[0]["age_ns"] += 7_000_000
-    assert metrics.figures(run)["clock"]["age_error_ms_p99"] == pytest.approx(7)
+    assert _metrics.figures(run)["clock"]["age_error_ms_p99"] == pytest.approx(7)
 
 
 def test_experiment_without_a_cone_has_no_cone_figures() -> None:
     run = make_run()
-    figures = metrics.figures(
+    figures = _metrics.figures(
         replace(run, truth=SwarmTruth(run.truth.poses, None, run.truth.lit), turn=None)
     )
     assert figures["sensing"]["agreement_in"] is None
@@ -228,15 +228,15 @@ def test_wheels_that_never_took_the_command_do_not_count() -> None:
     run = make_run()
     for rows in run.actuated:
         rows["left_steps_s"] = 0
-    assert metrics.latencies(run)["capture_to_wheels"]["p50"] is None
+    assert _metrics.latencies(run)["capture_to_wheels"]["p50"] is None
 
 
 def test_a_later_steps_command_is_not_taken_for_this_ones() -> None:
     """A base that is only told changes has no frame for a step that changes nothing."""
     run = make_run()
-    assert metrics.latencies(run)["capture_to_wheels"]["max"] == 26
+    assert _metrics.latencies(run)["capture_to_wheels"]["max"] == 26
     run = replace(run, actuated=[rows[len(rows) // 2 :] for rows in run.actuated])
-    assert metrics.latencies(run)["capture_to_wheels"]["max"] == 26
+    assert _metrics.latencies(run)["capture_to_wheels"]["max"] == 26
 
 
 def test_nothing_seen_is_no_figure() -> None:
@@ -244,7 +244,7 @@ def test_nothing_seen_is_no_figure() -> None:
     found = tally(make_run().truth.poses, [empty] * TIMESTEPS)
     assert (found["detected_mean"], found["wrong_ids"]) == (0, 0)
     assert found["position_rmse_mm"] is None and found["heading_rmse_deg"] is None
-    assert metrics.TrackingTally(TAGS).figures()["detected_mean"] is None
+    assert _metrics.TrackingTally(TAGS).figures()["detected_mean"] is None
 
 
 def test_a_link_that_failed_before_it_was_asked_has_its_row() -> None:

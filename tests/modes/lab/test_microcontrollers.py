@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 
 from vsense.base.native import lib
 from vsense.base.shared import LabError
-from vsense.modes.lab.microcontrollers import (
+from vsense.modes.lab._microcontrollers import (
     Actuation,
     ActuationLog,
     Microcontrollers,

@@ -22,9 +22,9 @@ from hypothesis import strategies as st
 from tests.rigs.places import ROOT
 from vsense.base.errors import UsageError
 from vsense.base.shared import LabError, SharedBlock
-from vsense.modes.lab.microcontrollers import read_actuations
-from vsense.modes.lab.physics_process import FLUSH_TICKS, TICK_NS, PhysicsProcess
-from vsense.modes.lab.physics_spec import PhysicsSpec
+from vsense.modes.lab._microcontrollers import read_actuations
+from vsense.modes.lab._physics_process import FLUSH_TICKS, TICK_NS, PhysicsProcess
+from vsense.modes.lab._physics_spec import PhysicsSpec
 from vsense.modes.lab.truth import TruthReader, make_ring
 from vsense.world.physics.motion import STEP_M
 
@@ -233,7 +233,7 @@ def test_a_log_that_cannot_be_written_is_one_clear_error(spec: dict[str, Any]) -
 
 def start(spec: Any) -> subprocess.Popen[bytes]:
     process = subprocess.Popen(
-        [sys.executable, "-W", "ignore", "-m", "vsense.modes.lab.physics_process"],
+        [sys.executable, "-W", "ignore", "-m", "vsense.modes.lab._physics_process"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

@@ -11,8 +11,8 @@ import pytest
 from vsense.config.experiment import load
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment, Stage
-from vsense.modes.lab.camera_spec import spec_for
-from vsense.modes.lab.reach import drawn, reachable
+from vsense.modes.lab._camera_spec import spec_for
+from vsense.modes.lab._reach import drawn, reachable
 from vsense.world.world import World
 
 FILE = """<argos-configuration>

@@ -12,7 +12,7 @@ import pytest
 
 from vsense.cli import main
 from vsense.config.experiment import load
-from vsense.modes.lab.camera_spec import spec_for
+from vsense.modes.lab._camera_spec import spec_for
 from vsense.modes.lab.recorder import record
 from vsense.vision.cameras.camera import Camera
 

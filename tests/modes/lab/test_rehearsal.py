@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from vsense.commands import arguments
+from vsense.commands import _arguments
 from vsense.modes.lab import rehearsal
 from vsense.modes.lab.rehearsal import LineWriter
 
@@ -98,10 +98,10 @@ def test_a_host_that_does_not_read_is_left(host: socket.socket, told: list[str])
     [("lines", ("", 0)), ("lines:5041", ("", 5041)), ("lab-pc:4040", ("lab-pc", 4040))],
 )
 def test_where_a_tracker_is(text: str, where: tuple[str, int]) -> None:
-    assert arguments.tracker(text) == where
+    assert _arguments.tracker(text) == where
 
 
 @pytest.mark.parametrize("text", ["", "line", "4040", ":4040", "lab-pc:", "lab-pc:http", "a:70000"])
 def test_what_says_no_tracker(text: str) -> None:
     with pytest.raises(argparse.ArgumentTypeError, match="expected"):
-        arguments.tracker(text)
+        _arguments.tracker(text)

@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from vsense.base.shared import LabError
-from vsense.modes.lab.backdrop import FULL_DN, Backdrop, Block
-from vsense.modes.lab.bodies import (
+from vsense.modes.lab._backdrop import FULL_DN, Backdrop, Block
+from vsense.modes.lab._bodies import (
     EMISSION_DN,
     INK,
     OBJECT,
@@ -30,8 +30,8 @@ from vsense.modes.lab.bodies import (
     Effect,
     Sprite,
 )
-from vsense.modes.lab.camera_spec import rig
-from vsense.modes.lab.optics import (
+from vsense.modes.lab._camera_spec import rig
+from vsense.modes.lab._optics import (
     READ_NOISE,
     SHOT_NOISE,
     RayMap,
@@ -39,9 +39,9 @@ from vsense.modes.lab.optics import (
     sample_times_ns,
     to_levels,
 )
-from vsense.modes.lab.renderer import CameraRenderer
-from vsense.modes.lab.scene import LIGHT_SWING, Scene
-from vsense.modes.lab.sprites import SpritePainter, gather, look_of
+from vsense.modes.lab._renderer import CameraRenderer
+from vsense.modes.lab._scene import LIGHT_SWING, Scene
+from vsense.modes.lab._sprites import SpritePainter, gather, look_of
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import load_family
 from vsense.world.entities import Arena

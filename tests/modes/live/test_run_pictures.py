@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from vsense.base.arena import Frame
-from vsense.modes.live.runs import RunPictures
+from vsense.modes.live._runs import RunPictures
 from vsense.monitor.recording.pictures import PictureRecordingError
 
 FRAMES = [Frame("top", np.zeros((2, 2), np.uint8), 0, 0, 0)]

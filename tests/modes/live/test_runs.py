@@ -14,8 +14,8 @@ import pytest
 from vsense.base.arena import Frame
 from vsense.base.message_bus import MessageBus
 from vsense.base.terminal import Console
-from vsense.modes.live.runs import RunPictures, Runs, begin_recording
-from vsense.modes.live.talk import Talk
+from vsense.modes.live._runs import RunPictures, Runs, begin_recording
+from vsense.modes.live._talk import Talk
 from vsense.monitor.recording.pictures import (
     BackgroundRecorder,
     PictureRecorder,

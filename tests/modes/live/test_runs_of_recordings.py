@@ -17,7 +17,7 @@ from vsense.base.arena import POSE, ArenaState, Frame
 from vsense.base.errors import NoMorePictures, VsenseError
 from vsense.base.terminal import Console, Interruption
 from vsense.config import tracking_session
-from vsense.modes.live.talk import Talk
+from vsense.modes.live._talk import Talk
 from vsense.modes.live.track import Making, TrackingRun, TrackOptions
 from vsense.run.control import State
 from vsense.run.orders import Order, OrderKind

@@ -15,7 +15,7 @@ from vsense.base.arena import POSE, ArenaState, Frame
 from vsense.base.errors import GrabberError, NoMorePictures, UsageError, VsenseError
 from vsense.config.experiment import load
 from vsense.config.specs import JsonLinesTracker, TrackerAddress
-from vsense.modes.live.sources import SteadySource, open_source
+from vsense.modes.live._sources import SteadySource, open_source
 from vsense.robots.link.status import LinkError
 from vsense.robots.link.trackers.client import TrackerEnded
 

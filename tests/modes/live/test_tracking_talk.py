@@ -8,7 +8,7 @@ import numpy as np
 
 from vsense.base.arena import POSE, ArenaState
 from vsense.base.terminal import Console
-from vsense.modes.live.talk import Talk
+from vsense.modes.live._talk import Talk
 from vsense.vision.cameras.grabber import CameraEvent, Troubles
 from vsense.vision.tracking.arena_tracker import TrackerCounters
 

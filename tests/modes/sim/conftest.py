@@ -12,9 +12,9 @@ from tests.bench.sim import experiment_text
 from tests.conftest import require_tool
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment, Stage
+from vsense.modes.sim._simulation import Simulation
 from vsense.modes.sim.job import Job, Setup
 from vsense.modes.sim.outcome import Task, libraries_of
-from vsense.modes.sim.simulation import Simulation
 from vsense.robots import build
 
 PROBE = """

@@ -15,8 +15,8 @@ from vsense.base.errors import VsenseError
 from vsense.base.files import PACKAGE_FOLDER
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment, Stage
-from vsense.modes.sim.chain import Chain
-from vsense.modes.sim.simulation import WARM_UP, Simulation
+from vsense.modes.sim._chain import Chain
+from vsense.modes.sim._simulation import WARM_UP, Simulation
 from vsense.monitor.pictures.run_samples import RunSamples
 from vsense.run.changing import Change, carry_out
 from vsense.run.programs import shared_objects

@@ -28,7 +28,7 @@ from tests.rigs.processes import descendants
 from vsense import __version__
 from vsense.base.errors import pip_line
 from vsense.cli import main
-from vsense.commands import arguments
+from vsense.commands import _arguments as arguments
 from vsense.modes.sim import engine
 
 SHORT = ("--duration", "6")
@@ -320,7 +320,7 @@ def test_without_dask_nothing_is_begun(tmp_path: Path, monkeypatch, capsys) -> N
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("module", ["vsense.commands.sim", "vsense.modes.sim.worker"])
+@pytest.mark.parametrize("module", ["vsense.commands.sim", "vsense.modes.sim._worker"])
 def test_a_simulation_loads_no_cluster_no_page_and_nothing_that_draws(module: str) -> None:
     words = f"import sys, {module}\nprint(*{{n.partition('.')[0] for n in sys.modules}})"
     ran = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, check=True)

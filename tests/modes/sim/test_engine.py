@@ -21,10 +21,10 @@ from vsense.base.errors import Interrupted, VsenseError
 from vsense.base.terminal import Console, Interruption
 from vsense.cli import main
 from vsense.modes.sim import engine, fingerprint
+from vsense.modes.sim._worker import NotHere, settled
 from vsense.modes.sim.engine import Engine, Place
 from vsense.modes.sim.job import Job, Origin, Setup, Sweep
 from vsense.modes.sim.outcome import Task
-from vsense.modes.sim.worker import NotHere, settled
 from vsense.studies.series import campaign
 from vsense.studies.series.campaign import Campaign
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from vsense.base.native import WireError
 from vsense.base.readings import SensorReadings
 from vsense.robots.inprocess import CompiledProgram, SimError
-from vsense.robots.link.roster import robot_seed
+from vsense.robots.link._roster import robot_seed
 from vsense.robots.link.table import Direction, Entry, Table
 from vsense.robots.link.wire import Wanted
 

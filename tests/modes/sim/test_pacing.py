@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from vsense.modes.sim.paced import FRAME_S, SimPace
+from vsense.modes.sim._paced import FRAME_S, SimPace
 
 
 class Machine:

@@ -22,13 +22,13 @@ from vsense.base.terminal import Console
 from vsense.cli import main
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment
+from vsense.modes.sim._recording import SimRecorder
+from vsense.modes.sim._room import SimRoom
+from vsense.modes.sim._simulation import EPOCH_NS, MOST, WARM_UP, Simulation
+from vsense.modes.sim._watched import WatchedRuns
+from vsense.modes.sim._worker import simulate
 from vsense.modes.sim.job import Job, Setup
 from vsense.modes.sim.outcome import Task, libraries_of
-from vsense.modes.sim.recording import SimRecorder
-from vsense.modes.sim.room import SimRoom
-from vsense.modes.sim.simulation import EPOCH_NS, MOST, WARM_UP, Simulation
-from vsense.modes.sim.watched import WatchedRuns
-from vsense.modes.sim.worker import simulate
 from vsense.monitor.recording.form import ROBOTS, RecordingError
 from vsense.monitor.recording.reader import open_recording
 from vsense.monitor.ui.access import WebAddress
@@ -37,7 +37,7 @@ from vsense.run.changing import Change, ChangeKind
 from vsense.run.control import State
 from vsense.run.orders import Order, OrderError, OrderKind
 from vsense.run.programs import shared_objects
-from vsense.studies.report.findings import read_findings
+from vsense.studies.report._findings import read_findings
 
 PATIENCE_S = 60.0
 

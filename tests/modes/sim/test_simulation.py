@@ -13,7 +13,7 @@ import pytest
 from tests.rigs.places import ROOT
 from vsense.config.experiment import first_robots, load
 from vsense.config.specs import Experiment
-from vsense.modes.sim.simulation import Simulation
+from vsense.modes.sim._simulation import Simulation
 from vsense.robots.inprocess import ACT_NS
 from vsense.world.entities import BODY_RADIUS_M, Box, Cylinder
 from vsense.world.physics.motion import STEP_M, obstacles

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense.base.errors import UsageError
-from vsense.commands import arguments
+from vsense.commands import _arguments
 from vsense.modes.sim.job import Sweep
 
 words = st.text(st.sampled_from("abc019.-"), min_size=1, max_size=5)
@@ -66,10 +66,10 @@ def test_what_contradicts_itself_is_refused(settings, runs, seeds, words: str) -
     [("1-4", (1, 2, 3, 4)), ("7", (7,)), ("1,3,5-6", (1, 3, 5, 6)), ("9,2", (9, 2))],
 )
 def test_seeds_are_numbers_and_ranges(text: str, seeds: tuple[int, ...]) -> None:
-    assert arguments.numbers(text) == seeds
+    assert _arguments.numbers(text) == seeds
 
 
 @pytest.mark.parametrize("text", ["", "5-1", "1,1", "1-3,2", "a", "1-", "-4", "0-9999999", "1.5"])
 def test_seeds_that_are_none_are_refused(text: str) -> None:
     with pytest.raises(argparse.ArgumentTypeError):
-        arguments.numbers(text)
+        _arguments.numbers(text)

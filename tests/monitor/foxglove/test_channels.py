@@ -13,7 +13,7 @@ import pytest
 from tests.monitor.foxglove import sdk, told
 from tests.monitor.foxglove.told import AT_NS, CAMERA, SHIFT_NS, VIRTUAL, converted, turned
 from vsense.base.message_bus import Message
-from vsense.monitor.foxglove import schemas, shapes
+from vsense.monitor.foxglove import _schemas, _shapes
 from vsense.monitor.foxglove.channels import Channels, sources_of
 
 
@@ -36,7 +36,7 @@ def test_our_schemas_are_those_of_the_sdk() -> None:
                 compare(inner, own)
 
     for name, kind in sdk.KINDS.items():
-        compare(schemas.SCHEMAS[name], kind)
+        compare(_schemas.SCHEMAS[name], kind)
     assert compared > 300
 
 
@@ -44,7 +44,7 @@ def test_every_message_is_one_of_the_sdk() -> None:
     channels = Channels(SHIFT_NS)
     made = [one for message in told.everything() for one in channels.convert(message)]
     kinds = {one.schema for one in made}
-    assert kinds == set(schemas.SCHEMAS) - {schemas.IMAGE}
+    assert kinds == set(_schemas.SCHEMAS) - {_schemas.IMAGE}
     for one in made:
         assert one.time_ns == AT_NS
         if one.schema in sdk.KINDS:
@@ -199,7 +199,7 @@ def test_quaternions_of_all_turns() -> None:
     matrices += [np.diag(d) for d in ((1, -1, -1), (-1, 1, -1), (-1, -1, 1), (1, 1, 1))]
     for matrix in matrices:
         matrix = matrix * np.linalg.det(matrix)
-        turn = shapes.matrix_turn(matrix)
+        turn = _shapes.matrix_turn(matrix)
         assert sum(v * v for v in turn.values()) == pytest.approx(1.0, abs=1e-8)
         columns = np.column_stack([turned(turn, axis) for axis in np.eye(3)])
         assert columns == pytest.approx(matrix, abs=1e-7)

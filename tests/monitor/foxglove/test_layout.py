@@ -13,10 +13,10 @@ from foxglove import layouts
 
 import vsense.monitor.foxglove
 from tests.monitor.foxglove.told import converted, everything
-from vsense.modes.lab.camera_spec import rig
-from vsense.monitor.foxglove import channels, schemas
+from vsense.modes.lab._camera_spec import rig
+from vsense.monitor.foxglove import _schemas, channels
+from vsense.monitor.foxglove._layout import LAB_CAMERAS, as_text, layout
 from vsense.monitor.foxglove.channels import schema_of
-from vsense.monitor.foxglove.layout import LAB_CAMERAS, as_text, layout
 from vsense.monitor.recording import form
 from vsense.world.entities import Arena
 
@@ -67,10 +67,10 @@ def test_panels_are_as_the_sdk_writes_them() -> None:
     for series in plot["paths"]:
         assert series.keys() <= keys(layouts.PlotSeries(value=""))
     settings = {
-        schemas.SCENE: layouts.BaseRendererSceneUpdateTopicSettings(),
-        schemas.GRID: layouts.BaseRendererGridTopicSettings(),
-        schemas.POSES: layouts.BaseRendererPosesTopicSettings(),
-        schemas.CALIBRATION: layouts.BaseRendererCameraTopicSettings(),
+        _schemas.SCENE: layouts.BaseRendererSceneUpdateTopicSettings(),
+        _schemas.GRID: layouts.BaseRendererGridTopicSettings(),
+        _schemas.POSES: layouts.BaseRendererPosesTopicSettings(),
+        _schemas.CALIBRATION: layouts.BaseRendererCameraTopicSettings(),
     }
     for topic, config in arena["topics"].items():
         assert config.keys() <= keys(settings[schema_of(topic)]), topic

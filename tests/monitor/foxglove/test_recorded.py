@@ -20,10 +20,10 @@ from tests.vision.tracking.synthetic import HEIGHT_M
 from vsense.base.arena import arena_data
 from vsense.base.message_bus import Message, MessageBus
 from vsense.cli import main
-from vsense.monitor.foxglove import layout, schemas
+from vsense.monitor.foxglove import _layout, _schemas
 from vsense.monitor.foxglove.channels import Channels, Derived
+from vsense.monitor.recording._recorder import Recorder
 from vsense.monitor.recording.reader import open_recording
-from vsense.monitor.recording.recorder import Recorder
 from vsense.monitor.recording.writer import RecordingWriter
 from vsense.monitor.ui.messages import cameras
 from vsense.vision.markers.families import load_family
@@ -74,12 +74,12 @@ def test_what_is_recorded_is_the_sdks(recorded: Path) -> None:
             for _, data in found[topic]:
                 data = {name: value for name, value in data.items() if name != "vsense"}
                 assert sdk.make(sdk.KINDS[schema.name], data).encode()
-            if schema.name != schemas.IMAGE:  # with a field of our own
+            if schema.name != _schemas.IMAGE:  # with a field of our own
                 title = json.loads(schema.data).pop("title")
                 assert title == schema.name
     assert {s.name for s in known.values()} >= {
-        *(schemas.SCENE, schemas.FRAMES, schemas.POSES, schemas.ANNOTATIONS),
-        *(schemas.CALIBRATION, schemas.IMAGE),
+        *(_schemas.SCENE, _schemas.FRAMES, _schemas.POSES, _schemas.ANNOTATIONS),
+        *(_schemas.CALIBRATION, _schemas.IMAGE),
     }
 
 
@@ -142,7 +142,7 @@ def test_an_old_recording_gets_them_anew(recorded: Path, tmp_path: Path) -> None
     again, _ = contents(new)
     assert again.keys() == whole.keys() and again["/tf"] == whole["/tf"]
     made = json.loads((tmp_path / "new-layout.json").read_text())
-    assert made == layout.layout(("left", "right"), (), 1.0)
+    assert made == _layout.layout(("left", "right"), (), 1.0)
     assert main(["export", str(old), "--foxglove", str(new)]) == 2, "nothing is written over"
     assert main(["export", str(old), "--foxglove", str(new), "-o", "x"]) == 2
 

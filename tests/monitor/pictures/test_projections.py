@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vsense.monitor.pictures.projections import FromAbove, ThroughLens
+from vsense.monitor.pictures._projections import FromAbove, ThroughLens
 from vsense.vision.cameras.camera import Camera, window_radius
 
 MIDDLE = np.array([0.3, -0.2])

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from vsense.base.arena import Frame
-from vsense.modes.lab.camera_spec import rig
-from vsense.modes.lab.optics import RayMap, vignetting
-from vsense.monitor.pictures.stitch import TopView
+from vsense.modes.lab._camera_spec import rig
+from vsense.modes.lab._optics import RayMap, vignetting
+from vsense.monitor.pictures._stitch import TopView
 from vsense.vision.cameras.camera import Camera
 from vsense.world.entities import Arena
 

@@ -11,7 +11,7 @@ import pytest
 from tests.monitor.recording.scene import CAMERAS, FAMILY, HEIGHTS_M, OFFSETS
 from vsense.base.arena import Frame
 from vsense.base.message_bus import Message, MessageBus
-from vsense.monitor.recording.recorder import Recorder
+from vsense.monitor.recording._recorder import Recorder
 from vsense.vision.markers.families import load_family
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 

@@ -20,7 +20,7 @@ import numpy as np
 from vsense.base.arena import Frame
 from vsense.base.clock import host_ns
 from vsense.base.message_bus import Message, MessageBus
-from vsense.monitor.recording.recorder import Recorder
+from vsense.monitor.recording._recorder import Recorder
 
 AT_ONCE = 10
 SAID = struct.Struct("<qq")

@@ -15,8 +15,8 @@ from pathlib import Path
 
 from vsense.base.clock import host_ns
 from vsense.base.message_bus import Message, MessageBus
-from vsense.monitor.recording.recorder import Recorder
-from vsense.monitor.recording.waiting import Bounds
+from vsense.monitor.recording._recorder import Recorder
+from vsense.monitor.recording._waiting import Bounds
 
 LIMIT_BYTES = 100_000
 PATIENCE_S = 60.0

@@ -12,8 +12,8 @@ from tests.vision.tracking.synthetic import HEIGHT_M, Robot, render
 from vsense.base.arena import Frame, arena_data
 from vsense.base.message_bus import Message, MessageBus
 from vsense.config.roster_fields import MarkerOffset
+from vsense.monitor.recording._recorder import Recorder
 from vsense.monitor.recording.pictures import PictureRecorder, one_tracker, write_session_files
-from vsense.monitor.recording.recorder import Recorder
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import MarkerFamily, load_family
 from vsense.vision.tracking import recorded_tracker

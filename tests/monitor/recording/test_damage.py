@@ -15,7 +15,7 @@ from mcap.writer import CompressionType, Writer
 
 from tests.monitor.recording.conftest import BEGIN_NS, picture, record
 from vsense.base.message_bus import Message
-from vsense.monitor.recording import chunks
+from vsense.monitor.recording import _chunks
 from vsense.monitor.recording.form import RecordingError
 from vsense.monitor.recording.reader import open_recording
 
@@ -110,7 +110,7 @@ def test_files_that_are_no_recordings(whole: bytes, tmp_path: Path) -> None:
         "late": (late, "its head is damaged"),
         "empty": (b"", "is empty, expected a recording"),
         "text": (b"timestep,tag\n1,2\n", "is no MCAP file, expected a recording of vsense"),
-        "short": (chunks.MAGIC[:5], "ends within its head"),
+        "short": (_chunks.MAGIC[:5], "ends within its head"),
         "head": (whole[:30], "ends within its head, or its head is damaged"),
         "foreign": (foreign.read_bytes(), "is an MCAP file of the profile 'ros2'"),
         "newer": (newer.read_bytes(), "is a recording of format 2.0, written by vsense"),

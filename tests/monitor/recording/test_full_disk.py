@@ -17,8 +17,8 @@ import pytest
 from tests.monitor.recording.conftest import BEGIN_NS, picture
 from tests.rigs.places import ROOT
 from vsense.base.message_bus import Message, MessageBus
+from vsense.monitor.recording._recorder import Recorder
 from vsense.monitor.recording.reader import open_recording
-from vsense.monitor.recording.recorder import Recorder
 from vsense.monitor.recording.writer import WholeFile
 
 

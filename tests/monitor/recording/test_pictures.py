@@ -16,8 +16,8 @@ from vsense.monitor.recording.pictures import (
     PictureRecordingError,
     folder_names,
 )
+from vsense.vision.cameras._recordings import DirectoryRecording
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.cameras.recordings import DirectoryRecording
 
 CAMERAS = [Camera.looking_down(n, 0.0, 0.0, 2.0, 60.0, (64, 48)) for n in ("left", "../right")]
 

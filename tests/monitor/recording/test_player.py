@@ -10,7 +10,7 @@ import pytest
 
 from tests.monitor.recording.conftest import BEGIN_NS, picture, record
 from vsense.base.message_bus import Listener, Message, MessageBus
-from vsense.monitor.recording.player import Player
+from vsense.monitor.recording._player import Player
 from vsense.monitor.recording.reader import Recording, open_recording
 from vsense.run.orders import Order, OrderError, OrderKind
 

@@ -19,9 +19,9 @@ from vsense.base.terminal import Console, interruption
 from vsense.commands import replay
 from vsense.monitor.replay import ReplayOptions
 from vsense.monitor.replay import replay as replay_recording
-from vsense.monitor.ui import watchers
+from vsense.monitor.ui import _watchers
+from vsense.monitor.ui._watchers import WatchedBus
 from vsense.monitor.ui.access import WebAddress
-from vsense.monitor.ui.watchers import WatchedBus
 from vsense.run.orders import Order, OrderKind
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 
@@ -55,7 +55,7 @@ def test_it_plays_until_somebody_interrupts(
         pages.append(Page(runs))
         return pages[0]
 
-    monkeypatch.setattr(watchers, "WATCHERS", (lambda options: make,))
+    monkeypatch.setattr(_watchers, "WATCHERS", (lambda options: make,))
     wanted = ReplayOptions(WebAddress("127.0.0.1", 8080), speed=2.0)
     with interruption() as interrupted:
         assert replay_recording(file, wanted, Console(), interrupted) is None

@@ -12,9 +12,9 @@ import pytest
 from tests.run.changed_run import ChangedRun
 from vsense.base.message_bus import Message
 from vsense.monitor.recording import form
+from vsense.monitor.recording._recorder import Recorder
 from vsense.monitor.recording.form import RecordingError
 from vsense.monitor.recording.reader import open_recording
-from vsense.monitor.recording.recorder import Recorder
 from vsense.monitor.recording.resense import Resensing
 from vsense.monitor.recording.writer import RecordingWriter
 

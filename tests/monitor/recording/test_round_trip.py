@@ -19,10 +19,10 @@ from tests.monitor.recording.conftest import BEGIN_NS, picture, record
 from vsense.base.files import PACKAGE_FOLDER
 from vsense.base.message_bus import Message, MessageBus
 from vsense.monitor.recording import size_line, writer
+from vsense.monitor.recording._recorder import Recorder
+from vsense.monitor.recording._waiting import Bounds
 from vsense.monitor.recording.form import ExperimentMessage, RecordingError, RunMessage, schema
 from vsense.monitor.recording.reader import open_recording
-from vsense.monitor.recording.recorder import Recorder
-from vsense.monitor.recording.waiting import Bounds
 
 values = st.recursive(
     st.none()

@@ -18,12 +18,12 @@ from tests.monitor.recording.conftest import BEGIN_NS, record
 from tests.monitor.recording.recorded_world import CAMERAS, TIMESTEPS, frames, messages
 from vsense import cli
 from vsense.base.message_bus import Message
-from vsense.monitor.recording.film import Panel, arrange, clock_text
+from vsense.monitor.recording._film import Panel, arrange, clock_text
+from vsense.monitor.recording._scenes import RecordedScenes
+from vsense.monitor.recording._video import Video, VideoPlan
+from vsense.monitor.recording._video_file import open_video
 from vsense.monitor.recording.form import RecordingError
 from vsense.monitor.recording.reader import open_recording
-from vsense.monitor.recording.scenes import RecordedScenes
-from vsense.monitor.recording.video import Video, VideoPlan
-from vsense.monitor.recording.video_file import open_video
 
 SIZE = (640, 360)
 PLAN = ["--size", "640x360"]

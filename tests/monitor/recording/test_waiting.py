@@ -9,8 +9,8 @@ import pytest
 
 from tests.monitor.recording.conftest import picture
 from vsense.base.message_bus import Message, MessageBus
-from vsense.monitor.recording.recorder import Recorder
-from vsense.monitor.recording.waiting import Bounds, Item, Waiting, WaitingPicture
+from vsense.monitor.recording._recorder import Recorder
+from vsense.monitor.recording._waiting import Bounds, Item, Waiting, WaitingPicture
 
 BOUNDS = Bounds(message_bytes=10, picture_bytes=10, message_ns=100, picture_ns=50)
 

@@ -9,8 +9,8 @@ import pytest
 from tests.conftest import require_tool
 from tests.monitor.ui.browser import Browser, Page
 from tests.monitor.ui.puppet import Puppet
+from vsense.monitor.ui._server import WebServer
 from vsense.monitor.ui.access import Tokens
-from vsense.monitor.ui.server import WebServer
 
 Serve = Callable[..., tuple[Puppet, WebServer, str]]
 Open = Callable[..., Page]

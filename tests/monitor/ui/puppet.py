@@ -15,7 +15,7 @@ import numpy as np
 from tests.monitor.ui import puppet_world as play
 from vsense.base.clock import host_ns
 from vsense.base.message_bus import Message, MessageBus
-from vsense.monitor.ui.server import WebServer
+from vsense.monitor.ui._server import WebServer
 from vsense.run.changes import Answer
 from vsense.run.changing import Change, ChangeKind
 from vsense.run.orders import Order, OrderError, OrderKind

@@ -26,10 +26,10 @@ from vsense.base.message_bus import Message, MessageBus
 from vsense.base.terminal import Console
 from vsense.monitor.foxglove.channels import LASTING
 from vsense.monitor.recording import form
-from vsense.monitor.recording.player import Player
+from vsense.monitor.recording._player import Player
 from vsense.monitor.recording.reader import open_recording
+from vsense.monitor.ui._foxglove_server import FoxgloveServer, check_foxglove
 from vsense.monitor.ui.access import FoxgloveAddress
-from vsense.monitor.ui.foxglove_server import FoxgloveServer, check_foxglove
 from vsense.robots.link import network
 from vsense.run.orders import Order, OrderKind
 

@@ -24,10 +24,10 @@ from tests.rigs.web import hear, is_closed, read_rest, talk
 from vsense.base.errors import UsageError, VsenseError
 from vsense.base.terminal import Console
 from vsense.commands import parser
-from vsense.commands.arguments import web_of
-from vsense.monitor.ui import certificate, web_listener
+from vsense.commands._arguments import web_of
+from vsense.monitor.ui import _certificate, _web_listener
+from vsense.monitor.ui._watchers import WatchedBus, WebWatcher, page_access
 from vsense.monitor.ui.access import WebAddress
-from vsense.monitor.ui.watchers import WatchedBus, WebWatcher, page_access
 
 PATIENCE_S = 30.0
 OPEN = WebAddress("0.0.0.0", 0)
@@ -168,7 +168,7 @@ def test_old_tls_is_refused(opened: Open) -> None:
 def test_handshakes_that_lead_to_nothing_end(
     opened: Open, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], sent: bytes
 ) -> None:
-    monkeypatch.setattr(web_listener, "REQUEST_S", 0.6)
+    monkeypatch.setattr(_web_listener, "REQUEST_S", 0.6)
     page = opened()
     address = ("127.0.0.1", page.port)
     crowd = [socket.create_connection(address, PATIENCE_S) for _ in range(100)]
@@ -176,7 +176,7 @@ def test_handshakes_that_lead_to_nothing_end(
         sock.sendall(sent)
     answer = curl("--insecure", f"https://localhost:{page.port}/{page.query}")
     assert answer.startswith("HTTP/1.1 200")
-    assert sum(not is_closed(sock) for sock in crowd) <= web_listener.STRANGERS_EACH
+    assert sum(not is_closed(sock) for sock in crowd) <= _web_listener.STRANGERS_EACH
     for sock in crowd:
         sock.settimeout(PATIENCE_S)
         assert b"HTTP" not in read_rest(sock)
@@ -210,7 +210,7 @@ def test_a_given_certificate_is_used(
     both.touch(mode=0o600)
     both.write_bytes(pair[0].read_bytes() + pair[1].read_bytes())
     local = opened(WebAddress("0.0.0.0", 0, None, both))
-    assert shown_by_openssl(local.port) == certificate.fingerprint_of(pair[0])
+    assert shown_by_openssl(local.port) == _certificate.fingerprint_of(pair[0])
 
 
 def test_files_that_are_none(pair: tuple[Path, Path], tmp_path: Path) -> None:
@@ -221,7 +221,7 @@ def test_files_that_are_none(pair: tuple[Path, Path], tmp_path: Path) -> None:
 
     def failure(*files: Path) -> str:
         with pytest.raises(VsenseError) as caught:
-            certificate.tls_of(WebAddress("0.0.0.0", 0, None, *files))
+            _certificate.tls_of(WebAddress("0.0.0.0", 0, None, *files))
         return str(caught.value)
 
     assert f"{other} is no certificate with its key" in failure(other)
@@ -248,7 +248,7 @@ def test_a_kept_certificate_that_others_may_read_is_not_used(opened: Open, state
     opened()
     state.chmod(0o644)
     with pytest.raises(VsenseError, match=r"page\.pem: others may read .* chmod 600"):
-        certificate.tls_of(OPEN)
+        _certificate.tls_of(OPEN)
 
 
 def test_where_it_cannot_be_kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -256,7 +256,7 @@ def test_where_it_cannot_be_kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
     for base in (tmp_path / "file", tmp_path / ("long" * 100)):
         monkeypatch.setenv("XDG_STATE_HOME", str(base))
         with pytest.raises(VsenseError, match="cannot keep the page's certificate; or give one"):
-            certificate.tls_of(OPEN)
+            _certificate.tls_of(OPEN)
 
 
 # -- what is asked for ----------------------------------------------------------------------
@@ -274,7 +274,7 @@ def test_without_the_library_nothing_starts(monkeypatch: pytest.MonkeyPatch) -> 
         " tokens unencrypted with --insecure",
         str(caught.value),
     )
-    assert certificate.tls_of(WebAddress("127.0.0.1", 0)) is None
+    assert _certificate.tls_of(WebAddress("127.0.0.1", 0)) is None
 
 
 def test_insecure_is_plain_http_and_said(opened: Open) -> None:
@@ -287,7 +287,7 @@ def test_insecure_is_plain_http_and_said(opened: Open) -> None:
 
 def test_this_machine_needs_none() -> None:
     for host in ("127.0.0.1", "localhost", "::1"):
-        assert certificate.tls_of(WebAddress(host, 0)) is None
+        assert _certificate.tls_of(WebAddress(host, 0)) is None
         assert page_access(WebAddress(host, 0)).warnings() == []
 
 

@@ -15,7 +15,7 @@ from tests.monitor.ui.browser import Page
 from tests.monitor.ui.conftest import Open
 from tests.monitor.ui.portrait import PLACES, SPARE, HeldLab, press, state
 from vsense.base.clock import host_ns
-from vsense.modes.lab.microcontrollers import read_actuations
+from vsense.modes.lab._microcontrollers import read_actuations
 from vsense.monitor.recording.reader import open_recording
 from vsense.run.runs_csv import read_runs
 

@@ -8,8 +8,8 @@ from tests.monitor.ui.browser import Browser, Page
 from tests.monitor.ui.conftest import Open, Serve
 from tests.monitor.ui.portrait import PLACES, state
 from tests.monitor.ui.puppet import Puppet, running
+from vsense.monitor.ui._server import WebServer
 from vsense.monitor.ui.access import Tokens
-from vsense.monitor.ui.server import WebServer
 from vsense.run.orders import Order, OrderKind
 
 PIXELS = """(() => {

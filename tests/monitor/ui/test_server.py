@@ -20,10 +20,10 @@ from tests.monitor.ui.puppet import Puppet
 from tests.rigs.web import TOKENS, hear, talk, ws
 from vsense.base.errors import UsageError, VsenseError
 from vsense.base.message_bus import Message, MessageBus
-from vsense.monitor.ui import sentences
-from vsense.monitor.ui import server as site
-from vsense.monitor.ui.page_clients import LOOKING, WebClients
-from vsense.monitor.ui.server import WebServer
+from vsense.monitor.ui import _sentences
+from vsense.monitor.ui import _server as site
+from vsense.monitor.ui._page_clients import LOOKING, WebClients
+from vsense.monitor.ui._server import WebServer
 from vsense.run.changes import Answer
 from vsense.run.changing import Change
 from vsense.run.orders import Order, OrderError, OrderKind
@@ -196,7 +196,7 @@ def test_two_people_press_start_and_the_second_is_told(served: Serve) -> None:
 
 def test_everything_that_a_page_may_say_is_carried_out() -> None:
     clients = WebClients(MessageBus(), lambda order: "")
-    assert clients._does.keys() == sentences._READERS.keys()
+    assert clients._does.keys() == _sentences._READERS.keys()
 
 
 @pytest.mark.parametrize(

@@ -17,9 +17,9 @@ import pytest
 
 from tests.monitor.ui.puppet import Puppet
 from tests.rigs.web import HALF, TOKENS, hear, is_closed, read_rest, talk, ws
-from vsense.monitor.ui import server as site
-from vsense.monitor.ui import web_listener
-from vsense.monitor.ui.server import WebServer
+from vsense.monitor.ui import _server as site
+from vsense.monitor.ui import _web_listener
+from vsense.monitor.ui._server import WebServer
 
 PATIENCE_S = 30.0
 
@@ -74,8 +74,8 @@ def port() -> Iterator[Port]:
 
 @pytest.fixture
 def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(web_listener, "REQUEST_S", 0.6)
-    monkeypatch.setattr(web_listener, "KEPT_S", 0.6)
+    monkeypatch.setattr(_web_listener, "REQUEST_S", 0.6)
+    monkeypatch.setattr(_web_listener, "KEPT_S", 0.6)
 
 
 @pytest.mark.parametrize("sent", [b"", HALF, b"\r\n" * 20, b"GET"])
@@ -109,14 +109,14 @@ def test_a_flood_from_one_address_ends_itself(port: Port) -> None:
     flood = [port.connect((b"", HALF)[n % 2]) for n in range(300)]
     assert port.answers()
     open_now = sum(not is_closed(sock) for sock in flood)
-    assert open_now <= web_listener.STRANGERS_EACH
+    assert open_now <= _web_listener.STRANGERS_EACH
     assert port.told == ["page: 127.0.0.1: too many connections at once"]
 
 
 def test_a_flood_from_many_addresses(port: Port) -> None:
     flood = [port.connect(b"", f"127.0.{n % 4}.{2 + n // 4}") for n in range(400)]
     assert port.answers()
-    assert sum(not is_closed(sock) for sock in flood) <= web_listener.STRANGERS_MAX
+    assert sum(not is_closed(sock) for sock in flood) <= _web_listener.STRANGERS_MAX
     assert len(port.told) == 1
 
 

@@ -18,12 +18,12 @@ from hypothesis import strategies as st
 
 from tests.robots.link.rig import KEYS, keyed_session
 from tests.wire.robot_session import Event
+from vsense.robots.link._peer import Orders
+from vsense.robots.link._roster import SessionTable
+from vsense.robots.link._session import HostSession
+from vsense.robots.link._streams import Inbox
 from vsense.robots.link.keys import LinkTrust
-from vsense.robots.link.peer import Orders
-from vsense.robots.link.roster import SessionTable
-from vsense.robots.link.session import HostSession
 from vsense.robots.link.status import LinkEvent
-from vsense.robots.link.streams import Inbox
 from vsense.robots.link.table import Direction, Entry, ExpectedRobot, Table
 from vsense.robots.link.wire import Telemetry, Wanted, session_of
 

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense.base.arena import ArenaState
+from vsense.robots.link.trackers._repair import FORGET_NS, REPAIRED, Repair
 from vsense.robots.link.trackers.protocol import TrackerReport
-from vsense.robots.link.trackers.repair import FORGET_NS, REPAIRED, Repair
 
 TICK_NS = 100_000_000
 TAGS = (1, 2, 3)

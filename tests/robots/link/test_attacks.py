@@ -32,8 +32,8 @@ from tests.robots.link.rig import (
 from tests.wire.robot_session import Event, RobotSession
 from tests.wire.strategies import reseal
 from vsense.base.native import WireError, lib
+from vsense.robots.link._links import GREETED_EACH, HELLO_NS
 from vsense.robots.link.keys import INSECURE, LinkTrust
-from vsense.robots.link.links import GREETED_EACH, HELLO_NS
 from vsense.robots.link.status import RobotStatus
 from vsense.robots.link.wire import (
     PUBLISHED,

@@ -25,8 +25,8 @@ from tests.robots.link.rig import (
 )
 from tests.wire.robot_session import Event, RobotSession
 from vsense.base.native import lib
+from vsense.robots.link._links import HELLO_NS, STRANGERS_EACH, STRANGERS_MAX
 from vsense.robots.link.keys import INSECURE
-from vsense.robots.link.links import HELLO_NS, STRANGERS_EACH, STRANGERS_MAX
 from vsense.robots.link.server import LinkError, LinkEvent, VirtualSensorServer
 from vsense.robots.link.table import ExpectedRobot
 from vsense.robots.link.wire import (

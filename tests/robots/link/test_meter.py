@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from tests.robots.link.simulation import HOUR_NS, MS, S, Simulation, Weather
 from vsense.base.clock import clock_difference_ns
-from vsense.robots.link.meter import FIRST_PACKETS, LinkMeter
+from vsense.robots.link._meter import FIRST_PACKETS, LinkMeter
 from vsense.robots.link.status import LinkFigures, RadioStatus, switched_on_again
 from vsense.robots.link.wire import Header, Hello, StopCause, Telemetry
 

@@ -12,12 +12,12 @@ import pytest
 
 from tests.robots.link.rig import KEYS, PATIENCE_S, TABLE, Frozen, keyed_session
 from tests.wire.robot_session import Event, RobotSession
+from vsense.robots.link._links import FINISH_NS, STRANGERS_EACH
+from vsense.robots.link._roster import SessionTable
+from vsense.robots.link._session import HostSession
+from vsense.robots.link._shared import ServerState
 from vsense.robots.link.keys import LinkTrust
-from vsense.robots.link.links import FINISH_NS, STRANGERS_EACH
 from vsense.robots.link.network import IDLE_NS, Ports, ServerThread, bind
-from vsense.robots.link.roster import SessionTable
-from vsense.robots.link.session import HostSession
-from vsense.robots.link.shared import ServerState
 from vsense.robots.link.status import LinkEvent
 from vsense.robots.link.table import ExpectedRobot
 from vsense.robots.link.wire import GoodbyeCause

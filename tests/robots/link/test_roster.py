@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from tests.wire.robot_session import next_nonce
 from vsense.base.native import WireError, ffi, lib
+from vsense.robots.link._roster import Proved, SessionTable
+from vsense.robots.link._session import PendingSession
 from vsense.robots.link.keys import INSECURE
-from vsense.robots.link.roster import Proved, SessionTable
-from vsense.robots.link.session import PendingSession
 from vsense.robots.link.status import EventThrottle, LinkEvent, cut_text
 from vsense.robots.link.table import Entry, ExpectedRobot, Output, Table, ToldProgram
 from vsense.robots.link.wire import (

@@ -21,8 +21,8 @@ from tests.robots.link.simulation import (
     weathers,
 )
 from tests.wire.robot_session import Event
-from vsense.robots.link.peer import Orders
-from vsense.robots.link.session import HEARTBEAT_NS, HostSession
+from vsense.robots.link._peer import Orders
+from vsense.robots.link._session import HEARTBEAT_NS, HostSession
 from vsense.robots.link.wire import Wanted
 
 orders = st.lists(st.tuples(st.sampled_from(Wanted), st.integers(0, 100)), max_size=5)

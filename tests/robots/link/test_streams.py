@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense.base.native import WireError, lib
-from vsense.robots.link.streams import Inbox, Outbox
+from vsense.robots.link._streams import Inbox, Outbox
 from vsense.robots.link.wire import DATAGRAM_MAX, Header, Notice, PacketType, encode
 
 packets = st.builds(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from vsense.config.specs import Pose
-from vsense.run.homing.assignment import assign, bottleneck
+from vsense.run.homing._assignment import assign, bottleneck
 
 
 @pytest.mark.parametrize("seed", range(40))

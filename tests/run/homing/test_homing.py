@@ -12,7 +12,7 @@ from tests.bench.homing import HomingField
 from vsense.base.arena import POSE, ArenaState
 from vsense.config.specs import Pose
 from vsense.robots.link.table import STAY
-from vsense.run.homing import motion
+from vsense.run.homing import _motion
 from vsense.run.homing.floor import DrivingFloor
 from vsense.run.homing.homing import Homing
 from vsense.run.homing.robots import HomingLimits, Trouble
@@ -151,11 +151,11 @@ def test_a_pause_takes_nobodys_time() -> None:
 
 def test_the_planner_foretells_what_the_daemon_does() -> None:
     """The numbers of `robot/homing.c`: 930 and 350 steps/s of 0.1288 mm, wheels 53 mm apart."""
-    assert pytest.approx(930 * 0.1288e-3, rel=0.01) == motion.MAX_M_S
-    assert pytest.approx(2 * 350 * 0.1288 / 53.0, rel=0.01) == motion.TURN_MAX_RAD_S
-    assert pytest.approx(2 * 514 * 0.1288 / 53.0, rel=0.01) == motion.TURN_RATE_PER_S
+    assert pytest.approx(930 * 0.1288e-3, rel=0.01) == _motion.MAX_M_S
+    assert pytest.approx(2 * 350 * 0.1288 / 53.0, rel=0.01) == _motion.TURN_MAX_RAD_S
+    assert pytest.approx(2 * 514 * 0.1288 / 53.0, rel=0.01) == _motion.TURN_RATE_PER_S
     poses = np.array([[0.0, 0.0, 0.0]])
-    ahead = motion.predict(poses, np.zeros((1, 1)), np.full((1, 1), 0.12), np.array([0.2]))
+    ahead = _motion.predict(poses, np.zeros((1, 1)), np.full((1, 1), 0.12), np.array([0.2]))
     assert ahead[0, 0, 3, 0] == pytest.approx(0.12) and ahead[0, 0, -1, 0] == pytest.approx(0.2)
 
 

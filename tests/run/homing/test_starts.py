@@ -12,7 +12,7 @@ from vsense.config import roster
 from vsense.config.casting import Casting
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment
-from vsense.robots.link.peer import Orders
+from vsense.robots.link._peer import Orders
 from vsense.robots.link.wire import StopCause, Telemetry, Wanted
 from vsense.run.homing.robots import Trouble
 from vsense.run.homing.starts import Starts, hindered

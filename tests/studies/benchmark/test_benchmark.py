@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from vsense import cli
-from vsense.studies.benchmark import checking
+from vsense.studies.benchmark import _checking
 
 TAKEN = Callable[[Path], None]
 
@@ -26,7 +26,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def wrong_of(folder: Path) -> dict[str, list[str]]:
     """What does not hold, by what was looked at."""
-    claims = checking.check(folder, lambda text: None)
+    claims = _checking.check(folder, lambda text: None)
     return {claim.thing: list(claim.differences) for claim in claims.of("differs")}
 
 

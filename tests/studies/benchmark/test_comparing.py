@@ -12,10 +12,10 @@ import pytest
 
 from vsense.base.errors import UsageError
 from vsense.run.runs_csv import RunRow
-from vsense.studies.benchmark import definition
-from vsense.studies.benchmark.comparing import compare
+from vsense.studies.benchmark import _definition
+from vsense.studies.benchmark._comparing import compare
 
-KNOWN = definition.load()
+KNOWN = _definition.load()
 
 
 def written(folder: Path, site: str, shift: float, **others: Any) -> Path:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from vsense.base.arena import wrap_angle
-from vsense.studies.benchmark.motion import (
+from vsense.studies.benchmark._motion import (
     Floats,
     RunMotion,
     WheelOrders,

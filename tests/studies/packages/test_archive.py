@@ -16,8 +16,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vsense.base.errors import VsenseError
-from vsense.studies.packages import archive
-from vsense.studies.packages.archive import (
+from vsense.studies.packages import _archive
+from vsense.studies.packages._archive import (
     MANIFEST,
     DamagedPackage,
     Package,
@@ -29,13 +29,13 @@ FILES: dict[str, bytes] = {"a.txt": b"one\n", "runs/b.csv": b"x\n1\n" * 50, "run
 
 
 def sums(files: dict[str, bytes]) -> bytes:
-    return manifest_of({name: archive.digest_of(data)[0] for name, data in files.items()})
+    return manifest_of({name: _archive.digest_of(data)[0] for name, data in files.items()})
 
 
 @pytest.fixture
 def whole(tmp_path: Path) -> Path:
     path = tmp_path / "whole.zip"
-    archive.write(path, {**FILES, MANIFEST: sums(FILES)})
+    _archive.write(path, {**FILES, MANIFEST: sums(FILES)})
     return path
 
 
@@ -49,7 +49,7 @@ def zipped(path: Path, members: list[tuple[zipfile.ZipInfo | str, bytes]]) -> Pa
 def test_the_same_files_are_the_same_bytes_and_come_out_again(whole: Path, tmp_path: Path) -> None:
     other = tmp_path / "other.zip"
     os.utime(whole, (1, 1))
-    archive.write(other, dict(reversed([*FILES.items(), (MANIFEST, sums(FILES))])))
+    _archive.write(other, dict(reversed([*FILES.items(), (MANIFEST, sums(FILES))])))
     assert other.read_bytes() == whole.read_bytes()
     with Package(whole) as package:
         package.verify()
@@ -60,7 +60,7 @@ def test_the_same_files_are_the_same_bytes_and_come_out_again(whole: Path, tmp_p
         asked = ["sha256sum", "-c", "--strict", "--quiet", MANIFEST]
         subprocess.run(asked, cwd=tmp_path / "out", check=True)
     with pytest.raises(PackageError, match="is there already"):
-        archive.write(whole, FILES)
+        _archive.write(whole, FILES)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["other.zip", "out", "whole.zip"]
 
 
@@ -113,7 +113,7 @@ HOSTILE: dict[str, Callable[[], list[tuple[zipfile.ZipInfo | str, bytes]]]] = {
 def test_hostile_packages_are_refused_before_anything_is_unpacked(
     words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(archive, "_FREE_BYTES", 1 << 20)
+    monkeypatch.setattr(_archive, "_FREE_BYTES", 1 << 20)
     path = zipped(tmp_path / "hostile.zip", HOSTILE[words]())
     with pytest.raises(PackageError, match=words):
         Package(path)

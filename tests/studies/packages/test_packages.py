@@ -18,13 +18,13 @@ from tests.run.changed_run import ChangedRun
 from vsense import cli
 from vsense.base.files import PACKAGE_FOLDER
 from vsense.base.message_bus import Message
+from vsense.monitor.recording._recorder import Recorder
 from vsense.monitor.recording.reader import open_recording
-from vsense.monitor.recording.recorder import Recorder
 from vsense.monitor.recording.writer import RecordingWriter
 from vsense.run.runs_csv import RunRow, RunsFile
-from vsense.studies.packages import archive
-from vsense.studies.packages.archive import MANIFEST, manifest_of
-from vsense.studies.packages.places import is_own
+from vsense.studies.packages import _archive
+from vsense.studies.packages._archive import MANIFEST, manifest_of
+from vsense.studies.packages._places import is_own
 
 PLAN = """
 mode = "sim"
@@ -65,7 +65,7 @@ def repacked(path: Path, into: Path, change: Callable[[str, bytes], bytes]) -> P
     """A package with other files, and checksums that are right."""
     files = {name: change(name, data) for name, data in files_of(path).items() if name != MANIFEST}
     sums = {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
-    archive.write(into, {**files, MANIFEST: manifest_of(sums)})
+    _archive.write(into, {**files, MANIFEST: manifest_of(sums)})
     return into
 
 
@@ -101,7 +101,7 @@ def test_a_changed_byte_is_named_and_nothing_is_made(
     other = tmp_path / "other.zip"
     files = files_of(packed)
     table = files["walks-sim/runs.csv"]
-    archive.write(other, {**files, "walks-sim/runs.csv": table[:-3] + b"9" + table[-2:]})
+    _archive.write(other, {**files, "walks-sim/runs.csv": table[:-3] + b"9" + table[-2:]})
     assert cli.main(["reproduce", str(other), "-o", str(tmp_path / "out")]) == 1
     err = capsys.readouterr().err
     assert "is not what was packed: walks-sim/runs.csv has changed" in err

@@ -13,10 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense.base.errors import VsenseError
-from vsense.studies.packages import crate, kinds, places
-from vsense.studies.packages.contents import PackageContents
-from vsense.studies.packages.crate import Person
-from vsense.studies.packages.places import (
+from vsense.studies.packages import _crate, _kinds, _places
+from vsense.studies.packages._contents import PackageContents
+from vsense.studies.packages._crate import Person
+from vsense.studies.packages._places import (
     PackagePlaces,
     Scrubber,
     Untrusted,
@@ -89,7 +89,7 @@ def test_folders_are_found_as_deep_as_names_say() -> None:
     ],
 )
 def test_what_is_not_known_stays_out(name: str, stays_out: bool) -> None:
-    assert (kinds.of_run(name) is None) == stays_out
+    assert (_kinds.of_run(name) is None) == stays_out
 
 
 SETUP: dict[str, Any] = {
@@ -117,7 +117,7 @@ SETUP: dict[str, Any] = {
 def test_what_is_not_vsenses_own_needs_trust(change: dict[str, Any], tmp_path: Path) -> None:
     where = PackagePlaces(tmp_path / "package", tmp_path / "anew")
     assert where.setup(SETUP, trusted=False).experiment == str(shipped_file("foraging"))
-    assert places.is_own("@vsense/experiments/foraging.argos", SETUP)
+    assert _places.is_own("@vsense/experiments/foraging.argos", SETUP)
     with pytest.raises(Untrusted, match="--trust"):
         where.setup({**SETUP, **change}, trusted=False)
 
@@ -140,16 +140,16 @@ def test_people_have_orcid_ids_whose_check_digit_is_right(
     """Source of the two iDs: ORCID, "Structure of the ORCID Identifier"."""
     if expected is None:
         with pytest.raises(ValueError, match=r"expected NAME|is no ORCID iD"):
-            crate.person(text)
+            _crate.person(text)
     else:
-        assert crate.person(text) == expected
+        assert _crate.person(text) == expected
 
 
 @pytest.mark.parametrize("text", ["", "CC BY 4.0", "ftp://x", "a\nb"])
 def test_what_is_no_licence_is_refused(text: str) -> None:
-    assert crate.license_of("CC-BY-4.0") == "https://spdx.org/licenses/CC-BY-4.0"
+    assert _crate.license_of("CC-BY-4.0") == "https://spdx.org/licenses/CC-BY-4.0"
     with pytest.raises(ValueError, match="address"):
-        crate.license_of(text)
+        _crate.license_of(text)
 
 
 JSON = st.recursive(

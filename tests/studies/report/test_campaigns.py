@@ -13,11 +13,11 @@ from vsense.base.errors import UsageError
 from vsense.base.message_bus import Message
 from vsense.cli import main
 from vsense.run.runs_csv import RUNS, RunRow, RunsFile
-from vsense.studies.report import charts, compare
-from vsense.studies.report.compare import CampaignRuns, campaign_runs
-from vsense.studies.report.findings import Findings, read_findings
+from vsense.studies.report import _charts, _compare
+from vsense.studies.report._compare import CampaignRuns, campaign_runs
+from vsense.studies.report._findings import Findings, read_findings
 from vsense.studies.report.report import make_report
-from vsense.studies.report.study.collect import read_tables, tables_in
+from vsense.studies.report.study._collect import read_tables, tables_in
 
 HEAD = "campaign,experiment,sensor.noise,seed,robots,duration_s,items_home,in_cone_before_turn,"
 TABLE = (
@@ -67,21 +67,23 @@ def test_a_table_is_a_group_for_each_combination_of_settings(table: Path) -> Non
 
 
 def test_kinds_of_runs_are_groups_of_their_own(kinds: list[Findings], table: Path) -> None:
-    found = compare.groups(kinds, read_campaign(table))
+    found = _compare.groups(kinds, read_campaign(table))
     assert [(group.condition, group.count) for group in found] == [
         ("simulation", 1), ("simulation (sensor.noise=0)", 2), ("simulation (sensor.noise=0.2)", 1),
         ("lab", 1), ("real robots", 1), ("recorded pictures", 1),
     ]  # fmt: skip
-    end = compare.table(found)["items home, at the end"]
+    end = _compare.table(found)["items home, at the end"]
     assert (end["simulation (sensor.noise=0)"].mean, end["lab"].values) == (15.0, [19.0])
     assert end["lab"].spread is None, "of one run there is none"
-    assert "simulation (sensor.noise=0)," not in charts.few(found) and ", lab," in charts.few(found)
+    assert "simulation (sensor.noise=0)," not in _charts.few(found) and ", lab," in _charts.few(
+        found
+    )
 
 
 def test_a_simulated_run_has_neither_latencies_nor_links(kinds: list[Findings]) -> None:
     real, simulated = kinds[0], kinds[2]
     assert real.latency and not simulated.latency and not simulated.lacks
-    assert charts.robots(simulated) is None
+    assert _charts.robots(simulated) is None
     assert simulated.label == "hand, simulation, sighted, seed 1"
 
 
@@ -159,7 +161,7 @@ def test_campaigns_of_the_same_name_stay_apart(tmp_path: Path) -> None:
         series = text.replace("ab,", f"{folder[0]}a,")
         (tmp_path / folder / "results.csv").write_text(series)
     files = [tmp_path / name / "results.csv" for name in ("a/x", "b/x", "c", "d")]
-    found = compare.groups([], [some for path in files for some in read_campaign(path)])
+    found = _compare.groups([], [some for path in files for some in read_campaign(path)])
     assert [(group.condition, group.count) for group in found] == [
         ("simulation (a/x/results.csv, as in the file)", 3),
         ("simulation (b/x/results.csv, as in the file)", 3),
@@ -167,7 +169,7 @@ def test_campaigns_of_the_same_name_stay_apart(tmp_path: Path) -> None:
         ("simulation (sensor.noise=0.2)", 1),
         ("simulation (d/results.csv, sensor.noise=0)", 2),
     ]
-    ends = compare.table(found)["items home, at the end"]
+    ends = _compare.table(found)["items home, at the end"]
     assert ends["simulation (a/x/results.csv, as in the file)"].values == [10.0, 20.0, 4.0]
     assert ends["simulation (b/x/results.csv, as in the file)"].values == [10.0, 40.0, 4.0]
 

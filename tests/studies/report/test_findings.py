@@ -25,9 +25,9 @@ from tests.studies.report.runs import (
 )
 from vsense.base.message_bus import Message
 from vsense.monitor.recording.form import RecordingError
-from vsense.studies.report.findings import Findings, as_json, read_findings
-from vsense.studies.report.flow import FINE, LOST, STOPPED, UNSEEN, Strips
-from vsense.studies.report.gather import (
+from vsense.studies.report._findings import Findings, as_json, read_findings
+from vsense.studies.report._flow import FINE, LOST, STOPPED, UNSEEN, Strips
+from vsense.studies.report._gather import (
     CELL_M,
     IN_CONE,
     LIT_IN_CONE,

@@ -14,7 +14,7 @@ import pytest
 from tests.studies.report.runs import messages, write
 from vsense import cli
 from vsense.base.errors import UsageError, VsenseError
-from vsense.studies.report import lacking, plot
+from vsense.studies.report import _plot, lacking
 from vsense.studies.report.report import PAGE, make_report
 
 ANOTHER_PROCESS = """
@@ -102,8 +102,8 @@ def test_the_users_style_wins(
     monkeypatch.chdir(tmp_path)
     assert latency("file", None) == (210, 138)
     assert latency("both", sheet) == (200, 120)
-    with plot.styled("ggplot"):
-        assert plot.setting("axes.facecolor") == "#E5E5E5" and plot.setting("savefig.dpi") == 60
+    with _plot.styled("ggplot"):
+        assert _plot.setting("axes.facecolor") == "#E5E5E5" and _plot.setting("savefig.dpi") == 60
 
 
 @pytest.mark.parametrize(
@@ -150,20 +150,20 @@ def test_without_matplotlib_there_is_all_but_charts(
 
 
 def test_any_name_is_drawn_as_it_stands() -> None:
-    with plot.styled():
-        figure = plot.new_figure()
-        figure.subplots().set_xlabel(plot.measure_label("$x_1$ \\frac{ % \ud800_m"))
-        assert ">$x 1$ \\frac{ % ? [m]</text>" in plot.encode(figure, "svg").decode()
+    with _plot.styled():
+        figure = _plot.new_figure()
+        figure.subplots().set_xlabel(_plot.measure_label("$x_1$ \\frac{ % \ud800_m"))
+        assert ">$x 1$ \\frac{ % ? [m]</text>" in _plot.encode(figure, "svg").decode()
 
 
 def test_a_long_run_is_thinned_to_what_can_be_seen() -> None:
     values = np.sin(np.arange(100_000.0))
     values[70_123] = 5.0
-    with plot.styled():
-        axes = plot.new_figure().subplots()
-        plot.steps(axes, np.arange(100_000.0), values, "C0")
+    with _plot.styled():
+        axes = _plot.new_figure().subplots()
+        _plot.steps(axes, np.arange(100_000.0), values, "C0")
         shown = axes.lines[0].get_xydata()
-    assert len(shown) <= 4 * plot.MOST_PLACES
+    assert len(shown) <= 4 * _plot.MOST_PLACES
     assert [70_123.0, 5.0] in shown.tolist() and shown[-1, 0] == 99_999.0
     assert (np.diff(shown[:, 0]) > 0.0).all()
 
@@ -172,13 +172,13 @@ def test_latex_gets_what_it_needs(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     sheet = tmp_path / "tex.mplstyle"
     sheet.write_text("text.usetex: True\n")
     monkeypatch.setenv("PATH", str(tmp_path))
-    with plot.styled(str(sheet)):
-        assert plot.label("50 % of a_b") == r"50 \% of a\_b"
-        figure = plot.new_figure()
+    with _plot.styled(str(sheet)):
+        assert _plot.label("50 % of a_b") == r"50 \% of a\_b"
+        figure = _plot.new_figure()
         figure.suptitle("words")
         with pytest.raises(VsenseError, match="latex"):
-            plot.encode(figure, "png")
-    with pytest.raises(UsageError), plot.styled(str(tmp_path)):
+            _plot.encode(figure, "png")
+    with pytest.raises(UsageError), _plot.styled(str(tmp_path)):
         pass
 
 
@@ -197,4 +197,4 @@ def test_latex_gets_what_it_needs(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 def test_names_of_conditions_break_where_people_read_a_pause(
     text: str, letters: int, lines: list[str]
 ) -> None:
-    assert plot.wrapped(text, letters).splitlines() == [line for line in lines if line]
+    assert _plot.wrapped(text, letters).splitlines() == [line for line in lines if line]

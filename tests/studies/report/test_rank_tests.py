@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vsense.studies.report.study import effects, rank_tests
-from vsense.studies.report.study.effects import effect_of, spread_of
-from vsense.studies.report.study.rank_tests import (
+from vsense.studies.report.study import _effects, _rank_tests
+from vsense.studies.report.study._effects import effect_of, spread_of
+from vsense.studies.report.study._rank_tests import (
     CHI_SQUARED,
     EXACT,
     NORMAL,
@@ -84,7 +84,7 @@ def test_ties_are_exact_for_few_runs() -> None:
 
 def test_many_runs_are_approximated_as_in_r(monkeypatch: pytest.MonkeyPatch) -> None:
     """R, with ties: W = 127.5, p = 0.0001208; sleep W, p = 0.06933; paired V = 0, p = 0.009091."""
-    monkeypatch.setattr(rank_tests, "MOST_EXACT", 0)
+    monkeypatch.setattr(_rank_tests, "MOST_EXACT", 0)
     found = rank_sum(MAY, AUGUST)
     assert (found.value, found.method) == (127.5, NORMAL)
     assert found.p == pytest.approx(0.0001208, abs=5e-8)
@@ -107,7 +107,7 @@ def test_exact_distributions_are_scipys() -> None:
 
 def test_friedman_of_hollander_and_wolfe(monkeypatch: pytest.MonkeyPatch) -> None:
     """R: chi-squared = 11.143, df = 2, p = 0.003805."""
-    monkeypatch.setattr(rank_tests, "friedman_tails", lambda ranks: None)
+    monkeypatch.setattr(_rank_tests, "friedman_tails", lambda ranks: None)
     found = friedman(ROUNDING)
     assert (found.n, found.df, found.method) == ((22,), 2, CHI_SQUARED)
     assert found.value == pytest.approx(11.143, abs=5e-4)
@@ -207,7 +207,7 @@ def test_paired_equivalence_of_lakens() -> None:
     ],
 )
 def test_what_cannot_be_tested_says_why(
-    found: rank_tests.RankTest | rank_tests.Equivalence, reason: str
+    found: _rank_tests.RankTest | _rank_tests.Equivalence, reason: str
 ) -> None:
     assert found.p is None and reason in found.reason
 
@@ -222,12 +222,12 @@ def test_the_least_p_is_that_of_the_most_extreme_runs() -> None:
 
 def test_ties_of_decimals_are_ties() -> None:
     """0.3 - 0.2 is not 0.2 - 0.1 in floating point: without care V would be 8 and p 0.5."""
-    found = rank_tests.signed_rank(np.array([0.3, 0.2, 0.7, 0.9]), np.array([0.2, 0.1, 0.6, 1.0]))
+    found = _rank_tests.signed_rank(np.array([0.3, 0.2, 0.7, 0.9]), np.array([0.2, 0.1, 0.6, 1.0]))
     assert (found.value, found.p) == (7.5, 0.625)
 
 
 def test_no_run_has_no_difference() -> None:
-    found = rank_tests.equivalence(np.zeros(0), np.ones(3), 1.0, False)
+    found = _rank_tests.equivalence(np.zeros(0), np.ones(3), 1.0, False)
     assert found.difference is None and found.reason == "0 runs, at least 2 needed"
 
 
@@ -262,10 +262,10 @@ def test_a_weighed_resample_is_the_resample(
     monkeypatch: pytest.MonkeyPatch, paired: bool, most: int
 ) -> None:
     """Both ways to a median, the sorted and the searched one; searching finds the lower middle."""
-    monkeypatch.setattr(effects, "_MOST_SORTED", most)
+    monkeypatch.setattr(_effects, "_MOST_SORTED", most)
     random = np.random.default_rng(5)
     first, second = random.integers(0, 30, 9) / 2.0, random.integers(0, 30, 9 if paired else 7) / 2
-    shift_of, a12_of = effects._shift_of(first, second, paired), effects._A12(first, second)
+    shift_of, a12_of = _effects._shift_of(first, second, paired), _effects._A12(first, second)
     for _ in range(30):
         drawn = random.integers(len(first), size=len(first))
         other = drawn if paired else random.integers(len(second), size=len(second))
@@ -282,7 +282,7 @@ def test_intervals_come_again_with_their_seed_and_hold_the_effect() -> None:
     found = effect_of(BEFORE, AFTER, True, 1)
     assert found == effect_of(BEFORE, AFTER, True, 1) != effect_of(BEFORE, AFTER, True, 2)
     assert found.a12_low is not None and found.a12_high is not None
-    assert found.a12_low < found.a12 < found.a12_high and found.resamples == effects.RESAMPLES
+    assert found.a12_low < found.a12 < found.a12_high and found.resamples == _effects.RESAMPLES
     one = effect_of(np.ones(1), np.zeros(3), False, 1)
     assert (one.a12, one.a12_low, one.resamples) == (1.0, None, 0), "of one run there is none"
 

@@ -20,10 +20,10 @@ from vsense.monitor.recording.form import RecordingError
 from vsense.run.runs_csv import RunRow, RunsFile
 from vsense.studies.report import Questions
 from vsense.studies.report.report import make_report
-from vsense.studies.report.study import results, words
-from vsense.studies.report.study.collect import read_tables, tables_in
-from vsense.studies.report.study.design import Study, studies
-from vsense.studies.report.study.results import results_of
+from vsense.studies.report.study import _results, _words
+from vsense.studies.report.study._collect import read_tables, tables_in
+from vsense.studies.report.study._design import Study, studies
+from vsense.studies.report.study._results import results_of
 
 pytestmark = pytest.mark.usefixtures("coarse")
 
@@ -130,7 +130,7 @@ def test_three_conditions_have_friedman_and_holm() -> None:
     assert found.overall is not None and found.overall.name == "Friedman test"
     assert (found.overall.n, found.overall.value, found.dropped) == ((7,), 14.0, 1)
     assert [pair.adjusted for pair in found.pairs] == pytest.approx([3 * 2 / 2**7] * 3)
-    said = " ".join(words.sentences(result, found))
+    said = " ".join(_words.sentences(result, found))
     assert "1 block is not complete" in said
     assert "7 complete blocks, χ²(2) = 14" in said
     assert "Holm-adjusted over 3 pairs p = 0.047" in said
@@ -141,10 +141,10 @@ def test_three_conditions_have_friedman_and_holm() -> None:
 
 def test_what_no_result_could_show_is_said() -> None:
     (result,) = results_of(plan("a", "b", blocks=3), Questions())
-    said = " ".join(words.sentences(result, result.measures[0]))
+    said = " ".join(_words.sentences(result, result.measures[0]))
     assert "p cannot be below 0.25, whatever the runs give" in said
     (result,) = results_of([row(1, "a"), row(2, "b")], Questions())
-    said = " ".join(words.sentences(result, result.measures[0]))
+    said = " ".join(_words.sentences(result, result.measures[0]))
     assert "not tested (a condition has 1 run, at least 2 of each needed)" in said
 
 
@@ -154,7 +154,7 @@ def test_runs_without_a_number_are_left_out_and_told() -> None:
     (result,) = results_of(rows, Questions())
     (found,) = result.measures
     assert (found.without, found.dropped, found.paired) == ([3, 0], 3, True)
-    assert "a: 3 of 9 valid runs gave no number" in " ".join(words.sentences(result, found))
+    assert "a: 3 of 9 valid runs gave no number" in " ".join(_words.sentences(result, found))
 
 
 def test_sameness_is_tested_against_a_persons_margin() -> None:
@@ -162,12 +162,12 @@ def test_sameness_is_tested_against_a_persons_margin() -> None:
     (result,) = results_of(rows, Questions(margins={"items_home": 2.0}))
     same = result.measures[0].pairs[0].same
     assert same is not None and same.difference == 0.0
-    said = " ".join(words.sentences(result, result.measures[0]))
+    said = " ".join(_words.sentences(result, result.measures[0]))
     assert "a the same as b within ±2: two one-sided Welch t-tests" in said
     assert ": shown at 5 %." in said
     (result,) = results_of(rows, Questions(margins={"items_home": 0.1}))
-    assert ": not shown at 5 %." in " ".join(words.sentences(result, result.measures[0]))
-    assert "items home ±0.1" in words.methods([result], Questions())
+    assert ": not shown at 5 %." in " ".join(_words.sentences(result, result.measures[0]))
+    assert "items home ±0.1" in _words.methods([result], Questions())
 
 
 def test_one_condition_may_be_what_all_others_are_compared_with() -> None:
@@ -316,4 +316,4 @@ def test_all_is_computed_for_many_runs() -> None:
     effect = result.measures[0].pairs[0].effect
     assert effect is not None and effect.resamples == 1_000
     assert effect.a12_low is not None and 0.3 < effect.a12_low < effect.a12 < 0.7
-    assert results.as_json(result)["measures"]["items_home"]["pairs"][0]["test"] is None
+    assert _results.as_json(result)["measures"]["items_home"]["pairs"][0]["test"] is None

@@ -17,11 +17,11 @@ from vsense.config.experiment import load
 from vsense.robots.deploying import Outcome, Part, Plan, RobotHost
 from vsense.robots.link.keys import INSECURE
 from vsense.robots.sources import ProgramSources
-from vsense.studies.series.order import pending
-from vsense.studies.series.parts import PlanLoader, SeriesCast
-from vsense.studies.series.plan import read
-from vsense.studies.series.real import RealRuns, RobotSeries
-from vsense.studies.series.staged import NotEnoughRobots, StagedRun
+from vsense.studies.series._order import pending
+from vsense.studies.series._parts import PlanLoader, SeriesCast
+from vsense.studies.series._plan import read
+from vsense.studies.series._real import RealRuns, RobotSeries
+from vsense.studies.series._staged import NotEnoughRobots, StagedRun
 
 OPTIONS = argparse.Namespace(target="epuck", sudo=True, ssh_option=["A=b"], key=Path("no.key"))
 PREDATOR, PREY = 31, 7488

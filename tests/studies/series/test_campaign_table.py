@@ -16,10 +16,10 @@ from vsense.config.placement import StartPlaces
 from vsense.modes.sim.job import Job, Setup
 from vsense.modes.sim.outcome import Task
 from vsense.run.runs_csv import COLUMNS, RunRow
-from vsense.studies.series.folder import CampaignTable
-from vsense.studies.series.order import CAMPAIGN, PlannedRun, cells, pending
-from vsense.studies.series.plan import Condition, PlannedStart, SeriesPlan
-from vsense.studies.series.simulated import outcome
+from vsense.studies.series._folder import CampaignTable
+from vsense.studies.series._order import CAMPAIGN, PlannedRun, cells, pending
+from vsense.studies.series._plan import Condition, PlannedStart, SeriesPlan
+from vsense.studies.series._simulated import outcome
 
 HEAD = ",".join(COLUMNS)
 MEASURES = {"in_cone": 3.0, "left": 0.1}

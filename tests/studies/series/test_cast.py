@@ -15,10 +15,10 @@ from vsense.config import roster
 from vsense.config.casting import Casting
 from vsense.robots.link.wire import Telemetry
 from vsense.run.robots import Readiness
-from vsense.studies.series.order import pending
-from vsense.studies.series.parts import PlanLoader, SeriesCast
-from vsense.studies.series.plan import read
-from vsense.studies.series.staged import StagedRun
+from vsense.studies.series._order import pending
+from vsense.studies.series._parts import PlanLoader, SeriesCast
+from vsense.studies.series._plan import read
+from vsense.studies.series._staged import StagedRun
 
 PLAN = """
 mode = "lab"

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vsense.studies.report import plot
-from vsense.studies.series.comparison import draw
+from vsense.studies.report import _plot
+from vsense.studies.series._comparison import draw
 
 finite = st.floats(-1e9, 1e9)
 
@@ -22,7 +22,7 @@ def coarse(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Few pixels and no layout, which take most of the time."""
     sheet = tmp_path_factory.mktemp("style") / "coarse.mplstyle"
     sheet.write_text("savefig.dpi: 20\nfigure.constrained_layout.use: False\n")
-    with plot.styled(str(sheet)):
+    with _plot.styled(str(sheet)):
         yield
 
 
@@ -37,7 +37,7 @@ def test_any_numbers_are_drawn(rows: int, table) -> None:
     settings_ = [{"sensor.noise": str(row), "light.position": "0,0,1"} for row in range(rows)]
     measures = {f"measure_{i}": some[:rows] for i, some in enumerate(table)}
     figure = draw("it", settings_, measures)
-    assert plot.encode(figure, "png").startswith(b"\x89PNG")
+    assert _plot.encode(figure, "png").startswith(b"\x89PNG")
     assert [axes.get_xlabel() for axes in figure.axes] == [
         f"measure {i}" for i in range(len(table))
     ]

@@ -18,13 +18,13 @@ from vsense.base.terminal import Console, Interruption
 from vsense.modes.sim.job import Setup
 from vsense.run.directory import TIMESTEPS
 from vsense.run.runs_csv import RunRow, read_runs
-from vsense.studies.series import simulated
-from vsense.studies.series.criteria import Evidence
-from vsense.studies.series.folder import SeriesFolder
-from vsense.studies.series.order import PlannedRun, VoidLimit, cells, pending
-from vsense.studies.series.plan import SeriesPlan, read
-from vsense.studies.series.series import RunOutcome, RunResult, SeriesLoop
-from vsense.studies.series.simulated import SimulatedRuns
+from vsense.studies.series import _simulated
+from vsense.studies.series._criteria import Evidence
+from vsense.studies.series._folder import SeriesFolder
+from vsense.studies.series._order import PlannedRun, VoidLimit, cells, pending
+from vsense.studies.series._plan import SeriesPlan, read
+from vsense.studies.series._series import RunOutcome, RunResult, SeriesLoop
+from vsense.studies.series._simulated import SimulatedRuns
 
 PLAN = """
 name = "walks"
@@ -137,7 +137,7 @@ def test_what_was_simulated_before_it_ends_is_kept(
         return SimpleNamespace(job=SimpleNamespace(recording=str(folder.recording(run, "a"))))
 
     monkeypatch.setattr(SimulatedRuns, "_task", task)
-    monkeypatch.setattr(simulated, "outcome", lambda *some: outcome_of(Evidence()))
+    monkeypatch.setattr(_simulated, "outcome", lambda *some: outcome_of(Evidence()))
     runs = pending(plan, [])
     warned = SimpleNamespace(experiment=SimpleNamespace(warnings=()))
     maker = SimulatedRuns(

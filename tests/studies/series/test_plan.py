@@ -11,10 +11,10 @@ import pytest
 
 from vsense.base.errors import ConfigError, UsageError
 from vsense.run.runs_csv import RunRow
-from vsense.studies.series.criteria import Evidence, VoidCriteria, why_void
-from vsense.studies.series.folder import differences
-from vsense.studies.series.order import CUT, VoidLimit, cells, count_valid, duplicates, pending
-from vsense.studies.series.plan import SeriesPlan, read
+from vsense.studies.series._criteria import Evidence, VoidCriteria, why_void
+from vsense.studies.series._folder import differences
+from vsense.studies.series._order import CUT, VoidLimit, cells, count_valid, duplicates, pending
+from vsense.studies.series._plan import SeriesPlan, read
 
 TEXT = """
 name = "gradient"

@@ -11,7 +11,7 @@ from tests.run.stage import status
 from vsense.base.arena import POSE, ArenaState
 from vsense.robots.link.status import RobotStatus
 from vsense.robots.link.wire import Telemetry
-from vsense.studies.series.criteria import Witness
+from vsense.studies.series._criteria import Witness
 
 MS = 1_000_000
 STANDS, DRIVES = Telemetry(), Telemetry(left_steps_s=900, right_steps_s=900)

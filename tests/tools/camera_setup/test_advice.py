@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from vsense.tools.camera_setup.advice import (
+from vsense.tools.camera_setup._advice import (
     GOOD_BLUR_CELLS,
     Brightness,
     ExposureReading,

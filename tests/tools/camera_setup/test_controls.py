@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from vsense.base.errors import GrabberError
+from vsense.vision.cameras._v4l2 import V4l2Control, V4l2ControlDevice
 from vsense.vision.cameras.aravis import AravisError
 from vsense.vision.cameras.source import EXPOSURE, GAIN
-from vsense.vision.cameras.v4l2 import V4l2Control, V4l2ControlDevice
 from vsense.vision.tracking.single_camera import GenicamControls, V4l2Controls
 
 NEW = {"ExposureAuto": "Continuous", "ExposureTime": "8000.5", "GainAuto": "Off", "Gain": "2"}

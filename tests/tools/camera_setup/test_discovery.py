@@ -9,7 +9,7 @@ from ipaddress import IPv4Interface
 
 import pytest
 
-from vsense.vision.cameras.networks import GIGE, ListedCamera, Network, heard, parse
+from vsense.vision.cameras._networks import GIGE, ListedCamera, Network, heard, parse
 
 LOOPBACK = Network("lo", IPv4Interface("127.0.0.1/8"))
 LISTEN_S = 2.0

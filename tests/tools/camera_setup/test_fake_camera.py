@@ -59,7 +59,7 @@ class Simulator:
         """Switches it on, and waits until it answers."""
         words = [*ALONE, self._program, "-i", ADDRESS, "-s", SERIAL]
         self._process = subprocess.Popen(words, stderr=subprocess.DEVNULL)
-        load = "from vsense.vision.cameras.networks import answers"
+        load = "from vsense.vision.cameras._networks import answers"
         ask = f"{load}; raise SystemExit(not answers('{ADDRESS}'))"
         for _ in range(20):
             if subprocess.run([*ALONE, sys.executable, "-c", ask], cwd=ROOT).returncode == 0:

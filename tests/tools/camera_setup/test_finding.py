@@ -13,12 +13,12 @@ from vsense.base.errors import GrabberError, UsageError
 from vsense.commands.cameras import wanted_of
 from vsense.tools.camera_setup import files
 from vsense.tools.camera_setup.files import choose
-from vsense.vision.cameras import aravis, discovery, v4l2
+from vsense.vision.cameras import _v4l2, aravis, discovery
+from vsense.vision.cameras._networks import GIGE, USB3, ListedCamera, Network
+from vsense.vision.cameras._v4l2 import V4l2Device
 from vsense.vision.cameras.aravis import AravisError
 from vsense.vision.cameras.discovery import FoundCamera
-from vsense.vision.cameras.networks import GIGE, USB3, ListedCamera, Network
 from vsense.vision.cameras.source import FREE, Controls, GenicamSettings
-from vsense.vision.cameras.v4l2 import V4l2Device
 from vsense.vision.tracking import single_camera
 from vsense.vision.tracking.specs import GENICAM
 
@@ -60,7 +60,7 @@ class Opened:
 def there(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     """Scripts what is there: two GigE cameras and one of USB3, all well, and a webcam."""
     set_there(monkeypatch, [FIRST, SECOND, USB])
-    monkeypatch.setattr(v4l2, "devices", lambda: [WEBCAM])
+    monkeypatch.setattr(_v4l2, "devices", lambda: [WEBCAM])
     for module in (discovery, single_camera):
         monkeypatch.setattr(module, "AravisCamera", type("Opened", (Opened,), {}))
         monkeypatch.setattr(module, "networks", lambda: NETWORKS)
@@ -173,7 +173,7 @@ def test_nothing_found_says_what_to_check(
     there: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     set_there(there, [])
-    there.setattr(v4l2, "devices", lambda: [])
+    there.setattr(_v4l2, "devices", lambda: [])
     assert run_list() == 1
     out, err = capsys.readouterr()
     assert out == "" and err == "\n".join(files.NOTHING) + "\n"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vsense.tools.camera_setup.advice import brightness, noise
+from vsense.tools.camera_setup._advice import brightness, noise
 
 
 def flat(level: float, sigma: float, seed: int, shape: tuple[int, int] = (240, 320)) -> np.ndarray:

@@ -11,7 +11,7 @@ from ipaddress import IPv4Interface
 import pytest
 
 from tests.conftest import require_tool
-from vsense.vision.cameras.networks import Network, networks, stranded
+from vsense.vision.cameras._networks import Network, networks, stranded
 
 KNOWN = [
     Network("lo", IPv4Interface("127.0.0.1/8")),
@@ -47,7 +47,7 @@ def space() -> Iterator[str]:
 
 def test_each_address_of_an_interface_leads_to_it(space: str) -> None:
     code = (
-        "from vsense.vision.cameras.networks import interface_of, networks\n"
+        "from vsense.vision.cameras._networks import interface_of, networks\n"
         "for each in networks(): print(each, interface_of(str(each.address.ip)))\n"
         "print(interface_of('10.9.0.2'))"
     )

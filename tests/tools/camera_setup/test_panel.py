@@ -8,9 +8,9 @@ import numpy as np
 
 from tests.tools.camera_setup.stage import Scripted, tuner
 from vsense.base.terminal import LiveBlock
-from vsense.tools.camera_setup import panel
-from vsense.tools.camera_setup.advice import brightness
-from vsense.tools.camera_setup.panel import WIDTH, PanelView, histogram
+from vsense.tools.camera_setup import _panel
+from vsense.tools.camera_setup._advice import brightness
+from vsense.tools.camera_setup._panel import WIDTH, PanelView, histogram
 
 
 def view() -> PanelView:
@@ -20,7 +20,7 @@ def view() -> PanelView:
 
 
 def test_block_says_all_that_matters() -> None:
-    lines = panel.lines(view())
+    lines = _panel.lines(view())
     text = "\n".join(lines)
     assert lines[0] == "cam: 640 x 480 px, 25.0 pictures/s, exposure 10000 us, gain 0"
     for word in ("light ", "saturated", "noise ", "blur ", "markers ", "advice "):
@@ -34,7 +34,7 @@ def test_unknown_things_say_what_would_tell_them() -> None:
     scripted.values["exposure_time_abs"] = 1.0
     made = tuner(scripted)
     shown = made.view(made.camera.picture().image, made.camera.picture().image, None)
-    text = "\n".join(panel.lines(shown))
+    text = "\n".join(_panel.lines(shown))
     assert "markers   none of arrow4x4" in text
     assert "blur      unknown: no marker in the picture tells its scale; give --px-per-m" in text
     assert "noise     unknown" in text
@@ -44,8 +44,8 @@ def test_histogram_is_tall_where_the_pixels_are() -> None:
     counts = np.zeros(256, np.int64)
     counts[100], counts[200] = 10_000, 100
     rows = histogram(counts)
-    assert [len(row) for row in rows] == [panel.COLUMNS] * panel.ROWS
-    assert [row[100 // 8] for row in rows] == ["█"] * panel.ROWS
+    assert [len(row) for row in rows] == [_panel.COLUMNS] * _panel.ROWS
+    assert [row[100 // 8] for row in rows] == ["█"] * _panel.ROWS
     assert rows[-1][200 // 8] != " " and rows[0][200 // 8] == " "
     assert set("".join(histogram(counts, blocks=False))) <= set(" .:|#")
 
@@ -56,16 +56,16 @@ def test_an_empty_histogram_is_empty() -> None:
 
 def test_facts_are_data() -> None:
     shown = view()
-    facts = json.loads(json.dumps(panel.facts(shown)))
+    facts = json.loads(json.dumps(_panel.facts(shown)))
     assert facts["tags"] == [31, 1843, 4334, 7167] and facts["markers"] == 4
     assert sum(facts["histogram"]) == 640 * 480
     assert facts["exposure_us"] == 10_000.0 and facts["px_per_m_from"] == "size of the markers"
 
 
 def test_many_numbers_do_not_break_the_line() -> None:
-    text = panel._numbers(list(range(10_000, 10_040)))
+    text = _panel._numbers(list(range(10_000, 10_040)))
     assert text.endswith("more") and len(text) < WIDTH - 20
-    assert panel._numbers([]) == "no number could be read"
+    assert _panel._numbers([]) == "no number could be read"
 
 
 class Terminal:

@@ -7,7 +7,7 @@ import pytest
 
 from tests.tools.camera_setup.stage import CALIBRATION, PX_PER_M, options
 from vsense.base.errors import UsageError
-from vsense.tools.camera_setup.advice import blur_px
+from vsense.tools.camera_setup._advice import blur_px
 from vsense.tools.camera_setup.tuning import known_scale
 from vsense.vision.cameras.camera import Camera
 

@@ -20,7 +20,7 @@ from vsense.tools.camera_setup import shooting
 from vsense.tools.camera_setup.shooting import Names, ShootingSession, ShootOptions
 from vsense.vision.calibration.board import Board, page
 from vsense.vision.cameras.grabber import CameraEvent
-from vsense.vision.markers import paper
+from vsense.vision.markers import _paper
 
 BOARD = Board.parse("charuco:7x5:30mm:4X4_50")
 STEP_NS = 100_000_000
@@ -62,7 +62,7 @@ class Grabber:
 
 
 def board_picture() -> np.ndarray:
-    drawn = paper.draw(page(BOARD), 75)
+    drawn = _paper.draw(page(BOARD), 75)
     grey = drawn if drawn.ndim == 2 else cv2.cvtColor(drawn, cv2.COLOR_BGR2GRAY)
     return np.ascontiguousarray(grey)
 

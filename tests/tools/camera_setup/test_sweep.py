@@ -9,9 +9,9 @@ import pytest
 
 from tests.tools.camera_setup.stage import GONE, Scripted, tuner
 from vsense.base.errors import GrabberError, VsenseError
-from vsense.tools.camera_setup import sweep
-from vsense.tools.camera_setup.panel import PanelView
-from vsense.tools.camera_setup.sweep import exposures, gains, scaled, tried, worth
+from vsense.tools.camera_setup import _sweep
+from vsense.tools.camera_setup._panel import PanelView
+from vsense.tools.camera_setup._sweep import exposures, gains, scaled, tried, worth
 from vsense.vision.cameras.source import EXPOSURE, GAIN
 from vsense.vision.tracking.single_camera import OpenCamera
 
@@ -48,7 +48,7 @@ def test_all_rows_get_the_scale_that_one_has_told() -> None:
 
 def test_own_values_are_back_and_told(capsys: pytest.CaptureFixture[str]) -> None:
     scripted = Scripted()
-    assert sweep.run(tuner(scripted), threading.Event(), False)
+    assert _sweep.run(tuner(scripted), threading.Event(), False)
     assert scripted.values == {EXPOSURE: 10_000.0, GAIN: 0.0} and scripted.turned
     out, err = capsys.readouterr()
     assert err == "vsense: cam: has its own values again: exposure_time_abs 10000, gain_raw 0\n"
@@ -57,7 +57,7 @@ def test_own_values_are_back_and_told(capsys: pytest.CaptureFixture[str]) -> Non
 
 
 def test_json_is_one_object(capsys: pytest.CaptureFixture[str]) -> None:
-    sweep.run(tuner(Scripted()), threading.Event(), True)
+    _sweep.run(tuner(Scripted()), threading.Event(), True)
     told = json.loads(capsys.readouterr().out)
     assert told["best"] in told["rows"] and len(told["rows"]) > 8
 
@@ -67,7 +67,7 @@ def test_ctrl_c_puts_the_values_back_and_concludes_nothing(
 ) -> None:
     scripted, interrupted = Scripted(), threading.Event()
     scripted.after_read = lambda reads: interrupted.set() if reads == 20 else None
-    sweep.run(tuner(scripted), interrupted, False)
+    _sweep.run(tuner(scripted), interrupted, False)
     assert scripted.values == {EXPOSURE: 10_000.0, GAIN: 0.0}
     out, err = capsys.readouterr()
     assert "best" not in out and "own values again" in err
@@ -81,7 +81,7 @@ def test_unplugged_in_the_middle_is_one_line(capsys: pytest.CaptureFixture[str])
 
     scripted.after_read = unplug
     with pytest.raises(GrabberError, match=r"cam:.*0.4 s"):
-        sweep.run(tuner(scripted), threading.Event(), False)
+        _sweep.run(tuner(scripted), threading.Event(), False)
     assert scripted.values == {EXPOSURE: 10_000.0, GAIN: 0.0}
     out, err = capsys.readouterr()
     assert "own values again" in err
@@ -91,7 +91,7 @@ def test_unplugged_in_the_middle_is_one_line(capsys: pytest.CaptureFixture[str])
 def test_values_that_are_not_put_back_are_told(capsys: pytest.CaptureFixture[str]) -> None:
     scripted = Scripted()
     scripted.keeps = "exposure_time_abs: timeout"
-    assert not sweep.run(tuner(scripted), threading.Event(), False)
+    assert not _sweep.run(tuner(scripted), threading.Event(), False)
     told = capsys.readouterr().err
     assert told == "vsense: cam: not put back: exposure_time_abs: timeout\n"
 
@@ -107,7 +107,7 @@ def test_a_camera_that_falls_silent_is_not_said_to_be_as_it_was(
 
     scripted.after_read = silence
     with pytest.raises(GrabberError, match=r"cam:.*pictures"):
-        sweep.run(tuner(scripted), threading.Event(), True)
+        _sweep.run(tuner(scripted), threading.Event(), True)
     out, err = capsys.readouterr()
     assert out == "" and err == "vsense: cam: not put back: exposure_time_abs: timeout\n"
 
@@ -116,7 +116,7 @@ def test_a_camera_without_controls_has_nothing_to_try() -> None:
     made = tuner(Scripted())
     made.camera = OpenCamera("stream", Scripted(), None)
     with pytest.raises(VsenseError, match=r"stream:.*exposure"):
-        sweep.run(made, threading.Event(), False)
+        _sweep.run(made, threading.Event(), False)
 
 
 @pytest.mark.parametrize(

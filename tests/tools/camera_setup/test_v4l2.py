@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 
 from tests.conftest import require_tool
-from vsense.vision.cameras import v4l2
-from vsense.vision.cameras.v4l2 import V4l2Device, devices
+from vsense.vision.cameras import _v4l2
+from vsense.vision.cameras._v4l2 import V4l2Device, devices
 
 CAPTURE, CAPTURE_PLANES, METADATA, STREAMING = 0x1, 0x1000, 0x00800000, 0x04000000
 OWN = 0x80000000
@@ -212,7 +212,7 @@ def test_a_node_that_does_not_open_is_listed_with_the_reason(
             raise PermissionError(errno.EACCES, "Permission denied")
         return true_open(path, flags)
 
-    monkeypatch.setattr(v4l2.os, "open", refuse)
+    monkeypatch.setattr(_v4l2.os, "open", refuse)
     assert [(each.name, each.trouble) for each in listed(kernel)] == [
         ("", "no permission: add yourself to the group video"),
         ("", "does not open: Is a directory"),
@@ -246,6 +246,6 @@ def test_requests_and_layouts_are_those_of_the_kernels_header(tmp_path: Path) ->
     )
     subprocess.run([compiler, source, "-o", tmp_path / "requests"], check=True)
     printed = subprocess.run([tmp_path / "requests"], check=True, capture_output=True, text=True)
-    ours = [getattr(v4l2, name) for name in names]
+    ours = [getattr(_v4l2, name) for name in names]
     assert [int(word) for word in printed.stdout.split()] == ours
     assert ours == [0x80685600, 0xC0405602, 0xC02C564A, 0xC034564B]

@@ -10,13 +10,13 @@ import pytest
 
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment, Pose, Stage
+from vsense.modes.lab._real_sensors import RealGround
 from vsense.modes.lab.hardware import HardwareErrors, RobotHardware, draw, to_markers
-from vsense.modes.lab.real_sensors import RealGround
-from vsense.tools.robot_calibration.commanding import WheelsWanted, commanded
-from vsense.tools.robot_calibration.driving import SwarmCalibration
-from vsense.tools.robot_calibration.places import FreeFloor
-from vsense.tools.robot_calibration.routine import Moment
-from vsense.tools.robot_calibration.sensing import Sensing
+from vsense.tools.robot_calibration._commanding import WheelsWanted, commanded
+from vsense.tools.robot_calibration._driving import SwarmCalibration
+from vsense.tools.robot_calibration._places import FreeFloor
+from vsense.tools.robot_calibration._routine import Moment
+from vsense.tools.robot_calibration._sensing import Sensing
 from vsense.world.physics.motion import Physics, obstacles
 from vsense.world.physics.proximity_ring import ProximityRing
 

@@ -9,7 +9,7 @@ import pytest
 
 from tests.rigs.processes import free_port
 from vsense.cli import main
-from vsense.commands.hardware import markers_of
+from vsense.commands._hardware import markers_of
 from vsense.config import roster
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from vsense.modes.lab.hardware import HardwareErrors, RobotHardware, draw, to_markers
-from vsense.tools.robot_calibration.motion_fit import BadFit, Stretch, fit
+from vsense.tools.robot_calibration._motion_fit import BadFit, Stretch, fit
 from vsense.world.physics.motion import Physics, motor_speed
 
 ERRORS = HardwareErrors(0.004, math.radians(5.0), 0.05)

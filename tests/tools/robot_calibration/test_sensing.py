@@ -17,11 +17,11 @@ from vsense.base.errors import UsageError
 from vsense.config import roster
 from vsense.config.specs import Experiment, FloorSpec
 from vsense.run.homing.floor import DrivingFloor
-from vsense.tools.robot_calibration.commanding import OwnReadings
-from vsense.tools.robot_calibration.places import GroundPlaces, WallSpot, ground_places, spots
-from vsense.tools.robot_calibration.results import RobotResult, table, worst
-from vsense.tools.robot_calibration.routine import Moment
-from vsense.tools.robot_calibration.sensing import Sensing
+from vsense.tools.robot_calibration._commanding import OwnReadings
+from vsense.tools.robot_calibration._places import GroundPlaces, WallSpot, ground_places, spots
+from vsense.tools.robot_calibration._results import RobotResult, table, worst
+from vsense.tools.robot_calibration._routine import Moment
+from vsense.tools.robot_calibration._sensing import Sensing
 
 WHITE, BLACK = (0.3, 0.3), (0.0, 0.3)
 

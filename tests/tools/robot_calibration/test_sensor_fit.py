@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from vsense.tools.robot_calibration.sensor_fit import (
+from vsense.tools.robot_calibration._sensor_fit import (
     BadReadings,
     WallLook,
     fit_ground,

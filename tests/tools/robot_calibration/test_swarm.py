@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.tools.robot_calibration.arena import Arena
-from vsense.tools.robot_calibration.routine import Moment
+from vsense.tools.robot_calibration._routine import Moment
 
 
 def test_robots_are_calibrated_at_once_and_touch_nobody() -> None:

@@ -15,8 +15,8 @@ from vsense.cli import main
 from vsense.config import roster
 from vsense.robots.link.table import Goal
 from vsense.run.homing.robots import Trouble
+from vsense.tools.robot_calibration._wiggle import Verdict, WiggleCheck, WiggledRobot, exchanged
 from vsense.tools.robot_calibration.measuring import swapped
-from vsense.tools.robot_calibration.wiggle import Verdict, WiggleCheck, WiggledRobot, exchanged
 
 PERIOD_NS = 50_000_000
 TAGS = (23, 31, 44)

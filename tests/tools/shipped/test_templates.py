@@ -14,7 +14,7 @@ from vsense import cli
 from vsense.base.errors import UsageError
 from vsense.config.experiment import load
 from vsense.robots.build import source_tree
-from vsense.tools.shipped import guide
+from vsense.tools.shipped import _guide
 from vsense.tools.shipped.templates import make, templates
 
 
@@ -78,7 +78,7 @@ def test_every_function_of_the_headers_is_explained() -> None:
         for name in re.findall(r"^\w.*?\b(vs_\w+)\(", path.read_text(), re.M)
     }
     assert len(declared) > 15
-    assert guide.calls().keys() == declared
+    assert _guide.calls().keys() == declared
 
 
 def test_it_runs_as_the_readme_says(

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.modes.lab._camera_spec import rig
 from vsense.modes.lab.board_studio import board_plan
-from vsense.modes.lab.camera_spec import rig
+from vsense.vision.calibration._views import BoardViews, View
 from vsense.vision.calibration.board import Board
 from vsense.vision.calibration.frame import BoardPose
-from vsense.vision.calibration.views import BoardViews, View
 from vsense.vision.cameras.camera import Camera
 from vsense.world.entities import Arena
 

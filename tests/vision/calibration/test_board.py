@@ -18,7 +18,7 @@ from vsense.vision.calibration.board import (
     page,
     raster,
 )
-from vsense.vision.markers.dictionary import dictionary_name
+from vsense.vision.markers._dictionary import dictionary_name
 
 boards = st.builds(
     lambda kind, columns, rows, mm, flags, share: Board.parse(
@@ -134,12 +134,12 @@ def test_page_holds_the_board_in_its_true_size(board: Board) -> None:
 
 
 def test_print_on_a4_is_found_again() -> None:
-    from vsense.vision.markers import paper
+    from vsense.vision.markers import _paper
 
     board = Board.parse("charuco:5x7:36mm:4X4_50")
     sheet = page(board)
     assert (sheet.width_mm, sheet.height_mm) == (210.0, 297.0)
-    found = CornerFinder(board).find(paper.draw(sheet, 150.0))
+    found = CornerFinder(board).find(_paper.draw(sheet, 150.0))
     assert found is not None and len(found[0]) == len(board.points_m)
     apart = np.linalg.norm(found[1][1] - found[1][0])
     assert apart == pytest.approx(36.0 / 25.4 * 150.0, abs=0.1)

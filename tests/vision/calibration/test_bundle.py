@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.vision.calibration.ideal import BOARD, CAMERAS, PLAN, shoot
-from vsense.vision.calibration.bundle import (
+from vsense.vision.calibration._bundle import (
     CAMERA_SIZE,
     POSE_SIZE,
     Bundle,
@@ -18,8 +18,8 @@ from vsense.vision.calibration.bundle import (
     Knowledge,
     lens_of,
 )
+from vsense.vision.calibration._solution import assemble
 from vsense.vision.calibration.frame import turn
-from vsense.vision.calibration.solution import assemble
 
 NAMES = [camera.id for camera in CAMERAS]
 WIDE_PX = 1e3

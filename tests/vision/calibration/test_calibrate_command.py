@@ -20,7 +20,7 @@ from tests.vision.calibration.ideal import (
     shoot,
 )
 from vsense.cli import main
-from vsense.vision.calibration.views import write_corners
+from vsense.vision.calibration._views import write_corners
 from vsense.vision.cameras.camera import Camera
 
 CHESSBOARDS = DATA / "wall-tags-chessboards"

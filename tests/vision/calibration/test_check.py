@@ -15,7 +15,7 @@ from tests.vision.tracking.synthetic import Look, Robot, render
 from vsense.cli import main
 from vsense.monitor.recording import calibration_words
 from vsense.monitor.recording.form import ExperimentMessage
-from vsense.studies.report.facts import read_facts
+from vsense.studies.report._facts import read_facts
 from vsense.vision.calibration.checked import of_session
 from vsense.vision.calibration.frame import FrameShift
 from vsense.vision.cameras.camera import Camera

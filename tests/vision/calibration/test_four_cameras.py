@@ -16,12 +16,12 @@ import numpy as np
 import pytest
 
 from tests.rigs.places import DATA
+from vsense.vision.calibration._bundle import camera_of, lens_of
+from vsense.vision.calibration._placement import FloorReference
+from vsense.vision.calibration._rig import Rig, RigSolver, Trust
+from vsense.vision.calibration._solution import Solution, check_board
+from vsense.vision.calibration._views import BoardViews, View
 from vsense.vision.calibration.board import Board
-from vsense.vision.calibration.bundle import camera_of, lens_of
-from vsense.vision.calibration.placement import FloorReference
-from vsense.vision.calibration.rig import Rig, RigSolver, Trust
-from vsense.vision.calibration.solution import Solution, check_board
-from vsense.vision.calibration.views import BoardViews, View
 from vsense.vision.cameras.camera import Camera
 
 FOUR = DATA / "four-cameras"

@@ -12,13 +12,13 @@ import pytest
 from tests.rigs.places import DATA
 from tests.vision.calibration.ideal import BOARD, CAMERAS, SIZE, see
 from vsense.modes.lab.board_studio import board_at
+from vsense.vision.calibration._bundle import lens_of
+from vsense.vision.calibration._intrinsics import calibrate_lens, calibrate_lenses
+from vsense.vision.calibration._placement import first_lens, poses_in_camera
+from vsense.vision.calibration._solution import CalibrationError
+from vsense.vision.calibration._views import BoardViews, View
 from vsense.vision.calibration.board import Board, CornerFinder
-from vsense.vision.calibration.bundle import lens_of
 from vsense.vision.calibration.frame import BoardPose
-from vsense.vision.calibration.intrinsics import calibrate_lens, calibrate_lenses
-from vsense.vision.calibration.placement import first_lens, poses_in_camera
-from vsense.vision.calibration.solution import CalibrationError
-from vsense.vision.calibration.views import BoardViews, View
 
 CHESSBOARDS = DATA / "wall-tags-chessboards"
 CAMERA = CAMERAS[0]

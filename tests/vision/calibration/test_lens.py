@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.vision.calibration.ideal import CAMERAS
-from vsense.vision.calibration.bundle import camera_of, lens_of, project, undistorted
+from vsense.vision.calibration._bundle import camera_of, lens_of, project, undistorted
 from vsense.vision.calibration.frame import turn
 
 seeds = st.integers(0, 2**32 - 1)

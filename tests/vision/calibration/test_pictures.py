@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from vsense.base.errors import UsageError, VsenseError
-from vsense.vision.calibration.pictures import gather, inspect
+from vsense.vision.calibration._pictures import gather, inspect
 
 GREY = np.arange(48 * 64, dtype=np.uint8).reshape(48, 64)
 

@@ -7,12 +7,12 @@ import pytest
 
 from tests.vision.calibration.ideal import BOARD, CAMERAS, arena_errors_m
 from vsense.modes.lab.board_studio import BoardStudio, board_plan
+from vsense.vision.calibration._bundle import lens_of
+from vsense.vision.calibration._intrinsics import calibrate_lenses
+from vsense.vision.calibration._placement import FloorReference
+from vsense.vision.calibration._rig import Rig, RigSolver, Trust
+from vsense.vision.calibration._views import BoardViews, View
 from vsense.vision.calibration.board import CornerFinder
-from vsense.vision.calibration.bundle import lens_of
-from vsense.vision.calibration.intrinsics import calibrate_lenses
-from vsense.vision.calibration.placement import FloorReference
-from vsense.vision.calibration.rig import Rig, RigSolver, Trust
-from vsense.vision.calibration.views import BoardViews, View
 
 PLAN = board_plan(CAMERAS, BOARD, 12, 20, 3)
 POSES = dict(PLAN)

@@ -11,9 +11,9 @@ import pytest
 
 from tests.vision.calibration.ideal import BOARD, CAMERAS
 from vsense.base.canvas import Canvas, round_number
-from vsense.vision.calibration import report
-from vsense.vision.calibration.report import alarm, heat
-from vsense.vision.calibration.solution import Solution, ViewResult, bad_views, huber_limit_px, rms
+from vsense.vision.calibration import _report
+from vsense.vision.calibration._report import alarm, heat
+from vsense.vision.calibration._solution import Solution, ViewResult, bad_views, huber_limit_px, rms
 
 
 def view(camera: str, moment: str, size: float, used: bool = True) -> ViewResult:
@@ -38,7 +38,7 @@ SOLUTION = Solution(
 
 
 def test_numbers_are_those_of_the_views() -> None:
-    data = json.loads(json.dumps(report.as_json(SOLUTION, BOARD, None), allow_nan=False))
+    data = json.loads(json.dumps(_report.as_json(SOLUTION, BOARD, None), allow_nan=False))
     assert data["board"] == str(BOARD)
     assert data["cameras"]["cam_0_0"]["rms_px"] == pytest.approx(
         np.sqrt((0.01 + 0.04) / 2), abs=1e-4
@@ -50,7 +50,7 @@ def test_numbers_are_those_of_the_views() -> None:
 
 
 def test_lines_name_cameras_what_was_left_out_and_notes() -> None:
-    lines = report.as_text(SOLUTION, None)
+    lines = _report.as_text(SOLUTION, None)
     assert lines[0].split()[:3] == ["camera", "rms", "px"]
     assert lines[1].startswith("cam_0_0") and "±0.40 mm" in lines[1]
     assert any(line.startswith("left out: cam_0_1 second, 9.00 px") for line in lines)
@@ -58,12 +58,12 @@ def test_lines_name_cameras_what_was_left_out_and_notes() -> None:
 
 
 def test_picture_has_a_panel_per_camera_and_shows_larger_residuals_redder() -> None:
-    image = report.draw("title", "subtitle", SOLUTION, BOARD)
+    image = _report.draw("title", "subtitle", SOLUTION, BOARD)
     assert image.shape[0] > 900 and image.shape[1] > 1200 and image.dtype == np.uint8
     calm = replace(
         SOLUTION, views=tuple(replace(v, residuals=v.residuals * 0) for v in SOLUTION.views)
     )
-    quiet = report.draw("title", "subtitle", calm, BOARD)
+    quiet = _report.draw("title", "subtitle", calm, BOARD)
     assert quiet.shape == image.shape
     hue = [int((i[..., 2].astype(int) - i[..., 0] > 60).sum()) for i in (quiet, image)]
     assert hue[1] > hue[0]

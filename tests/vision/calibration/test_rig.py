@@ -17,12 +17,12 @@ from tests.vision.calibration.ideal import (
     shoot,
 )
 from vsense.base.errors import UsageError
-from vsense.vision.calibration.bundle import lens_of
+from vsense.vision.calibration._bundle import lens_of
+from vsense.vision.calibration._placement import FloorReference
+from vsense.vision.calibration._rig import Rig, RigSolver, Trust
+from vsense.vision.calibration._solution import CalibrationError, Solution, check_board
+from vsense.vision.calibration._views import BoardViews, View
 from vsense.vision.calibration.frame import BoardPose
-from vsense.vision.calibration.placement import FloorReference
-from vsense.vision.calibration.rig import Rig, RigSolver, Trust
-from vsense.vision.calibration.solution import CalibrationError, Solution, check_board
-from vsense.vision.calibration.views import BoardViews, View
 
 LENSES = {camera.id: lens_of(camera) for camera in CAMERAS}
 FLOOR = FloorReference(flat=("floor_*",), origin=ORIGIN)

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense.base.errors import ConfigError, UsageError
-from vsense.vision.calibration.placement import read_points, read_seen
-from vsense.vision.calibration.views import View, read_corners, write_corners
+from vsense.vision.calibration._placement import read_points, read_seen
+from vsense.vision.calibration._views import View, read_corners, write_corners
 
 names = st.text('abcdefghij_-0123456789 ,"', min_size=1, max_size=8).map(lambda t: f"a{t}z")
 pixels = st.floats(-10.0, 5000.0).map(lambda value: round(value, 4))

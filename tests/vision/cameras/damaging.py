@@ -22,7 +22,7 @@ from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, render
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.cameras.picture import Image, PictureError, decode, to_grey
 from vsense.vision.markers.families import load_family
-from vsense.vision.tracking.detector import make_detector
+from vsense.vision.tracking._detector import make_detector
 
 SIZE = (96, 72)
 CAMERA = Camera.looking_down("a", 0.0, 0.0, 0.6, 260.0, SIZE)

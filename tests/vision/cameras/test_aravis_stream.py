@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from vsense.vision.cameras import aravis_camera
+from vsense.vision.cameras import _aravis_camera
 
 
 @pytest.mark.parametrize(
@@ -21,7 +21,7 @@ def test_too_little_room_for_a_picture_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, said: str
 ) -> None:
     (tmp_path / "rmem_max").write_text(text)
-    monkeypatch.setattr(aravis_camera, "_MOST_WAITING", tmp_path / "rmem_max")
-    assert aravis_camera._scant(1_976_400) == said
-    monkeypatch.setattr(aravis_camera, "_MOST_WAITING", tmp_path / "nothing")
-    assert aravis_camera._scant(1_976_400) == ""
+    monkeypatch.setattr(_aravis_camera, "_MOST_WAITING", tmp_path / "rmem_max")
+    assert _aravis_camera._scant(1_976_400) == said
+    monkeypatch.setattr(_aravis_camera, "_MOST_WAITING", tmp_path / "nothing")
+    assert _aravis_camera._scant(1_976_400) == ""

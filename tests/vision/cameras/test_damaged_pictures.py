@@ -18,8 +18,8 @@ import pytest
 
 from tests.rigs.places import ROOT
 from tests.vision.cameras.damaging import damage
-from vsense.vision.cameras.live_grabber import LiveGrabber
-from vsense.vision.cameras.opencv_source import DeviceSource
+from vsense.vision.cameras._live_grabber import LiveGrabber
+from vsense.vision.cameras._opencv_source import DeviceSource
 from vsense.vision.cameras.picture import PictureError
 from vsense.vision.cameras.source import Controls, Shot
 

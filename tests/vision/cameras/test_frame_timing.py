@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense.vision.cameras.lateness import JUMP_NS, PICTURES, WINDOW, ClockMap, FrameTiming
+from vsense.vision.cameras._lateness import JUMP_NS, PICTURES, WINDOW, ClockMap, FrameTiming
 from vsense.vision.cameras.source import Shot
 
 MS = 1_000_000

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
+from vsense.vision.cameras._genicam import apply
 from vsense.vision.cameras.aravis import AravisError
-from vsense.vision.cameras.genicam import apply
 from vsense.vision.cameras.source import Controls, GenicamSettings
 
 OLD = {"ExposureTimeAbs": 100.0, "GainRaw": 3, "Width": 1024, "Height": 768, "OffsetX": 64,

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from vsense.base.errors import GrabberError
-from vsense.vision.cameras import opencv_source
-from vsense.vision.cameras.opencv_source import BUFFERS, DeviceSource
+from vsense.vision.cameras import _opencv_source
+from vsense.vision.cameras._opencv_source import BUFFERS, DeviceSource
 from vsense.vision.cameras.picture import PictureError
 from vsense.vision.cameras.source import Controls
 
@@ -311,10 +311,10 @@ def test_opencv_keeps_off_the_terminal(monkeypatch: pytest.MonkeyPatch, names: s
     levels: list[int] = []
     has = SimpleNamespace(setLogLevel=levels.append)
     module = has if names == "OpenCV 4" else SimpleNamespace(utils=SimpleNamespace(logging=has))
-    monkeypatch.setattr(opencv_source, "cv2", module)
+    monkeypatch.setattr(_opencv_source, "cv2", module)
     monkeypatch.delenv("OPENCV_FFMPEG_LOGLEVEL", raising=False)
     monkeypatch.setenv("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "7")
-    opencv_source.teach_opencv()
+    _opencv_source.teach_opencv()
     assert levels == [0]
     assert os.environ["OPENCV_FFMPEG_LOGLEVEL"] == "-8"
     assert os.environ["OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT"] == "7"

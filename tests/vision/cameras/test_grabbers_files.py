@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense.base.errors import GrabberError
+from vsense.vision.cameras._recordings import DirectoryRecording, VideoRecording
 from vsense.vision.cameras.picture import PictureError, decode, to_grey
-from vsense.vision.cameras.recordings import DirectoryRecording, VideoRecording
 
 
 def scene(seed: int = 0, shape: tuple[int, int] = (48, 64)) -> np.ndarray:

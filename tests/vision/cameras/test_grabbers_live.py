@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from vsense.base.errors import GrabberError
-from vsense.vision.cameras.live_grabber import LiveGrabber
-from vsense.vision.cameras.opencv_source import DeviceSource
+from vsense.vision.cameras._live_grabber import LiveGrabber
+from vsense.vision.cameras._opencv_source import DeviceSource
 from vsense.vision.cameras.picture import PictureError
 from vsense.vision.cameras.source import Controls, Shot
 

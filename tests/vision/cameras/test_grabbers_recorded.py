@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 
 from tests.rigs.places import DATA
 from vsense.base.errors import GrabberError, NoMorePictures
+from vsense.vision.cameras._paced_grabber import PacedGrabber
+from vsense.vision.cameras._recorded_grabber import RecordedGrabber, moments
+from vsense.vision.cameras._recordings import CaptureTime
 from vsense.vision.cameras.grabber import Grabber
-from vsense.vision.cameras.paced_grabber import PacedGrabber
 from vsense.vision.cameras.picture import PictureError
-from vsense.vision.cameras.recorded_grabber import RecordedGrabber, moments
-from vsense.vision.cameras.recordings import CaptureTime
 
 SIZE = (4, 3)
 MS = 1_000_000

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense.base.errors import ConfigError
+from vsense.vision.cameras._recordings import CaptureTime, at_rate, read_timestamps
 from vsense.vision.cameras.picture import natural_order
-from vsense.vision.cameras.recordings import CaptureTime, at_rate, read_timestamps
 
 
 def table(tmp_path: Path, text: str) -> Path:

@@ -11,7 +11,7 @@ from vsense.base.arena import DETECTION, UNNAMED, Frame
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.cameras.health import Agreement, CameraHealth, Health, Steadiness
 from vsense.vision.markers.families import load_family
-from vsense.vision.tracking.detector import make_detector
+from vsense.vision.tracking._detector import make_detector
 
 SIZE = (810, 610)
 CAMERA = Camera.looking_down("a", 0.0, 0.0, 2.4, 810.0, SIZE)

@@ -17,9 +17,9 @@ from vsense.vision.cameras.camera import Camera
 from vsense.vision.cameras.grabber import CameraEvent
 from vsense.vision.cameras.health import Health
 from vsense.vision.markers.families import load_family
+from vsense.vision.tracking._detector import make_detector
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 from vsense.vision.tracking.camera_tracking import CameraTracking
-from vsense.vision.tracking.detector import make_detector
 
 FAMILY = load_family("arrow4x4-thesis")
 PERIOD_S = 0.1

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from vsense.vision.cameras.networks import (
+from vsense.vision.cameras._networks import (
     BandwidthError,
     NetworkLoad,
     Stream,

@@ -12,9 +12,9 @@ import pytest
 
 from tests.rigs.scripted_camera import PERIOD_NS, SIZE, Script
 from vsense.base.errors import GrabberError
+from vsense.vision.cameras._live_camera import WHOLE
+from vsense.vision.cameras._live_grabber import LiveGrabber
 from vsense.vision.cameras.grabber import ENDS, Troubles
-from vsense.vision.cameras.live_camera import WHOLE
-from vsense.vision.cameras.live_grabber import LiveGrabber
 from vsense.vision.cameras.picture import PictureError
 from vsense.vision.cameras.source import SILENCE_S, Shot
 

@@ -6,7 +6,7 @@ import threading
 
 from vsense.base.clock import host_ns
 from vsense.base.errors import GrabberError
-from vsense.vision.cameras.live_grabber import SoftwareTrigger
+from vsense.vision.cameras._live_grabber import SoftwareTrigger
 
 
 class Camera:

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from tests.vision.markers.texture import draw_texture
 from tests.vision.tracking.real import DATA
-from vsense.vision.markers.dictionary import SquareFamily, load_codes
+from vsense.vision.markers._dictionary import SquareFamily, load_codes
 from vsense.vision.markers.families import FamilyError, load_family
 
 ARUCO = load_family("aruco_4x4_50")

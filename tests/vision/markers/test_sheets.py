@@ -21,13 +21,13 @@ from vsense.base.arena import UNNAMED, wrap_angle
 from vsense.base.errors import UsageError
 from vsense.config.experiment import load, read
 from vsense.vision.cameras.camera import Camera
+from vsense.vision.markers import _paper as pdf
+from vsense.vision.markers import _paper as raster
 from vsense.vision.markers import families, sheet
-from vsense.vision.markers import paper as pdf
-from vsense.vision.markers import paper as raster
+from vsense.vision.markers._paper import Fill, Page, Text
 from vsense.vision.markers.families import MarkerFamily, load_family
-from vsense.vision.markers.paper import Fill, Page, Text
 from vsense.vision.markers.sheet import in_words, shapes
-from vsense.vision.tracking.detector import make_detector
+from vsense.vision.tracking._detector import make_detector
 
 ARROW = load_family("arrow4x4")
 FAMILIES = ["arrow4x4", "arrow4x4-thesis", "aruco_4x4_50", "apriltag_36h11"]

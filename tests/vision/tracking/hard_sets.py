@@ -20,7 +20,7 @@ from vsense.base.arena import UNNAMED
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers import families
 from vsense.vision.markers.families import SquareFamily, load_family
-from vsense.vision.tracking.detector import make_detector
+from vsense.vision.tracking._detector import make_detector
 
 LENS = (-0.12, 0.02, 0.0, 0.0, 0.0)
 FAMILIES = ("arrow4x4", "arrow4x4-thesis", "aruco_4x4_50", "apriltag_36h11")

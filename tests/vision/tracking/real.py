@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from tests.rigs.places import DATA
-from vsense.vision.markers.dictionary import SquareFamily, load_codes
+from vsense.vision.markers._dictionary import SquareFamily, load_codes
 
 
 def grey(path: Path) -> np.ndarray:

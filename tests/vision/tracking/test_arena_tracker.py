@@ -14,9 +14,9 @@ from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, render
 from vsense.base.arena import DETECTION, UNNAMED, ArenaState, Frame
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import load_family
+from vsense.vision.tracking._workers import Picture
 from vsense.vision.tracking.arena_tracker import ArenaTracker, TrackingError
 from vsense.vision.tracking.marker_detector import Detected
-from vsense.vision.tracking.workers import Picture
 
 STEP_NS = 100_000_000
 SIZE = (64, 48)

@@ -11,10 +11,10 @@ from vsense.base.arena import DETECTION, Frame
 from vsense.base.errors import GrabberError, NoMorePictures
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.cameras.grabber import REPEATS, CameraEvent, Troubles
+from vsense.vision.tracking._workers import Picture
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 from vsense.vision.tracking.camera_tracking import CameraTracking
 from vsense.vision.tracking.marker_detector import Detected
-from vsense.vision.tracking.workers import Picture
 
 CAMERA = Camera.looking_down("top", 0.0, 0.0, 2.4, 400.0, (320, 240))
 CROWDED = "camera top: shows more dark things than the detector can hold: markers may be missed"

@@ -19,10 +19,10 @@ from vsense import cli
 from vsense.base.arena import ArenaState
 from vsense.base.errors import GrabberError
 from vsense.monitor.recording.pictures import PictureRecorder, one_tracker, write_session_files
+from vsense.vision.cameras._live_grabber import LiveGrabber
+from vsense.vision.cameras._recorded_grabber import undo_jumps
+from vsense.vision.cameras._recordings import CaptureTime
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.cameras.live_grabber import LiveGrabber
-from vsense.vision.cameras.recorded_grabber import undo_jumps
-from vsense.vision.cameras.recordings import CaptureTime
 from vsense.vision.cameras.source import Shot
 from vsense.vision.markers.families import load_family
 from vsense.vision.tracking.arena_tracker import ArenaTracker

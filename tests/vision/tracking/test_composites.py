@@ -13,7 +13,7 @@ from tests.vision.tracking.synthetic import HEIGHT_M, Robot
 from vsense.base.arena import UNNAMED, wrap_angle
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import load_family
-from vsense.vision.tracking.detector import make_detector
+from vsense.vision.tracking._detector import make_detector
 
 ARROW_TAGS = [31, 1843, 4334, 7167, 7488, 10084, 12689, 13103]
 ARROW_TAGS += [16011, 16577, 18425, 29783, 34415, 39011, 40223, 52447]

@@ -9,10 +9,10 @@ from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, render
 from vsense.base.arena import Frame, wrap_angle
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import load_family
+from vsense.vision.tracking._detector import make_detector
+from vsense.vision.tracking._outlines import turn_into_arena
+from vsense.vision.tracking._tracks import Limits
 from vsense.vision.tracking.arena_tracker import ArenaTracker
-from vsense.vision.tracking.detector import make_detector
-from vsense.vision.tracking.outlines import turn_into_arena
-from vsense.vision.tracking.tracks import Limits
 
 LENS = (-0.12, 0.02, 0.0, 0.0, 0.0)
 SIZE = (800, 600)

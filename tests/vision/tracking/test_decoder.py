@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from vsense.base.arena import UNNAMED
 from vsense.vision.markers.families import cell_blur, load_family, normal_share, outer_light
-from vsense.vision.tracking.naming import DecodedTag, Decoder
-from vsense.vision.tracking.outlines import nearest_blur
+from vsense.vision.tracking._naming import DecodedTag, Decoder
+from vsense.vision.tracking._outlines import nearest_blur
 
 ARROW = load_family("arrow4x4")
 ROSTER = [31, 1843, 4334, 7167, 7488, 10084, 12689, 13103]

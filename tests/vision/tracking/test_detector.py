@@ -10,11 +10,11 @@ import pytest
 
 from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, render
 from vsense.base.arena import UNNAMED, Frame, wrap_angle
+from vsense.vision.cameras._camera_array import CameraArray
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.cameras.camera_array import CameraArray
 from vsense.vision.markers.families import FamilyError, load_family
+from vsense.vision.tracking._detector import make_detector
 from vsense.vision.tracking.arena_tracker import ArenaTracker
-from vsense.vision.tracking.detector import make_detector
 
 ARROW = load_family("arrow4x4")
 ROSTER = [31, 1843, 4334, 7167, 7488, 10084, 12689, 13103]

@@ -14,8 +14,8 @@ from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, cell_corners,
 from vsense.base.arena import ArenaState, Frame
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import MarkerFamily, choose_tags, load_family
+from vsense.vision.tracking._prediction import SearchPlan
 from vsense.vision.tracking.arena_tracker import ArenaTracker
-from vsense.vision.tracking.prediction import SearchPlan
 
 CAMERA = Camera.looking_down("a", 0.0, 0.0, 2.43, 1620.0, (800, 600))
 SPOTS = [(x, y) for x in (-0.4, -0.13, 0.13, 0.4) for y in (-0.25, 0.0, 0.25)]

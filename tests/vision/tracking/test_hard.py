@@ -11,9 +11,9 @@ from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, render
 from vsense.base.arena import UNNAMED, Frame
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import MarkerFamily, choose_tags, load_family
+from vsense.vision.tracking._detector import make_detector
+from vsense.vision.tracking._prediction import SearchPlan
 from vsense.vision.tracking.arena_tracker import ArenaTracker
-from vsense.vision.tracking.detector import make_detector
-from vsense.vision.tracking.prediction import SearchPlan
 
 FAMILIES = ("arrow4x4", "arrow4x4-thesis")
 ROBOTS = 20

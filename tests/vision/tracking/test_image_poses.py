@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from vsense.base.arena import DETECTION, POSE, UNNAMED
+from vsense.vision.cameras._camera_array import CameraArray
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.cameras.camera_array import CameraArray
+from vsense.vision.tracking._views import image_poses, place_markers
 from vsense.vision.tracking.camera_tracking import ImagePoses
-from vsense.vision.tracking.views import image_poses, place_markers
 
 LENS = (-0.1, 0.02, 0.0, 0.0, 0.0)
 LEFT = Camera.looking_down("left", -1.0, 0.0, 2.5, 800.0, (640, 480), LENS)

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from vsense.vision.markers.families import load_family
-from vsense.vision.tracking.joining import Joining, Newcomer, UnlistedTags
-from vsense.vision.tracking.views import VIEW
+from vsense.vision.tracking._joining import Joining, Newcomer, UnlistedTags
+from vsense.vision.tracking._views import VIEW
 
 STEP_NS = 100_000_000
 ARROW, TAG36 = load_family("arrow4x4"), load_family("apriltag_36h11")

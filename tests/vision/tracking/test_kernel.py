@@ -16,7 +16,7 @@ from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, render
 from vsense.base.native import kernel_ffi
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import load_family
-from vsense.vision.tracking.kernel import MARKER, Kernel
+from vsense.vision.tracking._kernel import MARKER, Kernel
 
 ARROW = load_family("arrow4x4")
 LENS = (-0.12, 0.02, 0.001, -0.002, 0.003)

@@ -9,11 +9,11 @@ from tests.vision.tracking.synthetic import HARD, Look, Robot, render
 from vsense.base.arena import Frame
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import MarkerFamily, SquareFamily, load_family
+from vsense.vision.tracking._kernel import MARKER, Kernel
+from vsense.vision.tracking._prediction import SearchPlan
+from vsense.vision.tracking._rows import gather, join
+from vsense.vision.tracking._workers import LayeredKernel
 from vsense.vision.tracking.arena_tracker import ArenaTracker
-from vsense.vision.tracking.kernel import MARKER, Kernel
-from vsense.vision.tracking.prediction import SearchPlan
-from vsense.vision.tracking.rows import gather, join
-from vsense.vision.tracking.workers import LayeredKernel
 
 LENS = (-0.12, 0.02, 0.0, 0.0, 0.0)
 CAMERA = Camera.looking_down("top", 0.0, 0.0, 2.43, 1620.0, (800, 600), LENS)

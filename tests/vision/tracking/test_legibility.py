@@ -15,10 +15,10 @@ from vsense.config import tracking_session
 from vsense.tools.camera_setup.showing import save_picture
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers import families
-from vsense.vision.markers.dictionary import load_codes
+from vsense.vision.markers._dictionary import load_codes
 from vsense.vision.markers.families import MarkerFamily, SquareFamily, load_family
 from vsense.vision.tracking import opening
-from vsense.vision.tracking.detector import make_detector
+from vsense.vision.tracking._detector import make_detector
 from vsense.vision.tracking.marker_detector import cell_width, cell_width_seen
 from vsense.vision.tracking.opening import open_tracking
 

@@ -13,8 +13,8 @@ from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, cell_corners,
 from vsense.base.arena import Frame
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import MarkerFamily, SquareFamily, choose_tags, load_family
+from vsense.vision.tracking._marker_watch import UNREAD_S, MarkerWatch
 from vsense.vision.tracking.arena_tracker import ArenaTracker
-from vsense.vision.tracking.marker_watch import UNREAD_S, MarkerWatch
 
 CAMERA = Camera.looking_down("a", 0.0, 0.0, 2.43, 1400.0, (560, 420))
 PERIOD_S, TIMESTEPS = 0.25, 40

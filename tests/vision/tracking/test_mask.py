@@ -9,9 +9,9 @@ from tests.vision.tracking.synthetic import Look, Robot, render
 from vsense.base.arena import Frame
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import load_family
+from vsense.vision.tracking._prediction import MarkerSearch, SearchPlan
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 from vsense.vision.tracking.mask import Mask, MaskError, blocks_of, outlines_px
-from vsense.vision.tracking.prediction import MarkerSearch, SearchPlan
 from vsense.world.entities import Arena
 
 SQUARE = Mask(((0.0, 0.0), (2.0, 0.0), (2.0, 1.0), (0.0, 1.0)), 0.1)

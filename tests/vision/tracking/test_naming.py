@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from vsense.base.arena import UNNAMED
 from vsense.vision.markers.families import cell_blur, load_family
-from vsense.vision.tracking.kernel import MARKER
-from vsense.vision.tracking.naming import Decoder, carry_names, gather_evidence
-from vsense.vision.tracking.prediction import EXPECTED, Prediction
-from vsense.vision.tracking.rows import (
+from vsense.vision.tracking._kernel import MARKER
+from vsense.vision.tracking._naming import Decoder, carry_names, gather_evidence
+from vsense.vision.tracking._prediction import EXPECTED, Prediction
+from vsense.vision.tracking._rows import (
     NEAR_M,
     Rows,
     are_near,

@@ -9,7 +9,7 @@ import pytest
 from vsense.base.clock import host_ns
 from vsense.base.errors import ConfigError
 from vsense.config import tracking_session
-from vsense.vision.cameras import aravis, networks
+from vsense.vision.cameras import _networks, aravis
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.tracking.opening import open_tracking
 from vsense.vision.tracking.specs import TrackingSession
@@ -74,9 +74,9 @@ def test_more_than_the_network_carries_is_refused_with_the_sum(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(aravis, "_load", lambda: None)
-    monkeypatch.setattr(networks, "_interface", lambda address: "eth1")
+    monkeypatch.setattr(_networks, "_interface", lambda address: "eth1")
     monkeypatch.setattr(
-        networks.NetworkLoad.__init__, "__defaults__", (networks._interface, lambda i: 1e9)
+        _networks.NetworkLoad.__init__, "__defaults__", (_networks._interface, lambda i: 1e9)
     )
     text = refusal(session(folder, frame_rate="40"))
     assert text.startswith(
@@ -92,8 +92,8 @@ def test_one_device_for_two_cameras_is_refused(folder: Path) -> None:
 
 
 def test_one_camera_by_two_names_is_refused(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    one = networks.ListedCamera(
-        "Maker-Type-77", networks.GIGE, "192.0.2.1", "00:11", "Maker", "Type", "77"
+    one = _networks.ListedCamera(
+        "Maker-Type-77", _networks.GIGE, "192.0.2.1", "00:11", "Maker", "Type", "77"
     )
     monkeypatch.setattr(aravis, "_load", lambda: None)
     monkeypatch.setattr(aravis, "listed", lambda: [one])

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vsense.vision.markers.dictionary import FamilyError
+from vsense.vision.markers._dictionary import FamilyError
 from vsense.vision.markers.families import BLURS_U, load_family
-from vsense.vision.tracking.kernel import Kernel
-from vsense.vision.tracking.outlines import (
+from vsense.vision.tracking._kernel import Kernel
+from vsense.vision.tracking._outlines import (
     edge_sharpness,
     make_outline,
     nearest_blur,

@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense.base.arena import POSE, ArenaState
+from vsense.vision.cameras._camera_array import CameraArray
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.cameras.camera_array import CameraArray
-from vsense.vision.tracking.prediction import Prediction, SearchPlan
+from vsense.vision.tracking._prediction import Prediction, SearchPlan
 
 STEP_NS = 100_000_000
 CAMERA = Camera.looking_down("a", 0.0, 0.0, 2.43, 1620.0, (1620, 1220))

@@ -15,8 +15,8 @@ from tests.vision.tracking.hard_sets import FOCAL_PX, LENS, square_crowd, square
 from tests.vision.tracking.synthetic import HARD, HEIGHT_M, Look, Robot, render
 from vsense.base.arena import Frame
 from vsense.vision.cameras.camera import Camera
+from vsense.vision.tracking._kernel import Image, Kernel
 from vsense.vision.tracking.arena_tracker import ArenaTracker
-from vsense.vision.tracking.kernel import Image, Kernel
 
 FAMILY = square_family("apriltag_36h11")
 CAMERA = Camera.looking_down("c", 0.0, 0.0, 2.43, 0.59 * FOCAL_PX, (1000, 760), LENS)

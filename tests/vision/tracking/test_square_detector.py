@@ -12,10 +12,10 @@ from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, render
 from vsense.base.arena import Frame, wrap_angle
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import load_family
+from vsense.vision.tracking._detector import make_detector
+from vsense.vision.tracking._kernel import Kernel
+from vsense.vision.tracking._prediction import SearchPlan
 from vsense.vision.tracking.arena_tracker import ArenaTracker
-from vsense.vision.tracking.detector import make_detector
-from vsense.vision.tracking.kernel import Kernel
-from vsense.vision.tracking.prediction import SearchPlan
 
 ARUCO = load_family("aruco_4x4_50")
 ASKEW = replace(load_family("apriltag_36h11"), heading_deg=137.0, centre_mm=(2.0, -1.5))

@@ -10,10 +10,10 @@ import pytest
 from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, render
 from vsense.base.arena import UNNAMED, Frame, wrap_angle
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.markers.dictionary import SquareFamily
+from vsense.vision.markers._dictionary import SquareFamily
 from vsense.vision.markers.families import FamilyError, load_family
+from vsense.vision.tracking._detector import ArrowDetector, SquareDetector, make_detector
 from vsense.vision.tracking.arena_tracker import ArenaTracker
-from vsense.vision.tracking.detector import ArrowDetector, SquareDetector, make_detector
 from vsense.vision.tracking.squares import SQUARE, SquareFinder
 
 ARUCO = load_family("aruco_4x4_50")

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from vsense.vision.tracking._squares_edges import fit_local_corners, fit_sides, sample_grey
 from vsense.vision.tracking.squares import area, find_quads, lengths, noise_level
-from vsense.vision.tracking.squares_edges import fit_local_corners, fit_sides, sample_grey
 
 FINE = 16
 

@@ -14,8 +14,8 @@ from tests.vision.tracking.hard_sets import FOCAL_PX, LENS, square_crowd, square
 from tests.vision.tracking.synthetic import HARD, HEIGHT_M, Look, Robot, render
 from vsense.base.arena import UNNAMED
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.tracking.detector import make_detector
-from vsense.vision.tracking.workers import Picture, Workers
+from vsense.vision.tracking._detector import make_detector
+from vsense.vision.tracking._workers import Picture, Workers
 
 FAMILIES = ("aruco_4x4_50", "apriltag_36h11")
 LOOKS = {

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vsense.vision.markers.dictionary import Codes, FamilyError, load_codes
-from vsense.vision.tracking.squares_words import WordReader, project_squares
+from vsense.vision.markers._dictionary import Codes, FamilyError, load_codes
+from vsense.vision.tracking._squares_words import WordReader, project_squares
 
 CODES = load_codes("DICT_4X4_50")
 READER = WordReader(CODES)

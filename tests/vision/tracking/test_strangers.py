@@ -15,7 +15,7 @@ from vsense.vision.markers.families import (
     load_family,
     outer_light,
 )
-from vsense.vision.tracking.joining import could_be, unlisted_tag_reader
+from vsense.vision.tracking._joining import could_be, unlisted_tag_reader
 
 ARROW = load_family("arrow4x4")
 THESIS = load_family("arrow4x4-thesis")

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense.vision.tracking.tracks import Limits, RobotTracks
-from vsense.vision.tracking.views import VIEW
+from vsense.vision.tracking._tracks import Limits, RobotTracks
+from vsense.vision.tracking._views import VIEW
 
 STEP_NS = 100_000_000
 LIMITS = Limits()

@@ -15,9 +15,9 @@ from tests.vision.tracking.synthetic import Look, Robot, render
 from vsense import cli
 from vsense.base.errors import VsenseError
 from vsense.base.native import kernels
+from vsense.vision.cameras._recorded_grabber import RecordedGrabber
+from vsense.vision.cameras._recordings import DirectoryRecording
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.cameras.recorded_grabber import RecordedGrabber
-from vsense.vision.cameras.recordings import DirectoryRecording
 from vsense.vision.markers.families import load_family
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 from vsense.vision.tracking.camera_tracking import CameraTracking

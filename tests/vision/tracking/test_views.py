@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from vsense.base.arena import DETECTION, UNNAMED, wrap_angle
+from vsense.vision.cameras._camera_array import CameraArray
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.cameras.camera_array import CameraArray
-from vsense.vision.tracking.views import (
+from vsense.vision.tracking._views import (
     MERGE_M,
     VIEW,
     covariances,

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense.vision.tracking.workers import Workers
+from vsense.vision.tracking._workers import Workers
 
 
 @pytest.fixture

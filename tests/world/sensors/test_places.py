@@ -7,7 +7,7 @@ import pytest
 from tests.world.sensors.scenes import STEP_NS, arena_state, element, world_of
 from vsense.base.errors import ConfigError
 from vsense.world.entities import Box, Cylinder, Light, VirtualRobot, Zone
-from vsense.world.sensors import places
+from vsense.world.sensors import _places
 from vsense.world.sensors.base import Scope
 
 ENTITIES = {
@@ -20,8 +20,8 @@ ENTITIES = {
 SCOPE = Scope({"barrel_9_0": 9, "epuck_7_1": 7}, 0, entities=ENTITIES)
 
 
-def place(name: str, more: str = "") -> places.Place:
-    return places.from_xml(element(f'<s at="{name}" {more}/>'), SCOPE, "at")
+def place(name: str, more: str = "") -> _places.Place:
+    return _places.from_xml(element(f'<s at="{name}" {more}/>'), SCOPE, "at")
 
 
 def test_entities_are_where_they_stand() -> None:
@@ -51,7 +51,7 @@ def test_a_tagged_thing_is_where_it_was_seen_until_that_is_too_old() -> None:
 
 def test_a_robot_can_be_pointed_to_and_is_noted() -> None:
     scope = Scope({"epuck_7_1": 7}, 0)
-    robot = places.from_xml(element('<s at="epuck_7_1"/>'), scope, "at")
+    robot = _places.from_xml(element('<s at="epuck_7_1"/>'), scope, "at")
     assert robot.pose(world_of({7: (1, 2, 3)})) == (1, 2, 3)
     assert scope.named == {7}
 
@@ -60,11 +60,11 @@ def test_an_unknown_id_is_refused_with_what_there_is() -> None:
     with pytest.raises(ConfigError, match=r"<s> at:.*'gost'.*'ghost'"):
         place("gost")
     with pytest.raises(ConfigError, match=r"at:.*missing"):
-        places.from_xml(element("<s/>"), SCOPE, "at")
+        _places.from_xml(element("<s/>"), SCOPE, "at")
 
 
-def rectangle(corners: str) -> places.FixedPlace:
-    return places.rectangle_from_xml(element(f"<s {corners}/>"), "white")
+def rectangle(corners: str) -> _places.FixedPlace:
+    return _places.rectangle_from_xml(element(f"<s {corners}/>"), "white")
 
 
 def test_a_rectangle_stands_for_its_middle() -> None:

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.errors import UsageError
-from vsense.modes.lab.backdrop import FULL_DN
-from vsense.modes.lab.camera_spec import rig
-from vsense.modes.lab.optics import RayMap, Sensor, Window, blur, to_levels, vignetting
-from vsense.modes.lab.scene import Scene
+from vsense.modes.lab._backdrop import FULL_DN
+from vsense.modes.lab._camera_spec import rig
+from vsense.modes.lab._optics import RayMap, Sensor, Window, blur, to_levels, vignetting
+from vsense.modes.lab._scene import Scene
 from vsense.vision.calibration.board import Board, raster
 from vsense.vision.calibration.frame import BoardPose, turn
 from vsense.vision.cameras.camera import Camera, Image32

@@ -14,15 +14,15 @@ from vsense.base.errors import CutShort, UsageError, VsenseError
 from vsense.base.terminal import Console, interruption
 from vsense.config.specs import Experiment
 from vsense.modes import origin
-from vsense.modes.lab import calibrated, report
+from vsense.modes._several import Series
+from vsense.modes.lab import _report, calibrated
+from vsense.modes.lab._camera_spec import cameras_above
 from vsense.modes.lab.calibrated import CalibratedRig
-from vsense.modes.lab.camera_spec import cameras_above
 from vsense.modes.lab.hardware import EmulatedLab, told_all
 from vsense.modes.lab.session import Session
 from vsense.modes.live.opening import StagedOptions, check_ports, say_link, say_trust
 from vsense.modes.live.session import RunSetup
 from vsense.modes.options import say_warnings
-from vsense.modes.several import Series
 from vsense.monitor.pictures.run_figure import spoken
 from vsense.monitor.ui.room import ControlRoom
 from vsense.robots.link import keys
@@ -247,14 +247,14 @@ def report_run(
 ) -> dict[str, Any]:
     """Measures a run, writes and says its figures, and draws last; gives its summary."""
     notes = session.recordings[number - 1]
-    measured = report.gather(session, notes)
-    summary = report.summarise(session, number, measured)
-    say(report.table(summary))
+    measured = _report.gather(session, notes)
+    summary = _report.summarise(session, number, measured)
+    say(_report.table(summary))
     run_directory.write_summary(notes.directory, summary, on_stdout)
     if summary["unlogged_timesteps"]:
         say("no picture: the logs end before the run")
         return summary
     path = notes.directory / f"{session.experiment.name}.png"
-    report.draw(session, notes, measured, path)
+    _report.draw(session, notes, measured, path)
     say(f"picture: {path}")
     return summary

@@ -23,7 +23,7 @@ from vsense.base.arena import turned
 from vsense.base.errors import UsageError
 from vsense.config.roster_fields import MarkerOffset
 from vsense.config.specs import Experiment
-from vsense.modes.lab.real_sensors import SensorHardware, draw_sensors
+from vsense.modes.lab._real_sensors import SensorHardware, draw_sensors
 from vsense.world.physics.motion import AXLE_M, WHEEL_DIAMETER_MM
 
 Floats = NDArray[np.float64]

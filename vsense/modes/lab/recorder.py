@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from vsense.base.arena import Frame
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment
-from vsense.modes.lab.camera_spec import LabCameraSpec, spec_for
-from vsense.modes.lab.optics import sample_times_ns
-from vsense.modes.lab.renderer import Studio
+from vsense.modes.lab._camera_spec import LabCameraSpec, spec_for
+from vsense.modes.lab._optics import sample_times_ns
+from vsense.modes.lab._renderer import Studio
 from vsense.monitor.recording.pictures import (
     PictureRecorder,
     PictureRecordingError,

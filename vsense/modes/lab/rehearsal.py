@@ -17,9 +17,9 @@ from threading import Event
 from vsense.base.clock import host_ns
 from vsense.base.terminal import printable
 from vsense.config.specs import Experiment
+from vsense.modes.lab._physics_process import FloorProcess
+from vsense.modes.lab._swarm import Swarm
 from vsense.modes.lab.hardware import EmulatedRadio
-from vsense.modes.lab.physics_process import FloorProcess
-from vsense.modes.lab.swarm import Swarm
 from vsense.modes.lab.truth import TruthReader, make_ring
 from vsense.robots import build
 from vsense.robots.link.keys import SwarmKeys

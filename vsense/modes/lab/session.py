@@ -15,14 +15,14 @@ from vsense.base.errors import VsenseError
 from vsense.base.shared import LabError
 from vsense.config.casting import Pair
 from vsense.config.specs import Experiment
+from vsense.modes.lab._camera_spec import robot_body, spec_for
+from vsense.modes.lab._canary import Canary
+from vsense.modes.lab._grabber import LabGrabber
+from vsense.modes.lab._metrics import TrackingTally
+from vsense.modes.lab._physics_process import FloorProcess
+from vsense.modes.lab._swarm import Robot, Swarm
 from vsense.modes.lab.calibrated import CalibratedRig
-from vsense.modes.lab.camera_spec import robot_body, spec_for
-from vsense.modes.lab.canary import Canary
-from vsense.modes.lab.grabber import LabGrabber
 from vsense.modes.lab.hardware import NOMINAL, EmulatedLab, LabRobots, to_markers
-from vsense.modes.lab.metrics import TrackingTally
-from vsense.modes.lab.physics_process import FloorProcess
-from vsense.modes.lab.swarm import Robot, Swarm
 from vsense.modes.lab.truth import TruthReader, make_ring
 from vsense.modes.live.session import PATIENCE_S, ExperimentSession, RunSetup
 from vsense.monitor.pictures.run_samples import RunSamples

@@ -13,6 +13,8 @@ from vsense.base.terminal import interruption, print_data
 from vsense.config.roster_fields import MarkerOffset
 from vsense.config.specs import Experiment
 from vsense.modes import origin
+from vsense.modes._several import Series
+from vsense.modes.live._talk import told_of
 from vsense.modes.live.opening import (
     StagedOptions,
     check_ports,
@@ -25,9 +27,7 @@ from vsense.modes.live.opening import (
 )
 from vsense.modes.live.run import OneRun
 from vsense.modes.live.session import PATIENCE_S, RunSession, RunSetup
-from vsense.modes.live.talk import told_of
 from vsense.modes.options import say_warnings
-from vsense.modes.several import Series
 from vsense.monitor.ui.room import ControlRoom
 from vsense.robots.link.keys import LinkTrust
 from vsense.run import directory as run_directory

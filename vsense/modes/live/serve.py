@@ -15,8 +15,8 @@ from vsense.base.arena import ArenaState, Frame
 from vsense.base.clock import host_ns
 from vsense.base.terminal import Console, interruption
 from vsense.config import tracking_session
-from vsense.modes.live.runs import RunPictures, begin_recording
-from vsense.modes.live.talk import Talk
+from vsense.modes.live._runs import RunPictures, begin_recording
+from vsense.modes.live._talk import Talk
 from vsense.modes.live.track import SILENCE_S, Timesteps, timesteps
 from vsense.monitor.ui.access import is_loopback
 from vsense.robots.link.trackers.server import ArenaServer

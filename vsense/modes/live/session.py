@@ -14,8 +14,8 @@ from vsense.base.sharing import user_name
 from vsense.base.terminal import Console, Interruption, Level
 from vsense.config.casting import Pair
 from vsense.config.specs import Experiment
-from vsense.modes.live.sources import SteadySource, open_source
-from vsense.modes.live.steering import RunSteering, SessionCallbacks
+from vsense.modes.live._sources import SteadySource, open_source
+from vsense.modes.live._steering import RunSteering, SessionCallbacks
 from vsense.monitor.ui.access import is_loopback
 from vsense.monitor.ui.messages import ExperimentFacts
 from vsense.monitor.ui.room import ControlRoom

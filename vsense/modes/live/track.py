@@ -18,8 +18,8 @@ from vsense.base.clock import host_ns
 from vsense.base.errors import GrabberError, NoMorePictures, UsageError, VsenseError, failing_as
 from vsense.base.terminal import Console, Interruption, drop_output, interruption
 from vsense.config import tracking_session
-from vsense.modes.live.runs import RunPictures, Runs, begin_recording
-from vsense.modes.live.talk import Talk, told_of
+from vsense.modes.live._runs import RunPictures, Runs, begin_recording
+from vsense.modes.live._talk import Talk, told_of
 from vsense.modes.live.track_room import TrackRoom, name_of
 from vsense.monitor.pictures import snapshot
 from vsense.monitor.ui.access import FoxgloveAddress, WebAddress

@@ -16,7 +16,7 @@ from vsense.base.arena import ArenaState, Frame, arena_data
 from vsense.base.clock import host_ns
 from vsense.base.files import free_bytes
 from vsense.base.sharing import user_name
-from vsense.modes.live.runs import Runs
+from vsense.modes.live._runs import Runs
 from vsense.monitor.recording.form import Data, ExperimentMessage, RunMessage
 from vsense.monitor.ui import keyboard, messages
 from vsense.monitor.ui.control_socket import TRACKER

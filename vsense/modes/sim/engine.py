@@ -2,7 +2,7 @@
 
 The engine schedules, retries and moves data. Here jobs are handed to it and its answers taken back
 (`Engine`), and here is what its workers do with a job (`do`): each looks whether it can, and has a
-process do it. The process is `vsense.modes.sim.worker`, as on the user's own machine: users' code
+process do it. The process is `vsense.modes.sim._worker`, as on the user's own machine: users' code
 never runs in the worker itself, and what crashes or hangs is told by numbers. A process starts in
 most of a second; so one that has done its job waits a moment for the next.
 """

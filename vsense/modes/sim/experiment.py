@@ -12,7 +12,7 @@ from vsense.base.errors import Interrupted, VsenseError
 from vsense.base.terminal import Console, Interruption, interruption, print_data
 from vsense.config.specs import Experiment
 from vsense.modes import origin
-from vsense.modes.lab.metrics import swarm_rows
+from vsense.modes.lab._metrics import swarm_rows
 from vsense.modes.options import ExperimentOptions, choose_seed, say_warnings
 from vsense.modes.sim.job import Job, Setup
 from vsense.modes.sim.outcome import Task, libraries_of
@@ -24,8 +24,8 @@ from vsense.run.directory import LOGGED, TRAJECTORY
 from vsense.run.environment import MOST_SEED
 
 if TYPE_CHECKING:
-    from vsense.modes.sim.room import SimRoom
-    from vsense.modes.sim.watched import WatchedRuns
+    from vsense.modes.sim._room import SimRoom
+    from vsense.modes.sim._watched import WatchedRuns
     from vsense.monitor.ui.access import FoxgloveAddress, WebAddress
     from vsense.monitor.ui.room import RoomOptions
 
@@ -134,9 +134,9 @@ class _SingleRun:
             are there all the same; as of the newest run's failure.
         """
         # These need the extra `web`.
-        from vsense.modes.several import Series
-        from vsense.modes.sim.room import SimRoom
-        from vsense.modes.sim.watched import WatchedRuns
+        from vsense.modes._several import Series
+        from vsense.modes.sim._room import SimRoom
+        from vsense.modes.sim._watched import WatchedRuns
         from vsense.monitor.ui.room import ControlRoom
 
         options, output = self.options, self.options.experiment.output

@@ -11,9 +11,9 @@ from typing import Any
 from vsense.base.errors import VsenseError
 from vsense.base.processes import describe_exit
 from vsense.config.specs import Experiment
+from vsense.modes.sim._record import EventLog
+from vsense.modes.sim._simulation import LOOP_FUNCTION, WARM_UP
 from vsense.modes.sim.job import Job
-from vsense.modes.sim.record import EventLog
-from vsense.modes.sim.simulation import LOOP_FUNCTION, WARM_UP
 from vsense.robots.inprocess import SimError
 from vsense.robots.loop_library import FUNCTIONS
 from vsense.run.directory import LOGGED
@@ -22,7 +22,7 @@ from vsense.run.programs import LOADING, LOADING_LOOP, shared_objects
 Answer = dict[str, Any]
 """What became of a job, as numbers and texts that travel between machines. One of
 
-    {"result": {...}}                     see `vsense.modes.sim.worker.simulate`
+    {"result": {...}}                     see `vsense.modes.sim._worker.simulate`
     {"error": "...", "exit_code": 1}      what a user can mend
     {"refused": "..."}                    it cannot be done on that machine
     {"status": 139}                       how the run's process ended, as of `os.waitpid`
@@ -53,7 +53,7 @@ class Task:
         return f"{self.label}: {words}" if self.label else words
 
     def result(self, answer: Answer) -> dict[str, Any]:
-        """Gives the result in an answer to the job: that of `vsense.modes.sim.worker.simulate`.
+        """Gives the result in an answer to the job: that of `vsense.modes.sim._worker.simulate`.
 
         Raises:
             VsenseError: what went wrong, and where; it stands among the run's events, too.

@@ -15,8 +15,8 @@ from typing import Any, Generic, Protocol, TypeVar
 from vsense.base.errors import Interrupted
 from vsense.base.processes import start_module
 from vsense.base.shared import SharedBlock
+from vsense.modes.sim._simulation import WARM_UP
 from vsense.modes.sim.outcome import Answer, Task
-from vsense.modes.sim.simulation import WARM_UP
 from vsense.run.programs import PROGRESS_BYTES
 
 POLL_S = 0.1
@@ -48,7 +48,7 @@ class WorkerProcess(Generic[Named]):
         descriptor = os.open(self._block.name, os.O_RDWR)
         try:
             self._process, self._jobs, self.answers = start_module(
-                "vsense.modes.sim.worker",
+                "vsense.modes.sim._worker",
                 *map(str, shared := [descriptor] if page is None else [descriptor, page]),
                 pass_fds=shared,
                 # A run keeps one processor busy; threads of libraries only get in each other's way.

@@ -15,9 +15,9 @@ from typing import Any
 import cv2
 
 from vsense.base.message_bus import Message
-from vsense.monitor.foxglove import pictures, scene, schemas, shapes
-from vsense.monitor.foxglove.pictures import ShownScale
-from vsense.monitor.foxglove.shapes import ARENA, Data
+from vsense.monitor.foxglove import _pictures, _scene, _schemas, _shapes
+from vsense.monitor.foxglove._pictures import ShownScale
+from vsense.monitor.foxglove._shapes import ARENA, Data
 from vsense.vision.cameras.camera import Camera, CameraError
 
 PICTURE = "/picture/"
@@ -28,10 +28,10 @@ CALIBRATION, ANNOTATIONS = "/calibration/", "/annotations/"
 MEASURES = "/measures"
 
 _SCHEMAS = {
-    TF: schemas.FRAMES, TF_CAMERAS: schemas.FRAMES, POSES: schemas.POSES, WORLD: schemas.SCENE,
-    ROBOTS: schemas.SCENE, LEDS: schemas.SCENE, CONES: schemas.SCENE, FLOOR: schemas.GRID,
-    FIELD: schemas.GRID, LOG: schemas.LOG, CALIBRATION: schemas.CALIBRATION,
-    ANNOTATIONS: schemas.ANNOTATIONS, MEASURES: schemas.MEASURES,
+    TF: _schemas.FRAMES, TF_CAMERAS: _schemas.FRAMES, POSES: _schemas.POSES, WORLD: _schemas.SCENE,
+    ROBOTS: _schemas.SCENE, LEDS: _schemas.SCENE, CONES: _schemas.SCENE, FLOOR: _schemas.GRID,
+    FIELD: _schemas.GRID, LOG: _schemas.LOG, CALIBRATION: _schemas.CALIBRATION,
+    ANNOTATIONS: _schemas.ANNOTATIONS, MEASURES: _schemas.MEASURES,
 }  # fmt: skip
 
 _SOURCES: Mapping[str, frozenset[str]] = {
@@ -172,7 +172,7 @@ class Channels:
     def _of_cameras(self, message: Message) -> Iterator[Derived]:
         utc_ns = message.time_ns + self._shift_ns
         if self._cameras:
-            frames = [pictures.frame(camera, utc_ns) for camera in self._cameras.values()]
+            frames = [_pictures.frame(camera, utc_ns) for camera in self._cameras.values()]
             yield self._made(TF_CAMERAS, message, {"transforms": frames})
         for name in self._cameras:
             yield self._lens(name, message)
@@ -180,7 +180,7 @@ class Channels:
     def _lens(self, camera: str, message: Message) -> Derived:
         shown = self._shown.get(camera, ShownScale())
         utc_ns = message.time_ns + self._shift_ns
-        data = pictures.calibration(self._cameras[camera], shown, utc_ns)
+        data = _pictures.calibration(self._cameras[camera], shown, utc_ns)
         return self._made(CALIBRATION + camera, message, data)
 
     def _of_picture(self, message: Message) -> Iterator[Derived]:
@@ -196,10 +196,10 @@ class Channels:
         self._virtual = [thing for thing in entities if thing["kind"] == "robot"]
         if self._wants(WORLD):
             utc_ns = message.time_ns + self._shift_ns
-            yield self._made(WORLD, message, scene.world(data, self._arena, utc_ns))
+            yield self._made(WORLD, message, _scene.world(data, self._arena, utc_ns))
         floor = data.get("floor") or {}
         key = [floor.get(name) for name in ("png", "size_m", "centre_m")]
-        yield from self._if_new(FLOOR, key, message, lambda utc_ns: scene.floor(floor, utc_ns))
+        yield from self._if_new(FLOOR, key, message, lambda utc_ns: _scene.floor(floor, utc_ns))
 
     def _of_arena(self, message: Message) -> Iterator[Derived]:
         robots, utc_ns = message.data["robots"], message.time_ns + self._shift_ns
@@ -209,15 +209,15 @@ class Channels:
             frames = [_transform(utc_ns, *row) for row in (*zip(*columns), *virtual)]
             yield self._made(TF, message, {"transforms": frames})
         if self._wants(POSES):
-            poses = [shapes.pose((x, y, 0.0), yaw) for _, x, y, yaw in zip(*columns)]
-            data = {"timestamp": shapes.stamp(utc_ns), "frame_id": ARENA, "poses": poses}
+            poses = [_shapes.pose((x, y, 0.0), yaw) for _, x, y, yaw in zip(*columns)]
+            data = {"timestamp": _shapes.stamp(utc_ns), "frame_id": ARENA, "poses": poses}
             yield self._made(POSES, message, data)
         seen = {int(tag): bool(now) for tag, now in zip(robots["tag"], robots["seen"])}
         heights_m = self._heights_of(seen)
         known = self._names, self._objects, heights_m
         yield from self._if_new(
             *(ROBOTS, (seen, *known), message),
-            lambda utc_ns: scene.robots(seen, *known, utc_ns),
+            lambda utc_ns: _scene.robots(seen, *known, utc_ns),
         )
         yield from self._of_images(message)
 
@@ -235,7 +235,7 @@ class Channels:
                 continue
             rows = [row for row, which in enumerate(images["camera"]) if which == place]
             own = {name: [column[row] for row in rows] for name, column in images.items()}
-            data = pictures.marks(
+            data = _pictures.marks(
                 *(self._cameras[camera], own, self._names, self._heights_of(own["tag"])),
                 *(self._shown.get(camera, ShownScale()), message.time_ns + self._shift_ns),
             )
@@ -249,7 +249,7 @@ class Channels:
         if measures and self._wants(MEASURES):
             values = [{"label": n, "value": v} for n, v in measures.items() if v is not None]
             yield self._made(MEASURES, message, {"values": values})
-        yield from self._if_new(CONES, cones, message, lambda utc_ns: scene.cones(cones, utc_ns))
+        yield from self._if_new(CONES, cones, message, lambda utc_ns: _scene.cones(cones, utc_ns))
 
     def _of_robots(self, message: Message) -> Iterator[Derived]:
         data = message.data
@@ -258,14 +258,14 @@ class Channels:
 
     def _of_leds(self, message: Message) -> Iterator[Derived]:
         lit, colors = self._lit, self._colors
-        make = lambda utc_ns: scene.leds(lit, colors, utc_ns)  # noqa: E731
+        make = lambda utc_ns: _scene.leds(lit, colors, utc_ns)  # noqa: E731
         yield from self._if_new(LEDS, (lit, colors), message, make)
 
     def _of_fields(self, message: Message) -> Iterator[Derived]:
         for field in message.data["fields"]:
             topic = FIELD + str(field["id"])
             if self._wants(topic):
-                data = scene.field(field, message.time_ns + self._shift_ns)
+                data = _scene.field(field, message.time_ns + self._shift_ns)
                 yield self._made(topic, message, data)
 
     def _of_event(self, message: Message) -> Iterator[Derived]:
@@ -277,11 +277,11 @@ class Channels:
         yield self._line(message, _LEVELS["warning"], f"not whole: {message.data['why']}", "vsense")
 
     def _line(self, message: Message, level: int, text: str, name: str) -> Derived:
-        stamp = shapes.stamp(message.time_ns + self._shift_ns)
+        stamp = _shapes.stamp(message.time_ns + self._shift_ns)
         data = {"timestamp": stamp, "level": level, "message": text, "name": name}
         return self._made(LOG, message, {**data, "file": "", "line": 0})
 
 
 def _transform(utc_ns: int, tag: int, x_m: float, y_m: float, yaw_rad: float) -> Data:
-    frame, turn = shapes.robot_frame(tag), shapes.yaw_turn(yaw_rad)
-    return shapes.transform(utc_ns, ARENA, frame, (x_m, y_m, 0.0), turn)
+    frame, turn = _shapes.robot_frame(tag), _shapes.yaw_turn(yaw_rad)
+    return _shapes.transform(utc_ns, ARENA, frame, (x_m, y_m, 0.0), turn)

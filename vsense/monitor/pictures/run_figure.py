@@ -18,13 +18,13 @@ from vsense.base.arena import Frame
 from vsense.base.canvas import GRID, INK, MUTED, SCALE, Canvas, Colour, Floats, Image, width_of
 from vsense.base.errors import VsenseError
 from vsense.config.specs import Experiment
-from vsense.monitor.pictures import arena_view
-from vsense.monitor.pictures.arena_view import WIDTH_PX
-from vsense.monitor.pictures.camera_view import CameraGrid
+from vsense.monitor.pictures import _arena_view
+from vsense.monitor.pictures._arena_view import WIDTH_PX
+from vsense.monitor.pictures._camera_view import CameraGrid
+from vsense.monitor.pictures._scene import CONE, DARK, LIT, ArenaMoment
+from vsense.monitor.pictures._stitch import Shade, TopView
+from vsense.monitor.pictures._world_snapshot import WorldSnapshot
 from vsense.monitor.pictures.run_samples import RunSamples
-from vsense.monitor.pictures.scene import CONE, DARK, LIT, ArenaMoment
-from vsense.monitor.pictures.stitch import Shade, TopView
-from vsense.monitor.pictures.world_snapshot import WorldSnapshot
 from vsense.vision.cameras.camera import Camera
 from vsense.world.entities import Arena
 
@@ -91,7 +91,7 @@ def draw(run: RunFigure, heading: str, subtitle: str) -> Image:
     Returns an (h, w, 3) BGR image.
     """
     moments, curves = _moments(run), charts(run)
-    panels = [arena_view.draw(scene) for scene, _ in moments]
+    panels = [_arena_view.draw(scene) for scene, _ in moments]
     height = panels[0].shape[0] // SCALE
     width = MARGIN + (WIDTH_PX + MARGIN) * len(panels)
     rows = [grid for _, grid in moments if grid is not None]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.config.specs import Experiment
-from vsense.monitor.pictures.world_snapshot import WorldSnapshot, take_snapshot
+from vsense.monitor.pictures._world_snapshot import WorldSnapshot, take_snapshot
 from vsense.world.world import World
 
 SPARE = 3

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from vsense.base.arena import UNNAMED, ArenaState, Frame
 from vsense.base.canvas import FONT, INK, MUTED, Canvas, Colour, Floats, Image
-from vsense.monitor.pictures.camera_view import as_they_hang, levels_of, lightened
-from vsense.monitor.pictures.projections import ThroughLens
+from vsense.monitor.pictures._camera_view import as_they_hang, levels_of, lightened
+from vsense.monitor.pictures._projections import ThroughLens
 from vsense.vision.cameras.camera import Camera
 
 PANEL_PX = 960

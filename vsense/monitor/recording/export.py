@@ -111,7 +111,7 @@ def _video(
     console: Console,
     interrupted: Interruption,
 ) -> Exported | None:
-    from vsense.monitor.recording.video import Video, VideoPlan
+    from vsense.monitor.recording._video import Video, VideoPlan
 
     with interrupted.at_once():
         film = Video(opened, VideoPlan(**asked))

@@ -20,7 +20,7 @@ import numpy as np
 from vsense.base.arena import IMAGE_POSE, POSE, SIGHTING
 from vsense.base.errors import VsenseError
 from vsense.base.message_bus import Message
-from vsense.monitor.foxglove import schemas, shapes
+from vsense.monitor.foxglove import _schemas, _shapes
 
 PROFILE = "vsense"
 FORMAT = (1, 2)
@@ -111,7 +111,7 @@ def encode(message: Message, utc_shift_ns: int) -> bytes:
     sec, nsec = divmod(max(capture_ns + utc_shift_ns, 0), 1_000_000_000)
     picture = {
         "timestamp": {"sec": sec, "nsec": nsec},
-        "frame_id": shapes.camera_frame(str(message.data.get("camera", message.topic))),
+        "frame_id": _shapes.camera_frame(str(message.data.get("camera", message.topic))),
         "format": str(message.data.get("format", "")),
     }
     opened = _ENCODER.encode(picture).encode()[:-1]
@@ -388,7 +388,7 @@ RUN_TOPICS = tuple(topic for topic in _TOPICS if topic not in (GAP, TRACKER))
 def schema(topic: str, blob: bool) -> tuple[str, bytes]:
     """Gives name and JSON schema of a channel; with blobs Foxglove takes them for pictures."""
     if blob:
-        name, text = schemas.IMAGE, "A picture; `vsense` is the message's own data."
+        name, text = _schemas.IMAGE, "A picture; `vsense` is the message's own data."
         known: Fields = {"timestamp": _TIME, "frame_id": _TEXT, "data": _BYTES, "format": _TEXT}
     else:
         name = f"vsense{topic.replace('/', '.')}"

@@ -12,8 +12,8 @@ from typing import Any
 
 from vsense.base.errors import failing_as
 from vsense.base.message_bus import Message
+from vsense.monitor.foxglove._layout import as_text, layout
 from vsense.monitor.foxglove.channels import Channels
-from vsense.monitor.foxglove.layout import as_text, layout
 from vsense.monitor.recording.form import PICTURE, ExperimentMessage, RecordingError
 from vsense.monitor.recording.reader import Recording
 from vsense.monitor.recording.writer import RecordingWriter

@@ -10,8 +10,8 @@ from typing import Any, BinaryIO
 from vsense.base.errors import failing_as
 from vsense.base.files import open_bytes
 from vsense.base.message_bus import Message
-from vsense.monitor.recording import chunks, form
-from vsense.monitor.recording.chunks import ChunkPlace, Contents, DamagedError, Kept, Raw, scan
+from vsense.monitor.recording import _chunks, form
+from vsense.monitor.recording._chunks import ChunkPlace, Contents, DamagedError, Kept, Raw, scan
 from vsense.monitor.recording.form import RecordingError
 
 Choice = Collection[str] | Callable[[str], bool] | None
@@ -160,7 +160,7 @@ class Recording:
             content = self._file.read(place.length)
         inside: set[int] = set()
         try:
-            for raw in chunks.walk(content, self._channels):
+            for raw in _chunks.walk(content, self._channels):
                 inside.add(raw.channel)
                 yield raw
         except DamagedError:

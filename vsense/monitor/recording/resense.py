@@ -25,7 +25,7 @@ from vsense.config.casting import Casting
 from vsense.config.experiment import first_robots, read
 from vsense.config.placement import StartPlaces, settle
 from vsense.config.specs import Experiment, Stage
-from vsense.monitor.recording import form, senses
+from vsense.monitor.recording import _senses, form
 from vsense.monitor.recording.form import ExperimentMessage, RecordingError
 from vsense.monitor.recording.reader import Recording
 from vsense.robots.link.table import Direction
@@ -209,7 +209,7 @@ class Resensing:
 
     def _step(self, deeds: Mapping[str, Any]) -> int:
         """Makes a timestep of the world again, and compares its readings."""
-        given, timestep = senses.given_deeds(deeds), deeds["timestep"]
+        given, timestep = _senses.given_deeds(deeds), deeds["timestep"]
         run_timestep: int = deeds["run_timestep"]
         state, readings = self._states.pop(timestep, None), self._readings.pop(timestep, None)
         environment, done = self._environment, self._count
@@ -235,7 +235,7 @@ class Resensing:
         run_timestep: int,
     ) -> None:
         entries = environment.entries(Direction.SENSOR)
-        now = senses.readings(entries, sensed, before["timestep"], before["capture_ns"])
+        now = _senses.readings(entries, sensed, before["timestep"], before["capture_ns"])
         rows = {tag: row for row, tag in enumerate(before["tag"])}
         for at, tag in enumerate(now["tag"]):
             row = rows[tag]

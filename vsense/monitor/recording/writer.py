@@ -18,7 +18,7 @@ from mcap.writer import CompressionType, Writer
 
 from vsense import __version__
 from vsense.base.message_bus import Message
-from vsense.monitor.foxglove import schemas
+from vsense.monitor.foxglove import _schemas
 from vsense.monitor.foxglove.channels import Derived
 from vsense.monitor.recording import form
 from vsense.monitor.recording.form import Head, RecordingError
@@ -192,7 +192,7 @@ class RecordingWriter:
         name = derived.schema
         key = derived.topic, name
         if key not in self._channels:
-            text = schemas.text(name)
+            text = _schemas.text(name)
             self._channels[key] = self._declare(derived.topic, name, text, {form.DERIVED: "yes"})
         self._add(self._channels[key], derived.time_ns, form.encode_data(derived.data))
 

@@ -18,7 +18,7 @@ import numpy as np
 from vsense.base.arena import ArenaState, Frame, arena_data
 from vsense.base.clock import host_ns, pace
 from vsense.base.message_bus import Message, MessageBus
-from vsense.monitor.recording import senses
+from vsense.monitor.recording import _senses
 from vsense.monitor.recording.form import DEEDS, ORDERS, PARTS, PICTURE, SETTINGS, Data, RunMessage
 from vsense.monitor.ui import messages
 from vsense.monitor.ui.messages import ExperimentFacts
@@ -190,7 +190,7 @@ class Publisher:
         given = step.given
         if given is not None:
             numbers = step.timestep, step.run_timestep
-            self._bus.notify(DEEDS, step.sent_ns, lambda: senses.deeds(given, *numbers))
+            self._bus.notify(DEEDS, step.sent_ns, lambda: _senses.deeds(given, *numbers))
 
     def _note(self, done: CarriedOut) -> None:
         """Publishes a change of the world."""
@@ -202,7 +202,7 @@ class Publisher:
         def tell(topic: str, tags: Sequence[int]) -> None:
             def data() -> Data:
                 chosen = {tag: sent[tag] for tag in tags}
-                return senses.readings(self._sensors, chosen, step.timestep, step.capture_ns)
+                return _senses.readings(self._sensors, chosen, step.timestep, step.capture_ns)
 
             self._bus.notify(topic, step.sent_ns, data)
 

@@ -16,7 +16,7 @@ from vsense.monitor.recording.form import Data
 
 if TYPE_CHECKING:
     from vsense.config.specs import MarkerSpec
-    from vsense.monitor.recording.recorder import Recorder
+    from vsense.monitor.recording._recorder import Recorder
     from vsense.vision.tracking.camera_tracking import CameraTracking
     from vsense.vision.tracking.specs import TrackingSession
 
@@ -191,7 +191,7 @@ class Recorders:
             return False
         try:
             recording.require()
-            from vsense.monitor.recording.recorder import Recorder
+            from vsense.monitor.recording._recorder import Recorder
 
             recorder = Recorder(self._bus, self._path, self._pictures, self._tell)
         except VsenseError as error:

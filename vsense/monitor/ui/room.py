@@ -21,22 +21,22 @@ from vsense.base.terminal import Console, Level
 from vsense.monitor import recording
 from vsense.monitor.recording.form import Data
 from vsense.monitor.ui import keyboard
-from vsense.monitor.ui.control_socket import (
-    ControlSocket,
-    ControlSocketError,
-    HandOver,
-    refuse_handover,
-)
-from vsense.monitor.ui.foxglove_server import check_foxglove
-from vsense.monitor.ui.publisher import PreviewEncoder, Publisher
-from vsense.monitor.ui.recorders import Recorders
-from vsense.monitor.ui.watchers import (
+from vsense.monitor.ui._foxglove_server import check_foxglove
+from vsense.monitor.ui._watchers import (
     WatchedBus,
     WatchOptions,
     page_access,
     start_watchers,
     wanted_watchers,
 )
+from vsense.monitor.ui.control_socket import (
+    ControlSocket,
+    ControlSocketError,
+    HandOver,
+    refuse_handover,
+)
+from vsense.monitor.ui.publisher import PreviewEncoder, Publisher
+from vsense.monitor.ui.recorders import Recorders
 from vsense.robots.link.status import RobotStatus
 from vsense.run.changes import Ask
 from vsense.run.environment import Environment

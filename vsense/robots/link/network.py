@@ -18,9 +18,9 @@ from typing import Any
 
 from vsense.base.clock import real_s
 from vsense.base.native import WireError
-from vsense.robots.link.links import FINISH_NS, READ, Connections
-from vsense.robots.link.session import Address, HostSession, PendingSession
-from vsense.robots.link.shared import ServerState
+from vsense.robots.link._links import FINISH_NS, READ, Connections
+from vsense.robots.link._session import Address, HostSession, PendingSession
+from vsense.robots.link._shared import ServerState
 from vsense.robots.link.status import LinkError, LinkEvent
 from vsense.robots.link.wire import GoodbyeCause, session_of
 

@@ -13,12 +13,12 @@ from dataclasses import replace
 
 from vsense.base.clock import host_ns
 from vsense.robots.link import network as ports
+from vsense.robots.link._meter import LinkMeter
+from vsense.robots.link._peer import Orders
+from vsense.robots.link._roster import SessionTable
+from vsense.robots.link._shared import ServerState
 from vsense.robots.link.keys import LinkTrust
-from vsense.robots.link.meter import LinkMeter
 from vsense.robots.link.network import ServerThread
-from vsense.robots.link.peer import Orders
-from vsense.robots.link.roster import SessionTable
-from vsense.robots.link.shared import ServerState
 from vsense.robots.link.status import (
     ActuatorReport,
     EventThrottle,

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from vsense.base.arena import ArenaState, wrap_angle
 from vsense.config.specs import Pose
 from vsense.robots.link.table import STAY, Goal
-from vsense.run.homing.assignment import Way, assign, straight_m
+from vsense.run.homing._assignment import Way, assign, straight_m
+from vsense.run.homing._motion import MAX_M_S, braked_m_s, carrot_m, in_frame
+from vsense.run.homing._traffic import Decision, Traffic, decide
 from vsense.run.homing.floor import DrivingFloor
-from vsense.run.homing.motion import MAX_M_S, braked_m_s, carrot_m, in_frame
 from vsense.run.homing.robots import LIMITS, Arrival, HomingLimits, Traveller, Trouble
-from vsense.run.homing.traffic import Decision, Traffic, decide
 from vsense.world.entities import BODY_RADIUS_M
 
 Floats = NDArray[np.float64]

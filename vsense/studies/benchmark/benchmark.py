@@ -12,13 +12,13 @@ from vsense.base.errors import UsageError
 from vsense.base.terminal import Console, aligned, interruption
 from vsense.config.roster import Roster, find_roster, require_roster
 from vsense.monitor.pictures.run_figure import spoken
-from vsense.studies.benchmark import checking, comparing, definition, page, result
-from vsense.studies.benchmark.definition import Definition
-from vsense.studies.benchmark.result import Benchmark, LabSetup
+from vsense.studies.benchmark import _checking, _comparing, _definition, _page, _result
+from vsense.studies.benchmark._definition import Definition
+from vsense.studies.benchmark._result import Benchmark, LabSetup
 from vsense.studies.report import lacking_tests
 from vsense.studies.report.report import require_empty
-from vsense.studies.series import plan as plans
-from vsense.studies.series.plan import SeriesPlan
+from vsense.studies.series import _plan as plans
+from vsense.studies.series._plan import SeriesPlan
 from vsense.studies.series.run import PlannedSeries, SeriesOptions
 
 FEWEST = 5
@@ -76,7 +76,7 @@ class PlannedBenchmark:
             VsenseError: something cannot be loaded, or is not as the definition has it.
         """
         self._options = options
-        self._known = known = definition.load()
+        self._known = known = _definition.load()
         plan = _plan(options, known)
         self._roster = _require_robots(options, plan, known)
         path = options.output or Path(f"{plan.name}-{plan.mode}")
@@ -127,12 +127,12 @@ class PlannedBenchmark:
         options, benchmark = self._options, self._benchmark
         with interruption() as interrupted, interrupted.at_once():
             lab = LabSetup(options.site or socket.gethostname(), _setup(options))
-            facts = result.make(benchmark, lab, self._roster, console.progress)
-            path = result.write(benchmark, facts)
+            facts = _result.make(benchmark, lab, self._roster, console.progress)
+            path = _result.write(benchmark, facts)
             console.progress("drawing the report")
             tests = not lacking_tests()
-            studies = result.studies_of(benchmark.definition, benchmark.rows(), tests)
-            report, *_ = page.write(facts, studies, benchmark.folder / page.FOLDER)
+            studies = _result.studies_of(benchmark.definition, benchmark.rows(), tests)
+            report, *_ = _page.write(facts, studies, benchmark.folder / _page.FOLDER)
             console.end_progress()
         console.say(f"result: {path}")
         console.say(f"report: {report}")
@@ -150,10 +150,10 @@ def check(path: Path) -> BenchmarkAnswer:
     """
     console = Console()
     with interruption() as interrupted, interrupted.at_once():
-        claims = checking.check(path, console.progress)
+        claims = _checking.check(path, console.progress)
     console.end_progress()
-    lines = list(checking.lines(claims))
-    return BenchmarkAnswer(checking.as_json(claims), lines, claims.exit_code)
+    lines = list(_checking.lines(claims))
+    return BenchmarkAnswer(_checking.as_json(claims), lines, claims.exit_code)
 
 
 def compare(
@@ -171,11 +171,12 @@ def compare(
     """
     if report is not None:
         require_empty(report)
-    compared, console = comparing.compare((first, second), unpaired, not lacking_tests()), Console()
-    if lacks := lacking_tests():
+    console, lacks = Console(), lacking_tests()
+    compared = _comparing.compare((first, second), unpaired, not lacks)
+    if lacks:
         console.say(f"vsense: {lacks}")
     if report is not None:
-        console.say(f"report: {page.write_comparison(compared, report)[0]}")
+        console.say(f"report: {_page.write_comparison(compared, report)[0]}")
     return BenchmarkAnswer(compared.as_json(), list(compared.lines()))
 
 
@@ -238,7 +239,7 @@ def _summary(facts: Mapping[str, Any]) -> Iterator[str]:
         name = spoken(mission["measure"])
         rows.append((mission["mission"], name, mission["unit"], *medians, share))
     yield from aligned(rows, left=3)
-    figures = comparing.own_figures(facts)
+    figures = _comparing.own_figures(facts)
     yield from aligned(
         [(name, words) for name, words, value in figures if value is not None], left=1
     )

@@ -15,13 +15,14 @@ from vsense.base.files import read_bytes
 from vsense.modes import origin
 from vsense.monitor.recording import SUFFIX, megabytes, require
 from vsense.run.runs_csv import utc
-from vsense.studies.packages import archive, contents, crate, figures, kinds
-from vsense.studies.packages.archive import MANIFEST, PackageError
-from vsense.studies.packages.contents import CONTENTS, PackageContents, PackedRun
-from vsense.studies.packages.crate import Described, Person, Title
-from vsense.studies.packages.gathering import FoundRun, FoundSeries, gather
-from vsense.studies.packages.kinds import FileKind
-from vsense.studies.packages.places import OWN_FOLDERS, PACKAGE, Scrubber, folders_of
+from vsense.studies.packages import _archive, _crate, _figures, _kinds
+from vsense.studies.packages import _contents as contents
+from vsense.studies.packages._archive import MANIFEST, PackageError
+from vsense.studies.packages._contents import CONTENTS, PackageContents, PackedRun
+from vsense.studies.packages._crate import Described, Person, Title
+from vsense.studies.packages._gathering import FoundRun, FoundSeries, gather
+from vsense.studies.packages._kinds import FileKind
+from vsense.studies.packages._places import OWN_FOLDERS, PACKAGE, Scrubber, folders_of
 from vsense.studies.report import Questions
 
 README = "README.md"
@@ -54,12 +55,12 @@ class PackOptions:
     @staticmethod
     def author(text: str) -> Person:
         """Reads "NAME" or "NAME <ORCID>"; raises as `crate.person`."""
-        return crate.person(text)
+        return _crate.person(text)
 
     @staticmethod
     def license_of(text: str) -> str:
         """The address of a licence; raises as `crate.license_of`."""
-        return crate.license_of(text)
+        return _crate.license_of(text)
 
     def target(self, runs: Path) -> Path:
         """The package of runs; UsageError: its name does not end in .zip."""
@@ -127,7 +128,7 @@ def pack(
     with TemporaryDirectory(prefix="vsense-pack-") as folder:
         packing = Packing(Path(folder), options, found, show)
         packing.add_all()
-        archive.write(target, packing.entries, lambda name, share: show(f"writing {name}"))
+        _archive.write(target, packing.entries, lambda name, share: show(f"writing {name}"))
         return packing.result(target)
 
 
@@ -164,12 +165,12 @@ class Packing:
             __version__,
             self._runs,
             report,
-            {} if self._options.asked is None else figures.to_data(self._options.asked),
+            {} if self._options.asked is None else _figures.to_data(self._options.asked),
             self._lacks,
             counts,
         )
-        self._put(CONTENTS, contents.to_bytes(), "Contents", "What vsense reproduces.", kinds.JSON)
-        text = crate.readme(self._title.name, contents, self._found)
+        self._put(CONTENTS, contents.to_bytes(), "Contents", "What vsense reproduces.", _kinds.JSON)
+        text = _crate.readme(self._title.name, contents, self._found)
         self._put(README, text.encode(), "Read me", "What this is.", "text/markdown")
         self._describe()
 
@@ -202,7 +203,7 @@ class Packing:
     def _add_origin(self, path: Path, name: str, kept: origin.RunOrigin) -> None:
         for file, data in kept.files.items():
             packed_name = f"{name}/{file}"
-            self._add(packed_name, data, kinds.of_source(file), packed_name.rpartition("/")[0])
+            self._add(packed_name, data, _kinds.of_source(file), packed_name.rpartition("/")[0])
         facts = {
             "mode": kept.mode,
             "machine": dict(kept.machine),
@@ -211,7 +212,7 @@ class Packing:
         }
         text = f"{json.dumps(facts, indent=1)}\n".encode()
         about = "How runs were set up, and by which versions and machine."
-        self._put(f"{name}/{contents.MADE}", text, "Set-up", about, kinds.JSON)
+        self._put(f"{name}/{contents.MADE}", text, "Set-up", about, _kinds.JSON)
 
     def _add_series(self, series: FoundSeries) -> None:
         folders = {run.folder for run in series.runs}
@@ -276,12 +277,12 @@ class Packing:
         base, place = folder or series.folder, where or series.name
         for path in files:
             name = path.relative_to(base).as_posix()
-            kind = kinds.of_runs(name) if base == series.folder else kinds.of_run(name)
+            kind = _kinds.of_runs(name) if base == series.folder else _kinds.of_run(name)
             if path == series.table:
-                kind = kinds.table(name)
+                kind = _kinds.table(name)
             packed_name = f"{place}/{name}"
-            if kind is None or path.is_symlink() or archive.wrong_name(packed_name):
-                if not kinds.is_passed_over(name):
+            if kind is None or path.is_symlink() or _archive.wrong_name(packed_name):
+                if not _kinds.is_passed_over(name):
                     self._leave_out("files of other kinds, such as keys and robots' logs")
             elif kind.large and not self._options.pictures:
                 self._leave_out("videos")
@@ -309,12 +310,12 @@ class Packing:
         elif kind.scrub == "paths":
             text = self._scrubber.paths(text)
         else:
-            text = self._scrubber.text(text, beside if kind.media == kinds.XML else "")
+            text = self._scrubber.text(text, beside if kind.media == _kinds.XML else "")
         return text.encode("utf-8", "surrogateescape")
 
     def _copied(self, name: str, path: Path) -> Path:
         require()
-        from vsense.studies.packages import recordings  # these need the extra `record`
+        from vsense.studies.packages import _recordings as recordings
 
         into = self._stage / f"{len(self.entries)}{SUFFIX}"
         pictures = self._options.pictures
@@ -333,7 +334,7 @@ class Packing:
         files = [*tables, *(name for run in self._runs for name in run.recordings)]
         if asked is None or not files:
             return []
-        if missing := figures.cannot():
+        if missing := _figures.cannot():
             self._lacks.append(f"report: {missing}")
             return []
         root = self._stage / "package"
@@ -346,26 +347,26 @@ class Packing:
                 path.write_bytes(source)
         try:
             show = lambda text: self._show(f"report: {text}")  # noqa: E731
-            made = figures.make(root, files, asked, self._stage / figures.REPORT, show)
+            made = _figures.make(root, files, asked, self._stage / _figures.REPORT, show)
         except VsenseError as error:
             self._lacks.append(f"report: {error}".replace(f"{root}/", ""))
             return []
         for path in made:
-            name, media = kinds.REPORT.get(path.suffix, ("Figure", kinds.BINARY))
+            name, media = _kinds.REPORT.get(path.suffix, ("Figure", _kinds.BINARY))
             about = "Made of the package's own tables and recordings."
-            self._put(f"{figures.REPORT}/{path.name}", path, name, about, media)
+            self._put(f"{_figures.REPORT}/{path.name}", path, name, about, media)
         return files
 
     def _describe(self) -> None:
-        sums = archive.entries_digests((d.name, self.entries[d.name]) for d in self._described)
+        sums = _archive.entries_digests((d.name, self.entries[d.name]) for d in self._described)
         described = [
             replace(d, sha256=sums[d.name][0], size=sums[d.name][1]) for d in self._described
         ]
-        data = crate.describe(self._title, described, dict(self._origins.values()), self._found)
-        self.entries[crate.METADATA] = data
+        data = _crate.describe(self._title, described, dict(self._origins.values()), self._found)
+        self.entries[_crate.METADATA] = data
         digests = {name: sum for name, (sum, _) in sums.items()}
-        digests[crate.METADATA] = archive.digest_of(data)[0]
-        self.entries[MANIFEST] = archive.manifest_of(digests)
+        digests[_crate.METADATA] = _archive.digest_of(data)[0]
+        self.entries[MANIFEST] = _archive.manifest_of(digests)
 
     def _put(self, name: str, source: bytes | Path, title: str, about: str, media: str) -> None:
         self.entries[name] = source
@@ -390,6 +391,6 @@ def _title(options: PackOptions, found: Sequence[FoundSeries]) -> Title:
 
 
 def _kind(name: str) -> FileKind:
-    kind = kinds.of_run(name.rpartition("/")[2])
+    kind = _kinds.of_run(name.rpartition("/")[2])
     assert kind is not None
     return kind

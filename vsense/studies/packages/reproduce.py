@@ -21,10 +21,10 @@ from vsense.modes.sim.watch import LIMIT_S, Flag, WorkerProcess, watch
 from vsense.monitor.recording import require
 from vsense.run.directory import LOGGED, MEASURES, SUMMARY, TIMESTEPS, TRAJECTORY
 from vsense.run.programs import shared_objects
-from vsense.studies.packages import comparing, figures
-from vsense.studies.packages.archive import Package, PackageError
-from vsense.studies.packages.claims import Claims
-from vsense.studies.packages.contents import (
+from vsense.studies.packages import _comparing, _figures
+from vsense.studies.packages._archive import Package, PackageError
+from vsense.studies.packages._claims import Claims
+from vsense.studies.packages._contents import (
     CONTENTS,
     MADE,
     MOST_CONTENTS,
@@ -32,7 +32,7 @@ from vsense.studies.packages.contents import (
     PackageContents,
     PackedRun,
 )
-from vsense.studies.packages.places import UNTRUSTED, PackagePlaces
+from vsense.studies.packages._places import UNTRUSTED, PackagePlaces
 
 _FILES = (TRAJECTORY, TIMESTEPS, MEASURES, LOGGED, "shown.csv")
 _NO_ORIGIN = "what it was made from is not in the package"
@@ -87,7 +87,7 @@ class Simulating:
             except VsenseError as error:
                 lost = self._places.public(error)
                 claims.judge(f"{run.title}: simulation", f"it failed: {lost}")
-            except comparing.DAMAGED as error:
+            except _comparing.DAMAGED as error:
                 claims.judge(f"{run.title}: files", f"one is damaged: {error!r}")
         for run, claims in by_run.items():  # in the order of the package
             if not claims.claims:
@@ -179,21 +179,21 @@ class Simulating:
     def _compare(self, simulated: PreparedRun, result: Mapping[str, Any], claims: Claims) -> None:
         run, places, experiment = simulated.run, self._places, simulated.task.experiment
         if run.row is not None and run.table:
-            before = comparing.row_of(places.package / run.table, run.row)
-            cells = comparing.cells(before, _cells(experiment, result))
+            before = _comparing.row_of(places.package / run.table, run.row)
+            cells = _comparing.cells(before, _cells(experiment, result))
             claims.judge(f"{run.title}: row of {run.table}", cells)
         if run.folder and self._has(run, SUMMARY):
             summary = json.loads(read_text(places.package / run.folder / SUMMARY))
             now = json.loads(json.dumps({**result["measures"]}))
-            differences = comparing.figures("measures", summary.get("measures"), now)
+            differences = _comparing.figures("measures", summary.get("measures"), now)
             claims.judge(f"{run.title}: {SUMMARY}", list(differences))
         names = [*_FILES, f"{experiment.name}.png"] if simulated.task.job.directory else []
         for name in [name for name in names if self._has(run, name)]:
             path, again = places.package / run.folder / name, simulated.folder / name
-            claims.judge(f"{run.folder}/{name}", comparing.files(path, again, places.scrubber))
+            claims.judge(f"{run.folder}/{name}", _comparing.files(path, again, places.scrubber))
         for name in run.recordings[:1]:
             path, again = places.package / name, places.again / name
-            claims.judge(name, comparing.recordings(path, again))
+            claims.judge(name, _comparing.recordings(path, again))
 
 
 def _cells(experiment: Experiment, result: Mapping[str, Any]) -> dict[str, str]:
@@ -305,7 +305,9 @@ def _make_all(
         for run in others:
             claims.cannot(f"{run.title}: readings and poses", NO_RECORDING)
     elif others:
-        from vsense.studies.packages.recordings import RecordedRuns  # these need the extra `record`
+        from vsense.studies.packages._recordings import (
+            RecordedRuns,  # these need the extra `record`
+        )
 
         recorded = RecordedRuns(places, claims, trusted, interrupted, show)
         for run in others:
@@ -317,18 +319,18 @@ def _make_all(
 def _make_report(
     contents: PackageContents, places: PackagePlaces, claims: Claims, show: Callable[[str], None]
 ) -> None:
-    if missing := figures.cannot():
-        claims.cannot(figures.REPORT, missing)
+    if missing := _figures.cannot():
+        claims.cannot(_figures.REPORT, missing)
         return
-    before, again = places.package / figures.REPORT, places.again / figures.REPORT
-    with claims.attempt(figures.REPORT, places.public):
-        questions = figures.from_data(contents.asked)
+    before, again = places.package / _figures.REPORT, places.again / _figures.REPORT
+    with claims.attempt(_figures.REPORT, places.public):
+        questions = _figures.from_data(contents.asked)
         files = contents.report
-        figures.make(places.package, files, questions, again, lambda text: show(f"report: {text}"))
+        _figures.make(places.package, files, questions, again, lambda text: show(f"report: {text}"))
         names = {path.name for folder in (before, again) for path in folder.iterdir()}
         for name in sorted(names):
-            thing = f"{figures.REPORT}/{name}"
+            thing = f"{_figures.REPORT}/{name}"
             if not (before / name).exists():
                 claims.judge(thing, "it is not in the package")
             else:
-                claims.judge(thing, comparing.files(before / name, again / name, places.scrubber))
+                claims.judge(thing, _comparing.files(before / name, again / name, places.scrubber))

@@ -14,33 +14,33 @@ from vsense.monitor import recording
 from vsense.monitor.recording.form import RecordingError
 from vsense.studies.report import (
     Questions,
+    _charts,
+    _compare,
+    _maps,
+    _plot,
     can_draw,
-    charts,
-    compare,
-    findings,
     lacking,
     lacking_tests,
-    maps,
-    plot,
 )
-from vsense.studies.report.compare import CampaignRuns, campaign_runs
-from vsense.studies.report.findings import Findings, read_findings
-from vsense.studies.report.markup import Shown
-from vsense.studies.report.page import Chapter, ComparedRuns, Studied, page
-from vsense.studies.report.study import results, section, words
-from vsense.studies.report.study.collect import SUFFIX, TableOfRuns, files_of, read_tables
-from vsense.studies.report.study.results import StudyResult
+from vsense.studies.report import _findings as findings
+from vsense.studies.report._compare import CampaignRuns, campaign_runs
+from vsense.studies.report._findings import Findings, read_findings
+from vsense.studies.report._markup import Shown
+from vsense.studies.report._page import Chapter, ComparedRuns, Studied, page
+from vsense.studies.report.study import _results, _section, _words
+from vsense.studies.report.study._collect import SUFFIX, TableOfRuns, files_of, read_tables
+from vsense.studies.report.study._results import StudyResult
 
 PAGE = "report.html"
 PAGE_PX_PER_IN = 128
 """A column of 3.5 inches takes half of the page."""
-_MAKERS: Sequence[Callable[[Findings], plot.Drawing | None]] = (
-    maps.ways,
-    maps.occupancy,
-    charts.measures,
-    charts.robots,
-    charts.latencies,
-    charts.latency_over_time,
+_MAKERS: Sequence[Callable[[Findings], _plot.Drawing | None]] = (
+    _maps.ways,
+    _maps.occupancy,
+    _charts.measures,
+    _charts.robots,
+    _charts.latencies,
+    _charts.latency_over_time,
 )
 
 
@@ -86,14 +86,14 @@ class Report:
         data: dict[str, Any] = {
             "files": [str(path) for path in self.files],
             "recordings": [findings.as_json(one) for one in self.findings],
-            "comparison": compare.as_json(found),
+            "comparison": _compare.as_json(found),
         }
         if self.studied is not None:
             studies = [result for result, _ in self.studied.studies]
             data["seed"] = self.studied.asked.seed
             data["told"] = [*self.missing, *self.notes]
-            data["studies"] = [results.as_json(result) for result in studies]
-            data["methods"] = words.methods(studies, self.studied.asked)
+            data["studies"] = [_results.as_json(result) for result in studies]
+            data["methods"] = _words.methods(studies, self.studied.asked)
         return data
 
 
@@ -175,7 +175,7 @@ def make_report(
     tables = read_tables(path for path in paths if path.suffix == SUFFIX)
     rows = [row for table in tables for row in table.rows]
     asked = replace(asked or Questions(), tests=not lacking_tests())
-    studies = results.results_of(rows, asked, show), asked
+    studies = _results.results_of(rows, asked, show), asked
     read = [
         read_findings(path, lambda share, path=path: progress(path, share))  # type: ignore[misc]
         for path in paths
@@ -184,7 +184,7 @@ def make_report(
     with failing_as(RecordingError, f"{folder}: cannot be written"), ExitStack() as stack:
         folder.mkdir(parents=True, exist_ok=True)
         if can_draw():
-            stack.enter_context(plot.styled(sheet))
+            stack.enter_context(_plot.styled(sheet))
         return _write(read, tables, studies, Charts(folder, form if can_draw() else ""))
 
 
@@ -192,7 +192,7 @@ def _check(folder: Path, sheet: str | None) -> None:
     """Raises what can be known before anything is read."""
     require_empty(folder)
     if sheet is not None and can_draw():
-        plot.require_sheet(sheet)
+        _plot.require_sheet(sheet)
 
 
 def require_empty(folder: Path) -> None:
@@ -210,20 +210,20 @@ class Charts:
         self.folder, self.form = folder, form
         self.files: list[Path] = []
 
-    def keep(self, prefix: str, drawings: Iterable[plot.Drawing]) -> list[Shown]:
+    def keep(self, prefix: str, drawings: Iterable[_plot.Drawing]) -> list[Shown]:
         """Writes charts, and gives them for the page; none without a form."""
         return [self._keep(prefix, each) for each in drawings] if self.form else []
 
-    def _keep(self, prefix: str, drawing: plot.Drawing) -> Shown:
-        png = plot.encode(drawing.figure, "png")
+    def _keep(self, prefix: str, drawing: _plot.Drawing) -> Shown:
+        png = _plot.encode(drawing.figure, "png")
         path = self.folder / f"{prefix}{drawing.name}.{self.form}"
-        path.write_bytes(png if self.form == "png" else plot.encode(drawing.figure, self.form))
+        path.write_bytes(png if self.form == "png" else _plot.encode(drawing.figure, self.form))
         self.files.append(path)
         width_px = round(drawing.figure.get_size_inches()[0] * PAGE_PX_PER_IN)
         return Shown(drawing.title, drawing.caption, png, width_px, drawing.wide)
 
 
-def _compared(read: Sequence[Findings], tables: Sequence[TableOfRuns]) -> list[compare.Group]:
+def _compared(read: Sequence[Findings], tables: Sequence[TableOfRuns]) -> list[_compare.Group]:
     """Recordings beside each other, and beside tables; tables alone are studies.
 
     A run of which both its recording and its row are here is one run, and none if it is void.
@@ -240,7 +240,7 @@ def _compared(read: Sequence[Findings], tables: Sequence[TableOfRuns]) -> list[c
     if not read or len(read) + sum(bool(table.rows) for table in others) < 2:
         return []
     some: list[CampaignRuns] = [runs for table in others for runs in campaign_runs(table)]
-    return compare.groups(read, some)
+    return _compare.groups(read, some)
 
 
 def _write(
@@ -251,10 +251,10 @@ def _write(
 ) -> Report:
     studied = _studied(tables, *studies, kept) if tables else None
     comparisons = []
-    experiments = compare.by_experiment(_compared(read, tables)).values()
+    experiments = _compare.by_experiment(_compared(read, tables)).values()
     for place, members in enumerate(experiments, start=1):
         prefix = "compared-" if len(experiments) == 1 else f"compared-{place}-"
-        comparisons.append(ComparedRuns(members, kept.keep(prefix, charts.compared(members))))
+        comparisons.append(ComparedRuns(members, kept.keep(prefix, _charts.compared(members))))
     chapters = []
     for place, one in enumerate(read, start=1):
         prefix = f"{place:02d}-{one.path.stem}-" if comparisons else ""
@@ -274,7 +274,7 @@ def _studied(
     drawn = []
     for place, result in enumerate(found, start=1):
         prefix = "runs-" if len(found) == 1 else f"runs-{place}-"
-        drawn.append((result, kept.keep("", section.boxes(result, prefix))))
+        drawn.append((result, kept.keep("", _section.boxes(result, prefix))))
     repeated = [table for table in tables if table.repeated]
     notes = [
         f"{table.repeated} of the runs in {table.path} are named twice, and count once."

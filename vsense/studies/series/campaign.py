@@ -28,12 +28,12 @@ from vsense.monitor.recording import SUFFIX
 from vsense.run import asked
 from vsense.run.runs_csv import condition_of
 from vsense.studies.report import FORMATS, can_draw, lacking
-from vsense.studies.series.folder import CampaignTable
-from vsense.studies.series.order import CAMPAIGN, Cell
-from vsense.studies.series.parts import PlannedExperiment
-from vsense.studies.series.plan import Condition, PlannedStart, SeriesPlan
-from vsense.studies.series.series import SeriesLoop
-from vsense.studies.series.simulated import Simulate, SimulatedRuns, check_simulator, simulator
+from vsense.studies.series._folder import CampaignTable
+from vsense.studies.series._order import CAMPAIGN, Cell
+from vsense.studies.series._parts import PlannedExperiment
+from vsense.studies.series._plan import Condition, PlannedStart, SeriesPlan
+from vsense.studies.series._series import SeriesLoop
+from vsense.studies.series._simulated import Simulate, SimulatedRuns, check_simulator, simulator
 
 _EVER = 2**31
 """A run that somebody has made void in the table is repeated however often."""
@@ -158,9 +158,9 @@ def run(
         VsenseError: it cannot run, or a run has failed.
     """
     if campaign.style is not None and can_draw():
-        from vsense.studies.report import plot  # with all that draws
+        from vsense.studies.report import _plot
 
-        plot.require_sheet(campaign.style)
+        _plot.require_sheet(campaign.style)
     with ExitStack() as stack:
         if engine is None:
             here = simulator(campaign.on, campaign.jobs, console, interrupted)
@@ -277,15 +277,15 @@ Group = tuple[Mapping[str, str], dict[str, list[float]]]
 
 
 def _draw(campaign: Campaign, table: CampaignTable, groups: Sequence[Group]) -> None:
-    from vsense.studies.report import plot
-    from vsense.studies.series import comparison
+    from vsense.studies.report import _plot
+    from vsense.studies.series import _comparison
 
     file = campaign.drawing
     measures = {name: [values[name] for _, values in groups] for name in table.table.measures}
     settings = [settings for settings, _ in groups]
-    with plot.styled(campaign.style):
-        figure = comparison.draw(table.rows[0].experiment, settings, measures)
-        data = plot.encode(figure, file.suffix[1:])
+    with _plot.styled(campaign.style):
+        figure = _comparison.draw(table.rows[0].experiment, settings, measures)
+        data = _plot.encode(figure, file.suffix[1:])
     with failing_as(VsenseError, f"{file}: cannot be written"):
         file.write_bytes(data)
 

@@ -24,15 +24,15 @@ from vsense.monitor.ui.access import make_tokens
 from vsense.monitor.ui.room import RoomOptions
 from vsense.robots.sources import CodeOptions
 from vsense.run.runs_csv import RUNS, read_runs
-from vsense.studies.series.folder import SeriesFolder, allowed_changes
-from vsense.studies.series.order import Cell, Forecast
-from vsense.studies.series.parts import PlanLoader, PlannedExperiment, SeriesCast
-from vsense.studies.series.plan import SeriesPlan, read
-from vsense.studies.series.series import RunMaker, SeriesLoop
-from vsense.studies.series.simulated import SimulatedRuns, check_simulator, simulator
+from vsense.studies.series._folder import SeriesFolder, allowed_changes
+from vsense.studies.series._order import Cell, Forecast
+from vsense.studies.series._parts import PlanLoader, PlannedExperiment, SeriesCast
+from vsense.studies.series._plan import SeriesPlan, read
+from vsense.studies.series._series import RunMaker, SeriesLoop
+from vsense.studies.series._simulated import SimulatedRuns, check_simulator, simulator
 
 if TYPE_CHECKING:
-    from vsense.studies.series.real import Bring
+    from vsense.studies.series._real import Bring
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,7 +199,7 @@ class PlannedSeries:
 
     def _rendered(self, console: Console, interrupted: Interruption, stack: ExitStack) -> RunMaker:
         from vsense.modes.lab.experiment import set_pace
-        from vsense.studies.series.rendered import LabRuns
+        from vsense.studies.series._rendered import LabRuns
 
         lab, cast = self._options.lab, SeriesCast(self.known, console)
         for planned in self.known.values():
@@ -209,7 +209,7 @@ class PlannedSeries:
 
     def _real(self, console: Console, interrupted: Interruption, stack: ExitStack) -> RunMaker:
         """Who makes runs with real robots; `stack` gives the robots back."""
-        from vsense.studies.series.real import RealRuns, RobotSeries, count_programs
+        from vsense.studies.series._real import RealRuns, RobotSeries, count_programs
 
         options, link = self._options, self._options.link
         for planned in self.known.values():

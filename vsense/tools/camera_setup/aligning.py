@@ -12,7 +12,7 @@ import numpy as np
 
 from vsense.base.errors import UsageError
 from vsense.base.terminal import interruption
-from vsense.tools.camera_setup.align_page import AlignServer, AlignTask
+from vsense.tools.camera_setup._align_page import AlignServer, AlignTask
 from vsense.vision.calibration import alignment
 from vsense.vision.calibration.alignment import Alignment
 from vsense.vision.calibration.session import cameras_of

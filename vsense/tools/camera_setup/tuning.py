@@ -13,10 +13,11 @@ from vsense.base.clock import host_ns
 from vsense.base.errors import GrabberError, UsageError
 from vsense.base.terminal import LiveBlock, interruption
 from vsense.config import resources as resources_file
-from vsense.tools.camera_setup import panel, sweep
-from vsense.tools.camera_setup.advice import PictureScale
+from vsense.tools.camera_setup import _panel
+from vsense.tools.camera_setup import _sweep as sweep
+from vsense.tools.camera_setup._advice import PictureScale
+from vsense.tools.camera_setup._panel import Tuner
 from vsense.tools.camera_setup.files import choose
-from vsense.tools.camera_setup.panel import Tuner
 from vsense.tools.camera_setup.showing import WARM_UP
 from vsense.vision.cameras.camera import Camera as Calibration
 from vsense.vision.cameras.picture import Image
@@ -127,9 +128,9 @@ def watch(tuner: Tuner, interrupted: threading.Event, as_json: bool) -> bool:
             camera.picture()
         view = tuner.view(camera.picture().image, camera.picture().image, None)
         if as_json:
-            print(json.dumps(panel.facts(view), indent=2))
+            print(json.dumps(_panel.facts(view), indent=2))
         else:
-            print("\n".join(panel.lines(view, LiveBlock(sys.stdout).has_blocks)))
+            print("\n".join(_panel.lines(view, LiveBlock(sys.stdout).has_blocks)))
     else:
         TuningBlock(tuner, interrupted, LiveBlock(sys.stdout)).run()
     return True
@@ -170,7 +171,7 @@ class TuningBlock:
             before, now = now, self._taken(times_ns)
         rate_hz = 1e9 * (len(times_ns) - 1) / max(times_ns[-1] - times_ns[0], 1)
         view = self._tuner.view(before, now, rate_hz)
-        lines = panel.lines(view, self._block.has_blocks)
+        lines = _panel.lines(view, self._block.has_blocks)
         self._block.draw([*lines, "", "Ctrl-C ends"])
         return lines
 

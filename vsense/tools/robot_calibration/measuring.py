@@ -25,8 +25,9 @@ from vsense.robots.link.keys import LinkTrust
 from vsense.run import directory as run_directory
 from vsense.run.control import State
 from vsense.run.homing.floor import DrivingFloor
-from vsense.tools.robot_calibration import driving, results
-from vsense.tools.robot_calibration.commanding import (
+from vsense.tools.robot_calibration import _driving
+from vsense.tools.robot_calibration import _results as results
+from vsense.tools.robot_calibration._commanding import (
     CONTROLLER,
     GROUND,
     PROXIMITY,
@@ -35,11 +36,11 @@ from vsense.tools.robot_calibration.commanding import (
     WheelsWanted,
     commanded,
 )
-from vsense.tools.robot_calibration.driving import SwarmCalibration
-from vsense.tools.robot_calibration.places import Point, ground_places, spots
-from vsense.tools.robot_calibration.results import RobotResult
-from vsense.tools.robot_calibration.sensing import Sensing
-from vsense.tools.robot_calibration.wiggle import Verdict, WiggleCheck, WiggledRobot, exchanged
+from vsense.tools.robot_calibration._driving import SwarmCalibration
+from vsense.tools.robot_calibration._places import Point, ground_places, spots
+from vsense.tools.robot_calibration._results import RobotResult
+from vsense.tools.robot_calibration._sensing import Sensing
+from vsense.tools.robot_calibration._wiggle import Verdict, WiggleCheck, WiggledRobot, exchanged
 
 CALIBRATION_FILE, CHECK_FILE = "calibration.json", "check.json"
 
@@ -202,7 +203,7 @@ def calibrate(options: MeasuringOptions, asked: SensorOptions = SensorOptions())
         )
         with session:
             _wait(session, options.wait_s)
-            swarm = driving.drive(session, wheels, directory, console.progress, sensing)
+            swarm = _driving.drive(session, wheels, directory, console.progress, sensing)
         console.end_progress()
         calibrated = _results(options, session, swarm, robots)
         _say_interrupted(session)

@@ -17,7 +17,7 @@ from vsense.base.errors import UsageError, failing_as, instead
 from vsense.config.experiment import SHIPPED_FOLDER, SUFFIX, shipped
 from vsense.robots.build import BuildError, source_tree
 from vsense.robots.sources import NAME_MAX
-from vsense.tools.shipped import guide
+from vsense.tools.shipped import _guide
 
 START = "start"
 """The template that is made to begin with: the smallest experiment that has everything."""
@@ -77,7 +77,7 @@ def make(folder: Path, source: str = START, sensor: bool = False) -> tuple[Path,
     texts = _renamed(_read(source), source, name)
     if sensor:
         texts = _with_sensor(texts, name)
-    texts["README.md"] = guide.write(name, source, texts)
+    texts["README.md"] = _guide.write(name, source, texts)
     _write(folder, texts)
     return tuple(folder / file for file in texts)
 

@@ -23,10 +23,10 @@ import numpy as np
 from vsense.base.errors import UsageError, failing_as
 from vsense.base.files import parse_json, replace_text
 from vsense.base.terminal import aligned
-from vsense.vision.calibration.check import PointSight, read_places, read_seen, rms
+from vsense.vision.calibration._check import PointSight, read_places, read_seen, rms
+from vsense.vision.calibration._pictures import gather, inspect
 from vsense.vision.calibration.checked import FILE as CHECK
 from vsense.vision.calibration.frame import FrameShift
-from vsense.vision.calibration.pictures import gather, inspect
 from vsense.vision.calibration.session import cameras_of
 from vsense.vision.cameras.camera import Camera, Floats
 from vsense.vision.cameras.picture import Image

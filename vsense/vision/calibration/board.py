@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from vsense.base.errors import UsageError
 from vsense.vision.cameras.picture import Image
-from vsense.vision.markers.dictionary import dictionary_name
-from vsense.vision.markers.paper import Fill, Floats, Page, Text, line
+from vsense.vision.markers._dictionary import dictionary_name
+from vsense.vision.markers._paper import Fill, Floats, Page, Text, line
 
 Ints = NDArray[np.int64]
 

@@ -14,19 +14,19 @@ import numpy as np
 
 from vsense.base.errors import UsageError, VsenseError
 from vsense.base.terminal import aligned
-from vsense.vision.calibration import check
+from vsense.vision.calibration import _check
+from vsense.vision.calibration._check import PointCheck, PointSight, read_seen, rms, steps_m
+from vsense.vision.calibration._pictures import gather, inspect
+from vsense.vision.calibration._placement import FloorReference, TagFinder
+from vsense.vision.calibration._views import View
 from vsense.vision.calibration.board import Board, CornerFinder
-from vsense.vision.calibration.check import PointCheck, PointSight, read_seen, rms, steps_m
 from vsense.vision.calibration.checked import FILE
 from vsense.vision.calibration.frame import FrameShift
-from vsense.vision.calibration.pictures import gather, inspect
-from vsense.vision.calibration.placement import FloorReference, TagFinder
 from vsense.vision.calibration.session import cameras_of
-from vsense.vision.calibration.views import View
 from vsense.vision.cameras.camera import Camera, Floats
 from vsense.vision.cameras.picture import Image
 from vsense.vision.markers.families import load_family
-from vsense.vision.tracking.detector import make_detector
+from vsense.vision.tracking._detector import make_detector
 
 Find = Callable[[Camera, Image], dict[str, Floats]]
 """What finds known points in a picture: name -> (2,) pixel."""
@@ -75,7 +75,7 @@ def run(options: CheckOptions) -> int:
     cameras = cameras_of("--cameras", options.cameras)
     found = _with_board(options, cameras) if options.board else _with_points(options, cameras)
     now = datetime.now(timezone.utc).isoformat(timespec="seconds")
-    data = check.as_json(found, now, "board" if options.board else "points")
+    data = _check.as_json(found, now, "board" if options.board else "points")
     path = options.cameras / FILE
     text = json.dumps(data, indent=2) + "\n"
     try:
@@ -110,8 +110,8 @@ def _check_options(options: CheckOptions) -> None:
 
 def _with_points(options: CheckOptions, cameras: Mapping[str, Camera]) -> PointCheck:
     assert options.points is not None
-    points = check.read_places(options.points)
-    tapes = check.read_distances(options.distances, points) if options.distances else []
+    points = _check.read_places(options.points)
+    tapes = _check.read_distances(options.distances, points) if options.distances else []
     if options.seen:
         sights = read_seen(options.seen, points, cameras)
     else:
@@ -123,7 +123,7 @@ def _with_points(options: CheckOptions, cameras: Mapping[str, Camera]) -> PointC
     if not sights:
         raise VsenseError(f"{options.points}: none of its points was seen")
     tapes = [tape for tape in tapes if tape.first in seen and tape.second in seen]
-    return check.check(cameras, points, sights, tapes)
+    return _check.check(cameras, points, sights, tapes)
 
 
 def _looked(
@@ -252,7 +252,7 @@ def _with_board(options: CheckOptions, cameras: Mapping[str, Camera]) -> PointCh
         ]
     if not sights:
         raise VsenseError("the board was found in no picture; check --board")
-    return check.check(cameras, points, sights)
+    return _check.check(cameras, points, sights)
 
 
 def as_text(found: PointCheck, data: Mapping[str, Any]) -> list[str]:

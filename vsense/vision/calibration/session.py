@@ -15,24 +15,24 @@ from numpy.typing import NDArray
 
 from vsense.base.errors import UsageError
 from vsense.base.files import read_text
-from vsense.vision.calibration import report
-from vsense.vision.calibration.board import Board, CornerFinder, page
-from vsense.vision.calibration.bundle import lens_of
-from vsense.vision.calibration.intrinsics import calibrate_lenses
-from vsense.vision.calibration.pictures import PictureFile, gather, inspect
-from vsense.vision.calibration.placement import (
+from vsense.vision.calibration import _report
+from vsense.vision.calibration._bundle import lens_of
+from vsense.vision.calibration._intrinsics import calibrate_lenses
+from vsense.vision.calibration._pictures import PictureFile, gather, inspect
+from vsense.vision.calibration._placement import (
     FloorReference,
     TagFinder,
     read_points,
     read_seen,
     tag_views,
 )
-from vsense.vision.calibration.rig import Rig, RigSolver, Trust
-from vsense.vision.calibration.solution import Solution, check_board
-from vsense.vision.calibration.views import BoardViews, View, read_corners, write_corners
+from vsense.vision.calibration._rig import Rig, RigSolver, Trust
+from vsense.vision.calibration._solution import Solution, check_board
+from vsense.vision.calibration._views import BoardViews, View, read_corners, write_corners
+from vsense.vision.calibration.board import Board, CornerFinder, page
 from vsense.vision.cameras.camera import Camera, Floats
 from vsense.vision.cameras.picture import Image
-from vsense.vision.markers import paper
+from vsense.vision.markers import _paper
 
 Corners = tuple[NDArray[np.int64], Floats]
 
@@ -82,9 +82,9 @@ def print_board(text: str, output: Path) -> int:
     board = Board.parse(text)
     sheet = page(board)
     if output.suffix.lower() == ".pdf":
-        data = paper.document([sheet])
+        data = _paper.document([sheet])
     elif output.suffix.lower() == ".png":
-        data = paper.png(paper.draw(sheet, _DPI), _DPI)
+        data = _paper.png(_paper.draw(sheet, _DPI), _DPI)
     else:
         raise UsageError(f"{output}: expected a name that ends in .pdf or .png")
     _write(output, data)
@@ -274,9 +274,9 @@ def save(
     if board is not None and solution.bodies:
         seen = [view for view in views if (view.camera, view.moment) in used]
         check = check_board(solution.cameras, seen, board)
-    text = json.dumps(report.as_json(solution, board, check), indent=2) + "\n"
+    text = json.dumps(_report.as_json(solution, board, check), indent=2) + "\n"
     subtitle = f"{board or 'known points'}: {solution.rms_px:.3f} px rms"
-    image = report.draw(title, subtitle, solution, board)
+    image = _report.draw(title, subtitle, solution, board)
     try:
         (folder / REPORT).mkdir(parents=True, exist_ok=True)
         if views:
@@ -287,7 +287,7 @@ def save(
     _write(folder / REPORT / "report.png", cv2.imencode(".png", image)[1].tobytes())
     for camera in solution.cameras:
         _write(folder / f"{camera.id}.json", (camera.to_json() + "\n").encode())
-    return report.as_text(solution, check), text
+    return _report.as_text(solution, check), text
 
 
 class PictureCalibration:

@@ -18,7 +18,7 @@ import cffi
 
 from vsense.base.errors import GrabberError
 from vsense.base.terminal import printable
-from vsense.vision.cameras.networks import GIGE, USB3, ListedCamera
+from vsense.vision.cameras._networks import GIGE, USB3, ListedCamera
 
 PACKAGE = "libaravis-0.8-0"
 

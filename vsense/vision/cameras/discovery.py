@@ -7,11 +7,10 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 from vsense.base.errors import GrabberError
-from vsense.vision.cameras import aravis, v4l2
-from vsense.vision.cameras import networks as gige
-from vsense.vision.cameras.aravis import AravisError
-from vsense.vision.cameras.aravis_camera import AravisCamera
-from vsense.vision.cameras.networks import (
+from vsense.vision.cameras import _networks as gige
+from vsense.vision.cameras import _v4l2, aravis
+from vsense.vision.cameras._aravis_camera import AravisCamera
+from vsense.vision.cameras._networks import (
     HELD,
     ListedCamera,
     controlled,
@@ -20,6 +19,7 @@ from vsense.vision.cameras.networks import (
     several,
     stranded,
 )
+from vsense.vision.cameras.aravis import AravisError
 from vsense.vision.cameras.source import EXPOSURE, GAIN, NAMES, Bounds
 
 GIGE, USB3, V4L2 = "GigE", "USB3", "V4L2"
@@ -76,7 +76,7 @@ def find() -> tuple[list[FoundCamera], str]:
     Returns:
         The cameras, and why GigE and USB3 Vision cameras could not be looked for, or "".
     """
-    devices = [_of_v4l2(device) for device in v4l2.devices()]
+    devices = [_of_v4l2(device) for device in _v4l2.devices()]
     with ThreadPoolExecutor(_WORKERS) as workers:
         answers = workers.submit(heard)
         missing, listed = "", list[ListedCamera]()
@@ -105,7 +105,7 @@ def _unheard(
     ]
 
 
-def _of_v4l2(device: v4l2.V4l2Device) -> FoundCamera:
+def _of_v4l2(device: _v4l2.V4l2Device) -> FoundCamera:
     details = Details(device.size_px, tuple(device.formats), device.rate_hz)
     return FoundCamera(
         device.path, V4L2, device.bus, device.name, details=details, trouble=device.trouble

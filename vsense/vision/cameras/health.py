@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.arena import UNNAMED, Frame
+from vsense.vision.cameras._lateness import CameraDelays
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.cameras.grabber import CameraEvent
-from vsense.vision.cameras.lateness import CameraDelays
 
 _STEP = 16
 _FULL_SCALE = 250

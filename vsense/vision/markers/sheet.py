@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.errors import UsageError, failing_as
-from vsense.vision.markers.dictionary import SquareFamily
-from vsense.vision.markers.families import MarkerFamily, load_family, parse_tags
-from vsense.vision.markers.paper import (
+from vsense.vision.markers._dictionary import SquareFamily
+from vsense.vision.markers._paper import (
     Fill,
     Floats,
     Page,
@@ -27,6 +26,7 @@ from vsense.vision.markers.paper import (
     line,
     png,
 )
+from vsense.vision.markers.families import MarkerFamily, load_family, parse_tags
 
 AnyFamily = MarkerFamily | SquareFamily
 

@@ -17,22 +17,22 @@ from numpy.typing import NDArray
 
 from vsense.base.arena import POSE, SIGHTING, ArenaState, Frame, turned, wrap_angle
 from vsense.base.errors import VsenseError
+from vsense.vision.cameras._camera_array import CameraArray
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.cameras.camera_array import CameraArray
 from vsense.vision.markers.families import MarkerFamily, SquareFamily
-from vsense.vision.tracking.detector import CameraDetectors, Detector
-from vsense.vision.tracking.joining import Joining, JoinLimits
-from vsense.vision.tracking.prediction import MarkerSearch, Prediction, SearchPlan
-from vsense.vision.tracking.specs import PlacedMarker
-from vsense.vision.tracking.tracks import Limits, RobotTracks
-from vsense.vision.tracking.views import (
+from vsense.vision.tracking._detector import CameraDetectors, Detector
+from vsense.vision.tracking._joining import Joining, JoinLimits
+from vsense.vision.tracking._prediction import MarkerSearch, Prediction, SearchPlan
+from vsense.vision.tracking._tracks import Limits, RobotTracks
+from vsense.vision.tracking._views import (
     count_unnamed,
     image_poses,
     make_views,
     merge_views,
     place_markers,
 )
-from vsense.vision.tracking.workers import Picture, Workers
+from vsense.vision.tracking._workers import Picture, Workers
+from vsense.vision.tracking.specs import PlacedMarker
 
 Floats = NDArray[np.float64]
 

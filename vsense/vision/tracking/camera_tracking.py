@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from vsense.base.arena import ArenaState, Frame
 from vsense.base.errors import GrabberError, NoMorePictures, VsenseError
+from vsense.vision.cameras._paced_grabber import HeldPlayer
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.cameras.grabber import CameraEvent, Grabber, Troubles
 from vsense.vision.cameras.health import Health
-from vsense.vision.cameras.paced_grabber import HeldPlayer
+from vsense.vision.tracking._marker_watch import MarkerWatch
+from vsense.vision.tracking._views import Floats, ahead_m, heading_px_rad
 from vsense.vision.tracking.arena_tracker import ArenaTracker
-from vsense.vision.tracking.marker_watch import MarkerWatch
-from vsense.vision.tracking.views import Floats, ahead_m, heading_px_rad
 
 PERIOD_NS = 80_000_000
 """Pictures of a live camera that follow each other faster than this are not all checked."""

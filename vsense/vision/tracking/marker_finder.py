@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.arena import DETECTION, IMAGE_POSE, UNNAMED
+from vsense.vision.cameras._camera_array import CameraArray
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.cameras.camera_array import CameraArray
 from vsense.vision.cameras.picture import Image
 from vsense.vision.markers.families import MarkerFamily, SquareFamily
-from vsense.vision.tracking.detector import make_detector
+from vsense.vision.tracking._detector import make_detector
+from vsense.vision.tracking._prediction import Prediction
+from vsense.vision.tracking._views import image_poses, place_markers
 from vsense.vision.tracking.marker_detector import CellWidth, cell_width
-from vsense.vision.tracking.prediction import Prediction
-from vsense.vision.tracking.views import image_poses, place_markers
 
 _LEAST_CELL_PX, _MOST_CELL_PX = 1.5, 20.0
 """Smaller cells cannot be read; larger ones are no picture of an arena."""

@@ -12,28 +12,29 @@ from statistics import median
 
 from vsense.base.errors import ConfigError, GrabberError
 from vsense.vision.cameras import aravis
-from vsense.vision.cameras.aravis_camera import is_address
-from vsense.vision.cameras.genicam import GenicamSource
-from vsense.vision.cameras.grabber import Grabber, Troubles
-from vsense.vision.cameras.live_grabber import LiveGrabber, SoftwareTrigger
-from vsense.vision.cameras.networks import (
+from vsense.vision.cameras._aravis_camera import is_address
+from vsense.vision.cameras._genicam import GenicamSource
+from vsense.vision.cameras._live_grabber import LiveGrabber, SoftwareTrigger
+from vsense.vision.cameras._networks import (
     USUAL_PACKET,
     BandwidthError,
     ListedCamera,
     NetworkLoad,
     Stream,
 )
-from vsense.vision.cameras.opencv_source import DeviceSource, teach_opencv
-from vsense.vision.cameras.paced_grabber import HeldPlayer, PacedGrabber
-from vsense.vision.cameras.recorded_grabber import CameraRecording, RecordedGrabber
-from vsense.vision.cameras.recordings import DirectoryRecording, VideoRecording
+from vsense.vision.cameras._opencv_source import DeviceSource, teach_opencv
+from vsense.vision.cameras._paced_grabber import HeldPlayer, PacedGrabber
+from vsense.vision.cameras._recorded_grabber import CameraRecording, RecordedGrabber
+from vsense.vision.cameras._recordings import DirectoryRecording, VideoRecording
+from vsense.vision.cameras.grabber import Grabber, Troubles
 from vsense.vision.cameras.source import FREE, SOFTWARE, Controls, GenicamSettings, Source
 from vsense.vision.markers.families import SquareFamily, load_family
+from vsense.vision.tracking._prediction import MarkerSearch, SearchPlan
+from vsense.vision.tracking._tracks import Limits
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 from vsense.vision.tracking.camera_tracking import CameraTracking
 from vsense.vision.tracking.marker_detector import cell_width_seen
 from vsense.vision.tracking.mask import Mask, outlines_px
-from vsense.vision.tracking.prediction import MarkerSearch, SearchPlan
 from vsense.vision.tracking.specs import (
     DIRECTORY,
     CameraTrackerSpec,
@@ -41,7 +42,6 @@ from vsense.vision.tracking.specs import (
     TrackerSpec,
     TrackingSession,
 )
-from vsense.vision.tracking.tracks import Limits
 
 OFFLINE = "offline"
 PACED = "paced"

@@ -25,13 +25,19 @@ from vsense import __version__
 from vsense.base.errors import UsageError, VsenseError
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import MarkerFamily, SquareFamily, load_family
+from vsense.vision.tracking._joining import _Candidate
+from vsense.vision.tracking._prediction import (
+    KNOWN,
+    Anonymous,
+    MarkerSearch,
+    Prediction,
+    SearchPlan,
+)
+from vsense.vision.tracking._tracks import TRACK, Limits
+from vsense.vision.tracking._views import VIEW
 from vsense.vision.tracking.arena_tracker import ArenaTracker
-from vsense.vision.tracking.joining import _Candidate
 from vsense.vision.tracking.mask import Mask
-from vsense.vision.tracking.prediction import KNOWN, Anonymous, MarkerSearch, Prediction, SearchPlan
 from vsense.vision.tracking.specs import PlacedMarker, TrackingSession
-from vsense.vision.tracking.tracks import TRACK, Limits
-from vsense.vision.tracking.views import VIEW
 
 Made = dict[str, Any]
 """`cameras`: camera files; `sees`: by the camera's id the tracker that looks at its pictures;

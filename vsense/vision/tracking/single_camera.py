@@ -11,13 +11,10 @@ from pathlib import Path
 from typing import Protocol
 
 from vsense.base.errors import GrabberError, UsageError
-from vsense.vision.cameras import aravis, v4l2
-from vsense.vision.cameras.aravis import AravisError
-from vsense.vision.cameras.aravis_camera import AravisCamera, is_address
-from vsense.vision.cameras.camera import Camera
-from vsense.vision.cameras.discovery import RATE_HZ, rate_of
-from vsense.vision.cameras.genicam import GenicamSource, digits
-from vsense.vision.cameras.networks import (
+from vsense.vision.cameras import _v4l2, aravis
+from vsense.vision.cameras._aravis_camera import AravisCamera, is_address
+from vsense.vision.cameras._genicam import GenicamSource, digits
+from vsense.vision.cameras._networks import (
     HELD,
     ListedCamera,
     NetworkLoad,
@@ -26,7 +23,11 @@ from vsense.vision.cameras.networks import (
     networks,
     stranded,
 )
-from vsense.vision.cameras.opencv_source import EXPOSURE_UNIT_US, teach_opencv
+from vsense.vision.cameras._opencv_source import EXPOSURE_UNIT_US, teach_opencv
+from vsense.vision.cameras._v4l2 import V4l2Control, V4l2ControlDevice
+from vsense.vision.cameras.aravis import AravisError
+from vsense.vision.cameras.camera import Camera
+from vsense.vision.cameras.discovery import RATE_HZ, rate_of
 from vsense.vision.cameras.picture import PictureError
 from vsense.vision.cameras.source import (
     AUTOMATIC,
@@ -41,7 +42,6 @@ from vsense.vision.cameras.source import (
     Shot,
     Source,
 )
-from vsense.vision.cameras.v4l2 import V4l2Control, V4l2ControlDevice
 from vsense.vision.tracking.opening import make_source
 from vsense.vision.tracking.specs import (
     CAMERA,
@@ -150,7 +150,7 @@ def camera_named(id: str, wanted: Controls) -> GrabberSpec:
     """
     if "://" in id:
         return GrabberSpec.of_camera(id, CAMERA, id, wanted)
-    node = v4l2.node(id) if len(id) < NODE_DIGITS else id
+    node = _v4l2.node(id) if len(id) < NODE_DIGITS else id
     if node.startswith("/dev/"):
         if not Path(node).exists():
             raise UsageError(f"no camera {node}: {_known(())}")
@@ -194,7 +194,7 @@ def _of_aravis(id: str, wanted: Controls) -> GrabberSpec:
 
 
 def _known(listed: Sequence[ListedCamera]) -> str:
-    known = [camera.id for camera in listed] + [device.path for device in v4l2.devices()]
+    known = [camera.id for camera in listed] + [device.path for device in _v4l2.devices()]
     if not known:
         return "there are none; see vsense cameras"
     return f"there {'is' if len(known) == 1 else 'are'} {', '.join(known)}"
@@ -210,7 +210,7 @@ def free(spec: GrabberSpec) -> GrabberSpec:
 
 def _v4l2_controls(device: str) -> CameraControls | None:
     """Opens the controls of a device node; streams have none."""
-    path = v4l2.node(device)
+    path = _v4l2.node(device)
     if not path.startswith("/dev/"):
         return None
     try:

@@ -13,10 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.errors import UsageError, instead
-from vsense.vision.markers.dictionary import Codes, FamilyError, Floats, dictionary_name, load_codes
+from vsense.vision.markers._dictionary import (
+    Codes,
+    FamilyError,
+    Floats,
+    dictionary_name,
+    load_codes,
+)
 from vsense.vision.markers.families import SquareFamily, known_families, load_family
-from vsense.vision.tracking.squares_edges import Sides, fit_local_corners, fit_sides
-from vsense.vision.tracking.squares_words import WordReader
+from vsense.vision.tracking._squares_edges import Sides, fit_local_corners, fit_sides
+from vsense.vision.tracking._squares_words import WordReader
 
 _WINDOW = 0.9
 _NEXT_WINDOW = 2.4

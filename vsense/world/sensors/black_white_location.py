@@ -21,7 +21,7 @@ from typing import ClassVar
 import numpy as np
 
 from vsense.base.xml.element import Element
-from vsense.world.sensors import places
+from vsense.world.sensors import _places
 from vsense.world.sensors.base import Readings, Robots, Scope
 from vsense.world.sensors.geometry import seen_from
 from vsense.world.sensors.quality import Scale
@@ -34,8 +34,8 @@ ELEMENTS = ("virtual_black_white_location_sensor",)
 class BlackWhiteLocationSensor:
     """Points to two places; see the module."""
 
-    black: places.Place
-    white: places.Place
+    black: _places.Place
+    white: _places.Place
     name: str = "black_white_location"
     layout: str = "4*f4"
     scale: ClassVar[Scale] = Scale(low=-1.0, high=1.0)
@@ -56,9 +56,9 @@ class BlackWhiteLocationSensor:
 def from_xml(element: Element, scope: Scope) -> BlackWhiteLocationSensor:
     """Makes the sensor from its element."""
     black, white = (
-        places.from_xml(element, scope, f"vs:{color}")
+        _places.from_xml(element, scope, f"vs:{color}")
         if element.has(f"vs:{color}")
-        else places.rectangle_from_xml(element, color)
+        else _places.rectangle_from_xml(element, color)
         for color in ("black", "white")
     )
     return BlackWhiteLocationSensor(black, white)

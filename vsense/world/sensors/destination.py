@@ -26,7 +26,7 @@ import numpy as np
 
 from vsense.base.native import kernel_ffi, kernels
 from vsense.base.xml.element import Element
-from vsense.world.sensors import places
+from vsense.world.sensors import _places
 from vsense.world.sensors.base import ReadFunction, Readings, Robots, Scope
 from vsense.world.sensors.geometry import SensedScene
 from vsense.world.sensors.quality import Scale
@@ -41,7 +41,7 @@ _OWN_TAG = "{tag}"
 class DestinationSensor:
     """Robots' destinations: `target` is that of all, or the pattern of the entities' ids."""
 
-    target: places.Place | str
+    target: _places.Place | str
     name: str = "destination"
     layout: str = "5*f4"
     scale: ClassVar[Scale] = Scale(
@@ -58,7 +58,7 @@ class DestinationSensor:
 
     def kernel(self, world: World, robots: Robots) -> ReadFunction | None:
         """See `vsense/world/sensors/base.py`."""
-        if isinstance(self.target, places.TaggedPlace):  # it moves by itself
+        if isinstance(self.target, _places.TaggedPlace):  # it moves by itself
             return None
         destinations = self._destinations(world, robots)
         return ReadFunction(kernels, "vs_destinations_read", destinations.cdata, kept=destinations)
@@ -67,14 +67,14 @@ class DestinationSensor:
         """Where robots (n,) are to go now."""
         if isinstance(self.target, str):
             names = [self.target.replace(_OWN_TAG, str(tag)) for tag in robots["tag"].tolist()]
-            return _Destinations([places.EntityPlace(name).pose(world) for name in names])
+            return _Destinations([_places.EntityPlace(name).pose(world) for name in names])
         return _Destinations([self.target.pose(world)] * len(robots))
 
 
 class _Destinations:
     """Destinations as C takes them: `cdata` is a `struct vs_destinations *`."""
 
-    def __init__(self, poses: Sequence[places.Pose | None]) -> None:
+    def __init__(self, poses: Sequence[_places.Pose | None]) -> None:
         """None: the robot is there."""
         nowhere = math.nan, math.nan, math.nan
         rows = np.array([pose or nowhere for pose in poses], dtype=np.float64).reshape(-1, 3)
@@ -87,4 +87,4 @@ def from_xml(element: Element, scope: Scope) -> DestinationSensor:
     target = element.text("vs:target", f"destination_{_OWN_TAG}")
     if _OWN_TAG in target:
         return DestinationSensor(target)
-    return DestinationSensor(places.from_xml(element, scope, "vs:target"))
+    return DestinationSensor(_places.from_xml(element, scope, "vs:target"))

@@ -29,9 +29,9 @@ from numpy.typing import NDArray
 from vsense.base.arena import wrap_angle
 from vsense.base.xml.element import Element
 from vsense.world.entities import Box, Cylinder
+from vsense.world.sensors._neighbours import Pairs, without_empty
 from vsense.world.sensors.base import Readings, Robots, Scope
 from vsense.world.sensors.geometry import rows_of
-from vsense.world.sensors.neighbours import Pairs, without_empty
 from vsense.world.sensors.quality import Floats, Scale
 from vsense.world.sightings import NEVER_NS
 from vsense.world.world import World

@@ -20,8 +20,8 @@ import numpy as np
 
 from vsense.base.xml.element import Element
 from vsense.world.pollution import PollutantSource
+from vsense.world.sensors._places import read_memory_ns
 from vsense.world.sensors.base import Readings, Robots, Scope
-from vsense.world.sensors.places import read_memory_ns
 from vsense.world.sensors.quality import Scale
 from vsense.world.world import World
 

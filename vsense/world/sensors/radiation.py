@@ -19,7 +19,7 @@ from typing import ClassVar
 import numpy as np
 
 from vsense.base.xml.element import Element
-from vsense.world.sensors import places
+from vsense.world.sensors import _places
 from vsense.world.sensors.base import Readings, Robots, Scope
 from vsense.world.sensors.geometry import NEAREST_M, seen_from
 from vsense.world.sensors.quality import Scale
@@ -35,7 +35,7 @@ _MAX_RANGE_M = 1000.0
 class RadiationSensor:
     """Measures how strongly a thing radiates: `strength` is the reading at 1 m; see the module."""
 
-    source: places.Place
+    source: _places.Place
     strength: float = 1.0
     range_m: float = _MAX_RANGE_M
     name: str = "radiation"
@@ -55,7 +55,7 @@ class RadiationSensor:
 def from_xml(element: Element, scope: Scope) -> RadiationSensor:
     """Makes the sensor from its element."""
     return RadiationSensor(
-        places.from_xml(element, scope, "radiation_entity"),
+        _places.from_xml(element, scope, "radiation_entity"),
         element.number("vs:strength", 0.0, _MAX_STRENGTH, default=1.0),
         element.number("vs:range", 0.001, _MAX_RANGE_M, "m", _MAX_RANGE_M),
     )

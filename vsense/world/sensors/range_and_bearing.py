@@ -33,8 +33,8 @@ import numpy as np
 
 from vsense.base.xml.element import Element
 from vsense.world.entities import BODY_RADIUS_M
+from vsense.world.sensors._neighbours import Pairs, Reach, without_empty
 from vsense.world.sensors.base import Readings, Robots, Scope
-from vsense.world.sensors.neighbours import Pairs, Reach, without_empty
 from vsense.world.sensors.quality import Floats, Scale
 from vsense.world.world import MESSAGE_MAX, World
 

@@ -1,5 +1,5 @@
 // A camera's lens model: where places of the arena are in its picture, and what of them it can show.
-// As vsense/vision/cameras/camera.py, image_plane.py and vsense/monitor/pictures/projections.py, which say why.
+// As vsense/vision/cameras/camera.py, image_plane.py and vsense/monitor/pictures/_projections.py, which say why.
 
 const NEAR_M = 0.02;
 const DIRECTIONS = 48;

@@ -1,5 +1,5 @@
 // Where places of the arena are in a picture: from above, or through a camera's lens.
-// As vsense/monitor/pictures/projections.py; see `View` in types.d.ts.
+// As vsense/monitor/pictures/_projections.py; see `View` in types.d.ts.
 
 const MARGIN_M = 0.04;
 const MARGIN_PX = 10;

@@ -1,5 +1,5 @@
 // The virtual world: one drawing for the arena from above and for cameras' pictures.
-// As vsense/monitor/pictures/scene.py draws them for videos; where things are is the view's matter.
+// As vsense/monitor/pictures/_scene.py draws them for videos; where things are is the view's matter.
 
 import { FromAbove, rim } from "./projections.js";
 

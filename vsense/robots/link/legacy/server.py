@@ -14,8 +14,8 @@ from dataclasses import replace
 from typing import Any
 
 from vsense.base.clock import host_ns
+from vsense.robots.link._listening import Client, ListeningServer
 from vsense.robots.link.legacy.protocol import LegacyRobot, LegacySwarm
-from vsense.robots.link.listening import Client, ListeningServer
 from vsense.robots.link.server import NO_GOALS, VirtualSensorServer
 from vsense.robots.link.status import EventKind, EventThrottle, LinkEvent, RobotStatus
 from vsense.robots.link.strangers import PERIOD_NS

@@ -19,13 +19,13 @@ from typing import Any
 from vsense.base.arena import ArenaState
 from vsense.base.clock import host_ns
 from vsense.robots.link.status import LinkError
+from vsense.robots.link.trackers._repair import Repair, StateCounters, TrackerLink
 from vsense.robots.link.trackers.protocol import (
     StateInbox,
     TrackerCommand,
     decode_state,
     encode_command,
 )
-from vsense.robots.link.trackers.repair import Repair, StateCounters, TrackerLink
 
 PERIOD_NS = 100_000_000
 """Between two ONE_SHOTs: the original's timestep."""

@@ -20,8 +20,8 @@ from vsense.robots.link import strangers
 from vsense.robots.link.network import listen
 from vsense.robots.link.status import LinkError
 from vsense.robots.link.strangers import Places, StrangerLog, owner_of
+from vsense.robots.link.trackers._repair import Repair, StateCounters, TrackerLink
 from vsense.robots.link.trackers.protocol import ROBOTS_MAX, TrackerReport
-from vsense.robots.link.trackers.repair import Repair, StateCounters, TrackerLink
 
 LINE_MAX = 1_048_576
 

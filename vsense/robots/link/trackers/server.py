@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 
 from vsense.base.arena import ArenaState
 from vsense.base.clock import host_ns
-from vsense.robots.link.listening import Client, ListeningServer
+from vsense.robots.link._listening import Client, ListeningServer
+from vsense.robots.link._streams import Outbox
 from vsense.robots.link.strangers import Places, owner_of
-from vsense.robots.link.streams import Outbox
 from vsense.robots.link.trackers.protocol import COMMAND_SIZE, END, TrackerCommand, encode_state
 
 Locate = Callable[[NDArray[np.void]], NDArray[np.float64]]

@@ -1,0 +1,200 @@
+"""What `vsense sim`, `vsense lab` and `vsense run` share: their options, and how they begin.
+
+What only the last two need, robots' links and the control room, is imported where they ask for it.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vsense.base.terminal import print_data
+from vsense.commands import _arguments, _homes, _rosters
+from vsense.config.specs import Experiment, Stage
+from vsense.modes import options as options_module
+from vsense.modes.options import ExperimentOptions
+
+if TYPE_CHECKING:
+    from vsense.monitor.ui.room import RoomOptions
+    from vsense.robots.link.keys import LinkTrust
+    from vsense.run.leases import RobotLeases
+
+
+def add_experiment(parser: argparse.ArgumentParser, stage: Stage) -> None:
+    """Declares what all commands that run an experiment have in common."""
+    _arguments.add_experiment_name(parser)
+    text = (
+        "only say what the experiment holds, what of its file is not supported, and how many"
+        " bytes a robot is sent and sends"
+    )
+    _arguments.flag(parser, "--dry", text)
+    _arguments.flag(
+        parser, "--strict", "refuse a file in which anything is not supported, instead of warning"
+    )
+    text = (
+        "go on where a controller asks for a sensor or actuator that nobody offers, or is told a"
+        " parameter that it does not read or that is no number: it is only said"
+    )
+    _arguments.flag(parser, "--lenient", text)
+    _arguments.add_code(parser)
+    _add_run(parser)
+    # Real robots are those of the lab; what is made up here goes on where the lab has too few.
+    _rosters.add_casting(parser, _rosters.HERE if stage is Stage.RUN else "")
+
+
+def _add_run(parser: argparse.ArgumentParser) -> None:
+    _arguments.option(
+        parser, "--duration", _arguments.seconds, "S", "length of a run in s (default: the file's)"
+    )
+    text = "seed of everything that is drawn (default: the file's; 0 draws a fresh one)"
+    _arguments.option(parser, "--seed", _arguments.natural, "N", text)
+    _arguments.option(
+        parser, "--robots", _arguments.positive, "N", "take only the first N robots of the file"
+    )
+    _arguments.flag(parser, "--blind", "hold the virtual sensors at 0: the control experiment")
+    _arguments.flag(parser, "--json", "print the summary, or what --dry says, as one JSON object")
+
+
+def add_settings(parser: argparse.ArgumentParser) -> None:
+    """Declares `--set`, with one value per setting."""
+    parser.add_argument(
+        "--set",
+        type=_arguments.setting,
+        action="append",
+        default=[],
+        metavar="ELEMENT.ATTRIBUTE=VALUE",
+        help="a value instead of the file's; ELEMENT is an element's name or id, a controller's"
+        " library (for its parameters), 'sensor' or 'actuator' (for all virtual ones); may be"
+        " given again",
+    )
+
+
+def add_trust(parser: argparse.ArgumentParser) -> None:
+    """Declares which robots are believed."""
+    add_key(parser)
+    add_insecure(
+        parser, "take robots that have no key, too: whoever reaches the port can drive robots"
+    )
+
+
+def add_key(parser: argparse.ArgumentParser) -> None:
+    """Declares where the swarm's keys are."""
+    text = (
+        "the swarm's keys, which 'vsense robot keys' makes (default: vsense/swarm.key in"
+        " ~/.config or $XDG_CONFIG_HOME)"
+    )
+    _arguments.option(parser, "--key", Path, "FILE", text)
+
+
+def key_path(options: argparse.Namespace) -> Path:
+    """Where the swarm's keys are."""
+    from vsense.robots.link import keys
+
+    return options.key or keys.default_path()
+
+
+def add_insecure(parser: argparse.ArgumentParser, text: str, page: bool = True) -> None:
+    """Declares `--insecure`, with `page` that of a page, too."""
+    _arguments.flag(parser, "--insecure", f"{text}; {_arguments.INSECURE_PAGE}" if page else text)
+
+
+def trust_of(options: argparse.Namespace) -> LinkTrust:
+    """Returns what `add_trust` declares; raises as `opening.trust_of`."""
+    from vsense.modes.live import opening
+
+    return opening.trust_of(options.key, options.insecure)
+
+
+def add_legacy_port(parser: argparse.ArgumentParser) -> None:
+    """Declares the port for robots with the original's client."""
+    text = (
+        "serve robots that still run the original's client, too, on this TCP port; 0 takes a free"
+        " one (default: serve none)"
+    )
+    _arguments.option(parser, "--legacy-port", _arguments.port, "P", text)
+
+
+def add_room(parser: argparse.ArgumentParser) -> None:
+    """Declares how the runs are seen, steered and kept: the control room."""
+    _arguments.add_web(parser, insecure=False)
+    _arguments.add_foxglove(parser)
+    group = _arguments.add_hold(
+        parser,
+        "start no run by itself, but with a key, on the page or with vsense start; after a run"
+        " wait for the next one, until Ctrl-C",
+    )
+    text = "a series of N runs; the seed of each is the one before plus 1 (default: 1)"
+    _arguments.option(group, "--runs", _arguments.positive, "N", text, 1)
+    _homes.add_home(group)
+    _arguments.add_locked(group)
+    _arguments.add_recording(group)
+
+
+def room_of(options: argparse.Namespace) -> RoomOptions:
+    """Returns what `add_room` declares."""
+    from vsense.monitor.ui.room import RoomOptions
+
+    doors = {"web": _arguments.web_of(options), "foxglove": _arguments.foxglove_of(options)}
+    return _arguments.fill(RoomOptions, options, **doors, series=None, tokens=None)
+
+
+def staged_of(options: argparse.Namespace) -> dict[str, Any]:
+    """Control room and link, as `add_room` and the commands declare them."""
+    from vsense.modes.live.opening import LinkOptions
+
+    return {"room": room_of(options), "link": _arguments.fill(LinkOptions, options)}
+
+
+def options_of(
+    options: argparse.Namespace, stage: Stage, settings: Mapping[str, str] | None = None
+) -> ExperimentOptions:
+    """Returns what `add_experiment` declares; `settings` are by default those of `--set`."""
+    return _arguments.fill(
+        ExperimentOptions,
+        options,
+        stage=stage,
+        settings=dict(options.set) if settings is None else settings,
+        code=_arguments.code_of(options),
+        casting=_rosters.casting_of(options, stage is Stage.RUN),
+        virtual_devices=getattr(options, "virtual_devices", False),
+    )
+
+
+def is_dry(options: argparse.Namespace, asked: ExperimentOptions) -> bool:
+    """Whether the experiment is only described (`--dry`), which is then done."""
+    if options.dry:
+        for text in asked.described(options.json):
+            print_data(text)
+    return bool(options.dry)
+
+
+def choose_seed(options: argparse.Namespace, experiment: Experiment) -> int:
+    """Gives a run's seed: the command line's, else the file's; for 0 a fresh one."""
+    return options_module.choose_seed(options.seed, experiment)
+
+
+def say_trust(trust: LinkTrust, say: Callable[[str], None]) -> None:
+    """Says where anybody could be a robot, and which former keys are still believed."""
+    from vsense.modes.live import opening
+
+    opening.say_trust(trust, say)
+
+
+def lease_tags(
+    options: argparse.Namespace, name: str, tags: Iterable[int], host: str
+) -> AbstractContextManager[RobotLeases | None]:
+    """Takes robots for the experiment of a name; see `opening.lease_robots`."""
+    from vsense.modes.live import opening
+
+    return opening.lease_robots(tags, options.command, name, host)
+
+
+def lease_robots(
+    options: argparse.Namespace, experiment: Experiment, host: str
+) -> AbstractContextManager[RobotLeases | None]:
+    """Takes an experiment's robots; see `opening.lease_robots`."""
+    tags = [robot.tag for robot in experiment.robots[: options.robots]]
+    return lease_tags(options, experiment.name, tags, host)

@@ -1,0 +1,159 @@
+"""Options that say what robots of the lab differ in."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import re
+from collections.abc import Callable
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+from vsense.base.errors import UsageError
+from vsense.commands import _arguments, _rosters
+from vsense.config.roster_fields import MarkerOffset
+from vsense.config.specs import Experiment
+from vsense.run.cast import spares_for
+
+if TYPE_CHECKING:
+    from vsense.modes.lab.hardware import EmulatedRadio, HardwareErrors, LabRobots
+
+_NUMBER = r"\d+(?:\.\d+)?"
+
+
+def add_errors(parser: Any, usual: bool = False) -> None:
+    """Declares what is drawn; nothing by default, or `usual` errors."""
+    marker, wheel, sensor = ("4,5", "5", "20") if usual else ("0,0", "0", "0")
+    option = _arguments.option
+    text = "each robot's marker sits up to so many mm and degrees off its middle"
+    text = f"{text} (default: {marker})"
+    option(parser, "--marker-errors", _marker, "MM,DEG", text, _marker(marker))
+    text = f"each wheel and axle is up to so much larger or smaller, 0 to 9 (default: {wheel})"
+    option(parser, "--wheel-errors", _percent(9), "PERCENT", text, _percent(9)(wheel))
+    text = (
+        "each proximity and ground sensor is up to so much more or less sensitive, 0 to 50, and"
+        f" reads something else of nothing (default: {sensor})"
+    )
+    option(parser, "--sensor-errors", _percent(50), "PERCENT", text, _percent(50)(sensor))
+    text = "seed of what robots differ in: with another one they are other robots (default: 0)"
+    option(parser, "--robots-seed", _arguments.natural, "N", text, 0)
+
+
+def add_robots(parser: argparse.ArgumentParser) -> None:
+    """Declares what robots of `vsense lab` differ in; its `--roster` says what is known of it."""
+    add_errors(parser)
+    add_radios(parser)
+
+
+def add_radios(parser: Any) -> None:
+    """Declares which emulated robots have a Wi-Fi radio, and what it tells."""
+    parser.add_argument(
+        "--radio",
+        type=_radio,
+        action="append",
+        default=[],
+        metavar="TAG=DBM[,MBIT_S][,saves]",
+        help="robot TAG tells of a Wi-Fi with this signal and bit rate, whose power saving is on"
+        " with saves: 23=-84,5.5,saves; no packet is lost for it; may be given again (default: no"
+        " robot has one)",
+    )
+
+
+def radios_of(options: argparse.Namespace, experiment: Experiment) -> dict[int, EmulatedRadio]:
+    """Returns what `add_radios` declares, by tag; UsageError: the experiment has no such robot."""
+    radios = dict(options.radio)
+    tags = [robot.tag for robot in experiment.robots]
+    for tag in radios:
+        if tag not in tags:
+            there = ", ".join(map(str, tags))
+            raise UsageError(f"--radio {tag}: {experiment.file} has {there}")
+    return radios
+
+
+def add_faults(parser: Any) -> None:
+    """Declares faults that a lab's robots have."""
+    parser.add_argument(
+        "--swap-markers",
+        type=_rosters.tag_pair,
+        action="append",
+        default=[],
+        metavar="TAG=TAG",
+        help="these two robots wear each other's markers; may be given again",
+    )
+    text = "the wheels of these robots do not turn, such as 23,30"
+    _arguments.option(parser, "--dead-motors", _arguments.numbers, "TAGS", text, ())
+
+
+def errors_of(options: argparse.Namespace) -> HardwareErrors:
+    """Returns what `add_errors` declares."""
+    from vsense.modes.lab.hardware import HardwareErrors
+
+    marker_m, marker_rad = options.marker_errors
+    wheel, sensor = options.wheel_errors, options.sensor_errors
+    return HardwareErrors(marker_m, marker_rad, wheel, options.robots_seed, sensor)
+
+
+def robots_of(options: argparse.Namespace, experiment: Experiment) -> LabRobots:
+    """The lab's robots: what is drawn of them, and what `--roster` knows of them.
+
+    Raises:
+        UsageError: the roster cannot be read, or no robot has the tag of a fault.
+        ConfigError: something in it is wrong.
+    """
+    from vsense.modes.lab.hardware import LabRobots, draw_all
+
+    tags = [robot.tag for robot in experiment.robots]
+    dead, worn = getattr(options, "dead_motors", ()), dict[int, int]()
+    for one, other in getattr(options, "swap_markers", ()):
+        worn |= {one: worn.get(other, other), other: worn.get(one, one)}
+    if unknown := (set(dead) | worn.keys()) - set(tags):
+        there = ", ".join(map(str, tags))
+        raise UsageError(f"no robot has tag {min(unknown)}; expected some of {there}")
+    drawn = draw_all([*tags, *spares_for(experiment)], errors_of(options), dead)
+    radios = radios_of(options, experiment) if "radio" in options else {}
+    known = _rosters.roster_of(options, found=False)
+    if known is None:
+        return LabRobots(drawn, worn=worn, radios=radios)
+    settings = {robot.tag: robot.calibration.settings for robot in known.robots}
+    return LabRobots(drawn, known.markers, settings, worn, radios)
+
+
+def markers_of(options: argparse.Namespace) -> dict[int, MarkerOffset]:
+    """Where markers sit on their robots, as the roster has it; raises as `rosters.roster_of`."""
+    known = _rosters.roster_of(options)
+    return {} if known is None else known.markers
+
+
+def _marker(text: str) -> tuple[float, float]:
+    found = re.fullmatch(rf"({_NUMBER}),({_NUMBER})", text)
+    if found is None or float(found[1]) > 20.0 or float(found[2]) > 180.0:
+        raise argparse.ArgumentTypeError(f"'{text}': expected mm and degrees, such as 4,5")
+    return float(found[1]) / 1000.0, math.radians(float(found[2]))
+
+
+def _radio(text: str) -> tuple[int, EmulatedRadio]:
+    from vsense.modes.lab.hardware import read_radio
+
+    try:
+        return read_radio(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def _percent(most: int) -> Callable[[str], float]:
+    def read(text: str) -> float:
+        if not re.fullmatch(_NUMBER, text) or float(text) > most:
+            raise argparse.ArgumentTypeError(
+                f"'{text}': expected a percentage from 0 to {most}, such as 5"
+            )
+        return float(text) / 100.0
+
+    return read
+
+
+def pace(text: str) -> float:
+    """Reads the pace of a lab's clocks."""
+    with suppress(ValueError):
+        if 0.01 <= float(text) <= 1.0:
+            return round(float(text), 3)
+    raise argparse.ArgumentTypeError(f"'{text}': expected 0.01 to 1, such as 0.5")

@@ -1,0 +1,130 @@
+"""The option `--roster` and what goes with it: who plays, and which boards are meant."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Collection
+from pathlib import Path
+
+from vsense.base.errors import UsageError
+from vsense.commands import _arguments
+from vsense.config import roster
+from vsense.config.casting import Casting, Pair, pair
+from vsense.config.roster import FILE_NAME, Roster, RosterRobot
+from vsense.robots.deploying import RobotHost
+
+HERE = f"(default: {FILE_NAME} in the current folder, where there is one)"
+
+
+MARKERS = "the lab's robots: where it says how a marker sits on one, poses are the robot's"
+
+
+def add_roster(parser: argparse.ArgumentParser, text: str, default: str = HERE) -> None:
+    """Declares `--roster`; `default` says which one it is where none is named."""
+    _arguments.option(parser, "--roster", Path, "FILE", f"{text} {default}".strip())
+
+
+def roster_of(options: argparse.Namespace, found: bool = True) -> Roster | None:
+    """Reads the roster that is meant; None: none is. Raises as `find_roster`."""
+    return roster.find_roster(options.roster, found)
+
+
+def wanted_roster(options: argparse.Namespace) -> Roster:
+    """Reads the roster, which there has to be; raises as `require_roster`."""
+    return roster.require_roster(options.roster)
+
+
+def add_casting(parser: argparse.ArgumentParser, default: str = HERE) -> None:
+    """Declares who plays: `--roster` and `--replace`; for `default` see `add_roster`."""
+    add_roster(
+        parser,
+        f"{MARKERS}, and those that work and are no spares, in their order, play the parts to"
+        " which the experiment gives no tags",
+        default,
+    )
+    add_replace(parser, "23=37: robot 37 plays the part of 23, with its controller, start and name")
+
+
+def add_replace(parser: argparse.ArgumentParser, text: str) -> None:
+    """Declares `--replace`."""
+    parser.add_argument(
+        "--replace",
+        type=tag_pair,
+        action="append",
+        default=[],
+        metavar="TAG=TAG",
+        help=f"{text}; may be given again",
+    )
+
+
+def tag_pair(text: str) -> Pair:
+    """Reads "23=37" as an option's value."""
+    try:
+        return pair(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def casting_of(options: argparse.Namespace, found: bool) -> Casting:
+    """Who plays; raises as `roster_of`."""
+    limit = getattr(options, "robots", None)
+    return Casting.of(roster_of(options, found), options.replace, limit)
+
+
+def add_tags(parser: argparse.ArgumentParser) -> None:
+    """Declares which robots of a roster are meant."""
+    text = (
+        "these robots of the roster only, such as 23,30-34 (default: all but those that are"
+        " out of order)"
+    )
+    _arguments.option(parser, "--tags", _arguments.numbers, "TAGS", text)
+
+
+def chosen(
+    known: Roster, tags: Collection[int] | None, say: Callable[[str], None]
+) -> list[RosterRobot]:
+    """The robots that `--tags` names, or all that are not out of order, of which the rest is told.
+
+    Raises:
+        UsageError: the roster has no robot of such a tag, or all are out of order.
+    """
+    if tags is not None:
+        for tag in tags:
+            if tag not in known.tags:
+                there = ", ".join(map(str, known.tags))
+                raise UsageError(f"--tags {tag}: {known.path} has {there}")
+        return [robot for robot in known.robots if robot.tag in tags]
+    for robot in known.robots:
+        if robot.out_of_order:
+            say(f"{robot} is left out: {robot.why_not} (--tags {robot.tag} brings it in)")
+    working = [robot for robot in known.robots if not robot.out_of_order]
+    if not working:
+        raise UsageError(f"{known.path}: all robots are out of order; --tags names some")
+    return working
+
+
+def board_of(robot: RosterRobot) -> RobotHost:
+    """What `vsense robot deploy` knows of a robot: how it is reached, and vsensed's settings."""
+    board = {_SETTINGS.get(name, name): value for name, value in robot.board.items()}
+    own = {"tag": str(robot.tag), "name": robot.name, "uid": robot.uid}
+    settings = {name: value for name, value in own.items() if value}
+    return RobotHost(robot.host, {**settings, **board, **robot.calibration.settings}, robot.line)
+
+
+_SETTINGS = {"run_host": "host", "battery_stop_mv": "battery-stop-mv"}
+"""Settings of vsensed that have another name in a roster."""
+
+
+def boards(
+    known: Roster, tags: Collection[int] | None, say: Callable[[str], None]
+) -> list[RobotHost]:
+    """The boards of the `chosen` robots.
+
+    Raises:
+        UsageError: as `chosen`; or the roster does not say how one is reached.
+    """
+    robots = chosen(known, tags, say)
+    for robot in robots:
+        if not robot.host:
+            raise known.error(robot, 'no host for this robot: add host = "root@ADDRESS"')
+    return [board_of(robot) for robot in robots]

@@ -1,0 +1,266 @@
+"""Reads robots and tagged objects into what is in the arena."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from vsense.base.native import lib
+from vsense.base.xml.element import Element, shown
+from vsense.config import argos
+from vsense.config._distribute import OBJECT, Crowd, DistributedSpec
+from vsense.config._things import Media, read_place
+from vsense.config.specs import FieldSpec, FloorSpec, ObjectSpec, Pose, RobotSpec, Stage
+from vsense.world.entities import VIRTUAL_TAG_MIN, Arena, Entity, VirtualRobot
+from vsense.world.sensors.base import RobotSettings
+from vsense.world.world import MESSAGE_MAX
+
+
+@dataclass(slots=True)
+class ArenaContents:
+    """What is in the arena, while it is read.
+
+    Attributes:
+        folder: where files with relative paths are looked for.
+        stage: what the experiment is loaded for.
+        entities, distributed: what stands where the file says, and where the seed will say.
+        objects: tagged things that are no robots.
+        fields: quantities spread over the floor.
+        controllers: by robot id the `<controller>` element that names what drives it.
+        settings: by robot id those of its simulated devices.
+        without_controller: by id the e-pucks that nothing drives: objects, as in the thesis.
+        crowds: how many `<distribute>` were read.
+        unseen: boxes and cylinders that only virtual sensors notice.
+        untagged: elements of bodies without a tag, with the bodies' ids.
+        taken: tags that were taken out of a roster.
+        lines, lines_of_tags: by id or tag the line of its element.
+    """
+
+    arena: Arena
+    folder: Path
+    media: Media
+    timestep_s: float
+    stage: Stage
+    entities: list[Entity] = field(default_factory=list)
+    distributed: list[DistributedSpec] = field(default_factory=list)
+    robots: list[RobotSpec] = field(default_factory=list)
+    objects: list[ObjectSpec] = field(default_factory=list)
+    floor: FloorSpec | None = None
+    fields: list[FieldSpec] = field(default_factory=list)
+    controllers: dict[str, Element] = field(default_factory=dict)
+    without_controller: dict[str, Element] = field(default_factory=dict)
+    settings: dict[str, RobotSettings] = field(default_factory=dict)
+    crowds: int = 0
+    unseen: list[Element] = field(default_factory=list)
+    untagged: list[tuple[Element, list[str]]] = field(default_factory=list)
+    taken: list[int] = field(default_factory=list)
+    lines: dict[str, int] = field(default_factory=dict)
+    lines_of_tags: dict[int, int] = field(default_factory=dict)
+
+    @property
+    def tags(self) -> dict[str, int]:
+        """Markers of all tagged things by id."""
+        bodies: list[RobotSpec | ObjectSpec] = [*self.robots, *self.objects]
+        return {body.id: body.tag for body in bodies}
+
+    @property
+    def everything(self) -> dict[str, Entity]:
+        """All entities by id; the places of the distributed ones are not known yet."""
+        entities = [*self.entities, *(spec.entity for spec in self.distributed)]
+        return {entity.id: entity for entity in entities}
+
+    def claim_id(self, element: Element, name: str) -> None:
+        """Notes an id, which must be printable and no other element's."""
+        if not name.isprintable():
+            raise element.error(f"{name!r} holds a character that is not printable", "id")
+        if name in self.lines:
+            line = self.lines[name]
+            raise element.error(f"{name!r} is the id of another element, in line {line}", "id")
+        self.lines[name] = element.line
+
+    def claim_tag(self, element: Element, attribute: str, tag: int) -> None:
+        """Notes a tag, which no other thing may wear."""
+        if tag in self.lines_of_tags:
+            line = self.lines_of_tags[tag]
+            raise element.error(f"tag {tag} is worn by another one, in line {line}", attribute)
+        self.lines_of_tags[tag] = element.line
+
+    def next_virtual_tag(self) -> int:
+        there = self.everything.values()
+        return VIRTUAL_TAG_MIN + sum(isinstance(entity, VirtualRobot) for entity in there)
+
+
+MAX_TAG = 65_535
+
+_ID = re.compile(r"(.+)_([0-9]{1,9})_([0-9]{1,9})")
+_NO_TAG = -1
+"""Stands in for the tag of a body until it is given one."""
+_MAX_RAB_BYTES = 10_000
+
+
+def add_epuck(element: Element, bodies: ArenaContents) -> None:
+    """Reads an `<e-puck>`: a real robot, a virtual one, or without a controller an object."""
+    _pass_over(element)
+    if element.boolean("vs:virtual", False):
+        _add_virtual(element, bodies)
+        return
+    controller = element.optional_child("controller")
+    if controller is None:
+        bodies.without_controller[add_object(element, bodies)] = element
+        return
+    name, tag, number = _read_identity(element, bodies)
+    _check_name(element, name)
+    pose = _read_pose(element, bodies)
+    number = len(bodies.robots) if number is None else number
+    config = _name_controller(element, controller, name, bodies)
+    bodies.robots.append(RobotSpec(name, tag, number, pose, None, config, element.line))
+
+
+def _pass_over(element: Element) -> None:
+    """Passes over what only a simulated e-puck has."""
+    argos.pass_over(element, argos.EPUCK_SETTINGS)
+    for name, instead in argos.EPUCK_PARTS.items():
+        for child in element.children(name):
+            child.leave_out(instead)
+
+
+def _read_settings(element: Element) -> RobotSettings:
+    """Reads what an `<e-puck>` says of its simulated devices."""
+    usual = RobotSettings()
+    aperture_deg = math.degrees(usual.aperture_rad)
+    size = element.integer("rab_data_size", 1, _MAX_RAB_BYTES, usual.message_bytes)
+    if size > MESSAGE_MAX:
+        element.warn(
+            f"rab_data_size is {size}: messages of <range_and_bearing> end at {MESSAGE_MAX}"
+        )
+    return RobotSettings(
+        rab_range_m=element.number("rab_range", 0.001, 1000.0, "m", usual.rab_range_m),
+        message_bytes=min(size, MESSAGE_MAX),
+        aperture_rad=element.angle("omnidirectional_camera_aperture", 0.1, 89.0, aperture_deg),
+    )
+
+
+def add_object(element: Element, bodies: ArenaContents) -> str:
+    """Reads a thing with a marker on it that is no robot; gives its id."""
+    name, tag, _ = _read_identity(element, bodies)
+    bodies.objects.append(ObjectSpec(name, tag, _read_pose(element, bodies), None, element.line))
+    return name
+
+
+def add_crowd(crowd: Crowd, bodies: ArenaContents) -> None:
+    """Adds the robots or objects of an `<entity>`.
+
+    With vs:tags they are called NAME_TAG_NUMBER, with numbers from base_num; without, NAME and the
+    number, as in ARGoS.
+    """
+    element = crowd.element
+    prefix = element.text("id")
+    is_robot = element.name != OBJECT
+    if is_robot:
+        _pass_over(element)
+        if element.boolean("vs:virtual", False):
+            _add_virtual_crowd(crowd, prefix, bodies)
+            return
+    controller = element.child("controller") if is_robot else None
+    names: list[str] = []
+    for number, tag in zip(crowd.numbers, _read_tags(crowd, bodies), strict=True):
+        name = f"{prefix}{number}" if tag == _NO_TAG else f"{prefix}_{tag}_{number}"
+        bodies.claim_id(element, name)
+        names.append(name)
+        line, drawn = element.line, crowd.distribution
+        if controller is None:
+            bodies.objects.append(ObjectSpec(name, tag, None, drawn, line))
+            continue
+        _check_name(element, name)
+        config = _name_controller(element, controller, name, bodies)
+        bodies.robots.append(RobotSpec(name, tag, number, None, drawn, config, line))
+    if not crowd.entity.has("vs:tags"):
+        bodies.untagged.append((crowd.entity, names))
+
+
+def _add_virtual(element: Element, bodies: ArenaContents) -> None:
+    name = element.text("id")
+    bodies.claim_id(element, name)
+    driver = _driver(element, name, bodies)
+    pose = _read_pose(element, bodies)
+    bodies.entities.append(VirtualRobot(name, bodies.next_virtual_tag(), *pose, driver))
+
+
+def _add_virtual_crowd(crowd: Crowd, prefix: str, bodies: ArenaContents) -> None:
+    element = crowd.element
+    for number in crowd.numbers:
+        name = f"{prefix}{number}"
+        bodies.claim_id(element, name)
+        driver = _driver(element, name, bodies)
+        robot = VirtualRobot(name, bodies.next_virtual_tag(), 0.0, 0.0, controller=driver)
+        bodies.distributed.append(DistributedSpec(robot, crowd.distribution, element.line))
+
+
+def _driver(element: Element, name: str, bodies: ArenaContents) -> str:
+    """The id of the controller that drives a virtual robot; "": loop functions move it."""
+    controller = element.optional_child("controller")
+    return "" if controller is None else _name_controller(element, controller, name, bodies)
+
+
+def _name_controller(
+    element: Element, controller: Element, name: str, bodies: ArenaContents
+) -> str:
+    """Notes the `<controller>` of an `<e-puck>`, and its settings; gives the id that it names."""
+    bodies.controllers[name] = controller
+    bodies.settings[name] = _read_settings(element)
+    return controller.text("config")
+
+
+def _read_identity(element: Element, bodies: ArenaContents) -> tuple[str, int, int | None]:
+    """Reads an id of the form NAME_TAG_ROBOT, or another one and the tag from vs:tag.
+
+    Gives the id, the tag or _NO_TAG, and the robot's number or None.
+    """
+    name = element.text("id")
+    bodies.claim_id(element, name)
+    match = _ID.fullmatch(name)
+    tag, number = (int(match[2]), int(match[3])) if match else (_NO_TAG, None)
+    if tag > MAX_TAG or (number or 0) > MAX_TAG:
+        raise element.error(f"{name!r}: expected tag and number from 0 to {MAX_TAG}", "id")
+    if element.has("vs:tag"):
+        said = element.integer("vs:tag", 0, MAX_TAG)
+        if tag not in (said, _NO_TAG):
+            raise element.error(f"is {said}, but the id {name!r} says {tag}", "vs:tag")
+        tag = said
+    if tag == _NO_TAG:
+        bodies.untagged.append((element, [name]))
+    else:
+        bodies.claim_tag(element, "vs:tag" if match is None else "id", tag)
+    return name, tag, number
+
+
+def _read_tags(crowd: Crowd, bodies: ArenaContents) -> list[int]:
+    entity, quantity = crowd.entity, crowd.quantity
+    if not entity.has("vs:tags"):
+        return [_NO_TAG] * quantity
+    tags = entity.integers("vs:tags", 0, MAX_TAG)
+    if len(tags) != quantity:
+        expected = f"expected {quantity} as in quantity"
+        text = shown(entity.text("vs:tags"))
+        raise entity.error(f"{text} has {len(tags)} tags, {expected}", "vs:tags")
+    for tag in tags:
+        bodies.claim_tag(entity, "vs:tags", tag)
+    return tags
+
+
+def _check_name(element: Element, name: str) -> None:
+    """Refuses an id that a robot cannot give when it greets the host."""
+    size = len(name.encode())
+    if size > lib.VS_NAME_MAX:
+        raise element.error(f"{name!r} has {size} bytes, expected at most {lib.VS_NAME_MAX}", "id")
+
+
+def _read_pose(element: Element, bodies: ArenaContents) -> Pose:
+    body = element.child("body")
+    place = read_place(body, bodies.arena)
+    x_m, y_m, z_m = place.position_m
+    if z_m != 0.0:
+        raise body.error(f"z is {z_m:g}, expected 0: it stands on the floor", "position")
+    return Pose(x_m, y_m, place.yaw_rad)

@@ -1,0 +1,215 @@
+"""Robots and tagged objects from above, as stacks of flat sprites.
+
+A body is a shadow on the floor, its sides as dark discs at several heights, its lit LEDs, and
+the marker at its true height, so that perspective shows the sides as in a real picture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from functools import lru_cache
+
+import cv2
+import numpy as np
+
+from vsense.base.shared import LabError
+from vsense.modes.lab._optics import BLUR_SIGMA_PX, Floats
+from vsense.vision.cameras.camera import Camera, Image32
+from vsense.vision.markers.families import Family
+from vsense.world.entities import BODY_RADIUS_M
+
+PAPER, INK = 0.84, 0.05
+"""Reflectances of a marker's white and black."""
+TEXTURE_PX_PER_M = 2000.0
+"""Resolution of sprites: three times finer than a picture of them."""
+
+EMISSION_DN = 190.0
+"""Emitted light of strength 1 adds this to the picture."""
+
+ROBOT = "robot"
+OBJECT = "object"
+
+_FINE = 3
+_SHADOW_RADIUS_M = 0.058
+_SHADOW_DEPTH = 0.55
+_SIDES: dict[str, tuple[tuple[float, float], ...]] = {
+    ROBOT: ((0.3, 0.10), (0.62, 0.17)),
+    OBJECT: ((0.25, 0.20), (0.5, 0.23), (0.75, 0.26)),
+}
+"""Height of each side disc as a share of the marker's, and its reflectance."""
+_RING_M = np.array(
+    [
+        (0.0337, 0.0), (0.022, -0.025), (0.0, -0.0337), (-0.027, -0.0201),
+        (-0.033, 0.0), (-0.027, 0.0201), (0.0, 0.0337), (0.022, 0.025),
+    ]
+)  # fmt: skip
+"""Places of the ring's LEDs, robot frame. Source: epuck.md section 6."""
+_RING_SHARE = 0.68
+"""Height of the ring's LEDs as a share of the marker's: 41 of 60 mm."""
+_FRONT_M = np.array((0.036, -0.0125))
+
+_GLOW_RADIUS_M = 0.056
+_LED_BITS = 0x3FF
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """A thing, ROBOT or OBJECT, with a marker at a height above the floor.
+
+    `marker` is where that sits in the body's frame: x, y [m] and heading [rad].
+    """
+
+    tag: int
+    height_m: float
+    kind: str = ROBOT
+    marker: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if self.kind not in _SIDES:
+            raise LabError(f"body {self.tag}: kind {self.kind!r} is neither robot nor object")
+        if not 0.0 < self.height_m < 1.0:
+            raise LabError(f"body {self.tag}: height_m: {self.height_m} is not in (0, 1)")
+
+
+class Effect(Enum):
+    """Effect of a sprite on the light behind it; the values describe its texture."""
+
+    PRINT = "(n, n, 2): reflectance times coverage, and coverage"
+    COVER = "(n, n): coverage by a surface of one reflectance"
+    GLOW = "(n, n): light that it adds, in units of EMISSION_DN"
+
+
+@dataclass(frozen=True, slots=True)
+class Sprite:
+    """A flat picture at one height above the floor, already as blurred as in the camera.
+
+    Attributes:
+        texture: float32, see `Effect`; +x of the body runs to the right and +y up, the body's
+            centre is in the middle, and the border is zero.
+        radius_m: half the texture's side without its border.
+        reflectance: of a surface that is the same everywhere.
+        moving: whether the motion during the exposure is drawn.
+    """
+
+    texture: Image32
+    radius_m: float
+    height_m: float
+    effect: Effect
+    reflectance: float = 0.0
+    moving: bool = False
+
+
+class BodySprites:
+    """The sprites of one body as one kind of camera sees them."""
+
+    def __init__(self, body: Body, family: Family, camera: Camera) -> None:
+        """Draws all that does not change, with the camera's blur."""
+        self._height_m = body.height_m
+        self._pixel_m = _pixel_m(camera, body.height_m)
+        sides = [
+            _side(body.kind, k, body.height_m, self._pixel_m) for k in range(len(_SIDES[body.kind]))
+        ]
+        self._below = (_shadow(self._pixel_m), *sides)
+        self._top = _marker(body, family, self._pixel_m)
+
+    def sprites(self, leds: int) -> tuple[Sprite, ...]:
+        """The sprites from the floor upwards, with these LED bits lit."""
+        bits = leds & _LED_BITS
+        glow = (_glow(bits, self._height_m, self._pixel_m),) if bits else ()
+        return (*self._below, *glow, self._top)
+
+
+def _pixel_m(camera: Camera, height_m: float) -> float:
+    """Width of the camera's pixels at a height, in the middle of the picture."""
+    return (camera.position_m[2] - height_m) / camera.fx_px
+
+
+def _draw(
+    draw: Callable[[Floats, Floats], Floats], radius_m: float, pixel_m: float, fine: int = _FINE
+) -> tuple[Image32, float]:
+    """Samples a drawing densely and blurs it as the camera does.
+
+    Args:
+        draw: takes (n, n) x and y [m] in the body's frame, returns (n, n, channels).
+        radius_m: of the drawing.
+        pixel_m: the camera's pixel on the drawing.
+        fine: samples per texture pixel, both ways.
+
+    Returns:
+        The texture with an empty border, and half its side without that [m].
+    """
+    sigma_m = BLUR_SIGMA_PX * pixel_m
+    half = int(np.ceil((radius_m + 3.0 * sigma_m) * TEXTURE_PX_PER_M)) + 1
+    places = ((np.arange(2 * half * fine) + 0.5) / fine - half) / TEXTURE_PX_PER_M
+    x, y = np.meshgrid(places, -places)
+    samples = draw(x, y).reshape(2 * half, fine, 2 * half, fine, -1).mean(axis=(1, 3))
+    texture = cv2.GaussianBlur(samples.astype(np.float32), (0, 0), sigma_m * TEXTURE_PX_PER_M)
+    border = ((1, 1), (1, 1), (0, 0))[: texture.ndim]
+    return np.pad(np.asarray(texture, dtype=np.float32), border), half / TEXTURE_PX_PER_M
+
+
+@lru_cache(maxsize=8)
+def _shadow(pixel_m: float) -> Sprite:
+    """A soft dark spot around a body."""
+
+    def draw(x: Floats, y: Floats) -> Floats:
+        beyond = (np.hypot(x, y) - BODY_RADIUS_M) / (_SHADOW_RADIUS_M - BODY_RADIUS_M)
+        depth = _SHADOW_DEPTH * (1.0 - np.clip(beyond, 0.0, 1.0)) ** 2
+        return np.asarray(depth[..., np.newaxis])
+
+    texture, radius = _draw(draw, _SHADOW_RADIUS_M, pixel_m, fine=1)
+    return Sprite(texture, radius, 0.0, Effect.COVER)
+
+
+@lru_cache(maxsize=32)
+def _side(kind: str, number: int, height_m: float, pixel_m: float) -> Sprite:
+    """A slice through the body below the marker."""
+    share, reflectance = _SIDES[kind][number]
+
+    def draw(x: Floats, y: Floats) -> Floats:
+        inside = np.hypot(x, y) <= BODY_RADIUS_M
+        return np.asarray(inside[..., np.newaxis], dtype=np.float64)
+
+    texture, radius = _draw(draw, BODY_RADIUS_M, pixel_m)
+    return Sprite(texture, radius, share * height_m, Effect.COVER, reflectance)
+
+
+@lru_cache(maxsize=1024)
+def _marker(body: Body, family: Family, pixel_m: float) -> Sprite:
+    disc = family.disc_diameter_mm / 2000.0
+    at_x, at_y, turned = body.marker
+    away = float(np.hypot(at_x, at_y))
+    cos, sin = np.cos(turned), np.sin(turned)
+
+    def draw(x: Floats, y: Floats) -> Floats:
+        if body.marker != (0.0, 0.0, 0.0):
+            x, y = cos * (x - at_x) + sin * (y - at_y), cos * (y - at_y) - sin * (x - at_x)
+        places_mm = np.stack((x, y), axis=-1) * 1000.0 + family.disc_centre_mm
+        shade = np.where(family.is_white(body.tag, places_mm), PAPER, INK)
+        covered = np.hypot(x, y) <= disc
+        return np.stack((shade * covered, covered), axis=-1)
+
+    texture, radius = _draw(draw, disc + away, pixel_m)
+    return Sprite(texture, radius, body.height_m, Effect.PRINT, moving=True)
+
+
+@lru_cache(maxsize=256)
+def _glow(bits: int, height_m: float, pixel_m: float) -> Sprite:
+    """Halos around the LEDs, of which the marker's disc leaves the outer half to be seen."""
+    lamps = [(place, 0.0045, 0.5) for k, place in enumerate(_RING_M * 1.08) if bits >> k & 1]
+    if bits >> 8 & 1:
+        lamps.append((np.zeros(2), 0.024, 0.5))
+    if bits >> 9 & 1:
+        lamps.append((_FRONT_M, 0.006, 0.7))
+
+    def draw(x: Floats, y: Floats) -> Floats:
+        light = np.zeros((*x.shape, 1))
+        for (ahead, left), size, strength in lamps:
+            squared = ((x - ahead) ** 2 + (y - left) ** 2) / (2.0 * size**2)
+            light[..., 0] += strength * np.exp(-squared)
+        return light
+
+    texture, radius = _draw(draw, _GLOW_RADIUS_M, pixel_m, fine=1)
+    return Sprite(texture, radius, _RING_SHARE * height_m, Effect.GLOW)

@@ -1,0 +1,207 @@
+"""The microcontrollers of the lab's robots: real firmware code behind what real daemons open."""
+
+from __future__ import annotations
+
+import struct
+import tempfile
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.base.native import lib
+from vsense.base.shared import LabError, LogFile, file_errors
+from vsense.modes.lab._links import Bus, Link, make_link
+
+ACTUATION = np.dtype(
+    [
+        ("time_ns", "<i8"), ("robot", "<u2"),
+        ("left_steps_s", "<i2"), ("right_steps_s", "<i2"), ("leds", "<u2"),
+    ]
+)  # fmt: skip
+"""A microcontroller's command to motors and LEDs; an actuation log is these, end to end.
+
+`time_ns` is the host's monotonic clock when the firmware gave it; `robot` the robot's index; speeds
+and lit LEDs, bits 0-7 ring, 8 body, 9 front, hold from then on.
+"""
+
+_RECORD = struct.Struct("<qHhhH")
+
+WATCHDOG_US: int = lib.FW_WATCHDOG_TICKS * lib.FW_WATCHDOG_TICK_MS * 1000
+"""How long a firmware with a watchdog waits for the next command."""
+
+
+class Actuation(NamedTuple):
+    """A row of `ACTUATION`."""
+
+    time_ns: int
+    robot: int
+    left_steps_s: int
+    right_steps_s: int
+    leds: int
+
+
+class Microcontrollers:
+    """One emulated microcontroller, and what its daemon opens, per robot.
+
+    The lines stay open when a daemon ends, and the microcontroller keeps its state. Nothing here
+    waits: bytes are lost when a terminal is full, as on a wire. Time is an argument in ns and never
+    goes back.
+
+    Attributes:
+        links: of each robot; tests make faults in their C structs.
+        bases: the values of `--base` of the robots' daemons.
+        due_ns: when `advance` is due again, None while all lines are idle.
+    """
+
+    def __init__(
+        self, kinds: Sequence[str], watchdog: bool = False, grounded: bool = False
+    ) -> None:
+        """Powers one on for each of `kinds`, of `vsense.modes.lab.hardware.KINDS`.
+
+        Args:
+            kinds: of each robot.
+            watchdog: their firmware stops the motors when its host falls silent, as
+                `firmware_bridge/fw_watchdog.h` does and stock firmware does not.
+            grounded: those on a bus have a ground board, and their daemons are told.
+
+        Raises:
+            LabError: no such kind, or there are not that many pseudo-terminals or sockets.
+        """
+        self.due_ns: int | None = None
+        self.links: list[Link] = []
+        self._folder = tempfile.TemporaryDirectory(prefix="vsense-")
+        self._busy: set[int] = set()
+        try:
+            for robot, kind in enumerate(kinds):
+                self.links.append(make_link(kind, Path(self._folder.name) / f"{robot}.i2c"))
+        except OSError as error:
+            made = len(self.links)
+            self.close()
+            raise LabError(
+                f"emulated robots: {made} of {len(kinds)}, then: {error.strerror or error}"
+            ) from None
+        except LabError:
+            self.close()
+            raise
+        for link in self.links:
+            link.program.state.body.watchdog_us = WATCHDOG_US if watchdog else 0
+        self.bases = [
+            f"{kind}:{link.device}{',ground' if grounded and isinstance(link, Bus) else ''}"
+            for kind, link in zip(kinds, self.links)
+        ]
+
+    @property
+    def devices(self) -> list[str]:
+        """What the robots' daemons open: a terminal's path, or `unix:` and a socket's."""
+        return [link.device for link in self.links]
+
+    def readable(self) -> list[int]:
+        """The descriptors whose bytes `receive` would take now."""
+        return [fd for link in self.links if (fd := link.readable()) is not None]
+
+    def receive(self, descriptors: Iterable[int], now_ns: int) -> None:
+        """Passes the daemons' bytes that came at `now_ns` to the microcontrollers.
+
+        `descriptors` are those of `readable` that have bytes.
+        """
+        ready = set(descriptors)
+        for robot, link in enumerate(self.links):
+            if ready and link.readable() in ready:
+                link.receive(now_ns)
+                self._busy.add(robot)
+        self._plan()
+
+    def advance(self, now_ns: int) -> list[Actuation]:
+        """Runs all microcontrollers up to `now_ns` and passes on the bytes that they sent.
+
+        Returns the commands to motors and LEDs since the last call, in order for each robot.
+        """
+        applied = [
+            Actuation(out.time_ns, robot, out.left_steps_s, out.right_steps_s, out.leds)
+            for robot in sorted(self._busy)
+            for out in self.links[robot].advance(now_ns)
+        ]
+        self._plan()
+        return applied
+
+    def sense(self, prox_raw: NDArray[np.int16]) -> None:
+        """Sets the raw values (count, 8) of the proximity sensors ps0..ps7 from now on."""
+        for link, raw in zip(self.links, prox_raw):
+            link.program.proximity[:] = raw
+
+    def sense_ground(self, raw: NDArray[np.int16]) -> None:
+        """Sets what ground boards measure, (count, 3): left, centre, right."""
+        for link, values in zip(self.links, raw.tolist()):
+            if isinstance(link, Bus):
+                link.ground.ground = values
+
+    def wake(self) -> None:
+        """Makes the next `advance` run every microcontroller, as after a change of its state."""
+        self._busy.update(range(len(self.links)))
+
+    def counters(self) -> dict[str, int]:
+        """Counters of the lines since power on, summed over all robots.
+
+        `frames` are the commands that reached a microcontroller; `overlapped_bytes` and
+        `overflowed_bytes` as in `fw_uart.h`; `failed_transactions` as in `fw_i2c.h`; `sent_bytes`
+        to the daemons, and `lost_bytes` that a full terminal did not take.
+        """
+        names = "sent_bytes lost_bytes frames overlapped_bytes overflowed_bytes transactions"
+        totals = dict.fromkeys((*names.split(), "failed_transactions"), 0)
+        for link in self.links:
+            totals["sent_bytes"] += link.sent_bytes
+            totals["lost_bytes"] += link.lost_bytes
+            totals["frames"] += getattr(link.program.state, link.program.kind.count)
+            for name, value in link.faults().items():
+                totals[name] += value
+        return totals
+
+    def close(self) -> None:
+        """Closes all lines."""
+        for link in self.links:
+            link.close()
+        self.links = []
+        self._folder.cleanup()
+
+    def _plan(self) -> None:
+        """Removes idle microcontrollers from `_busy` and sets `due_ns`."""
+        dues = {robot: self.links[robot].due_ns for robot in self._busy}
+        self._busy = {robot for robot, due_ns in dues.items() if due_ns is not None}
+        self.due_ns = min((due for due in dues.values() if due is not None), default=None)
+
+
+class ActuationLog:
+    """Writes a file of `ACTUATION` records."""
+
+    def __init__(self, path: Path) -> None:
+        """Starts an empty log; raises LabError where the file cannot be written."""
+        self._file = LogFile(path)
+        self._pending = bytearray()
+
+    def append(self, actuation: Actuation) -> None:
+        """Adds one record; `flush` writes it to the file."""
+        self._pending += _RECORD.pack(*actuation)
+
+    def flush(self) -> None:
+        """Writes all records so far to the file."""
+        self._file.append(self._pending)
+        self._pending.clear()
+
+    def close(self) -> None:
+        """Writes the last records, and ends the file."""
+        self.flush()
+        self._file.close()
+
+
+def read_actuations(path: Path) -> NDArray[np.void]:
+    """Reads an actuation log: (n,) `ACTUATION`; a last record cut short is left out.
+
+    Raises:
+        LabError: the file cannot be read.
+    """
+    with file_errors(path):
+        content = path.read_bytes()
+    return np.frombuffer(content, dtype=ACTUATION, count=len(content) // ACTUATION.itemsize)

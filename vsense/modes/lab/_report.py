@@ -1,0 +1,217 @@
+"""After a run in the lab: gathers the notes of all processes, and shows them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.base import clock
+from vsense.base.shared import LabError
+from vsense.config.specs import Experiment, RobotSpec
+from vsense.modes.lab import _metrics
+from vsense.modes.lab._metrics import SwarmTruth
+from vsense.modes.lab._microcontrollers import read_actuations
+from vsense.modes.lab._optics import vignetting
+from vsense.modes.lab._reach import drawn
+from vsense.modes.lab._swarm import read_trace
+from vsense.modes.lab.hardware import told_all
+from vsense.modes.lab.session import RunNotes, Session
+from vsense.modes.lab.truth import read_truth
+from vsense.monitor.pictures import run_figure
+from vsense.monitor.pictures.run_figure import RunCameras, spoken
+from vsense.robots.link.status import RING_LEDS
+from vsense.run.figures import StepTimes, late_text, link_row, number, percent
+
+JUDGED = "pollutant"
+"""The sensor whose values are compared with the truth."""
+
+
+def gather(session: Session, recording: RunNotes) -> _metrics.MeasuredRun:
+    """Puts together what host, cameras, microcontrollers and daemons noted of a run.
+
+    The processes have ended, so that their files are complete.
+
+    Raises:
+        LabError: a file is missing or broken.
+    """
+    experiment, robots = recording.experiment, len(recording.experiment.robots)
+    times = recording.figures.steps.columns()
+    truth = _rows_of(read_truth(session.truth_log), times[0])
+    steps = _timesteps(times[:, : len(truth)], truth)
+    actuations = read_actuations(session.floor.log)
+    sensors = [_sensors_of(experiment, robot) for robot in experiment.robots]
+    judged = [experiment.source is not None and JUDGED in names for names in sensors]
+    return _metrics.MeasuredRun(
+        timesteps=steps,
+        wanted=_wanted(recording, experiment, steps),
+        lived=len(recording.figures.steps),
+        dt_ns=session.dt_ns,
+        tags=tuple(robot.tag for robot in experiment.robots),
+        tracking=recording.tracking.figures(),
+        truth=_swarm_truth(experiment, truth, steps, recording.samples.shares),
+        object_poses=truth["poses"][:, robots:],
+        traces=[
+            _within(read_trace(robot, names, JUDGED if judge else None), steps)
+            for robot, names, judge in zip(recording.robots, sensors, judged)
+        ],
+        sensing=[bool(names) for names in sensors],
+        judged=judged,
+        actuated=[actuations[actuations["robot"] == i] for i in range(robots)],
+        turn=experiment.turn_timestep,
+        lateness_ms=recording.lateness_ms,
+        link=recording.link,
+    )
+
+
+def _swarm_truth(
+    experiment: Experiment,
+    truth: NDArray[np.void],
+    steps: NDArray[np.void],
+    shares: Sequence[float],
+) -> SwarmTruth:
+    """The robots' part of the truth, as far as its log goes."""
+    robots, numbers = len(experiment.robots), steps["run_timestep"]
+    left = shares[: len(truth)]
+    return SwarmTruth(
+        poses=truth["poses"][:, :robots],
+        depth_m=_metrics.depths_in_cone(experiment, truth["poses"], numbers, left),
+        lit=(truth["leds"][:, :robots] & RING_LEDS) != 0,
+    )
+
+
+def _wanted(recording: RunNotes, experiment: Experiment, steps: NDArray[np.void]) -> int:
+    """The timesteps that the run had, as far as its logs go."""
+    whole = recording.ended == "time" and experiment.timesteps > 0
+    whole = whole and len(steps) == len(recording.figures.steps)
+    return experiment.timesteps if whole else int(steps["run_timestep"][-1]) + 1
+
+
+def _sensors_of(experiment: Experiment, robot: RobotSpec) -> list[str]:
+    return [mounted.sensor.name for mounted in experiment.controller_of(robot).sensors]
+
+
+def _timesteps(times: NDArray[np.int64], truth: NDArray[np.void]) -> NDArray[np.void]:
+    steps = np.zeros(len(truth), _metrics.TIMESTEP)
+    columns = dict(zip(StepTimes.NAMES, times))
+    for name in ("timestep", "run_timestep", "capture_ns", "arena_ns", "sent_ns"):
+        steps[name] = columns[name]
+    steps["render_ns"] = truth["render_ns"]
+    return steps
+
+
+def _rows_of(truth: NDArray[np.void], timesteps: NDArray[np.int64]) -> NDArray[np.void]:
+    """The truth at the timesteps that the host handled, up to where its log ends."""
+    rows = np.searchsorted(truth["timestep"], timesteps)
+    rows = rows[rows < len(truth)]
+    if not len(rows) or (truth["timestep"][rows] != timesteps[: len(rows)]).any():
+        raise LabError("the truth log does not hold the timesteps of the run")
+    return truth[rows]
+
+
+def _within(trace: NDArray[np.void], steps: NDArray[np.void]) -> NDArray[np.void]:
+    """The control steps of the run's timesteps."""
+    first, last = steps["timestep"][0], steps["timestep"][-1]
+    during: NDArray[np.bool_] = (trace["timestep"] >= first) & (trace["timestep"] <= last)
+    return np.asarray(trace[during])
+
+
+def summarise(session: Session, number: int, measured: _metrics.MeasuredRun) -> dict[str, Any]:
+    """Gives the figures of a run, counted from 1, under the names that scripts rely on."""
+    recording = session.recordings[number - 1]
+    summary = {
+        "experiment": session.experiment.name,
+        "run": number,
+        "seed": recording.seed,
+        "blind": session.setup.blind,
+        "robots": len(session.experiment.robots),
+        "resting": list(recording.resting),
+        "parts": list(recording.parts),
+        "cameras": len(session.cameras),
+        "pace": clock.pace(),
+        "light_level": recording.figures.light_level,
+        "calibration": None if session.known is None else session.known.figures,
+        **_metrics.figures(measured),
+        "vision": session.tracking.figures(),
+        "measures": recording.measures,
+    }
+    return summary | told_all(session.robots.hardware)
+
+
+def draw(session: Session, recording: RunNotes, run: _metrics.MeasuredRun, path: Path) -> None:
+    """Draws the picture of a run; PictureError where the file cannot be written."""
+    experiment, pictures = session.experiment, recording.pictures
+    numbers = run.timesteps["run_timestep"]
+    poses = np.concatenate((run.truth.poses, run.object_poses), axis=1)
+    part = drawn(session.environment.world, experiment.arena, poses)
+    figure = run.truth.figure(experiment, numbers, recording.samples, part)
+    seen = RunCameras(session.cameras, experiment.marker.height_m, vignetting)
+    for timestep, frames in pictures.items():
+        seen.pictures[timestep] = {frame.camera: frame.image for frame in frames}
+    cameras = len(session.cameras)
+    subtitle = f"{len(run.tags)} robots seen by {cameras} cameras, seed {recording.seed}"
+    run_figure.save(replace(figure, cameras=seen), path, session.setup.blind, subtitle)
+
+
+def _agreement(sensing: dict[str, Any]) -> str:
+    """How often what robots felt of a cone was true; "" where nobody is to feel one."""
+    shares = sensing["agreement_in"], sensing["agreement_out"]
+    if shares == (None, None):
+        return ""
+    inside, outside = (percent(share, 2) for share in shares)
+    return f"; agree with the truth {inside} inside the cone, {outside} outside"
+
+
+def _calibration_rows(figures: dict[str, Any] | None) -> list[tuple[str, str]]:
+    """How well the cameras are known; none where that is exactly."""
+    if figures is None:
+        return []
+    text = (
+        f"{figures['rms_px']} px rms; with it places are wrong by"
+        f" {figures['position_rms_mm']} mm rms, headings by {figures['heading_rms_deg']} deg"
+    )
+    return [("known", text)]
+
+
+def table(summary: dict[str, Any]) -> str:
+    """The summary as text."""
+    tracking, sensing = summary["tracking"], summary["sensing"]
+    swarm, latency, vision = summary["swarm"], summary["latency_ms"], summary["vision"]
+    unlogged, pace = summary["unlogged_timesteps"], summary["pace"]
+    short = f"; the logs end {unlogged} timesteps before the run" if unlogged else ""
+    rows = [
+        ("run", f"{summary['timesteps']} timesteps, {late_text(summary)}{short}"),
+        *([("pace", f"{pace:g}: all times below are of the lab's clock")] if pace < 1.0 else ()),
+        (
+            "tracking",
+            f"{tracking['detected_mean']} markers named per timestep,"
+            f" {tracking['wrong_ids']} wrong ids;"
+            f" rms error {tracking['position_rmse_mm']} mm, {tracking['heading_rmse_deg']} deg",
+        ),
+        *_calibration_rows(summary["calibration"]),
+        (
+            "cameras",
+            f"{vision['left_out']} timesteps left out, {vision['old_pictures']} old pictures"
+            f" dropped, {vision['overflows']} with more than the tables hold,"
+            f" {vision['camera_events']} times something to tell",
+        ),
+        (
+            "sensing",
+            f"{sensing['readings']} of {sensing['expected']} readings held,"
+            f" {percent(sensing['fresh_share'], 2)} fresh{_agreement(sensing)}",
+        ),
+        *_metrics.swarm_rows(swarm, summary["robots"]),
+        *(("measure", f"{spoken(name)}: {value:g}") for name, value in summary["measures"].items()),
+        link_row(summary["link"]),
+        ("clocks", f"age wrong by {summary['clock']['age_error_ms_p99']} ms (99th percentile)"),
+    ]
+    lines = [f"{name:<10}{text}" for name, text in rows]
+    lines.append(f"{'latency':<10}{'from capture, in ms':<22}{'p50':>8}{'p99':>8}{'max':>8}")
+    for name, spread in latency.items():
+        figures = "".join(f"{number(spread[key]):>8}" for key in ("p50", "p99", "max"))
+        lines.append(f"{'':<10}{name.replace('_', ' '):<22}{figures}")
+    return "\n".join(lines)

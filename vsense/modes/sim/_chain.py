@@ -1,0 +1,378 @@
+"""Many timesteps in one call of C: `c_src/host/vs_sim.h`.
+
+It calls the kernels that `Simulation.step` calls, in the same order and on the same memory. Where
+there is something for Python in a timestep, C comes back in the middle of it: after everybody was
+seen, for `pre_step`, actuators and fields, and after its own sensors were read, for the others, for
+`post_step` and the picture of the run. Python finds the world there as ever, and pays for what it
+looks at. The results are the same bits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.base.errors import VsenseError
+from vsense.base.native import WireError, kernel_ffi, kernels, lib
+from vsense.modes.sim._record import Record, SimulatedTracker
+from vsense.robots.inprocess import ProgramKernel
+from vsense.robots.program import Program
+from vsense.run.environment import Environment, Equipment
+from vsense.run.programs import Programs
+from vsense.world.actuators.bank import ActuatorKernel
+from vsense.world.actuators.base import ActuatorError
+from vsense.world.physics.motion import Physics, pointer
+from vsense.world.physics.proximity_ring import ProximityRing
+from vsense.world.rays import MovingBodies
+from vsense.world.sensors.bank import SensorKernel
+from vsense.world.sensors.base import SensorError
+from vsense.world.sensors.geometry import SensedScene
+from vsense.world.world import World
+
+_SEEN: int = kernels.VS_SIM_SEEN
+_SENSED: int = kernels.VS_SIM_SENSED
+
+
+class ChainTimes(NamedTuple):
+    """Of a timestep [ns]: its length, and from the capture to rings, controllers and wheels."""
+
+    timestep: int
+    sense: int
+    control: int
+    act: int
+
+
+class ChainedParts(NamedTuple):
+    """What a simulation is made of.
+
+    Attributes:
+        after: is called with the timestep of the run when everything has been sensed, where
+            `is_watched`; gives the physics, which may be another one then.
+        is_watched: somebody wants every timestep's world.
+    """
+
+    physics: Physics
+    rings: ProximityRing
+    tracker: SimulatedTracker
+    environment: Environment
+    programs: Programs
+    record: Record
+    after: Callable[[int], Physics]
+    is_watched: bool
+
+
+class Chain:
+    """Timesteps of a run in which the robots run, from its second one.
+
+    Attributes:
+        wheels: (n, 2) int16, what the robots' wheels were told last.
+        leds: (n,) uint16, their LEDs.
+        done: timesteps of the newest `run`.
+        cdata: the `struct vs_sim *`.
+    """
+
+    def __init__(self, parts: ChainedParts, times: ChainTimes) -> None:
+        """See `chained`."""
+        self._parts, self._world = parts, parts.environment.world
+        robots = len(parts.record.tags)
+        self.wheels, self.leds = np.zeros((robots, 2), np.int16), np.zeros(robots, np.uint16)
+        self.done = 0
+        self._present = np.frombuffer(parts.programs.present, dtype=np.uint32)
+        self._kept: list[Any] = []
+        robots_of = dict(parts.programs.by_controller())
+        self._banks = [
+            _ChainedBank(self._world, some, robots_of.get(some.controller))
+            for some in parts.environment.equipment
+        ]
+        self._followed: object = None
+        self.cdata = self._made(times)
+        self._follow_world(0)
+
+    def run(self, timestep: int, capture_ns: int, run_timestep: int, most: int) -> None:
+        """Runs up to `most` timesteps, fewer where somebody has to look at the controllers.
+
+        `done` says how many there were, also after an error. A controller that cannot go on is in
+        the newest timestep, and the wheels have not obeyed it: `Programs.check` says so.
+
+        Args:
+            timestep: the first one, from the simulation's beginning.
+            capture_ns: its capture time.
+            run_timestep: the same timestep, from the run's beginning.
+
+        Raises:
+            VsenseError: something in the virtual world has failed.
+        """
+        sim = self.cdata
+        sim.timestep, sim.capture_ns, sim.at = timestep, capture_ns, kernels.VS_SIM_BEGUN
+        self.done = 0
+        for bank in self._banks:
+            bank.begin()
+        # Since the last call people may have changed the world.
+        self._follow_world(0)
+        count = min(most, self._point_to(run_timestep))
+        try:
+            self._go_on(run_timestep, count)
+        finally:
+            self._parts.tracker.use(self.done)
+            self._parts.rings.use(self.done)
+            for bank in self._banks:
+                bank.use(self.done)
+        if not sim.stops:
+            last_ns = capture_ns + (self.done - 1) * int(sim.dt_ns)
+            self._world.advanced(last_ns, run_timestep + self.done - 1)
+
+    def _go_on(self, run_timestep: int, count: int) -> None:
+        """Runs `count` timesteps at most."""
+        sim = self.cdata
+        while self.done < count:
+            code = kernels.vs_sim_run(sim, count - self.done)
+            self.done += sim.done
+            if code == lib.VS_ERR_SPACE:
+                self._crowd.grow()
+            elif code < 0:
+                raise self._failure(code)
+            elif sim.at == _SEEN:
+                self._evolve(run_timestep + self.done)
+            elif sim.at == _SENSED:
+                self._look(run_timestep + self.done)
+                if self._parts.environment.finished:
+                    count = self.done + 1
+            else:
+                return
+
+    def _failure(self, code: int) -> VsenseError:
+        """The error that C has given."""
+        at, number = self.cdata.at, self.cdata.failed
+        if at == _SEEN:
+            names = [one.name for bank in self._banks for one in bank.acting_in_c]
+            return ActuatorError(f"actuator {names[number]!r}: was asked for too much")
+        if at == kernels.VS_SIM_EVOLVED:
+            names = [one.name for bank in self._banks for one in bank.in_c]
+            return SensorError(f"sensor {names[number]!r}: gave what does not fit its layout")
+        return WireError(code, "robots whose run is over")
+
+    def _evolve(self, run_timestep: int) -> None:
+        """What happens after everybody was seen."""
+        sim, environment = self.cdata, self._parts.environment
+        self._world.advanced(sim.capture_ns, run_timestep)
+        environment.pre_step()
+        self._follow_world(self.done)
+        if not self._evolves_in_c:
+            environment.act(self._parts.programs.reports())
+            sim.at = kernels.VS_SIM_EVOLVED
+            self._follow_world(self.done)
+
+    def _look(self, run_timestep: int) -> None:
+        """What happens after C has sensed."""
+        sim, parts = self.cdata, self._parts
+        self._world.advanced(sim.capture_ns, run_timestep, sim.crowd != kernel_ffi.NULL)
+        for bank in self._banks:
+            bank.step(sim.timestep)
+        parts.environment.post_step()
+        physics = parts.after(run_timestep)
+        sim.physics = physics.cdata
+        self._follow_world(self.done + 1)
+
+    def _follow_world(self, used: int) -> None:
+        """Points to the world anew if something in it has changed.
+
+        `used` is for how many timesteps of the newest call the sensors have been read.
+        """
+        sim, world = self.cdata, self._world
+        qualities = [some.sensors.version for some in self._parts.environment.equipment]
+        now = world.version, qualities, [(f.as_c(), *f.rates) for f in world.fields.values()]
+        if now == self._followed:
+            return
+        self._followed, self._crowd = now, world.crowd
+        sim.world = world.sightings.cdata
+        for bank in self._banks:
+            bank.follow(self._crowd, used)
+        self._follow_sensors()
+        self._follow_actuators()
+        sim.stops = self._stops()
+
+    def _follow_sensors(self) -> None:
+        """Points to what senses."""
+        sim, sensors = self.cdata, [sensor for bank in self._banks for sensor in bank.in_c]
+        self._sensor_rows = kernel_ffi.new("struct vs_sim_sensor[]", max(len(sensors), 1))
+        rows = iter(self._sensor_rows)
+        for bank in self._banks:
+            bank.set_rows(rows)
+        sim.sensors, sim.sensors_count = self._sensor_rows, len(sensors)
+        is_asked = any(sensor.read.bodies for sensor in sensors)
+        sim.crowd = self._crowd.crowd if is_asked else kernel_ffi.NULL
+
+    def _follow_actuators(self) -> None:
+        """Points to what acts, and to fields, if all actuators are C: their order counts."""
+        sim, world = self.cdata, self._world
+        found = [row for bank in self._banks for row in bank.actuators()]
+        rows = [row for row in found if row is not None]
+        self._evolves_in_c = len(rows) == len(found)
+        fields = list(world.fields.values()) if self._evolves_in_c else []
+        for field in fields:
+            field.prepare(world.timestep_s)
+        self._acting = (
+            kernel_ffi.new("struct vs_sim_actuator[]", rows if self._evolves_in_c else []),
+            kernel_ffi.new("struct vs_spread[]", [field.spread[0] for field in fields]),
+        )
+        sim.actuators, sim.fields = self._acting
+        sim.actuators_count, sim.fields_count = map(len, self._acting)
+
+    def _stops(self) -> int:
+        """In which moments of a timestep Python has something to do."""
+        hooks = self._parts.environment.hooks
+        evolves = int("pre_step" in hooks or not self._evolves_in_c)
+        senses = any(bank.in_python for bank in self._banks)
+        looks = int(bool(hooks) or self._parts.is_watched or senses or not self._evolves_in_c)
+        return evolves << _SEEN | looks << _SENSED
+
+    def _point_to(self, run_timestep: int) -> int:
+        """Sets where a timestep takes its random numbers from; for how many they are enough."""
+        sim, parts = self.cdata, self._parts
+        ahead = [parts.tracker.errors(), parts.rings.noise()]
+        sim.errors, sim.noise = (pointer("double", some) for some in ahead)
+        self._drawn = ahead
+        rows = iter(self._sensor_rows)
+        for bank in self._banks:
+            bank.begin()
+            ahead += bank.set_rows(rows)
+        poses, leds = parts.record.poses[run_timestep:], parts.record.leds[run_timestep:]
+        sim.kept_poses, sim.kept_leds = pointer("double", poses), pointer("uint16_t", leds)
+        return min(map(len, ahead))
+
+    def _made(self, times: ChainTimes) -> Any:
+        """Makes the `struct vs_sim`."""
+        parts, made = self._parts, kernel_ffi.new("struct vs_sim *")
+        made.physics, made.tracker = parts.physics.cdata, parts.tracker.cdata
+        made.rings = parts.rings.cdata
+        made.dt_ns, made.sense_ns, made.control_ns, made.act_ns = times
+        made.wheels, made.leds = pointer("int16_t", self.wheels), pointer("uint16_t", self.leds)
+        made.present = pointer("uint32_t", self._present)
+        self._programs = kernel_ffi.new("struct vs_sim_program[]", len(parts.programs.parts()))
+        for row, (number, rows, robots) in zip(self._programs, parts.programs.parts()):
+            self._set_program(row, number, rows.astype(np.uint32), _kernel(robots))
+        made.programs, made.programs_count = self._programs, len(self._programs)
+        return made
+
+    def _set_program(
+        self, row: Any, number: int, rows: NDArray[np.uint32], program: ProgramKernel
+    ) -> None:
+        self._kept += [rows, program]
+        row.number, row.robots, row.rows = number, len(rows), pointer("uint32_t", rows)
+        addresses = ("step", "all", "now", "timestep", "capture_ns", "now_ns", "logged", "failed")
+        for name in addresses:
+            field = getattr(row, name)
+            setattr(row, name, kernel_ffi.cast(kernel_ffi.typeof(field), getattr(program, name)))
+        row.prox, row.wheels = pointer("int16_t", program.prox), pointer("int16_t", program.wheels)
+        row.leds = pointer("uint16_t", program.leds)
+        row.shown = pointer("uint8_t", program.shown)
+        row.shown_before = pointer("uint8_t", program.shown_before)
+        row.shown_bytes = program.shown.nbytes
+
+
+class _ChainedBank:
+    """Sensors and actuators of one controller's robots: those that C reads, and the others.
+
+    Attributes:
+        in_c: sensors that C reads.
+        in_python: numbers of the others.
+        acting_in_c: the actuators that C can apply.
+    """
+
+    def __init__(self, world: World, equipment: Equipment, robots: Program | None) -> None:
+        """`robots` run the controller; None: there are none."""
+        self._world, self._bank, self._actuators = world, equipment.sensors, equipment.actuators
+        tags = world.robots["tag"].tolist()
+        own = list(equipment.tags)
+        first = tags.index(own[0]) if own else 0
+        # C takes robots that follow each other in the world.
+        self._rows: NDArray[np.intp] | None = None
+        if robots is not None and own == tags[first : first + len(own)]:
+            self._rows = np.arange(first, first + len(own))
+            self._reports = _kernel(robots).reports
+        self.in_c: list[SensorKernel] = []
+        self.in_python: list[int] = []
+        self.acting_in_c: list[ActuatorKernel] = []
+        self._used = 0
+
+    def follow(self, crowd: MovingBodies, used: int) -> None:
+        """Takes the world as it is now; see `Chain._follow_world`."""
+        self.use(used)
+        found: Sequence[SensorKernel | None] = [None] * len(self._bank.table)
+        if self._rows is not None:
+            robots = self._robots = self._world.robots[self._rows[0] : self._rows[-1] + 1]
+            found = self._bank.kernels(self._world, robots)
+            self._scene = SensedScene(self._world, robots, self._rows, crowd)
+        self.in_c = [sensor for sensor in found if sensor is not None]
+        self.in_python = [number for number, sensor in enumerate(found) if sensor is None]
+
+    def set_rows(self, rows: Any) -> list[NDArray[np.float64]]:
+        """Fills the next of the `struct vs_sim_sensor`; gives the noise to come."""
+        self._noise = []
+        for sensor in self.in_c:
+            row, read = next(rows), sensor.read
+            row.read = kernel_ffi.addressof(read.library, read.name)
+            row.sensor, row.scene, row.sent = read.cdata, self._scene.cdata, sensor.sent
+            if sensor.noise is not None:
+                self._noise.append(sensor.noise())
+                row.noise = pointer("double", self._noise[-1])
+        return self._noise
+
+    def actuators(self) -> list[tuple[Any, ...] | None]:
+        """Each as a `struct vs_sim_actuator`, None where C cannot."""
+        if self._rows is None:
+            return [None] * len(self._actuators.table)
+        found = self._actuators.kernels(self._world, self._robots, self._reports)
+        self.acting_in_c = [one for one in found if one is not None]
+        return [
+            one
+            and (
+                kernel_ffi.addressof(one.apply.library, one.apply.name),
+                one.apply.cdata,
+                self._scene.cdata,
+                one.heard,
+            )
+            for one in found
+        ]
+
+    def step(self, timestep: int) -> None:
+        """Renews what C does not."""
+        if self.in_python:
+            self._bank.step(self._world, timestep, self.in_python)
+
+    def begin(self) -> None:
+        """Begins to count for `use`."""
+        self._used = 0
+
+    def use(self, timesteps: int) -> None:
+        """Noise of so many timesteps since `begin` has been used by C."""
+        for sensor in self.in_c:
+            sensor.use(timesteps - self._used)
+        self._used = timesteps
+
+
+def _kernel(program: Program) -> ProgramKernel:
+    """How C steps a program that can be chained."""
+    kernel = program.kernel()
+    assert kernel is not None
+    return kernel
+
+
+def chained(parts: ChainedParts, times: ChainTimes) -> Chain | None:
+    """Makes the chain of a simulation, or gives None where its timesteps cannot be chained.
+
+    They cannot where the next capture comes before the wheels obey, where virtual robots run
+    controllers, and where C cannot step a program.
+    """
+    environment = parts.environment
+    if environment.drives or times.timestep <= times.act:
+        return None
+    by_id = {some.controller: some for some in environment.equipment}
+    for controller, robots in parts.programs.by_controller():
+        if list(by_id[controller].tags) != list(robots.tags) or robots.kernel() is None:
+            return None
+        robots.sense(by_id[controller].sensors.newest)
+    return Chain(parts, times)

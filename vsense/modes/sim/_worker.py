@@ -1,0 +1,245 @@
+"""The process that simulates: one after the other, every run in a fork of its own.
+
+A controller is a user's C code, and a campaign is many runs. A fork costs milliseconds, separates
+the runs from each other, and gives every run the same fresh memory. What a run needs is imported
+before.
+
+`python -m vsense.modes.sim._worker DESCRIPTOR [PAGE]` shares the memory of `Programs`' progress
+through the first descriptor; through the other one, a socket, a page watches the runs. It reads
+jobs from standard input, one line each (`vsense.modes.sim.job`), and answers on standard output
+with one line of JSON each:
+
+    {"result": {...}}                 see `simulate`
+    {"error": "...", "exit_code": 1}  what a user can mend
+    {"refused": "..."}                it cannot be done on this machine
+    {"status": 139}                   how the fork ended otherwise, as of `os.waitpid`
+
+The next job comes after the answer. The process ends with its standard input.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import mmap
+import os
+import select
+import signal
+import sys
+import time
+import traceback
+from contextlib import suppress
+from dataclasses import replace
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from vsense.base.errors import VsenseError
+from vsense.base.processes import read_line
+from vsense.modes.sim import fingerprint
+from vsense.modes.sim._kept import KeptRun, prepare
+from vsense.modes.sim._simulation import Simulation
+from vsense.modes.sim.job import Job
+from vsense.robots.inprocess import declarations
+from vsense.run.programs import PROGRESS_BYTES, shared_objects
+
+EVENTS_TOLD = 20
+"""Of what controllers log so many lines come with the result; events.csv has them all."""
+
+
+def simulate(job: Job, progress: Any, page: Connection | None = None) -> dict[str, Any]:
+    """Does one run; `progress`: see `Programs`; `page`: whoever watches and paces it.
+
+    Returns:
+        The experiment's `name`, number of `robots` and `timesteps`, `timestep_s`, `wall_s` that
+        the timesteps took and `cpu_s` of this process for them, `swarm` as of `metrics.swarm`,
+        `measures` of the experiment's own, and `complaints` of controllers, and of what they logged
+        the first `events` (seconds and words) and how many there are; `recording`, see `KeptRun`.
+
+    Raises:
+        VsenseError: the run cannot be had.
+    """
+    experiment = job.setup.load()
+    libraries = {name: Path(path) for name, path in job.libraries.items()}
+    run = Simulation(experiment, libraries, job.seed, job.setup.blind, progress)
+    kept = KeptRun(run, job, page)
+    begun_s, cpu_begun_s = time.perf_counter(), time.process_time()
+    try:
+        measures = run.run()
+    except VsenseError:
+        kept.end()
+        with suppress(VsenseError):  # the first one counts
+            kept.save()
+        raise
+    wall_s, cpu_s = time.perf_counter() - begun_s, time.process_time() - cpu_begun_s
+    # Tables and recording are whole, and the page has the last timestep, whatever fails then.
+    recording = kept.end()
+    kept.save()
+    return {
+        "name": experiment.name,
+        "robots": len(experiment.robots),
+        "timesteps": len(run.record.timesteps),
+        "timestep_s": experiment.timestep_s,
+        "wall_s": wall_s,
+        "cpu_s": cpu_s,
+        "swarm": run.record.swarm(),
+        "measures": measures,
+        "recording": recording,
+        **_said(run),
+    }
+
+
+def _said(run: Simulation) -> dict[str, Any]:
+    """What controllers complained of and logged."""
+    events = run.record.events
+    told = {"events": events[:EVENTS_TOLD], "events_in_all": len(events)}
+    return {"complaints": run.complaints(), **told}
+
+
+class NotHere(VsenseError):
+    """A job of another machine cannot be done on this one."""
+
+
+def settled(job: Job) -> Job:
+    """Makes a job of another machine one of this: finds its files, and builds its controllers.
+
+    Raises:
+        NotHere: that is not possible.
+    """
+    origin = job.origin
+    if origin is None:
+        return job
+    for name, expected in origin.files.items():
+        _check_file(Path(name), expected, origin.host)
+    with suppress(OSError):  # it has no file of a user then
+        os.chdir(origin.folder)
+    if origin.cxxflags is None:
+        os.environ.pop("CXXFLAGS", None)
+    else:
+        os.environ["CXXFLAGS"] = origin.cxxflags
+    try:
+        built = shared_objects(job.setup.load())
+    except VsenseError as error:
+        raise NotHere(str(error)) from None
+    return replace(job, libraries={name: str(path) for name, path in built.items()}, origin=None)
+
+
+def _check_file(path: Path, expected: str, host: str) -> None:
+    same = f"on every machine expected as it is on {host}: in a folder that they share, or copied"
+    try:
+        found = fingerprint.of_file(path)
+    except VsenseError as error:
+        raise NotHere(f"{error}; {same}") from None
+    if found != expected:
+        raise NotHere(f"{path}: is another one there; {same}")
+
+
+class Worker:
+    """Does jobs.
+
+    `progress` is shared memory, `answers` the descriptor to answer on; `page` see `simulate`.
+    """
+
+    def __init__(self, progress: Any, answers: int, page: Connection | None = None) -> None:
+        self._progress = progress
+        self._answers = answers
+        self._page = page
+
+    def work(self) -> None:
+        """Does jobs until standard input ends."""
+        while line := read_line(0):
+            answer = self._do(line)
+            if answer is None:
+                return
+            os.write(self._answers, json.dumps(answer).encode() + b"\n")
+
+    def _do(self, line: bytes) -> dict[str, Any] | None:
+        """Does a job in a fork; None where the parent has ended it."""
+        prepare(line, self._page is not None)
+        source, target = os.pipe()
+        # The fork dies with this process, even in an endless loop: see `_die_with_parent`.
+        alive, life = os.pipe()
+        pid = os.fork()
+        if pid == 0:
+            os.close(life)
+            os.close(source)
+            _die_with_parent(alive)
+            self._answer(line, target)
+        os.close(target)
+        os.close(alive)
+        try:
+            answer = _listen(source, pid)
+        finally:
+            _, status = os.waitpid(pid, 0)
+            os.close(source)
+            os.close(life)
+        if answer is None:
+            return None
+        return json.loads(answer) if status == 0 and answer else {"status": status}
+
+    def _answer(self, line: bytes, target: int) -> None:
+        """In the fork: does the job, writes its answer, and ends the process."""
+        code = 1
+        try:
+            # What a controller prints goes to standard error; it has nothing to read.
+            os.dup2(2, 1)
+            os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+            os.close(self._answers)
+            try:
+                job = settled(Job.from_line(line))
+                answer: dict[str, Any] = {"result": simulate(job, self._progress, self._page)}
+            except NotHere as error:
+                answer = {"refused": str(error)}
+            except VsenseError as error:
+                answer = {"error": str(error), "exit_code": error.exit_code}
+            data = json.dumps(answer).encode()
+            while data:
+                data = data[os.write(target, data) :]
+            code = 0
+        except BaseException:
+            traceback.print_exc()
+        finally:
+            os._exit(code)
+
+
+def _die_with_parent(alive: int) -> None:
+    """Has the kernel end this process when the pipe's other end closes."""
+    signal.signal(signal.SIGIO, signal.SIG_DFL)
+    fcntl.fcntl(alive, fcntl.F_SETOWN, os.getpid())
+    fcntl.fcntl(alive, fcntl.F_SETFL, fcntl.fcntl(alive, fcntl.F_GETFL) | os.O_ASYNC)
+    # It may have closed before the kernel was asked to watch.
+    if select.select([alive], [], [], 0)[0]:
+        os._exit(1)
+
+
+def _listen(source: int, pid: int) -> bytes | None:
+    """Waits for a fork's answer; kills the fork and gives None when standard input ends."""
+    answer = bytearray()
+    while True:
+        ready = select.select([source, 0], [], [])[0]
+        if 0 in ready:
+            os.kill(pid, signal.SIGKILL)
+            return None
+        part = os.read(source, 65536)
+        if not part:
+            return bytes(answer)
+        answer += part
+
+
+def main() -> int:
+    """Runs the process; see the module."""
+    progress = mmap.mmap(int(sys.argv[1]), PROGRESS_BYTES)
+    answers = os.dup(1)
+    os.dup2(2, 1)
+    try:
+        declarations()
+    except VsenseError as error:
+        print(f"vsense sim: {error}", file=sys.stderr)
+        return error.exit_code
+    page = Connection(int(sys.argv[2])) if len(sys.argv) > 2 else None
+    Worker(progress, answers, page).work()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

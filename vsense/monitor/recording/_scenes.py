@@ -1,0 +1,330 @@
+"""What a recording's messages say, as moments that can be drawn.
+
+A message that is damaged is passed over: the one before it holds on.
+"""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections import deque
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from dataclasses import fields as fields_of
+from typing import Any
+
+import cv2
+import numpy as np
+
+from vsense.base.canvas import Floats
+from vsense.base.message_bus import Message
+from vsense.monitor.pictures._scene import ArenaMoment, Senses
+from vsense.monitor.pictures._world_snapshot import WorldSnapshot, floor_raster, grid, make_snapshot
+from vsense.monitor.recording.form import ExperimentMessage
+from vsense.world.entities import (
+    BODY_HEIGHT_M,
+    Arena,
+    Box,
+    Cylinder,
+    Entity,
+    Led,
+    Light,
+    VirtualRobot,
+    WorldError,
+    Zone,
+)
+from vsense.world.fields import Floor
+
+ODD = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError, WorldError)
+"""What a damaged message raises."""
+
+IN_CONE, LIT_IN_CONE = "robots_in_cone", "lit_in_cone"
+"""Measures that are counted here where there is a pollutant and the run did not count them."""
+
+_KINDS: dict[str, type[Entity]] = {
+    "box": Box, "cylinder": Cylinder, "light": Light, "zone": Zone, "robot": VirtualRobot,
+}  # fmt: skip
+_RING_LEDS = 0xFF
+_KEPT = 150
+"""Arena states that a picture may belong to: pictures come later than their states."""
+_TRAIL = 40
+_MOST_M = 1e4
+_WORDS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class _State:
+    """One arena state with what was known when it came."""
+
+    capture_ns: int
+    moment: ArenaMoment
+
+
+class RecordedScenes:
+    """The newest state of everything that is drawn; `robot` is whose senses are.
+
+    Attributes:
+        arena: what is drawn.
+        name: the experiment's.
+        state, time_s: of the run: its state in one word, the time since its beginning or None.
+        measures: by name, times since the run's beginning [s] and values.
+    """
+
+    def __init__(self, experiment: Mapping[str, Any], robot: int | None = None) -> None:
+        """`experiment` is the data of `/experiment`; ValueError: it has no arena."""
+        facts = ExperimentMessage.read(experiment)
+        self.arena = _arena_of(facts.arena or {})
+        self.name = facts.name or facts.command
+        self.state = ""
+        self.time_s: float | None = None
+        self.measures: dict[str, tuple[list[float], list[float]]] = {}
+        self._facts, self._robot = facts, robot
+        self._timestep_s = facts.timestep_s or 0.0
+        self._before, self._newest = (-1, 0), -1
+        self._heights = {r["tag"]: float(r["height_m"]) for r in facts.robots if "height_m" in r}
+        self._objects = {thing.get("tag") for thing in facts.objects}
+        self._entities: list[Entity] = []
+        self._floor: Any = None
+        self._fields: list[Floats] = []
+        self._signals: Mapping[str, Any] = {}
+        self._leds: dict[int, int] = {}
+        self._readings: Mapping[str, Any] = {}
+        self._peaks: dict[str, float] = {}
+        self._trails: deque[dict[int, tuple[float, float]]] = deque(maxlen=_TRAIL)
+        self._states: deque[_State] = deque(maxlen=_KEPT)
+        self._takers = {
+            "/world": self._world, "/fields": self._spread, "/signals": self._signal,
+            "/readings": self._read, "/robots": self._status, "/run": self._run,
+            "/arena": self._see,
+        }  # fmt: skip
+
+    @property
+    def topics(self) -> Iterable[str]:
+        """The messages that it wants."""
+        return self._takers.keys()
+
+    def take(self, message: Message) -> None:
+        """Takes one message, in the order of the recording."""
+        with suppress(*ODD):
+            self._takers[message.topic](message.data)
+
+    def moment(self) -> ArenaMoment | None:
+        """The newest; None before the first arena state."""
+        return self._states[-1].moment if self._states else None
+
+    def moment_at(self, capture_ns: int) -> ArenaMoment | None:
+        """The one that is nearest to a picture's capture."""
+        near = min(self._states, key=lambda s: abs(s.capture_ns - capture_ns), default=None)
+        return None if near is None else near.moment
+
+    def _world(self, data: Mapping[str, Any]) -> None:
+        self._entities = [e for e in map(_entity, data["entities"]) if e is not None]
+        floor = _floor(data.get("floor"))
+        zones = [e for e in self._entities if isinstance(e, Zone)]
+        self._floor = floor_raster(floor.with_zones(zones), self.arena)
+
+    def _spread(self, data: Mapping[str, Any]) -> None:
+        self._fields = [_field(each, self.arena) for each in data["fields"]]
+
+    def _status(self, data: Mapping[str, Any]) -> None:
+        self._leds = dict(zip(data["tag"], data["leds"], strict=True))
+
+    def _read(self, data: Mapping[str, Any]) -> None:
+        self._readings = data
+
+    def _run(self, data: Mapping[str, Any]) -> None:
+        self.state = str(data.get("state", ""))
+
+    def _signal(self, data: Mapping[str, Any]) -> None:
+        self._signals = data
+        for name, value in dict(data.get("measures") or {}).items():
+            self._measure(str(name), float(data["time_s"]), value)
+
+    def _measure(self, name: str, time_s: float, value: Any) -> None:
+        if isinstance(value, (int, float)) and math.isfinite(value):
+            times, values = self.measures.setdefault(name, ([], []))
+            if times and time_s < times[-1]:
+                # Another run began.
+                times.clear()
+                values.clear()
+            times.append(time_s)
+            values.append(float(value))
+
+    def _see(self, data: Mapping[str, Any]) -> None:
+        """Makes the moment of an arena state."""
+        columns = data["robots"]
+        names = ("tag", "x_m", "y_m", "yaw_rad")
+        rows = [row for row in zip(*(columns[n] for n in names), strict=True) if None not in row]
+        robots = [row for row in rows if row[0] not in self._objects]
+        things = [row[1:3] for row in rows if row[0] in self._objects]
+        poses = np.array([row[1:] for row in robots], np.float64).reshape(-1, 3)
+        tags = [row[0] for row in robots]
+        lit = np.array([bool(self._leds.get(tag, 0) & _RING_LEDS) for tag in tags], bool)
+        snapshot = self._snapshot(tags)
+        self._trails.append({tag: (x, y) for tag, (x, y, _) in zip(tags, poses.tolist())})
+        middle = np.array([*self.arena.centre_m[:2], 0.0])
+        capture_ns = int(data["capture_ns"])
+        self.time_s = self._run_time_s(int(data.get("run_timestep", -1)), capture_ns)
+        moment = ArenaMoment(
+            title="",
+            note="",
+            view=None,
+            snapshot=snapshot,
+            poses=poses - middle,
+            lit=lit,
+            trails=self._ways(tags) - middle[:2],
+            heights_m=np.array([self._heights.get(tag, BODY_HEIGHT_M) for tag in tags]),
+            names=[str(tag) for tag in tags],
+            objects=np.array(things, np.float64).reshape(-1, 2) - middle[:2],
+            senses=self._senses(tags),
+        )
+        self._count(moment)
+        self._states.append(_State(capture_ns, moment))
+
+    def _run_time_s(self, timestep: int, capture_ns: int) -> float | None:
+        """The run's time at a state, -1 being outside of a run; None where it is not known.
+
+        Without a timestep's length it is the time between captures, as `vsense track` counts it.
+        """
+        if self._timestep_s:
+            return timestep * self._timestep_s if timestep >= 0 else None
+        before, self._before = self._before, (timestep, capture_ns)
+        if timestep < 0:
+            return self.time_s
+        if self.time_s is None or timestep < self._newest:
+            self.time_s = 0.0
+        self._newest = timestep
+        since_ns = capture_ns - before[1] if 0 <= before[0] < timestep else 0
+        return self.time_s + max(since_ns, 0) / 1e9
+
+    def _ways(self, tags: list[int]) -> Floats:
+        """The robots' earlier places, (t, n, 2); where one was not there, its next place."""
+        ways, newest = [], dict.fromkeys(tags, (0.0, 0.0))
+        for places in reversed(self._trails):
+            newest |= {tag: places[tag] for tag in tags if tag in places}
+            ways.append([newest[tag] for tag in tags])
+        return np.array(ways[::-1], np.float64).reshape(len(ways), len(tags), 2)
+
+    def _snapshot(self, tags: list[int]) -> WorldSnapshot:
+        told = self._signals
+        cones = [np.stack((c["x_m"], c["y_m"]), axis=-1) for c in told.get("cones") or []]
+        leds = told.get("leds") or {"tag": [], "color": []}
+        colours = dict(zip(leds["tag"], leds["color"], strict=True))
+        moving = [e for e in self._entities if isinstance(e, VirtualRobot)]
+        return make_snapshot(
+            self.arena,
+            self._entities,
+            self._floor,
+            self._fields,
+            [cone for cone in cones if cone.shape == (3, 2)],
+            np.array([(e.x_m, e.y_m, e.yaw_rad) for e in moving], np.float64),
+            np.array([colours.get(tag, (0, 0, 0)) for tag in tags], np.uint8).reshape(-1, 3),
+        )
+
+    def _count(self, moment: ArenaMoment) -> None:
+        """Counts the robots in the cones, and those that are lit there."""
+        told = self._signals.get("measures") or {}
+        cones = moment.snapshot.cones
+        if self.time_s is None or not cones or IN_CONE in told:
+            return
+        inside = np.zeros(len(moment.poses), bool)
+        for cone in cones:
+            inside |= _within(cone, moment.poses[:, :2])
+        self._measure(IN_CONE, self.time_s, int(inside.sum()))
+        self._measure(LIT_IN_CONE, self.time_s, int((inside & moment.lit).sum()))
+
+    def _senses(self, tags: list[int]) -> Senses | None:
+        """What the chosen robot senses; None where it is not there, or no readings are."""
+        tag, readings = self._robot, self._readings
+        if tag not in tags:
+            return None
+        rays, words = [], []
+        if tag in readings.get("tag", ()):
+            given = readings["values"][readings["tag"].index(tag)]
+            number = self._facts.controller_of().get(tag, 0)
+            sensors = self._facts.controllers[number]["sensors"]
+            for sensor, read in zip(sensors, given, strict=True):
+                angles = sensor.get("angles_rad")
+                if angles:
+                    told = [pair for pair in zip(angles, read) if None not in pair]
+                    ways, values = np.array(told, np.float64).reshape(-1, 2).T
+                    rays.append((ways, np.abs(values / self._peak(sensor, read))))
+                elif len(read) <= 3:
+                    words.append(_words(sensor, read))
+        return Senses(tags.index(tag), tuple(rays), tuple(words[:_WORDS]))
+
+    def _peak(self, sensor: Mapping[str, Any], read: list[float | None]) -> float:
+        """The sensor's greatest reading so far; None is a reading that is no number."""
+        name = str(sensor["name"])
+        told = (abs(float(value)) for value in read if value is not None)
+        peak = max((self._peaks.get(name, 1e-9), *told))
+        self._peaks[name] = peak
+        return peak
+
+
+def _words(sensor: Mapping[str, Any], read: list[float | None]) -> str:
+    unit = f" {sensor['unit']}" if sensor.get("unit") else ""
+    told = ", ".join("-" if value is None else f"{value:.3g}" for value in read)
+    return f"{sensor['name']} {told}{unit}"
+
+
+def _arena_of(told: Mapping[str, Any]) -> Arena:
+    try:
+        size_x, size_y, size_z = (float(value) for value in told["size_m"])
+        x, y, z = (float(value) for value in told["centre_m"])
+    except ODD:
+        raise ValueError("it has no arena") from None
+    fits = all(0.0 < size <= _MOST_M for size in (size_x, size_y))
+    if not fits or not all(math.isfinite(value) for value in (x, y, z, size_z)):
+        raise ValueError(f"its arena of {size_x:g} x {size_y:g} m cannot be drawn")
+    return Arena((size_x, size_y, size_z), (x, y, z))
+
+
+def _entity(told: Mapping[str, Any]) -> Entity | None:
+    """A virtual thing; None for one of a kind that is not known, or damaged."""
+    with suppress(*ODD):
+        kind: Any = _KINDS[told["kind"]]
+        known = {field.name for field in fields_of(kind)}
+        values = {n: tuple(v) if isinstance(v, list) else v for n, v in told.items() if n in known}
+        if "leds" in values:
+            values["leds"] = tuple(Led(tuple(at), tuple(color)) for at, color in values["leds"])
+        made: Entity = kind(**values)
+        return made
+    return None
+
+
+def _floor(told: Mapping[str, Any] | None) -> Floor:
+    """The floor; a plain white one where it is not told."""
+    with suppress(*ODD):
+        if told is not None:
+            image = None
+            if told.get("png"):
+                data = np.frombuffer(base64.b64decode(told["png"]), np.uint8)
+                read: Any = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+                order = [2, 1, 0, 3][: read.shape[2]]
+                image = np.ascontiguousarray(read[..., order])
+            size, centre, color = (tuple(told[n]) for n in ("size_m", "centre_m", "color"))
+            return Floor(image, size, centre, color)
+    return Floor()
+
+
+def _field(told: Mapping[str, Any], arena: Arena) -> Floats:
+    """A field over the arena, as shares of its highest concentration."""
+    shape = int(told["rows"]), int(told["columns"])
+    levels = np.frombuffer(base64.b64decode(told["levels"]), np.uint8).reshape(shape)
+    points, size = grid(arena)
+    # Row 0 of the levels lies at the lowest y; a cell's value is that of its middle.
+    cells = (points - np.array(told["corner_m"])) / float(told["cell_m"]) - 0.5
+    across, down = (cells[:, k].reshape(size).astype(np.float32) for k in (0, 1))
+    found = cv2.remap(levels, across, down, cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE)
+    return np.asarray(found, np.float64) / 255.0
+
+
+def _within(triangle: Floats, points: Floats) -> Any:
+    """Which (n, 2) points lie in a triangle whose corners are counter-clockwise."""
+    inside = np.ones(len(points), bool)
+    for start, end in zip(triangle, np.roll(triangle, -1, axis=0)):
+        along, apart = end - start, points - start
+        inside &= along[0] * apart[:, 1] - along[1] * apart[:, 0] >= 0.0
+    return inside

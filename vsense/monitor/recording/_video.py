@@ -1,0 +1,235 @@
+"""A recording as a video: the virtual world over the cameras' pictures, the clock, the measures."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from vsense.base.errors import instead
+from vsense.base.message_bus import Message
+from vsense.monitor.recording import form
+from vsense.monitor.recording._film import Film, RecordedPicture
+from vsense.monitor.recording._scenes import ODD, RecordedScenes
+from vsense.monitor.recording._video_file import open_video
+from vsense.monitor.recording.form import ExperimentMessage, RecordingError
+from vsense.monitor.recording.reader import Recording
+from vsense.vision.cameras.camera import Camera, CameraError
+
+ARENA, BOTH, CAMERAS = "arena", "both", "cameras"
+MOST_FPS = 30.0
+_USUAL_FPS = 10.0
+_BEFORE_S = 5.0
+_LOOKED_AT = 200
+"""Arena states that tell how many there are in a second."""
+_DURING = ("running", "paused")
+
+
+@dataclass(frozen=True, slots=True)
+class VideoPlan:
+    """What a video shows.
+
+    Attributes:
+        view: "arena", "cameras", "both" or a camera's id; None: both where there are pictures.
+        from_s, to_s: since the recording's beginning; None: as long as the first run lasts, or all.
+        fps: frames per second of the video; None: as many as timesteps pass, at most `MOST_FPS`.
+        speed: seconds of the recording per second of the video.
+        size: width and height of a frame [px].
+        robot: whose senses are drawn.
+    """
+
+    view: str | None = None
+    from_s: float | None = None
+    to_s: float | None = None
+    fps: float | None = None
+    speed: float = 1.0
+    size: tuple[int, int] = (1280, 720)
+    robot: int | None = None
+
+
+class Video:
+    """One video of a recording, which nobody else reads meanwhile.
+
+    Attributes:
+        frames: how many the video will have.
+        fps: so many per second.
+
+    Raises:
+        RecordingError: the recording does not hold what shall be shown.
+    """
+
+    def __init__(self, recording: Recording, plan: VideoPlan) -> None:
+        self._recording, self._plan, self._name = recording, plan, str(recording.path)
+        told = recording.experiment
+        try:
+            self._scenes = RecordedScenes(told, plan.robot)
+        except ValueError as error:
+            raise RecordingError(f"{self._name}: cannot be drawn: {error}") from None
+        facts = ExperimentMessage.read(told)
+        self._check_robot(facts)
+        self._arena, self._cameras = self._shown(facts)
+        usual = 1.0 / facts.timestep_s if facts.timestep_s else self._rate_hz()
+        self.fps = plan.fps or min(usual * plan.speed, MOST_FPS)
+        self._from_s, to_s = self._span()
+        self.frames = max(int((to_s - self._from_s) / plan.speed * self.fps + 1e-6), 1)
+        self._shots = {camera.id: form.PICTURE + camera.id for camera in self._cameras}
+
+    def write(self, path: Path, tell: Callable[[int], None], stopped: Callable[[], bool]) -> bool:
+        """Writes the video; false where it was stopped, and then nothing is left of it.
+
+        `tell` is called with the number of frames so far.
+
+        Raises:
+            RecordingError: the file is there already, or cannot be written.
+        """
+        with open_video(path, self.fps, self._plan.size) as file:
+            for number, frame in enumerate(self.images(stopped), 1):
+                if stopped():
+                    return False
+                file.add(frame)
+                tell(number)
+            if file.frames < self.frames:
+                return False
+            file.finish()
+            return True
+
+    def images(self, stopped: Callable[[], bool] = lambda: False) -> Iterator[Any]:
+        """All frames, one after the other, (h, w, 3) BGR; no more of them once it is stopped."""
+        film = Film(self._scenes, self._arena, self._cameras, self._plan.size, self._measured())
+        news = _Ahead(self._recording.messages(set(self._scenes.topics)), lambda m: m.time_ns)
+        # Measures are drawn from the beginning on, pictures are wanted from now on.
+        since_s = max(self._from_s - _BEFORE_S, 0.0)
+        shots = self._recording.messages(set(self._shots.values()), since_s)
+        seen = _Ahead(shots, _capture_ns)
+        coming: dict[str, Message] = {}
+        pictures: dict[str, RecordedPicture] = {}
+        for number in range(self.frames):
+            time_s = self._from_s + number * self._plan.speed / self.fps
+            now_ns = self._recording.begin_ns + round(1e9 * time_s)
+            for message in news.until(now_ns):
+                # Before the first frame there can be an hour of them.
+                if stopped():
+                    return
+                self._scenes.take(message)
+            coming |= {message.topic: message for message in seen.until(now_ns)}
+            for camera, topic in self._shots.items():
+                picture = _decoded(coming.pop(topic, None))
+                if picture is not None:
+                    pictures[camera] = picture
+            yield film.frame(pictures, now_ns)
+
+    def _rate_hz(self) -> float:
+        """How many arena states a second has, where nobody said how many there shall be."""
+        states = islice(self._recording.messages({"/arena"}), _LOOKED_AT)
+        apart_ns = np.diff([_capture_ns(state) for state in states])
+        usual_ns = float(np.median(apart_ns)) if len(apart_ns) else 0.0
+        return 1e9 / usual_ns if usual_ns > 0.0 else _USUAL_FPS
+
+    def _measured(self) -> bool:
+        """Whether there will be measures to show: those of the run, or robots in a cone."""
+        signals = self._recording.newest({"/signals"}).get("/signals")
+        return signals is not None and bool(
+            signals.data.get("measures") or signals.data.get("cones")
+        )
+
+    def _check_robot(self, facts: ExperimentMessage) -> None:
+        robot = self._plan.robot
+        tags = [str(each.get("tag")) for each in facts.robots]
+        if robot is not None and str(robot) not in tags:
+            raise RecordingError(f"{self._name}: has no robot {robot}; {instead(str(robot), tags)}")
+
+    def _shown(self, facts: ExperimentMessage) -> tuple[bool, Sequence[Camera]]:
+        """Whether the arena is shown, and which cameras."""
+        known = {camera.id: camera for camera in map(_camera, facts.cameras) if camera is not None}
+        view = self._plan.view
+        if view == ARENA:
+            return True, []
+        if view not in (None, BOTH, CAMERAS) and view not in known:
+            views = [ARENA, *known, *([CAMERAS, BOTH] if known else [])]
+            raise RecordingError(f"--view {view}: {instead(str(view), views)}")
+        recorded = {camera for camera in known if self._has_pictures(camera)}
+        wanted = set(known) if view in (None, BOTH, CAMERAS) else {str(view)}
+        found = [known[name] for name in known if name in wanted & recorded]
+        if not found and view is None:
+            return True, []
+        if not found:
+            raise RecordingError(
+                f"{self._name}: holds no pictures of {'the cameras' if len(wanted) != 1 else view}:"
+                " --record-images (record_image of vsense run) keeps them; expected --view arena"
+            )
+        return view in (None, BOTH), found
+
+    def _has_pictures(self, camera: str) -> bool:
+        return bool(self._recording.newest({form.PICTURE + camera}))
+
+    def _span(self) -> tuple[float, float]:
+        """From when to when the video goes, in s since the recording's beginning."""
+        plan, length_s = self._plan, self._recording.duration_s
+        first_s, last_s = self._run() if None in (plan.from_s, plan.to_s) else (0.0, length_s)
+        from_s = first_s if plan.from_s is None else plan.from_s
+        to_s = min(last_s if plan.to_s is None else plan.to_s, length_s)
+        if plan.to_s is None and plan.from_s is not None:
+            to_s = max(to_s, length_s) if from_s >= to_s else to_s
+        if from_s >= to_s:
+            raise RecordingError(
+                f"{self._name}: lasts {length_s:.1f} s; nothing of it lies between"
+                f" --from {from_s:g} and --to {to_s if plan.to_s is None else plan.to_s:g}"
+            )
+        return from_s, to_s
+
+    def _run(self) -> tuple[float, float]:
+        """When the first run begins and ends, or the whole recording."""
+        begin_s, end_s = 0.0, self._recording.duration_s
+        first: float | None = None
+        for message in self._recording.messages({"/run"}):
+            time_s = (message.time_ns - self._recording.begin_ns) / 1e9
+            during = message.data.get("state") in _DURING
+            if during and first is None:
+                first = begin_s = max(time_s, 0.0)
+            if first is not None and not during:
+                return begin_s, max(min(time_s, end_s), begin_s)
+        return begin_s, end_s
+
+
+class _Ahead:
+    """Messages up to a time, of a stream in which they follow each other by it."""
+
+    def __init__(self, messages: Iterator[Message], when: Callable[[Message], int]) -> None:
+        self._messages, self._when = messages, when
+        self._next = next(messages, None)
+
+    def until(self, time_ns: int) -> Iterator[Message]:
+        while self._next is not None and self._when(self._next) <= time_ns:
+            yield self._next
+            self._next = next(self._messages, None)
+
+
+def _capture_ns(message: Message) -> int:
+    """When a picture was taken; it was written later."""
+    told = message.data.get("capture_ns")
+    return told if isinstance(told, int) else message.time_ns
+
+
+def _decoded(message: Message | None) -> RecordedPicture | None:
+    """A picture; None: there is none, or it is damaged."""
+    if message is None or not message.blob:
+        return None
+    try:
+        image = cv2.imdecode(np.frombuffer(message.blob, np.uint8), cv2.IMREAD_GRAYSCALE)
+    except cv2.error:
+        return None
+    return None if image is None else (_capture_ns(message), np.asarray(image, np.uint8))
+
+
+def _camera(told: Any) -> Camera | None:
+    """A camera of `/experiment`; None: it is damaged, or of another tracker."""
+    try:
+        return Camera.from_json(json.dumps(told["model"]))
+    except (*ODD, CameraError):
+        return None

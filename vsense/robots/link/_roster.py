@@ -1,0 +1,349 @@
+"""The expected robots, their sessions, and the answer to every greeting; sans-I/O."""
+
+from __future__ import annotations
+
+import hashlib
+import secrets
+from collections import defaultdict
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+
+from vsense.base.native import WireError, lib
+from vsense.robots.link._peer import Greeting, Orders
+from vsense.robots.link._session import Address, HostSession, PendingSession
+from vsense.robots.link.keys import LinkTrust
+from vsense.robots.link.status import LinkEvent, cut_text
+from vsense.robots.link.table import BRING, ExpectedRobot, ToldProgram
+from vsense.robots.link.wire import (
+    PUBLISHED,
+    GoodbyeCause,
+    Header,
+    Hello,
+    Notice,
+    PacketType,
+    RefuseCode,
+    Welcome,
+    answer_key,
+    believed,
+    decode,
+    encode,
+    is_older,
+    uid_of,
+)
+
+GREETINGS_MAX = 1024
+"""Greetings of each robot that are remembered: a nonce counts once."""
+
+TAKEN_OVER = "the same robot opened a newer session"
+DEPLOY = f"bring it one with {BRING}"
+DEPLOY_IT = f"bring it that with {BRING}"
+FORMER = f"start its vsensed anew, or bring it the newest with {BRING}"
+OLDER = f"runs an older vsensed: bring it this one with {BRING}"
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What follows from a greeting.
+
+    Attributes:
+        pending: the session that is offered; None if the greeting is refused.
+        packet: WELCOME or REFUSE; b"": nothing is answered.
+        event: what to report; None: nothing has changed yet.
+    """
+
+    pending: PendingSession | None
+    packet: bytes
+    event: LinkEvent | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Proved:
+    """What follows from the first valid packet of a session that was offered.
+
+    Attributes:
+        farewell: GOODBYE for the connection of the session that this one replaces; b"": none was.
+        refusal: GOODBYE for this session: another robot has the tag by now; b"": it is open.
+        events: what to report.
+    """
+
+    farewell: bytes
+    refusal: bytes
+    events: list[LinkEvent]
+
+
+class SessionTable:
+    """The robots of the experiment.
+
+    Args:
+        expected: they, by tag.
+        timestep_ns: length of a timestep; robots get it in whole microseconds.
+        seed: of the run; every robot gets one of its own made from it.
+        trust: which robots are believed.
+        draw: source of session numbers: uniform 32-bit numbers.
+
+    Attributes:
+        robots: every expected robot by its tag; `recast` replaces it as a whole.
+
+    Raises:
+        WireError: params or timestep do not fit a WELCOME.
+    """
+
+    def __init__(
+        self,
+        expected: Mapping[int, ExpectedRobot],
+        timestep_ns: int,
+        seed: int,
+        trust: LinkTrust,
+        draw: Callable[[], int] = lambda: secrets.randbits(32),
+    ) -> None:
+        self.robots = {tag: HostSession(tag, r.name, r.table) for tag, r in expected.items()}
+        self.orders = Orders()
+        self._expected = dict(expected)
+        self._timestep_us = timestep_ns // 1000
+        self._seed = seed
+        self._draw = draw
+        self._trust = trust
+        self._by_session: dict[int, HostSession] = {}
+        self._pending: dict[int, PendingSession] = {}
+        self._nonces: defaultdict[int, dict[bytes, None]] = defaultdict(dict)
+        for tag, robot in expected.items():
+            header = Header(PacketType.WELCOME, session=1, table_hash=robot.table.hash)
+            encode(header, self._welcome(tag))
+
+    def new_run(self, seed: int) -> None:
+        """No reading of the new run is measured yet; sessions with another seed are over."""
+        for robot in self.robots.values():
+            robot.forget()
+            robot.reseeded = robot.open and (robot.reseeded or seed != self._seed)
+        self._seed = seed
+
+    def recast(self, expected: Mapping[int, ExpectedRobot]) -> list[HostSession]:
+        """Expects other robots from now on; those that stay keep their sessions.
+
+        A part's table and params are those of before. Gives the robots that have left, whose
+        sessions the caller ends.
+        """
+        before, self._expected = self.robots, dict(expected)
+        self.robots = {
+            tag: before.get(tag) or HostSession(tag, robot.name, robot.table)
+            for tag, robot in expected.items()
+        }
+        gone = [robot for tag, robot in before.items() if tag not in expected]
+        self._pending = {n: p for n, p in self._pending.items() if p.robot not in gone}
+        self._by_session = {r.peer.session: r for r in self.robots.values() if r.open}
+        return gone
+
+    def of_session(self, session: int) -> HostSession | None:
+        """The robot whose open session has this number."""
+        robot = self._by_session.get(session)
+        return robot if robot is not None and robot.peer.session == session else None
+
+    def pending(self, session: int) -> PendingSession | None:
+        """The session with this number, if it was offered and not yet proved."""
+        return self._pending.get(session)
+
+    def withdraw(self, pending: PendingSession) -> None:
+        """Forgets a session that was offered: its connection has ended."""
+        self._pending.pop(pending.peer.session, None)
+
+    def greet(self, packet: bytes, origin: str, now_ns: int) -> Answer:
+        """Answers a connection's first packet, which came from `origin` at `now_ns`, host's clock.
+
+        Raises:
+            WireError: it is no valid HELLO.
+        """
+        found = self._open(packet, origin, now_ns)
+        if isinstance(found, Answer):
+            return found
+        hello, refuse = found.hello, partial(self._turn_away, found, now_ns)
+        robot = self.robots.get(hello.tag)
+        if robot is None:
+            known = ", ".join(map(str, sorted(self.robots))) or "none"
+            text = f"tag {hello.tag} is not in this experiment; expected: {known}"
+            return refuse(RefuseCode.TAG_UNKNOWN, text)
+        if self._was_heard(hello):
+            text = f"{robot.label}: somebody at {origin} repeats a greeting of it: not answered"
+            return Answer(None, b"", LinkEvent("refused", hello.tag, text, now_ns, origin))
+        if robot.taken_from(hello.uid, found.key is not None, now_ns):
+            return refuse(RefuseCode.TAG_IN_USE, _taken(hello.tag))
+        size = len(self._expected[hello.tag].params.encode())
+        if hello.params_room < size:
+            text = f"the experiment's params have {size} bytes, the robot has {hello.params_room}"
+            return refuse(RefuseCode.ROOM, text)
+        expected = self._expected[hello.tag]
+        runs, wanted = ToldProgram(hello.controller, hello.hash), expected.program
+        if wanted is not None and self._is_refused(expected, runs, wanted):
+            robot.refused = f"runs {runs}, expected {wanted}"
+            robot.refused += f": {DEPLOY_IT}" if expected.exact else ""
+            way_out = "" if expected.exact else ": see vsense robot deploy"
+            text = f"{robot.name} {robot.refused}{way_out}"
+            return refuse(RefuseCode.CONTROLLER, text)
+        notes = [self._key_note(found.key)]
+        if wanted is not None and not runs.is_same(wanted):
+            notes.append(f"{runs}; the file's is {wanted}")
+        greeting = replace(found, note="; ".join(filter(None, notes)))
+        run, welcome = self.orders.run, self._welcome(hello.tag)
+        pending, answer = robot.offer(self._number(), greeting, welcome, run, now_ns)
+        self._pending[pending.peer.session] = pending
+        return Answer(pending, answer)
+
+    def prove(
+        self, pending: PendingSession, packet: bytes, source: Address | None, now_ns: int
+    ) -> Proved | None:
+        """Takes a packet of a session that was offered; None if it is no valid one.
+
+        `source` is the datagram's, None for TCP. With the first valid packet the session opens.
+        """
+        heard = pending.peer.receive_telemetry(packet, source is not None, now_ns)
+        if heard is None:
+            return None
+        if self._pending.get(pending.peer.session) is not pending:
+            return None
+        self.withdraw(pending)
+        robot, hello, run = pending.robot, pending.greeting.hello, self.orders.run
+        if robot.taken_from(hello.uid, pending.greeting.key is not None, now_ns):
+            header = Header(PacketType.GOODBYE, run=run)
+            notice = Notice(GoodbyeCause.END, _taken(hello.tag))
+            refusal = pending.peer.encode(header, notice, now_ns)
+            text = f"refused a robot from {pending.greeting.origin}: {notice.text}"
+            origin = pending.greeting.origin
+            event = LinkEvent("refused", hello.tag, text, now_ns, origin)
+            return Proved(b"", refusal, [event])
+        farewell = b""
+        if robot.open:
+            farewell = robot.goodbye(GoodbyeCause.TAKEN_OVER, TAKEN_OVER, run, now_ns)
+        events = robot.adopt(pending, now_ns)
+        robot.reseeded = pending.seed != robot_seed(self._seed, robot.tag)
+        self._by_session = {r.peer.session: r for r in self.robots.values() if r.open}
+        return Proved(farewell, b"", events + robot.take(*heard, source, now_ns))
+
+    def _open(self, packet: bytes, origin: str, now_ns: int) -> Greeting | Answer:
+        """Finds out what a HELLO was tagged with, and whether such a robot is taken."""
+        for number, root in self._trust.roots(uid_of(packet)):
+            try:
+                header, hello = decode(packet, root)
+            except WireError as error:
+                if error.code != lib.VS_ERR_TAG:
+                    raise
+                continue
+            assert isinstance(hello, Hello)
+            if number is None and not self._trust.insecure:
+                text = f"has no key, and this host takes no robot without one: {DEPLOY}"
+                return self._doubted(packet, hello, text, origin, now_ns)
+            if self._trust.is_former(hello.uid, number):
+                text = f"has its former key {number}, but was brought a newer one: {FORMER}"
+                return self._doubted(packet, hello, text, origin, now_ns)
+            return Greeting(packet, header, hello, root, number, origin)
+        hello = believed(packet)
+        if hello.capabilities & lib.VS_CAPABLE_KEYED:
+            text = f"has another key than this host's: {DEPLOY}"
+            if self._trust.keys is None:
+                text = "has a key, and this host has none: give it the swarm's with --key FILE"
+            return self._doubted(packet, hello, text, origin, now_ns)
+        if is_older(packet):
+            return self._doubted(packet, hello, OLDER, origin, now_ns)
+        raise WireError(lib.VS_ERR_TAG, "HELLO")
+
+    def _was_heard(self, hello: Hello) -> bool:
+        """Whether a greeting came before; else it is remembered.
+
+        Whoever hears a greeting can send it again and again: each would take one of the few places
+        of those who have greeted in the robot's name, and the robot's own would make way.
+        """
+        nonces = self._nonces[hello.tag]
+        if hello.nonce in nonces:
+            return True
+        nonces[hello.nonce] = None
+        if len(nonces) > GREETINGS_MAX:
+            del nonces[next(iter(nonces))]
+        return False
+
+    def refuse_older(self, tag: int, origin: str, now_ns: int) -> Answer:
+        """Turns a robot away that speaks an older protocol, and says so for it."""
+        robot = self.robots.get(tag)
+        if robot is not None:
+            robot.refused = OLDER
+        name = f"robot {tag}{f' ({robot.name})' if robot else ''}"
+        return self.refuse(RefuseCode.HELLO, f"{name} {OLDER}", origin, now_ns, tag)
+
+    def _key_note(self, number: int | None) -> str:
+        """What to say of a robot's key, if anything."""
+        keys = self._trust.keys
+        if number is None or keys is None or number == keys.newest:
+            return ""
+        return f"it has key {number}, the newest is {keys.newest}: {DEPLOY}"
+
+    def _doubted(self, packet: bytes, hello: Hello, text: str, origin: str, now_ns: int) -> Answer:
+        """Turns away who may be a robot without the right key, and says so for it."""
+        robot = self.robots.get(hello.tag)
+        if robot is not None:
+            robot.refused = text
+        name = f"robot {hello.tag}{f' ({robot.name})' if robot else ''}"
+        return self.refuse(RefuseCode.KEY, f"{name} {text}", origin, now_ns, hello.tag, packet)
+
+    def _turn_away(self, greeting: Greeting, now_ns: int, code: RefuseCode, text: str) -> Answer:
+        tag, packet = greeting.hello.tag, greeting.packet
+        return self.refuse(code, text, greeting.origin, now_ns, tag, packet, greeting.root)
+
+    def _is_refused(self, expected: ExpectedRobot, runs: ToldProgram, wanted: ToldProgram) -> bool:
+        """Whether a robot runs what it must not."""
+        if not expected.exact:
+            return self._is_anothers(runs, wanted, expected.strict)
+        told = {tag: ToldProgram(*robot.runs) for tag, robot in self.robots.items() if robot.open}
+        fellows = [told[t] for t, r in self._expected.items() if t in told and r.program == wanted]
+        return not any(runs.is_same(program) for program in (wanted, *fellows))
+
+    def _is_anothers(self, runs: ToldProgram, wanted: ToldProgram, strict: bool) -> bool:
+        """Whether a robot runs a program that its sensor table is not for.
+
+        Where all robots have one controller, it may be an older or a newer one, or the user's own
+        under another name: its table is for whatever runs there.
+        """
+        known = {robot.program for robot in self._expected.values() if robot.program is not None}
+        if (len(known) < 2 and not strict) or runs.is_same(wanted):
+            return False
+        other = any(runs.is_same(program) for program in known)
+        return other or bool(wanted.name and runs.name != wanted.name)
+
+    def refuse(
+        self,
+        code: RefuseCode,
+        text: str,
+        origin: str,
+        now_ns: int,
+        tag: int | None = None,
+        hello: bytes = b"",
+        root: bytes = PUBLISHED,
+    ) -> Answer:
+        """Turns a connection away, and says so at both ends.
+
+        The answer to a whole `hello` is tagged for it alone, with what `root` gives.
+        """
+        told = f"refused a robot from {origin}: {text}"
+        event = LinkEvent("refused", tag, told, now_ns, origin)
+        header = Header(PacketType.REFUSE, send_ns=now_ns)
+        key = answer_key(root, hello) if hello else root
+        return Answer(None, encode(header, Notice(code, cut_text(text)), key), event)
+
+    def _number(self) -> int:
+        """A session number that no session had lately."""
+        used = self._by_session.keys() | self._pending.keys()
+        while (number := self._draw()) == 0 or number in used:
+            pass
+        return number
+
+    def _welcome(self, tag: int) -> Welcome:
+        seed, nonce = robot_seed(self._seed, tag), secrets.token_bytes(16)
+        robot = self._expected[tag]
+        return Welcome(robot.table, self._timestep_us, seed, robot.params, nonce)
+
+
+def _taken(tag: int) -> str:
+    return f"tag {tag} is in use by another robot, which was heard within 1 s"
+
+
+def robot_seed(seed: int, tag: int) -> int:
+    """Seed of one robot's controller, made from that of the run: 32 bits."""
+    digest = hashlib.blake2b(f"{seed}/{tag}".encode(), digest_size=4).digest()
+    return int.from_bytes(digest, "little")

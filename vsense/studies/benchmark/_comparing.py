@@ -1,0 +1,176 @@
+"""Two labs' results side by side: each mission's runs tested, and what the labs themselves are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from vsense.base.errors import UsageError
+from vsense.base.terminal import aligned
+from vsense.run.runs_csv import RunRow
+from vsense.studies.benchmark import _definition
+from vsense.studies.benchmark._result import read, row_of
+from vsense.studies.report import Questions
+from vsense.studies.report.study import _words
+from vsense.studies.report.study._results import StudyResult, as_json, results_of
+
+BY = ("series",)
+
+
+@dataclass(frozen=True, slots=True)
+class ComparedLabs:
+    """What two results give.
+
+    Attributes:
+        names: of the labs.
+        results: of the labs.
+        studies: of each condition of each mission, both labs' runs.
+    """
+
+    names: tuple[str, str]
+    results: tuple[Mapping[str, Any], Mapping[str, Any]]
+    studies: Sequence[StudyResult]
+    asked: Questions
+
+    def as_json(self) -> dict[str, Any]:
+        """All of it, for scripts."""
+        labs = [
+            {
+                "name": name,
+                **{key: result[key] for key in ("site", "mode", "made", "versions", "deviations")},
+                "figures": {key: value for key, _, value in own_figures(result)},
+            }
+            for name, result in zip(self.names, self.results)
+        ]
+        return {
+            "benchmark": self.results[0]["benchmark"],
+            "definition_sha256": self.results[0]["definition_sha256"],
+            "labs": labs,
+            "studies": [as_json(study) for study in self.studies],
+        }
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """The labs' own figures that one of them has: what, and that of each lab."""
+        pairs = zip(*(own_figures(result) for result in self.results))
+        return [
+            (key, one, other)
+            for (key, one, first), (_, other, second) in pairs
+            if (first, second) != (None, None)
+        ]
+
+    def lines(self) -> Iterator[str]:
+        """All of it, for people."""
+        yield from aligned([("", *self.names), *self.rows()], left=1)
+        for study in self.studies:
+            yield ""
+            yield f"{study.study.title}: {study.counts}"
+            for found in study.measures:
+                yield from (f"  {text}" for text in _words.sentences(study, found))
+
+
+def compare(paths: Sequence[Path], independent: bool, tests: bool) -> ComparedLabs:
+    """Compares two results; `independent`: runs with the same start make no pairs.
+
+    Raises:
+        UsageError: one cannot be read, or they cannot be compared; the message says why.
+    """
+    (path, first), (other_path, second) = (read(path) for path in paths)
+    known = _definition.load()
+    if wrong := _incomparable(first, second) or _unknown(known.sha256, first):
+        raise UsageError(f"{path} and {other_path} cannot be compared: {wrong}")
+    names = _names((path, other_path), (first, second))
+    rows: list[RunRow] = []
+    for source, name, result in zip((path, other_path), names, (first, second)):
+        try:
+            own = [row_of(run) for run in result["runs"]]
+        except (KeyError, TypeError):
+            raise UsageError(f"{source}: its runs are damaged") from None
+        # A condition's name says which mission it is; who ran it is what differs.
+        rows += [replace(row, series=name, mode="", experiment="") for row in own]
+    asked = Questions(
+        by=BY,
+        independent=independent,
+        margins={m.measure: m.margin for m in known.missions},
+        only=[m.measure for m in known.missions],
+        tests=tests,
+    )
+    return ComparedLabs(names, (first, second), results_of(rows, asked), asked)
+
+
+def _incomparable(first: Mapping[str, Any], second: Mapping[str, Any]) -> str:
+    """Why two results cannot be compared; "": they can."""
+    if first.get("quick") or second.get("quick"):
+        return "a result of --quick is a first look, and comparable with nothing"
+    if first.get("definition_sha256") != second.get("definition_sha256"):
+        return f"their definitions differ ({first['benchmark']}, {second['benchmark']})"
+    if first.get("deviations") != second.get("deviations"):
+        each = ("; ".join(one.get("deviations") or ["none"]) for one in (first, second))
+        return f"they deviate from the definition in different ways ({', '.join(each)})"
+    return ""
+
+
+def _unknown(sha256: str, result: Mapping[str, Any]) -> str:
+    if result.get("definition_sha256") == sha256:
+        return ""
+    return f"this vsense has another definition than {result['benchmark']}"
+
+
+def _names(paths: Sequence[Path], results: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
+    """What the labs are called; with the mode, and where that is the same their folder, too."""
+    first, second = (f"{one.get('site') or 'unnamed'} ({one['mode']})" for one in results)
+    if first != second:
+        return first, second
+    one, other = (path.resolve().parent.name for path in paths)
+    names = f"{first} {one}", f"{second} {other}"
+    return names if names[0] != names[1] else (f"{first} first", f"{second} second")
+
+
+def own_figures(result: Mapping[str, Any]) -> Iterator[tuple[str, str, float | None]]:
+    """A lab's own figures: name with its unit, for people, and as a number."""
+    latency, truth = result.get("latency") or {}, (result.get("accuracy") or {}).get("truth") or {}
+    checks = ((result.get("accuracy") or {}).get("calibration") or {}).get("checks") or [{}]
+    stations = latency.get("stations") or {}
+    noise = result.get("noise") or {}
+    standing = {one["what"]: one["sigma"] for one in noise.get("standing", ())}
+    values: dict[str, float | None] = {
+        "exposure to readings sent, median [ms]": stations.get("capture_to_sent_ms", {}).get("p50"),
+        "exposure to readings sent, p99 [ms]": stations.get("capture_to_sent_ms", {}).get("p99"),
+        "exposure to reading on the robot, median [ms]": stations.get(
+            "capture_to_robot_ms", {}
+        ).get("p50"),
+        "exposure to wheels, median [ms]": stations.get("capture_to_wheels_ms", {}).get("p50"),
+        "timesteps late or left out [%]": _times(latency.get("late_share_mean"), 100.0),
+        "poses against the truth, rms [mm]": truth.get("position_rms_mm"),
+        "headings against the truth, rms [deg]": truth.get("heading_rms_deg"),
+        "calibrate check, rms [mm]": checks[-1].get("rms_mm"),
+        "robots seen in a timestep [%]": _times(
+            (result.get("accuracy") or {}).get("seen_share"), 100
+        ),
+        "noise of a standing robot's x [mm]": standing.get("x"),
+        "noise of a standing robot's heading [deg]": standing.get("heading"),
+        "noise of its virtual light sensor": standing.get("light"),
+        "way over told, mean of robots": _middle(noise, "way_over_told"),
+        "way over told, spread of robots [%]": _apart(noise, "way_over_told"),
+        "noise of way in a timestep [mm]": _middle(noise, "forward_noise_mm"),
+        "noise of turn in a timestep [deg]": _middle(noise, "turn_noise_deg"),
+    }
+    for name, value in values.items():
+        yield name, "–" if value is None else f"{value:.4g}", value
+
+
+def _times(value: float | None, factor: float) -> float | None:
+    return None if value is None else factor * value
+
+
+def _middle(noise: Mapping[str, Any], name: str) -> float | None:
+    values = [robot[name] for robot in noise.get("robots", ())]
+    return median(values) if values else None
+
+
+def _apart(noise: Mapping[str, Any], name: str) -> float | None:
+    """The greatest less the least of the robots, in percent."""
+    values = [robot[name] for robot in noise.get("robots", ())]
+    return 100.0 * (max(values) - min(values)) if values else None

@@ -1,0 +1,197 @@
+"""Compares what was packed with what was made again; says in words what differs, "": nothing."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.base.message_bus import Message
+from vsense.studies.packages._places import Scrubber
+
+DAMAGED = (
+    *(KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError, EOFError),
+    *(OSError, csv.Error, zipfile.BadZipFile, zlib.error, cv2.error),
+)
+"""What reading a file raises that is not what its name says."""
+
+_MOST_CELL, _MOST_ARRAYS = 40, 4 << 30
+_OF_THE_CLOCK = ("/run", "/experiment", "/event")
+"""Topics of a simulated recording that tell of the command, not only of the run."""
+
+
+def files(before: Path, now: Path, scrubber: Scrubber) -> str:
+    """Compares two files by what they are; OSError if one cannot be read."""
+    if not now.exists():
+        return "it was not made"
+    old, new = before.read_bytes(), now.read_bytes()
+    if old == new:
+        return ""
+    kind = before.suffix
+    try:
+        if kind == ".csv":
+            text = scrubber.text(new.decode(errors="replace"))
+            return tables(old.decode(errors="replace"), text)
+        if kind == ".npz":
+            return arrays(before, now)
+        if kind == ".png":
+            return pictures(old, new)
+    except DAMAGED as error:
+        return f"it is damaged: {error!r}"
+    return f"other bytes ({len(old)} before, now {len(new)})"
+
+
+def tables(before: str, now: str) -> str:
+    """Compares two CSV texts cell by cell."""
+    if before == now:
+        return ""
+    old, new = (list(csv.reader(io.StringIO(text))) for text in (before, now))
+    head = old[0] if old else []
+    count, first, most = 0, "", 0.0
+    none: list[str] = []
+    for line, (was, is_) in enumerate(zip_longest(old, new, fillvalue=none), 1):
+        for column, (a, b) in enumerate(zip_longest(was, is_, fillvalue="")):
+            if a != b:
+                count += 1
+                most = max(most, _apart(a, b))
+                name = head[column] if column < len(head) else str(column + 1)
+                first = first or f"line {line}, {name}: {shown(a)} before, now {shown(b)}"
+    if not count:
+        return "other bytes with the same cells"
+    by = f", by up to {most:.6g}" if most else ""
+    return f"{count} cells{by}; the first: {first}"
+
+
+def arrays(before: Path, now: Path) -> str:
+    """Compares two .npz files array by array; raises one of `DAMAGED`."""
+    with zipfile.ZipFile(before) as archive:
+        if sum(info.file_size for info in archive.infolist()) > _MOST_ARRAYS:
+            raise ValueError("more numbers than any run has")
+    with np.load(before, allow_pickle=False) as old, np.load(now, allow_pickle=False) as new:
+        if set(old.files) != set(new.files):
+            return f"other arrays: {sorted(set(old.files) ^ set(new.files))}"
+        found = [words for name in old.files if (words := _array(name, old[name], new[name]))]
+    return "; ".join(found) or "other bytes with the same arrays"
+
+
+def _array(name: str, old: NDArray[Any], new: NDArray[Any]) -> str:
+    if old.shape != new.shape or old.dtype != new.dtype:
+        return f"{name}: {old.dtype}{old.shape} before, now {new.dtype}{new.shape}"
+    if old.tobytes() == new.tobytes():
+        return ""
+    other = old != new
+    words = f"{name}: {int(other.sum())} of {old.size} numbers"
+    first = int(np.argwhere(np.atleast_1d(other))[0][0])
+    if old.dtype.kind == "f":
+        words += f", by up to {float(np.nanmax(np.abs(old - new))):.3g}"
+    return f"{words}, first in row {first}"
+
+
+def pictures(before: bytes, now: bytes) -> str:
+    """Compares two pictures pixel by pixel."""
+    old, new = (
+        cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) for data in (before, now)
+    )
+    if old is None or new is None or old.shape != new.shape:
+        return "a picture of another size"
+    other = int((old != new).reshape(*old.shape[:2], -1).any(axis=2).sum())
+    return f"{other} pixels" if other else ""
+
+
+def recordings(before: Path, now: Path) -> str:
+    """Compares two recordings of a simulation, message by message.
+
+    Raises:
+        RecordingError: one cannot be read.
+    """
+    from vsense.monitor.recording.reader import open_recording  # needs the extra `record`
+
+    with open_recording(before) as old, open_recording(now) as new:
+        pairs = zip_longest(_told(old.messages()), _told(new.messages()))
+        for number, (was, is_) in enumerate(pairs):
+            if was is None or is_ is None:
+                return f"it has {'fewer' if is_ is None else 'more'} messages than {number}"
+            if was.topic != is_.topic or was.time_ns != is_.time_ns:
+                return f"message {number}: {was.topic} before, now {is_.topic}"
+            if was.blob != is_.blob or _text(was) != _text(is_):
+                when_s = (was.time_ns - old.begin_ns) / 1e9
+                return f"{was.topic} {when_s:.3f} s after the beginning"
+    return ""
+
+
+def cells(before: dict[str, str], now: dict[str, str]) -> str:
+    """Compares cells of a row by their columns; those of `now` only."""
+    found = [
+        f"{name}: {shown(before.get(name, ''))} before, now {shown(value)}"
+        f"{_by(before.get(name, ''), value)}"
+        for name, value in now.items()
+        if before.get(name, "") != value
+    ]
+    return "; ".join(found)
+
+
+def figures(name: str, before: Any, now: Any, share: float = 0.0) -> Iterator[str]:
+    """Compares what JSON has, member by member; numbers may differ by a share of the greater."""
+    if isinstance(now, Mapping) and isinstance(before, Mapping):
+        for key in dict.fromkeys((*now, *before)):
+            yield from figures(
+                f"{name}.{key}" if name else key, before.get(key), now.get(key), share
+            )
+    elif isinstance(now, list) and isinstance(before, list) and len(now) == len(before):
+        for number, (old, new) in enumerate(zip(before, now)):
+            yield from figures(f"{name}[{number}]", old, new, share)
+    elif not _equal(before, now, share):
+        yield f"{name}: {shown(str(before))} before, now {shown(str(now))}"
+
+
+def _equal(before: Any, now: Any, share: float) -> bool:
+    if share and type(before) in (int, float) and type(now) in (int, float):
+        return math.isclose(before, now, rel_tol=share, abs_tol=1e-9)
+    return bool(before == now)
+
+
+def shown(text: str) -> str:
+    """A value that somebody has written, for a line of text."""
+    cut = text if len(text) <= _MOST_CELL else f"{text[:_MOST_CELL]}..."
+    return repr(cut) if not cut or not cut.isprintable() else cut
+
+
+def _by(before: str, now: str) -> str:
+    apart = _apart(before, now)
+    return f" (by {apart:.6g})" if apart else ""
+
+
+def _apart(before: str, now: str) -> float:
+    try:
+        apart = abs(float(before) - float(now))
+    except ValueError:
+        return 0.0
+    return apart if math.isfinite(apart) else 0.0
+
+
+def _told(messages: Iterator[Message]) -> Iterator[Message]:
+    return (message for message in messages if message.topic not in _OF_THE_CLOCK)
+
+
+def _text(message: Message) -> str:
+    # As text: 0.0 and -0.0 are equal, but not the same.
+    return json.dumps(message.data, sort_keys=True)
+
+
+def row_of(path: Path, number: int) -> dict[str, str]:
+    """A row of a table by its columns; empty: there is none. Raises one of `DAMAGED`."""
+    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
+        rows: Sequence[dict[str, str]] = [row for row in csv.DictReader(file) if any(row.values())]
+    found = rows[number] if number < len(rows) else {}
+    return {str(name): value or "" for name, value in found.items() if name is not None}

@@ -1,0 +1,200 @@
+"""What is to be packed: series, campaigns and single runs, as they lie on the disk."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from vsense.base.errors import UsageError, failing_as
+from vsense.base.files import read_text
+from vsense.modes import origin
+from vsense.monitor.recording import SUFFIX
+from vsense.run.directory import SERIES, SUMMARY
+from vsense.run.runs_csv import RUNS, RunRow, read_runs
+from vsense.studies.packages._archive import PackageError
+
+_MOST_SUMMARY = 64 << 20
+
+
+@dataclass(frozen=True, slots=True)
+class FoundRun:
+    """A run.
+
+    Attributes:
+        name: as its table has it.
+        row: its number in the table, None: there is no table, or no row.
+        facts: its row.
+        folder: with its files, None: it has left none.
+        files: others that are of it, by name in the package.
+    """
+
+    name: str
+    row: int | None
+    facts: RunRow
+    folder: Path | None
+    files: Mapping[str, Path]
+
+    @property
+    def recordings(self) -> list[Path]:
+        """Its recordings."""
+        there = [] if self.folder is None else sorted(self.folder.glob(f"*{SUFFIX}"))
+        return [*there, *(path for path in self.files.values() if path.suffix == SUFFIX)]
+
+    def key_in(self, made: origin.RunOrigin) -> str:
+        """The key of a simulated run's setup; "": it has none."""
+        row = self.facts
+        keys = [origin.key_of(row.condition, row.start), origin.key_of(row.condition)]
+        if self.row is None:
+            keys.append(origin.key_of())
+        return next((key for key in keys if key in made.setups), "")
+
+
+@dataclass(frozen=True, slots=True)
+class FoundSeries:
+    """Runs that lie together: a series, a campaign, one call of `lab` or `run`, a single run.
+
+    Attributes:
+        name: of its folder in the package.
+        folder: where it is.
+        table: its runs.csv, None: there is none.
+        files: of all runs together, in `folder`.
+        origins: what `origin.kept_in` found.
+    """
+
+    name: str
+    folder: Path
+    table: Path | None
+    runs: Sequence[FoundRun]
+    files: Sequence[Path]
+    origins: Sequence[tuple[int, Path]]
+
+    def origin_of(self, run: FoundRun) -> Path | None:
+        """What a run was made from, None: nobody kept it."""
+        found = [path for begin, path in self.origins if begin <= (run.row or 0)]
+        return found[-1] if found else None
+
+    def is_of_other(self, path: Path, run: FoundRun) -> bool:
+        """Whether a file is in the folder of another run."""
+        others = {other.folder for other in self.runs} - {run.folder, None}
+        return any(path.is_relative_to(other) for other in others if other is not None)
+
+
+def gather(paths: Sequence[Path]) -> list[FoundSeries]:
+    """Finds all runs that paths mean.
+
+    Raises:
+        UsageError: one is neither a table of runs, nor a folder of runs; or is there twice.
+        PackageError: something cannot be read.
+    """
+    found: list[FoundSeries] = []
+    taken: dict[str, Path] = {}
+    for path in paths:
+        with failing_as(PackageError, f"{path}: cannot be read"):
+            one = _of_table(path) if path.suffix == ".csv" else _of_folder(path)
+        place = (one.table or one.folder).resolve()
+        if place in taken.values():
+            raise UsageError(f"{path}: is named twice")
+        name = one.name
+        number = 2
+        while name in taken or name == "report":
+            name, number = f"{one.name}-{number}", number + 1
+        taken[name] = place
+        found.append(replace(one, name=name))
+    return found
+
+
+def _of_folder(folder: Path) -> FoundSeries:
+    if not folder.is_dir():
+        raise UsageError(
+            f"{folder}: expected the folder of a series or of runs, or their table (.csv)"
+        )
+    table = folder / RUNS
+    name, origins = _plain(folder.resolve().name), origin.kept_in(folder)
+    files = sorted(path for path in folder.iterdir() if path.is_file())
+    if table.is_file():
+        rows = read_runs(table)
+        runs = [_run(folder, n, row, len(rows) == 1) for n, row in enumerate(rows)]
+        return FoundSeries(name, folder, table, runs, files, origins)
+    inner = sorted(path.parent for path in folder.glob(f"*/{SUMMARY}"))
+    folders = [folder] if (folder / SUMMARY).is_file() else inner
+    if not folders:
+        raise UsageError(f"{folder}: holds no runs: neither {RUNS} nor {SUMMARY}")
+    runs = []
+    for one in folders:
+        facts = _row(one)
+        label = name if one == folder else one.name
+        runs.append(FoundRun(_plain(label), None, facts, one, {}))
+    found = FoundSeries(name, folder, None, runs, files, origins)
+    if origins or len(folders) < 1:
+        return found
+    # Runs of a folder that have each kept their own.
+    own = [kept for one in folders for kept in origin.kept_in(one)]
+    return FoundSeries(name, folder, None, runs, files, own[:1])
+
+
+def _of_table(table: Path) -> FoundSeries:
+    """A campaign's table, with the recordings beside it; or that of a folder."""
+    if not table.is_file():
+        raise UsageError(f"{table}: there is no such file")
+    if table.name == RUNS:
+        return _of_folder(table.parent)
+    folder, stem = table.parent, table.stem
+    kept = folder / f"{stem}-recordings"
+    by_seed: dict[str, list[Path]] = {}
+    for path in sorted(kept.glob(f"*{SUFFIX}")) if kept.is_dir() else ():
+        number = re.search(r"seed(\d+)$", path.stem)
+        by_seed.setdefault(number[1] if number else "", []).append(path)
+    runs = []
+    for n, row in enumerate(read_runs(table)):
+        mine = by_seed.get(str(row.seed), [])
+        # Of several settings each has its own: which one, only the rows' order tells.
+        files = {f"{kept.name}/{path.name}": path for path in mine if len(mine) == 1}
+        runs.append(FoundRun(row.run or f"row-{n + 1}", n, row, None, files))
+    beside = [table, *(path for path in [table.with_suffix(".png")] if path.is_file())]
+    origins = origin.kept_in(folder, f"{stem}-{origin.MADE}")
+    return FoundSeries(_plain(stem), folder, table, runs, beside, origins)
+
+
+def _run(folder: Path, number: int, row: RunRow, only: bool) -> FoundRun:
+    """A run of a table, in a folder of its own or, the only one, in that of the table."""
+    named = folder / row.run
+    inside = row.run and "/" not in row.run and named.is_dir()
+    where = named if inside else folder if only else None
+    return FoundRun(row.run or f"row-{number + 1}", number, row, where, {})
+
+
+def _row(folder: Path) -> RunRow:
+    path = folder / SUMMARY
+    try:
+        summary = json.loads(read_text(path, most_bytes=_MOST_SUMMARY))
+        swarm = {k: v for k, v in summary.get("swarm", {}).items() if v is not None}
+        return RunRow(
+            run=folder.name,
+            mode="sim" if "speedup" in summary else "run" if "per_robot" in summary else "lab",
+            experiment=str(summary["experiment"]),
+            condition="",
+            seed=int(summary["seed"]),
+            duration_s=float(summary["duration_s"]),
+            robots=int(summary["robots"]),
+            measures={**swarm, **summary.get("measures", summary.get("results", {}))},
+        )
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise UsageError(f"{path}: is no {SUMMARY} of a run: {error!r}") from None
+
+
+def _plain(name: str) -> str:
+    """A name that every file system has."""
+    return re.sub(r"[^\w.+=,-]", "_", name)[:100].strip(".") or "runs"
+
+
+def plan_of(found: FoundSeries) -> Mapping[str, Any]:
+    """The plan of a series, as it was begun with; empty: it has none."""
+    with suppress(OSError, ValueError, AttributeError):
+        plan = json.loads(read_text(found.folder / SERIES)).get("plan")
+        return plan if isinstance(plan, dict) else {}
+    return {}

@@ -1,0 +1,313 @@
+"""The part of a report's page that shows a study."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections.abc import Iterable, Iterator, Sequence
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vsense.monitor.pictures.run_figure import spoken
+from vsense.studies.report import Questions, _plot
+from vsense.studies.report._markup import DASH, Counter, Shown, note, share_of
+from vsense.studies.report._plot import Drawing
+from vsense.studies.report.study import _words as words
+from vsense.studies.report.study._effects import Spread
+from vsense.studies.report.study._rank_tests import Floats
+from vsense.studies.report.study._results import MeasureResult, StudyResult
+from vsense.studies.report.study._words import interval, n_of, number, p_of, statistic
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+FEWEST = 5
+"""Runs that a box needs."""
+_MOST_UPRIGHT = 5
+"""Conditions that stand side by side; more lie below each other, with their names in full."""
+_HALF, _WAIST = 0.3, 0.15
+"""Half of a box's width, and of its notch, in places of conditions."""
+_WHISKER = 1.5
+"""Interquartile ranges from the box that a whisker reaches at most (Tukey)."""
+_GOLDEN = 0.618034
+_ROW_IN, _FRAME_IN = 0.36, 0.65
+_LETTERS = 30
+
+
+def boxes(result: StudyResult, prefix: str) -> Iterator[Drawing]:
+    """Draws each measure of a study; `prefix` begins the files' names."""
+    for place, outcome in enumerate(result.measures, start=1):
+        words = re.sub(r"[^A-Za-z0-9_]+", "-", outcome.measure)[:40].strip("-")
+        yield _drawing(result, outcome, f"{prefix}{place:02d}-{words}")
+
+
+def _drawing(result: StudyResult, outcome: MeasureResult, file: str) -> Drawing:
+    count = len(outcome.values)
+    upright = count <= _MOST_UPRIGHT
+    labels = [
+        _plot.wrapped(_plot.label(arm.label), _LETTERS if not upright else max(44 // count, 9))
+        + f"\n(n = {len(values)})"
+        for arm, values in zip(result.study.arms, outcome.values)
+    ]
+    lines = max(label.count("\n") + 1 for label in labels)
+    height = None if upright else _FRAME_IN + count * max(_ROW_IN, 0.13 * lines)
+    figure = _plot.new_figure(height_in=height)
+    axes = figure.subplots()
+    for place, (values, spread) in enumerate(zip(outcome.values, outcome.spreads)):
+        if spread is not None:
+            _arm(_Pen(axes, place, upright), values, spread, f"C{place % 6}")
+    _axes(axes, outcome, labels, upright)
+    title = f"{spoken(outcome.measure)} of each run".capitalize()
+    return Drawing(file, title, caption(result, outcome), figure)
+
+
+def _axes(axes: Axes, outcome: MeasureResult, labels: Sequence[str], upright: bool) -> None:
+    ends, measured = (-0.6, len(labels) - 0.4), _plot.measure_label(outcome.measure)
+    if upright:
+        axes.set(xlim=ends, ylabel=textwrap.fill(measured, 26))
+        axes.set_xticks(range(len(labels)), labels)
+        axes.grid(False, axis="x")
+        axes.margins(y=0.08)
+    else:
+        axes.set(ylim=ends[::-1], xlabel=measured)
+        axes.set_yticks(range(len(labels)), labels)
+        axes.grid(False, axis="y")
+        axes.margins(x=0.05)
+
+
+class _Pen:
+    """Draws at a condition's place; values go up, or to the right."""
+
+    def __init__(self, axes: Axes, place: float, upright: bool) -> None:
+        self._axes, self._place, self._upright = axes, place, upright
+
+    def line(self, across: Sequence[float], values: Sequence[float], **style: Any) -> None:
+        """Draws a line, or dots; `across` is measured from the place."""
+        x: Sequence[float] | Floats = [self._place + each for each in across]
+        x, y = (x, values) if self._upright else (values, x)
+        self._axes.plot(x, y, **style)
+
+    def area(self, across: Sequence[float], values: Sequence[float], **style: Any) -> None:
+        """Fills an area."""
+        x: Sequence[float] | Floats = [self._place + each for each in across]
+        x, y = (x, values) if self._upright else (values, x)
+        self._axes.fill(x, y, **style)
+
+
+def _arm(pen: _Pen, values: Floats, spread: Spread, colour: str) -> None:
+    ink = _plot.setting("text.color")
+    waist = _HALF
+    if spread.n >= FEWEST:
+        across, along, waist = _outline(spread)
+        pen.area(across, along, facecolor=colour, alpha=0.18, linewidth=0)
+        pen.line([*across, across[0]], [*along, along[0]], color=colour, linewidth=0.8)
+        for edge, end in zip(spread.quartiles, _whiskers(values, spread)):
+            pen.line([0.0, 0.0], [edge, end], color=colour, linewidth=0.8)
+    pen.line([-waist, waist], [spread.median] * 2, color=ink, linewidth=1.4)
+    # Runs that gave the same lie beside each other: steps of the golden ratio spread them.
+    offsets = 1.2 * _HALF * ((np.arange(len(values)) * _GOLDEN) % 1.0 - 0.5)
+    style = {"linestyle": "none", "marker": "o", "markersize": 2.8, "markeredgewidth": 0.0}
+    pen.line(offsets.tolist(), values.tolist(), color=colour, alpha=0.85, zorder=3, **style)
+
+
+def _outline(spread: Spread) -> tuple[list[float], list[float], float]:
+    """The corners of a box and its notch, and half of its waist's width.
+
+    Where the notch is wider than the box, its corners fold over, as in R and Matplotlib.
+    """
+    low, high = spread.quartiles
+    under, over = spread.notch or (low, high)
+    side = [(_HALF, low), (_HALF, under), (_WAIST, spread.median), (_HALF, over), (_HALF, high)]
+    whole = [*side, *((-x, y) for x, y in side[::-1])]
+    return [x for x, _ in whole], [y for _, y in whole], _WAIST
+
+
+def _folds(spread: Spread | None) -> bool:
+    """Whether the notch is wider than the box, at one end at least."""
+    if spread is None or spread.notch is None or spread.n < FEWEST:
+        return False
+    return spread.notch[0] < spread.quartiles[0] or spread.notch[1] > spread.quartiles[1]
+
+
+def _whiskers(values: Floats, spread: Spread) -> tuple[float, float]:
+    """The last runs within `_WHISKER` interquartile ranges of the box."""
+    low, high = spread.quartiles
+    reach = _WHISKER * (high - low)
+    inside = values[(values >= low - reach) & (values <= high + reach)]
+    return min(float(inside.min()), low), max(float(inside.max()), high)
+
+
+def caption(result: StudyResult, outcome: MeasureResult) -> str:
+    """What a figure shows, with the number of runs and of void ones."""
+    arms = result.study.arms
+    words = f"{result.study.title}. A dot is a run"
+    boxed = [s is not None and s.n >= FEWEST for s in outcome.spreads]
+    if any(boxed):
+        words += (
+            "; boxes: quartiles and median, whiskers to the last run within 1.5 interquartile"
+            " ranges; notches: 95 % interval of the median"
+        )
+    if any(map(_folds, outcome.spreads)):
+        words += ", beyond the box where its corners fold over"
+    few = [a.label for a, box in zip(arms, boxed) if not box]
+    if few:
+        words += f"; line: median, no box of fewer than {FEWEST} runs ({', '.join(few)})"
+    counts = [
+        f"{arm.label} {len(values)} (void: {len(arm.voids)})"
+        for arm, values in zip(arms, outcome.values)
+    ]
+    return f"{words}. n: {', '.join(counts)}. Void runs are not drawn."
+
+
+MOST_ROWS = 200
+"""Void runs that are listed."""
+
+
+def section(
+    result: StudyResult, pictures: Sequence[Shown], counter: Counter, number_: int, tests: bool
+) -> str:
+    """The section of a study, which is the page's `number_`-th, from 0."""
+    study = result.study
+    first = " class=first" if number_ == 0 else ""
+    what = " against ".join(arm.label for arm in study.arms) if len(study.arms) < 4 else ""
+    what = what or f"{len(study.arms)} conditions"
+    return "".join(
+        [
+            f'<h2 id="study-{number_}"{first}>{escape(study.title)}: {escape(what)}</h2>\n',
+            f"<p>{escape(_introduction(result))}</p>\n",
+            *_warnings(result),
+            counter.figures(pictures),
+            f"<h3>Run-to-run spread</h3>\n{_spreads(result, counter)}",
+            *(_comparisons(result, counter, tests) if len(study.arms) > 1 else ()),
+            _voids(result, counter),
+        ]
+    )
+
+
+def _introduction(result: StudyResult) -> str:
+    study = result.study
+    text = (
+        f"The run is the unit: each valid run gives one value of a measure. Runs: {result.counts}."
+    )
+    if len(study.arms) < 2:
+        return f"{text} There is one condition only: nothing is compared."
+    if study.keyed:
+        names = [name for name in study.keyed if name != "series"]
+        return f"{text} Runs with the same {', '.join(names)} are compared with each other."
+    return f"{text} Runs are compared as independent ones: {study.why_independent}."
+
+
+def _warnings(result: StudyResult) -> Iterator[str]:
+    """What else runs differ in: it may be the cause as well."""
+    labels = [arm.label for arm in result.study.arms]
+    for name, texts in result.study.differences():
+        if len(set(texts)) > 1:
+            each = "; ".join(f"{label}: {text}" for label, text in zip(labels, texts))
+            yield note(f"The conditions differ in {name}, too: {each}.", "warning")
+        else:
+            yield note(f"Runs of one condition differ in {name}: {texts[0]}.", "warning")
+    for arm in result.study.arms:
+        if not arm.runs:
+            yield note(f"{arm.label} has no valid run.", "warning")
+    if not result.measures:
+        yield note("No valid run has a measure: nothing is drawn or compared.", "warning")
+
+
+def _spreads(result: StudyResult, counter: Counter) -> str:
+    rows = []
+    for outcome in result.measures:
+        for arm, spread in zip(result.study.arms, outcome.spreads):
+            name = spoken(outcome.measure)
+            if spread is None:
+                rows.append([name, arm.label, "0", str(len(arm.voids)), *[DASH] * 7])
+                continue
+            quartiles = " to ".join(number(value) for value in spread.quartiles)
+            rows.append(
+                [
+                    name,
+                    arm.label,
+                    str(spread.n),
+                    str(len(arm.voids)),
+                    number(spread.median),
+                    quartiles,
+                    number(spread.mean),
+                    number(spread.sd),
+                    share_of(spread.cv),
+                    number(spread.least),
+                    number(spread.greatest),
+                ]
+            )
+    heads = (
+        "measure", "condition", "n", "void", "median", "quartiles", "mean", "SD", "CV [%]", "least",
+        "greatest",
+    )  # fmt: skip
+    caption = (
+        "One value of each valid run. SD: sample standard deviation over the runs; CV: coefficient"
+        f" of variation, SD over the mean's size; {DASH}: of one run, or of a mean of 0, there is"
+        " none."
+    )
+    return counter.table("Spread of the runs", caption, heads, rows, texts=(0, 1))
+
+
+def _comparisons(result: StudyResult, counter: Counter, tests: bool) -> Iterator[str]:
+    yield "<h3>Comparisons</h3>\n"
+    several = any(len(outcome.pairs) > 1 for outcome in result.measures)
+    rows = [row for outcome in result.measures for row in _rows(outcome, several, tests)]
+    if rows:
+        yield counter.table(*_table(several, tests), rows, texts=(0, 1))
+    for outcome in result.measures:
+        said = "".join(f"<li>{escape(text)}</li>\n" for text in words.sentences(result, outcome))
+        yield f"<h4>{escape(spoken(outcome.measure).capitalize())}</h4>\n"
+        yield f'<ul class="said">{said}</ul>\n'
+
+
+def _table(several: bool, tests: bool) -> tuple[str, str, list[str]]:
+    tested = ["n", "statistic", "p", *(["p, Holm"] if several else [])] if tests else ["n"]
+    caption = (
+        "A12: how often a run of the first condition gives more than one of the second, ties"
+        " counted half; shift: by how much, Hodges-Lehmann; both with bootstrapped 95 % intervals."
+    )
+    if tests:
+        caption += " p is two-sided."
+    if several and tests:
+        caption += " Holm: adjusted over the pairs of a measure."
+    return "Pairs of conditions", caption, ["measure", "pair", *tested, "A12", "shift"]
+
+
+def _rows(outcome: MeasureResult, several: bool, tests: bool) -> Iterable[list[str]]:
+    for pair in outcome.pairs:
+        test, effect = pair.test, pair.effect
+        cells = [n_of(pair.n, outcome.paired)]
+        if tests and test is not None:
+            cells += [statistic(test), p_of(test.p), *([p_of(pair.adjusted)] if several else [])]
+        if effect is None:
+            cells += [DASH, DASH]
+        else:
+            cells.append(interval(effect.a12, effect.a12_low, effect.a12_high, False))
+            cells.append(interval(effect.shift, effect.shift_low, effect.shift_high, True))
+        yield [spoken(outcome.measure), f"{pair.first} – {pair.second}", *cells]
+
+
+def _voids(result: StudyResult, counter: Counter) -> str:
+    rows = [
+        [run.run, arm.label, run.series or DASH, run.why or "no reason is told"]
+        for arm in result.study.arms
+        for run in arm.voids
+    ]
+    if not rows:
+        return "<p>No run is void.</p>\n"
+    caption = "They count nowhere."
+    if len(rows) > MOST_ROWS:
+        caption += f" The first {MOST_ROWS} of {len(rows)}."
+    heads = ("run", "condition", "series", "why")
+    return counter.table("Void runs", caption, heads, rows[:MOST_ROWS], texts=(0, 1, 2, 3))
+
+
+def methods(results: Sequence[StudyResult], asked: Questions) -> str:
+    """The paragraph for a paper; a click chooses all of it."""
+    return (
+        '<h2 id="methods">For the methods of a paper</h2>\n'
+        f'<p class="methods">{escape(words.methods(results, asked))}</p>\n'
+    )

@@ -1,0 +1,181 @@
+"""Carries a series out: one run after the other, until every cell of the plan has a valid one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+from vsense.base.errors import CutShort, Interrupted
+from vsense.base.terminal import Console, Interruption
+from vsense.config.experiment import SUFFIX
+from vsense.run.runs_csv import VALID, VOID, RunRow
+from vsense.studies.series._criteria import Evidence, why_void
+from vsense.studies.series._folder import CampaignTable, SeriesFolder
+from vsense.studies.series._order import CUT, PlannedRun, count_valid, duplicates, pending
+from vsense.studies.series._plan import SeriesPlan
+
+INTERRUPTED = "interrupted"
+"""Why a run or a series has ended where the user has ended it."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunOutcome:
+    """What a run came to.
+
+    Attributes:
+        row: what the run knows; name, cell and verdict are the series' to fill in.
+        evidence: for its verdict.
+        halt_reason: why no other run may follow by itself; "": one may.
+    """
+
+    row: RunRow
+    evidence: Evidence = field(default_factory=Evidence)
+    halt_reason: str = ""
+
+
+RunResult = tuple[PlannedRun, RunOutcome]
+
+
+class RunMaker(Protocol):
+    """Who makes runs: a simulation, the lab, or real robots."""
+
+    def make(self, runs: Sequence[PlannedRun], folder: SeriesFolder) -> Iterator[RunResult]:
+        """Makes the first of these runs, or more of them in their order.
+
+        VsenseError: one has failed, and so would others. `sim.outcome.Interrupted`: the user has
+        ended it.
+        """
+        ...
+
+
+class SeriesLoop:
+    """The runs of a series.
+
+    Attributes:
+        end_reason: why it has ended before all runs were made; "": it has not.
+    """
+
+    def __init__(
+        self,
+        plan: SeriesPlan,
+        folder: SeriesFolder | CampaignTable,
+        make: Callable[[Sequence[PlannedRun]], Iterator[RunResult]],
+        console: Console,
+        interrupted: Interruption,
+    ) -> None:
+        """`make` makes runs, as `RunMaker.make`."""
+        self._plan, self._folder, self._make = plan, folder, make
+        self._console, self._interrupted = console, interrupted
+        self.end_reason = ""
+
+    def run(self) -> None:
+        """Makes all runs that are missing, as far as nobody ends it.
+
+        Raises:
+            VoidLimit: a run was void too often.
+            VsenseError: a run has failed, or the table cannot be written.
+        """
+        self._begin()
+        try:
+            self._make_all()
+        except (Interrupted, CutShort):
+            self.end_reason = INTERRUPTED
+
+    def _make_all(self) -> None:
+        while (todo := pending(self._plan, self._folder.rows)) and not self.end_reason:
+            if self._interrupted.is_set():
+                raise Interrupted
+            if self._note_cut_off(todo[0]):
+                continue
+            for planned, outcome in self._make(todo):
+                self._add(planned, outcome)
+                self.end_reason = self.end_reason or outcome.halt_reason
+
+    @property
+    def valid(self) -> int:
+        """So many runs of the plan have one that counts."""
+        return count_valid(self._plan, self._folder.rows)
+
+    def facts(self) -> dict[str, Any]:
+        """How the series stands, for programs."""
+        rows = self._folder.rows
+        void = [{"run": row.run, "why": row.why} for row in rows if not row.valid]
+        return {
+            "series": self._plan.name,
+            "mode": self._plan.mode,
+            "runs_csv": str(self._folder.table.path),
+            "planned": self._plan.runs,
+            "valid": self.valid,
+            "void": void,
+            "complete": self.valid == self._plan.runs,
+        }
+
+    def in_words(self) -> str:
+        """How the series stands, for people."""
+        void = sum(not row.valid for row in self._folder.rows)
+        thrown = f", {void} void" if void else ""
+        return f"{self._folder.table.path}: {self.valid} of {self._plan.runs} runs{thrown}"
+
+    def _begin(self) -> None:
+        folder, say = self._folder, self._console.say
+        if folder.table.repaired:
+            say(f"{folder.table.path}: its last row was cut short: that run is made again")
+        if folder.rows:
+            say(f"{self.in_words()}; it goes on from there")
+        for names in duplicates(folder.rows):
+            say(f"{names} are the same run and all valid: one of them has to be void", "warning")
+        for text in folder.plan_changes:
+            say(f"the plan has changed since this series began: {text}", "warning")
+        self._warn_of(folder.changed)
+
+    def _warn_of(self, files: Sequence[str]) -> None:
+        for file in files:
+            self._console.say(
+                f"{file} has changed since this series began: runs differ by more than their"
+                " conditions; begin another series with -o, or change it back",
+                "warning",
+            )
+
+    def _note_cut_off(self, run: PlannedRun) -> bool:
+        """Writes down a run that was cut off when vsense or the machine ended; says whether."""
+        if self._plan.mode == "sim" or not self._folder.is_cut_off(run):
+            return False
+        experiment = Path(self._plan.condition(run.cell.condition).experiment).name
+        name = experiment.removesuffix(SUFFIX)
+        row = RunRow(run="", mode=self._plan.mode, experiment=name, condition="")
+        self._write(run, row, f"{CUT}: vsense was ended in it")
+        return True
+
+    def _add(self, run: PlannedRun, outcome: RunOutcome) -> None:
+        evidence = outcome.evidence
+        if evidence.ended == INTERRUPTED:
+            why = f"{CUT}: {INTERRUPTED}"
+        else:
+            why = why_void(self._plan.void, evidence)
+        self._write(run, outcome.row, why)
+
+    def _write(self, run: PlannedRun, row: RunRow, why: str) -> None:
+        cell = run.cell
+        self._warn_of(self._folder.check_files())
+        changed = ", ".join(Path(file).name for file in self._folder.changed)
+        row = replace(
+            row,
+            run=run.name,
+            series=self._plan.name,
+            mode=self._plan.mode,
+            condition=cell.condition,
+            block=str(cell.block or ""),
+            start=cell.start,
+            repetition=str(cell.repetition or ""),
+            seed=cell.seed,
+            verdict=VOID if why else VALID,
+            why=why,
+            note=f"changed since the series began: {changed}" if changed else row.note,
+        )
+        self._folder.append(row)
+        if why:
+            self._console.say(f"{run.label} is void: {why}", "warning")
+        elif self._plan.mode != "sim":
+            self._console.say(f"{run.name} is valid; {self.in_words()}")
