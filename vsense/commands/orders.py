@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from vsense.base.errors import UsageError
 from vsense.base.terminal import Console, aligned, print_data
 from vsense.commands import COMMANDS, _arguments
 from vsense.monitor.ui import control_client
+from vsense.monitor.ui.control_client import Answered
 
 DESCRIPTION = (
     "Talks to the `vsense run` or `vsense lab` that this user, or another member of its lab (see"
@@ -53,7 +54,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         _arguments.flag(parser, "--list", "only say who has which robots")
     _arguments.flag(parser, "--json", "print the answer as one JSON object")
     if name == "stop":
-        text = "stop all robots now, whatever the run is doing; only a reset ends it"
+        text = (
+            "stop all robots now, whatever the run is doing, of all experiments that this user runs"
+            " here; only a reset ends it"
+        )
         _arguments.flag(parser, "--emergency", text)
         text = "stop every experiment on this machine that this user runs, or a member of its lab"
         _arguments.flag(parser, "--all", text)
@@ -85,9 +89,18 @@ def run(options: argparse.Namespace) -> int:
         order["pair"] = list(options.pair)
     if getattr(options, "all", False):
         return _order_all(order, options)
-    answer = control_client.ask(order, options.process)
-    print_data(json.dumps(answer) if options.json else control_client.text_of(answer))
+    own = control_client.order_own(order) if kind == "emergency" and options.process is None else []
+    if len(own) > 1 or any("error" in answer for _, answer in own):
+        return _answered(own, options)
+    if own:
+        _print_answer(own[0][1], options)
+        return 0
+    _print_answer(control_client.ask(order, options.process), options)
     return 0
+
+
+def _print_answer(answer: Mapping[str, Any], options: argparse.Namespace) -> None:
+    print_data(json.dumps(answer) if options.json else control_client.text_of(answer))
 
 
 def _order_all(order: Mapping[str, Any], options: argparse.Namespace) -> int:
@@ -100,13 +113,17 @@ def _order_all(order: Mapping[str, Any], options: argparse.Namespace) -> int:
     answered, reasons = control_client.order_all(order)
     for reason in reasons:
         Console().say(f"vsense: runs of others were not reached: {reason}", "trouble")
+    return int(_answered(answered, options) or bool(reasons))
+
+
+def _answered(answered: Iterable[Answered], options: argparse.Namespace) -> int:
+    """Prints what several experiments answered; 1 where one does not, or refuses."""
     if options.json:
         print_data(json.dumps({words[0]: answer for words, answer in answered}))
     else:
         rows = [(*words[:4], _became(answer)) for words, answer in answered]
         print_data("\n".join(aligned(rows)))
-    failed = any("error" in answer and not _is_idle(answer) for _, answer in answered)
-    return int(failed or bool(reasons))
+    return int(any("error" in answer and not _is_idle(answer) for _, answer in answered))
 
 
 def _became(answer: Mapping[str, Any]) -> str:

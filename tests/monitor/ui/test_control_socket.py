@@ -295,6 +295,38 @@ def test_all_of_several_are_stopped_and_named(
     assert cli.main(["stop", "--all", "--process", "1"]) == 2
 
 
+def test_an_emergency_stop_is_that_of_all_that_this_account_runs(
+    place: Path,
+    bell: ControlSocket,
+    desk: Desk,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Of two labs both stop, without a question which is meant; another member's does not."""
+    lines: list[bytes] = []
+    with socket.create_server(str(place / "1.sock"), family=socket.AF_UNIX) as second:
+
+        def answer() -> None:
+            with suppress(OSError):
+                while True:
+                    line, _ = second.accept()
+                    with line:
+                        lines.append(line.recv(4096))
+                        line.sendall(b'{"text": "stopped"}\n')
+
+        threading.Thread(target=answer, daemon=True).start()
+        assert cli.main(["stop", "--emergency"]) == 0
+        rows = [row.split() for row in capsys.readouterr().out.splitlines()]
+        assert [row[0] for row in rows] == ["1", str(os.getpid())]
+        assert json.loads(lines[0])["order"] == "emergency"
+        assert [order.kind for order in desk.orders] == [OrderKind.EMERGENCY]
+        monkeypatch.setattr(terminal, "_is_own", lambda path: path.name != "1.sock")
+        lines.clear()
+        assert cli.main(["stop", "--emergency"]) == 0
+        assert capsys.readouterr().out == "done: emergency\n" and lines == []
+        second.shutdown(socket.SHUT_RDWR)
+
+
 def test_where_nothing_runs_nothing_is_stopped(
     place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

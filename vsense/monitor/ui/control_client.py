@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import socket
 import stat
 import time
@@ -171,6 +172,18 @@ def whose(answer: Mapping[str, Any]) -> str:
     return "" if user == user_name() else f", {user}'s"
 
 
+def order_own(order: Mapping[str, Any]) -> list[Answered]:
+    """Gives an order to all experiments of this account at once; see `order_all`."""
+    sockets, _ = _sockets()
+    return _order({number: path for number, path in sockets.items() if _is_own(path)}, order)
+
+
+def _is_own(path: Path) -> bool:
+    with suppress(OSError):  # its process has just ended
+        return path.lstat().st_uid == os.getuid()
+    return False
+
+
 def order_all(order: Mapping[str, Any]) -> tuple[list[Answered], list[str]]:
     """Gives an order to all experiments at once.
 
@@ -182,16 +195,20 @@ def order_all(order: Mapping[str, Any]) -> tuple[list[Answered], list[str]]:
         UsageError: nothing runs here.
     """
     sockets, reasons = _sockets()
-    paths = sorted(sockets.items())
-    line = json.dumps(order).encode() + b"\n"
-    # One that hangs must not hold up the stop of the others: nothing is asked before.
-    with ThreadPoolExecutor(max(len(paths), 1)) as pool:
-        answers = list(pool.map(lambda row: _answer(row[1], line), paths))
-        names = pool.map(lambda row: describe(*row), paths)
-        answered = [(name, data) for name, data in zip(names, answers) if data is not None]
+    answered = _order(sockets, order)
     if not answered:
         raise UsageError("\n".join([_NOTHING_RUNS, *reasons]))
     return answered, reasons
+
+
+def _order(sockets: Mapping[int, Path], order: Mapping[str, Any]) -> list[Answered]:
+    rows = sorted(sockets.items())
+    line = json.dumps(order).encode() + b"\n"
+    # One that hangs must not hold up the stop of the others: nothing is asked before.
+    with ThreadPoolExecutor(max(len(rows), 1)) as pool:
+        answers = list(pool.map(lambda row: _answer(row[1], line), rows))
+        names = pool.map(lambda row: describe(*row), rows)
+        return [(name, answer) for name, answer in zip(names, answers) if answer is not None]
 
 
 def _answer(path: Path, line: bytes) -> dict[str, Any] | None:
