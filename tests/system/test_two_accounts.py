@@ -24,14 +24,16 @@ pytestmark = pytest.mark.quick
 
 BECOME = """
 import grp, os, pwd, sys, threading
-import concurrent.futures.thread
+import concurrent.futures.thread, encodings.idna
 from pathlib import Path
 from vsense import cli
 from vsense.commands import orders, share
-from vsense.robots.link import descriptors
+from vsense.base.message_bus import MessageBus
+from vsense.robots.link import strangers
 from vsense.run.control import Control
 from vsense.run.leases import RobotLeases
 from vsense.run.orders import Order, OrderKind
+from vsense.monitor.ui._server import WebServer
 from vsense.monitor.ui.control_socket import ControlSocket
 
 row = pwd.getpwnam(sys.argv[1])
@@ -40,6 +42,19 @@ os.setgid(row.pw_gid)
 os.setuid(row.pw_uid)
 os.umask(0o077)
 """
+
+OPEN = (
+    BECOME
+    + """
+import socket
+port = int(sys.argv[2])
+with socket.create_connection(("127.0.0.1", port), 10) as page:
+    page.sendall(f"GET /ws HTTP/1.1\\r\\nHost: 127.0.0.1:{port}\\r\\nOrigin: http://127.0.0.1:{port}\\r\\n"
+                 "Connection: Upgrade\\r\\nUpgrade: websocket\\r\\nSec-WebSocket-Version: 13\\r\\n"
+                 "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\\r\\n\\r\\n".encode())
+    print(page.recv(65536).decode(errors="replace"))
+"""
+)
 
 COMMAND = BECOME + "sys.exit(cli.main(sys.argv[2:]))"
 
@@ -65,8 +80,11 @@ def leave(by, force):
 with RobotLeases(Path(os.environ["VSENSE_LAB"]), "run", "wander") as leases:
     leases.take([23])
     bell = ControlSocket(status, control.give, hand_over=leave)
-    told("open")
+    page = WebServer(MessageBus(), control.give, "127.0.0.1", 0, tell=lambda t: print(t, file=sys.stderr))
+    page.start()
+    told(f"open {page.port}")
     over.wait(60)
+    page.close()
     bell.close()
 """
 )
@@ -94,6 +112,11 @@ class Lab:
         return subprocess.run(
             command, env=self.environment(), capture_output=True, text=True, timeout=60
         )
+
+    def open_page(self, user: str, port: str) -> str:
+        """What the page on a port of this machine answers to a user's WebSocket."""
+        command = [sys.executable, "-c", OPEN, user, port]
+        return subprocess.check_output(command, env=self.environment(), text=True, timeout=60)
 
 
 @pytest.fixture
@@ -127,8 +150,14 @@ def test_one_member_stops_the_others_run_and_a_stranger_does_not(lab: Lab) -> No
     command = [sys.executable, "-c", RUN, lab.anna]
     with subprocess.Popen(command, env=lab.environment(), stdout=subprocess.PIPE, text=True) as run:
         try:
-            assert run.stdout is not None and run.stdout.readline() == "open\n"
+            assert run.stdout is not None
+            word, port = run.stdout.readline().split()
+            assert word == "open"
             _stranger_stays_outside(lab)
+            opened = {user: lab.open_page(user, port) for user in (lab.anna, lab.ben, lab.carl)}
+            assert [opened[user].split()[1] for user in (lab.anna, lab.ben)] == ["101", "101"]
+            assert opened[lab.carl].startswith("HTTP/1.1 403 ")
+            assert f"{lab.anna}&#x27;s, and not for {lab.carl}" in opened[lab.carl]
             seen = lab.ask(lab.ben, "status")
             assert seen.stdout.startswith(f"wander, {lab.anna}'s: run 1 is running"), seen.stderr
             stopped = lab.ask(lab.ben, "stop", "--emergency", "--all")

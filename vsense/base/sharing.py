@@ -159,6 +159,15 @@ def _joined(user: str, gid: int) -> bool:
         return False
 
 
+def is_fellow(uid: int) -> bool:
+    """Whether an account is in the group of the lab that this one is in."""
+    try:
+        folder, account = lab(), pwd.getpwuid(uid)
+    except (SharingError, KeyError):
+        return False
+    return folder is not None and folder.gid in os.getgrouplist(account.pw_name, account.pw_gid)
+
+
 def shares(folder: Path) -> bool:
     """Whether a folder is the lab's, so that its group may read what is in it."""
     try:

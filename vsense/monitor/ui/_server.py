@@ -153,6 +153,9 @@ class Site:
         rights = self._rights(request)
         if rights is Rights.NONE:
             return _refusal("this page needs a token", True)
+        assert request.transport is not None
+        peer, server = (request.transport.get_extra_info(n)[:2] for n in ("peername", "sockname"))
+        self._access.check_account(peer, server)
         with self._seats.taken(request, rights is Rights.CONTROL) as full:
             if full:
                 return _refusal(full, status=503)

@@ -7,14 +7,17 @@ from __future__ import annotations
 
 import hmac
 import ipaddress
+import os
 import secrets
 import socket
+import struct
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
 from urllib.parse import urlsplit
 
+from vsense.base import sharing
 from vsense.base.errors import ConfigError, VsenseError
 from vsense.base.files import check_private, open_bytes, read_open
 
@@ -204,11 +207,58 @@ class AccessControl:
         if not same or parts.scheme not in self._schemes:
             raise Forbidden(f"the page '{origin:.80}' may not talk to this server")
 
+    def check_account(self, peer: tuple[str, int], server: tuple[str, int]) -> None:
+        """Raises Forbidden for a page without tokens that another account of this machine opens.
+
+        `peer` and `server` are the two ends of its connection. Control is this account's, root's,
+        and that of the lab's members.
+        """
+        if self.tokens is not None:
+            return
+        uid = account_of(peer, server)
+        if uid is None or (uid not in (0, os.getuid()) and not sharing.is_fellow(uid)):
+            who = "an account that is not known" if uid is None else sharing.user_name(uid)
+            raise Forbidden(
+                f"this page is {sharing.user_name()}'s, and not for {who}: with"
+                " --web-tokens FILE whoever has a token may come in"
+            )
+
     def rights(self, token: str | None, cookies: Mapping[str, str]) -> Rights:
         """The rights of a request, by the token in its address or else by that in its cookies."""
         if self.tokens is None:
             return Rights.CONTROL
         return self.tokens.rights(cookies.get(self.cookie, "") if token is None else token)
+
+
+def account_of(peer: tuple[str, int], server: tuple[str, int]) -> int | None:
+    """The account whose program has the other end of a connection on this machine.
+
+    Source: Linux, Documentation/networking/proc_net_tcp.rst: addresses are words of 32 bits in
+    the machine's byte order. None: the connection is not there any more.
+    """
+    wanted = {(_in_kernel(*peer, mapped), _in_kernel(*server, mapped)) for mapped in (False, True)}
+    for table in ("tcp", "tcp6"):
+        try:
+            rows = Path(f"/proc/net/{table}").read_text(encoding="utf-8").splitlines()[1:]
+        except OSError:
+            continue
+        for row in rows:
+            words = row.split()
+            if (words[1], words[2]) in wanted:
+                return int(words[7])
+    return None
+
+
+def _in_kernel(host: str, port: int, mapped: bool) -> str:
+    """An address and port as /proc/net has them; `mapped`: an IPv4 address as one of IPv6."""
+    address = ipaddress.ip_address(host.partition("%")[0])
+    if isinstance(address, ipaddress.IPv6Address) and address.ipv4_mapped is not None:
+        address = address.ipv4_mapped
+    data = address.packed
+    if mapped and len(data) == 4:
+        data = bytes(10) + b"\xff\xff" + data
+    words = struct.unpack(f"={len(data) // 4}I", data)
+    return f"{''.join(f'{word:08X}' for word in words)}:{port:04X}"
 
 
 def _name(host: str) -> str:
