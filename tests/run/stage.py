@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -74,6 +74,7 @@ class Stage:
         self.terminal = io.StringIO()
         self.timestep = 0
         self.calls = self.checks = self.snapshots = 0
+        self.held: frozenset[int] = frozenset()
         self.first: int | None = None
         self.lived = -1
         self.runner = Runner(
@@ -160,6 +161,10 @@ class Stage:
     def command(self, wanted: Wanted, from_timestep: int = 0) -> None:
         """Stands in for `VirtualSensorServer.command`."""
         self.done.append(wanted.name)
+
+    def hold_robots(self, tags: Collection[int]) -> None:
+        """Stands in for `VirtualSensorServer.hold_robots`."""
+        self.held = frozenset(tags)
 
     def robots(self) -> dict[int, RobotStatus]:
         """Stands in for `VirtualSensorServer.robots`."""

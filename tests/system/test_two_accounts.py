@@ -80,7 +80,7 @@ def leave(by, force):
 with RobotLeases(Path(os.environ["VSENSE_LAB"]), "run", "wander") as leases:
     leases.take([23])
     bell = ControlSocket(status, control.give, hand_over=leave)
-    page = WebServer(MessageBus(), control.give, "127.0.0.1", 0, tell=lambda t: print(t, file=sys.stderr))
+    page = WebServer(MessageBus(), control.give, "127.0.0.1", 0)
     page.start()
     told(f"open {page.port}")
     over.wait(60)

@@ -19,7 +19,14 @@ from vsense.base.files import read_bytes
 from vsense.base.xml.element import Element, shown
 from vsense.config import _programs, argos
 from vsense.config._things import by_id
-from vsense.config.specs import LINES_PORT, JsonLinesTracker, LoopSpec, Stage, TrackerAddress
+from vsense.config.specs import (
+    DEFAULT_UNSEEN_S,
+    LINES_PORT,
+    JsonLinesTracker,
+    LoopSpec,
+    Stage,
+    TrackerAddress,
+)
 from vsense.robots.link.trackers import protocol
 from vsense.robots.sources import LOOP_FUNCTIONS, PAGE, CodeOptions, stem_of
 
@@ -118,6 +125,7 @@ _WHY_MIN_TICKS = (
 
 _MAX_TICKS_PER_SECOND = 100
 _MAX_SEED = 2**32 - 1
+_MIN_UNSEEN_S = 0.2
 _MAX_THREADS = 1024
 
 
@@ -130,6 +138,7 @@ class RunSettings:
     seed: int
     host: str
     port: int
+    unseen_s: float | None
 
 
 def read_run(root: Element, length_s: float | None, stage: Stage) -> RunSettings:
@@ -149,7 +158,15 @@ def read_run(root: Element, length_s: float | None, stage: Stage) -> RunSettings
         run.integer("random_seed", 0, _MAX_SEED, 0),
         host,
         port,
+        _read_unseen_s(run),
     )
+
+
+def _read_unseen_s(run: Element) -> float | None:
+    """How long a robot goes on that no camera sees [s]; None: for ever."""
+    stands = run.choice("vs:unseen", ("stand", "drive"), "stand") == "stand"
+    limit_s = run.number("vs:unseen_s", _MIN_UNSEEN_S, _MAX_LENGTH_S, "s", DEFAULT_UNSEEN_S)
+    return limit_s if stands else None
 
 
 def read_rest(root: Element) -> None:

@@ -237,6 +237,9 @@ class TrackerAddress:
     line: int
 
 
+DEFAULT_UNSEEN_S = 1.0
+"""A robot that no camera has seen for so long stands."""
+
 LINES_PORT = 4041
 """Where trackers that write JSON lines find vsense."""
 
@@ -265,6 +268,7 @@ class Experiment:
             may be a share of it.
         seed: seed of everything that is drawn; 0: the caller draws one.
         host, port: IPv4 address of the virtual sensor server, in numbers, and its port.
+        unseen_s: a robot that no camera has seen for so long stands; None: it drives on.
         objects: tagged things that are no robots.
         sources: what pollutes.
         controllers: those that robots run, at least one.
@@ -304,6 +308,7 @@ class Experiment:
     markers: Mapping[int, MarkerOffset] = field(default_factory=dict)
     casting: Casting = Casting()  # noqa: RUF009 (frozen)
     taken: tuple[int, ...] = ()
+    unseen_s: float | None = DEFAULT_UNSEEN_S
 
     @property
     def boxes(self) -> tuple[Box, ...]:

@@ -230,7 +230,9 @@ def _alarm(robot: RobotStatus, wrong: str) -> Alarm:
 
 
 def _must_stand_ns(robot: RobotStatus) -> int | None:
-    """Since when a robot must stand still; None: it may move."""
+    """Since when a robot must stand still; None: it may move, or be moved by people."""
+    if robot.held:
+        return None  # who was not seen may come back in somebody's hands
     if robot.wanted in _STANDING:
         return robot.ordered_ns
     if robot.connected or robot.heard_ns is None:

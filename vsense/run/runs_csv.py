@@ -260,8 +260,15 @@ def row_of(
         versions=versions(),
         verdict=VALID if whole else VOID,
         why="" if whole else f"{ended or 'failed'} before its end",
+        note=_note_of(summary.get("per_robot", ())),
         measures={**swarm, **summary.get("measures", summary.get("results", {}))},
     )
+
+
+def _note_of(robots: Sequence[Mapping[str, Any]]) -> str:
+    """Which robots stood for a while because no camera saw them."""
+    stood = [(r["name"], r.get("stood_unseen_s", 0.0)) for r in robots]
+    return "; ".join(f"{name} stood {time_s:.1f} s unseen" for name, time_s in stood if time_s)
 
 
 def _uids_of(rows: Sequence[Mapping[str, Any]]) -> list[str]:

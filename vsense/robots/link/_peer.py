@@ -39,18 +39,21 @@ class Orders:
     """What the host wants of all robots, repeated in every STATE.
 
     `run` is the run's number, which never goes down. With RUN, `from_timestep` is the first
-    timestep in which the robots run; those of `resting` stand meanwhile.
+    timestep in which the robots run; those of `resting` stand meanwhile, and those of `held` as in
+    a pause: they go on in the same run.
     """
 
     run: int = 1
     wanted: Wanted = Wanted.IDLE
     from_timestep: int = 0
     resting: frozenset[int] = frozenset()
+    held: frozenset[int] = frozenset()
 
     def of(self, tag: int) -> Orders:
         """What the robot with a tag is told."""
-        stands = self.wanted == Wanted.RUN and tag in self.resting
-        return replace(self, wanted=Wanted.IDLE) if stands else self
+        if self.wanted != Wanted.RUN or tag not in self.resting | self.held:
+            return self
+        return replace(self, wanted=Wanted.IDLE if tag in self.resting else Wanted.PAUSE)
 
 
 SEQUENCE_RESERVE = 1000

@@ -83,6 +83,7 @@ class VirtualSensorServer:
         self._shared = ServerState(self._roster, self._lock, clock, throttle.notify, throttle.tick)
         self._goodbye = (GoodbyeCause.END, "")
         self._ordered_ns = clock()
+        self._held_ns: dict[int, int] = {}
 
     def start(self) -> int:
         """Takes the port on TCP and UDP and begins to serve; returns the port's number.
@@ -153,6 +154,18 @@ class VirtualSensorServer:
         with self._lock:
             self._roster.orders = replace(self._roster.orders, resting=frozenset(tags))
 
+    def hold_robots(self, tags: Collection[int]) -> None:
+        """Has robots with these tags pause while others run, and nobody else; it leaves at once.
+
+        Until the next run. Raises LinkError as `publish` does.
+        """
+        network = self._running()
+        with self._lock:
+            held, now_ns = frozenset(tags), self._clock()
+            self._held_ns = {tag: self._held_ns.get(tag, now_ns) for tag in held}
+            self._roster.orders = replace(self._roster.orders, held=held)
+        self._send_orders(network)
+
     def new_run(self, seed: int) -> int:
         """Begins a new run, all robots idle, no reading measured yet; returns its number.
 
@@ -192,8 +205,10 @@ class VirtualSensorServer:
         for tag, robot in self._roster.robots.items():
             with self._lock:
                 status = robot.status(self._clock())
-                wanted, ordered_ns = self._roster.orders.of(tag).wanted, self._ordered_ns
-            found[tag] = replace(status, wanted=wanted, ordered_ns=ordered_ns)
+                orders = self._roster.orders
+                wanted, is_held = orders.of(tag).wanted, tag in orders.held
+                ordered_ns = max(self._ordered_ns, self._held_ns.get(tag, 0))
+            found[tag] = replace(status, wanted=wanted, ordered_ns=ordered_ns, held=is_held)
         return found
 
     def measure(self) -> None:
