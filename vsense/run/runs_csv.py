@@ -267,8 +267,8 @@ def row_of(
 
 def _note_of(robots: Sequence[Mapping[str, Any]]) -> str:
     """Which robots stood for a while because no camera saw them."""
-    stood = [(r["name"], r.get("stood_unseen_s", 0.0)) for r in robots]
-    return "; ".join(f"{name} stood {time_s:.1f} s unseen" for name, time_s in stood if time_s)
+    stood = [robot for robot in robots if robot.get("stood_unseen_s")]
+    return "; ".join(f"{r['name']} stood {r['stood_unseen_s']:.1f} s unseen" for r in stood)
 
 
 def _uids_of(rows: Sequence[Mapping[str, Any]]) -> list[str]:
