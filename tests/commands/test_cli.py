@@ -251,3 +251,18 @@ def test_the_exit_code_is_right_where_nobody_reads_the_error() -> None:
     done = subprocess.run(command, stderr=writes, timeout=60.0, check=False)
     os.close(writes)
     assert done.returncode == 2
+
+
+def test_a_dry_simulation_says_what_the_run_would_lack(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["sim", "--dry", "foraging", "--web", "8081", "--foxglove", "8081"]) == 2
+    said = capsys.readouterr()
+    assert "--foxglove: 8081" in said.err and said.out == ""
+
+
+def test_a_watched_run_is_forked_with_what_it_needs() -> None:
+    code = (
+        "import sys\nfrom vsense.modes.sim._kept import prepare\nprepare(b'', True)\n"
+        "print(*(name for name in sys.modules))"
+    )
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert {"vsense.modes.sim._paced", "vsense.modes.sim._recording"} <= set(ran.stdout.split())

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from vsense.base.terminal import Console
 from vsense.commands import _arguments
+from vsense.monitor import recording
 from vsense.studies.report import Questions
 
 DESCRIPTION = (
@@ -71,9 +72,7 @@ def add_questions(parser: argparse.ArgumentParser) -> None:
     text = (
         f"of the bootstrap: the same runs and seed give the same page (default: {Questions().seed})"
     )
-    _arguments.option(
-        group, "--seed", _arguments.natural, "N", f"{text} (default: {Questions().seed})"
-    )
+    _arguments.option(group, "--seed", _arguments.natural, "N", text)
 
 
 def _columns(text: str) -> list[str]:
@@ -92,6 +91,7 @@ def _margin(text: str) -> tuple[str, float]:
 
 def run(options: argparse.Namespace) -> int:
     """Makes the report; see `vsense.studies.report.report`."""
+    recording.require()
     from vsense.studies.report.report import ReportOptions, report
 
     asked = {name: getattr(options, name) for name in ("by", "against", "measure", "same", "seed")}

@@ -107,14 +107,16 @@ def run(options: argparse.Namespace) -> int:
     sweep = Sweep.of(options.set, options.runs, options.seeds)
     _check(options, sweep.seeds is not None)
     asked = _experiments.options_of(options, Stage.SIM, sweep.first)
-    if _experiments.is_dry(options, asked):
-        return 0
     if sweep.seeds is None:
         doors = {"web": _arguments.web_of(options), "foxglove": _arguments.foxglove_of(options)}
-        return experiment.run(_arguments.fill(SimOptions, options, experiment=asked, **doors))
+        single = _arguments.fill(SimOptions, options, experiment=asked, **doors)
+        single.check()
+        return 0 if _experiments.is_dry(options, asked) else experiment.run(single)
     from vsense.studies.series import campaign  # a single run begins sooner without it
 
-    return campaign.simulate(asked, sweep, _arguments.fill(campaign.CampaignOptions, options))
+    many = _arguments.fill(campaign.CampaignOptions, options)
+    many.check()
+    return 0 if _experiments.is_dry(options, asked) else campaign.simulate(asked, sweep, many)
 
 
 def _check(options: argparse.Namespace, many: bool) -> None:

@@ -22,6 +22,7 @@ from vsense.monitor.ui._watchers import WatchedBus, WatchOptions, start_watchers
 from vsense.monitor.ui.access import FoxgloveAddress, WebAddress
 from vsense.run.orders import Order, OrderKind
 from vsense.vision.tracking.recorded_tracker import change_settings, of_session
+from vsense.vision.tracking.specs import TrackingSession
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,12 +65,13 @@ def replay(
     """
     path = recording.file_of(path)
     _check(options)
+    session = None if options.session is None else tracking_session.load(*options.session)
     with ExitStack() as stack:
         with interrupted.at_once():
             opened = stack.enter_context(open_recording(path))
         _say_state(console, opened)
         if options.retrack:
-            return _retrack(opened, options, console, interrupted)
+            return _retrack(opened, session, options.settings, console, interrupted)
         if options.resense:
             return _resense(opened, options.experiment, console, interrupted)
         _play(opened, options, console, stack)
@@ -104,14 +106,16 @@ def _play(opened: Recording, options: ReplayOptions, console: Console, stack: Ex
 
 
 def _retrack(
-    opened: Recording, options: ReplayOptions, console: Console, interrupted: Interruption
+    opened: Recording,
+    session: TrackingSession | None,
+    settings: Mapping[str, str],
+    console: Console,
+    interrupted: Interruption,
 ) -> RetrackComparison | None:
-    session = None if options.session is None else tracking_session.load(*options.session)
-
     def change(made: dict[str, Any]) -> dict[str, Any]:
         if session is not None:
             made = {**of_session(session), "versions": made["versions"]}
-        return change_settings(made, options.settings)
+        return change_settings(made, settings)
 
     tracking = Retracking(opened, change)
     for number, _ in enumerate(tracking.states(), 1):

@@ -10,6 +10,7 @@ from typing import Any
 
 from vsense.base.errors import VsenseError, failing_as
 from vsense.base.terminal import interruption, print_data
+from vsense.config.experiment import first_robots
 from vsense.config.roster_fields import MarkerOffset
 from vsense.config.specs import Experiment
 from vsense.modes import origin
@@ -66,7 +67,7 @@ def run(options: RealOptions) -> int:
     opened = with_tracker(opened, link.tracker)
     require_source(opened, link.tracking)
     trust = trust_of(link.key, link.insecure)
-    tags = [robot.tag for robot in opened.robots[: options.experiment.robots]]
+    tags = [robot.tag for robot in first_robots(opened, options.experiment.robots).robots]
     with lease_robots(tags, "run", opened.name, link.address(opened)[0]) as leases:
         check_ports(options.room, link, opened)
         return _run_leased(options, opened, trust, leases)

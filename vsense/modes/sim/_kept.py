@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 def prepare(line: bytes, watched: bool) -> None:
     """Imports what a job's run needs beside the simulation, before the fork that does it."""
     if watched or Job.from_line(line).recording is not None:
-        pass
+        from vsense.modes.sim import _paced, _recording  # noqa: F401
 
 
 class KeptRun:

@@ -61,6 +61,13 @@ class SimOptions:
 
         return RoomOptions(self.web, self.foxglove, hold=self.hold, locked=self.locked)
 
+    def check(self) -> None:
+        """Raises UsageError where something is missing that the run needs."""
+        if self.record:
+            recording.require()
+        if self.web is not None:
+            self.room.check()
+
 
 def run(options: SimOptions) -> int:
     """Simulates an experiment; with a page others may follow.
@@ -72,10 +79,7 @@ def run(options: SimOptions) -> int:
         UsageError: something is missing or does not go together.
         VsenseError: it cannot be simulated, or has failed.
     """
-    if options.record:
-        recording.require()
-    if options.web is not None:
-        options.room.check()
+    options.check()
     experiment, console = options.experiment.load(), Console()
     setup = setup_of(options.experiment)
     experiment = setup.fit(experiment)

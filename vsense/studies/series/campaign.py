@@ -88,6 +88,10 @@ class CampaignOptions:
     json: bool = False
     record: bool = False
 
+    def check(self) -> None:
+        """Raises UsageError where something is missing that the runs need."""
+        check_simulator(self.on, self.jobs, self.record)
+
 
 def simulate(experiment: ExperimentOptions, sweep: Sweep, options: CampaignOptions) -> int:
     """Does the campaign of an experiment; 0, or 130 after Ctrl-C, 143 after SIGTERM.
@@ -96,7 +100,7 @@ def simulate(experiment: ExperimentOptions, sweep: Sweep, options: CampaignOptio
         UsageError: something is missing or does not go together.
         VsenseError: it cannot run, or a run has failed.
     """
-    check_simulator(options.on, options.jobs, options.record)
+    options.check()
     loaded, console = experiment.load(), Console()
     setup = setup_of(experiment)
     say_warnings(setup.fit(loaded), console)
