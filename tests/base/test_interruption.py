@@ -70,7 +70,7 @@ def test_ctrl_c_leaves_time_and_another_one_none(monkeypatch: pytest.MonkeyPatch
     with interruption() as interrupted:
         come(signal.SIGINT)
         with pytest.raises(CutShort) as caught, interrupted.in_time():
-            threading.Event().wait(2 * terminal.LEAST_S)
+            threading.Event().wait(2 * terminal.LEAST_WAIT_S)
             come(signal.SIGINT)
             pytest.fail("it went on")
         assert caught.value.exit_code == 130

@@ -76,7 +76,7 @@ def test_terminal_log_and_page() -> None:
     console.repeat_to(lambda text, level: also.append(text))
     console.say(f"a {HOSTILE}\nb")
     console.progress(f"line {HOSTILE}")
-    console.whisper(HOSTILE)
+    console.print_only(HOSTILE)
     bus, events = MessageBus(), list[Message]()
     bus.join(events.append, lambda topic: True)
     bus.event(HOSTILE, "info", 1)

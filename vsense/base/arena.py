@@ -198,9 +198,9 @@ def columns(rows: NDArray[np.void]) -> dict[str, list[Any]]:
 
 
 def _covariances(covariances: NDArray[np.float64]) -> list[list[float] | None]:
-    known = np.asarray(np.isfinite(covariances).all(axis=(1, 2))).tolist()
+    finite = np.asarray(np.isfinite(covariances).all(axis=(1, 2))).tolist()
     flat = covariances.reshape(len(covariances), 9).tolist()
-    return [row if sure else None for row, sure in zip(flat, known)]
+    return [row if sure else None for row, sure in zip(flat, finite)]
 
 
 _UPPER = np.triu_indices(3)
@@ -265,19 +265,19 @@ def _plain(name: str, value: float | int | bool) -> float | int | bool:
 def _covariance(row: np.void) -> list[float] | None:
     """The covariance's six numbers, None where they are not known."""
     numbers = row["covariance"][_UPPER].tolist()
-    known = all(math.isfinite(number) for number in numbers)
-    return [float(f"{number:.{_DIGITS - 1}e}") for number in numbers] if known else None
+    finite = all(math.isfinite(number) for number in numbers)
+    return [float(f"{number:.{_DIGITS - 1}e}") for number in numbers] if finite else None
 
 
 def _images(state: ArenaState) -> dict[int, dict[str, dict[str, float]]]:
     """Where the cameras see each tag, by tag and camera; without tags at two places."""
-    found: dict[int, dict[str, dict[str, float]]] = {}
+    poses: dict[int, dict[str, dict[str, float]]] = {}
     fields = ("tag", "camera", "x_px", "y_px", "yaw_px_rad")
     for tag, camera, x_px, y_px, yaw in zip(*(state.images[f].tolist() for f in fields)):
         if tag not in state.duplicates:
             pose = {"x_px": round(x_px, 2), "y_px": round(y_px, 2), "yaw_px_rad": round(yaw, 4)}
-            found.setdefault(tag, {})[state.cameras[camera]] = pose
-    return found
+            poses.setdefault(tag, {})[state.cameras[camera]] = pose
+    return poses
 
 
 def _cells(row: np.void) -> list[str]:

@@ -76,11 +76,11 @@ _LISTED = 20
 _ALIKE, _VERY_ALIKE = 0.6, 0.75
 
 
-def _meant(name: str, known: Iterable[str], most: int, alike: float) -> str:
+def _meant(name: str, choices: Iterable[str], most: int, alike: float) -> str:
     """Asks whether one of at most so many names that are alike is meant; "": none is."""
     import difflib  # for errors only: no command waits for it
 
-    near = difflib.get_close_matches(name, sorted(set(known)), most, alike)
+    near = difflib.get_close_matches(name, sorted(set(choices)), most, alike)
     return f"is {' or '.join(map(repr, near))} meant?" if near else ""
 
 
@@ -90,9 +90,9 @@ def likely(missing: str, present: Iterable[str]) -> str:
     return f" ({asked})" if asked else ""
 
 
-def instead(name: str, known: Iterable[str], say: str = "there are") -> str:
+def instead(name: str, choices: Iterable[str], say: str = "there are") -> str:
     """Says what may be meant by a name that is not known: the nearest few, or some of all."""
-    names = sorted(set(known))
+    names = sorted(set(choices))
     asked = _meant(name, names, 3, _ALIKE)
     if asked:
         return asked

@@ -23,7 +23,7 @@ from vsense.base.errors import VsenseError
 PACKAGE_FOLDER = Path(str(resources.files("vsense"))).resolve()
 """The folder of vsense's own Python files."""
 
-MOST_BYTES = 16 << 20
+MOST_FILE_BYTES = 16 << 20
 """Of a file that people write: experiments, resources, cameras, tables."""
 
 MOST_TABLE_BYTES = 256 << 20
@@ -79,7 +79,7 @@ def check_private(file: BinaryIO, path: Path, what: str, most: int, advised: int
         )
 
 
-def read_bytes(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
+def read_bytes(path: Path, most_bytes: int = MOST_FILE_BYTES) -> bytes:
     """Reads a whole file.
 
     Raises:
@@ -89,7 +89,7 @@ def read_bytes(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
         return read_open(file, path, most_bytes)
 
 
-def read_open(file: BinaryIO, path: Path, most_bytes: int = MOST_BYTES) -> bytes:
+def read_open(file: BinaryIO, path: Path, most_bytes: int = MOST_FILE_BYTES) -> bytes:
     """Reads an open file whole; OSError if it has more than `most_bytes`."""
     size = os.fstat(file.fileno()).st_size
     # No more memory is asked for than the file has bytes; it may have grown, or not know its size.
@@ -103,7 +103,7 @@ def read_open(file: BinaryIO, path: Path, most_bytes: int = MOST_BYTES) -> bytes
     return data
 
 
-def read_text(path: Path, encoding: str = "utf-8", most_bytes: int = MOST_BYTES) -> str:
+def read_text(path: Path, encoding: str = "utf-8", most_bytes: int = MOST_FILE_BYTES) -> str:
     """Reads a whole file of text.
 
     Raises:
@@ -187,7 +187,7 @@ def parse_json(text: str) -> Any:
         words = f"{member} is {shown}, expected a finite number of at most 18 digits"
         raise json.JSONDecodeError(words, text, place)
 
-    def whole(number: str) -> int:
+    def integer(number: str) -> int:
         if len(number) > 20 or abs(int(number)) >= _MOST_WHOLE:
             refuse(number)
         return int(number)
@@ -200,4 +200,4 @@ def parse_json(text: str) -> Any:
 
     if _SUSPICIOUS.search(text) is None:
         return json.loads(text)
-    return json.loads(text, parse_constant=refuse, parse_int=whole, parse_float=real)
+    return json.loads(text, parse_constant=refuse, parse_int=integer, parse_float=real)

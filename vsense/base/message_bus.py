@@ -67,7 +67,7 @@ class MessageBus:
     def leave(self, listener: Listener) -> None:
         """Removes a listener; it may still get a message that is being published."""
         with self._lock:
-            self._listeners = tuple(one for one in self._listeners if one is not listener)
+            self._listeners = tuple(other for other in self._listeners if other is not listener)
 
     def wants(self, topic: str) -> bool:
         """Whether a listener wants a topic now."""

@@ -81,10 +81,10 @@ def _stale(root: Path, ffi: Any, lib: Any) -> list[str]:
     missing = [name for name in names if not (root / name).is_file()]
     if missing:
         return missing
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for name in names:
-        found.update(f"{name}\n".encode() + (root / name).read_bytes())
-    same = found.hexdigest() == ffi.string(lib.vs_built_hash()).decode()
+        digest.update(f"{name}\n".encode() + (root / name).read_bytes())
+    same = digest.hexdigest() == ffi.string(lib.vs_built_hash()).decode()
     return [] if same else names
 
 

@@ -12,11 +12,11 @@ from itertools import accumulate
 import numpy as np
 from numpy.typing import NDArray
 
-Values = list[tuple[bytes, int]]
+TimedReadings = list[tuple[bytes, int]]
 """One robot's readings in the table's order: value as on the wire, and its capture time [ns]."""
 
 
-class SensorReadings(Mapping[int, Values]):
+class SensorReadings(Mapping[int, TimedReadings]):
     """Readings of the robots of one controller, by tag.
 
     Attributes:
@@ -36,7 +36,7 @@ class SensorReadings(Mapping[int, Values]):
         self.tags, self.block, self.captures_ns = tags, block, captures_ns
         self._sizes = sizes
 
-    def __getitem__(self, tag: int) -> Values:
+    def __getitem__(self, tag: int) -> TimedReadings:
         if tag not in self.tags:
             raise KeyError(tag)
         row = self.tags.index(tag)
@@ -58,13 +58,13 @@ class SensorReadings(Mapping[int, Values]):
         return SensorReadings(tags, self._sizes, self.block[rows], self.captures_ns[rows])
 
 
-class SwarmReadings(Mapping[int, Values]):
+class SwarmReadings(Mapping[int, TimedReadings]):
     """Readings of all robots, by tag; `parts` are those of each controller, by its id."""
 
     def __init__(self, parts: Mapping[str, SensorReadings]) -> None:
         self.parts = parts
 
-    def __getitem__(self, tag: int) -> Values:
+    def __getitem__(self, tag: int) -> TimedReadings:
         for part in self.parts.values():
             if tag in part.tags:
                 return part[tag]

@@ -152,10 +152,10 @@ class SharedBlock:
 
 def _open_existing(path: Path, size: int | None) -> int:
     descriptor = os.open(path, os.O_RDWR)
-    found = os.fstat(descriptor).st_size
-    if found == 0 or found < (size or 0):
+    actual = os.fstat(descriptor).st_size
+    if actual == 0 or actual < (size or 0):
         os.close(descriptor)
-        raise LabError(f"shared memory {path.name}: {found} bytes, expected {size or 'more'}")
+        raise LabError(f"shared memory {path.name}: {actual} bytes, expected {size or 'more'}")
     return descriptor
 
 
@@ -168,13 +168,13 @@ def _reserve(descriptor: int, size: int, name: str) -> None:
         raise LabError(f"shared memory {name}: {size} bytes: {error.strerror}") from None
 
 
-SLOTS = 6
+BANK_SLOTS = 6
 """Timesteps that the bank holds: one is being drawn, one is the newest, the others can be lent. The
 tracker has one, the virtual world another, and others may wait for a recorder."""
-MOST_LENT = SLOTS - 2
+MOST_LENT = BANK_SLOTS - 2
 """With more lent, a copy is given, so that the cameras always have the slots that they need."""
 
-_HEADER = np.dtype([("timesteps", "i8", (SLOTS,)), ("lent", "?", (SLOTS,))])
+_HEADER = np.dtype([("timesteps", "i8", (BANK_SLOTS,)), ("lent", "?", (BANK_SLOTS,))])
 """`timesteps` of the slots count from 1, 0 is none; both are read and written under the lock."""
 _PAGE = 4096
 """The pictures begin here."""
@@ -195,11 +195,11 @@ def _copied(images: Image8) -> Image8:
 
 
 class FrameBank:
-    """Room for `SLOTS` times one picture of every camera.
+    """Room for `BANK_SLOTS` times one picture of every camera.
 
     Attributes:
         name: for `open` in another process.
-        images: (SLOTS, cameras, h, w) uint8.
+        images: (BANK_SLOTS, cameras, h, w) uint8.
     """
 
     def __init__(self, block: SharedBlock, shape: tuple[int, int, int]) -> None:
@@ -211,7 +211,7 @@ class FrameBank:
         self._header = block.bytes[: _HEADER.itemsize].view(_HEADER)[0]
         self._returned: deque[int] = deque()
         self.name = block.name
-        self.images: Image8 = block.bytes[_PAGE:size].reshape(SLOTS, *shape)
+        self.images: Image8 = block.bytes[_PAGE:size].reshape(BANK_SLOTS, *shape)
 
     @classmethod
     def make(cls, shape: tuple[int, int, int]) -> FrameBank:
@@ -274,4 +274,4 @@ class FrameBank:
 
 
 def _size(shape: tuple[int, int, int]) -> int:
-    return _PAGE + SLOTS * int(np.prod(shape))
+    return _PAGE + BANK_SLOTS * int(np.prod(shape))

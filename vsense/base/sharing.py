@@ -78,7 +78,7 @@ def members(gid: int) -> list[str]:
         named = set(grp.getgrgid(gid).gr_mem)
     except KeyError:
         named = set()
-    return sorted(named | {one.pw_name for one in pwd.getpwall() if one.pw_gid == gid})
+    return sorted(named | {account.pw_name for account in pwd.getpwall() if account.pw_gid == gid})
 
 
 def place() -> Path | None:
@@ -105,27 +105,27 @@ def lab() -> LabFolder | None:
     if folder is None:
         return None
     try:
-        found = folder.lstat()
+        status = folder.lstat()
     except FileNotFoundError:
         if os.environ.get(ENVIRONMENT):
             raise SharingError(f"{folder}, which {ENVIRONMENT} names, is not there") from None
         return None
     except OSError as error:
         raise SharingError(f"{folder}: {error.strerror}") from None
-    _check(folder, found)
-    if os.getuid() != 0 and found.st_gid not in {os.getegid(), *os.getgroups()}:
-        raise NotMember(_stranger(folder, found.st_gid))
-    return LabFolder(folder, found.st_gid)
+    _check(folder, status)
+    if os.getuid() != 0 and status.st_gid not in {os.getegid(), *os.getgroups()}:
+        raise NotMember(_stranger(folder, status.st_gid))
+    return LabFolder(folder, status.st_gid)
 
 
-def _check(folder: Path, found: os.stat_result) -> None:
+def _check(folder: Path, status: os.stat_result) -> None:
     """Refuses a folder into which somebody else could put what we believe."""
-    if not stat.S_ISDIR(found.st_mode):
+    if not stat.S_ISDIR(status.st_mode):
         raise SharingError(f"{folder}: expected a folder, no link and no file")
-    if found.st_uid not in (0, os.getuid()):
-        owner = user_name(found.st_uid)
+    if status.st_uid not in (0, os.getuid()):
+        owner = user_name(status.st_uid)
         raise SharingError(f"{folder} belongs to {owner}, expected root: sudo chown root {folder}")
-    mode = stat.S_IMODE(found.st_mode)
+    mode = stat.S_IMODE(status.st_mode)
     if mode & stat.S_ISVTX and mode & 0o007:
         # As /tmp is: no command of ours shall close that.
         raise SharingError(f"{folder} is everybody's: expected a folder of the lab's own")
@@ -171,10 +171,10 @@ def is_fellow(uid: int) -> bool:
 def shares(folder: Path) -> bool:
     """Whether a folder is the lab's, so that its group may read what is in it."""
     try:
-        found = lab()
+        shared = lab()
     except SharingError:
         return False
-    return found is not None and found.path == folder
+    return shared is not None and shared.path == folder
 
 
 def instructions(group: str = GROUP, users: tuple[str, ...] = ()) -> list[str]:
@@ -198,11 +198,11 @@ def write_shared(path: Path, mode: int, flags: int = 0) -> int:
     """
     with failing_as(SharingError, str(path)):
         opened = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC | flags, mode)
-    found = os.fstat(opened)
-    if not stat.S_ISREG(found.st_mode) or found.st_nlink != 1:
+    status = os.fstat(opened)
+    if not stat.S_ISREG(status.st_mode) or status.st_nlink != 1:
         # Another name of it may be that of a file of this account's own.
         os.close(opened)
         raise SharingError(f"{path}: expected a plain file that has no other name")
-    if found.st_uid == os.getuid() and stat.S_IMODE(found.st_mode) != mode:
+    if status.st_uid == os.getuid() and stat.S_IMODE(status.st_mode) != mode:
         os.fchmod(opened, mode)  # whatever this account's umask is
     return opened

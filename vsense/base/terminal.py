@@ -40,7 +40,7 @@ def printable(text: str) -> str:
     Every text from a network passes through here before somebody sees it; that of robots is checked
     where packets are read.
     """
-    return _CONTROLS.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
+    return _CONTROLS.sub(lambda match: match[0].encode("unicode_escape").decode(), text)
 
 
 def printable_lines(text: str) -> str:
@@ -75,9 +75,9 @@ class Console:
         """Prints a message of its own; `level` says how bad it is."""
         text = printable_lines(text)
         self._repeat(text, level)
-        self.whisper(text)
+        self.print_only(text)
 
-    def whisper(self, text: str) -> None:
+    def print_only(self, text: str) -> None:
         """Prints a message on the stream only, for secrets: no log and no `repeat_to` gets it."""
         # A stream that was closed must not end an experiment.
         with self._lock, suppress(OSError):
@@ -129,13 +129,13 @@ def patience(console: Console, text: str) -> Iterator[None]:
     """Says what is waited for, and for how long, where that is longer than `LONG_S`."""
     over, begun_s = threading.Event(), time.monotonic()
 
-    def tell() -> None:
+    def report() -> None:
         wait_s = LONG_S
         while not over.wait(wait_s):
             console.progress(f"{text}: {time.monotonic() - begun_s:.0f} s")
             wait_s = 1.0
 
-    thread = threading.Thread(target=tell, name="vsense-patience", daemon=True)
+    thread = threading.Thread(target=report, name="vsense-patience", daemon=True)
     thread.start()
     try:
         yield
@@ -148,9 +148,9 @@ def patience(console: Console, text: str) -> Iterator[None]:
 LAST_S = 1.7
 """After SIGTERM a command takes no longer than this, but for the moment of leaving."""
 
-LEAST_S = 0.1
+LEAST_WAIT_S = 0.1
 
-LOOK_S = 0.5
+SIGNAL_S = 0.5
 """A signal that comes in the moment before a wait begins does not end it: Python's handler runs
 when the wait is over. So no wait lasts longer than this."""
 
@@ -186,7 +186,7 @@ class Interruption(threading.Event):
         """Waits for a signal, for `timeout` s at the longest; gives whether one has come."""
         end_s = None if timeout is None else time.monotonic() + timeout
         while not self._came:
-            left_s = LOOK_S if end_s is None else min(LOOK_S, end_s - time.monotonic())
+            left_s = SIGNAL_S if end_s is None else min(SIGNAL_S, end_s - time.monotonic())
             if left_s <= 0.0:
                 break
             with suppress(Empty):
@@ -235,7 +235,7 @@ class Interruption(threading.Event):
 
     def _set_alarm(self) -> None:
         if self._last_s is not None:
-            left_s = max(self._last_s - time.monotonic(), LEAST_S)
+            left_s = max(self._last_s - time.monotonic(), LEAST_WAIT_S)
             signal.setitimer(signal.ITIMER_REAL, left_s)
 
     def _ring(self, number: int, frame: FrameType | None) -> None:

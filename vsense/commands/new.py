@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--from",
         dest="source",
-        default=templates.START,
+        default=templates.TEMPLATE,
         metavar="EXPERIMENT",
         help="the shipped experiment that is copied (default: the smallest that has everything)."
         f" There are: {', '.join(templates.templates())}",

@@ -73,7 +73,7 @@ def _add_session(parser: argparse.ArgumentParser, folder: str, json_text: str) -
     option = _arguments.option
     option(parser, "--robots", _arguments.positive, "N", "take only the first N robots of the file")
     text = "begin after S s at the latest, without robots that are missing (default: 20)"
-    _arguments.option(parser, "--wait", _arguments.seconds, "S", text, measuring.PATIENCE_S)
+    _arguments.option(parser, "--wait", _arguments.seconds, "S", text, measuring.ROBOTS_WAIT_S)
     option(parser, "-o --output", Path, "DIR", f"{folder} (default: runs/...)")
     _arguments.flag(parser, "--json", json_text)
     option(parser, "--seed", _arguments.natural, "N", "seed of the lab's places and light")
@@ -154,7 +154,7 @@ def _measuring(options: argparse.Namespace, known: Roster | None) -> Iterator[Me
             trust=LinkTrust(keys.make()) if options.lab else _experiments.trust_of(options),
             tracking=options.tracking,
             lab=_lab_of(options, experiment) if options.lab else None,
-            known=known,
+            roster_file=known,
             web=_arguments.web_of(options),
             wait_s=options.wait,
             output=options.output,

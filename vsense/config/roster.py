@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from vsense.base.errors import ConfigError, UsageError
-from vsense.base.files import MOST_BYTES, replace_text
+from vsense.base.files import MOST_FILE_BYTES, replace_text
 from vsense.base.toml import TomlFile, decode_toml, read_toml_text
 from vsense.config.roster_fields import DEFAULTS, LAB, MarkerOffset, RobotCalibration
 
@@ -172,7 +172,7 @@ def update(path: Path, changes: Mapping[int, Mapping[str, Any]]) -> Roster:
     read(path)  # which refuses pipes and devices
     path = path.resolve()  # a link to it stays one
     with _locked(path) as file:
-        text = decode_toml(path, file.read(MOST_BYTES))
+        text = decode_toml(path, file.read(MOST_FILE_BYTES))
         before, document = _read(path, text), tomlkit.parse(text)
         tables: dict[int, Any] = dict(zip(before.tags, document["robot"]))
         for tag, values in changes.items():

@@ -14,7 +14,7 @@ from vsense.config import resources as resources_file
 from vsense.config.resources import check_recording, load_camera, read_bytes
 from vsense.robots.link.trackers.protocol import DEFAULT_PORT
 from vsense.vision.cameras.source import FREE
-from vsense.vision.tracking.mask import MARGIN_M, Mask, MaskError
+from vsense.vision.tracking.mask import MASK_MARGIN_M, Mask, MaskError
 from vsense.vision.tracking.specs import (
     CameraSpec,
     CameraTrackerSpec,
@@ -144,7 +144,7 @@ def read(data: bytes, file: str, folder: Path, resources: Resources) -> Tracking
 
 
 def _read_mask(tracker: Element) -> MaskSpec | None:
-    margin_cm = 100.0 * MARGIN_M
+    margin_cm = 100.0 * MASK_MARGIN_M
     if not tracker.has("opt_mask"):
         if tracker.has("opt_mask_margin"):
             raise tracker.error(

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from vsense.base.errors import VsenseError
-from vsense.base.files import MOST_BYTES, PACKAGE_FOLDER, read_bytes, replace_bytes
+from vsense.base.files import MOST_FILE_BYTES, PACKAGE_FOLDER, read_bytes, replace_bytes
 from vsense.config.specs import Experiment
 from vsense.modes.sim import fingerprint
 from vsense.modes.sim.job import Setup
@@ -213,7 +213,7 @@ def _public(paths: Iterable[Path]) -> list[Path]:
     found = []
     for path in list(paths)[:MOST_FILES]:
         with suppress(OSError):
-            if path.suffix in _SECRETS or path.stat().st_size > MOST_BYTES:
+            if path.suffix in _SECRETS or path.stat().st_size > MOST_FILE_BYTES:
                 continue
             if not _SECRET.search(read_bytes(path)):
                 found.append(path)

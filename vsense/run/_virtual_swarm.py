@@ -24,7 +24,7 @@ from vsense.run.programs import Programs, shared_objects
 from vsense.world.entities import VirtualRobot
 from vsense.world.physics.motion import Physics, obstacles
 from vsense.world.physics.proximity_ring import ProximityRing
-from vsense.world.sightings import known
+from vsense.world.sightings import recent
 from vsense.world.world import BODY_MEMORY_NS, World
 
 Floats = NDArray[np.float64]
@@ -150,7 +150,7 @@ def _others(world: World) -> Floats:
     """Where real robots and tagged things stand, (n, 3); those nowhere are far away."""
     rows = []
     for poses in (world.robots[: world.real_robots], world.objects):
-        there = known(poses, world.capture_ns, BODY_MEMORY_NS)
+        there = recent(poses, world.capture_ns, BODY_MEMORY_NS)
         rows.append(np.stack([np.where(there, poses[k], _FAR_M) for k in ("x_m", "y_m")], axis=1))
     places = np.concatenate(rows)
     return np.column_stack((places, np.zeros(len(places))))

@@ -26,7 +26,7 @@ from vsense.world.entities import (
     moved,
 )
 from vsense.world.fields import Field
-from vsense.world.sensors.quality import SETTINGS
+from vsense.world.sensors.quality import QUALITY_SETTINGS
 
 TEXT_MAX = 200
 MAX_NUMBER = 1e9
@@ -343,7 +343,7 @@ def settings_of(environment: Environment, ground: Ground, locked: bool) -> dict[
     world = environment.world
     sensors = [
         {"controller": part.controller, "name": name}
-        | {setting: getattr(quality, setting) for setting in SETTINGS}
+        | {setting: getattr(quality, setting) for setting in QUALITY_SETTINGS}
         for part in environment.equipment
         for name, quality in part.sensors.qualities.items()
     ]

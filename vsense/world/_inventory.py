@@ -21,9 +21,9 @@ from vsense.world.entities import (
     moved,
 )
 
-Kind = TypeVar("Kind", Box, Cylinder, Light, Zone, VirtualRobot)
+EntityKind = TypeVar("EntityKind", Box, Cylinder, Light, Zone, VirtualRobot)
 
-KINDS = (Box, Cylinder, Light, Zone, VirtualRobot)
+ENTITY_TYPES = (Box, Cylinder, Light, Zone, VirtualRobot)
 
 
 class Inventory:
@@ -40,7 +40,7 @@ class Inventory:
         self.version = 0
         self._entities: dict[str, Entity] = {}
         self._by_kind: dict[type, tuple[Entity, ...]] = {}
-        self._versions = dict.fromkeys(KINDS, 0)
+        self._versions = dict.fromkeys(ENTITY_TYPES, 0)
         self.free_tag = VIRTUAL_TAG_MIN
         for entity in entities:
             if entity.id in self._entities:
@@ -63,17 +63,17 @@ class Inventory:
         """A view of all of them by id."""
         return MappingProxyType(self._entities)
 
-    def of(self, kind: type[Kind]) -> tuple[Kind, ...]:
+    def of(self, kind: type[EntityKind]) -> tuple[EntityKind, ...]:
         """All entities of one kind."""
         if kind not in self._by_kind:
-            found = tuple(e for e in self._entities.values() if isinstance(e, kind))
-            self._by_kind[kind] = found
+            entities = tuple(e for e in self._entities.values() if isinstance(e, kind))
+            self._by_kind[kind] = entities
         return self._by_kind[kind]  # type: ignore[return-value]
 
     def put(self, entity: object) -> None:
         """See `World.put`."""
-        if not isinstance(entity, KINDS):
-            names = ", ".join(kind.__name__ for kind in KINDS)
+        if not isinstance(entity, ENTITY_TYPES):
+            names = ", ".join(kind.__name__ for kind in ENTITY_TYPES)
             raise WorldError(f"{entity!r:.60} cannot be put into the world, expected: {names}")
         _check_virtual(entity)
         _check_virtual(self._entities.get(entity.id))
@@ -130,7 +130,7 @@ class Inventory:
 
     def _changed(self, *entities: Entity) -> None:
         self.version += 1
-        for kind in KINDS:
+        for kind in ENTITY_TYPES:
             if any(isinstance(entity, kind) for entity in entities):
                 self._versions[kind] = self.version
                 self._by_kind.pop(kind, None)

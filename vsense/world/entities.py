@@ -30,9 +30,9 @@ BODY_HEIGHT_M = 0.076
 VIRTUAL_TAG_MIN = 0x10000
 """Virtual robots have tags that no marker can show."""
 
-MAX_LENGTH_M = 1e4
+MAX_ENTITY_LENGTH_M = 1e4
 MAX_INTENSITY = 1e6
-_LENGTH = (1e-6, MAX_LENGTH_M, f"a length from 1e-06 to {MAX_LENGTH_M:g} m")
+_LENGTH = (1e-6, MAX_ENTITY_LENGTH_M, f"a length from 1e-06 to {MAX_ENTITY_LENGTH_M:g} m")
 
 
 class WorldError(VsenseError):
@@ -204,8 +204,8 @@ class VirtualRobot:
 
     def __post_init__(self) -> None:
         _check(self)
-        whole = isinstance(self.tag, (int, np.integer)) and not isinstance(self.tag, bool)
-        if not whole or not VIRTUAL_TAG_MIN <= self.tag < 2**32:
+        is_integer = isinstance(self.tag, (int, np.integer)) and not isinstance(self.tag, bool)
+        if not is_integer or not VIRTUAL_TAG_MIN <= self.tag < 2**32:
             expected = f"a whole number from {VIRTUAL_TAG_MIN} on: smaller ones are real markers"
             raise _error(self, "tag", self.tag, expected)
         _check(self, x_m=_number, y_m=_number, yaw_rad=_angle)
@@ -246,9 +246,9 @@ def _check(entity: Entity, **checks: Callable[[Any, str], object]) -> None:
 def _number(
     entity: Entity,
     name: str,
-    low: float = -MAX_LENGTH_M,
-    high: float = MAX_LENGTH_M,
-    expected: str = f"a number of at most {MAX_LENGTH_M:g}",
+    low: float = -MAX_ENTITY_LENGTH_M,
+    high: float = MAX_ENTITY_LENGTH_M,
+    expected: str = f"a number of at most {MAX_ENTITY_LENGTH_M:g}",
 ) -> float:
     return _within(entity, name, getattr(entity, name), low, high, expected)
 
@@ -277,7 +277,7 @@ def _angle(entity: Entity, name: str) -> float:
 
 
 def _vector(entity: Entity, name: str) -> tuple[float, ...]:
-    bound, expected = MAX_LENGTH_M, f"3 numbers of at most {MAX_LENGTH_M:g} m"
+    bound, expected = MAX_ENTITY_LENGTH_M, f"3 numbers of at most {MAX_ENTITY_LENGTH_M:g} m"
     parts = _parts(entity, name, 3)
     return tuple(_within(entity, name, part, -bound, bound, expected) for part in parts)
 
@@ -300,7 +300,7 @@ def _color(entity: Light | Zone, name: str) -> Color:
     if not isinstance(value, (Sequence, np.ndarray)) or len(value) != 3:
         raise _error(entity, name, value, expected)
     for part in value:
-        whole = isinstance(part, (int, np.integer)) and not isinstance(part, bool)
-        if not whole or not 0 <= part <= 255:
+        is_integer = isinstance(part, (int, np.integer)) and not isinstance(part, bool)
+        if not is_integer or not 0 <= part <= 255:
             raise _error(entity, name, value, expected)
     return int(value[0]), int(value[1]), int(value[2])

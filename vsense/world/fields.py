@@ -70,7 +70,7 @@ class Floor:
         """
         points = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
         colors = np.empty((len(points), 4))
-        given, target = (kernel_ffi.from_buffer("double[]", some) for some in (points, colors))
+        given, target = (kernel_ffi.from_buffer("double[]", array) for array in (points, colors))
         kernels.vs_floor_sample(self.cdata, given, len(points), target)
         return colors
 
@@ -82,14 +82,14 @@ class Floor:
     @cached_property
     def cdata(self) -> Any:
         """The `struct vs_floor *`."""
-        made: Any = kernel_ffi.new("struct vs_floor *")
-        made.color = (*self.color, int(OPAQUE))
-        made.centre_m, made.size_m = self.centre_m, self.size_m
+        struct: Any = kernel_ffi.new("struct vs_floor *")
+        struct.color = (*self.color, int(OPAQUE))
+        struct.centre_m, struct.size_m = self.centre_m, self.size_m
         if self.image is not None:
-            made.rows, made.columns, made.channels = self.image.shape
-            made.image = kernel_ffi.from_buffer("uint8_t[]", self._pixels)
-        made.zones, made.zones_count = self._zones, len(self._zones)
-        return made
+            struct.rows, struct.columns, struct.channels = self.image.shape
+            struct.image = kernel_ffi.from_buffer("uint8_t[]", self._pixels)
+        struct.zones, struct.zones_count = self._zones, len(self._zones)
+        return struct
 
     @cached_property
     def _zones(self) -> Any:
@@ -201,7 +201,7 @@ class Field:
         """`value` and `gradient` at points (n, 2): (n, 3)."""
         points = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
         readings = np.empty((len(points), 3))
-        given, target = (kernel_ffi.from_buffer("double[]", some) for some in (points, readings))
+        given, target = (kernel_ffi.from_buffer("double[]", array) for array in (points, readings))
         kernels.vs_field_read(self.as_c(), given, len(points), target)
         return readings
 
@@ -215,7 +215,7 @@ class Field:
         """
         points = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
         added = np.ascontiguousarray(self._amounts(amounts, len(points)))
-        given, what = (kernel_ffi.from_buffer("double[]", some) for some in (points, added))
+        given, what = (kernel_ffi.from_buffer("double[]", array) for array in (points, added))
         kernels.vs_field_deposit(self.as_c(), given, what, len(points), MAX_CONCENTRATION)
 
     def take(self, points_m: ArrayLike, amounts: ArrayLike) -> Floats:
@@ -282,8 +282,8 @@ class Field:
         if self._cdata is None or self._cdata.cells != cells:
             rows, columns = self.concentration.shape
             corner_m = self.corner_m.tolist()
-            made = (columns, rows, corner_m, self.cell_m, cells)
-            self._cdata = kernel_ffi.new("struct vs_field *", made)
+            members = (columns, rows, corner_m, self.cell_m, cells)
+            self._cdata = kernel_ffi.new("struct vs_field *", members)
         return self._cdata
 
     def _grid(self, points_m: ArrayLike) -> Floats:
@@ -330,10 +330,10 @@ def by_id(fields: Iterable[Field], timestep_s: float) -> dict[str, Field]:
     Raises:
         WorldError: two have the same, or one changes too fast for a timestep.
     """
-    found: dict[str, Field] = {}
+    layers: dict[str, Field] = {}
     for layer in fields:
         layer.check(timestep_s)
-        if layer.id in found:
+        if layer.id in layers:
             raise WorldError(f"two fields are called {layer.id!r}")
-        found[layer.id] = layer
-    return found
+        layers[layer.id] = layer
+    return layers

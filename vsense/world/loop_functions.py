@@ -249,19 +249,19 @@ class LoopFunctions:
                 self._lines[name] = line_of(hook)
         self._refuse_misspelt(holder)
         if not self._hooks:
-            known = ", ".join(HOOKS)
-            raise LoopFunctionsError(self._file, 1, f"holds no loop function, expected: {known}")
+            hooks = ", ".join(HOOKS)
+            raise LoopFunctionsError(self._file, 1, f"holds no loop function, expected: {hooks}")
         self.steps = STEPS.intersection(self._hooks)
 
     def _refuse_misspelt(self, holder: object) -> None:
         """Raises LoopFunctionsError for a function that looks like a hook and is none."""
         missing = HOOKS.keys() - self._hooks.keys()
-        for name, some in inspect.getmembers(holder, inspect.isroutine):
-            own = getattr(some, "__module__", "") == _MODULE and not name.startswith("_")
+        for name, routine in inspect.getmembers(holder, inspect.isroutine):
+            own = getattr(routine, "__module__", "") == _MODULE and not name.startswith("_")
             hint = likely(name, missing) if own and name not in HOOKS else ""
             if hint:
                 words = f"{name} is no loop function{hint}; begin its name with _ if it is your own"
-                raise LoopFunctionsError(self._file, line_of(some), words)
+                raise LoopFunctionsError(self._file, line_of(routine), words)
 
     def renewed(self) -> LoopFunctions:
         """Those of another run: the file is run again."""
@@ -355,10 +355,10 @@ class LoopFunctions:
 
     def _holder(self, module: ModuleType, label: str) -> object:
         """What holds the hooks: the module, or an object of the class in it."""
-        found = getattr(module, label or DEFAULT_LABEL, None)
-        if inspect.isclass(found):
-            with self._code.watch(f"in {found.__name__}: ", line_of(found.__init__)):
-                return found()
+        holder = getattr(module, label or DEFAULT_LABEL, None)
+        if inspect.isclass(holder):
+            with self._code.watch(f"in {holder.__name__}: ", line_of(holder.__init__)):
+                return holder()
         if label and not any(hasattr(module, name) for name in HOOKS):
             message = f"has neither a class {label!r}, as the label says, nor loop functions"
             raise LoopFunctionsError(self._file, 1, message)

@@ -77,25 +77,25 @@ class Bodies:
         ends_m: ArrayLike,
         skip: ArrayLike,
     ) -> NDArray[Any]:
-        starts, ends, skips, each = _lines(starts_m, ends_m, skip)
-        found = np.empty(len(starts), dtype=dtype)
+        starts, ends, skips, width = _lines(starts_m, ends_m, skip)
+        results = np.empty(len(starts), dtype=dtype)
         code = kernel(
             self._obstacles,
             _pointer("const double *", starts),
             _pointer("const double *", ends),
             len(starts),
             _pointer("const int32_t *", skips),
-            each,
-            _pointer(pointer, found),
+            width,
+            _pointer(pointer, results),
         )
         check(code, "lines of sight")
-        return found
+        return results
 
     def seen(self, points_m: ArrayLike, goals_m: ArrayLike, skip: ArrayLike = NOBODY) -> Bools:
         """Whether the lines from points (n, 3) to goals (k, 3) are free: (n, k)."""
         goals = np.ascontiguousarray(goals_m, dtype=np.float64).reshape(-1, 3)
-        points, _, skips, each = _lines(points_m, points_m, skip)
-        found = np.empty((len(points), len(goals)), dtype=np.bool_)
+        points, _, skips, width = _lines(points_m, points_m, skip)
+        results = np.empty((len(points), len(goals)), dtype=np.bool_)
         code = kernels.vs_sight_seen(
             self._obstacles,
             _pointer("const double *", points),
@@ -103,11 +103,11 @@ class Bodies:
             _pointer("const double *", goals),
             len(goals),
             _pointer("const int32_t *", skips),
-            each,
-            _pointer("uint8_t *", found),
+            width,
+            _pointer("uint8_t *", results),
         )
         check(code, "lines of sight")
-        return found
+        return results
 
 
 class MovingBodies(Bodies):
@@ -148,7 +148,7 @@ class MovingBodies(Bodies):
         self._make_room(2 * self.cdata.words)
 
 
-LIGHT = np.dtype([("at_m", "f8", 3), ("intensity", "f8")])
+LIGHT_ROW = np.dtype([("at_m", "f8", 3), ("intensity", "f8")])
 """One light; the fields are those of `struct vs_light`."""
 
 
@@ -156,13 +156,13 @@ class LightTable:
     """The lights that shine, as the C library takes them.
 
     Attributes:
-        rows: LIGHT array, not to be changed.
+        rows: LIGHT_ROW array, not to be changed.
         cdata: the same as `struct vs_light *`.
     """
 
     def __init__(self, lights: Sequence[Light]) -> None:
         shining = [(light.position_m, light.intensity) for light in lights if light.intensity > 0]
-        self.rows = np.array(shining, dtype=LIGHT)
+        self.rows = np.array(shining, dtype=LIGHT_ROW)
         self.cdata = _pointer("const struct vs_light *", self.rows)
 
     def __len__(self) -> int:
@@ -210,9 +210,9 @@ def _lines(
     if len(starts) != len(ends):
         raise ValueError(f"{len(starts)} starts and {len(ends)} ends, expected as many")
     skips = np.asarray(skip, dtype=np.int32)
-    each = skips.shape[1] if skips.ndim == 2 else 1
-    skips = np.broadcast_to(skips.reshape(-1, each), (len(starts), each))
-    return starts, ends, np.ascontiguousarray(skips), each
+    width = skips.shape[1] if skips.ndim == 2 else 1
+    skips = np.broadcast_to(skips.reshape(-1, width), (len(starts), width))
+    return starts, ends, np.ascontiguousarray(skips), width
 
 
 def _pointer(kind: str, array: NDArray[np.generic]) -> object:

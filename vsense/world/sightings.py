@@ -44,11 +44,11 @@ class LastSightings:
 
     def __init__(self, robots: NDArray[np.void], real: int, things: NDArray[np.void]) -> None:
         """`robots` and `things` are POSE arrays that change in place, the `real` robots first."""
-        self._kept = robots, things
+        self._arrays = robots, things
         self.count = len(robots) + len(things)
         self.cdata: Any = kernel_ffi.new("struct vs_world *")
         self.cdata.fields = POSE_FIELDS
-        self.cdata.robots, self.cdata.things = (rows_pointer(rows) for rows in self._kept)
+        self.cdata.robots, self.cdata.things = (rows_pointer(rows) for rows in self._arrays)
         self.cdata.real, self.cdata.robots_all = real, len(robots)
         self.cdata.thing_count = len(things)
 
@@ -66,7 +66,7 @@ def rows_pointer(rows: NDArray[np.void]) -> Any:
     return kernel_ffi.cast("uint8_t *", rows.ctypes.data)
 
 
-def known(poses: NDArray[np.void], now_ns: int, memory_ns: int) -> NDArray[np.bool_]:
+def recent(poses: NDArray[np.void], now_ns: int, memory_ns: int) -> NDArray[np.bool_]:
     """Which things' last sighting is at most memory_ns older than now_ns."""
     captures_ns = poses["capture_ns"]
     return np.asarray((captures_ns != NEVER_NS) & (now_ns - captures_ns <= memory_ns))
@@ -90,18 +90,18 @@ def in_order(poses: NDArray[np.void], tags: Sequence[int]) -> NDArray[np.void]:
 
 
 def carried(
-    kept: NDArray[Any],
+    values: NDArray[Any],
     before: Sequence[int],
     after: Sequence[int],
     rows: NDArray[Any] | None = None,
 ) -> NDArray[Any]:
     """Moves rows of the tags `before` to those of `after`; new tags have theirs of `rows`, or 0."""
     if rows is None:
-        rows = np.zeros((len(after), *kept.shape[1:]), dtype=kept.dtype)
+        rows = np.zeros((len(after), *values.shape[1:]), dtype=values.dtype)
     places = {tag: row for row, tag in enumerate(before)}
     for row, tag in enumerate(after):
         if tag in places:
-            rows[row] = kept[places[tag]]
+            rows[row] = values[places[tag]]
     return rows
 
 

@@ -329,8 +329,8 @@ class World:
         poses, row = self._places.get(tag, (None, 0))
         if poses is None or poses[row]["capture_ns"] == NEVER_NS:
             return None
-        found: np.void = poses[row]
-        return found
+        pose: np.void = poses[row]
+        return pose
 
     def age_ns(self, source: PollutantSource) -> int | None:
         """Age of the source's last sighting; None: it was never seen."""

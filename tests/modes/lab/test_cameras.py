@@ -18,7 +18,7 @@ import pytest
 from tests.rigs.places import ROOT
 from vsense.base.clock import host_ns
 from vsense.base.errors import GrabberError
-from vsense.base.shared import SLOTS, LabError
+from vsense.base.shared import BANK_SLOTS, LabError
 from vsense.modes.lab._backdrop import Block
 from vsense.modes.lab._bodies import Body
 from vsense.modes.lab._camera_spec import LabCameraSpec, rig
@@ -39,7 +39,7 @@ ORPHAN = """
 import sys
 from pathlib import Path
 from vsense.modes.lab._camera_spec import LabCameraSpec
-from vsense.base.shared import SLOTS
+from vsense.base.shared import BANK_SLOTS
 from vsense.modes.lab._grabber import LabGrabber
 
 grabber = LabGrabber(LabCameraSpec.from_json(sys.stdin.readline()))
@@ -109,7 +109,7 @@ def wait_for_end(pid: int) -> None:
 
 
 def test_pictures_come_as_triggered_and_as_the_studio_draws_them(spec, capfd) -> None:
-    spec = replace(spec, frames=SLOTS)  # no slot is used twice, however slow this test is
+    spec = replace(spec, frames=BANK_SLOTS)  # no slot is used twice, however slow this test is
     epoch_ns = soon_ns()
     studio, truth = Studio(spec), TruthReader(spec.truth)
     expected = np.empty(spec.shape, dtype=np.uint8)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from tests.rigs.places import ROOT
-from vsense.base.shared import MOST_LENT, SLOTS, FrameBank, LabError, SharedBlock
+from vsense.base.shared import BANK_SLOTS, MOST_LENT, FrameBank, LabError, SharedBlock
 
 SHAPE = (2, 30, 40)
 TIMESTEPS = 20_000
@@ -79,8 +79,8 @@ def test_a_slot_comes_back_when_the_last_view_is_gone(bank: FrameBank) -> None:
     view = images[0]
     del images
     gc.collect()
-    taken = {cameras.draw() for _ in range(10 * SLOTS)}
-    assert taken == set(range(SLOTS)) - {slot}
+    taken = {cameras.draw() for _ in range(10 * BANK_SLOTS)}
+    assert taken == set(range(BANK_SLOTS)) - {slot}
     thread = threading.Thread(target=lambda held: None, args=(view,))
     del view
     thread.start()
@@ -88,15 +88,15 @@ def test_a_slot_comes_back_when_the_last_view_is_gone(bank: FrameBank) -> None:
     del thread
     gc.collect()
     lend(bank, cameras.draw(), cameras.timestep)
-    assert slot in {cameras.draw() for _ in range(SLOTS)}
+    assert slot in {cameras.draw() for _ in range(BANK_SLOTS)}
 
 
 def test_who_keeps_too_many_gets_copies_and_the_cameras_go_on(bank: FrameBank) -> None:
     cameras = Cameras(bank)
-    kept = [lend(bank, cameras.draw(), n) for n in range(3 * SLOTS)]
+    kept = [lend(bank, cameras.draw(), n) for n in range(3 * BANK_SLOTS)]
     lent = [np.shares_memory(images, bank.images) for images in kept]
-    assert lent == [True] * MOST_LENT + [False] * (3 * SLOTS - MOST_LENT)
-    for _ in range(10 * SLOTS):
+    assert lent == [True] * MOST_LENT + [False] * (3 * BANK_SLOTS - MOST_LENT)
+    for _ in range(10 * BANK_SLOTS):
         cameras.draw()
     assert all((images == n).all() for n, images in enumerate(kept))
 

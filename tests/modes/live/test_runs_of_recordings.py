@@ -31,7 +31,7 @@ class Player:
     def __init__(self, theatre: Theatre) -> None:
         self.grabber = SimpleNamespace(missed=0)
         counters = TrackerCounters()
-        self.tracker = SimpleNamespace(counters=counters, found={}, cameras=(), heights_m={})
+        self.tracker = SimpleNamespace(counters=counters, markers={}, cameras=(), heights_m={})
         self._theatre, self._played = theatre, 0
 
     def next(self, timeout_s: float) -> tuple[ArenaState, Sequence[Frame]]:
@@ -44,7 +44,7 @@ class Player:
         self._played += 1
         self.grabber.missed += self._played == 2
         self.tracker.counters.overflows += 1
-        self.tracker.found = {"top": self._theatre.opened}
+        self.tracker.markers = {"top": self._theatre.opened}
         return ArenaState(self._played, self._played, np.zeros(0, POSE), 0), ()
 
     def figures(self) -> dict[str, int]:

@@ -102,7 +102,7 @@ def test_a_secret_is_printed_and_neither_told_nor_kept(
     told: list[str] = []
     with RunLog(tmp_path) as log:
         log.repeat_to(lambda text, level: told.append(text))
-        log.whisper("control room: http://x/?token=secret")
+        log.print_only("control room: http://x/?token=secret")
         log.say("all robots start")
     assert told == ["all robots start"]
     assert "secret" not in (tmp_path / LOG).read_text()

@@ -9,13 +9,13 @@ from ipaddress import IPv4Interface
 
 import pytest
 
-from vsense.vision.cameras._networks import GIGE, ListedCamera, Network, heard, parse
+from vsense.vision.cameras._networks import GIGE_PROTOCOL, ListedCamera, Network, heard, parse
 
 LOOPBACK = Network("lo", IPv4Interface("127.0.0.1/8"))
 LISTEN_S = 2.0
 CAMERA = ListedCamera(
     "Allied-Vision-GC1600C-50-03",
-    GIGE,
+    GIGE_PROTOCOL,
     "169.254.3.4",
     "00:0f:31:01:02:03",
     "Allied Vision",

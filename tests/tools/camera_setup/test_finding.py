@@ -14,7 +14,7 @@ from vsense.commands.cameras import wanted_of
 from vsense.tools.camera_setup import files
 from vsense.tools.camera_setup.files import choose
 from vsense.vision.cameras import _v4l2, aravis, discovery
-from vsense.vision.cameras._networks import GIGE, USB3, ListedCamera, Network
+from vsense.vision.cameras._networks import GIGE_PROTOCOL, USB3_PROTOCOL, ListedCamera, Network
 from vsense.vision.cameras._v4l2 import V4l2Device
 from vsense.vision.cameras.aravis import AravisError
 from vsense.vision.cameras.discovery import FoundCamera
@@ -22,9 +22,9 @@ from vsense.vision.cameras.source import FREE, Controls, GenicamSettings
 from vsense.vision.tracking import single_camera
 from vsense.vision.tracking.specs import GENICAM
 
-FIRST = ListedCamera("Maker-A-1", GIGE, "192.168.10.11", "00:01", "Maker", "A", "1")
-SECOND = ListedCamera("Maker-A-2", GIGE, "192.168.10.12", "00:02", "Maker", "A", "2")
-USB = ListedCamera("Maker-U-3", USB3, "", "guid", "Maker", "Maker U", "3")
+FIRST = ListedCamera("Maker-A-1", GIGE_PROTOCOL, "192.168.10.11", "00:01", "Maker", "A", "1")
+SECOND = ListedCamera("Maker-A-2", GIGE_PROTOCOL, "192.168.10.12", "00:02", "Maker", "A", "2")
+USB = ListedCamera("Maker-U-3", USB3_PROTOCOL, "", "guid", "Maker", "Maker U", "3")
 WEBCAM = V4l2Device("/dev/video0", "Webcam", "usb-1", ("YUYV",), (1280, 720), 30.0, "")
 NETWORKS = [Network("eth1", IPv4Interface("192.168.10.1/24"))]
 FEATURES = {"Width": "1620", "Height": "1220", "ExposureTimeAbs": "8000", "Gain": "2.5"}
@@ -102,7 +102,7 @@ def test_all_kinds_are_found_with_what_they_say(there: pytest.MonkeyPatch) -> No
 
 
 def test_two_cameras_with_one_address_are_both_named(there: pytest.MonkeyPatch) -> None:
-    twin = ListedCamera("Maker-A-2", GIGE, FIRST.address, "00:02", "Maker", "A", "2")
+    twin = ListedCamera("Maker-A-2", GIGE_PROTOCOL, FIRST.address, "00:02", "Maker", "A", "2")
     set_there(there, [FIRST, twin, USB])
     cameras = by_id()
     shared = f"2 cameras have the address {FIRST.address}: Maker-A-1 (00:01) and Maker-A-2 (00:02)"
@@ -113,7 +113,7 @@ def test_two_cameras_with_one_address_are_both_named(there: pytest.MonkeyPatch) 
 
 
 def test_a_camera_of_another_network_says_so(there: pytest.MonkeyPatch) -> None:
-    far = ListedCamera("Maker-A-9", GIGE, "169.254.3.4", "00:09", "Maker", "A", "9")
+    far = ListedCamera("Maker-A-9", GIGE_PROTOCOL, "169.254.3.4", "00:09", "Maker", "A", "9")
     set_there(there, [FIRST, far])
     set_opened(there, silent=("169.254.3.4",))
     trouble = by_id()["Maker-A-9"].trouble
@@ -123,9 +123,9 @@ def test_a_camera_of_another_network_says_so(there: pytest.MonkeyPatch) -> None:
 
 
 def test_cameras_that_only_answer_to_everybody_are_listed(there: pytest.MonkeyPatch) -> None:
-    lost = ListedCamera("Maker-A-9", GIGE, "192.168.11.9", "00:09", "Maker", "A", "9")
-    same = ListedCamera("Maker-A-1", GIGE, FIRST.address, FIRST.mac, "Maker", "A", "1")
-    deaf = ListedCamera("Maker-A-8", GIGE, "192.168.10.8", "00:08", "Maker", "A", "8")
+    lost = ListedCamera("Maker-A-9", GIGE_PROTOCOL, "192.168.11.9", "00:09", "Maker", "A", "9")
+    same = ListedCamera("Maker-A-1", GIGE_PROTOCOL, FIRST.address, FIRST.mac, "Maker", "A", "1")
+    deaf = ListedCamera("Maker-A-8", GIGE_PROTOCOL, "192.168.10.8", "00:08", "Maker", "A", "8")
     for module in (discovery, single_camera):
         there.setattr(module, "heard", lambda: [lost, same, deaf])
     cameras = by_id()
@@ -176,8 +176,8 @@ def test_nothing_found_says_what_to_check(
     there.setattr(_v4l2, "devices", lambda: [])
     assert run_list() == 1
     out, err = capsys.readouterr()
-    assert out == "" and err == "\n".join(files.NOTHING) + "\n"
-    assert len(files.NOTHING) == 4 and all(len(line) <= 100 for line in files.NOTHING)
+    assert out == "" and err == "\n".join(files.NO_CAMERA) + "\n"
+    assert len(files.NO_CAMERA) == 4 and all(len(line) <= 100 for line in files.NO_CAMERA)
     run_list(as_json=True)
     assert json.loads(capsys.readouterr().out) == []
 
@@ -231,7 +231,7 @@ def test_without_the_library_a_name_says_what_is_missing(there: pytest.MonkeyPat
 
 
 def test_a_name_of_two_cameras_is_refused(there: pytest.MonkeyPatch) -> None:
-    twin = ListedCamera("Maker-A-2", GIGE, FIRST.address, "00:02", "Maker", "A", "2")
+    twin = ListedCamera("Maker-A-2", GIGE_PROTOCOL, FIRST.address, "00:02", "Maker", "A", "2")
     set_there(there, [FIRST, twin])
     with pytest.raises(UsageError, match=r"2 cameras.*Maker-A-1 \(00:01\)"):
         choose(FIRST.address, Controls())

@@ -44,7 +44,7 @@ def test_histogram_is_tall_where_the_pixels_are() -> None:
     counts = np.zeros(256, np.int64)
     counts[100], counts[200] = 10_000, 100
     rows = histogram(counts)
-    assert [len(row) for row in rows] == [_panel.COLUMNS] * _panel.ROWS
+    assert [len(row) for row in rows] == [_panel.BAR_COLUMNS] * _panel.ROWS
     assert [row[100 // 8] for row in rows] == ["█"] * _panel.ROWS
     assert rows[-1][200 // 8] != " " and rows[0][200 // 8] == " "
     assert set("".join(histogram(counts, blocks=False))) <= set(" .:|#")

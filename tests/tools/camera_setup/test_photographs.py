@@ -115,7 +115,7 @@ def test_a_table_has_a_row_per_marker_and_the_drawn_picture_shows_them(
     assert cli.main([*words, "--draw", str(drawn)]) == 0
     out = capsys.readouterr()
     rows = list(csv.DictReader(out.out.splitlines()))
-    assert tuple(rows[0]) == photographs.COLUMNS
+    assert tuple(rows[0]) == photographs.TAG_ROW
     assert [(Path(row["picture"]).name, row["tag"]) for row in rows] == [
         ("shot_10.png", "4"),
         ("shot_10.png", "9"),

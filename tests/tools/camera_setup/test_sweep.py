@@ -25,7 +25,7 @@ def test_the_best_row_is_bright_sharp_and_quiet() -> None:
     measured = rows(Scripted())
     best = max(measured, key=worth)
     light = best.reading.light
-    assert best.found.tags == (31, 1843, 4334, 7167)
+    assert best.markers.tags == (31, 1843, 4334, 7167)
     assert light.saturated < 0.01 and light.light > 150
     assert best.reading.gain == 0.0, "light enough without gain, which would bring noise"
     assert not best.reading.is_blurred
@@ -42,7 +42,7 @@ def test_gain_is_raised_only_where_the_picture_is_dark() -> None:
 
 def test_all_rows_get_the_scale_that_one_has_told() -> None:
     measured = rows(Scripted())
-    assert measured[0].found.count == 0, "far too dark"
+    assert measured[0].markers.count == 0, "far too dark"
     assert measured[0].reading.blur_px == pytest.approx(0.13 * 200e-6 * 700.0, rel=0.1)
 
 

@@ -112,7 +112,7 @@ class Arena:
 
     def check(self, tag: int) -> None:
         """A robot is known as well as the issue wants it."""
-        found, true = self.swarm.found[tag], self.built[self.tags.index(tag)]
+        found, true = self.swarm.fits[tag], self.built[self.tags.index(tag)]
         off_m = math.hypot(found.marker.x_m - true.marker.x_m, found.marker.y_m - true.marker.y_m)
         assert off_m < 0.001
         assert abs(found.marker.yaw_rad - true.marker.yaw_rad) < math.radians(0.5)

@@ -51,7 +51,7 @@ def test_sensors_are_known_though_walls_stand_elsewhere_than_was_said(tmp_path: 
         place = swarm.routines[tag]._place
         assert math.dist(place, home) < 0.06
     results = [
-        RobotResult(tag, f"r{tag}", swarm.found[tag], "", built, None, *swarm.sensors_of(tag, ""))
+        RobotResult(tag, f"r{tag}", swarm.fits[tag], "", built, None, *swarm.sensors_of(tag, ""))
         for tag, built in zip(arena.tags, arena.built)
     ]
     errors = worst(results)
@@ -100,7 +100,7 @@ def test_who_is_not_seen_before_a_wall_stands_at_once_and_is_named_after_a_secon
     # What it was told before it was lost arrives two timesteps later; then nothing does.
     assert len(unseen) > 8 and not any(map(any, unseen[3:]))
     found, troubles = arena.swarm.sensors_of(tag, "")
-    assert tag in arena.swarm.found and not found and "not seen" in troubles["proximity"]
+    assert tag in arena.swarm.fits and not found and "not seen" in troubles["proximity"]
 
 
 def test_another_robot_that_comes_near_stops_it_until_that_one_has_gone() -> None:
@@ -138,7 +138,7 @@ def test_a_sensor_that_does_not_answer_is_named_and_wheels_are_kept() -> None:
     arena, tag = one(lambda arena, timestep, moment: replace(moment, readings={}))
     found, troubles = arena.swarm.sensors_of(tag, "")
     assert not found and "tells no proximity readings" in troubles["proximity"]
-    assert tag in arena.swarm.found and tag not in arena.swarm.failed
+    assert tag in arena.swarm.fits and tag not in arena.swarm.failed
 
 
 def test_spots_are_before_walls_and_away_from_corners() -> None:

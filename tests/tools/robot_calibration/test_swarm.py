@@ -38,7 +38,7 @@ def test_who_does_not_do_as_told_is_named_and_the_others_go_on() -> None:
     arena.change = change
     swarm = arena.run()
     arena.check(fine)
-    assert set(swarm.found) == {fine}
+    assert set(swarm.fits) == {fine}
     words = {silent: "does not answer", unseen: "is not seen", lost: "was not seen for 1 s"}
     for tag, text in words.items():
         assert text in swarm.failed[tag]

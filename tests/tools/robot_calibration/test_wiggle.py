@@ -71,14 +71,14 @@ def carry_out(
         if check.done:
             break
     assert check.done
-    return check, [robot.verdict for robot in check.found]
+    return check, [robot.verdict for robot in check.rows]
 
 
 def test_who_turns_its_own_marker_is_well_and_stands_as_before() -> None:
     floor = Floor()
     check, verdicts = carry_out(floor)
     assert verdicts == [Verdict.OK] * 3 and check.news == []
-    for robot in check.found:
+    for robot in check.rows:
         # Told to stand 3 degrees before, it goes on for a picture.
         assert math.degrees(robot.turned_rad[robot.tag]) == pytest.approx(20.0, abs=4.0)
         assert floor.poses[robot.tag][2] == pytest.approx(3.1, abs=math.radians(4.0))
@@ -93,16 +93,16 @@ def test_two_robots_that_wear_each_others_markers_are_named() -> None:
     floor.worn |= {23: 31, 31: 23}
     check, verdicts = carry_out(floor)
     assert verdicts == [Verdict.OTHER, Verdict.OTHER, Verdict.OK]
-    assert check.found[0].words == "turned the marker 31"
+    assert check.rows[0].words == "turned the marker 31"
     assert check.news[0] == "robot 23 (robot_23) turned the marker 31"
-    assert exchanged(check.found) == [(23, 31)]
+    assert exchanged(check.rows) == [(23, 31)]
 
 
 def test_of_three_in_a_ring_nobody_is_called_exchanged() -> None:
     floor = Floor()
     floor.worn = {23: 31, 31: 44, 44: 23}
     check, verdicts = carry_out(floor)
-    assert verdicts == [Verdict.OTHER] * 3 and exchanged(check.found) == []
+    assert verdicts == [Verdict.OTHER] * 3 and exchanged(check.rows) == []
 
 
 @pytest.mark.parametrize(
@@ -124,7 +124,7 @@ def test_what_is_wrong_is_told(
     change(floor)
     check, verdicts = carry_out(floor)
     assert verdicts == [verdict, Verdict.OK, Verdict.OK]
-    assert text in check.found[0].words and text in check.news[0]
+    assert text in check.rows[0].words and text in check.news[0]
 
 
 def test_two_markers_that_turn_together_are_both_named() -> None:
@@ -145,7 +145,7 @@ def test_who_is_lost_stands_and_the_others_go_on() -> None:
     gone: set[int] = set()
     check, verdicts = carry_out(floor, troubles)
     assert verdicts == [Verdict.OUT_OF_REACH, Verdict.OK, Verdict.OUT_OF_REACH]
-    assert [robot.words for robot in check.found[::2]] == ["no link", "cannot drive home: deploy"]
+    assert [robot.words for robot in check.rows[::2]] == ["no link", "cannot drive home: deploy"]
     assert sum(tags == {23} for tags in floor.moved) == 1
 
 
@@ -169,7 +169,7 @@ def test_who_is_never_left_in_peace_is_not_judged() -> None:
     floor = Floor()
     check, verdicts = carry_out(floor, disturb=lambda number, check: (check.rest(), PERIOD_NS)[1])
     assert verdicts == [Verdict.NOT_DONE] * 3
-    assert check.ended("x") == check.found
+    assert check.ended("x") == check.rows
 
 
 def test_who_had_no_turn_is_told_why() -> None:

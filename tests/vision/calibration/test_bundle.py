@@ -92,7 +92,7 @@ def test_one_wild_corner_does_little_harm() -> None:
     views = clean.sightings
     pixels = views.pixels.copy()
     pixels[10] += (40.0, -25.0)
-    wild = Bundle(replace(views, pixels=pixels), clean._known, 0.15)
+    wild = Bundle(replace(views, pixels=pixels), clean._prior, 0.15)
     apart = clean.solve(truth()).camera_shift - wild.solve(truth()).camera_shift
     assert np.abs(apart).max() < 1e-3
 
@@ -117,8 +117,8 @@ def test_knowledge_pulls_as_strongly_as_it_is_sure() -> None:
     plain = bundle(0.0, lenses_free=True)
     mean = truth().lenses + np.array([30.0, 30.0, 0, 0, 0, 0, 0, 0, 0])
     sure = np.full(mean.shape, 1e12)
-    held = Bundle(plain.sightings, replace(plain._known, lens_mean=mean, lens_weight=sure), WIDE_PX)
+    held = Bundle(plain.sightings, replace(plain._prior, lens_mean=mean, lens_weight=sure), WIDE_PX)
     assert held.solve(truth()).lenses == pytest.approx(mean, abs=1e-3)
-    vague = replace(plain._known, lens_mean=mean, lens_weight=sure * 1e-20)
+    vague = replace(plain._prior, lens_mean=mean, lens_weight=sure * 1e-20)
     loose = Bundle(plain.sightings, vague, WIDE_PX)
     assert loose.solve(truth()).lenses == pytest.approx(truth().lenses, abs=1e-2)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense.vision.cameras._lateness import JUMP_NS, PICTURES, WINDOW, ClockMap, FrameTiming
+from vsense.vision.cameras._lateness import JUMP_NS, PICTURES, TRANSFERS, ClockMap, FrameTiming
 from vsense.vision.cameras.source import Shot
 
 MS = 1_000_000
@@ -24,7 +24,7 @@ def shot(stamp_ns: int | None) -> Shot:
 
 @given(
     zero_ns=st.integers(-(10**18), 10**18),
-    ways_ms=st.lists(st.integers(0, 39), min_size=1, max_size=WINDOW),
+    ways_ms=st.lists(st.integers(0, 39), min_size=1, max_size=TRANSFERS),
 )
 def test_a_picture_is_taken_the_quickest_way_before_it_arrives(
     zero_ns: int, ways_ms: list[int]
@@ -47,7 +47,7 @@ def test_a_clock_that_runs_wrong_is_followed() -> None:
         late_ns = int(noise.expovariate(1 / (2 * MS)))
         mapped_ns, jumped = clock.capture_ns(stamp_ns, taken_ns + late_ns)
         assert not jumped
-        if number > WINDOW:
+        if number > TRANSFERS:
             worst_ns = max(worst_ns, abs(mapped_ns - taken_ns))
     # An hour at 50 ppm is 180 ms of drift.
     assert worst_ns < 2 * MS

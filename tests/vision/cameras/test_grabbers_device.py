@@ -16,7 +16,7 @@ import pytest
 
 from vsense.base.errors import GrabberError
 from vsense.vision.cameras import _opencv_source
-from vsense.vision.cameras._opencv_source import BUFFERS, DeviceSource
+from vsense.vision.cameras._opencv_source import CAPTURE_BUFFERS, DeviceSource
 from vsense.vision.cameras.picture import PictureError
 from vsense.vision.cameras.source import Controls
 
@@ -139,7 +139,7 @@ def test_a_camera_that_takes_all_has_nothing_said_about_it(monkeypatch: pytest.M
     assert said == []
     assert device.opened_with == ("/dev/video0", cv2.CAP_V4L2)
     assert device.asked == [
-        (cv2.CAP_PROP_BUFFERSIZE, BUFFERS),
+        (cv2.CAP_PROP_BUFFERSIZE, CAPTURE_BUFFERS),
         (cv2.CAP_PROP_AUTO_EXPOSURE, 1),
         (cv2.CAP_PROP_FRAME_WIDTH, 640),
         (cv2.CAP_PROP_FRAME_HEIGHT, 480),

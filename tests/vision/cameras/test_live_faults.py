@@ -16,10 +16,10 @@ from vsense.vision.cameras._live_camera import WHOLE
 from vsense.vision.cameras._live_grabber import LiveGrabber
 from vsense.vision.cameras.grabber import ENDS, Troubles
 from vsense.vision.cameras.picture import PictureError
-from vsense.vision.cameras.source import SILENCE_S, Shot
+from vsense.vision.cameras.source import CAMERA_SILENCE_S, Shot
 
 RATE_HZ = 10.0
-SILENCE_NS = round(1e9 * SILENCE_S)
+SILENCE_NS = round(1e9 * CAMERA_SILENCE_S)
 SOON = 3
 """Pictures within which a fault must be told."""
 RECOVERED = 30

@@ -61,7 +61,7 @@ def watch(
         touch(time_s, picture, there)
         frame = Frame("a", picture, timestep, round(1e9 * (1.0 + time_s)), 0)
         tracker.update([frame])
-        told += [(time_s, line) for line in watching.update([frame], tracker.found)]
+        told += [(time_s, line) for line in watching.update([frame], tracker.markers)]
     tracker.close()
     return told
 

@@ -13,7 +13,7 @@ from vsense.vision.tracking._kernel import MARKER
 from vsense.vision.tracking._naming import Decoder, carry_names, gather_evidence
 from vsense.vision.tracking._prediction import EXPECTED, Prediction
 from vsense.vision.tracking._rows import (
-    NEAR_M,
+    SAME_ROBOT_M,
     Rows,
     are_near,
     gather,
@@ -127,7 +127,7 @@ def test_near_rows_are_those_that_all_pairs_give(seed: int, some: int, others: i
     rows = [Rows(at(*rng.uniform(-0.1, 0.1, (n, 2))).values, rng.integers(0, 3, n))
             for n in (some, others)]  # fmt: skip
     apart = rows[0].places()[:, np.newaxis] - rows[1].places()
-    near = np.hypot(apart[..., 0], apart[..., 1]) < NEAR_M
+    near = np.hypot(apart[..., 0], apart[..., 1]) < SAME_ROBOT_M
     near &= rows[0].picture[:, np.newaxis] == rows[1].picture
     assert np.transpose(near_pairs(*rows)).tolist() == np.argwhere(near).tolist()
     single = near & (near.sum(axis=0) == 1) & (near.sum(axis=1) == 1)[:, np.newaxis]

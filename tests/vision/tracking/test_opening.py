@@ -97,8 +97,8 @@ def run(tracking: CameraTracking) -> int:
         }
         true = [*robots("a", state.timestep), *robots("b", state.timestep)]
         assert where == {r.tag: pytest.approx((r.x_m, r.y_m), abs=0.002) for r in true}
-        assert sorted(tracking.tracker.found["a"]["tag"].tolist()) == [31, 700]
-        assert tracking.tracker.found["b"]["tag"].tolist() == [52447]
+        assert sorted(tracking.tracker.markers["a"]["tag"].tolist()) == [31, 700]
+        assert tracking.tracker.markers["b"]["tag"].tolist() == [52447]
         timesteps += 1
 
 

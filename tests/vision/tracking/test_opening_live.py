@@ -93,7 +93,7 @@ def test_one_device_for_two_cameras_is_refused(folder: Path) -> None:
 
 def test_one_camera_by_two_names_is_refused(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     one = _networks.ListedCamera(
-        "Maker-Type-77", _networks.GIGE, "192.0.2.1", "00:11", "Maker", "Type", "77"
+        "Maker-Type-77", _networks.GIGE_PROTOCOL, "192.0.2.1", "00:11", "Maker", "Type", "77"
     )
     monkeypatch.setattr(aravis, "_load", lambda: None)
     monkeypatch.setattr(aravis, "listed", lambda: [one])

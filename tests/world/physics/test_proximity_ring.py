@@ -13,9 +13,9 @@ from vsense.world.entities import BODY_RADIUS_M
 from vsense.world.physics.motion import Physics
 from vsense.world.physics.proximity_ring import (
     HEADINGS_RAD,
-    MAX_RAW,
     NOISE_RAW,
     POSITIONS_M,
+    RING_RAW_MAX,
     TABLE_M,
     TABLE_RAW,
     ProximityRing,
@@ -175,7 +175,7 @@ def test_noise_is_small_seeded_and_within_the_converter() -> None:
     assert (values[0] != other.read(physics.poses)).any()
     assert values.dtype == np.int16
     assert values.min() >= 0
-    assert values.max() <= MAX_RAW
+    assert values.max() <= RING_RAW_MAX
     expected = readings(one.distances(physics.poses))
     assert (np.abs(values.mean(axis=0) - expected) < 2.0).all()
     assert (np.abs(values.std(axis=0) - NOISE_RAW) < 1.5).all()

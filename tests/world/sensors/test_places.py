@@ -20,7 +20,7 @@ ENTITIES = {
 SCOPE = Scope({"barrel_9_0": 9, "epuck_7_1": 7}, 0, entities=ENTITIES)
 
 
-def place(name: str, more: str = "") -> _places.Place:
+def place(name: str, more: str = "") -> _places.AnyPlace:
     return _places.from_xml(element(f'<s at="{name}" {more}/>'), SCOPE, "at")
 
 

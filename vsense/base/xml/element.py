@@ -39,8 +39,8 @@ class Document:
 
         An element that stands for many robots tells it for each of them: it is said once.
         """
-        told = sorted(set(self.passed_over))
-        return tuple(f"{self.file}:{line}: {words}" for line, words in told)
+        entries = sorted(set(self.passed_over))
+        return tuple(f"{self.file}:{line}: {words}" for line, words in entries)
 
 
 def shown(text: str) -> str:
@@ -96,18 +96,18 @@ class Element:
         """Adds a child element: the parser's part."""
         self._children.append(child)
 
-    def begin_with(self, text: str, told: tuple[int, str]) -> None:
+    def begin_with(self, text: str, warning: tuple[int, str]) -> None:
         """Notes the text at its begin, and the warning that it has no effect: the parser's part."""
-        self._text = text, told
-        self.document.passed_over.append(told)
+        self._text = text, warning
+        self.document.passed_over.append(warning)
 
     def take_text(self) -> str:
         """The text at its begin, with single blanks: it has an effect; "" where there is none."""
         if self._text is None:
             return ""
-        text, told = self._text
-        if told in self.document.passed_over:
-            self.document.passed_over.remove(told)
+        text, warning = self._text
+        if warning in self.document.passed_over:
+            self.document.passed_over.remove(warning)
         return " ".join(text.split())
 
     def set(self, key: str, value: str) -> None:
@@ -163,10 +163,10 @@ class Element:
 
     def text(self, key: str, default: str | float | None = None, expected: str = "a text") -> str:
         """Reads an attribute without blanks around it; `expected` is the value's name in errors."""
-        found = self.peek(key) if self.has(key) else default
-        if found is None:
+        given = self.peek(key) if self.has(key) else default
+        if given is None:
             raise self.error(f"is missing, expected {expected}{likely(key, self._attributes)}", key)
-        value = str(found).strip()
+        value = str(given).strip()
         if not value:
             raise self.error(f"is empty, expected {expected}", key)
         return value
@@ -236,10 +236,10 @@ class Element:
 
     def choice(self, key: str, choices: Sequence[str], default: str | None = None) -> str:
         """Reads one of several words."""
-        known = ", ".join(choices)
-        text = self.text(key, default, f"one of: {known}")
+        expected = ", ".join(choices)
+        text = self.text(key, default, f"one of: {expected}")
         if text not in choices:
-            raise self.error(f"{shown(text)} is not one of: {known}", key)
+            raise self.error(f"{shown(text)} is not one of: {expected}", key)
         return text
 
     def integers(self, key: str, low: int, high: int) -> list[int]:
@@ -267,17 +267,17 @@ class Element:
 
     def optional_child(self, name: str) -> Element | None:
         """The only child of this name, or None; ConfigError where there are two."""
-        found = self.children(name)
-        if len(found) > 1:
-            raise found[1].error(f"appears twice in <{self.name}>, first in line {found[0].line}")
-        return found[0] if found else None
+        nodes = self.children(name)
+        if len(nodes) > 1:
+            raise nodes[1].error(f"appears twice in <{self.name}>, first in line {nodes[0].line}")
+        return nodes[0] if nodes else None
 
     def child(self, name: str) -> Element:
         """The only child of this name; ConfigError where there is none, or there are two."""
-        found = self.optional_child(name)
-        if found is None:
+        element = self.optional_child(name)
+        if element is None:
             raise self.error(f"<{name}> is missing in it{likely(name, self.child_names())}")
-        return found
+        return element
 
     def check_all_read(self) -> None:
         """Raises ConfigError for an attribute or child that was not asked for, here and below.
@@ -301,18 +301,18 @@ class Element:
 
     def _pass_over_rest(self) -> None:
         """Warns of every attribute that was not asked for."""
-        known = self._asked_attributes
+        asked = self._asked_attributes
         for key in self._attributes:
-            if key not in known:
-                self.warn(f"{key} is not known here: it has no effect{likely(key, known)}")
+            if key not in asked:
+                self.warn(f"{key} is not known here: it has no effect{likely(key, asked)}")
 
     def _misplaced(self, parent: Element) -> None:
         """Refuses an element that its parent does not know, or passes over it."""
-        known, place = parent._asked_children, f"<{parent.name}>"
+        asked, place = parent._asked_children, f"<{parent.name}>"
         if not self.document.lenient:
-            hint = instead(self.name, known, "known there are")
+            hint = instead(self.name, asked, "known there are")
             raise self.error(f"does not belong in {place}; {hint}")
-        self.leave_out(f"it is not known in {place}{likely(self.name, known)}")
+        self.leave_out(f"it is not known in {place}{likely(self.name, asked)}")
 
     def child_names(self) -> list[str]:
         """The children's names in the file's order, without counting them as read."""

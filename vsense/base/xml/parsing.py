@@ -52,8 +52,8 @@ def parse(data: bytes, file: str, of_argos: bool = False) -> Element:
     root = _TreeBuilder(file, stray_text=True).build(_TAKEN.sub(_repaired, readable))
     root.document.lenient = not _uses_namespace(root)
     if line:
-        told = line, "what is no UTF-8 is read as Latin-1; with encoding= in line 1 it is sure"
-        root.document.passed_over.append(told)
+        warning = line, "what is no UTF-8 is read as Latin-1; with encoding= in line 1 it is sure"
+        root.document.passed_over.append(warning)
     return root
 
 
@@ -75,12 +75,12 @@ def _as_utf8(data: bytes) -> tuple[bytes, int]:
 _ENCODING = re.compile(rb"""\s*<\?xml[^>]*?\sencoding\s*=\s*["']([^"'>]*)["']""")
 
 
-def _repaired(found: re.Match[bytes]) -> bytes:
+def _repaired(match: re.Match[bytes]) -> bytes:
     """Makes XML of what `_TAKEN` finds: blank dashes in a comment, a blank after a value."""
-    comment, value, after = found.groups()
+    comment, value, after = match.groups()
     if comment is not None:
         return b"<!--" + comment.replace(b"-", b" ") + b"-->"
-    return value + b" " + after if after else found[0]
+    return value + b" " + after if after else match[0]
 
 
 def _uses_namespace(root: Element) -> bool:
@@ -150,12 +150,12 @@ class _TreeBuilder:
             # The parser gives it when it has come to what follows.
             after = text[len(text) - len(text.lstrip()) :].count("\n")
             line = self._parser.CurrentLineNumber - after
-            told = line, f"text {words[:40]!r} between the elements has no effect"
+            warning = line, f"text {words[:40]!r} between the elements has no effect"
             # As ARGoS's parser has it: an element's text is the one with which it begins.
             if not self._begun[-1]:
-                self._open[-1].begin_with(text, told)
+                self._open[-1].begin_with(text, warning)
             else:
-                self._document.passed_over.append(told)
+                self._document.passed_over.append(warning)
             self._begun[-1] = True
 
     def _doctype(self, *_declaration: object) -> None:

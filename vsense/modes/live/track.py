@@ -312,7 +312,7 @@ class TrackingRun:
         """Hands a timestep on; what belongs to no run is only looked at."""
         runs, running = self._runs, self._runs.running
         if running:
-            self._last = state, frames, self.tracking.tracker.found
+            self._last = state, frames, self.tracking.tracker.markers
             self._done += 1
             runs.counts.add(state, len(frames))
             self._print(state, csv)

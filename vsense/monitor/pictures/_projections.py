@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from vsense.base.canvas import Floats, Image
 from vsense.vision.cameras.camera import (
-    NEAR_M,
+    NEAR_PLANE_M,
     Camera,
     Image32,
     cut,
@@ -118,7 +118,7 @@ class ThroughLens:
     def area(self, corners_m: Floats) -> Floats:
         """See `Projection`."""
         seen = self._seen(corners_m)
-        front = cut(seen, seen[:, 2] - NEAR_M)
+        front = cut(seen, seen[:, 2] - NEAR_PLANE_M)
         if len(front) < 3:
             return np.empty((0, 2))
         plane = cut_to_disc(front[:, :2] / front[:, 2:], self._radius)
@@ -131,7 +131,7 @@ class ThroughLens:
         seen = self._seen(points_m)
         if closed:
             seen = np.vstack((seen, seen[:1]))
-        if seen[:, 2].min() >= NEAR_M:
+        if seen[:, 2].min() >= NEAR_PLANE_M:
             plane = seen[:, :2] / seen[:, 2:]
             if np.hypot(*plane.T).max() <= self._radius:
                 return [self._bent(self._path(plane))]
@@ -151,7 +151,7 @@ class ThroughLens:
         """See `Projection`."""
         beside = point_m + _BESIDE_M
         seen = self._seen(beside)
-        if seen[:, 2].min() < NEAR_M:
+        if seen[:, 2].min() < NEAR_PLANE_M:
             return None
         plane = seen[:, :2] / seen[:, 2:]
         if np.hypot(*plane.T).max() > self._radius:
@@ -176,12 +176,12 @@ class ThroughLens:
 
     def _visible(self, start: Floats, end: Floats) -> tuple[Floats, Floats] | None:
         """The ends (2,), on the image plane, of what is to be seen of a line; None: nothing."""
-        if start[2] < NEAR_M and end[2] < NEAR_M:
+        if start[2] < NEAR_PLANE_M and end[2] < NEAR_PLANE_M:
             return None
-        if start[2] < NEAR_M or end[2] < NEAR_M:
+        if start[2] < NEAR_PLANE_M or end[2] < NEAR_PLANE_M:
             way = end - start
-            meeting = start + (NEAR_M - start[2]) / way[2] * way
-            start, end = (meeting, end) if start[2] < NEAR_M else (start, meeting)
+            meeting = start + (NEAR_PLANE_M - start[2]) / way[2] * way
+            start, end = (meeting, end) if start[2] < NEAR_PLANE_M else (start, meeting)
         first, last = start[:2] / start[2], end[:2] / end[2]
         shares = within_disc(first, last, self._radius)
         if shares is None:
@@ -235,7 +235,7 @@ class ThroughLens:
                 rays = np.stack((x, y, np.ones_like(x)), axis=-1) @ self._turn
                 reach = -self._origin[2] / rays[..., 2]
                 places = self._origin[:2] + reach[..., None] * rays[..., :2]
-                right = (np.hypot(x, y) <= self._radius) & (reach >= NEAR_M)
+                right = (np.hypot(x, y) <= self._radius) & (reach >= NEAR_PLANE_M)
             return np.where(right[..., None], places, _NOWHERE_PX)
 
         size = (self.size_px[1] * scale, self.size_px[0] * scale)

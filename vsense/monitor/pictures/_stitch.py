@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.canvas import Image
-from vsense.vision.cameras.camera import NEAR_M, Camera, Image32, everywhere, window_radius
+from vsense.vision.cameras.camera import NEAR_PLANE_M, Camera, Image32, everywhere, window_radius
 from vsense.world.entities import Arena
 
 _SEAM_M = 0.02
@@ -127,7 +127,7 @@ def _before(camera: Camera, x: Image32, y: Image32, height_m: float) -> NDArray[
         for row in turn
     )
     reach = window_radius(camera) * deep
-    return np.asarray((deep >= NEAR_M) & (np.hypot(across, down) <= reach))
+    return np.asarray((deep >= NEAR_PLANE_M) & (np.hypot(across, down) <= reach))
 
 
 def _distance_m(camera: Camera, x: Image32, y: Image32) -> Image32:

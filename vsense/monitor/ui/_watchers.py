@@ -146,7 +146,7 @@ class WebWatcher:
             lines.append(f"{title}, to look only: {addresses.look}")
         for line in [*lines, *self._access.warnings()]:
             # With its tokens: neither the pages nor the log may have them.
-            self._runs.console.whisper(line)
+            self._runs.console.print_only(line)
 
     def close(self) -> None:
         """See `Watcher.close`."""

@@ -16,7 +16,7 @@ from vsense.vision.cameras.health import DARK_LEVEL
 from vsense.vision.cameras.picture import Image
 from vsense.vision.tracking.marker_detector import CellWidth
 
-WHITE, BLACK = 254, 1
+WHITE_GREY, BLACK_GREY = 254, 1
 """Limits of saturated and of black pixels: lens corrections and JPEG round by one level."""
 _BLOCK_PX = 16
 _FLAT = (6.0, 249.0)
@@ -48,8 +48,8 @@ def brightness(image: Image) -> Brightness:
         mean=float(counts @ np.arange(256)) / image.size,
         dark=float(np.searchsorted(below, 0.01)),
         light=float(np.searchsorted(below, 0.99)),
-        saturated=float(counts[WHITE:].sum()) / image.size,
-        black=float(counts[: BLACK + 1].sum()) / image.size,
+        saturated=float(counts[WHITE_GREY:].sum()) / image.size,
+        black=float(counts[: BLACK_GREY + 1].sum()) / image.size,
     )
 
 
@@ -67,10 +67,10 @@ def noise(first: Image, second: Image) -> float | None:
     rows, columns = (side // _BLOCK_PX for side in first.shape)
     if first.shape != second.shape or rows * columns == 0:
         return None
-    whole = slice(rows * _BLOCK_PX), slice(columns * _BLOCK_PX)
+    blocks = slice(rows * _BLOCK_PX), slice(columns * _BLOCK_PX)
     shape = (rows, _BLOCK_PX, columns, _BLOCK_PX)
-    now = second[whole].reshape(shape).astype(np.float32)
-    change = now - first[whole].reshape(shape)
+    now = second[blocks].reshape(shape).astype(np.float32)
+    change = now - first[blocks].reshape(shape)
     level = now.mean(axis=(1, 3))
     useful = (level > _FLAT[0]) & (level < _FLAT[1])
     if not useful.any():

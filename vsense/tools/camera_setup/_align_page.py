@@ -77,20 +77,20 @@ class AlignTask:
         sights = alignment.read_clicks(clicks, self._cameras, self._points)
         if len({sight.point for sight in sights}) < 2:
             return {"found": None, **self._drawn(FrameShift())}
-        found = alignment.solve(self._cameras, self._points, sights)
-        return {"found": alignment.as_json(found), **self._drawn(found.shift)}
+        solution = alignment.solve(self._cameras, self._points, sights)
+        return {"found": alignment.as_json(solution), **self._drawn(solution.shift)}
 
     def save(self, clicks: Any) -> dict[str, Any]:
         """Moves the frame; UsageError where that was done or there are too few clicks."""
-        found = alignment.solve(
+        solution = alignment.solve(
             self._cameras, self._points, alignment.read_clicks(clicks, self._cameras, self._points)
         )
         with self._lock:
             if self.saved is not None:
                 raise UsageError("this was saved already; start vsense arena align again")
-            self._save(found)
-            self.saved = found
-        return {"saved": alignment.as_json(found)}
+            self._save(solution)
+            self.saved = solution
+        return {"saved": alignment.as_json(solution)}
 
     def picture(self, camera: str) -> bytes:
         """A camera's picture as a JPEG; KeyError where there is none."""
@@ -128,7 +128,7 @@ def _seen(camera: Camera, places: Floats) -> tuple[Floats, Sequence[bool]]:
 def _lines(camera: Camera, corners: Floats) -> list[list[list[float]]]:
     """The pieces of a closed outline that a picture shows."""
     share = np.linspace(0.0, 1.0, _STEPS, endpoint=False)[:, np.newaxis]
-    sides = [one + share * (other - one) for one, other in zip(corners, np.roll(corners, -1, 0))]
+    sides = [end + share * (other - end) for end, other in zip(corners, np.roll(corners, -1, 0))]
     places = np.concatenate([*sides, corners[:1]])
     lines: list[list[list[float]]] = [[]]
     for (x, y), seen in zip(*_seen(camera, places)):
@@ -219,9 +219,9 @@ class _Handler(BaseHTTPRequestHandler):
     def _path(self) -> str | None:
         """What is asked for behind the token; None without it, or under another host's name."""
         host = self.headers.get("Host", "")
-        known = {f"{name}:{self.server.server_port}" for name in (HOST, "localhost")}
+        hosts = {f"{name}:{self.server.server_port}" for name in (HOST, "localhost")}
         lead = f"/{self.server.token}/"
-        if host not in known or not secrets.compare_digest(
+        if host not in hosts or not secrets.compare_digest(
             self.path[: len(lead)].encode(), lead.encode()
         ):
             return None

@@ -24,7 +24,7 @@ from vsense.vision.tracking.marker_finder import FoundMarkers, MarkerFinder
 from vsense.vision.tracking.single_camera import OpenCamera
 
 WIDTH = 80
-COLUMNS = 32
+BAR_COLUMNS = 32
 ROWS = 4
 _EIGHTHS = " ▁▂▃▄▅▆▇█"
 _PLAIN = " .:|#"
@@ -46,7 +46,7 @@ class PanelView:
     rate_hz: float | None
     reading: ExposureReading
     family: str
-    found: FoundMarkers
+    markers: FoundMarkers
 
 
 class Tuner:
@@ -79,7 +79,7 @@ class Tuner:
 
     def view(self, first: Image, second: Image, rate_hz: float | None) -> PanelView:
         """Measures two pictures in a row, which come at `rate_hz`."""
-        found = self._finder.find(second)
+        seen = self._finder.find(second)
         scale = self._scale
         if scale is None and self._finder.px_per_m is not None:
             scale = PictureScale(self._finder.px_per_m, "size of the markers")
@@ -94,7 +94,7 @@ class Tuner:
             None if scale is None else self._finder.cell_width(scale.px_per_m),
         )
         height, width = second.shape
-        return PanelView(self.camera.id, (width, height), rate_hz, reading, self.family.name, found)
+        return PanelView(self.camera.id, (width, height), rate_hz, reading, self.family.name, seen)
 
     def _value(self, name: str) -> float | None:
         """Returns a camera's own value, or else the one it was asked for."""
@@ -123,13 +123,13 @@ def lines(view: PanelView, blocks: bool = True) -> list[str]:
 
 
 def histogram(counts: NDArray[np.int64], blocks: bool = True) -> list[str]:
-    """Draws (256,) counts as `ROWS` lines of `COLUMNS` characters.
+    """Draws (256,) counts as `ROWS` lines of `BAR_COLUMNS` characters.
 
     Heights are square roots of the counts, so that the few pixels of markers can be seen.
     """
     steps = _EIGHTHS if blocks else _PLAIN
     fine = len(steps) - 1
-    sums = np.sqrt(counts.reshape(COLUMNS, -1).sum(axis=1))
+    sums = np.sqrt(counts.reshape(BAR_COLUMNS, -1).sum(axis=1))
     heights = np.ceil(sums / max(sums.max(), 1.0) * ROWS * fine).astype(int)
     return [
         "".join(steps[min(max(height - row * fine, 0), fine)] for height in heights)
@@ -148,7 +148,7 @@ def facts(view: PanelView) -> dict[str, Any]:
         "rate_hz": _round(view.rate_hz, 2),
         "exposure_us": reading.exposure_us,
         "gain": reading.gain,
-        "histogram": light.counts.reshape(COLUMNS, -1).sum(axis=1).tolist(),
+        "histogram": light.counts.reshape(BAR_COLUMNS, -1).sum(axis=1).tolist(),
         "mean": round(light.mean, 2),
         "p1": light.dark,
         "p99": light.light,
@@ -160,8 +160,8 @@ def facts(view: PanelView) -> dict[str, Any]:
         "px_per_m_from": None if scale is None else scale.source,
         "blur_px": _round(reading.blur_px, 2),
         "family": view.family,
-        "markers": view.found.count,
-        "tags": list(view.found.tags),
+        "markers": view.markers.count,
+        "tags": list(view.markers.tags),
         "advice": advise(reading),
     }
 
@@ -194,7 +194,7 @@ def _blur(reading: ExposureReading) -> str:
 
 
 def _markers(view: PanelView) -> str:
-    count, tags = view.found.count, view.found.tags
+    count, tags = view.markers.count, view.markers.tags
     if count == 0:
         return f"none of {view.family}"
     return f"{count} of {view.family}: {_numbers(tags)}"

@@ -30,14 +30,14 @@ from vsense.vision.tracking.single_camera import CameraControls
 
 SHORTEST_US = 200.0
 """With shorter exposures a robot moves by less than a twentieth of a pixel."""
-GAINS = 4
+GAIN_STEPS = 4
 """Number of gains to try, from the least to the greatest."""
 SETTLING = 4
 """Pictures to skip after a change, which may still have the earlier values."""
 PERIOD_SHARE = 0.9
 """Longest exposure that does not slow a camera down, as a share of its period."""
 
-HEAD = ("exposure", "gain", "mean", "lightest 1 %", "saturated", "noise", "blur", "markers")
+SWEEP_HEAD = ("exposure", "gain", "mean", "lightest 1 %", "saturated", "noise", "blur", "markers")
 
 
 def worth(view: PanelView) -> tuple[int, int, float]:
@@ -61,7 +61,7 @@ def worth(view: PanelView) -> tuple[int, int, float]:
     dim = max(GOOD_LIGHT - light.light, 0.0) / GOOD_LIGHT
     # Less blur than this has no benefit, but needs more gain.
     smear = max(blur - GOOD_BLUR_CELLS / MOST_BLUR_CELLS, 0.0)
-    return len(view.found.tags), sum(good), -(noise + smear + dim)
+    return len(view.markers.tags), sum(good), -(noise + smear + dim)
 
 
 def run(tuner: Tuner, interrupted: threading.Event, as_json: bool) -> bool:
@@ -88,7 +88,7 @@ def run(tuner: Tuner, interrupted: threading.Event, as_json: bool) -> bool:
             if live:
                 block.draw(table(rows, None))
         if not interrupted.is_set():
-            _tell(scaled(rows), block, as_json)
+            _print(scaled(rows), block, as_json)
     except GrabberError as error:
         raise camera.named(error) from None
     finally:
@@ -98,7 +98,7 @@ def run(tuner: Tuner, interrupted: threading.Event, as_json: bool) -> bool:
     return is_back
 
 
-def _tell(rows: Sequence[PanelView], block: LiveBlock, as_json: bool) -> None:
+def _print(rows: Sequence[PanelView], block: LiveBlock, as_json: bool) -> None:
     best = max(rows, key=worth, default=None)
     if as_json:
         print(json.dumps(facts(rows, best), indent=2))
@@ -136,10 +136,10 @@ def tried(
 
 def scaled(rows: Sequence[PanelView]) -> list[PanelView]:
     """Gives all rows the scale of the row with the most markers."""
-    known = [row for row in rows if row.reading.scale is not None]
-    if not known:
+    measured = [row for row in rows if row.reading.scale is not None]
+    if not measured:
         return list(rows)
-    scale = max(known, key=lambda row: len(row.found.tags)).reading.scale
+    scale = max(measured, key=lambda row: len(row.markers.tags)).reading.scale
     return [replace(row, reading=replace(row.reading, scale=scale)) for row in rows]
 
 
@@ -164,14 +164,14 @@ def gains(bounds: Bounds | None) -> Sequence[float | None]:
     if bounds is None or bounds[0] >= bounds[1]:
         return [None]
     low, high = bounds
-    steps = np.linspace(low, high, GAINS)
-    whole = low.is_integer() and high - low >= GAINS - 1
-    return sorted({float(round(step)) if whole else float(step) for step in steps})
+    steps = np.linspace(low, high, GAIN_STEPS)
+    is_integer = low.is_integer() and high - low >= GAIN_STEPS - 1
+    return sorted({float(round(step)) if is_integer else float(step) for step in steps})
 
 
 def table(rows: Sequence[PanelView], best: PanelView | None) -> list[str]:
     """Returns a line for each row, the best with a mark."""
-    lines = aligned([HEAD, *(_cells(row) for row in rows)], left=0)
+    lines = aligned([SWEEP_HEAD, *(_cells(row) for row in rows)], left=0)
     marks = [" ", *("*" if row is best else " " for row in rows)]
     return [f"{mark} {line}" for mark, line in zip(marks, lines)]
 
@@ -201,7 +201,7 @@ def facts(rows: Sequence[PanelView], best: PanelView | None) -> dict[str, Any]:
 
 
 def _cells(row: PanelView) -> tuple[str, ...]:
-    reading, light, found = row.reading, row.reading.light, row.found
+    reading, light, marks = row.reading, row.reading.light, row.markers
     return (
         f"{reading.exposure_us:.0f} us",
         "-" if reading.gain is None else f"{reading.gain:.4g}",
@@ -210,7 +210,7 @@ def _cells(row: PanelView) -> tuple[str, ...]:
         f"{100.0 * light.saturated:.1f} %",
         "-" if reading.noise is None else f"{reading.noise:.1f}",
         "-" if reading.blur_px is None else f"{reading.blur_px:.2f} px",
-        f"{found.count}" if found.count == len(found.tags) else f"{len(found.tags)}/{found.count}",
+        f"{marks.count}" if marks.count == len(marks.tags) else f"{len(marks.tags)}/{marks.count}",
     )
 
 

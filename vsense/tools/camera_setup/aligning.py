@@ -49,9 +49,9 @@ def run(options: AlignOptions, corners_m: Sequence[Sequence[float]]) -> int:
     clicks = alignment.sights_of(options.clicks, options.seen, cameras, points)
     if not clicks:
         return _with_page(options, cameras, points, np.array(corners_m))
-    found = alignment.solve(cameras, points, clicks)
-    _deliver(options, found)
-    print(json.dumps(alignment.as_json(found), indent=2) if options.json else options.cameras)
+    solution = alignment.solve(cameras, points, clicks)
+    _deliver(options, solution)
+    print(json.dumps(alignment.as_json(solution), indent=2) if options.json else options.cameras)
     return 0
 
 
@@ -77,7 +77,7 @@ def _with_page(
         )
     pictures = alignment.pictures_of(options.pictures, options.camera, cameras, options.cameras)
     outline = np.column_stack((corners_m, np.full(len(corners_m), options.height)))
-    task = AlignTask(cameras, points, outline, pictures, lambda found: _deliver(options, found))
+    task = AlignTask(cameras, points, outline, pictures, lambda fit: _deliver(options, fit))
     with interruption() as interrupted, AlignServer(task, options.port) as server:
         _say(f"open {server.url} in a browser on this machine; Ctrl-C ends without a change")
         server.serve_until(interrupted.wait)
@@ -88,15 +88,15 @@ def _with_page(
     return 0
 
 
-def _deliver(options: AlignOptions, found: Alignment) -> None:
+def _deliver(options: AlignOptions, solution: Alignment) -> None:
     """Says what was found, and moves the camera files unless that was not wanted."""
-    for line in alignment.as_text(found):
+    for line in alignment.as_text(solution):
         _say(line)
     if options.dry:
         _say("nothing was changed (--dry)")
         return
-    files = alignment.apply(options.cameras, found)
-    before = options.cameras / alignment.BEFORE
+    files = alignment.apply(options.cameras, solution)
+    before = options.cameras / alignment.BEFORE_ALIGN
     _say(f"{len(files)} camera files moved; as they were: {before} (--undo puts them back)")
     stale = alignment.stale_check(options.cameras)
     if stale:

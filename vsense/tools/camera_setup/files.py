@@ -38,16 +38,16 @@ from vsense.vision.markers.families import load_family
 from vsense.vision.tracking.single_camera import camera_named, free
 from vsense.vision.tracking.specs import CAMERA, GENICAM, GrabberSpec, TrackerSpec
 
-HEAD = ("id", "kind", "address", "model", "resolution", "rate", "formats")
+LIST_HEAD = ("id", "kind", "address", "model", "resolution", "rate", "formats")
 FORMATS_SHOWN = 3
 _UNKNOWN = "-"
 
 
-def lines(found: Sequence[FoundCamera]) -> list[str]:
+def lines(cameras: Sequence[FoundCamera]) -> list[str]:
     """Returns a row for each camera, with its trouble below."""
-    head, *rows = aligned([HEAD, *(_row(camera) for camera in found)])
+    head, *rows = aligned([LIST_HEAD, *(_row(camera) for camera in cameras)])
     table = [head]
-    for camera, row in zip(found, rows):
+    for camera, row in zip(cameras, rows):
         table.append(row)
         if camera.trouble:
             table.append(f"  ! {camera.trouble}")
@@ -96,7 +96,7 @@ def _row(camera: FoundCamera) -> tuple[str, ...]:
     )
 
 
-NOTHING = (
+NO_CAMERA = (
     "no camera found. What to check:",
     "  power and cable: does the camera's lamp shine? PoE needs a switch or an injector for it.",
     "  network: is this host on the cameras' network (ip -4 addr)? A firewall passes UDP 3956?",
@@ -108,18 +108,18 @@ def list_cameras(as_json: bool) -> int:
     """Prints the table or JSON; without cameras, what to check on standard error, and 1."""
     if sys.stderr.isatty():
         print("asking who is there ...", end="", file=sys.stderr, flush=True)
-    found, missing = find()
+    cameras, missing = find()
     if sys.stderr.isatty():
         print("\r\x1b[K", end="", file=sys.stderr, flush=True)
     if as_json:
-        print(json.dumps([facts(camera) for camera in found], indent=2))
-    elif found:
-        print("\n".join(lines(found)))
+        print(json.dumps([facts(camera) for camera in cameras], indent=2))
+    elif cameras:
+        print("\n".join(lines(cameras)))
     if missing:
         print(f"vsense: {missing}", file=sys.stderr)
-    if not found:
-        print("\n".join(NOTHING), file=sys.stderr)
-    return int(not found)
+    if not cameras:
+        print("\n".join(NO_CAMERA), file=sys.stderr)
+    return int(not cameras)
 
 
 def choose(id: str, wanted: Controls, resources: str | None = None) -> GrabberSpec:
@@ -142,9 +142,9 @@ def _of_file(id: str, wanted: Controls, path: str) -> GrabberSpec:
     resources = resources_file.load(path)
     live = {name: spec for name, spec in resources.grabbers.items() if spec.is_live}
     if id not in live:
-        known = ", ".join(live) or "none"
+        ids = ", ".join(live) or "none"
         are = "is" if len(live) == 1 else "are"
-        raise UsageError(f"no camera {id!r} among the grabbers of {path}: there {are} {known}")
+        raise UsageError(f"no camera {id!r} among the grabbers of {path}: there {are} {ids}")
     spec = live[id]
     asked = {name: value for name, value in asdict(wanted).items() if value is not None}
     controls = replace(spec.controls, **asked)
@@ -187,46 +187,46 @@ _CAMERAS = """\
 """
 
 
-def resources_text(found: Sequence[FoundCamera], tags: Sequence[int]) -> str:
+def resources_text(cameras: Sequence[FoundCamera], tags: Sequence[int]) -> str:
     """Returns the resources file; `tags` is the roster."""
     tracker = TrackerSpec(
         TRACKER, FAMILY, 0.0, dict.fromkeys(tags, DEFAULT_HEIGHT_M), DEFAULT_SPEED_M_S, True, 0
     )
-    trigger, rates_hz = way(found)
+    trigger, rates_hz = way(cameras)
     lines = [pictures.head("arena_tracking_system", "resources.xsd"), "  <grabbers>"]
     lines.append(_GRABBERS)
-    for id, camera, rate_hz in zip(camera_ids(found), found, rates_hz):
+    for id, camera, rate_hz in zip(camera_ids(cameras), cameras, rates_hz):
         lines += [_comment(camera), grabber(id, camera, trigger, rate_hz), ""]
     lines += ["  </grabbers>", "", "  <trackers>", _TRACKERS.rstrip("\n")]
     lines += pictures.tracker_lines(tracker)
     lines += ["  </trackers>", "", "  <cameras>", _CAMERAS.rstrip("\n")]
     lines += [
-        f'    <camera id="{id}" calibration="cameras/{id}.json" />' for id in camera_ids(found)
+        f'    <camera id="{id}" calibration="cameras/{id}.json" />' for id in camera_ids(cameras)
     ]
     return "\n".join([*lines, "  </cameras>", "", "</arena_tracking_system>", ""])
 
 
-def experiment_text(found: Sequence[FoundCamera]) -> str:
+def experiment_text(cameras: Sequence[FoundCamera]) -> str:
     """Returns the experiment file."""
-    return pictures.session_text([(id, id, TRACKER) for id in camera_ids(found)])
+    return pictures.session_text([(id, id, TRACKER) for id in camera_ids(cameras)])
 
 
-def camera_ids(found: Sequence[FoundCamera]) -> list[str]:
+def camera_ids(cameras: Sequence[FoundCamera]) -> list[str]:
     """Returns the cameras' ids in the files, which are also names of folders."""
-    return [f"cam{number}" for number in range(1, len(found) + 1)]
+    return [f"cam{number}" for number in range(1, len(cameras) + 1)]
 
 
-def way(found: Sequence[FoundCamera]) -> tuple[str, list[float]]:
+def way(cameras: Sequence[FoundCamera]) -> tuple[str, list[float]]:
     """Chooses how the cameras of a session take their pictures.
 
     Returns:
         The common trigger, and the rate of each camera: a common one where they are triggered.
     """
     # The usual rate is the limit, because many cameras share a link.
-    rates_hz = [min(_within(c.details.rate_hz, RATES_HZ) or RATE_HZ, RATE_HZ) for c in found]
-    if len(found) < 2 or any(camera.kind == V4L2 for camera in found):
+    rates_hz = [min(_within(c.details.rate_hz, RATES_HZ) or RATE_HZ, RATE_HZ) for c in cameras]
+    if len(cameras) < 2 or any(camera.kind == V4L2 for camera in cameras):
         return FREE, rates_hz
-    return SOFTWARE, [min(rates_hz)] * len(found)
+    return SOFTWARE, [min(rates_hz)] * len(cameras)
 
 
 def grabber(id: str, camera: FoundCamera, trigger: str, rate_hz: float) -> str:
@@ -255,11 +255,11 @@ def device(camera: FoundCamera) -> str:
     return camera.id if camera.trouble or camera.kind == V4L2 else camera.address or camera.id
 
 
-def write(directory: Path, found: Sequence[FoundCamera], tags: Sequence[int]) -> list[Path]:
+def write(directory: Path, cameras: Sequence[FoundCamera], tags: Sequence[int]) -> list[Path]:
     """Writes both files and the schemas for editors; returns the files. Raises OSError."""
     directory.mkdir(parents=True, exist_ok=True)
     pictures.write_schemas(directory)
-    texts = {RESOURCES: resources_text(found, tags), EXPERIMENT: experiment_text(found)}
+    texts = {RESOURCES: resources_text(cameras, tags), EXPERIMENT: experiment_text(cameras)}
     for name, text in texts.items():
         (directory / name).write_text(text, encoding="utf-8")
     return [directory / name for name in texts]
@@ -321,20 +321,20 @@ def init(directory: Path, force: bool) -> int:
     there = [name for name in (RESOURCES, EXPERIMENT) if (directory / name).exists()]
     if there and not force:
         raise UsageError(f"{directory / there[0]}: is there already; --force writes over it")
-    found, missing = find()
+    cameras, missing = find()
     if missing:
         print(f"vsense: {missing}", file=sys.stderr)
-    if not found:
-        raise VsenseError("\n".join(NOTHING))
+    if not cameras:
+        raise VsenseError("\n".join(NO_CAMERA))
     roster = families.parse_tags(ROSTER, load_family(FAMILY))
     try:
-        files = write(directory, found, roster)
+        files = write(directory, cameras, roster)
     except OSError as error:
         raise VsenseError(f"{error.filename}: cannot be written: {error.strerror}") from None
     print("\n".join(map(str, files)))
-    for line in _next(directory, camera_ids(found)):
+    for line in _next(directory, camera_ids(cameras)):
         print(line, file=sys.stderr)
-    for id, camera in zip(camera_ids(found), found):
+    for id, camera in zip(camera_ids(cameras), cameras):
         if camera.trouble:
             print(f"vsense: {id}: {camera.id}: {camera.trouble}", file=sys.stderr)
     return 0

@@ -17,10 +17,10 @@ from vsense.base.canvas import FONT, INK, Colour
 from vsense.base.errors import GrabberError, UsageError, failing_as
 from vsense.base.terminal import printable
 from vsense.tools.camera_setup.showing import save_picture
-from vsense.vision.cameras.picture import SUFFIXES, Image, PictureError, pictures_in, read_picture
+from vsense.vision.cameras.picture import ENDINGS, Image, PictureError, pictures_in, read_picture
 from vsense.vision.tracking.squares import SquareFinder, codes_of
 
-COLUMNS = ("picture", "tag", "x1_px", "y1_px", "x2_px", "y2_px", "x3_px", "y3_px", "x4_px", "y4_px")
+TAG_ROW = ("picture", "tag", "x1_px", "y1_px", "x2_px", "y2_px", "x3_px", "y3_px", "x4_px", "y4_px")
 """Of the table: the corners as in SQUARE, the upper left one first, clockwise in the picture."""
 
 _DRAWN: Colour = (110, 150, 0)
@@ -66,7 +66,7 @@ def run(options: FindOptions) -> int:
     finder = SquareFinder(codes)
     table = csv.writer(sys.stdout, lineterminator="\n")
     if options.format == "csv":
-        table.writerow(COLUMNS)
+        table.writerow(TAG_ROW)
     count = damaged = 0
     for path in paths:
         try:
@@ -75,15 +75,15 @@ def run(options: FindOptions) -> int:
             print(f"vsense: {printable(str(error))}", file=sys.stderr)
             damaged += 1
             continue
-        found = finder.find(image, options.least_side, local_corners=True)
-        count += len(found)
+        markers = finder.find(image, options.least_side, local_corners=True)
+        count += len(markers)
         if options.format == "csv":
-            table.writerows(_rows(path, found))
+            table.writerows(_rows(path, markers))
         else:
-            print(_line(path, image, found))
+            print(_line(path, image, markers))
         sys.stdout.flush()
         if path in drawn:
-            save_picture(draw(image, found), drawn[path])
+            save_picture(draw(image, markers), drawn[path])
     print(f"vsense: {_summary(len(paths), damaged, count, codes.name)}", file=sys.stderr)
     return 1 if damaged else 0
 
@@ -102,7 +102,7 @@ def _listed(paths: Sequence[Path]) -> Iterator[Path]:
         except GrabberError as error:
             raise UsageError(str(error)) from None
         if not names:
-            raise UsageError(f"{path}: holds no pictures, expected {', '.join(SUFFIXES)}")
+            raise UsageError(f"{path}: holds no pictures, expected {', '.join(ENDINGS)}")
         yield from (path / name for name in names)
 
 
@@ -121,14 +121,14 @@ def _targets(paths: Sequence[Path], folder: Path | None) -> dict[Path, Path]:
     return targets
 
 
-def _rows(path: Path, found: NDArray[np.void]) -> list[list[str]]:
+def _rows(path: Path, rows: NDArray[np.void]) -> list[list[str]]:
     return [
         [printable(str(path)), str(row["tag"]), *(f"{v:.3f}" for v in row["corners_px"].ravel())]
-        for row in found
+        for row in rows
     ]
 
 
-def _line(path: Path, image: Image, found: NDArray[np.void]) -> str:
+def _line(path: Path, image: Image, rows: NDArray[np.void]) -> str:
     height, width = image.shape
     markers = [
         {
@@ -138,10 +138,10 @@ def _line(path: Path, image: Image, found: NDArray[np.void]) -> str:
             "residual_px": round(float(row["residual_px"]), 3),
             "blur_px": round(float(row["blur_px"]), 3),
         }
-        for row in found
+        for row in rows
     ]
-    whole = {"picture": printable(str(path)), "width_px": width, "height_px": height}
-    return json.dumps({**whole, "markers": markers}, separators=(",", ":"))
+    head = {"picture": printable(str(path)), "width_px": width, "height_px": height}
+    return json.dumps({**head, "markers": markers}, separators=(",", ":"))
 
 
 def _summary(pictures: int, damaged: int, markers: int, name: str) -> str:
@@ -153,13 +153,13 @@ def _counted(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
-def draw(image: Image, found: NDArray[np.void]) -> Image:
+def draw(image: Image, rows: NDArray[np.void]) -> Image:
     """Draws SQUARE rows into an (h, w) uint8 picture; returns it as (h, w, 3) BGR.
 
     Each marker has its outline, its tag, and a dot on its first corner.
     """
     canvas = np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
-    for row in found:
+    for row in rows:
         corners = row["corners_px"]
         side = float(np.hypot(*(np.roll(corners, -1, axis=0) - corners).T).mean())
         width = max(2, round(_LINE * side))

@@ -29,7 +29,7 @@ from vsense.vision.tracking.opening import live_grabber
 from vsense.vision.tracking.single_camera import Size, free, make, session_of
 from vsense.vision.tracking.specs import GrabberSpec
 
-FLOOR = "floor"
+FLOOR_MOMENT = "floor"
 _PLAIN = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,60}")
 _NUMBERED = re.compile(r"(.*)_([0-9]{1,6})")
 
@@ -42,7 +42,7 @@ def is_plain(text: str) -> bool:
 class Names:
     """Names of moments; `next` is the default name of the next one."""
 
-    def __init__(self, directory: Path, series: str = FLOOR) -> None:
+    def __init__(self, directory: Path, series: str = FLOOR_MOMENT) -> None:
         """Goes on after the pictures that are in the cameras' folders already."""
         self._taken = {path.stem for path in directory.glob("*/*")}
         self.next = self._first_free(series)
@@ -78,7 +78,7 @@ WAIT_NS = 1_500_000_000
 """Time that a moment waits for a camera."""
 FIRST_NS = 6_000_000_000
 """Time for opening the cameras one after the other, and for their first pictures."""
-SILENCE_S = 0.2
+SHOOT_TIMEOUT_S = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,7 +182,7 @@ class ShootingSession:
     def idle(self) -> list[Frame]:
         """Takes the newest pictures, so that none grows old; prints events."""
         try:
-            frames = list(self._grabber.next(SILENCE_S))
+            frames = list(self._grabber.next(SHOOT_TIMEOUT_S))
         except GrabberError:
             frames = []
         for line in self._troubles.lines(self._grabber.events()):
@@ -209,7 +209,7 @@ class ShootingSession:
                 # Earlier pictures may show the board while it was moved.
                 if frame.capture_ns >= asked_ns:
                     images.setdefault(frame.camera, frame.image.copy())
-        found: dict[str, int | None] = {}
+        counts: dict[str, int | None] = {}
         for camera in filter(images.__contains__, self._cameras):
             folder = self._directory / camera
             try:
@@ -217,10 +217,10 @@ class ShootingSession:
             except OSError as error:
                 raise VsenseError(f"{folder}: cannot be made: {error.strerror}") from None
             save_picture(images[camera], folder / f"{moment}.png")
-            found[camera] = None if self._finder is None else self._corners(images[camera])
+            counts[camera] = None if self._finder is None else self._corners(images[camera])
         if images:
-            self.moments[moment] = found
-        self._console.say(f"{moment}: {', '.join(self._said(c, found) for c in self._cameras)}")
+            self.moments[moment] = counts
+        self._console.say(f"{moment}: {', '.join(self._said(c, counts) for c in self._cameras)}")
         return bool(images)
 
     def _corners(self, image: Image) -> int:
@@ -228,10 +228,10 @@ class ShootingSession:
         seen = self._finder.find(image)
         return 0 if seen is None else len(seen[0])
 
-    def _said(self, camera: str, found: dict[str, int | None]) -> str:
-        if camera not in found:
+    def _said(self, camera: str, counts: dict[str, int | None]) -> str:
+        if camera not in counts:
             return f"{camera} NO PICTURE"
-        corners = found[camera]
+        corners = counts[camera]
         if corners is None or self._board is None:
             return f"{camera} taken"
         if corners == 0:
@@ -328,7 +328,7 @@ def _end(shoot: ShootingSession, options: ShootOptions, console: Console) -> Non
     if not shoot.moments:
         console.say("vsense: no picture was taken")
         return
-    floor = " --floor 'floor_*'" if any(n.startswith(FLOOR) for n in shoot.moments) else ""
+    floor = " --floor 'floor_*'" if any(n.startswith(FLOOR_MOMENT) for n in shoot.moments) else ""
     count = len(shoot.moments)
     moments = f"{count} moment{'' if count == 1 else 's'}"
     console.say(f"{moments} in {options.output}. What comes next:")

@@ -31,7 +31,7 @@ from vsense.vision.tracking.opening import live_grabber
 from vsense.vision.tracking.single_camera import OpenCamera, make, session_of
 from vsense.vision.tracking.specs import GrabberSpec, TrackingSession
 
-SUFFIXES = (".png", ".jpg", ".jpeg", ".pgm")
+SAVED_SUFFIXES = (".png", ".jpg", ".jpeg", ".pgm")
 WARM_UP = 3
 """Pictures to skip, which may still have the earlier exposure."""
 
@@ -52,9 +52,9 @@ def save_picture(image: Image, path: Path) -> None:
         raise VsenseError(f"{path}: cannot be written: {error.strerror}") from None
 
 
-WINDOW = 20
+RATE_WINDOW = 20
 """Pictures for the rate."""
-SILENCE_S = 0.5
+SHOW_TIMEOUT_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,8 +81,8 @@ def run(options: ShowOptions) -> int:
         VsenseError: The camera does not open, or the page cannot be served.
     """
     save = options.save
-    if save is not None and save.suffix.lower() not in SUFFIXES:
-        raise UsageError(f"{save}: expected a name that ends in {', '.join(SUFFIXES)}")
+    if save is not None and save.suffix.lower() not in SAVED_SUFFIXES:
+        raise UsageError(f"{save}: expected a name that ends in {', '.join(SAVED_SUFFIXES)}")
     with ExitStack() as stack:
         interrupted = stack.enter_context(interruption())
         spec = choose(options.id, options.wanted, options.resources)
@@ -107,13 +107,13 @@ def _look(spec: GrabberSpec, save: Path | None) -> Image:
     """Takes a first picture, and saves it if wanted."""
     camera = make(spec, host_ns)
     try:
-        told = camera.open()
+        messages = camera.open()
         image = camera.picture().image if save is None else settled(camera)
     finally:
         camera.source.close()
     if save is not None:
         height, width = image.shape
-        for text in told:
+        for text in messages:
             print(f"vsense: {spec.id}: {text}", file=sys.stderr)
         save_picture(image, save)
         print(save)
@@ -140,7 +140,7 @@ class ShowSession:
         self._troubles = troubles
         self._camera = session.views[0].camera
         self._health = Health([self._camera], {})
-        self._times_ns: deque[int] = deque(maxlen=WINDOW)
+        self._times_ns: deque[int] = deque(maxlen=RATE_WINDOW)
 
     def run(self, interrupted: threading.Event) -> None:
         """Shows the camera until it is interrupted; a lost camera is reopened."""
@@ -151,12 +151,12 @@ class ShowSession:
         try:
             while not interrupted.is_set():
                 try:
-                    frames = grabber.next(SILENCE_S)
+                    frames = grabber.next(SHOW_TIMEOUT_S)
                 except GrabberError:
                     frames = []
-                self._tell(grabber.events())
+                self._report(grabber.events())
                 if frames:
-                    self._tell(self._health.update(frames, {}))
+                    self._report(self._health.update(frames, {}))
                     self._show(frames)
         finally:
             self._console.end_progress()
@@ -164,23 +164,23 @@ class ShowSession:
 
     def _show(self, frames: Sequence[Frame]) -> None:
         (frame,) = frames
-        found = self._finder.find(frame.image)
+        markers = self._finder.find(frame.image)
         state = ArenaState(
             frame.timestep,
             frame.capture_ns,
             np.zeros(0, dtype=POSE),
-            len(found.tags),
+            len(markers.tags),
             cameras=(frame.camera,),
-            images=found.poses(),
+            images=markers.poses(),
         )
         self._room.update(state, frames)
         self._times_ns.append(frame.capture_ns)
         since_ns = max(self._times_ns[-1] - self._times_ns[0], 1)
         self._console.progress(
             f"{frame.camera}: {1e9 * (len(self._times_ns) - 1) / since_ns:.1f} pictures/s,"
-            f" mean grey {frame.image.mean():.0f}, {found.count} markers"
+            f" mean grey {frame.image.mean():.0f}, {markers.count} markers"
         )
 
-    def _tell(self, events: Iterable[CameraEvent]) -> None:
+    def _report(self, events: Iterable[CameraEvent]) -> None:
         for line in self._troubles.lines(events):
             self._console.say(f"vsense: {line}")

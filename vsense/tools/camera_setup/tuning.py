@@ -30,7 +30,7 @@ SPEED_M_S = 0.13
 """An e-puck's greatest speed. Source: reference/epuck.md."""
 
 
-PERIOD_NS = 500_000_000
+DRAW_PERIOD_NS = 500_000_000
 """Time between two drawings."""
 RETRY_S = 1.0
 
@@ -115,8 +115,8 @@ def calibration_of(options: TuneOptions) -> Calibration | None:
         raise UsageError("--camera: expected --resources, the file that names the cameras")
     resources = resources_file.load(options.resources)
     if options.camera not in resources.cameras:
-        known = ", ".join(resources.cameras) or "none"
-        raise UsageError(f"no camera {options.camera!r} in {options.resources}: there are {known}")
+        ids = ", ".join(resources.cameras) or "none"
+        raise UsageError(f"no camera {options.camera!r} in {options.resources}: there are {ids}")
     return resources_file.load_camera(resources, resources.cameras[options.camera])
 
 
@@ -165,7 +165,7 @@ class TuningBlock:
         """Takes pictures for one period, and draws their measurements."""
         begun_ns, times_ns = self._clock(), list[int]()
         before, now = None, self._taken(times_ns)
-        while before is None or self._clock() - begun_ns < PERIOD_NS:
+        while before is None or self._clock() - begun_ns < DRAW_PERIOD_NS:
             if self._interrupted.is_set():
                 return []
             before, now = now, self._taken(times_ns)

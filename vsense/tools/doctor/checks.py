@@ -120,7 +120,7 @@ def _cameras() -> Iterator[Finding]:
         aravis.load()
         yield Finding("Aravis", OK, "GigE Vision and USB3 Vision cameras")
     except AravisError:
-        mend = f"sudo apt install {aravis.PACKAGE}"
+        mend = f"sudo apt install {aravis.ARAVIS_PACKAGE}"
         yield Finding("Aravis", LACKS, "no GigE Vision and USB3 Vision cameras", mend)
     devices = sorted(glob.glob("/dev/video*"))
     closed = [name for name in devices if not os.access(name, os.R_OK | os.W_OK)]
@@ -179,17 +179,17 @@ def _clock() -> Iterator[Finding]:
 
 def _lab() -> Iterator[Finding]:
     try:
-        found = sharing.lab()
+        folder = sharing.lab()
     except sharing.SharingError as error:
         text, _, mend = str(error).partition(": sudo ")
         yield Finding("lab folder", LACKS, text, f"sudo {mend}" if mend else "")
         return
-    if found is None:
+    if folder is None:
         yield Finding("lab folder", OK, "none: each account has runs of its own (vsense share)")
         return
-    names = ", ".join(sharing.members(found.gid)) or "nobody"
-    yield Finding("lab folder", OK, f"{found.path}, group '{found.group}': {names}")
-    for path in sorted(found.path.iterdir()):
+    names = ", ".join(sharing.members(folder.gid)) or "nobody"
+    yield Finding("lab folder", OK, f"{folder.path}, group '{folder.group}': {names}")
+    for path in sorted(folder.path.iterdir()):
         try:
             status = path.lstat()
         except OSError:
@@ -199,27 +199,27 @@ def _lab() -> Iterator[Finding]:
         if status.st_mode & 0o007:
             text = f"others can use {path} (mode {stat.S_IMODE(status.st_mode):04o})"
             yield Finding("lab folder", LACKS, text, f"sudo chmod o= {path}")
-        if status.st_gid != found.gid:
+        if status.st_gid != folder.gid:
             text = f"{path} is of group '{sharing.group_name(status.st_gid)}'"
-            yield Finding("lab folder", LACKS, text, f"sudo chgrp {found.group} {path}")
+            yield Finding("lab folder", LACKS, text, f"sudo chgrp {folder.group} {path}")
 
 
 def _keys() -> Iterator[Finding]:
     try:
         path = keys.default_path()
-        known = keys.read(path) if path.exists() else None
+        swarm_keys = keys.read(path) if path.exists() else None
     except sharing.SharingError:
         return  # told above
     except VsenseError as error:
         text, _, mend = str(error).partition(": chmod ")
         yield Finding("swarm key", LACKS, text, f"chmod {mend}" if mend else "")
         return
-    if known is None:
+    if swarm_keys is None:
         mend = "vsense robot keys --new-key"
         yield Finding("swarm key", LACKS, "vsense run takes no robot without --insecure", mend)
         return
     yield Finding("swarm key", OK, str(path))
-    for note in key_holders.trust(key_holders.file_of(path), known).notes:
+    for note in key_holders.trust(key_holders.file_of(path), swarm_keys).notes:
         yield Finding("swarm key", LACKS, note)
 
 

@@ -17,7 +17,7 @@ COMMIT = "commit"
 """The file in an installed package's sources that names the commit it was built from."""
 
 UNKNOWN = "?"
-PATIENCE_S = 5.0
+GIT_TIMEOUT_S = 5.0
 _OPENCV = ("opencv-python-headless", "opencv-python", "opencv-contrib-python-headless")
 """Packages that bring OpenCV; with several of them in one environment the last one installed is
 there."""
@@ -25,9 +25,9 @@ there."""
 
 def versions() -> dict[str, str]:
     """Gives versions by the name of what has them, vsense first."""
-    known = commit()
+    revision = commit()
     return {
-        "vsense": f"{__version__} ({known})" if known else __version__,
+        "vsense": f"{__version__} ({revision})" if revision else __version__,
         "Python": platform.python_version(),
         "NumPy": _package("numpy"),
         "OpenCV": _package(*_OPENCV),
@@ -48,16 +48,16 @@ def commit() -> str:
 def of_checkout(root: Path) -> str:
     """Asks Git for the commit of a checkout; "" where it does not answer."""
     try:
-        told = subprocess.run(
+        result = subprocess.run(
             ["git", "-C", str(root), "describe", "--always", "--exclude=*", "--dirty=+"],
             capture_output=True,
             text=True,
             check=True,
-            timeout=PATIENCE_S,
+            timeout=GIT_TIMEOUT_S,
         )
     except (OSError, subprocess.SubprocessError):
         return ""
-    return told.stdout.strip()
+    return result.stdout.strip()
 
 
 def _package(*names: str) -> str:

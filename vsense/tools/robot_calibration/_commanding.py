@@ -18,13 +18,13 @@ import numpy as np
 
 from vsense.config.specs import ControllerSpec, Experiment
 from vsense.robots import build
-from vsense.world.actuators.base import MountedActuator, Rows
+from vsense.world.actuators.base import MountedActuator, RowNumbers
 from vsense.world.entities import Box, Cylinder
 from vsense.world.sensors.base import MountedSensor, Readings, Robots
 from vsense.world.sensors.quality import Floats, Scale
 from vsense.world.world import World
 
-CONTROLLER = "calibrate"
+CALIBRATE = "calibrate"
 
 
 @dataclass(slots=True)
@@ -47,7 +47,7 @@ class WheelsWanted:
 
 
 PROXIMITY, GROUND = "proximity", "ground"
-SENSORS = (PROXIMITY, GROUND)
+OWN_SENSORS = (PROXIMITY, GROUND)
 """Names of the robots' own sensors that can be calibrated, as controllers know them."""
 
 _KNOWN = {PROXIMITY: 1, GROUND: 2}
@@ -58,23 +58,23 @@ class OwnReadings:
     """The virtual actuator "own_readings": what each robot's own sensors measure, raw.
 
     Attributes:
-        wanted: of `SENSORS`.
+        wanted: of `OWN_SENSORS`.
         newest: by tag and name; what a robot does not measure, or does not tell now, is not there.
     """
 
-    wanted: Sequence[str] = SENSORS
+    wanted: Sequence[str] = OWN_SENSORS
     newest: dict[int, dict[str, Floats]] = field(default_factory=dict)
     name: str = "own_readings"
     layout: str = "12*i2"
     scale: ClassVar[Scale] = Scale(low=-4096.0, high=4096.0)
 
-    def apply(self, world: World, rows: Rows, values: Floats, increments: Floats) -> None:
+    def apply(self, world: World, rows: RowNumbers, values: Floats, increments: Floats) -> None:
         """Keeps the readings; see `VirtualActuator.apply`."""
         tags = world.robots["tag"][rows].tolist()
         self.newest = {
             tag: {
                 name: (numbers[1:9] if name == PROXIMITY else numbers[9:]).copy()
-                for name in SENSORS
+                for name in OWN_SENSORS
                 if int(numbers[0]) & _KNOWN[name]
             }
             for tag, numbers in zip(tags, values)
@@ -90,11 +90,11 @@ def commanded(
 
     Poses are those of markers: where they sit is what is to be found.
     """
-    source = build.source_tree().controllers()[CONTROLLER]
+    source = build.source_tree().controllers()[CALIBRATE]
     controller = ControllerSpec(
-        id=CONTROLLER,
-        label=CONTROLLER,
-        library=CONTROLLER,
+        id=CALIBRATE,
+        label=CALIBRATE,
+        library=CALIBRATE,
         sources=(source,),
         includes=(),
         params={} if readings is None else dict.fromkeys(readings.wanted, "1"),
@@ -106,10 +106,10 @@ def commanded(
     solid = (Box, Cylinder)
     return replace(
         experiment,
-        name=f"{experiment.name}-{CONTROLLER}",
+        name=f"{experiment.name}-{CALIBRATE}",
         length_s=0.0,
         controllers=(controller,),
-        robots=tuple(replace(robot, controller=CONTROLLER) for robot in experiment.robots),
+        robots=tuple(replace(robot, controller=CALIBRATE) for robot in experiment.robots),
         entities=tuple(e for e in experiment.entities if isinstance(e, solid) and e.physical),
         sources=(),
         fields=(),

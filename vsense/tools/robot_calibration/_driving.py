@@ -62,7 +62,7 @@ class SwarmCalibration:
         return not self._acting
 
     @property
-    def found(self) -> dict[int, MotionFit]:
+    def fits(self) -> dict[int, MotionFit]:
         """What was found, by tag."""
         return {t: r.result for t, r in self.routines.items() if r.result is not None}
 

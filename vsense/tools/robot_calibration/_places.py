@@ -91,9 +91,9 @@ class FreeFloor:
         least = min(area.radius_m, self.clearance_m(here.points) - _NEARER_M)
         if self.clearance_m(area.points) < max(least, TOUCHING_M / 2.0):
             return False
-        for other in self._others(tag):
-            kept = min(area.radius_m + other.radius_m, here.distance_m(other) - _NEARER_M)
-            if area.distance_m(other) < max(kept, TOUCHING_M):
+        for other in self._other_areas(tag):
+            allowed_m = min(area.radius_m + other.radius_m, here.distance_m(other) - _NEARER_M)
+            if area.distance_m(other) < max(allowed_m, TOUCHING_M):
                 return False
         return True
 
@@ -101,13 +101,13 @@ class FreeFloor:
         """Whether another body stands so near that the two may touch when one turns."""
         here = Area(np.array([self.places[tag]]), BODY_RADIUS_M)
         near_m = STANDING_M + BODY_RADIUS_M
-        return any(here.distance_m(other) < near_m for other in self._others(tag))
+        return any(here.distance_m(other) < near_m for other in self._other_areas(tag))
 
     def is_alone(self, tag: int, place: tuple[float, float], radius_m: float) -> bool:
         """Whether nobody else stands, or may move, so near to a place."""
         there = Area(np.array([place]), radius_m)
         return all(
-            there.distance_m(other) >= radius_m + other.radius_m for other in self._others(tag)
+            there.distance_m(other) >= radius_m + other.radius_m for other in self._other_areas(tag)
         )
 
     def is_blocked(self, tag: int, near_m: float, ahead_rad: float | None) -> bool:
@@ -141,9 +141,9 @@ class FreeFloor:
             unlike_rad: the way must lead elsewhere than this, and than back from there.
         """
         x_m, y_m = self.places[tag]
-        each = 2.0 * math.pi / _HEADINGS
+        step = 2.0 * math.pi / _HEADINGS
         turns = sorted(range(-_HEADINGS // 2, _HEADINGS // 2), key=abs)
-        headings = [yaw_rad + each * turn for turn in turns]
+        headings = [yaw_rad + step * turn for turn in turns]
         if unlike_rad is not None:
             least = math.sin(_OTHER_WAY_RAD)
             headings = [h for h in headings if abs(math.sin(h - unlike_rad)) >= least]
@@ -153,7 +153,7 @@ class FreeFloor:
                     return heading, length_m
         return None
 
-    def _others(self, tag: int) -> Iterator[Area]:
+    def _other_areas(self, tag: int) -> Iterator[Area]:
         for other, place in self.places.items():
             if other != tag:
                 given = self._given.get(other)
@@ -168,7 +168,7 @@ STAGE_M = BODY_RADIUS_M + STRAY_M + 0.005
 """The axle's middle is so far from the wall where a robot comes to the spot and leaves it."""
 ALONE_M = 0.12
 """Nothing but the wall may be so near to a robot that measures: sensors see 7 cm far."""
-BESIDE_M = 0.05
+SPOT_STEP_M = 0.05
 """Spots along a wall are so far apart."""
 _FAR_M = 1000.0
 """An arena's border is no thing that sensors see."""
@@ -216,25 +216,25 @@ def spots(experiment: Experiment, wall: str | None = None) -> list[WallSpot]:
     """
     boxes = [box for box in experiment.boxes if wall in (None, box.id)]
     if not boxes:
-        known = ", ".join(box.id for box in experiment.boxes)
+        ids = ", ".join(box.id for box in experiment.boxes)
         raise UsageError(
-            f"--wall {wall}: expected one of {known}"
-            if known
+            f"--wall {wall}: expected one of {ids}"
+            if ids
             else "no wall to measure proximity before: expected a <box> with vs:physical='true'"
         )
-    found = [spot for box in boxes for spot in _before(box, experiment)]
-    if not found:
+    wall_spots = [spot for box in boxes for spot in _before(box, experiment)]
+    if not wall_spots:
         raise UsageError(
             "no room to measure proximity: expected a straight wall (a <box>) with nothing within"
             f" {100 * ALONE_M:g} cm of the places before it"
         )
-    return found
+    return wall_spots
 
 
 def _before(box: Box, experiment: Experiment) -> Iterator[WallSpot]:
     boxes = [other for other in experiment.boxes if other is not box]
     open_field = Arena((_FAR_M, _FAR_M, 1.0), experiment.arena.centre_m)
-    others = DrivingFloor(open_field, *obstacles(boxes, experiment.cylinders))
+    other_bodies = DrivingFloor(open_field, *obstacles(boxes, experiment.cylinders))
     floor = DrivingFloor.of(experiment)
     for turn in range(4):
         outward = box.yaw_rad + turn * math.pi / 2.0
@@ -242,14 +242,14 @@ def _before(box: Box, experiment: Experiment) -> Iterator[WallSpot]:
         normal = np.array([math.cos(outward), math.sin(outward)])
         beside = np.array([-normal[1], normal[0]])
         middle = np.array(box.position_m[:2]) + half_m * normal
-        count = math.floor((along_m - ALONE_M) / 2.0 / BESIDE_M)
+        count = math.floor((along_m - ALONE_M) / 2.0 / SPOT_STEP_M)
         for k in range(-count, count + 1):
-            foot = middle + k * BESIDE_M * beside
+            foot = middle + k * SPOT_STEP_M * beside
             spot = WallSpot(box.id, (float(foot[0]), float(foot[1])), outward + math.pi)
             near = np.array([spot.before(BODY_RADIUS_M), spot.stage])
             inside = np.abs(near - experiment.arena.centre_m[:2])
             inside = inside < np.array(experiment.arena.size_m[:2]) / 2.0
-            free = others.clearance_m(near) >= ALONE_M
+            free = other_bodies.clearance_m(near) >= ALONE_M
             if inside.all() and free.all() and floor.clearance_m(near[1]) >= ROOM_M:
                 yield spot
 
@@ -269,7 +269,7 @@ def ground_places(experiment: Experiment, white: Point | None, black: Point | No
         UsageError: one is not named and the floor has none, or robots cannot stand there.
     """
     floor = DrivingFloor.of(experiment)
-    found = []
+    places = []
     for name, place in (("white", white), ("black", black)):
         chosen = _on_floor(experiment, floor, name) if place is None else place
         room_m = float(floor.clearance_m(np.array(chosen)))
@@ -278,10 +278,10 @@ def ground_places(experiment: Experiment, white: Point | None, black: Point | No
                 f"--{name} {chosen[0]:g},{chosen[1]:g}: expected a place in the arena, with"
                 f" {100 * ROOM_M:.0f} cm free around it; got {100 * room_m:.1f} cm"
             )
-        found.append(chosen)
-    if math.dist(*found) < 0.02:
+        places.append(chosen)
+    if math.dist(*places) < 0.02:
         raise UsageError("--white and --black: expected two places, got one")
-    return GroundPlaces(*found)
+    return GroundPlaces(*places)
 
 
 PATCH_M = 0.03

@@ -33,14 +33,14 @@ def _span_ratio(fit: SensorFit, text: str) -> float:
 
 def _sensor_rows(sensors: Mapping[str, SensorFit], true: Mapping[str, Floats]) -> list[list[str]]:
     """Rows of a table with `_SENSOR_HEAD`; the truth stands below, where a lab has it."""
-    found = []
+    rows = []
     for name, fit in sensors.items():
         wall = f"{1000.0 * fit.error_m:+.1f} mm" if name == PROXIMITY else ""
         rest = f"{100.0 * fit.rest:.1f} %" if name == PROXIMITY else ""
-        found.append([name, _spans_text(fit.spans), rest, wall, str(fit.readings)])
+        rows.append([name, _spans_text(fit.spans), rest, wall, str(fit.readings)])
         if scale_name(name) in true:
-            found.append(["  truth", _spans_text(true[scale_name(name)]), "", "", ""])
-    return found
+            rows.append(["  truth", _spans_text(true[scale_name(name)]), "", "", ""])
+    return rows
 
 
 def _sensor_errors(
@@ -121,7 +121,7 @@ class RobotResult:
         return self.fit is not None and not self.troubles
 
     @property
-    def found(self) -> dict[str, float]:
+    def values(self) -> dict[str, float]:
         """The numbers that were found, by the roster's names; none where it was left out."""
         return {} if self.fit is None else _numbers(self.fit)
 
@@ -136,7 +136,7 @@ class RobotResult:
         held = self.before.calibration
         ratios = {
             name: value / old
-            for name, value in self.found.items()
+            for name, value in self.values.items()
             if name not in _MARKER and (old := getattr(held, name)) is not None
         }
         for name, fit in self.sensors.items():
@@ -161,11 +161,11 @@ class RobotResult:
 
     def as_json(self) -> dict[str, Any]:
         """All of it; numbers by the roster's names."""
-        data: dict[str, Any] = {"tag": self.tag, "name": self.name, "calibrated": bool(self.found)}
+        data: dict[str, Any] = {"tag": self.tag, "name": self.name, "calibrated": bool(self.values)}
         if self.fit is None:
             return {**data, "why": self.why}
         fit = self.fit
-        data |= {"found": _rounded(self.found, 6), "sigma": _rounded(fit.sigmas, 6)}
+        data |= {"found": _rounded(self.values, 6), "sigma": _rounded(fit.sigmas, 6)}
         data["covariance"] = {"of": list(PARAMETERS), "rows": fit.covariance.tolist()}
         data |= {"poses": fit.poses, "rms_mm": round(1000.0 * fit.rms_m, 4)}
         data["rms_deg"] = round(math.degrees(fit.rms_rad), 4)
@@ -178,9 +178,9 @@ class RobotResult:
 
     def for_roster(self, today: str) -> dict[str, Any]:
         """What `vsense.config.roster.update` takes."""
-        found = _rounded(self.found, 4)
-        parts = {n: "marker" if n in _MARKER else "calibration" for n in found}
-        values: dict[str, Any] = {f"{parts[n]}.{n}": value for n, value in found.items()}
+        numbers = _rounded(self.values, 4)
+        parts = {n: "marker" if n in _MARKER else "calibration" for n in numbers}
+        values: dict[str, Any] = {f"{parts[n]}.{n}": value for n, value in numbers.items()}
         spans = {scale_name(name): fit.spans for name, fit in self.sensors.items()}
         values |= {f"calibration.{name}": text for name, text in scales(spans).items()}
         return values | {"marker.when": today, "calibration.when": today}
@@ -194,7 +194,7 @@ def table(results: list[RobotResult]) -> str:
         fit = result.fit
         assert fit is not None
         rest = f"{1000.0 * fit.rms_m:.2f} mm {math.degrees(fit.rms_rad):.2f} deg"
-        rows.append([str(result.tag), result.name, *_cells(result.found), rest, str(fit.poses)])
+        rows.append([str(result.tag), result.name, *_cells(result.values), rest, str(fit.poses)])
         if result.truth is not None:
             rows.append(["", "  truth", *_cells(_numbers(result.truth)), "", ""])
     lines = aligned(rows, 2) if len(rows) > 1 else []
@@ -221,17 +221,17 @@ def worst(results: list[RobotResult]) -> dict[str, float]:
     `marker_mm`, `marker_deg`; `distance` and `turn`: shares of a way straight ahead, and of a turn
     on the spot; and those of `_sensor_errors`.
     """
-    known = [result for result in results if result.fit is not None and result.truth is not None]
+    compared = [result for result in results if result.fit is not None and result.truth is not None]
     errors: dict[str, float] = {}
-    for result in known:
-        found, true = result.found, _numbers(result.truth)  # type: ignore[arg-type]
-        off = math.hypot(found["x_mm"] - true["x_mm"], found["y_mm"] - true["y_mm"])
-        way = found["wheel_diameter_mm"] / true["wheel_diameter_mm"]
+    for result in compared:
+        fitted, true = result.values, _numbers(result.truth)  # type: ignore[arg-type]
+        off = math.hypot(fitted["x_mm"] - true["x_mm"], fitted["y_mm"] - true["y_mm"])
+        way = fitted["wheel_diameter_mm"] / true["wheel_diameter_mm"]
         own = {
             "marker_mm": off,
-            "marker_deg": abs(found["yaw_deg"] - true["yaw_deg"]),
+            "marker_deg": abs(fitted["yaw_deg"] - true["yaw_deg"]),
             "distance": abs(way - 1.0),
-            "turn": abs(way * true["axle_length_mm"] / found["axle_length_mm"] - 1.0),
+            "turn": abs(way * true["axle_length_mm"] / fitted["axle_length_mm"] - 1.0),
         }
         own |= result.sensor_errors()
         errors |= {name: max(value, errors.get(name, 0.0)) for name, value in own.items()}

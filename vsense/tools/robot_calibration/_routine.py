@@ -32,7 +32,7 @@ WAYS_M = (0.22, 0.18, 0.14, 0.10)
 AIM_RAD, FAR_RAD, AIM_S = math.radians(4.0), math.radians(40.0), 0.1
 ARM_M = 0.05
 """A turn counts as much as a way this far from the middle."""
-LEAST, ENOUGH, TRIES = 8, 14, 3
+LEAST_POSES, ENOUGH, TRIES = 8, 14, 3
 """Poses of a part of a drive, and of all of it; and how often it is tried."""
 UNSTEADY = (
     "its motors did not turn as they were told: see its log, and whether this computer is slow"
@@ -44,7 +44,7 @@ REACH_S = 15.0
 
 _STILL: Speeds = (0, 0)
 
-NO_ROOM = (
+NO_ROOM_TO_DRIVE = (
     "has no room: it needs a free circle of 6 cm, and a way of 10 cm beside it; move it, or others"
 )
 
@@ -90,7 +90,7 @@ class MotionRoutine:
         self.tag = tag
         self.doing = "waiting"
         self.stretches: list[Stretch] = []
-        self.waits, self.needs = False, NO_ROOM
+        self.waits, self.needs = False, NO_ROOM_TO_DRIVE
         self.result: MotionFit | None = None
         self._floor = floor
         self._moment = Moment(0.0, None, _STILL, False)
@@ -178,9 +178,9 @@ class MotionRoutine:
 
         def choose() -> Area | None:
             nonlocal chosen
-            found = self._floor.longest_way(self.tag, (LEAVE_M,), self._yaw)
-            chosen = 0.0 if found is None else found[0]
-            return None if found is None else way(*self._place, *found)
+            free_way = self._floor.longest_way(self.tag, (LEAVE_M,), self._yaw)
+            chosen = 0.0 if free_way is None else free_way[0]
+            return None if free_way is None else way(*self._place, *free_way)
 
         yield from self._room(choose)
         self.doing = "making room"
@@ -204,23 +204,23 @@ class MotionRoutine:
         self, lengths_m: tuple[float, ...], unlike_rad: float | None
     ) -> Generator[Speeds, Moment, tuple[float, bool]]:
         """Drives a way once; gives its heading, and whether enough of it was seen."""
-        known = fit(self.stretches, True).marker.yaw_rad if self._has_driven else 0.0
+        marker_yaw = fit(self.stretches, True).marker.yaw_rad if self._has_driven else 0.0
         chosen: tuple[float, float] = (0.0, 0.0)
 
         def choose() -> Area | None:
             nonlocal chosen
             # The robot's own heading, as far as it is known.
-            yaw = self._yaw - known
-            found = self._floor.longest_way(self.tag, lengths_m, yaw, unlike_rad)
-            if found is None:
+            yaw = self._yaw - marker_yaw
+            free_way = self._floor.longest_way(self.tag, lengths_m, yaw, unlike_rad)
+            if free_way is None:
                 return None
-            chosen = found
-            return way(*self._place, *found)
+            chosen = free_way
+            return way(*self._place, *free_way)
 
         area = yield from self._room(choose)
         heading, length_m = chosen
         self.doing = "driving"
-        yield from self._aim(heading + known)
+        yield from self._aim(heading + marker_yaw)
         left, right = self._straight()
         from_m, along = np.array(self._place), np.array([math.cos(heading), math.sin(heading)])
         duration_s = 2.0 * length_m / (WAY_STEPS_S * STEP_M)
@@ -251,8 +251,8 @@ class MotionRoutine:
             return WAY_STEPS_S, WAY_STEPS_S
         # The first way was driven with equal speeds, of which its settings may have made others.
         first = next(stretch for stretch in self.stretches if not stretch.is_turn)
-        known = fit(self.stretches, True)
-        ratio = first.left_steps_s / (first.right_steps_s * known.wheel_ratio)
+        fitted = fit(self.stretches, True)
+        ratio = first.left_steps_s / (first.right_steps_s * fitted.wheel_ratio)
         share = (1.0 - ratio) / (1.0 + ratio)
         return round(WAY_STEPS_S * (1.0 + share)), round(WAY_STEPS_S * (1.0 - share))
 
@@ -301,10 +301,10 @@ class MotionRoutine:
                 raise RobotFailed("left the way that was free for it: is it held or pushed?")
             if moment.time_s >= begun_s + SETTLE_S:
                 seen.append(moment)
-        found = steady(seen)
-        self.stretches += found
+        stretches = steady(seen)
+        self.stretches += stretches
         yield from self._rest()
-        return sum(len(stretch.times_s) for stretch in found)
+        return sum(len(stretch.times_s) for stretch in stretches)
 
 
 def steady(seen: list[Moment]) -> list[Stretch]:
@@ -313,7 +313,7 @@ def steady(seen: list[Moment]) -> list[Stretch]:
     They did not where their telemetry says so, nor where the robot was slower between two pictures
     than it mostly was: old readings make it stand for a moment.
     """
-    if len(seen) < LEAST:
+    if len(seen) < LEAST_POSES:
         return []
     motors = [moment.motors for moment in seen]
     usual = max(set(motors), key=motors.count)
@@ -331,7 +331,7 @@ def steady(seen: list[Moment]) -> list[Stretch]:
     steady = even & obeyed[1:] & obeyed[:-1]
     parts, begin = [], 0
     for end in (*np.flatnonzero(~steady).tolist(), len(steady)):
-        if end + 1 - begin >= LEAST:
+        if end + 1 - begin >= LEAST_POSES:
             rows = slice(begin, end + 1)
             parts.append(Stretch(times_s[rows], poses[rows], *map(float, usual)))
         begin = end + 1

@@ -17,7 +17,7 @@ import numpy as np
 
 from vsense.base.arena import wrap_angle
 from vsense.run.homing.floor import DrivingFloor
-from vsense.tools.robot_calibration._commanding import GROUND, PROXIMITY, SENSORS, OwnReadings
+from vsense.tools.robot_calibration._commanding import GROUND, OWN_SENSORS, PROXIMITY, OwnReadings
 from vsense.tools.robot_calibration._places import (
     ALONE_M,
     ROOM_M,
@@ -55,16 +55,16 @@ LEAST_GAP_M = 0.004
 """Nearer than this nobody turns."""
 TRAVEL_STEPS_S, CREEP_STEPS_S, LOOK_STEPS_S = 500, 60, 120
 REACHED_M, OFF_RAD = 0.005, math.radians(25.0)
-CLEARANCE_M = 0.078
+CROWDED_M = 0.078
 """A robot stands where another one is so near ahead of it."""
 AHEAD_M = 0.030
 """Of the axle's middle, the ground sensors. Source: epuck.md section 6."""
-ON_PLACE_S, PATIENCE_S = 2.0, 10.0
+ON_PLACE_S, ACTION_TIMEOUT_S = 2.0, 10.0
 _LOOKS, _TRY_S = 3, 1.0
 _STILL: Speeds = (0, 0)
 _Pose = tuple[float, float, float]
 
-NO_ROOM = (
+NO_ROOM_TO_MEASURE = (
     "has no room to have its sensors measured: it needs a free way to a wall and back, nobody"
     " within 17 cm there, and free ways to the places on white and black; move it, or others"
 )
@@ -117,7 +117,7 @@ class SensorRoutine(MotionRoutine):
     def run(self) -> Acting:
         """The routine; errors as in `MotionRoutine.run`."""
         yield from super().run()
-        self.needs = NO_ROOM
+        self.needs = NO_ROOM_TO_MEASURE
         left, right = self._straight()
         self._shares = left / WAY_STEPS_S, right / WAY_STEPS_S
         for name in self.wanted:
@@ -129,7 +129,7 @@ class SensorRoutine(MotionRoutine):
         """Which sensors are to be measured, by name."""
         sensing = self._sensing
         wanted = {PROXIMITY: bool(sensing.spots), GROUND: sensing.ground is not None}
-        return tuple(name for name in SENSORS if wanted[name])
+        return tuple(name for name in OWN_SENSORS if wanted[name])
 
     def _proximity(self) -> Acting:
         looks: list[WallLook] = []
@@ -187,9 +187,9 @@ class SensorRoutine(MotionRoutine):
             if self._moment.time_s < self._try_s:
                 return None
             self._try_s = self._moment.time_s + _TRY_S
-            found = self._choose(goals())
-            chosen[:] = [] if found is None else [found[0]]
-            return None if found is None else found[1]
+            choice = self._choose(goals())
+            chosen[:] = [] if choice is None else [choice[0]]
+            return None if choice is None else choice[1]
 
         home = self._place
         area = yield from self._room(choose)
@@ -210,8 +210,8 @@ class SensorRoutine(MotionRoutine):
 
     def _choose(self, goals: Iterator[_Goal]) -> tuple[_Goal, Area] | None:
         """The first of some goals to which there is a free way."""
-        others = [place for tag, place in self._floor.places.items() if tag != self.tag]
-        discs = np.array([(*place, STANDING_M) for place in others]).reshape(-1, 3)
+        places = [place for tag, place in self._floor.places.items() if tag != self.tag]
+        discs = np.array([(*place, STANDING_M) for place in places]).reshape(-1, 3)
         here = self._place
         for goal, _ in zip(goals, range(_LOOKS)):
             way = self._sensing.floor.way(here, goal.place, ROOM_M, discs)
@@ -271,8 +271,8 @@ class SensorRoutine(MotionRoutine):
 
         `ahead_rad` is where it moves to; None: it turns on the spot, and nobody may be near.
         """
-        until_s = self._moment.time_s + PATIENCE_S
-        while self._moment.pose is None or self._floor.is_blocked(self.tag, CLEARANCE_M, ahead_rad):
+        until_s = self._moment.time_s + ACTION_TIMEOUT_S
+        while self._moment.pose is None or self._floor.is_blocked(self.tag, CROWDED_M, ahead_rad):
             if self._moment.time_s > until_s:
                 raise RobotFailed("was in the way of another one, or another one in its, for 10 s")
             yield from self._step(_STILL)
@@ -284,7 +284,7 @@ class SensorRoutine(MotionRoutine):
 
     def _drive(self, to: Point) -> Acting:
         yield from self._turn_to(math.atan2(to[1] - self._place[1], to[0] - self._place[0]))
-        until_s = self._moment.time_s + PATIENCE_S
+        until_s = self._moment.time_s + ACTION_TIMEOUT_S
         until_s += 3.0 * math.dist(self._place, to) / (WAY_STEPS_S * STEP_M)
         heading: float | None = None
         while True:
@@ -308,7 +308,7 @@ class SensorRoutine(MotionRoutine):
         """Creeps towards a wall, or for -1 back from it, until it is so far away."""
         yield from self._turn_to(spot.heading_rad)
         self.doing = "before a wall"
-        until_s = self._moment.time_s + PATIENCE_S + STAGE_M / (CREEP_STEPS_S * STEP_M)
+        until_s = self._moment.time_s + ACTION_TIMEOUT_S + STAGE_M / (CREEP_STEPS_S * STEP_M)
         back_rad = 0.0 if sign > 0 else math.pi
         while True:
             x_m, y_m, yaw = yield from self._seen(spot.heading_rad + back_rad)
@@ -326,7 +326,7 @@ class SensorRoutine(MotionRoutine):
         """Turns once on the spot, to the left for 1; gives what its sensors read."""
         looks: list[WallLook] = []
         turned, before = 0.0, None
-        until_s = self._moment.time_s + PATIENCE_S
+        until_s = self._moment.time_s + ACTION_TIMEOUT_S
         until_s += 3.0 * math.pi * AXLE_M / (LOOK_STEPS_S * STEP_M)
         while turned < 2.0 * math.pi + OFF_RAD:
             x_m, y_m, yaw = yield from self._seen(None)

@@ -34,12 +34,12 @@ STRAIGHT_RAD = math.radians(12.0)
 AWAY_RAD = math.radians(110.0)
 """A sensor that looks so far away from it sees nothing of the wall."""
 SATURATED_RAW = 4000.0
-NEAR_M = 0.045
+RESPONSE_RANGE_M = 0.045
 """Beyond that the response is next to nothing."""
 WALL_M = 0.01
 """Where a span's upper end is read; see `calibration.h`."""
 
-LEAST = 6
+LEAST_READINGS = 6
 """Readings of a sensor that looked at the wall, and of one that looked away."""
 SPAN_MIN, MOST_RAW = 16, 4096
 """As vsensed has it: a sensor that tells no more than this apart, or reads more, is broken."""
@@ -141,9 +141,9 @@ def _vertex(errors: Floats, costs: Sequence[float], best: int) -> float:
     return float(errors[best] + shift * (errors[1] - errors[0]))
 
 
-def _result(found: Sequence[tuple[Floats, Floats, float]], error: float, count: int) -> SensorFit:
-    spans, sigmas = (np.array([one[part] for one in found]) for part in (0, 1))
-    return SensorFit(spans, sigmas, max(one[2] for one in found), error, count)
+def _result(fits: Sequence[tuple[Floats, Floats, float]], error: float, count: int) -> SensorFit:
+    spans, sigmas = (np.array([fit[part] for fit in fits]) for part in (0, 1))
+    return SensorFit(spans, sigmas, max(fit[2] for fit in fits), error, count)
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,9 +157,9 @@ class _Sensor:
 
     @classmethod
     def of(cls, number: int, distances_m: Floats, away_rad: Floats, raw: Floats) -> _Sensor:
-        wall = (away_rad < STRAIGHT_RAD) & (raw < SATURATED_RAW) & (distances_m < NEAR_M)
+        wall = (away_rad < STRAIGHT_RAD) & (raw < SATURATED_RAW) & (distances_m < RESPONSE_RANGE_M)
         nothing = raw[away_rad > AWAY_RAD]
-        if min(int(wall.sum()), len(nothing)) < LEAST:
+        if min(int(wall.sum()), len(nothing)) < LEAST_READINGS:
             raise BadReadings(f"ps{number} was not seen long enough, looking at the wall and away")
         return cls(number, nothing, distances_m[wall], raw[wall])
 
@@ -174,9 +174,9 @@ class _Sensor:
         design = np.concatenate([rows, rest / _NOISE_RAW])
         wanted = np.concatenate([self.raw * weights, self.nothing / _NOISE_RAW])
         normal = design.T @ design + 1e-12 * np.eye(2)
-        found = np.linalg.solve(normal, design.T @ wanted)
-        cost = float(((design @ found - wanted) ** 2).sum())
-        return found, np.linalg.inv(normal) * max(1.0, cost / len(wanted)), cost
+        solution = np.linalg.solve(normal, design.T @ wanted)
+        cost = float(((design @ solution - wanted) ** 2).sum())
+        return solution, np.linalg.inv(normal) * max(1.0, cost / len(wanted)), cost
 
     def named(self, error_m: float) -> tuple[Floats, Floats, float]:
         """Its span, standard deviations, and what is left over; BadReadings where it cannot be."""
@@ -206,7 +206,7 @@ def fit_ground(black: Sequence[Floats], white: Sequence[Floats]) -> SensorFit:
     Raises:
         BadReadings: too few, or a sensor does not tell them apart.
     """
-    if min(len(black), len(white)) < LEAST:
+    if min(len(black), len(white)) < LEAST_READINGS:
         raise BadReadings("its ground readings did not come: has it a ground board, and a setting?")
     levels = np.array([np.median(np.array(rows), axis=0) for rows in (black, white)]).T
     spread = np.array(

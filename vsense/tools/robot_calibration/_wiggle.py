@@ -149,7 +149,7 @@ class WiggleCheck:
 
     Attributes:
         doing: what people read that robots do.
-        found: what was found so far, in the robots' order.
+        rows: what was found so far, in the robots' order.
         news: lines for people that were not told yet.
     """
 
@@ -157,7 +157,7 @@ class WiggleCheck:
 
     def __init__(self, robots: Mapping[int, str]) -> None:
         """Prepares the turns of robots: names by tag."""
-        self.found: list[WiggledRobot] = []
+        self.rows: list[WiggledRobot] = []
         self.news: list[str] = []
         self._robots = dict(robots)
         self._marks: _Marks = {}
@@ -170,14 +170,14 @@ class WiggleCheck:
     @property
     def done(self) -> bool:
         """Whether all robots have had their turn."""
-        return len(self.found) == len(self._robots)
+        return len(self.rows) == len(self._robots)
 
     def progress(self) -> str:
         """A line for people."""
-        bad = sum(robot.verdict is not Verdict.OK for robot in self.found)
-        doing = list(self._robots)[len(self.found) :][:1]
+        bad = sum(robot.verdict is not Verdict.OK for robot in self.rows)
+        doing = list(self._robots)[len(self.rows) :][:1]
         now = f", robot {doing[0]} turns" if doing else ""
-        return f"{len(self.found)} of {len(self._robots)} robots{now}; {bad} not as they should be"
+        return f"{len(self.rows)} of {len(self._robots)} robots{now}; {bad} not as they should be"
 
     def rest(self) -> None:
         """All robots stand, by an order: the turn that was being made is made again."""
@@ -198,8 +198,8 @@ class WiggleCheck:
 
     def ended(self, why: str) -> list[WiggledRobot]:
         """All robots, of which the rest was not reached, and why."""
-        rest = list(self._robots.items())[len(self.found) :]
-        return [*self.found, *(WiggledRobot(tag, name, why=why) for tag, name in rest)]
+        rest = list(self._robots.items())[len(self.rows) :]
+        return [*self.rows, *(WiggledRobot(tag, name, why=why) for tag, name in rest)]
 
     @property
     def _time_ns(self) -> int:
@@ -215,7 +215,7 @@ class WiggleCheck:
                 if result is not None:
                     break
             result = result or WiggledRobot(tag, name, why="was interrupted three times")
-            self.found.append(result)
+            self.rows.append(result)
             if result.verdict is not Verdict.OK:
                 self.news.append(f"robot {tag} ({name}) {result.words}")
 
@@ -281,9 +281,9 @@ def _moved_m(before: _Marks, after: _Marks, tag: int) -> float | None:
     return math.hypot(now.x_m - was.x_m, now.y_m - was.y_m)
 
 
-def exchanged(found: Sequence[WiggledRobot]) -> list[tuple[int, int]]:
+def exchanged(rows: Sequence[WiggledRobot]) -> list[tuple[int, int]]:
     """Pairs of robots that wear each other's markers."""
     wears = {
-        robot.tag: next(iter(robot.turned_rad)) for robot in found if robot.verdict is Verdict.OTHER
+        robot.tag: next(iter(robot.turned_rad)) for robot in rows if robot.verdict is Verdict.OTHER
     }
     return [(tag, worn) for tag, worn in wears.items() if tag < worn and wears.get(worn) == tag]

@@ -28,10 +28,10 @@ from vsense.run.homing.floor import DrivingFloor
 from vsense.tools.robot_calibration import _driving
 from vsense.tools.robot_calibration import _results as results
 from vsense.tools.robot_calibration._commanding import (
-    CONTROLLER,
+    CALIBRATE,
     GROUND,
+    OWN_SENSORS,
     PROXIMITY,
-    SENSORS,
     OwnReadings,
     WheelsWanted,
     commanded,
@@ -44,7 +44,7 @@ from vsense.tools.robot_calibration._wiggle import Verdict, WiggleCheck, Wiggled
 
 CALIBRATION_FILE, CHECK_FILE = "calibration.json", "check.json"
 
-PATIENCE_S = 20.0
+ROBOTS_WAIT_S = 20.0
 """Robots are waited for so long; then it begins without those that are missing."""
 
 GROUND_BASES = ("gctronic", "york")
@@ -79,7 +79,7 @@ class MeasuringOptions:
         address: interface and port that robots connect to.
         tracking: the two files of the overhead cameras; None: the experiment names its tracker.
         lab: None: the robots are real.
-        known: what is known of them.
+        roster_file: what is known of them.
         wait_s: it begins after this time at the latest, without robots that are missing.
         output: folder for files, None: one in `runs/`.
     """
@@ -90,7 +90,7 @@ class MeasuringOptions:
     trust: LinkTrust
     tracking: tuple[str, str] | None
     lab: EmulatedSwarm | None
-    known: Roster | None
+    roster_file: Roster | None
     web: WebAddress | None
     wait_s: float
     output: Path | None
@@ -107,7 +107,7 @@ class SensorOptions:
         white, black: where the floor is so [m]; None: where the experiment's floor is.
     """
 
-    KNOWN: ClassVar = SENSORS
+    KNOWN: ClassVar = OWN_SENSORS
 
     sensors: tuple[str, ...] = ()
     wall: str | None = None
@@ -198,7 +198,7 @@ def calibrate(options: MeasuringOptions, asked: SensorOptions = SensorOptions())
     with _session(options, experiment, directory, robots) as session:
         console = session.setup.console
         console.say(
-            f"{len(experiment.robots)} robots with the controller '{CONTROLLER}', one after the"
+            f"{len(experiment.robots)} robots with the controller '{CALIBRATE}', one after the"
             f" other where there is no room for all; files in {directory}"
         )
         with session:
@@ -236,10 +236,10 @@ def _results(
         RobotResult(
             robot.tag,
             robot.id,
-            swarm.found.get(robot.tag),
+            swarm.fits.get(robot.tag),
             swarm.failed.get(robot.tag, cut),
             robots.hardware.get(robot.tag),
-            None if options.known is None else options.known.get(robot.tag),
+            None if options.roster_file is None else options.roster_file.get(robot.tag),
             *swarm.sensors_of(robot.tag, cut),
         )
         for robot in session.experiment.robots
@@ -264,17 +264,17 @@ def _keep_calibration(
         print_data(results.table(calibrated))
     if worst:
         console.say(_errors(worst))
-    known, fitted = options.known, [robot for robot in calibrated if robot.fit is not None]
-    if known is None or not fitted:
+    file, fitted = options.roster_file, [robot for robot in calibrated if robot.fit is not None]
+    if file is None or not fitted:
         return
     today = time.strftime("%Y-%m-%d")
-    listed = [robot for robot in fitted if known.get(robot.tag) is not None]
-    roster.update(known.path, {robot.tag: robot.for_roster(today) for robot in listed})
+    listed = [robot for robot in fitted if file.get(robot.tag) is not None]
+    roster.update(file.path, {robot.tag: robot.for_roster(today) for robot in listed})
     for robot in fitted:
         if robot not in listed:
-            console.say(f"{known.path} has no robot with tag {robot.tag}: not written", "warning")
+            console.say(f"{file.path} has no robot with tag {robot.tag}: not written", "warning")
     console.say(
-        f"written to {known.path}: {len(listed)} robots. Their markers count from the next run on;"
+        f"written to {file.path}: {len(listed)} robots. Their markers count from the next run on;"
         f" 'vsense robot deploy' brings the wheels' factors and scales to the robots"
     )
 
@@ -285,7 +285,7 @@ def _errors(worst: Mapping[str, float]) -> str:
         f" degrees; distance {100 * worst['distance']:.2f} %, turn {100 * worst['turn']:.2f} %"
     ) + "".join(
         f"; {name} {worst[f'{name}_low']:.1f} raw and {100 * worst[f'{name}_width']:.1f} %"
-        for name in SENSORS
+        for name in OWN_SENSORS
         if f"{name}_low" in worst
     )
 
@@ -355,7 +355,7 @@ def _keep_check(
         rows = [(str(r.tag), r.name, r.verdict.value, r.words) for r in checked]
         print_data("\n".join(aligned([("tag", "robot", "", ""), *rows])))
     for pair in pairs:
-        console.say(swapped(pair, options.known), "warning")
+        console.say(swapped(pair, options.roster_file), "warning")
     good = sum(robot.verdict is Verdict.OK for robot in checked)
     console.say(f"{good} of {len(checked)} robots are as they should be; {directory / CHECK_FILE}")
 
@@ -374,15 +374,15 @@ def _as_json(robot: WiggledRobot) -> dict[str, Any]:
     }
 
 
-def swapped(pair: tuple[int, int], known: Roster | None) -> str:
+def swapped(pair: tuple[int, int], file: Roster | None) -> str:
     """What is to be done about two robots that wear each other's markers."""
     first, second = pair
     line = f"robots {first} and {second} wear each other's markers: exchange these"
-    entries = [] if known is None else [entry for tag in pair if (entry := known.get(tag))]
-    if known is None or len(entries) < 2:
+    entries = [] if file is None else [entry for tag in pair if (entry := file.get(tag))]
+    if file is None or len(entries) < 2:
         return f"{line}, or their tags in the roster, and bring them there: vsense robot deploy"
     return (
-        f"{line}, or their tags in {known.path}: tag = {second} for the robot of line"
+        f"{line}, or their tags in {file.path}: tag = {second} for the robot of line"
         f" {entries[0].line}, tag = {first} for that of line {entries[1].line}, and then"
         f" vsense robot deploy --tags {first},{second}"
     )

@@ -150,14 +150,14 @@ def _sentence(text: str) -> str:
 @cache
 def calls() -> dict[str, str]:
     """What `controller.h` and `walk.h` say of each function, by its name."""
-    found = {}
+    sentences = {}
     for header in ("controller.h", "walk.h"):
         text = (source_tree().root / "robot" / header).read_text(encoding="utf-8")
         for prototype in _PROTOTYPE.finditer(text):
             comment = re.sub(r"\n \*(?= |\n)", "\n", prototype[1])
             for name in _NAMES.findall(prototype[0][len(prototype[1]) :]):
-                found[name] = _sentence(comment)
-    return found
+                sentences[name] = _sentence(comment)
+    return sentences
 
 
 def _of_controller(text: str) -> list[str]:

@@ -98,10 +98,10 @@ class ShippedFile:
         if self.path.suffix == ".json":  # has no place for a comment
             return _LAYOUT
         if self.path.suffix in (".c", ".h"):
-            found = re.search(r"^ \* [\w.]+ - (.*?)(?:[.]\s|\*/)", text, re.M | re.S)
+            match = re.search(r"^ \* [\w.]+ - (.*?)(?:[.]\s|\*/)", text, re.M | re.S)
         else:
-            found = re.search(r"<!--\s*(.*?[.:])\s", text, re.S)
-        words = "" if found is None else found[1].replace("\n *", " ")
+            match = re.search(r"<!--\s*(.*?[.:])\s", text, re.S)
+        words = "" if match is None else match[1].replace("\n *", " ")
         return textwrap.shorten(words.rstrip(".:"), _TITLE_MAX, placeholder=" ...")
 
 
@@ -113,9 +113,9 @@ def listed() -> tuple[ShippedFile, ...]:
         for place, path in _files()
         if path.suffix == ".md"
     ]
-    found = sorted(pages, key=lambda page: (page.name != "readme", page.name))
+    files = sorted(pages, key=lambda page: (page.name != "readme", page.name))
     for title, folder, suffixes in _GROUPS:
-        found += [
+        files += [
             ShippedFile(path.name, place, path, title)
             for place, path in _files()
             if posixpath.dirname(place) + "/" == folder
@@ -125,12 +125,12 @@ def listed() -> tuple[ShippedFile, ...]:
                 folder not in ("vsense/world/sensors/", "vsense/world/actuators/") or _is_kind(path)
             )
         ]
-    names = Counter(document.name for document in found)
+    names = Counter(document.name for document in files)
     return tuple(
         replace(document, name="/".join(document.place.split("/")[-2:]))
         if names[document.name] > 1
         else document
-        for document in found
+        for document in files
     )
 
 
@@ -141,10 +141,10 @@ def find(name: str) -> ShippedFile:
         UsageError: there is none, or there are several.
         BuildError: vsense's own files are incomplete.
     """
-    known = {document.name: document for document in listed()}
+    by_name = {document.name: document for document in listed()}
     wanted = name.strip("/")
-    if wanted in known:
-        return known[wanted]
+    if wanted in by_name:
+        return by_name[wanted]
     places = [file for file in _files() if f"/{file[0]}".endswith(f"/{wanted}")]
     if len(places) == 1:
         place, path = places[0]
@@ -152,7 +152,7 @@ def find(name: str) -> ShippedFile:
     if places:
         raise UsageError(f"several files are called {name!r}: {', '.join(p for p, _ in places)}")
     raise UsageError(
-        f"there is no page {name!r}; {instead(name.lower(), known)} (vsense docs lists all)"
+        f"there is no page {name!r}; {instead(name.lower(), by_name)} (vsense docs lists all)"
     )
 
 
@@ -173,9 +173,9 @@ def printed(document: ShippedFile) -> str:
         place = posixpath.join(posixpath.dirname(document.place), target.partition("#")[0])
         place = posixpath.normpath(place)
         readme = posixpath.join(place, "README.md")
-        for known in (place, readme):
-            if known in every and known != document.place:
-                return f"{words} (vsense docs {places.get(known, known)})"
+        for candidate in (place, readme):
+            if candidate in every and candidate != document.place:
+                return f"{words} (vsense docs {places.get(candidate, candidate)})"
         return words
 
     return _LINK.sub(said, text)
@@ -220,10 +220,10 @@ def _is_kind(path: Path) -> bool:
 @cache
 def _files() -> tuple[tuple[str, Path], ...]:
     """Place and path of every file that can be read, in a fixed order."""
-    return tuple(_found())
+    return tuple(_walk())
 
 
-def _found() -> Iterator[tuple[str, Path]]:
+def _walk() -> Iterator[tuple[str, Path]]:
     root = source_tree().root
     package = Path(str(resources.files(PACKAGE)))
     for path in sorted(root.glob("*.md")):

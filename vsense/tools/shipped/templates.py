@@ -19,7 +19,7 @@ from vsense.robots.build import BuildError, source_tree
 from vsense.robots.sources import NAME_MAX
 from vsense.tools.shipped import _guide
 
-START = "start"
+TEMPLATE = "start"
 """The template that is made to begin with: the smallest experiment that has everything."""
 
 _NAME = re.compile(rf"[A-Za-z][A-Za-z0-9_-]{{0,{NAME_MAX - 1}}}")
@@ -35,7 +35,7 @@ _STEP = re.compile(r"^static void step\(.*?\n\n", re.M | re.S)
 
 def templates() -> tuple[str, ...]:
     """The names of what an experiment can be made from."""
-    return (START, *shipped())
+    return (TEMPLATE, *shipped())
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class _Template:
     controllers: Mapping[str, Path]
 
 
-def make(folder: Path, source: str = START, sensor: bool = False) -> tuple[Path, ...]:
+def make(folder: Path, source: str = TEMPLATE, sensor: bool = False) -> tuple[Path, ...]:
     """Makes a folder with an experiment's files and a README that explains them line by line.
 
     Args:
@@ -101,11 +101,11 @@ def _checked(folder: Path) -> str:
 
 def _read(source: str) -> _Template:
     folder = SHIPPED_FOLDER
-    folder = folder / START if source == START else folder
+    folder = folder / TEMPLATE if source == TEMPLATE else folder
     argos = (folder / f"{source}{SUFFIX}").read_text(encoding="utf-8")
-    known = source_tree().controllers() | {f"{START}.c": folder / f"{START}.c"}
+    controllers = source_tree().controllers() | {f"{TEMPLATE}.c": folder / f"{TEMPLATE}.c"}
     named = re.findall(r'<\w+_controller [^>]*?library="([^"]+)"', argos)
-    return _Template(argos, folder, {library: known[library] for library in named})
+    return _Template(argos, folder, {library: controllers[library] for library in named})
 
 
 def _renamed(template: _Template, source: str, name: str) -> dict[str, str]:
@@ -134,7 +134,7 @@ def _reworded(text: str, files: Mapping[str, str], source: str, name: str) -> st
     called = re.compile(
         rf"(?<![\w./-])(?:robot/controllers/)?({'|'.join(map(re.escape, files))})(?![\w-])"
     )
-    text = called.sub(lambda found: files[found[1]], text)
+    text = called.sub(lambda match: files[match[1]], text)
     command = re.compile(rf"\b(vsense (?:sim|lab|run)) {re.escape(source)}(?![\w.-])")
     return command.sub(rf"\1 {name}{SUFFIX}", text)
 
@@ -142,9 +142,9 @@ def _reworded(text: str, files: Mapping[str, str], source: str, name: str) -> st
 def _with_sensor(texts: Mapping[str, str], name: str) -> dict[str, str]:
     """The files with a sensor: mounted on all robots, read and shown by all controllers."""
     file = f"{name}_sensor.py"
-    sensor = SHIPPED_FOLDER / START / "crowd.py"
+    sensor = SHIPPED_FOLDER / TEMPLATE / "crowd.py"
     mounted = _SENSOR.format(file=file)
-    found = {
+    files = {
         key: re.sub(r"(\n)( *</sensors>)", lambda end: f"{mounted}{end[2]}", text)
         if key.endswith(SUFFIX)
         else _reading(text)
@@ -152,7 +152,7 @@ def _with_sensor(texts: Mapping[str, str], name: str) -> dict[str, str]:
         else text
         for key, text in texts.items()
     }
-    return found | {file: sensor.read_text(encoding="utf-8").replace("crowd.py", file)}
+    return files | {file: sensor.read_text(encoding="utf-8").replace("crowd.py", file)}
 
 
 def _reading(controller: str) -> str:
@@ -163,8 +163,8 @@ def _reading(controller: str) -> str:
     state, pointer = f"struct {begun[1]} {{\n", begun[2]
     bind = f'    {pointer}->crowd = vs_robot_sensor(robot, "crowd");\n'
     show = f'    vs_robot_show(robot, "crowd", vs_robot_read(robot, {pointer}->crowd).value);\n'
-    text = _INIT.sub(lambda found: f"{found[0]}{bind}", controller)
-    text = _STEP.sub(lambda found: f"{found[0]}{show}", text)
+    text = _INIT.sub(lambda match: f"{match[0]}{bind}", controller)
+    text = _STEP.sub(lambda match: f"{match[0]}{show}", text)
     return text.replace(state, f"{state}    int crowd; /* how many others are near */\n", 1)
 
 
@@ -172,8 +172,8 @@ def _write(folder: Path, texts: Mapping[str, str]) -> None:
     """Makes the folder with all files in it, or nothing."""
     with failing_as(UsageError, f"cannot make {folder}"):
         folder.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent) as made:
-            new = Path(made) / folder.name
+        with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent) as staging:
+            new = Path(staging) / folder.name
             new.mkdir()
             for file, text in texts.items():
                 (new / file).write_text(text, encoding="utf-8")

@@ -23,7 +23,7 @@ from vsense.vision.calibration.frame import turn
 from vsense.vision.cameras.camera import Camera, Floats
 
 LENS_SIZE = 9
-NEAREST_M = 1e-3
+NEAREST_DEPTH_M = 1e-3
 """Points nearer than this, or behind the camera, are projected from this depth."""
 
 
@@ -68,7 +68,7 @@ def project(lens: Floats, points: Floats) -> tuple[Floats, Floats, Floats]:
     Source: OpenCV, calib3d, pinhole camera with radial and tangential distortion.
     """
     fx, fy, cx, cy, k1, k2, p1, p2, k3 = lens.T
-    depth = np.maximum(points[:, 2], NEAREST_M)
+    depth = np.maximum(points[:, 2], NEAREST_DEPTH_M)
     x, y = points[:, 0] / depth, points[:, 1] / depth
     r2 = x * x + y * y
     radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
@@ -196,7 +196,7 @@ class Bundle:
     def __init__(self, sightings: Sightings, knowledge: Knowledge, limit_px: float) -> None:
         """Prepares; residuals beyond `limit_px` count linearly (Huber), not squared."""
         self.sightings = sightings
-        self._known = knowledge
+        self._prior = knowledge
         self._limit_px = limit_px
         by_body = np.argsort(sightings.body, kind="stable")
         cuts = np.searchsorted(sightings.body[by_body], np.arange(len(knowledge.body_free) + 1))
@@ -229,16 +229,16 @@ class Bundle:
         size = np.linalg.norm(self.residuals(estimate), axis=1)
         limit = self._limit_px
         seen = np.where(size <= limit, size**2, 2.0 * limit * size - limit**2).sum()
-        known = self._known
-        lens = known.lens_weight * (estimate.lenses - known.lens_mean) ** 2
-        shift = known.shift_weight * (estimate.body_shift - known.shift_mean) ** 2
+        prior = self._prior
+        lens = prior.lens_weight * (estimate.lenses - prior.lens_mean) ** 2
+        shift = prior.shift_weight * (estimate.body_shift - prior.shift_mean) ** 2
         return float(seen + lens.sum() + shift.sum())
 
     def covariance(self, estimate: Estimate) -> Floats:
         """(c, 15, 15) of turn, shift and lens of each camera, for noise of 1 px."""
         equations = self._equations(estimate)
         reduced, _, _ = self._reduced(equations, 0.0)
-        free = self._known.camera_free.ravel()
+        free = self._prior.camera_free.ravel()
         inverse = np.zeros_like(reduced)
         scale = _scale(reduced)[free]
         part = reduced[np.ix_(free, free)] * scale[:, None] * scale
@@ -261,13 +261,13 @@ class Bundle:
 
     def _equations(self, estimate: Estimate) -> _Equations:
         pixels, by_point, by_lens, points, turned = self._projected(estimate)
-        seen, known = self.sightings, self._known
+        seen, prior = self.sightings, self._prior
         camera, body = seen.camera[seen.view], seen.body[seen.view]
         by_arena = by_point @ estimate.camera_turn[camera]
         by_camera = np.concatenate((np.cross(points[:, None], by_point), by_point, by_lens), axis=2)
         by_body = np.concatenate((np.cross(turned[:, None], by_arena), by_arena), axis=2)
         both = np.concatenate(
-            (by_camera * known.camera_free[camera, None], by_body * known.body_free[body, None]), 2
+            (by_camera * prior.camera_free[camera, None], by_body * prior.body_free[body, None]), 2
         )
         residuals = seen.pixels - pixels
         size = np.linalg.norm(residuals, axis=1)
@@ -287,19 +287,19 @@ class Bundle:
 
     def _priors(self, estimate: Estimate) -> _Equations:
         """Equations of prior knowledge only; fixed unknowns do not move."""
-        known = self._known
-        cameras, bodies = len(known.camera_free), len(known.body_free)
-        camera_weight = np.where(known.camera_free, 0.0, 1.0)
-        body_weight = np.where(known.body_free, 0.0, 1.0)
-        lens_free, shift_free = known.camera_free[:, POSE_SIZE:], known.body_free[:, 3:]
-        camera_weight[:, POSE_SIZE:] += known.lens_weight * lens_free
-        body_weight[:, 3:] += known.shift_weight * shift_free
+        prior = self._prior
+        cameras, bodies = len(prior.camera_free), len(prior.body_free)
+        camera_weight = np.where(prior.camera_free, 0.0, 1.0)
+        body_weight = np.where(prior.body_free, 0.0, 1.0)
+        lens_free, shift_free = prior.camera_free[:, POSE_SIZE:], prior.body_free[:, 3:]
+        camera_weight[:, POSE_SIZE:] += prior.lens_weight * lens_free
+        body_weight[:, 3:] += prior.shift_weight * shift_free
         camera_side = np.zeros((cameras, CAMERA_SIZE))
         body_side = np.zeros((bodies, POSE_SIZE))
-        lens_off = known.lens_mean - estimate.lenses
-        camera_side[:, POSE_SIZE:] = known.lens_weight * lens_off * lens_free
+        lens_off = prior.lens_mean - estimate.lenses
+        camera_side[:, POSE_SIZE:] = prior.lens_weight * lens_off * lens_free
         body_side[:, 3:] = (
-            known.shift_weight * (known.shift_mean - estimate.body_shift) * shift_free
+            prior.shift_weight * (prior.shift_mean - estimate.body_shift) * shift_free
         )
         return _Equations(
             camera_weight[:, :, None] * np.eye(CAMERA_SIZE),
@@ -332,7 +332,7 @@ class Bundle:
 
     def _stepped(self, estimate: Estimate, equations: _Equations, damping: float) -> Estimate:
         matrix, side, inverses = self._reduced(equations, damping)
-        cameras = _solved(matrix, side, self._known.camera_free.ravel())
+        cameras = _solved(matrix, side, self._prior.camera_free.ravel())
         cameras = cameras.reshape(-1, CAMERA_SIZE)
         left = equations.body_side.copy()
         carried = np.einsum("vij,vi->vj", equations.ties, cameras[self.sightings.camera])

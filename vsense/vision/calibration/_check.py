@@ -22,8 +22,8 @@ from vsense.vision.calibration.checked import digest
 from vsense.vision.calibration.frame import FrameShift
 from vsense.vision.cameras.camera import Camera, Floats
 
-POINT_COLUMNS = ("id", "x_m", "y_m")
-HEIGHT = "z_m"
+PLACE_COLUMNS = ("id", "x_m", "y_m")
+HEIGHT_COLUMN = "z_m"
 DISTANCE_COLUMNS = ("from", "to", "distance_m")
 
 
@@ -117,10 +117,10 @@ def check(
 def read_places(path: Path) -> dict[str, Floats]:
     """Reads measured points, `id,x_m,y_m` and perhaps `z_m`; raises UsageError or ConfigError."""
     try:
-        rows = read_table(path, (*POINT_COLUMNS, HEIGHT))
-        names: tuple[str, ...] = (*POINT_COLUMNS[1:], HEIGHT)
+        rows = read_table(path, (*PLACE_COLUMNS, HEIGHT_COLUMN))
+        names: tuple[str, ...] = (*PLACE_COLUMNS[1:], HEIGHT_COLUMN)
     except ConfigError:
-        rows, names = read_table(path, POINT_COLUMNS), POINT_COLUMNS[1:]
+        rows, names = read_table(path, PLACE_COLUMNS), PLACE_COLUMNS[1:]
     points: dict[str, Floats] = {}
     for line, (id, *place) in rows:
         if id in points:
@@ -134,7 +134,7 @@ def read_places(path: Path) -> dict[str, Floats]:
 
 def read_distances(path: Path, points: Mapping[str, Floats]) -> list[TapeDistance]:
     """Reads distances between points, `from,to,distance_m`; raises as `read_places`."""
-    found = []
+    distances = []
     for line, (first, second, text) in read_table(path, DISTANCE_COLUMNS):
         for column, name in zip(DISTANCE_COLUMNS, (first, second)):
             if name not in points:
@@ -142,28 +142,28 @@ def read_distances(path: Path, points: Mapping[str, Floats]) -> list[TapeDistanc
         distance = number_at(path, line, DISTANCE_COLUMNS[2], text)
         if not distance > 0.0:
             raise ConfigError(str(path), line, f"distance_m: '{text}' is not above 0")
-        found.append(TapeDistance(first, second, distance))
-    return found
+        distances.append(TapeDistance(first, second, distance))
+    return distances
 
 
-def as_json(found: PointCheck, when: str, how: str) -> dict[str, Any]:
+def as_json(result: PointCheck, when: str, how: str) -> dict[str, Any]:
     """The check as its file has it; lengths in mm."""
-    off = np.linalg.norm(found.off_m, axis=1)
+    off = np.linalg.norm(result.off_m, axis=1)
     return {
         "when": when,
         "how": how,
-        "cameras": {name: digest(camera) for name, camera in sorted(found.cameras.items())},
-        "points": found.points,
+        "cameras": {name: digest(camera) for name, camera in sorted(result.cameras.items())},
+        "points": result.points,
         "rms_mm": _mm(rms(off)),
         "worst_mm": _mm(float(off.max())),
-        "shape_rms_mm": _mm(rms(np.linalg.norm(found.left_m, axis=1))),
-        "frame": None if found.shift is None else _frame(found.shift),
+        "shape_rms_mm": _mm(rms(np.linalg.norm(result.left_m, axis=1))),
+        "frame": None if result.shift is None else _frame(result.shift),
         "of_cameras": {
-            name: _camera(found.of(name)) for name in sorted({s.camera for s in found.sights})
+            name: _camera(result.of(name)) for name in sorted({s.camera for s in result.sights})
         },
         "sights": [
             {"point": s.point, "camera": s.camera, "x_mm": _mm(x), "y_mm": _mm(y)}
-            for s, (x, y) in zip(found.sights, found.off_m.tolist())
+            for s, (x, y) in zip(result.sights, result.off_m.tolist())
         ],
         "distances": [
             {
@@ -172,7 +172,7 @@ def as_json(found: PointCheck, when: str, how: str) -> dict[str, Any]:
                 "measured_mm": _mm(t.distance_m),
                 "off_mm": _mm(off_m),
             }
-            for t, off_m in zip(found.distances, found.apart_m.tolist())
+            for t, off_m in zip(result.distances, result.apart_m.tolist())
         ],
     }
 
@@ -186,17 +186,17 @@ def _camera(off_m: Floats) -> dict[str, float]:
     return {"points": len(off_m), "rms_mm": _mm(rms(off_m)), "worst_mm": _mm(float(off_m.max()))}
 
 
-def steps_m(found: PointCheck) -> dict[tuple[str, str], float]:
+def steps_m(result: PointCheck) -> dict[tuple[str, str], float]:
     """How far apart two cameras see the same points at most, by the pair of cameras [m]."""
     by_point: dict[str, list[tuple[str, Floats]]] = {}
-    for sight, off in zip(found.sights, found.off_m):
+    for sight, off in zip(result.sights, result.off_m):
         by_point.setdefault(sight.point, []).append((sight.camera, off))
     steps: dict[tuple[str, str], float] = {}
     for seen in by_point.values():
-        for (one, here), (other, there) in combinations(sorted(seen, key=lambda s: s[0]), 2):
+        for (first, here), (other, there) in combinations(sorted(seen, key=lambda s: s[0]), 2):
             apart = float(np.linalg.norm(here - there))
-            if one != other:
-                steps[one, other] = max(apart, steps.get((one, other), 0.0))
+            if first != other:
+                steps[first, other] = max(apart, steps.get((first, other), 0.0))
     return steps
 
 
@@ -216,8 +216,8 @@ def read_seen(
     sights = []
     for line, (camera, id, *place) in read_table(path, SEEN_COLUMNS):
         if camera not in cameras:
-            known = ", ".join(cameras)
-            raise ConfigError(str(path), line, f"camera: '{camera}': expected {known}")
+            expected = ", ".join(cameras)
+            raise ConfigError(str(path), line, f"camera: '{camera}': expected {expected}")
         if id not in points:
             raise ConfigError(str(path), line, f"id: '{id}' is not among the points")
         x, y = (number_at(path, line, n, text) for n, text in zip(SEEN_COLUMNS[2:], place))

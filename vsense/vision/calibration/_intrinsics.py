@@ -54,19 +54,19 @@ _WORST_CENTRE = 0.02
 def distinct(size: tuple[int, int], views: Sequence[View]) -> list[View]:
     """Returns one view of each different pose of the board."""
     limit = _SAME_SHARE * float(np.hypot(*size))
-    kept: list[View] = []
+    chosen: list[View] = []
     for view in views:
-        if all(_apart_px(view, other) > limit for other in kept):
-            kept.append(view)
-    return kept
+        if all(_apart_px(view, other) > limit for other in chosen):
+            chosen.append(view)
+    return chosen
 
 
-def _apart_px(one: View, other: View) -> float:
+def _apart_px(view: View, other: View) -> float:
     """Mean distance between the corners that two views have in common."""
-    common, first, second = np.intersect1d(one.ids, other.ids, return_indices=True)
+    common, first, second = np.intersect1d(view.ids, other.ids, return_indices=True)
     if len(common) < 3:
         return float("inf")
-    return float(np.linalg.norm(one.pixels[first] - other.pixels[second], axis=1).mean())
+    return float(np.linalg.norm(view.pixels[first] - other.pixels[second], axis=1).mean())
 
 
 def too_few(size: tuple[int, int], views: Sequence[View], pictures: int) -> str | None:

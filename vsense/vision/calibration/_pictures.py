@@ -19,13 +19,13 @@ import cv2
 
 from vsense.base.errors import UsageError
 from vsense.vision.cameras._recordings import CaptureTime, read_timestamps
-from vsense.vision.cameras.picture import SUFFIXES, Image, PictureError, read_picture, to_grey
+from vsense.vision.cameras.picture import ENDINGS, Image, PictureError, read_picture, to_grey
 
 T = TypeVar("T")
 
-PICTURES = frozenset(SUFFIXES)
+STILL_SUFFIXES = frozenset(ENDINGS)
 VIDEOS = frozenset((".mp4", ".avi", ".mkv", ".mov", ".m4v", ".webm", ".mjpeg"))
-TABLE = "timestamps.csv"
+TIMES_FILE = "timestamps.csv"
 SAME_MOMENT_NS = 20_000_000
 """Pictures taken this close together are of the same moment."""
 
@@ -56,8 +56,8 @@ def gather(paths: Sequence[Path], every: int = 1) -> list[PictureFile]:
     times: dict[tuple[str, str], CaptureTime] = {}
     for path in _expanded(paths):
         table = _table_of(path)
-        found = [PictureFile(path.resolve().parent.name, path.stem, path)]
-        for picture in _video(path, every) if path.suffix.lower() in VIDEOS else found:
+        still = [PictureFile(path.resolve().parent.name, path.stem, path)]
+        for picture in _video(path, every) if path.suffix.lower() in VIDEOS else still:
             pictures.append(picture)
             taken = table.get(path.name if picture.frame is None else picture.frame)
             if taken is not None:
@@ -66,12 +66,12 @@ def gather(paths: Sequence[Path], every: int = 1) -> list[PictureFile]:
         raise UsageError(f"{paths[0]}: no pictures; expected e.g. .png, .jpg or .mp4 files")
     if times:
         pictures = _same_moments(pictures, times)
-    known: dict[tuple[str, str], PictureFile] = {}
-    for one in pictures:
-        other = known.setdefault((one.camera, one.moment), one)
-        if other is not one:
+    by_moment: dict[tuple[str, str], PictureFile] = {}
+    for p in pictures:
+        other = by_moment.setdefault((p.camera, p.moment), p)
+        if other is not p:
             raise UsageError(
-                f"{one.path}: camera {one.camera} has a picture {one.moment} already: {other.path}"
+                f"{p.path}: camera {p.camera} has a picture {p.moment} already: {other.path}"
             )
     return sorted(pictures, key=lambda picture: (picture.camera, picture.moment))
 
@@ -141,15 +141,15 @@ def _expanded(paths: Sequence[Path]) -> Iterator[Path]:
         if path.is_dir():
             inside = sorted(child for child in path.iterdir() if not child.name.startswith("."))
             folders = [child for child in inside if child.is_dir()]
-            found = [c for c in inside if c.suffix.lower() in PICTURES | VIDEOS]
+            files = [c for c in inside if c.suffix.lower() in STILL_SUFFIXES | VIDEOS]
             for folder in folders:
-                found += [c for c in sorted(folder.iterdir()) if c.suffix.lower() in PICTURES]
-            if not found:
+                files += [c for c in sorted(folder.iterdir()) if c.suffix.lower() in STILL_SUFFIXES]
+            if not files:
                 raise UsageError(f"{path}: no pictures in this folder or in its folders")
-            yield from found
+            yield from files
         elif not path.exists():
             raise UsageError(f"{path}: no such file or folder")
-        elif path.suffix.lower() in PICTURES | VIDEOS:
+        elif path.suffix.lower() in STILL_SUFFIXES | VIDEOS:
             yield path
         else:
             raise UsageError(f"{path}: expected a picture, a video or a folder")
@@ -168,7 +168,7 @@ def _video(path: Path, every: int) -> list[PictureFile]:
 def _table_of(path: Path) -> dict[str | int, CaptureTime]:
     """The table beside a file: name of the picture, or number in the video -> when."""
     video = path.suffix.lower() in VIDEOS
-    table = path.with_suffix(".csv") if video else path.parent / TABLE
+    table = path.with_suffix(".csv") if video else path.parent / TIMES_FILE
     if not table.is_file():
         return {}
     rows = read_timestamps(table, named=not video)
@@ -179,13 +179,13 @@ def _same_moments(
     pictures: Sequence[PictureFile], times: dict[tuple[str, str], CaptureTime]
 ) -> list[PictureFile]:
     """Names moments after the trigger's number, or after the capture times."""
-    known = [p for p in pictures if (p.camera, p.moment) in times]
-    taken = [times[p.camera, p.moment] for p in known]
+    stamped = [p for p in pictures if (p.camera, p.moment) in times]
+    taken = [times[p.camera, p.moment] for p in stamped]
     if all(row.timestep is not None for row in taken):
-        return [replace(p, moment=f"{row.timestep:06d}") for p, row in zip(known, taken)]
+        return [replace(p, moment=f"{row.timestep:06d}") for p, row in zip(stamped, taken)]
     named: list[PictureFile] = []
     first_ns, cameras, number = 0, set[str](), -1
-    for row, picture in sorted(zip(taken, known), key=lambda pair: pair[0].capture_ns):
+    for row, picture in sorted(zip(taken, stamped), key=lambda pair: pair[0].capture_ns):
         late = row.capture_ns - first_ns > SAME_MOMENT_NS
         if number < 0 or late or picture.camera in cameras:
             number, first_ns, cameras = number + 1, row.capture_ns, set()

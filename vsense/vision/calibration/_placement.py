@@ -57,9 +57,9 @@ class FloorReference:
         for pattern in self.flat:
             matching = fnmatch.filter(names, pattern)
             if not matching:
-                some = ", ".join(names[:4]) + (", ..." if len(names) > 4 else "")
+                shown = ", ".join(names[:4]) + (", ..." if len(names) > 4 else "")
                 raise UsageError(
-                    f"--floor {pattern}: the board was found at no such moment; there are: {some}"
+                    f"--floor {pattern}: the board was found at no such moment; there are: {shown}"
                 )
             chosen += [name for name in matching if name not in chosen]
         return chosen
@@ -128,10 +128,10 @@ class TagFinder:
         }
 
 
-def tag_views(found: Sequence[tuple[str, dict[str, Floats]]]) -> list[View]:
+def tag_views(pictures: Sequence[tuple[str, dict[str, Floats]]]) -> list[View]:
     """Combines the tags found in pictures of all cameras to one view per camera and tag."""
     seen: dict[tuple[str, str], list[tuple[float, float]]] = {}
-    for camera, tags in found:
+    for camera, tags in pictures:
         for id, (x, y) in tags.items():
             seen.setdefault((camera, id), []).append((x, y))
     # The tags do not move, so the median of all pictures is better than any of them.

@@ -80,7 +80,7 @@ class RigSolver:
         self._cameras = sorted(rig.lenses)
         self._flat = rig.floor.moments(rig.shoot.views)
         self._views = [*rig.shoot.views, *rig.floor.sightings]
-        self._known = {view.moment for view in rig.floor.sightings}
+        self._measured = {view.moment for view in rig.floor.sightings}
         self._bodies = sorted({view.moment for view in self._views})
         self._notes: list[str] = []
         self._noise_px = NOISE_PX
@@ -126,7 +126,7 @@ class RigSolver:
     def _points(self, view: View) -> Floats:
         """What a view saw, in the body's frame."""
         board = self._rig.board
-        if view.moment in self._known or board is None:
+        if view.moment in self._measured or board is None:
             return np.zeros((len(view.ids), 3))
         return np.asarray(board.points_m[view.ids])
 
@@ -159,7 +159,7 @@ class RigSolver:
         )
 
     def _body_pose(self, body: str, placed: Placement) -> BoardPose:
-        if body in self._known:
+        if body in self._measured:
             return BoardPose(np.eye(3), self._place_m(body))
         pose = placed.bodies.get(body)
         if pose is None:
@@ -174,14 +174,14 @@ class RigSolver:
         return Bundle(seen, self._knowledge(), limit_px)
 
     def _knowledge(self) -> Knowledge:
-        known = [self._known_lens(camera) for camera in self._cameras]
-        mean, sigma = (np.array(part) for part in zip(*known))
+        lenses = [self._known_lens(camera) for camera in self._cameras]
+        mean, sigma = (np.array(part) for part in zip(*lenses))
         camera_free = np.ones((len(self._cameras), CAMERA_SIZE), dtype=bool)
         camera_free[:, POSE_SIZE:] = self._rig.trust is not Trust.HOLD
         body_free = np.ones((len(self._bodies), POSE_SIZE), dtype=bool)
         shift_mean, shift_weight = np.zeros((2, len(self._bodies), 3))
         for number, body in enumerate(self._bodies):
-            if body in self._known:
+            if body in self._measured:
                 body_free[number, :3] = False
                 shift_mean[number] = self._place_m(body)
                 shift_weight[number] = (self._noise_px / self._rig.floor.sigma_m) ** 2
@@ -206,30 +206,30 @@ class RigSolver:
         self, used: NDArray[np.bool_], bundle: Bundle, estimate: Estimate
     ) -> NDArray[np.bool_]:
         """Views to leave out: far off, and not needed to link the cameras."""
-        each = by_view(bundle.residuals(estimate), bundle.sightings)
-        errors = np.array([rms(residuals) for residuals in each])
+        grouped = by_view(bundle.residuals(estimate), bundle.sightings)
+        errors = np.array([rms(residuals) for residuals in grouped])
         bad = np.zeros(len(self._views), dtype=bool)
         bad[np.flatnonzero(used)[bad_views(errors)]] = True
-        bad &= [v.moment != self._anchor and v.moment not in self._known for v in self._views]
+        bad &= [v.moment != self._anchor and v.moment not in self._measured for v in self._views]
         left = [v for v, use in zip(self._rig.shoot.views, used & ~bad) if use]
-        whole = Placer(self._rig.lenses, left, [self._points(v) for v in left]).groups()
-        return bad if len(whole) == 1 else np.zeros_like(bad)
+        groups = Placer(self._rig.lenses, left, [self._points(v) for v in left]).groups()
+        return bad if len(groups) == 1 else np.zeros_like(bad)
 
     def _solution(self, estimate: Estimate, bundle: Bundle, used: NDArray[np.bool_]) -> Solution:
         everything = self._bundle(np.ones_like(used), _WIDE_PX)
-        each = by_view(everything.residuals(estimate), everything.sightings)
+        grouped = by_view(everything.residuals(estimate), everything.sightings)
         results = [
             ViewResult(view.camera, view.moment, view.pixels, residuals, bool(use))
-            for view, residuals, use in zip(self._views, each, used)
+            for view, residuals, use in zip(self._views, grouped, used)
         ]
         residuals = bundle.residuals(estimate)
         # Per coordinate, where a residual has two.
         variance = 0.5 * rms(residuals) ** 2
         covariance = variance * bundle.covariance(estimate)
-        sizes, floor = self._rig.shoot.sizes, bool(self._flat or self._known)
+        sizes, floor = self._rig.shoot.sizes, bool(self._flat or self._measured)
         cameras = tuple(
-            camera_of(name, sizes[name], *one)
-            for name, *one in zip(
+            camera_of(name, sizes[name], *parts)
+            for name, *parts in zip(
                 self._cameras, estimate.lenses, estimate.camera_turn, estimate.camera_shift
             )
         )

@@ -192,11 +192,11 @@ def check_board(
             residuals += [pixel - camera.project(point) for camera, pixel in seen]
     if not residuals:
         return None
-    errors = np.concatenate([_distance_errors_m(found, board) for found in points.values()]) * 1e3
+    errors = np.concatenate([_distance_errors_m(spots, board) for spots in points.values()]) * 1e3
     if errors.size == 0:
         return None
     return BoardCheck(
-        corners=sum(len(found) for found in points.values()),
+        corners=sum(len(spots) for spots in points.values()),
         reprojection_px=rms(np.array(residuals)),
         distances=errors.size,
         median_mm=float(np.median(np.abs(errors))),
@@ -219,9 +219,9 @@ def triangulated(sights: Sequence[tuple[Camera, Floats]]) -> Floats:
     return np.asarray(point[:3] / point[3])
 
 
-def _distance_errors_m(found: dict[int, Floats], board: Board) -> Floats:
+def _distance_errors_m(corners: dict[int, Floats], board: Board) -> Floats:
     """Measured minus printed distance of every pair of corners."""
-    first, second = np.triu_indices(len(found), 1)
-    places, plan = np.array(list(found.values())), board.points_m[list(found)]
+    first, second = np.triu_indices(len(corners), 1)
+    places, plan = np.array(list(corners.values())), board.points_m[list(corners)]
     measured = np.linalg.norm(places[first] - places[second], axis=1)
     return np.asarray(measured - np.linalg.norm(plan[first] - plan[second], axis=1))

@@ -21,7 +21,7 @@ from vsense.vision.cameras.camera import Floats
 
 _DIGITS_MAX = 9
 
-COLUMNS = ("camera", "moment", "corner", "x_px", "y_px")
+CORNER_COLUMNS = ("camera", "moment", "corner", "x_px", "y_px")
 """Of a corners file."""
 
 
@@ -102,7 +102,7 @@ def _is_number(text: str) -> bool:
 def read_corners(path: Path, corners: int) -> list[View]:
     """Reads a file of `write_corners`, for so many corners; raises as `read_table` does."""
     views: dict[tuple[str, str], dict[int, tuple[float, float]]] = {}
-    for line, (camera, moment, corner, *place) in read_table(path, COLUMNS):
+    for line, (camera, moment, corner, *place) in read_table(path, CORNER_COLUMNS):
         if not _is_number(corner) or int(corner) >= corners:
             raise ConfigError(
                 str(path),
@@ -114,7 +114,7 @@ def read_corners(path: Path, corners: int) -> list[View]:
             raise ConfigError(
                 str(path), line, f"corner {corner} of {camera} {moment} is there twice"
             )
-        x, y = (number_at(path, line, name, text) for name, text in zip(COLUMNS[3:], place))
+        x, y = (number_at(path, line, name, text) for name, text in zip(CORNER_COLUMNS[3:], place))
         view[int(corner)] = (x, y)
     return [
         View(camera, moment, np.array(list(seen), np.int64), np.array(list(seen.values())))
@@ -126,7 +126,7 @@ def write_corners(path: Path, views: Iterable[View]) -> None:
     """Writes a corners file: one line per corner that a camera saw."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow(COLUMNS)
+        writer.writerow(CORNER_COLUMNS)
         for view in views:
             for corner, (x, y) in zip(view.ids.tolist(), view.pixels.tolist()):
                 writer.writerow((view.camera, view.moment, corner, f"{x:.4f}", f"{y:.4f}"))

@@ -25,7 +25,7 @@ from vsense.base.files import parse_json, replace_text
 from vsense.base.terminal import aligned
 from vsense.vision.calibration._check import PointSight, read_places, read_seen, rms
 from vsense.vision.calibration._pictures import gather, inspect
-from vsense.vision.calibration.checked import FILE as CHECK
+from vsense.vision.calibration.checked import CAMERA_CHECK_FILE as CHECK
 from vsense.vision.calibration.frame import FrameShift
 from vsense.vision.calibration.session import cameras_of
 from vsense.vision.cameras.camera import Camera, Floats
@@ -33,14 +33,14 @@ from vsense.vision.cameras.picture import Image
 
 CORNERS = ("sw", "se", "ne", "nw")
 """Names of an arena's corners: south is low y, west low x."""
-FILE = Path("report", "align.json")
-BEFORE = Path("report", "before-align")
+ALIGN = Path("report", "align.json")
+BEFORE_ALIGN = Path("report", "before-align")
 """Beside the camera files: what was found, and the camera files as they were before."""
 FAR_M = 0.01
 """A corner that is farther off than this after the shift was clicked wrongly, or is not where the
 experiment says."""
 _SAME = 1e-5
-"""What the rounding of a shift in `FILE` may change: in m, and of a rotation."""
+"""What the rounding of a shift in `ALIGN` may change: in m, and of a rotation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,19 +122,19 @@ def sights_of(
 
 
 def _clicked(text: str, cameras: Mapping[str, Camera], points: Mapping[str, Floats]) -> PointSight:
-    found = _CLICK.fullmatch(text)
-    if found is None:
+    match = _CLICK.fullmatch(text)
+    if match is None:
         raise UsageError(f"--click {text}: expected CAMERA:POINT:X,Y such as cam_0_0:sw:212,1003")
-    for name, known in (("camera", cameras), ("point", points)):
-        if found[name] not in known:
-            raise UsageError(f"--click {text}: {name} is not one of: {', '.join(known)}")
+    for name, names in (("camera", cameras), ("point", points)):
+        if match[name] not in names:
+            raise UsageError(f"--click {text}: {name} is not one of: {', '.join(names)}")
     try:
-        pixel = np.array((float(found["x"]), float(found["y"])))
+        pixel = np.array((float(match["x"]), float(match["y"])))
     except ValueError:
         pixel = np.full(2, np.nan)
-    if not np.isfinite(pixel).all() or not cameras[found["camera"]].contains(pixel):
-        raise UsageError(f"--click {text}: '{found['x']},{found['y']}' is no pixel of that camera")
-    return PointSight(found["camera"], found["point"], pixel)
+    if not np.isfinite(pixel).all() or not cameras[match["camera"]].contains(pixel):
+        raise UsageError(f"--click {text}: '{match['x']},{match['y']}' is no pixel of that camera")
+    return PointSight(match["camera"], match["point"], pixel)
 
 
 MOST_CLICKS = 400
@@ -169,42 +169,42 @@ def pictures_of(
     `camera`: all pictures are its own, whatever their folders. `folder` has the cameras' files.
     Raises UsageError where a picture cannot be used.
     """
-    found: dict[str, Image] = {}
-    pictures = {(camera or one.camera): one for one in gather(paths)}
+    images: dict[str, Image] = {}
+    pictures = {(camera or picture.camera): picture for picture in gather(paths)}
     for name in pictures:
         if name not in cameras:
             raise UsageError(
                 f"--pictures: camera {name}: {folder} has no file of it; expected"
                 f" {', '.join(cameras)}, as folder of the pictures or with --camera"
             )
-    names = {one: name for name, one in pictures.items()}
+    names = {picture: name for name, picture in pictures.items()}
     looked = inspect(list(names), lambda: lambda image: image, lambda done, total: None)
-    for one, size, image in looked:
-        known = cameras[names[one]]
-        if size != (known.width_px, known.height_px):
+    for picture, size, image in looked:
+        calibration = cameras[names[picture]]
+        if size != (calibration.width_px, calibration.height_px):
             raise UsageError(
-                f"{one.path}: {size[0]} x {size[1]} px, expected {known.width_px} x"
-                f" {known.height_px} as in the file of {known.id}"
+                f"{picture.path}: {size[0]} x {size[1]} px, expected {calibration.width_px} x"
+                f" {calibration.height_px} as in the file of {calibration.id}"
             )
-        found[known.id] = image
-    return found
+        images[calibration.id] = image
+    return images
 
 
-def apply(folder: Path, found: Alignment) -> list[Path]:
-    """Moves all camera files of a folder, and keeps those from before in `BEFORE`.
+def apply(folder: Path, result: Alignment) -> list[Path]:
+    """Moves all camera files of a folder, and keeps those from before in `BEFORE_ALIGN`.
 
     A file is whole at any moment. Returns the files; raises UsageError where one cannot be written.
     """
     cameras = cameras_of("--cameras", folder)
     files = {Camera.from_json(path.read_text()).id: path for path in sorted(folder.glob("*.json"))}
     with failing_as(UsageError, f"{folder}: cannot be written"):
-        (folder / BEFORE).mkdir(parents=True, exist_ok=True)
-        (folder / FILE).unlink(missing_ok=True)  # of an earlier time; it stands for whole moves
+        (folder / BEFORE_ALIGN).mkdir(parents=True, exist_ok=True)
+        (folder / ALIGN).unlink(missing_ok=True)  # of an earlier time; it stands for whole moves
         for path in files.values():
-            shutil.copyfile(path, folder / BEFORE / path.name)
+            shutil.copyfile(path, folder / BEFORE_ALIGN / path.name)
         for id, path in files.items():
-            replace_text(path, found.shift.moved(cameras[id]).to_json() + "\n")
-        (folder / FILE).write_text(json.dumps(as_json(found), indent=2) + "\n", encoding="utf-8")
+            replace_text(path, result.shift.moved(cameras[id]).to_json() + "\n")
+        (folder / ALIGN).write_text(json.dumps(as_json(result), indent=2) + "\n", encoding="utf-8")
     return list(files.values())
 
 
@@ -213,21 +213,21 @@ def undo(folder: Path) -> list[Path]:
 
     UsageError where there are none, or where the cameras were calibrated anew since.
     """
-    kept = sorted((folder / BEFORE).glob("*.json"))
-    if not kept:
-        raise UsageError(f"{folder / BEFORE}: nothing was aligned here, or it was undone")
-    for path in kept:
-        if not _is_moved(path, folder / path.name, folder / FILE):
+    files = sorted((folder / BEFORE_ALIGN).glob("*.json"))
+    if not files:
+        raise UsageError(f"{folder / BEFORE_ALIGN}: nothing was aligned here, or it was undone")
+    for path in files:
+        if not _is_moved(path, folder / path.name, folder / ALIGN):
             raise UsageError(
                 f"{folder / path.name}: is not what was aligned, it was made anew since; what was"
-                f" before that is in {folder / BEFORE}"
+                f" before that is in {folder / BEFORE_ALIGN}"
             )
     with failing_as(UsageError, f"{folder}: cannot be written"):
-        for path in kept:
+        for path in files:
             replace_text(folder / path.name, path.read_text(encoding="utf-8"))
-        shutil.rmtree(folder / BEFORE)
-        (folder / FILE).unlink(missing_ok=True)
-    return [folder / path.name for path in kept]
+        shutil.rmtree(folder / BEFORE_ALIGN)
+        (folder / ALIGN).unlink(missing_ok=True)
+    return [folder / path.name for path in files]
 
 
 def _is_moved(before: Path, after: Path, file: Path) -> bool:
@@ -236,14 +236,14 @@ def _is_moved(before: Path, after: Path, file: Path) -> bool:
     Where files were moved by halves, as they were is right, too.
     """
     try:
-        told = parse_json(file.read_text(encoding="utf-8"))["shift"] if file.exists() else None
+        shift = parse_json(file.read_text(encoding="utf-8"))["shift"] if file.exists() else None
         old, now = (Camera.from_json(path.read_text()) for path in (before, after))
     except (OSError, ValueError, KeyError, TypeError):
         return True
-    if told is None:
+    if shift is None:
         return True
-    yaw_rad = math.radians(told["yaw_deg"])
-    moved = FrameShift(1e-3 * told["x_mm"], 1e-3 * told["y_mm"], yaw_rad).moved(old)
+    yaw_rad = math.radians(shift["yaw_deg"])
+    moved = FrameShift(1e-3 * shift["x_mm"], 1e-3 * shift["y_mm"], yaw_rad).moved(old)
     return now == old or (
         np.allclose(now.position_m, moved.position_m, rtol=0.0, atol=_SAME)
         and np.allclose(now.rotation, moved.rotation, rtol=0.0, atol=_SAME)
@@ -251,17 +251,17 @@ def _is_moved(before: Path, after: Path, file: Path) -> bool:
     )
 
 
-def as_json(found: Alignment) -> dict[str, Any]:
+def as_json(result: Alignment) -> dict[str, Any]:
     """What was found, for the file and for scripts; lengths in mm."""
     return {
         "when": datetime.now(timezone.utc).isoformat(timespec="seconds"),
         "shift": {
-            "x_mm": round(1e3 * found.shift.x_m, 3),
-            "y_mm": round(1e3 * found.shift.y_m, 3),
-            "yaw_deg": round(float(np.degrees(found.shift.yaw_rad)), 5),
+            "x_mm": round(1e3 * result.shift.x_m, 3),
+            "y_mm": round(1e3 * result.shift.y_m, 3),
+            "yaw_deg": round(float(np.degrees(result.shift.yaw_rad)), 5),
         },
-        "rms_mm": round(1e3 * found.rms_m, 2),
-        "worst_mm": round(1e3 * found.worst_m, 2),
+        "rms_mm": round(1e3 * result.rms_m, 2),
+        "worst_mm": round(1e3 * result.worst_m, 2),
         "clicks": [
             {
                 "point": click.point,
@@ -269,24 +269,24 @@ def as_json(found: Alignment) -> dict[str, Any]:
                 "pixel": [round(float(v), 2) for v in click.pixel],
                 "off_mm": [round(1e3 * float(v), 2) for v in off],
             }
-            for click, off in zip(found.clicks, found.off_m)
+            for click, off in zip(result.clicks, result.off_m)
         ],
     }
 
 
-def as_text(found: Alignment) -> list[str]:
+def as_text(result: Alignment) -> list[str]:
     """What was found as lines: what remains at each click, and the shift."""
     rows: list[tuple[str, ...]] = [("point", "camera", "x mm", "y mm", "left mm")]
-    for click, (x, y) in zip(found.clicks, (1e3 * found.off_m).tolist()):
+    for click, (x, y) in zip(result.clicks, (1e3 * result.off_m).tolist()):
         left = f"{float(np.hypot(x, y)):.1f}"
         rows.append((click.point, click.camera, f"{x:+.1f}", f"{y:+.1f}", left))
     lines = [
         *aligned(rows, left=2),
-        f"the frame moves {found.shift.in_words()}; {1e3 * found.rms_m:.1f} mm rms are left",
+        f"the frame moves {result.shift.in_words()}; {1e3 * result.rms_m:.1f} mm rms are left",
     ]
-    if found.worst_m > FAR_M:
+    if result.worst_m > FAR_M:
         lines.append(
-            f"{1e3 * found.worst_m:.0f} mm at worst: a click is wrong, or the real arena is not as"
+            f"{1e3 * result.worst_m:.0f} mm at worst: a click is wrong, or the real arena is not as"
             " large as the experiment's"
         )
     return lines

@@ -133,16 +133,16 @@ class Board:
 
 
 def _size(text: str, part: str) -> tuple[int, int]:
-    found = _SIZE.match(part)
-    columns, rows = (int(n) for n in found.groups()) if found else (0, 0)
+    match = _SIZE.match(part)
+    columns, rows = (int(n) for n in match.groups()) if match else (0, 0)
     if not (_LEAST <= columns <= _MOST and _LEAST <= rows <= _MOST):
         raise UsageError(f"board '{text}': size '{part}': expected e.g. 7x5, {_LEAST} to {_MOST}")
     return columns, rows
 
 
 def _length_m(text: str, part: str) -> float:
-    found = _LENGTH.match(part)
-    length_m = float(found[1]) * _UNIT_M[found[2]] if found else 0.0
+    match = _LENGTH.match(part)
+    length_m = float(match[1]) * _UNIT_M[match[2]] if match else 0.0
     if not 1e-3 <= length_m <= 2.0:
         raise UsageError(f"board '{text}': square '{part}': expected e.g. 30mm, 1 mm to 2 m")
     return length_m
@@ -300,10 +300,10 @@ class CornerFinder:
         """
         if self._board.inverted:
             image = np.asarray(cv2.bitwise_not(image), dtype=np.uint8)
-        found = self._find_charuco(image) if self._charuco else self._find_chessboard(image)
-        if found is None:
+        corners = self._find_charuco(image) if self._charuco else self._find_chessboard(image)
+        if corners is None:
             return None
-        ids, pixels = found
+        ids, pixels = corners
         return ids, _refined(image, pixels, self._share * self._square_px(ids, pixels))
 
     def _find_charuco(self, image: Image) -> tuple[Ints, Floats] | None:
@@ -321,10 +321,10 @@ class CornerFinder:
     def _find_chessboard(self, image: Image) -> tuple[Ints, Floats] | None:
         size = (self._board.columns - 1, self._board.rows - 1)
         flags = _CHESSBOARD_FLAGS | cv2.CALIB_CB_FAST_CHECK
-        found, corners = cv2.findChessboardCorners(image, size, flags=flags)
-        if not found:
-            found, corners = cv2.findChessboardCornersSB(image, size)
-        if not found:
+        ok, corners = cv2.findChessboardCorners(image, size, flags=flags)
+        if not ok:
+            ok, corners = cv2.findChessboardCornersSB(image, size)
+        if not ok:
             return None
         grid = corners.reshape(size[1], size[0], 2).astype(np.float64)
         grid = self._upright(image, grid)

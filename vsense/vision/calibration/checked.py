@@ -17,7 +17,7 @@ from vsense.base.files import parse_json, read_text
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.tracking.specs import TrackingSession
 
-FILE = Path("report", "check.json")
+CAMERA_CHECK_FILE = Path("report", "check.json")
 """Beside the camera files."""
 
 _DIGITS = 16
@@ -44,9 +44,9 @@ def of_session(cameras: Mapping[str, tuple[Camera, Path]]) -> dict[str, Any]:
     """
     checks: dict[Path, dict[str, Any]] = {}
     for folder in {file.parent for _, file in cameras.values()}:
-        found = _read(folder / FILE)
-        if found is not None:
-            checks[folder] = found
+        check = _read(folder / CAMERA_CHECK_FILE)
+        if check is not None:
+            checks[folder] = check
     unchecked, stale = [], []
     for name, (camera, file) in sorted(cameras.items()):
         digests = checks.get(file.parent, {}).get("cameras", {}).values()
@@ -54,12 +54,12 @@ def of_session(cameras: Mapping[str, tuple[Camera, Path]]) -> dict[str, Any]:
             unchecked.append(name)
         elif digest(camera) not in digests:
             stale.append(name)
-    told = sorted(checks.values(), key=lambda check: str(check.get("when", "")))
+    ordered = sorted(checks.values(), key=lambda check: str(check.get("when", "")))
     return {
         "checked": bool(cameras) and not unchecked and not stale,
         "unchecked": unchecked,
         "stale": stale,
-        "checks": [{name: check.get(name) for name in ("when", *_NUMBERS)} for check in told],
+        "checks": [{name: check.get(name) for name in ("when", *_NUMBERS)} for check in ordered],
     }
 
 
@@ -73,12 +73,12 @@ def of_tracking(session: TrackingSession) -> dict[str, Any]:
 def _read(path: Path) -> dict[str, Any] | None:
     """A check's file; None where there is none that can be read."""
     try:
-        found = parse_json(read_text(path))
+        data = parse_json(read_text(path))
     except (OSError, ValueError, RecursionError):
         return None
-    if not isinstance(found, dict) or not isinstance(found.get("cameras"), dict):
+    if not isinstance(data, dict) or not isinstance(data.get("cameras"), dict):
         return None
-    return {name: value for name, value in found.items() if _is_plain(name, value)}
+    return {name: value for name, value in data.items() if _is_plain(name, value)}
 
 
 def _is_plain(name: str, value: object) -> bool:

@@ -20,7 +20,7 @@ from vsense.vision.calibration._pictures import gather, inspect
 from vsense.vision.calibration._placement import FloorReference, TagFinder
 from vsense.vision.calibration._views import View
 from vsense.vision.calibration.board import Board, CornerFinder
-from vsense.vision.calibration.checked import FILE
+from vsense.vision.calibration.checked import CAMERA_CHECK_FILE
 from vsense.vision.calibration.frame import FrameShift
 from vsense.vision.calibration.session import cameras_of
 from vsense.vision.cameras.camera import Camera, Floats
@@ -73,17 +73,17 @@ def run(options: CheckOptions) -> int:
     """
     _check_options(options)
     cameras = cameras_of("--cameras", options.cameras)
-    found = _with_board(options, cameras) if options.board else _with_points(options, cameras)
+    result = _with_board(options, cameras) if options.board else _with_points(options, cameras)
     now = datetime.now(timezone.utc).isoformat(timespec="seconds")
-    data = _check.as_json(found, now, "board" if options.board else "points")
-    path = options.cameras / FILE
+    data = _check.as_json(result, now, "board" if options.board else "points")
+    path = options.cameras / CAMERA_CHECK_FILE
     text = json.dumps(data, indent=2) + "\n"
     try:
         path.parent.mkdir(exist_ok=True)
         path.write_text(text, encoding="utf-8")
     except OSError as error:
         raise UsageError(f"{path}: cannot be written: {error.strerror}") from None
-    for line in as_text(found, data):
+    for line in as_text(result, data):
         _say(line)
     _say("runs with these cameras tell it from now on, until their files change")
     print(text if options.json else path, end="" if options.json else "\n")
@@ -137,8 +137,8 @@ def _looked(
         assert options.markers is not None
         make = _marker_finder(options.markers, points)
     seen: dict[tuple[str, str], list[Floats]] = {}
-    for camera, found in _inspected(options, cameras, make):
-        for id, pixel in found.items():
+    for camera, places in _inspected(options, cameras, make):
+        for id, pixel in places.items():
             seen.setdefault((camera, id), []).append(pixel)
     return [
         PointSight(camera, id, np.median(pixels, axis=0))
@@ -153,14 +153,14 @@ def _marker_finder(family_name: str, points: Mapping[str, Floats]) -> Callable[[
         if not name.isdecimal() or len(name) > 9:
             raise UsageError(f"--markers: point '{name}': expected the number of a tag")
         tags.setdefault(float(place[2]), []).append(int(name))
-    for height_m, some in tags.items():
-        make_detector(family, some, height_m)
+    for height_m, numbers in tags.items():
+        make_detector(family, numbers, height_m)
 
     def make() -> Find:
-        detectors = [make_detector(family, some, height_m) for height_m, some in tags.items()]
+        detectors = [make_detector(family, numbers, height_m) for height_m, numbers in tags.items()]
 
         def find(camera: Camera, image: Image) -> dict[str, Floats]:
-            rows = [row for each in detectors for row in each.detect(image, camera)]
+            rows = [row for detector in detectors for row in detector.detect(image, camera)]
             named = [row for row in rows if row["tag"] >= 0]
             return {
                 str(row["tag"]): np.array((row["x_px"], row["y_px"]))
@@ -177,7 +177,7 @@ def _inspected(
     options: CheckOptions, cameras: Mapping[str, Camera], make: Callable[[], Find]
 ) -> list[tuple[str, dict[str, Floats]]]:
     """What is found in all pictures, each with its camera."""
-    return [(camera, found) for camera, _, found in _views(options, cameras, make)]
+    return [(camera, places) for camera, _, places in _views(options, cameras, make)]
 
 
 def _views(
@@ -193,7 +193,7 @@ def _views(
             f" {', '.join(cameras)}, as folder of the pictures or with --camera"
         )
 
-    found = []
+    views = []
     for name in sorted(set(names.values())):
         camera = cameras[name]
         mine = [picture for picture in pictures if names[picture] == name]
@@ -202,14 +202,14 @@ def _views(
             find = make()
             return lambda image: find(camera, image) if _fits(image, camera) else None
 
-        for one, size, seen in inspect(mine, bound, lambda done, total: None):
+        for picture, size, seen in inspect(mine, bound, lambda done, total: None):
             if size != (camera.width_px, camera.height_px):
                 raise UsageError(
-                    f"{one.path}: {size[0]} x {size[1]} px, expected {camera.width_px} x"
+                    f"{picture.path}: {size[0]} x {size[1]} px, expected {camera.width_px} x"
                     f" {camera.height_px} as in the file of {name}"
                 )
-            found.append((name, one.moment, seen))
-    return found
+            views.append((name, picture.moment, seen))
+    return views
 
 
 def _fits(image: Image, camera: Camera) -> bool:
@@ -255,12 +255,12 @@ def _with_board(options: CheckOptions, cameras: Mapping[str, Camera]) -> PointCh
     return _check.check(cameras, points, sights)
 
 
-def as_text(found: PointCheck, data: Mapping[str, Any]) -> list[str]:
+def as_text(result: PointCheck, data: Mapping[str, Any]) -> list[str]:
     """The check as lines: points, cameras, distances, and what is at fault."""
     lines = []
-    if len(found.sights) <= _MOST_ROWS:
+    if len(result.sights) <= _MOST_ROWS:
         rows: list[tuple[str, ...]] = [("point", "camera", "x mm", "y mm", "off mm")]
-        for sight, (x, y) in zip(found.sights, (1e3 * found.off_m).tolist()):
+        for sight, (x, y) in zip(result.sights, (1e3 * result.off_m).tolist()):
             off = float(np.hypot(x, y))
             rows.append((sight.point, sight.camera, f"{x:+.1f}", f"{y:+.1f}", f"{off:.1f}"))
         lines += aligned(rows, left=2)
@@ -268,31 +268,31 @@ def as_text(found: PointCheck, data: Mapping[str, Any]) -> list[str]:
     for name, of in data["of_cameras"].items():
         rows.append((name, str(of["points"]), f"{of['rms_mm']:.2f}", f"{of['worst_mm']:.2f}"))
     lines += aligned(rows, left=1)
-    steps = steps_m(found)
+    steps = steps_m(result)
     if steps:
-        (one, other), most = max(steps.items(), key=lambda pair: pair[1])
-        lines.append(f"between two cameras {1e3 * most:.2f} mm at worst, {one} and {other}")
-    for tape, off_m in zip(found.distances, found.apart_m.tolist()):
+        (first, other), most = max(steps.items(), key=lambda pair: pair[1])
+        lines.append(f"between two cameras {1e3 * most:.2f} mm at worst, {first} and {other}")
+    for tape, off_m in zip(result.distances, result.apart_m.tolist()):
         lines.append(
             f"from {tape.first} to {tape.second}: {1e3 * off_m:+.1f} mm of"
             f" {1e3 * tape.distance_m:.0f} mm"
         )
-    if found.distances:
-        lines.append(f"distances {1e3 * rms(found.apart_m):.2f} mm rms")
+    if result.distances:
+        lines.append(f"distances {1e3 * rms(result.apart_m):.2f} mm rms")
     lines.append(
         f"all together {data['rms_mm']:.2f} mm rms, {data['worst_mm']:.2f} mm at worst, at"
         f" {data['points']} points"
     )
-    return [*lines, *_blame(found, data)]
+    return [*lines, *_blame(result, data)]
 
 
-def _blame(found: PointCheck, data: Mapping[str, Any]) -> list[str]:
+def _blame(result: PointCheck, data: Mapping[str, Any]) -> list[str]:
     """Says whether the frame as a whole is at fault."""
-    if found.shift is None or data["how"] == "board":
+    if result.shift is None or data["how"] == "board":
         return []
     text = f"{data['shape_rms_mm']:.2f} mm rms where the frame as a whole fits best"
     if data["shape_rms_mm"] < _FRAME_SHARE * data["rms_mm"]:
-        return [f"{text}: {found.shift.in_words()}; vsense arena align moves it there"]
+        return [f"{text}: {result.shift.in_words()}; vsense arena align moves it there"]
     return [text]
 
 

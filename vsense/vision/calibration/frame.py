@@ -25,15 +25,15 @@ class FrameShift:
     yaw_rad: float = 0.0
 
     @classmethod
-    def between(cls, found: Floats, wanted: Floats) -> FrameShift:
+    def between(cls, places: Floats, wanted: Floats) -> FrameShift:
         """Returns the shift that takes (n, 2) places nearest to others, in least squares.
 
         One place tells no turn, and gets none; several need not be in one spot.
 
         Source: Umeyama, Least-squares estimation of transformation parameters, 1991, in the plane.
         """
-        middle, goal = found.mean(axis=0), wanted.mean(axis=0)
-        (x, y), (u, v) = (found - middle).T, (wanted - goal).T
+        middle, goal = places.mean(axis=0), wanted.mean(axis=0)
+        (x, y), (u, v) = (places - middle).T, (wanted - goal).T
         yaw = math.atan2(float(np.sum(x * v - y * u)), float(np.sum(x * u + y * v)))
         left = goal - cls(0.0, 0.0, yaw).apply(middle[np.newaxis])[0]
         return cls(float(left[0]), float(left[1]), yaw)

@@ -36,7 +36,7 @@ from vsense.vision.markers import _paper
 
 Corners = tuple[NDArray[np.int64], Floats]
 
-REPORT = "report"
+REPORT_FOLDER = "report"
 """Folder beside the camera files; it holds report.json, report.png and corners.csv."""
 _MOST_VIEWS = 80
 _DPI = 300
@@ -143,8 +143,8 @@ def rig(options: RigOptions) -> int:
     elif not given:
         assert board is not None
         _say("lenses first, each camera by itself")
-        found = calibrate_lenses(shoot, board)
-        lenses, trust = {c.id: lens_of(c) for c in found.cameras}, Trust.FREE
+        lens_solution = calibrate_lenses(shoot, board)
+        lenses, trust = {c.id: lens_of(c) for c in lens_solution.cameras}, Trust.FREE
     solution = RigSolver(Rig(shoot, board, floor, lenses, trust)).solve()
     title = f"Rig of {_count(len(solution.cameras), 'camera')}"
     return _deliver(options, title, solution, board, shoot.views)
@@ -221,18 +221,18 @@ def _looked(
             tags.find(image) if tags else {},
         )
 
-    for one, size, (corners, middles) in inspect(pictures, make, _progress):
-        wanted = expected.get(one.camera, sizes.setdefault(one.camera, size))
-        sizes[one.camera] = wanted
+    for file, size, (corners, middles) in inspect(pictures, make, _progress):
+        wanted = expected.get(file.camera, sizes.setdefault(file.camera, size))
+        sizes[file.camera] = wanted
         if size != wanted:
             raise UsageError(
-                f"{one.path}: {size[0]} x {size[1]} px, expected {wanted[0]} x {wanted[1]} as in "
-                f"the other pictures of {one.camera}"
+                f"{file.path}: {size[0]} x {size[1]} px, expected {wanted[0]} x {wanted[1]} as in "
+                f"the other pictures of {file.camera}"
             )
-        counts[one.camera] = counts.get(one.camera, 0) + 1
-        tagged.append((one.camera, middles))
+        counts[file.camera] = counts.get(file.camera, 0) + 1
+        tagged.append((file.camera, middles))
         if corners is not None:
-            views.append(View(one.camera, one.moment, *corners))
+            views.append(View(file.camera, file.moment, *corners))
     _say(f"the board was found in {len(views)} of {_count(len(pictures), 'picture')}")
     return BoardViews(dict(sorted(sizes.items())), views, counts), tag_views(tagged)
 
@@ -255,7 +255,7 @@ def _deliver(
     lines, text = save(folder, title, solution, board, views)
     for line in lines:
         _say(line)
-    _say(f"report: {folder / REPORT / 'report.png'}")
+    _say(f"report: {folder / REPORT_FOLDER / 'report.png'}")
     files = [folder / f"{camera.id}.json" for camera in solution.cameras]
     print(text if options.json else "\n".join(map(str, files)), end="" if options.json else "\n")
     return 0
@@ -264,7 +264,7 @@ def _deliver(
 def save(
     folder: Path, title: str, solution: Solution, board: Board | None, views: Sequence[View]
 ) -> tuple[list[str], str]:
-    """Writes camera files into a folder and the report into its `REPORT`.
+    """Writes camera files into a folder and the report into its `REPORT_FOLDER`.
 
     Returns the report as lines for people, and as the text of its JSON file. Raises UsageError
     where something cannot be written.
@@ -278,13 +278,13 @@ def save(
     subtitle = f"{board or 'known points'}: {solution.rms_px:.3f} px rms"
     image = _report.draw(title, subtitle, solution, board)
     try:
-        (folder / REPORT).mkdir(parents=True, exist_ok=True)
+        (folder / REPORT_FOLDER).mkdir(parents=True, exist_ok=True)
         if views:
-            write_corners(folder / REPORT / "corners.csv", views)
+            write_corners(folder / REPORT_FOLDER / "corners.csv", views)
     except OSError as error:
         raise UsageError(f"{folder}: cannot be written: {error.strerror}") from None
-    _write(folder / REPORT / "report.json", text.encode())
-    _write(folder / REPORT / "report.png", cv2.imencode(".png", image)[1].tobytes())
+    _write(folder / REPORT_FOLDER / "report.json", text.encode())
+    _write(folder / REPORT_FOLDER / "report.png", cv2.imencode(".png", image)[1].tobytes())
     for camera in solution.cameras:
         _write(folder / f"{camera.id}.json", (camera.to_json() + "\n").encode())
     return _report.as_text(solution, check), text
@@ -312,7 +312,7 @@ class PictureCalibration:
         """Waits for all pictures that were taken; gives where the board's corners are in them."""
         self._looker.shutdown()
         seen = ((camera, moment, look.result()) for camera, moment, look in self._looks)
-        views = [View(camera, moment, *found) for camera, moment, found in seen if found]
+        views = [View(camera, moment, *corners) for camera, moment, corners in seen if corners]
         return sorted(views, key=lambda view: (view.camera, view.moment))
 
     def solve(
@@ -323,7 +323,7 @@ class PictureCalibration:
         Raises CalibrationError where the pictures do not link the cameras.
         """
         shoot = BoardViews(self._sizes, views, self._counts)
-        lenses = {one.id: lens_of(one) for one in calibrate_lenses(shoot, self._board).cameras}
+        lenses = {c.id: lens_of(c) for c in calibrate_lenses(shoot, self._board).cameras}
         floor = FloorReference(flat=(flat,), origin=origin)
         return RigSolver(Rig(shoot, self._board, floor, lenses, Trust.FREE)).solve()
 

@@ -172,19 +172,19 @@ def locate(name: str) -> str:
         AravisError: No camera answers to the name, or several share its name or address.
     """
     there = listed()
-    found = [camera for camera in there if name in camera.names]
-    if not found and is_address(name):
+    matches = [camera for camera in there if name in camera.names]
+    if not matches and is_address(name):
         # The search does not reach cameras behind a router; they can still be opened.
         return name
-    if not found:
-        others = ", ".join(camera.id for camera in there) or "none"
-        raise AravisError(f"no camera answers to {name!r}; there are: {others}")
-    addresses = {camera.address for camera in found} - {""}
-    same = [c for c in there if c.address in addresses] if addresses else found
+    if not matches:
+        ids = ", ".join(camera.id for camera in there) or "none"
+        raise AravisError(f"no camera answers to {name!r}; there are: {ids}")
+    addresses = {camera.address for camera in matches} - {""}
+    same = [c for c in there if c.address in addresses] if addresses else matches
     if len(same) > 1:
         what = f"the address {same[0].address}" if addresses else f"the name {name!r}"
         raise AravisError(several(what, same))
-    return found[0].address or found[0].id
+    return matches[0].address or matches[0].id
 
 
 def is_address(name: str) -> bool:
@@ -265,9 +265,9 @@ class AravisCamera:
         names = call(
             self._lib.arv_camera_dup_available_pixel_formats_as_strings, self.handle, count
         )
-        found = [self._ffi.string(names[n]).decode() for n in range(count[0])]
+        formats = [self._ffi.string(names[n]).decode() for n in range(count[0])]
         self._lib.g_free(names)
-        return found
+        return formats
 
     @property
     def rate_hz(self) -> float:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from vsense.vision.cameras.camera import Camera, distort, undistort
 
 Floats = NDArray[np.float64]
-Places = NDArray[np.intp]
+Index = NDArray[np.intp]
 Chosen = NDArray[np.bool_]
 
 _BORDER_POINTS = 33
@@ -45,7 +45,7 @@ class CameraArray:
         self._distortion = np.array([c.distortion for c in cameras])
         self._grounds: dict[float, Floats] = {}
 
-    def project(self, points_m: Floats, camera: Places) -> Floats:
+    def project(self, points_m: Floats, camera: Index) -> Floats:
         """Returns the (n, 2) pixels of (n, 3) arena points, each in a camera's picture.
 
         `camera` is (n,) the cameras' places; the points are in front of them.
@@ -56,7 +56,7 @@ class CameraArray:
         flat = np.stack((x, y), axis=-1)
         return np.asarray(self._focal_px[camera] * flat + self._centre_px[camera])
 
-    def to_plane(self, points_px: Floats, height_m: Floats, camera: Places) -> Floats:
+    def to_plane(self, points_px: Floats, height_m: Floats, camera: Index) -> Floats:
         """Returns arena x and y [m] of what (n, 2) pixels show of horizontal planes, (n, 2).
 
         `height_m` is (n,) the planes' heights above the floor, `camera` (n,) the cameras' places.
@@ -70,7 +70,7 @@ class CameraArray:
         reach = (height_m - centre[:, 2]) / rays[:, 2]
         return np.asarray(centre[:, :2] + reach[:, np.newaxis] * rays[:, :2])
 
-    def contain(self, points_px: Floats, camera: Places, margin_px: Floats | float = 0.0) -> Chosen:
+    def contain(self, points_px: Floats, camera: Index, margin_px: Floats | float = 0.0) -> Chosen:
         """Whether (n, 2) pixels lie in their camera's picture, so far inside its border."""
         low = np.asarray(margin_px - 0.5)[..., np.newaxis]
         inside = (points_px >= low) & (points_px <= self.size_px[camera] - 1.0 - low)
@@ -93,8 +93,8 @@ class CameraArray:
 def _ground(camera: Camera, height_m: float) -> tuple[float, ...]:
     """Returns a row of `CameraArray.ground`; those that come and go need not be computed anew."""
     steps = np.linspace(0.0, 1.0, _BORDER_POINTS)
-    zero, one = np.zeros_like(steps), np.ones_like(steps)
-    sides = [(steps, zero), (steps, one), (zero, steps), (one, steps)]
+    zero, ones = np.zeros_like(steps), np.ones_like(steps)
+    sides = [(steps, zero), (steps, ones), (zero, steps), (ones, steps)]
     border = np.concatenate([np.stack(side, axis=1) for side in sides])
     only, of = CameraArray([camera]), np.zeros(len(border), dtype=np.intp)
     places = only.to_plane(border * only.size_px - 0.5, np.full(len(of), height_m), of)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 from vsense.base.errors import GrabberError
 from vsense.vision.cameras._aravis_camera import AravisCamera, AravisStream, is_address, locate
-from vsense.vision.cameras._networks import HELD, NetworkLoad, Stream, controlled
+from vsense.vision.cameras._networks import CAMERA_HELD, NetworkLoad, Stream, controlled
 from vsense.vision.cameras.aravis import AravisError
 from vsense.vision.cameras.source import (
     AUTOMATIC,
@@ -62,8 +62,8 @@ class _Setting:
         formats = camera.formats()
         usable = [name for name in PIXEL_FORMATS if name in formats]
         if not usable:
-            has, known = ", ".join(formats), ", ".join(PIXEL_FORMATS)
-            raise AravisError(f"has the pixel formats {has}; expected one of {known}")
+            has, expected = ", ".join(formats), ", ".join(PIXEL_FORMATS)
+            raise AravisError(f"has the pixel formats {has}; expected one of {expected}")
         self._control("pixel_format", self._settings.pixel_format or usable[0])
         if camera.get("PixelFormat") not in PIXEL_FORMATS:
             self._control("pixel_format", usable[0])
@@ -124,10 +124,10 @@ class _Setting:
             camera.set(feature, value if isinstance(value, str) else digits(value))
         except AravisError as error:
             beyond = bounds is not None and not bounds[0] <= float(value) <= bounds[1]
-            kept = _like(value, camera.get(feature))
+            actual = _like(value, camera.get(feature))
             # The camera's own message is shown where bounds do not explain the refusal.
-            told = refused(name, value, kept, bounds if beyond else None)
-            self._said.append(told if beyond else f"{told} ({error})")
+            message = refused(name, value, actual, bounds if beyond else None)
+            self._said.append(message if beyond else f"{message} ({error})")
         else:
             self._note(name, value, _like(value, camera.get(feature)), bounds)
 
@@ -206,9 +206,9 @@ class GenicamSource:
         camera = AravisCamera(name)
         try:
             if not camera.in_control:
-                raise AravisError(HELD)
+                raise AravisError(CAMERA_HELD)
             camera.stop()
-            told = apply(camera, self._settings)
+            messages = apply(camera, self._settings)
             if camera.is_gige:
                 self._claim(camera, name)
             self._stream = AravisStream(camera)
@@ -216,7 +216,7 @@ class GenicamSource:
             camera.close()
             raise
         self._camera, self._resumed, self._running = camera, False, False
-        return told
+        return messages
 
     def read(self) -> Shot:
         """See `Source.read`."""
@@ -228,9 +228,9 @@ class GenicamSource:
             raise GrabberError(f"gives no pictures for {patience_s:g} s")
         self._running, self._resumed = True, False
         image, stamp_ns, age_ns = got
-        known = 0 <= age_ns < MOST_AGE_NS
+        has_age = 0 <= age_ns < MOST_AGE_NS
         # A camera without a clock of its own stamps everything with 0.
-        return Shot(image, stamp_ns or None, self._clock() - age_ns if known else None)
+        return Shot(image, stamp_ns or None, self._clock() - age_ns if has_age else None)
 
     def trigger(self) -> None:
         """See `Triggered.trigger` of `vsense.vision.cameras._live_grabber`."""
@@ -263,7 +263,7 @@ class GenicamSource:
         if is_address(name) and now_ns >= self._held_until_ns and controlled(name):
             self._held_until_ns = now_ns + FORGOTTEN_NS
         if now_ns < self._held_until_ns:
-            raise AravisError(HELD)
+            raise AravisError(CAMERA_HELD)
 
     def _claim(self, camera: AravisCamera, address: str) -> None:
         """Refuses to send more than the network carries."""

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from vsense.vision.cameras.source import Shot
 
-WINDOW = 64
+TRANSFERS = 64
 """Pictures that the shortest transfer is taken from: 6 s at 10 Hz, 0.3 ms of drift at 50 ppm."""
 JUMP_NS = 100_000_000
 """A difference that is a clock's jump: no network delays several pictures alike by so much."""
@@ -45,7 +45,7 @@ class ClockMap:
     """
 
     def __init__(self) -> None:
-        self._apart_ns: deque[int] = deque(maxlen=WINDOW)
+        self._apart_ns: deque[int] = deque(maxlen=TRANSFERS)
         self._newest_ns: int | None = None
 
     def capture_ns(self, stamp_ns: int, arrived_ns: int) -> tuple[int, int]:
@@ -140,15 +140,15 @@ def jump_in_words(jump_ns: int) -> str:
 
 
 Floats = NDArray[np.float64]
-Place = Sequence[float] | Floats
+TimedPlace = Sequence[float] | Floats
 _Way = deque[tuple[int, float, float]]
 _Pair = tuple[str, str]
 
-WINDOW_S = 8.0
+WAYS_WINDOW_S = 8.0
 """Ways are remembered so long."""
 EVERY_S = 1.0
 """They are compared so often."""
-LEAST_S = 0.06
+LEAST_DELAY_S = 0.06
 """Less is usual where cameras are not triggered: half a period, and what a driver takes."""
 GONE_S = 0.04
 MOST_S = 0.6
@@ -212,7 +212,7 @@ class CameraDelays:
         self.late_s: dict[str, float] = {}
         """The cameras that are late, by how much."""
 
-    def see(self, camera: str, capture_ns: int, places: Mapping[int, Place]) -> None:
+    def see(self, camera: str, capture_ns: int, places: Mapping[int, TimedPlace]) -> None:
         """Takes the places [m] of the tags that a picture shows once."""
         ways = self._ways[camera]
         for tag, (x_m, y_m) in places.items():
@@ -221,7 +221,7 @@ class CameraDelays:
                 way.clear()  # a recording begins again, or a clock was set back
             way.append((capture_ns, float(x_m), float(y_m)))
         for tag, way in list(ways.items()):
-            while way and abs(capture_ns - way[0][0]) > 1e9 * WINDOW_S:
+            while way and abs(capture_ns - way[0][0]) > 1e9 * WAYS_WINDOW_S:
                 way.popleft()
             if not way:
                 del ways[tag]
@@ -252,19 +252,19 @@ class CameraDelays:
 
     def _judge(self) -> list[tuple[str, float | None]]:
         """Returns the cameras for which something has changed; see `compare`."""
-        told: list[tuple[str, float | None]] = []
+        changes: list[tuple[str, float | None]] = []
         for camera, late_s in _delays(self._sure).items():
             recent = self._recent.setdefault(camera, deque(maxlen=_TIMES))
             recent.append(late_s)
             if len(recent) < _TIMES or max(recent) - min(recent) > _AGREE_S:
                 continue
-            if camera not in self.late_s and min(recent) > LEAST_S:
+            if camera not in self.late_s and min(recent) > LEAST_DELAY_S:
                 self.late_s[camera] = late_s
-                told.append((camera, late_s))
+                changes.append((camera, late_s))
             elif camera in self.late_s and max(recent) < GONE_S:
                 del self.late_s[camera]
-                told.append((camera, None))
-        return told
+                changes.append((camera, None))
+        return changes
 
     def lag(self, first: str, second: str) -> Lag:
         """Returns by how much the first of two cameras is later, as they were compared last.
@@ -316,12 +316,12 @@ def _lag(first: Mapping[int, _Way], second: Mapping[int, _Way]) -> Lag:
         return _UNKNOWN  # they stand
     if _is_sharp(here.off_m, 1, 1):  # as nearly always
         return Lag(0.0, float(here.apart_m[1]), True)
-    found = _off(ways, _SHIFTS_S)
-    best, reach = int(found.off_m.argmin()), round(_SHARP_S / _STEP_S)
-    if not _is_sharp(found.off_m, best, reach):
+    off = _off(ways, _SHIFTS_S)
+    best, reach = int(off.off_m.argmin()), round(_SHARP_S / _STEP_S)
+    if not _is_sharp(off.off_m, best, reach):
         return _OPEN
-    vertex = _vertex(found.off_m[best - 1 : best + 2] ** 2)
-    return Lag(float(_SHIFTS_S[best]) + _STEP_S * vertex, float(found.apart_m[best]), True)
+    vertex = _vertex(off.off_m[best - 1 : best + 2] ** 2)
+    return Lag(float(_SHIFTS_S[best]) + _STEP_S * vertex, float(off.apart_m[best]), True)
 
 
 def _is_sharp(off_m: Floats, best: int, reach: int) -> bool:
@@ -329,8 +329,8 @@ def _is_sharp(off_m: Floats, best: int, reach: int) -> bool:
     if not reach <= best < len(off_m) - reach:
         return False
     beside_m = min(off_m[best - reach], off_m[best + reach])
-    known = np.isfinite(off_m[best - reach : best + reach + 1]).all()
-    return bool(known and max(off_m[best] / _EXPLAINED, _LEAST_M) < beside_m)
+    finite = np.isfinite(off_m[best - reach : best + reach + 1]).all()
+    return bool(finite and max(off_m[best] / _EXPLAINED, _LEAST_M) < beside_m)
 
 
 class _Off(NamedTuple):
@@ -349,13 +349,13 @@ def _off(ways: Sequence[tuple[Floats, Floats]], shifts_s: Floats) -> _Off:
     ways = [(first[::every], second) for first, second in ways]
     gap = np.concatenate([_gaps(*way, shifts_s) for way in ways], axis=1)
     place = np.concatenate([first[:, 1:] for first, _ in ways])
-    for row, one in enumerate(gap):
-        known = np.isfinite(one[:, 0])
-        if known.sum() >= _LEAST_VIEWS:
+    for row, gaps in enumerate(gap):
+        valid = np.isfinite(gaps[:, 0])
+        if valid.sum() >= _LEAST_VIEWS:
             # A wrong calibration maps places; robots that all drive in one circle tell no time.
-            form = np.column_stack((np.ones(known.sum()), place[known] - place[known].mean(axis=0)))
-            shares, *_ = np.linalg.lstsq(form, one[known], rcond=None)
-            left = one[known] - form @ shares
+            form = np.column_stack((np.ones(valid.sum()), place[valid] - place[valid].mean(axis=0)))
+            shares, *_ = np.linalg.lstsq(form, gaps[valid], rcond=None)
+            left = gaps[valid] - form @ shares
             off.off_m[row] = np.sqrt((left**2).sum(axis=1).mean())
             off.apart_m[row] = np.hypot(*shares[0])
     return off

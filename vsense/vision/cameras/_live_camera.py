@@ -136,8 +136,8 @@ class LiveCamera:
         capture_ns, jump_ns = self._timing.capture_ns(shot, first_ns)
         if jump_ns:
             how = jump_in_words(jump_ns)
-            told = f"its clock has jumped {how}; the times of its pictures are right again"
-            self._notify("clock", told)
+            text = f"its clock has jumped {how}; the times of its pictures are right again"
+            self._notify("clock", text)
         rate_hz = self._timing.rate_change()
         if rate_hz is not None:
             rate = f"{rate_hz:.1f} pictures per second"
@@ -150,8 +150,8 @@ class LiveCamera:
             self._frozen = self._reopened = False
         self._good_since += 1
         if self._damaged and self._good_since >= WHOLE:
-            told = f"gives whole pictures again, after {self._damaged} damaged ones"
-            self._notify("whole", told)
+            text = f"gives whole pictures again, after {self._damaged} damaged ones"
+            self._notify("whole", text)
             self._damaged = 0
         if self._gone:
             self._notify("back", "is back")

@@ -77,11 +77,11 @@ def _trigger(camera: Triggered) -> None:
         return
 
 
-RETRY_S = 0.5
-PATIENCE_S = 0.05
-MOST_EVENTS = 256
+REOPEN_INTERVAL_S = 0.5
+LATE_CAMERA_TIMEOUT_S = 0.05
+MOST_UNREAD_EVENTS = 256
 """Only the newest events are kept while they are not read."""
-JOIN_S = 1.5
+CAMERA_JOIN_S = 1.5
 """Time that `close` waits for the cameras to answer."""
 
 
@@ -104,8 +104,8 @@ class LiveGrabber:
         rates_hz: Mapping[str, float | None] | None = None,
         together_s: float | None = None,
         trigger: SoftwareTrigger | None = None,
-        patience_s: float = PATIENCE_S,
-        retry_s: float = RETRY_S,
+        patience_s: float = LATE_CAMERA_TIMEOUT_S,
+        retry_s: float = REOPEN_INTERVAL_S,
     ) -> None:
         """Starts one thread per camera, which opens it and takes pictures.
 
@@ -123,7 +123,7 @@ class LiveGrabber:
         self._timestep = 0
         self._news = threading.Condition()
         self._ended = threading.Event()
-        self._events: deque[CameraEvent] = deque(maxlen=MOST_EVENTS)
+        self._events: deque[CameraEvent] = deque(maxlen=MOST_UNREAD_EVENTS)
         rates = rates_hz or {}
         self._cameras = {
             c: LiveCamera(
@@ -140,12 +140,12 @@ class LiveGrabber:
     def next(self, timeout_s: float) -> Sequence[Frame]:
         """See `Grabber.next`."""
         with self._news:
-            found = self._news.wait_for(self._any_fresh, timeout_s) and not self._ended.is_set()
-            if found:
+            is_fresh = self._news.wait_for(self._any_fresh, timeout_s) and not self._ended.is_set()
+            if is_fresh:
                 self._news.wait_for(self._all_fresh, self._patience_s)
             for camera in self._cameras.values():
                 camera.watch(self._clock())
-            if not found:
+            if not is_fresh:
                 raise GrabberError(f"no camera gave a picture in {timeout_s:g} s")
             frames = self._collect()
             self._timestep += 1
@@ -167,7 +167,7 @@ class LiveGrabber:
             camera.end()
         with self._news:
             self._news.notify_all()
-        deadline_ns = self._clock() + round(1e9 * JOIN_S)
+        deadline_ns = self._clock() + round(1e9 * CAMERA_JOIN_S)
         for thread in self._threads:
             thread.join(max(deadline_ns - self._clock(), 0) / 1e9)
 

@@ -48,7 +48,7 @@ def networks() -> list[Network]:
     """Returns all IPv4 addresses of this host, also several of one interface."""
     room = array("B", bytes(_ROOM * _REQUEST.size))
     place, _ = room.buffer_info()
-    found = []
+    addresses = []
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asked:
         answer = fcntl.ioctl(asked, _ADDRESSES, struct.pack("iP", len(room), place))
         (size,) = struct.unpack_from("i", answer)
@@ -62,8 +62,8 @@ def networks() -> list[Network]:
             text = f"{socket.inet_ntoa(row[2])}/{socket.inet_ntoa(mask)}"
             # A further address may have a label: "eth1:2" is an address of eth1.
             name = row[0].partition(b"\0")[0].partition(b":")[0].decode()
-            found.append(Network(name, IPv4Interface(text)))
-    return found
+            addresses.append(Network(name, IPv4Interface(text)))
+    return addresses
 
 
 def host_address(address: str) -> str | None:
@@ -79,7 +79,7 @@ def host_address(address: str) -> str | None:
 
 def interface_of(host: str) -> str | None:
     """Returns the network interface that has an address of this host."""
-    mine = (each.name for each in networks() if each.address.ip == IPv4Address(host))
+    mine = (network.name for network in networks() if network.address.ip == IPv4Address(host))
     return next(mine, None)
 
 
@@ -148,9 +148,9 @@ class NetworkLoad:
             BandwidthError: The network does not carry that beside the others; nothing is noted.
         """
         with self._lock:
-            others = {c: noted for c, noted in self._streams.items() if c != camera}
+            remaining = {c: noted for c, noted in self._streams.items() if c != camera}
             interface = self._way(address)
-            everybody = others | {camera: (interface, stream)}
+            everybody = remaining | {camera: (interface, stream)}
             if interface is not None:
                 self._check(interface, everybody)
             self._streams = everybody
@@ -178,15 +178,15 @@ _LINK_LOCAL = IPv4Network("169.254.0.0/16")
 """The addresses of cameras that were given none. Source: RFC 3927."""
 
 
-def stranded(address: str, known: Sequence[Network]) -> str:
-    """Explains a camera's IPv4 address that is on none of the `known` networks of this host.
+def stranded(address: str, own: Sequence[Network]) -> str:
+    """Explains a camera's IPv4 address that is on none of this host's `own` networks.
 
     Returns:
         A sentence without the camera's name; "" where the address is empty or reachable.
     """
-    if not address or any(IPv4Address(address) in each.address.network for each in known):
+    if not address or any(IPv4Address(address) in network.address.network for network in own):
         return ""
-    mine = [str(each) for each in known if not each.address.is_loopback]
+    mine = [str(network) for network in own if not network.address.is_loopback]
     nets = f"this host is on {', '.join(mine)}" if mine else "this host is on no network"
     if IPv4Address(address) in _LINK_LOCAL:
         return (
@@ -204,11 +204,11 @@ CONTROL = 0x0A00
 IN_CONTROL = 0b11
 """Its bits for exclusive access and for control."""
 
-GIGE = "GigEVision"
-USB3 = "USB3Vision"
+GIGE_PROTOCOL = "GigEVision"
+USB3_PROTOCOL = "USB3Vision"
 """Protocols, as Aravis calls them."""
 
-HELD = "another program controls it, or did until seconds ago"
+CAMERA_HELD = "another program controls it, or did until seconds ago"
 
 _VERSION = 0x0000
 _ASK_AGAIN = 3
@@ -268,7 +268,7 @@ class ListedCamera:
 
     Attributes:
         id: Vendor, model and serial number, as Aravis puts them together.
-        protocol: `GIGE` or `USB3`.
+        protocol: `GIGE_PROTOCOL` or `USB3_PROTOCOL`.
         address: IPv4 address; empty for USB3.
         mac: A unique MAC address, or the GUID of USB3.
     """
@@ -294,17 +294,17 @@ def several(what: str, cameras: Sequence[ListedCamera]) -> str:
 
 
 def heard(
-    known: Sequence[Network] | None = None, port: int = PORT, listen_s: float = LISTEN_S
+    own: Sequence[Network] | None = None, port: int = PORT, listen_s: float = LISTEN_S
 ) -> list[ListedCamera]:
     """Asks through all interfaces at once; takes `listen_s`.
 
-    `known` are this host's networks, which are looked up where it is None; `port` is the cameras'.
+    `own` are this host's networks, which are looked up where it is None; `port` is the cameras'.
     """
-    found: dict[ListedCamera, None] = {}
+    cameras: dict[ListedCamera, None] = {}
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ears:
         ears.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
         ears.bind(("", 0))
-        for network in networks() if known is None else known:
+        for network in networks() if own is None else own:
             # An interface may be down or behind a firewall; the others are still asked.
             with suppress(OSError):
                 _ask(ears, network, port)
@@ -316,8 +316,8 @@ def heard(
             except OSError:
                 continue
             if camera is not None:
-                found[camera] = None
-    return sorted(found, key=lambda camera: (camera.id, camera.mac))
+                cameras[camera] = None
+    return sorted(cameras, key=lambda camera: (camera.id, camera.mac))
 
 
 def parse(data: bytes) -> ListedCamera | None:
@@ -330,7 +330,7 @@ def parse(data: bytes) -> ListedCamera | None:
     mac, address, vendor, model, serial, _ = _ABOUT.unpack_from(data, _HEAD.size)
     texts = _text(vendor), _text(model), _text(serial)
     id = "-".join(" ".join(texts).split())
-    return ListedCamera(id, GIGE, socket.inet_ntoa(address), mac.hex(":"), *texts)
+    return ListedCamera(id, GIGE_PROTOCOL, socket.inet_ntoa(address), mac.hex(":"), *texts)
 
 
 def _ask(ears: socket.socket, network: Network, port: int) -> None:

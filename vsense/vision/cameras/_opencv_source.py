@@ -41,7 +41,7 @@ def teach_opencv() -> None:
 OPEN_TIMEOUT_MS = 2000
 READ_TIMEOUT_MS = 3000
 """Silence after which a stream has ended."""
-BUFFERS = 2
+CAPTURE_BUFFERS = 2
 """One is filled while the other is read. With one, every second picture of a camera that sends
 without pause is lost; with more, a late reader gets old ones."""
 
@@ -102,16 +102,16 @@ class DeviceSource:
         if self._capture is None:
             raise GrabberError(f"{self._device} is not open")
         try:
-            whole = self._capture.grab()
+            ok = self._capture.grab()
         except cv2.error as error:
             raise GrabberError(f"{self._device} has failed: {error.err}") from None
-        if not whole:
+        if not ok:
             raise GrabberError(f"{self._device} gives no more pictures")
         try:
-            whole, image = self._capture.retrieve()
+            ok, image = self._capture.retrieve()
         except cv2.error:
-            whole, image = False, None
-        if not whole or image is None:
+            ok, image = False, None
+        if not ok or image is None:
             raise PictureError("a picture cannot be decoded")
         if self._in_packets:
             return Shot(_unpack(image.tobytes()))
@@ -142,37 +142,37 @@ class DeviceSource:
     def _set_up(self, capture: cv2.VideoCapture) -> list[str]:
         """Sets what is wanted, reads it back, and returns the differences."""
         if self._is_v4l2:
-            capture.set(cv2.CAP_PROP_BUFFERSIZE, BUFFERS)
+            capture.set(cv2.CAP_PROP_BUFFERSIZE, CAPTURE_BUFFERS)
             if self._controls.exposure_us is not None:
                 capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, _MANUAL_EXPOSURE)
         # Set in this order and read back after the last: a rate depends on the size, and an
         # exposure time on the rate.
         settings = self._settings()
-        taken = [capture.set(each.key, each.value) for each in settings]
-        told = [self._compare(capture, each, took) for each, took in zip(settings, taken)]
+        taken = [capture.set(setting.key, setting.value) for setting in settings]
+        messages = [self._compare(capture, setting, took) for setting, took in zip(settings, taken)]
         # FFmpeg mends and stretches damaged JPEGs silently, so packets are decoded here.
         packed = not self._is_v4l2 and int(capture.get(cv2.CAP_PROP_FOURCC)) == _MJPEG
         self._in_packets = packed and bool(capture.set(cv2.CAP_PROP_FORMAT, _PACKETS))
-        return [text for text in told if text is not None]
+        return [text for text in messages if text is not None]
 
-    def _compare(self, capture: cv2.VideoCapture, each: _Setting, took: bool) -> str | None:
+    def _compare(self, capture: cv2.VideoCapture, item: _Setting, took: bool) -> str | None:
         """Describes how a setting differs from what is wanted; None: it does not."""
-        got = capture.get(each.key) * each.unit
-        known = math.isfinite(got) and (got > 0.0 or (got == 0.0 and self._is_v4l2))
-        if not known:
+        got = capture.get(item.key) * item.unit
+        is_valid = math.isfinite(got) and (got > 0.0 or (got == 0.0 and self._is_v4l2))
+        if not is_valid:
             # Every camera has sizes and rates.
-            control = each.key in (cv2.CAP_PROP_EXPOSURE, cv2.CAP_PROP_GAIN)
+            control = item.key in (cv2.CAP_PROP_EXPOSURE, cv2.CAP_PROP_GAIN)
             missing = control and self._is_v4l2 and not took
-            return absent(each.name) if missing else refused(each.name, each.wanted, None)
-        text = said(each.name, each.wanted, got)
-        if each.key == cv2.CAP_PROP_EXPOSURE and self._is_v4l2:
+            return absent(item.name) if missing else refused(item.name, item.wanted, None)
+        text = said(item.name, item.wanted, got)
+        if item.key == cv2.CAP_PROP_EXPOSURE and self._is_v4l2:
             automatic = capture.get(cv2.CAP_PROP_AUTO_EXPOSURE) in _AUTOMATIC_EXPOSURE
-            return refused(each.name, each.wanted, "automatic exposure") if automatic else text
+            return refused(item.name, item.wanted, "automatic exposure") if automatic else text
         if text is None or took:
             return text
         # FFmpeg often guesses a stream's rate.
-        guess = each.key == cv2.CAP_PROP_FPS and not self._is_v4l2
-        return refused(each.name, each.wanted, None if guess else got)
+        guess = item.key == cv2.CAP_PROP_FPS and not self._is_v4l2
+        return refused(item.name, item.wanted, None if guess else got)
 
     def _settings(self) -> list[_Setting]:
         """The wanted controls, in the order in which they are set."""

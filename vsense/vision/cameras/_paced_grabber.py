@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from vsense.base.arena import Frame
 from vsense.base.errors import GrabberError
-from vsense.vision.cameras._recorded_grabber import PATIENCE_S, RecordedGrabber
+from vsense.vision.cameras._recorded_grabber import PICTURE_TIMEOUT_S, RecordedGrabber
 from vsense.vision.cameras.grabber import CameraEvent
 
 
@@ -32,7 +32,7 @@ class PacedGrabber:
         """After a pause: what is next is due now; in the thread of `next`."""
         self._shift_ns = None
 
-    def next(self, timeout_s: float = PATIENCE_S) -> Sequence[Frame]:
+    def next(self, timeout_s: float = PICTURE_TIMEOUT_S) -> Sequence[Frame]:
         """Waits until the next timestep is due; see `Grabber.next`."""
         due_ns = self._recorded.due_ns()
         if due_ns is None:
@@ -84,7 +84,7 @@ class HeldPlayer:
         self._first: Sequence[Frame] = ()
         self._last: Sequence[Frame] = ()
         self._paced: PacedGrabber | None = None
-        self._anew, self._pauses = True, False
+        self._restarted, self._pauses = True, False
         self._closed = threading.Event()
         self._shift_ns = 0
         self._timestep = -1
@@ -106,7 +106,7 @@ class HeldPlayer:
         """Goes on where it stood; in the thread of `next`."""
         if self._pauses and self._paced is not None:
             self._paced.go_on()
-            self._anew, self._pauses = True, False
+            self._restarted, self._pauses = True, False
 
     def next(self, timeout_s: float) -> Sequence[Frame]:
         """Waits until the next pictures are due, dated as if taken now; see `Grabber.next`."""
@@ -115,10 +115,10 @@ class HeldPlayer:
         elif self._pauses:
             self._closed.wait(min(self._period_s, timeout_s))
             self.held = True
-            return self._dated(self._last, anew=True)
+            return self._dated(self._last, restarted=True)
         elif self._started.wait(min(self._period_s, timeout_s)):
             return self._played(timeout_s)
-        return self._dated(self._first, anew=True)
+        return self._dated(self._first, restarted=True)
 
     def events(self) -> list[CameraEvent]:
         """See `Grabber.events`."""
@@ -136,14 +136,14 @@ class HeldPlayer:
         if self._paced is None:
             self._paced = PacedGrabber(self._recorded, self._clock)
         self._last = self._paced.next(timeout_s)
-        frames = self._dated(self._last, self._anew)
-        self.held = self._anew = False
+        frames = self._dated(self._last, self._restarted)
+        self.held = self._restarted = False
         return frames
 
-    def _dated(self, frames: Sequence[Frame], anew: bool = False) -> Sequence[Frame]:
-        """Moves pictures to the host's clock; `anew`: the newest of them was taken just now."""
+    def _dated(self, frames: Sequence[Frame], restarted: bool = False) -> Sequence[Frame]:
+        """Moves pictures to the host's clock; `restarted`: the newest was taken just now."""
         now_ns = self._clock()
-        if anew:
+        if restarted:
             self._shift_ns = now_ns - max(frame.capture_ns for frame in frames)
         self._timestep += 1
         return [

@@ -22,11 +22,11 @@ from vsense.vision.cameras._recordings import CaptureTime
 from vsense.vision.cameras.grabber import CameraEvent
 from vsense.vision.cameras.picture import Image, PictureError
 
-AHEAD = 2
+READ_AHEAD = 2
 """Timesteps that are read ahead."""
 READERS = 2
 
-PATIENCE_S = 60.0
+PICTURE_TIMEOUT_S = 60.0
 """Default time to wait for a picture that is being read."""
 
 
@@ -97,9 +97,9 @@ def _by_time(taken: Mapping[str, Sequence[CaptureTime]]) -> list[RecordedTimeste
     return groups
 
 
-JUMP_NS = 1_000_000_000
+STAMP_JUMP_NS = 1_000_000_000
 """Stamps so much, and three periods, later than what was taken later are another clock's."""
-PERIODS = 3
+JUMP_PERIODS = 3
 LONG_NS = 10_000_000_000
 """A pause in which the others go on, and after which none is there, is a jump, where timesteps do
 not tell."""
@@ -118,18 +118,18 @@ def undo_jumps(
     """
     when = {c: np.array([t.capture_ns for t in times]) for c, times in taken.items() if times}
     steps = {c: [t.timestep for t in taken[c]] for c in when}
-    numbered = all(step is not None for known in steps.values() for step in known)
-    numbers = {c: np.array(known, dtype=np.int64) for c, known in steps.items() if numbered}
+    numbered = all(step is not None for column in steps.values() for step in column)
+    numbers = {c: np.array(column, dtype=np.int64) for c, column in steps.items() if numbered}
     events: list[CameraEvent] = []
     # The second time with what the first has mended: several may have jumped.
     for _ in range(2):
-        told = len(events)
+        before = len(events)
         for camera in when:
             jumps = _numbered_jumps(camera, when, numbers) if numbered else _jumps(camera, when)
             for place, jump_ns in jumps:
                 when[camera][place:] -= jump_ns
-                events.append(CameraEvent(camera, "clock", _told(taken[camera], place, jump_ns)))
-        if len(events) == told:
+                events.append(CameraEvent(camera, "clock", _text(taken[camera], place, jump_ns)))
+        if len(events) == before:
             break
     mended = {event.camera for event in events}
     return {
@@ -140,7 +140,7 @@ def undo_jumps(
     }, events
 
 
-def _told(times: Sequence[CaptureTime], place: int, jump_ns: int) -> str:
+def _text(times: Sequence[CaptureTime], place: int, jump_ns: int) -> str:
     last = times[place - 1].picture or f"picture {place - 1}"
     where = f"after {last}" if place else "from the first on"
     return f"its stamps jump {jump_in_words(jump_ns)} {where}: taken as if they did not"
@@ -153,8 +153,8 @@ def _jumps(camera: str, when: Mapping[str, NDArray[np.int64]]) -> list[tuple[int
     def present(after_ns: int, within_ns: int) -> int:
         """How many other cameras have a picture in the time after a moment."""
         bounds = (after_ns, after_ns + within_ns)
-        found = [np.searchsorted(t, bounds, "right") for c, t in when.items() if c != camera]
-        return sum(bool(last > first) for first, last in found)
+        ranges = [np.searchsorted(t, bounds, "right") for c, t in when.items() if c != camera]
+        return sum(bool(last > first) for first, last in ranges)
 
     return [
         (place + 1, int(steps[place] - np.median(steps)))
@@ -167,17 +167,17 @@ def _numbered_jumps(
     camera: str, when: Mapping[str, NDArray[np.int64]], numbers: Mapping[str, NDArray[np.int64]]
 ) -> list[tuple[int, int]]:
     """Returns the same by the timesteps' numbers: what comes later has a later stamp."""
-    own, others = when[camera], [other for other in when if other != camera]
-    ahead = np.full((len(others), len(own)), np.nan)
-    for row, other in zip(ahead, others):
+    own, peers = when[camera], [other for other in when if other != camera]
+    ahead = np.full((len(peers), len(own)), np.nan)
+    for row, other in zip(ahead, peers):
         # The other's picture of the same timestep, or of the next that it has.
         place = np.searchsorted(numbers[other], numbers[camera])
-        known = (place < len(when[other])) & (numbers[camera] >= numbers[other][0])
-        row[known] = own[known] - when[other][place[known]]
+        shared = (place < len(when[other])) & (numbers[camera] >= numbers[other][0])
+        row[shared] = own[shared] - when[other][place[shared]]
     judged = np.flatnonzero(~np.isnan(ahead).all(axis=0))
     usual_ns = float(np.median(np.diff(own))) if len(own) > 1 else 0.0
-    limit_ns = max(JUMP_NS, PERIODS * usual_ns)
-    median_ns = np.nanmedian(ahead[:, judged], axis=0) if others else np.zeros(0)
+    limit_ns = max(STAMP_JUMP_NS, JUMP_PERIODS * usual_ns)
+    median_ns = np.nanmedian(ahead[:, judged], axis=0) if peers else np.zeros(0)
     jumps, shift_ns = [], 0
     if (median_ns > limit_ns).any():
         for place, ahead_ns in zip(judged.tolist(), median_ns.tolist()):
@@ -224,7 +224,7 @@ class RecordedGrabber:
         self._place = 0
         self._lock = threading.Lock()
 
-    def next(self, timeout_s: float = PATIENCE_S) -> Sequence[Frame]:
+    def next(self, timeout_s: float = PICTURE_TIMEOUT_S) -> Sequence[Frame]:
         """See `Grabber.next`; timesteps without any picture are left out."""
         while True:
             self._read_ahead()
@@ -241,7 +241,7 @@ class RecordedGrabber:
                 return frames
 
     def due_ns(self, after: int = 0) -> int | None:
-        """Capture time [ns] of the next timestep, or of one up to `AHEAD` later; None: no such."""
+        """Capture time [ns] of the next timestep or one up to `READ_AHEAD` later; None: none."""
         self._read_ahead()
         return self._coming[after][0].capture_ns if after < len(self._coming) else None
 
@@ -269,7 +269,7 @@ class RecordedGrabber:
             recording.close()
 
     def _read_ahead(self) -> None:
-        while self._place < len(self._moments) and len(self._coming) <= AHEAD:
+        while self._place < len(self._moments) and len(self._coming) <= READ_AHEAD:
             moment = self._moments[self._place]
             self._place += 1
             parts = [
@@ -288,16 +288,16 @@ class RecordedGrabber:
             try:
                 image = recording.read(place)
             except PictureError as error:
-                self._tell(camera, "damaged", str(error))
+                self._report(camera, "damaged", str(error))
                 continue
             if image.shape[::-1] != tuple(self._sizes_px[camera]):
-                self._tell(camera, "size", wrong_size(image, self._sizes_px[camera]))
+                self._report(camera, "size", wrong_size(image, self._sizes_px[camera]))
                 continue
             capture_ns = self._taken[camera][place].capture_ns
             frames.append(Frame(camera, image, moment.timestep, capture_ns, self._clock()))
         return frames
 
-    def _tell(self, camera: str, kind: str, text: str) -> None:
+    def _report(self, camera: str, kind: str, text: str) -> None:
         with self._lock:
             self._events.append(CameraEvent(camera, kind, text))
 

@@ -21,7 +21,7 @@ import cv2
 from vsense.base.errors import ConfigError, GrabberError
 from vsense.base.files import MOST_TABLE_BYTES, read_text
 from vsense.vision.cameras.picture import (
-    SUFFIXES,
+    ENDINGS,
     Image,
     PictureError,
     pictures_in,
@@ -29,7 +29,7 @@ from vsense.vision.cameras.picture import (
     to_grey,
 )
 
-COLUMNS = ("picture", "timestep", "capture_ns", "capture_s")
+STAMPS = ("picture", "timestep", "capture_ns", "capture_s")
 
 _LAST_NUMBER = re.compile(r"([0-9]{1,15})(?=[^0-9]*$)")
 _DENSE = 4
@@ -68,8 +68,8 @@ def at_rate(pictures: Sequence[str], start_ns: int, rate_hz: float) -> list[Capt
 
 def _numbers(pictures: Sequence[str]) -> list[int] | None:
     """The last numbers in the names where they count: rising, and without wide gaps."""
-    found = [_LAST_NUMBER.search(Path(name).stem) for name in pictures]
-    numbers = [int(match[1]) for match in found if match is not None]
+    matches = [_LAST_NUMBER.search(Path(name).stem) for name in pictures]
+    numbers = [int(match[1]) for match in matches if match is not None]
     if len(numbers) != len(pictures) or not numbers:
         return None
     rising = all(a < b for a, b in pairwise(numbers))
@@ -91,7 +91,7 @@ def read_timestamps(path: Path, named: bool) -> list[CaptureTime]:
     except csv.Error as error:
         raise ConfigError(str(path), max(reader.line_num, 1), str(error)) from None
     if not rows:
-        raise ConfigError(str(path), 1, f"is empty, expected a header of {', '.join(COLUMNS)}")
+        raise ConfigError(str(path), 1, f"is empty, expected a header of {', '.join(STAMPS)}")
     header = _header(path, *rows[0], named)
     taken: list[CaptureTime] = []
     for line, cells in rows[1:]:
@@ -107,9 +107,9 @@ def read_timestamps(path: Path, named: bool) -> list[CaptureTime]:
 def _header(path: Path, line: int, cells: list[str], named: bool) -> list[str]:
     names = [cell.strip() for cell in cells]
     for name in names:
-        if name not in COLUMNS:
-            known = ", ".join(COLUMNS)
-            raise ConfigError(str(path), line, f"column {name[:40]!r} is not one of: {known}")
+        if name not in STAMPS:
+            columns = ", ".join(STAMPS)
+            raise ConfigError(str(path), line, f"column {name[:40]!r} is not one of: {columns}")
     if len(set(names)) < len(names):
         raise ConfigError(str(path), line, "a column is there twice")
     if ("capture_ns" in names) == ("capture_s" in names):
@@ -124,9 +124,9 @@ def _row(path: Path, line: int, header: list[str], cells: list[str]) -> CaptureT
         raise ConfigError(str(path), line, f"has {len(cells)} values, expected {len(header)}")
     values = dict(zip(header, (cell.strip() for cell in cells)))
     stamped = "timestep" in values
-    timestep = _whole(path, line, "timestep", values["timestep"]) if stamped else None
+    timestep = _integer(path, line, "timestep", values["timestep"]) if stamped else None
     if "capture_ns" in values:
-        capture_ns = _whole(path, line, "capture_ns", values["capture_ns"])
+        capture_ns = _integer(path, line, "capture_ns", values["capture_ns"])
     else:
         capture_ns = _seconds(path, line, values["capture_s"])
     name = values.get("picture", "")
@@ -135,7 +135,7 @@ def _row(path: Path, line: int, header: list[str], cells: list[str]) -> CaptureT
     return CaptureTime(name, timestep, capture_ns)
 
 
-def _whole(path: Path, line: int, column: str, text: str) -> int:
+def _integer(path: Path, line: int, column: str, text: str) -> int:
     if not _INTEGER.fullmatch(text):
         raise ConfigError(str(path), line, f"{column}: {text[:40]!r} is not a whole number")
     return int(text)
@@ -181,7 +181,7 @@ class DirectoryRecording:
         else:
             self.taken = at_rate(pictures_in(folder), start_ns, rate_hz or DEFAULT_RATE_HZ)
         if not self.taken:
-            raise GrabberError(f"{folder}: holds no pictures, expected {', '.join(SUFFIXES)}")
+            raise GrabberError(f"{folder}: holds no pictures, expected {', '.join(ENDINGS)}")
 
     def read(self, place: int) -> Image:
         """See `CameraRecording.read`."""
@@ -236,8 +236,8 @@ class VideoRecording:
             if not self._video.grab():
                 raise PictureError(f"{self._path.name} ends after {self._next} pictures")
             self._next += 1
-        whole, image = self._video.retrieve()
-        if not whole:
+        ok, image = self._video.retrieve()
+        if not ok:
             raise PictureError(f"picture {place} of {self._path.name} cannot be decoded")
         return to_grey(image)
 

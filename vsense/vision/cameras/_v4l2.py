@@ -74,7 +74,7 @@ class V4l2ControlDevice:
 Ioctl = Callable[[int, int, bytearray], object]
 """Descriptor, request, and the struct that the kernel fills; OSError where it refuses."""
 
-Fields = tuple[Any, ...]
+Struct = tuple[Any, ...]
 
 _CAPABILITY = struct.Struct("=16s32s32s3I12x")
 """driver, card, bus_info, version, capabilities, device_caps."""
@@ -184,10 +184,10 @@ class _Node:
     def _best(self, formats: list[int]) -> tuple[tuple[int, int] | None, float | None]:
         """Returns the largest picture in any format, and its highest rate."""
         sizes = {code: set(self._sizes(code)) for code in formats}
-        known = set().union(*sizes.values())
-        if not known:
+        all_sizes = set().union(*sizes.values())
+        if not all_sizes:
             return None, None
-        largest = max(known, key=lambda size: (size[0] * size[1], size))
+        largest = max(all_sizes, key=lambda size: (size[0] * size[1], size))
         having = [code for code in formats if largest in sizes[code]]
         rates = [rate for code in having for rate in self._rates(code, largest)]
         return largest, max(rates, default=None)
@@ -207,7 +207,7 @@ class _Node:
             if answer[4] != _DISCRETE:
                 return
 
-    def _rows(self, request: int, layout: struct.Struct, *fields: int | bytes) -> Iterator[Fields]:
+    def _rows(self, request: int, layout: struct.Struct, *fields: int | bytes) -> Iterator[Struct]:
         """Yields the answers of a list, whose requests begin with an index."""
         for index in range(_MOST):
             answer = self._call(request, layout, index, *fields)
@@ -215,7 +215,7 @@ class _Node:
                 return
             yield answer
 
-    def _call(self, request: int, layout: struct.Struct, *fields: int | bytes) -> Fields | None:
+    def _call(self, request: int, layout: struct.Struct, *fields: int | bytes) -> Struct | None:
         """Calls one ioctl; None where a list has ended, or the node does not support it."""
         memory = bytearray(layout.pack(*fields))
         try:

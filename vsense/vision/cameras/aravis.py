@@ -18,9 +18,9 @@ import cffi
 
 from vsense.base.errors import GrabberError
 from vsense.base.terminal import printable
-from vsense.vision.cameras._networks import GIGE, USB3, ListedCamera
+from vsense.vision.cameras._networks import GIGE_PROTOCOL, USB3_PROTOCOL, ListedCamera
 
-PACKAGE = "libaravis-0.8-0"
+ARAVIS_PACKAGE = "libaravis-0.8-0"
 
 _DECLARATIONS = """
 typedef struct { uint32_t domain; int code; char *message; } GError;
@@ -100,13 +100,13 @@ class AravisError(GrabberError):
 def load() -> SimpleNamespace:
     """Opens the library once; raises AravisError, which names its package, if it is missing."""
     with _loading:
-        found = _load()
-    if isinstance(found, str):
+        loaded = _load()
+    if isinstance(loaded, str):
         raise AravisError(
-            f"GigE and USB3 Vision cameras need the library Aravis ({found}):"
-            f" apt-get install {PACKAGE}"
+            f"GigE and USB3 Vision cameras need the library Aravis ({loaded}):"
+            f" apt-get install {ARAVIS_PACKAGE}"
         )
-    return found
+    return loaded
 
 
 @cache
@@ -183,9 +183,9 @@ def _ask() -> list[ListedCamera]:
     lib.arv_update_device_list()
     rows = [[ask(n) for ask in questions] for n in range(lib.arv_get_n_devices())]
     texts = [[_text(ffi.string(t)) if t else "" for t in row] for row in rows]
-    cameras = [ListedCamera(*row) for row in texts if row[1] in (GIGE, USB3)]
+    cameras = [ListedCamera(*row) for row in texts if row[1] in (GIGE_PROTOCOL, USB3_PROTOCOL)]
     # Aravis fills a USB3 camera's address with a word that is no address.
-    cameras = [c if c.protocol == GIGE else replace(c, address="") for c in cameras]
+    cameras = [c if c.protocol == GIGE_PROTOCOL else replace(c, address="") for c in cameras]
     return sorted(cameras, key=lambda camera: (camera.protocol, camera.id))
 
 

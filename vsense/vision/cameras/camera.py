@@ -22,7 +22,7 @@ from vsense.base.files import parse_json
 
 Image32 = NDArray[np.float32]
 
-NEAR_M = 0.02
+NEAR_PLANE_M = 0.02
 """What is nearer to a camera's plane than this, or behind it, is not shown."""
 
 _STEP = 4
@@ -98,15 +98,15 @@ def cut(points: Floats, distances: Floats) -> Floats:
         return points
     if not inside.any():
         return points[:0]
-    kept = []
+    corners = []
     for here in range(len(points)):
         there = (here + 1) % len(points)
         if inside[here]:
-            kept.append(points[here])
+            corners.append(points[here])
         if inside[here] != inside[there]:
             share = distances[here] / (distances[here] - distances[there])
-            kept.append(points[here] + share * (points[there] - points[here]))
-    return np.array(kept)
+            corners.append(points[here] + share * (points[there] - points[here]))
+    return np.array(corners)
 
 
 _SIDES = 48

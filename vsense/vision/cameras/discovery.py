@@ -11,7 +11,7 @@ from vsense.vision.cameras import _networks as gige
 from vsense.vision.cameras import _v4l2, aravis
 from vsense.vision.cameras._aravis_camera import AravisCamera
 from vsense.vision.cameras._networks import (
-    HELD,
+    CAMERA_HELD,
     ListedCamera,
     controlled,
     heard,
@@ -84,24 +84,24 @@ def find() -> tuple[list[FoundCamera], str]:
             listed = aravis.listed()
         except AravisError as error:
             missing = str(error)
-        found = _mark_shared(listed)
+        cameras = _mark_shared(listed)
         lost = _unheard(answers.result(), listed, missing)
-        return [*workers.map(_asked, found), *lost, *devices], missing
+        return [*workers.map(_asked, cameras), *lost, *devices], missing
 
 
 def _unheard(
     answers: Sequence[ListedCamera], listed: Sequence[ListedCamera], missing: str
 ) -> list[FoundCamera]:
     """Returns the GigE cameras that answer and that Aravis does not find, with the reason."""
-    known = {(camera.mac.lower(), camera.address) for camera in listed}
+    listed_keys = {(camera.mac.lower(), camera.address) for camera in listed}
     there = networks()
     return [
         replace(
-            _listed(each),
-            trouble=stranded(each.address, there) or ("needs Aravis" if missing else DEAF),
+            _listed(camera),
+            trouble=stranded(camera.address, there) or ("needs Aravis" if missing else DEAF),
         )
-        for each in answers
-        if (each.mac, each.address) not in known
+        for camera in answers
+        if (camera.mac, camera.address) not in listed_keys
     ]
 
 
@@ -113,18 +113,18 @@ def _of_v4l2(device: _v4l2.V4l2Device) -> FoundCamera:
 
 
 def _listed(listed: ListedCamera) -> FoundCamera:
-    kind = GIGE if listed.protocol == gige.GIGE else USB3
+    kind = GIGE if listed.protocol == gige.GIGE_PROTOCOL else USB3
     model = listed.model if listed.vendor in listed.model else f"{listed.vendor} {listed.model}"
     return FoundCamera(listed.id, kind, listed.address, model, listed.serial, listed.mac)
 
 
 def _mark_shared(listed: Sequence[ListedCamera]) -> list[FoundCamera]:
-    found = []
-    for each in listed:
-        same = [other for other in listed if each.address and other.address == each.address]
-        trouble = several(f"the address {each.address}", same) if len(same) > 1 else ""
-        found.append(replace(_listed(each), trouble=trouble))
-    return found
+    marked = []
+    for camera in listed:
+        same = [other for other in listed if camera.address and other.address == camera.address]
+        trouble = several(f"the address {camera.address}", same) if len(same) > 1 else ""
+        marked.append(replace(_listed(camera), trouble=trouble))
+    return marked
 
 
 def _asked(camera: FoundCamera) -> FoundCamera:
@@ -133,7 +133,7 @@ def _asked(camera: FoundCamera) -> FoundCamera:
         return camera
     # Opening a camera that another program controls takes seconds and disturbs that program.
     if camera.kind == GIGE and controlled(camera.address):
-        return replace(camera, trouble=HELD)
+        return replace(camera, trouble=CAMERA_HELD)
     try:
         opened = AravisCamera(camera.address or camera.id)
         try:
@@ -173,7 +173,7 @@ def rate_of(camera: AravisCamera) -> float | None:
 
 def _number(camera: AravisCamera, names: Sequence[str]) -> tuple[float | None, Bounds | None]:
     """Reads the first of some features that the camera has."""
-    name = next((each for each in names if camera.has(each)), None)
+    name = next((feature for feature in names if camera.has(feature)), None)
     if name is None:
         return None, None
     return float(camera.get(name)), camera.bounds(name)

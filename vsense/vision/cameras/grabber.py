@@ -96,26 +96,26 @@ class Troubles:
 
     def lines(self, events: Iterable[CameraEvent]) -> list[str]:
         """Counts events; returns a line for each that is to be printed."""
-        told = []
+        lines = []
         for event in events:
             key = event.camera, event.kind
             self.counts[key] += 1
             self._keep(event)
             if event.kind in _EACH_ITS_OWN:
-                told.append(str(event))
+                lines.append(str(event))
             elif self.counts[key] <= REPEATS:
                 last = self.counts[key] == REPEATS
-                told.append(f"{event}{' (more of this is only counted)' if last else ''}")
-        return told
+                lines.append(f"{event}{' (more of this is only counted)' if last else ''}")
+        return lines
 
     def _keep(self, event: CameraEvent) -> None:
         over = ENDS.get(event.kind, ())
         if event.kind in _LASTING or over:
             ended = {(event.camera, kind) for kind in over}
-            kept = {key: each for key, each in self.present.items() if key not in ended}
+            present = {key: value for key, value in self.present.items() if key not in ended}
             if event.kind in _LASTING:
-                kept[event.camera, event.kind] = event
-            self.present = kept
+                present[event.camera, event.kind] = event
+            self.present = present
 
     def summary(self) -> list[str]:
         """Returns a line for each kind of which not all were printed."""

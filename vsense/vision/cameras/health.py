@@ -39,7 +39,7 @@ FULL_SHARE = 0.8
 """Share of a picture at full scale from which it is saturated. Measured on rendered arenas whose
 exposure rises: on a white floor all markers are read up to 0.9 and one in six loses its name at
 0.95, on a grey floor two in five do at 0.85. Paper and reflections of lamps stay far below."""
-PICTURES = 3
+REPORT_PICTURES = 3
 """Pictures in a row after which something is reported."""
 MOVED_PX = 1.0
 """Shift of the background from which a camera has moved."""
@@ -55,7 +55,7 @@ CHECKS = 2
 
 
 class _Alarm:
-    """Reports a state of a camera after `PICTURES` pictures, and its end after as many."""
+    """Reports a state of a camera after `REPORT_PICTURES` pictures, and its end after as many."""
 
     def __init__(self, camera: str, kind: str, end: str, end_text: str) -> None:
         self._camera = camera
@@ -67,7 +67,7 @@ class _Alarm:
     def update(self, now: bool, text: str) -> list[CameraEvent]:
         """Takes one picture's state, and the text for the case that it begins."""
         self._count = self._count + 1 if now != self.on else 0
-        if self._count < PICTURES:
+        if self._count < REPORT_PICTURES:
             return []
         self.on, self._count = now, 0
         kind, text = (self._kind, text) if now else self._end
@@ -107,7 +107,7 @@ class CameraHealth:
         # is all black or all white has no noise.
         same = self._last is not None and bool(np.array_equal(sample, self._last))
         self._last = sample
-        text = f"froze: the same picture {PICTURES + 1} times"
+        text = f"froze: the same picture {REPORT_PICTURES + 1} times"
         return self._frozen.update(same and bool(sample.min() != sample.max()), text)
 
     def count(self, overflowed: bool) -> list[CameraEvent]:
@@ -128,7 +128,7 @@ class CameraHealth:
         shift_px = self._steadiness.shift_px(image, markers_px)
         if shift_px is None:
             return []
-        how = "far" if shift_px == FAR else f"by {shift_px:.1f} px"
+        how = "far" if shift_px == LOST_SHIFT_PX else f"by {shift_px:.1f} px"
         text = f"has moved {how}: its places are wrong until it is calibrated again"
         return self._moved.update(shift_px > MOVED_PX, text)
 
@@ -144,14 +144,14 @@ class Agreement:
         self._alarms: dict[tuple[str, str], _Alarm] = {}
 
     def compare(
-        self, found: Mapping[str, NDArray[np.void]], heights_m: Mapping[int, float]
+        self, seen: Mapping[str, NDArray[np.void]], heights_m: Mapping[int, float]
     ) -> list[CameraEvent]:
         """Compares one timestep's DETECTION arrays; returns what has begun or ended.
 
         `heights_m` are the heights of the tags' markers above the floor.
         """
         places = {
-            c: marker_places(self._cameras[c], rows, heights_m) for c, rows in sorted(found.items())
+            c: marker_places(self._cameras[c], rows, heights_m) for c, rows in sorted(seen.items())
         }
         events = []
         for first, second in combinations(places, 2):
@@ -211,7 +211,7 @@ class Health:
     def update(
         self,
         frames: Sequence[Frame],
-        found: Mapping[str, NDArray[np.void]],
+        detections: Mapping[str, NDArray[np.void]],
         overflowed: Sequence[str] = (),
         together: Mapping[str, NDArray[np.void]] | None = None,
     ) -> list[CameraEvent]:
@@ -219,10 +219,10 @@ class Health:
 
         Args:
             frames: The pictures.
-            found: The DETECTION array of each picture, by its camera.
+            detections: The DETECTION array of each picture, by its camera.
             overflowed: The cameras whose pictures held more than the detector's tables.
             together: The DETECTION arrays of one timestep, for the cameras' agreement; None:
-                `found` is of one timestep.
+                `detections` is of one timestep.
         """
         events: list[CameraEvent] = []
         for frame in frames:
@@ -231,19 +231,19 @@ class Health:
         for _ in range(min(CHECKS, len(frames))):
             frame = frames[self._turn % len(frames)]
             self._turn += 1
-            rows = found.get(frame.camera)
+            rows = detections.get(frame.camera)
             events += self._cameras[frame.camera].check_place(frame.image, rows)
-        events += self._check_times(frames, found)
-        seen = found if together is None else together
+        events += self._check_times(frames, detections)
+        seen = detections if together is None else together
         return events + self._agreement.compare(seen, self._heights_m)
 
     def _check_times(
-        self, frames: Sequence[Frame], found: Mapping[str, NDArray[np.void]]
+        self, frames: Sequence[Frame], detections: Mapping[str, NDArray[np.void]]
     ) -> list[CameraEvent]:
         """Reports cameras whose pictures are older than their stamps."""
         for frame in frames:
-            if frame.camera in found:
-                rig, rows = self._rig[frame.camera], found[frame.camera]
+            if frame.camera in detections:
+                rig, rows = self._rig[frame.camera], detections[frame.camera]
                 places = marker_places(rig, rows, self._heights_m)
                 self._delays.see(frame.camera, frame.capture_ns, places)
         now_ns = max((frame.capture_ns for frame in frames), default=0)
@@ -258,7 +258,7 @@ def _timed(camera: str, late_s: float | None) -> CameraEvent:
     return CameraEvent(camera, "late", f"{text}, and what drives is not where it shows it")
 
 
-FAR = float("inf")
+LOST_SHIFT_PX = float("inf")
 """The shift of a camera whose background is not found any more."""
 
 Floats = NDArray[np.float64]
@@ -295,16 +295,16 @@ class Steadiness:
         """Returns the shift of an (h, w) uint8 picture's background since the first picture.
 
         `markers_px` (n, 2) are places of robots, which are not background. The shift is that of
-        most patches; `FAR`: they disagree; None: unknown.
+        most patches; `LOST_SHIFT_PX`: they disagree; None: unknown.
         """
         if len(self._places) < _LEAST_PATCHES:
             self._learn(image, markers_px)
             return None
-        ways, found = self._ways(self._mosaic(image))
-        middle = np.median(ways[found], axis=0) if found.any() else np.zeros(2)
-        agree = found & (np.hypot(*(ways - middle).T) < _AGREE_PX)
+        ways, matched = self._ways(self._mosaic(image))
+        middle = np.median(ways[matched], axis=0) if matched.any() else np.zeros(2)
+        agree = matched & (np.hypot(*(ways - middle).T) < _AGREE_PX)
         if agree.mean() < _LEAST_SHARE:
-            return FAR
+            return LOST_SHIFT_PX
         way = np.median(ways[agree], axis=0)
         shift = self._origin + way
         if agree.mean() < _WORN_SHARE and np.hypot(*way) < _WORN_PX:

@@ -15,8 +15,8 @@ from vsense.base.files import read_bytes
 
 Image = NDArray[np.uint8]
 
-MOST_BYTES = 512 << 20
-MOST_PIXELS = 50_000_000
+MOST_PICTURE_BYTES = 512 << 20
+MOST_PICTURE_PIXELS = 50_000_000
 """More than any camera above an arena has; a picture then takes megabytes at most."""
 
 _PNG = b"\x89PNG\r\n\x1a\n"
@@ -57,13 +57,13 @@ def read_picture(path: Path, name: str = "") -> Image:
     """
     name = name or path.name
     try:
-        data = read_bytes(path, MOST_BYTES)
+        data = read_bytes(path, MOST_PICTURE_BYTES)
     except OSError as error:
         raise PictureError(f"{name} cannot be read: {error.strerror}") from None
     return decode(data, name)
 
 
-def decode(data: bytes, name: str, most_pixels: int = MOST_PIXELS) -> Image:
+def decode(data: bytes, name: str, most_pixels: int = MOST_PICTURE_PIXELS) -> Image:
     """Decodes all bytes of a picture file, called `name` in messages, to (h, w) uint8.
 
     A PNG or JPEG that claims more than `most_pixels` is refused before memory is spent on it: four
@@ -142,13 +142,13 @@ def _is_whole(data: bytes) -> bool:
     return True
 
 
-SUFFIXES = (".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".bmp", ".tif", ".tiff", ".webp")
+ENDINGS = (".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".bmp", ".tif", ".tiff", ".webp")
 
 
 def pictures_in(folder: Path) -> list[str]:
     """Returns the names of a folder's pictures in natural order; raises GrabberError."""
     try:
-        names = [p.name for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and p.is_file()]
+        names = [p.name for p in folder.iterdir() if p.suffix.lower() in ENDINGS and p.is_file()]
     except OSError as error:
         raise GrabberError(f"{folder}: cannot be read: {error.strerror}") from None
     return sorted(names, key=natural_order)

@@ -28,9 +28,9 @@ Value = float | str
 Bounds = tuple[float, float]
 """The smallest and the largest value that a camera takes."""
 
-SILENCE_S = 0.4
+CAMERA_SILENCE_S = 0.4
 """A camera without pictures for this time and three periods is silent."""
-PERIODS = 3
+SILENCE_PERIODS = 3
 FIRST_S = 2.0
 """Time that the first picture may take."""
 
@@ -82,7 +82,7 @@ class Source(Protocol):
 
 def silence_s(rate_hz: float | None) -> float:
     """Returns the longest pause between two pictures [s] of a camera; rate None: unknown."""
-    return max(SILENCE_S, PERIODS / rate_hz if rate_hz else 0.0)
+    return max(CAMERA_SILENCE_S, SILENCE_PERIODS / rate_hz if rate_hz else 0.0)
 
 
 def absent(name: str) -> str:
@@ -90,13 +90,13 @@ def absent(name: str) -> str:
     return f"has no {name}"
 
 
-def refused(name: str, wanted: Value, kept: Value | None, bounds: Bounds | None = None) -> str:
+def refused(name: str, wanted: Value, actual: Value | None, bounds: Bounds | None = None) -> str:
     """Says that a camera did not take a value.
 
-    `kept` is what it has instead, `bounds` what it would have taken; None: unknown.
+    `actual` is what it has instead, `bounds` what it would have taken; None: unknown.
     """
     would = "" if bounds is None else f" ({_text(bounds[0])} to {_text(bounds[1])})"
-    instead = "" if kept is None else f": keeps {_text(kept)}"
+    instead = "" if actual is None else f": keeps {_text(actual)}"
     return f"does not take {name} {_text(wanted)}{would}{instead}"
 
 

@@ -146,8 +146,8 @@ def load_codes(name: str, folder: Path = Path()) -> Codes:
         return _codes(name, _read_dictionary(folder / name))
     number = getattr(cv2.aruco, name, None) if name.startswith("DICT_") else None
     if not isinstance(number, int):
-        known = (word for word in dir(cv2.aruco) if word.startswith("DICT_"))
-        hint = instead(name, known, "known are")
+        names = (word for word in dir(cv2.aruco) if word.startswith("DICT_"))
+        hint = instead(name, names, "known are")
         raise FamilyError(f"dictionary {name!r} is not known; {hint}")
     return _codes(name, cv2.aruco.getPredefinedDictionary(number))
 

@@ -35,7 +35,7 @@ SPOTS = (-0.18, 0.0, 0.18)
 AUTO_BLUR = 0.4
 """Blur for the choice of tags, in cells: a point spread of 1.2 px at 0.57 px/mm."""
 
-MOST = 1000
+SHEET_TAGS_MAX = 1000
 """Most tags on a sheet."""
 
 _RANGE = re.compile(r"(\d{1,6})(?:-(\d{1,6}))?")
@@ -157,8 +157,8 @@ def parse_tags(text: str, family: MarkerFamily | SquareFamily) -> list[int]:
                 f" 0 to {family.tags - 1}"
             )
         tags += range(first, last + 1)
-        if len(tags) > MOST:
-            raise UsageError(f"--ids {text}: more than {MOST} tags")
+        if len(tags) > SHEET_TAGS_MAX:
+            raise UsageError(f"--ids {text}: more than {SHEET_TAGS_MAX} tags")
     twice = {tag for tag in tags if tags.count(tag) > 1}
     if twice:
         raise UsageError(f"--ids {text}: tag {min(twice)} is there twice")
@@ -167,8 +167,8 @@ def parse_tags(text: str, family: MarkerFamily | SquareFamily) -> list[int]:
 
 def _auto(text: str, family: MarkerFamily | SquareFamily) -> list[int]:
     number = text.removeprefix("auto:")
-    if not number.isdecimal() or not 1 <= int(number) <= MOST:
-        raise UsageError(f"--ids {text}: expected auto:N with N from 1 to {MOST}")
+    if not number.isdecimal() or not 1 <= int(number) <= SHEET_TAGS_MAX:
+        raise UsageError(f"--ids {text}: expected auto:N with N from 1 to {SHEET_TAGS_MAX}")
     try:
         return sorted(ranked_tags(family, int(number)))
     except FamilyError as error:

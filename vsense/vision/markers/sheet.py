@@ -141,7 +141,7 @@ def pages(
     top = height - _MARGIN_MM - _HEAD_MM
     per_page = columns * rows
     count = math.ceil(len(tags) / per_page)
-    made = []
+    sheets = []
     for number in range(count):
         page = Page(width, height)
         _frame(page, f"{family.name}, disc {size_mm:g} mm, page {number + 1} of {count}")
@@ -151,8 +151,8 @@ def pages(
             y = top - row * high - wide / 2.0
             _marker(page, family, tag, size_mm, x, y)
             page.items.extend(_caption(tag, (names or {}).get(tag, ""), size_mm, x, y))
-        made.append(page)
-    return made
+        sheets.append(page)
+    return sheets
 
 
 def _marker(
@@ -188,11 +188,11 @@ def _own_number(tag: int, size_mm: float, x_mm: float, y_mm: float) -> Text:
 def _caption(tag: int, name: str, size_mm: float, x_mm: float, y_mm: float) -> list[Text]:
     """What stands below a marker, no wider than it is: its number and name, and it in words."""
     head = f"{tag}   {name}".rstrip()
-    one = Text(0.0, 0.0, min(_CAPTION_MM, size_mm / 16.0), f"{head}   {in_words(tag)}")
+    cap = Text(0.0, 0.0, min(_CAPTION_MM, size_mm / 16.0), f"{head}   {in_words(tag)}")
     lines = (
-        [one]
-        if one.width_mm <= size_mm
-        else [replace(one, size_mm=0.8 * one.size_mm, text=text) for text in (head, in_words(tag))]
+        [cap]
+        if cap.width_mm <= size_mm
+        else [replace(cap, size_mm=0.8 * cap.size_mm, text=text) for text in (head, in_words(tag))]
     )
     fitted = [replace(text, size_mm=_fitting(text, size_mm)) for text in lines]
     below = y_mm - size_mm / 2.0 - _GAP_MM / 2.0

@@ -64,20 +64,20 @@ class ArrowDetector(MarkerDetector):
         """All of them: nothing else has an arrow's outline."""
         return markers
 
-    def _name(self, known: Prediction, markers: Rows, expected: Rows) -> Tags:
+    def _name(self, prediction: Prediction, markers: Rows, expected: Rows) -> Tags:
         """Names what is read, then what is where a robot must be, then what says enough by now."""
         cells = markers.values["cell"][:, : self._arrows.grid**2]
         tags = markers.values["tag"].astype(np.int32)
         decoder = self._decoder
         tags = carry_names(tags, markers, expected)
         ids = [camera.id for camera in self._cameras.cameras]
-        tags = gather_evidence(tags, markers, cells, ids, known, decoder)
+        tags = gather_evidence(tags, markers, cells, ids, prediction, decoder)
         if self._open_roster:
             for number, camera in enumerate(ids):
-                if camera in known.anonymous:
-                    gathered = known.anonymous[camera]
-                    found = find_unlisted_tags(tags, markers, gathered, decoder)
-                    self._tell_unlisted(known, number, *found)
+                if camera in prediction.anonymous:
+                    gathered = prediction.anonymous[camera]
+                    unlisted = find_unlisted_tags(tags, markers, gathered, decoder)
+                    self._add_tags(prediction, number, *unlisted)
         return tags
 
 
@@ -90,23 +90,23 @@ class SquareDetector(MarkerDetector):
 
     def _believed(self, markers: Rows, expected: Rows) -> Rows:
         believed = (markers.values["tag"] != UNNAMED) | are_near(markers, expected)
-        if (known := self._prediction) is not None and not believed.all():
+        if (prediction := self._prediction) is not None and not believed.all():
             cameras = [camera.id for camera in self._cameras.cameras]
-            believed |= were_nameless(markers, cameras, known)
+            believed |= were_nameless(markers, cameras, prediction)
         return markers.where(believed)
 
-    def _name(self, known: Prediction, markers: Rows, expected: Rows) -> Tags:
+    def _name(self, prediction: Prediction, markers: Rows, expected: Rows) -> Tags:
         """A word that is read is believed: those of a family differ in many cells."""
         tags = carry_names(markers.values["tag"].astype(np.int32), markers, expected)
         nameless = ~is_in(tags, self._roster)
         cameras = [camera.id for camera in self._cameras.cameras]
-        note_nameless(nameless, markers, np.zeros((len(tags), 0)), cameras, known)
+        note_nameless(nameless, markers, np.zeros((len(tags), 0)), cameras, prediction)
         if self._open_roster:
             for number, camera in enumerate(cameras):
-                if camera in known.anonymous:
-                    rows = known.anonymous[camera].rows
+                if camera in prediction.anonymous:
+                    rows = prediction.anonymous[camera].rows
                     rows = rows[tags[rows] != UNNAMED]
-                    self._tell_unlisted(known, number, tags[rows], markers.where(rows).places())
+                    self._add_tags(prediction, number, tags[rows], markers.where(rows).places())
         return tags
 
 
@@ -151,16 +151,16 @@ class CameraDetectors:
         self, sees: Mapping[str, MarkerSearch], prediction: Prediction, workers: Workers
     ) -> None:
         searches = {id(search): search for search in sees.values()}
-        made = {key: detector_of(one, prediction, workers) for key, one in searches.items()}
-        self._detectors = {camera: made[id(search)] for camera, search in sees.items()}
-        self._each = list(made.values())
+        built = {key: detector_of(search, prediction, workers) for key, search in searches.items()}
+        self._detectors = {camera: built[id(search)] for camera, search in sees.items()}
+        self._distinct = list(built.values())
 
     def detect_all(self, pictures: Sequence[Picture]) -> list[Detected]:
         """See `Detector.detect_all`."""
-        made: dict[str, Detected] = {}
-        for detector in self._each:
-            mine = [one for one in pictures if self._detectors[one.camera.id] is detector]
+        detections: dict[str, Detected] = {}
+        for detector in self._distinct:
+            mine = [p for p in pictures if self._detectors[p.camera.id] is detector]
             if mine:
-                ids = (one.camera.id for one in mine)
-                made.update(zip(ids, detector.detect_all(mine), strict=True))
-        return [made[one.camera.id] for one in pictures]
+                ids = (picture.camera.id for picture in mine)
+                detections.update(zip(ids, detector.detect_all(mine), strict=True))
+        return [detections[picture.camera.id] for picture in pictures]

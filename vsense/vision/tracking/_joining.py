@@ -160,7 +160,7 @@ class Joining:
         now_ns: int,
         seen: Mapping[str, UnlistedTags],
         sightings: NDArray[np.void],
-        known: Collection[int],
+        listed: Collection[int],
     ) -> list[Newcomer]:
         """Takes one timestep; returns who joins now, sorted.
 
@@ -168,19 +168,19 @@ class Joining:
             now_ns: Its capture time.
             seen: By the camera's id, what its picture shows.
             sightings: (n,) VIEW of the tags on the roster.
-            known: All tags on any roster; none of them can join.
+            listed: All tags on any roster; none of them can join.
         """
         oldest_ns = now_ns - round(1e9 * self._limits.gap_s)
         self._candidates = {k: c for k, c in self._candidates.items() if c.last_ns >= oldest_ns}
         cameras = [seen[camera] for camera in sorted(seen)]
-        places = _gather(cameras, known)
+        places = _gather(cameras, listed)
         if not places:
             return []
         named = list(zip(sightings["x_m"].tolist(), sightings["y_m"].tolist(), strict=True))
         for key, mine in places.items():
-            others = [p for other, theirs in places.items() if other != key for p in theirs]
-            one = all(math.dist(mine[0], place) <= MERGE_M for place in mine[1:])
-            if one and all(math.dist(mine[0], other) > MERGE_M for other in [*others, *named]):
+            rest = [p for other, theirs in places.items() if other != key for p in theirs]
+            single = all(math.dist(mine[0], place) <= MERGE_M for place in mine[1:])
+            if single and all(math.dist(mine[0], other) > MERGE_M for other in [*rest, *named]):
                 self._read(key, mine[0], now_ns)
             else:
                 self._candidates.pop(key, None)
@@ -229,12 +229,12 @@ class Joining:
         return sorted((key, heights_m[key]) for key in ready & heights_m.keys())
 
 
-def _gather(cameras: Iterable[UnlistedTags], known: Collection[int]) -> dict[_Key, list[_Place]]:
+def _gather(cameras: Iterable[UnlistedTags], listed: Collection[int]) -> dict[_Key, list[_Place]]:
     """Returns where each tag was read that may join."""
     places: dict[_Key, list[_Place]] = {}
     for unlisted in cameras:
         for tag, (x_m, y_m) in zip(unlisted.tags.tolist(), unlisted.places.tolist(), strict=True):
-            if tag not in known:
+            if tag not in listed:
                 places.setdefault((unlisted.family.name, tag), []).append((x_m, y_m))
     return places
 

@@ -171,7 +171,7 @@ class Kernel:
         self._outline(limits.passes, 0.0)
         self._reserve(0, 0)
         self._markers: NDArray[np.void] = np.zeros(_CAPACITY, dtype=MARKER)
-        self._found = kernel_ffi.cast("struct vs_marker *", self._markers.ctypes.data)
+        self._buffer = kernel_ffi.cast("struct vs_marker *", self._markers.ctypes.data)
         self._origin = np.zeros(_CAPACITY, dtype=np.uint32)
         self._count = kernel_ffi.new("size_t *")
         self._views: dict[tuple[Camera, float], _View] = {}
@@ -215,14 +215,14 @@ class Kernel:
                 view.outline,
                 view.view,
                 window,
-                self._found,
+                self._buffer,
                 _CAPACITY,
                 self._count,
             )
             full |= check(code, f"camera {camera.id}")
         self.overflows += full != 0
-        found = np.array(self._markers[: self._count[0]])
-        return found if view.blocks is None else found[self._keeps(found, view.blocks)]
+        markers = np.array(self._markers[: self._count[0]])
+        return markers if view.blocks is None else markers[self._keeps(markers, view.blocks)]
 
     def follow(
         self, image: Image, camera: Camera, height_m: float, poses: Floats
@@ -235,43 +235,43 @@ class Kernel:
         """
         view = self._prepare(image, camera, height_m)
         count = min(len(poses), _CAPACITY)
-        known = self._markers[:count]
-        known["x_m"], known["y_m"] = poses[:count, 0], poses[:count, 1]
-        known["ahead_x"], known["ahead_y"] = np.cos(poses[:count, 2]), np.sin(poses[:count, 2])
-        known["scale"] = 1.0
+        start = self._markers[:count]
+        start["x_m"], start["y_m"] = poses[:count, 0], poses[:count, 1]
+        start["ahead_x"], start["ahead_y"] = np.cos(poses[:count, 2]), np.sin(poses[:count, 2])
+        start["scale"] = 1.0
         self._count[0] = count
         origin = kernel_ffi.cast("uint32_t *", self._origin.ctypes.data)
         code = kernels.vs_markers_follow(
-            view.outline, view.warm, view.view, self._found, origin, self._count
+            view.outline, view.warm, view.view, self._buffer, origin, self._count
         )
         check(code, f"camera {camera.id}")
         count = self._count[0]
-        found, rows = np.array(self._markers[:count]), np.array(self._origin[:count])
+        markers, rows = np.array(self._markers[:count]), np.array(self._origin[:count])
         if view.blocks is None:
-            return found, rows
-        kept = self._keeps(found, view.blocks)
-        return found[kept], rows[kept]
+            return markers, rows
+        inside = self._keeps(markers, view.blocks)
+        return markers[inside], rows[inside]
 
-    def _keeps(self, found: NDArray[np.void], blocks: Blocks) -> NDArray[np.bool_]:
+    def _keeps(self, markers: NDArray[np.void], blocks: Blocks) -> NDArray[np.bool_]:
         """Tells which MARKER are where the mask, which there is, lets them be."""
         assert self._mask is not None
         line, column = (
-            ((found[name] + 0.5) // kernels.VS_MARKERS_BLOCK).astype(np.intp)
+            ((markers[name] + 0.5) // kernels.VS_MARKERS_BLOCK).astype(np.intp)
             for name in ("y_px", "x_px")
         )
-        kept: NDArray[np.bool_] = blocks.inside[line, column] != 0
-        if not kept.all():
-            doubtful = found[~kept]
+        inside: NDArray[np.bool_] = blocks.inside[line, column] != 0
+        if not inside.all():
+            doubtful = markers[~inside]
             places = np.stack((doubtful["x_m"], doubtful["y_m"]), axis=1)
-            kept[~kept] = self._mask.keeps(places)
-        return kept
+            inside[~inside] = self._mask.keeps(places)
+        return inside
 
     def _prepare(self, image: Image, camera: Camera, height_m: float) -> _View:
         key = (camera, height_m)
         if key not in self._views:
             low, high = least_and_most_scale(camera, height_m)
             passes = self._limits.passes, self._limits.warm
-            outline, warm = (self._outline(each, low) for each in passes)
+            outline, warm = (self._outline(limits, low) for limits in passes)
             search = self._search(low, high)
             blocks = None
             if self._mask is not None:

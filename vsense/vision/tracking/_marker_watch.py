@@ -37,7 +37,7 @@ class _Seen:
         place: (2,) in the arena [m], at `capture_ns`.
         unread_ns: When it was seen without being read first; `unread` counts since then.
         readings: Since it was not.
-        told: Whether people know that it is not read.
+        reported: Whether people know that it is not read.
     """
 
     place: NDArray[np.float64]
@@ -45,7 +45,7 @@ class _Seen:
     unread_ns: int = 0
     unread: int = 0
     readings: int = 0
-    told: bool = False
+    reported: bool = False
 
     def is_within_reach(self, place: NDArray[np.float64], now_ns: int) -> bool:
         """Whether it can have come to a place."""
@@ -62,11 +62,11 @@ class MarkerWatch:
         self._heights_m = heights_m
         self._seen: dict[int, _Seen] = {}
 
-    def update(self, frames: Sequence[Frame], found: Mapping[str, NDArray[np.void]]) -> list[str]:
+    def update(self, frames: Sequence[Frame], seen: Mapping[str, NDArray[np.void]]) -> list[str]:
         """Takes pictures' DETECTION arrays, by their cameras; returns lines for people."""
         lines: list[str] = []
         for frame in sorted(frames, key=lambda frame: frame.capture_ns):
-            rows = found.get(frame.camera)
+            rows = seen.get(frame.camera)
             if rows is not None and len(rows):
                 lines += self._look(self._cameras[frame.camera], frame.capture_ns, rows)
         return [line for line in lines if line]
@@ -97,9 +97,9 @@ class MarkerWatch:
         seen = self._seen.setdefault(tag, _Seen(place, now_ns))
         seen.place, seen.capture_ns, seen.unread = place, now_ns, 0
         seen.readings += 1
-        if not seen.told or seen.readings < _READINGS:
+        if not seen.reported or seen.readings < _READINGS:
             return ""
-        seen.told = False
+        seen.reported = False
         return f"robot {tag}'s marker can be read again"
 
     def _unread(self, tag: int, place: NDArray[np.float64], now_ns: int, is_legible: bool) -> str:
@@ -112,9 +112,9 @@ class MarkerWatch:
         if seen.unread > 1:  # by this camera, and by no other meanwhile
             seen.readings = 0
         elapsed_s = 1e-9 * (now_ns - seen.unread_ns)
-        if seen.told or elapsed_s < UNREAD_S or seen.unread < _PER_S * elapsed_s:
+        if seen.reported or elapsed_s < UNREAD_S or seen.unread < _PER_S * elapsed_s:
             return ""
-        seen.told = True
+        seen.reported = True
         return f"robot {tag}'s marker is damaged or covered: it is seen, but can not be read"
 
     def _whose(

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from vsense.base.arena import UNNAMED
 from vsense.base.native import kernel_ffi, kernels
-from vsense.vision.cameras._camera_array import Places
+from vsense.vision.cameras._camera_array import Index
 from vsense.vision.markers.families import (
     BLURS_U,
     MarkerFamily,
@@ -175,7 +175,7 @@ def carry_names(tags: Tags, markers: Rows, expected: Rows) -> Tags:
     return named
 
 
-def _keys(picture: Places, tags: Tags) -> NDArray[np.int64]:
+def _keys(picture: Index, tags: Tags) -> NDArray[np.int64]:
     """Returns a number for each tag in each picture."""
     return np.asarray((picture.astype(np.int64) << 32) + tags)
 
@@ -234,15 +234,15 @@ def note_nameless(
     `nameless` tells which of (n,) MARKER have none; the other arguments are those of
     `gather_evidence`.
     """
-    kept = prediction.anonymous
-    before = {camera: kept.pop(camera) for camera in cameras if camera in kept}
+    groups = prediction.anonymous
+    before = {camera: groups.pop(camera) for camera in cameras if camera in groups}
     rows = np.flatnonzero(nameless)
     picture = markers.picture[rows]
     for number in np.unique(picture).tolist():
         mine = rows[picture == number]
         once = np.ones(len(mine), dtype=np.int64)
         places = markers.where(mine).places()
-        kept[cameras[number]] = Anonymous(mine, places, cells[mine], once, prediction.capture_ns)
+        groups[cameras[number]] = Anonymous(mine, places, cells[mine], once, prediction.capture_ns)
     return before
 
 
@@ -254,8 +254,8 @@ def _name(named: Tags, gathered: Anonymous, markers: Rows, decoder: Decoder) -> 
     rows = gathered.rows[enough]
     means = gathered.cells[enough] / gathered.pictures[enough, np.newaxis]
     read = decoder.decode(means, *_sharpness(markers, rows)).tags
-    others = named[(markers.picture == markers.picture[rows[0]]) & (named != UNNAMED)]
-    named[rows] = np.where(np.isin(read, others), np.int32(UNNAMED), read)
+    taken = named[(markers.picture == markers.picture[rows[0]]) & (named != UNNAMED)]
+    named[rows] = np.where(np.isin(read, taken), np.int32(UNNAMED), read)
 
 
 def find_unlisted_tags(
@@ -273,7 +273,7 @@ def find_unlisted_tags(
     return read[sure], gathered.places[sure]
 
 
-def _sharpness(markers: Rows, rows: Places) -> tuple[Floats, Floats]:
+def _sharpness(markers: Rows, rows: Index) -> tuple[Floats, Floats]:
     return markers.values["sharp_ahead"][rows], markers.values["sharp_left"][rows]
 
 

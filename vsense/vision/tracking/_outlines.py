@@ -198,7 +198,7 @@ def nearest_blur(sharpness: Floats) -> NDArray[np.intp]:
     return np.searchsorted(-middles, -sharpness)
 
 
-LEAST_M = 1e-5
+LEAST_SIGMA_M = 1e-5
 """No fit is believed to be more precise than this [m]."""
 
 _CORRELATION = 1.1
@@ -243,7 +243,7 @@ class OutlineCovariance:
         sample /= np.maximum(markers["coverage"], _LEAST_COVERAGE)
         covariance = sample[:, np.newaxis, np.newaxis] * self._shape
         for axis, place in enumerate((ahead, left)):
-            covariance[:, axis, axis] += self._leak_m[place] ** 2 + LEAST_M**2
+            covariance[:, axis, axis] += self._leak_m[place] ** 2 + LEAST_SIGMA_M**2
         covariance = self._lever @ covariance @ self._lever.T
         return turn_into_arena(covariance, markers["ahead_x"], markers["ahead_y"])
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.arena import ArenaState, wrap_angle
-from vsense.vision.cameras._camera_array import CameraArray, Places
+from vsense.vision.cameras._camera_array import CameraArray, Index
 from vsense.vision.markers.families import MarkerFamily, SquareFamily
 from vsense.vision.tracking._joining import UnlistedTags
 from vsense.vision.tracking._rows import Rows, is_in
@@ -111,7 +111,7 @@ class Prediction:
     anonymous: dict[str, Anonymous] = field(default_factory=dict)
     unlisted: dict[str, UnlistedTags] = field(default_factory=dict)
     joined: dict[str, tuple[int, ...]] = field(default_factory=dict)
-    _known: NDArray[np.void] = field(default_factory=lambda: np.zeros(0, dtype=KNOWN))
+    _last_seen: NDArray[np.void] = field(default_factory=lambda: np.zeros(0, dtype=KNOWN))
     _timesteps: int = 0
 
     def expect(self, capture_ns: int) -> None:
@@ -120,15 +120,15 @@ class Prediction:
         self._timesteps += 1
         self.capture_ns = capture_ns
         self.unlisted.clear()
-        elapsed = np.maximum(1e-9 * (capture_ns - self._known["capture_ns"]), 0.0)
-        known, elapsed = self._known[elapsed < _LOST_S], elapsed[elapsed < _LOST_S]
-        way = np.minimum(elapsed, _SURE_S)[:, np.newaxis] * known["velocity"]
-        self.expected = expected = np.zeros(len(known), dtype=EXPECTED)
-        expected["tag"] = known["tag"]
-        expected["x_m"], expected["y_m"] = known["x_m"] + way[:, 0], known["y_m"] + way[:, 1]
-        expected["yaw_rad"] = wrap_angle(known["yaw_rad"] + way[:, 2])
-        expected["sure"] = (elapsed <= _SURE_S) & (known["sightings"] >= _SURE_SIGHTINGS)
-        expected["height_m"] = [self.heights_m.get(tag, 0.0) for tag in known["tag"].tolist()]
+        elapsed = np.maximum(1e-9 * (capture_ns - self._last_seen["capture_ns"]), 0.0)
+        recent, elapsed = self._last_seen[elapsed < _LOST_S], elapsed[elapsed < _LOST_S]
+        way = np.minimum(elapsed, _SURE_S)[:, np.newaxis] * recent["velocity"]
+        self.expected = expected = np.zeros(len(recent), dtype=EXPECTED)
+        expected["tag"] = recent["tag"]
+        expected["x_m"], expected["y_m"] = recent["x_m"] + way[:, 0], recent["y_m"] + way[:, 1]
+        expected["yaw_rad"] = wrap_angle(recent["yaw_rad"] + way[:, 2])
+        expected["sure"] = (elapsed <= _SURE_S) & (recent["sightings"] >= _SURE_SIGHTINGS)
+        expected["height_m"] = [self.heights_m.get(tag, 0.0) for tag in recent["tag"].tolist()]
 
     def learn(self, state: ArenaState) -> None:
         """Takes what the timestep has shown."""
@@ -137,19 +137,19 @@ class Prediction:
         for name in ("tag", "x_m", "y_m", "yaw_rad"):
             now[name] = seen[name]
         now["capture_ns"], now["sightings"] = state.capture_ns, 1
-        again = is_in(now["tag"], self._known["tag"])
+        again = is_in(now["tag"], self._last_seen["tag"])
         new = np.flatnonzero(again)
-        old = np.searchsorted(self._known["tag"], now["tag"][again])
-        elapsed = 1e-9 * (state.capture_ns - self._known["capture_ns"][old])
+        old = np.searchsorted(self._last_seen["tag"], now["tag"][again])
+        elapsed = 1e-9 * (state.capture_ns - self._last_seen["capture_ns"][old])
         lately = (elapsed > 0.0) & (elapsed < _LOST_S)
-        new, last, elapsed = new[lately], self._known[old[lately]], elapsed[lately]
+        new, last, elapsed = new[lately], self._last_seen[old[lately]], elapsed[lately]
         way = [now[name][new] - last[name] for name in ("x_m", "y_m", "yaw_rad")]
         way[2] = wrap_angle(way[2])
         now["velocity"][new] = np.stack(way, axis=-1) / elapsed[:, np.newaxis]
         now["sightings"][new] = last["sightings"] + 1
-        others = self._known[~is_in(self._known["tag"], now["tag"])]
-        known = np.concatenate((others, now))
-        self._known = known[np.argsort(known["tag"])]
+        unseen = self._last_seen[~is_in(self._last_seen["tag"], now["tag"])]
+        rows = np.concatenate((unseen, now))
+        self._last_seen = rows[np.argsort(rows["tag"])]
 
     def in_view(self, cameras: CameraArray, height_m: float) -> Rows:
         """Returns those of `expected` whose middle is in a camera's picture, sorted by the picture.
@@ -172,7 +172,7 @@ class Prediction:
         )
 
     def windows(
-        self, cameras: CameraArray, height_m: float, places: Floats, picture: Places
+        self, cameras: CameraArray, height_m: float, places: Floats, picture: Index
     ) -> NDArray[np.int32]:
         """Returns the squares of the pictures around (n, 2) places of the arena [m].
 

@@ -18,7 +18,7 @@ from vsense.vision.markers._dictionary import Codes, FamilyError, Floats, Square
 from vsense.vision.tracking._outlines import edge_sharpness
 from vsense.vision.tracking._squares_edges import sample_grey
 
-Values = NDArray[np.float32] | NDArray[np.float64]
+GreyCells = NDArray[np.float32] | NDArray[np.float64]
 
 BLURS = np.array([0.05, 0.3, 0.5, 0.75, 1.05, 1.4])
 """Standard deviations of the point spread that words are prepared for, in cells."""
@@ -115,7 +115,7 @@ class WordReader:
         mean = grey.reshape(-1, span, _SPOTS, span, _SPOTS).mean(axis=(2, 4))
         return np.asarray(mean.reshape(-1, span * span), dtype=np.float32)
 
-    def read(self, cells: Values, blur: Floats) -> NDArray[np.void]:
+    def read(self, cells: GreyCells, blur: Floats) -> NDArray[np.void]:
         """Finds the word of each quadrilateral; returns (n,) READING.
 
         Args:
@@ -125,15 +125,15 @@ class WordReader:
         """
         grey = np.ascontiguousarray(cells, dtype=np.float32)
         level = np.abs(BLURS - blur[..., np.newaxis]).argmin(axis=-1).astype(np.int32)
-        found = np.zeros(len(grey), dtype=READING)
+        readings = np.zeros(len(grey), dtype=READING)
         kernels.vs_words_read(
             self._words.struct,
             kernel_ffi.cast("float *", grey.ctypes.data),
             kernel_ffi.cast("int32_t *", level.ctypes.data),
             len(grey),
-            kernel_ffi.cast("struct vs_reading *", found.ctypes.data),
+            kernel_ffi.cast("struct vs_reading *", readings.ctypes.data),
         )
-        return found
+        return readings
 
 
 def _under_blur(
@@ -157,7 +157,7 @@ def _under_blur(
     rare = NormalDist().inv_cdf(1.0 - _CHANCE[around] / len(dark))
     number = len(lines)
     upright = dark[::4].reshape(len(dark) // 4, -1)
-    some = dark.reshape(len(upright), -1)[:: len(upright) // _ENOUGH + 1].reshape(-1, dark[0].size)
+    part = dark.reshape(len(upright), -1)[:: len(upright) // _ENOUGH + 1].reshape(-1, dark[0].size)
     per_length = np.zeros((number, number, len(upright)), dtype=np.float32)
     least = np.zeros((number, number))
     for u in range(number):
@@ -168,7 +168,7 @@ def _under_blur(
             per_length[u, v] = 1.0 / np.linalg.norm(upright @ light, axis=1)
             if u <= v:
                 # A quarter turn of all words exchanges the two blurs.
-                least[u, v] = least[v, u] = _needed(some @ light[:, inner], rare)
+                least[u, v] = least[v, u] = _needed(part @ light[:, inner], rare)
     return per_length.reshape(number**2, -1), least.ravel().tolist()
 
 

@@ -84,8 +84,8 @@ class RobotTracks:
         Each track believes the one sighting that can be its robot, if there is exactly one.
         Returns how many were out of reach.
         """
-        tags, known = sightings["tag"], self.rows["last"]["tag"]
-        begin, end = np.searchsorted(tags, known), np.searchsorted(tags, known, "right")
+        tags, tracked = sightings["tag"], self.rows["last"]["tag"]
+        begin, end = np.searchsorted(tags, tracked), np.searchsorted(tags, tracked, "right")
         self.rows["seen"] = False
         once = np.flatnonzero(end - begin == 1)
         now = sightings[begin[once]]
@@ -99,7 +99,7 @@ class RobotTracks:
             if len(reachable) == 1:
                 self._believe(np.array([row]), reachable, 0.5)
             strange += len(places) - len(reachable)
-        if len(new := sightings[~is_in(tags, known)]):
+        if len(new := sightings[~is_in(tags, tracked)]):
             self._begin(new)
         return strange
 

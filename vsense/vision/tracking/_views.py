@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.arena import DETECTION, IMAGE_POSE, UNNAMED
-from vsense.vision.cameras._camera_array import CameraArray, Places
+from vsense.vision.cameras._camera_array import CameraArray, Index
 from vsense.vision.tracking._rows import stack_rows
 
 Floats = NDArray[np.float64]
@@ -62,12 +62,12 @@ def covariances(views: NDArray[np.void]) -> Floats:
 
     The heights' doubt is in it.
     """
-    whole = np.zeros((len(views), 3, 3))
-    whole[:, _UPPER[0], _UPPER[1]] = views["covariance"]
-    whole[:, _UPPER[1], _UPPER[0]] = views["covariance"]
+    matrices = np.zeros((len(views), 3, 3))
+    matrices[:, _UPPER[0], _UPPER[1]] = views["covariance"]
+    matrices[:, _UPPER[1], _UPPER[0]] = views["covariance"]
     sensitivity = views["height_sensitivity"]
-    whole[:, :2, :2] += sensitivity[:, :, np.newaxis] * sensitivity[:, np.newaxis]
-    return whole
+    matrices[:, :2, :2] += sensitivity[:, :, np.newaxis] * sensitivity[:, np.newaxis]
+    return matrices
 
 
 class Placed(NamedTuple):
@@ -82,8 +82,8 @@ class Placed(NamedTuple):
     """
 
     rows: NDArray[np.void]
-    picture: Places
-    camera: Places
+    picture: Index
+    camera: Index
     height_m: Floats
     ground_m: Floats
 
@@ -91,7 +91,7 @@ class Placed(NamedTuple):
 def place_markers(
     cameras: CameraArray,
     taken_by: Sequence[int],
-    found: Sequence[NDArray[np.void]],
+    detections: Sequence[NDArray[np.void]],
     heights_m: Mapping[int, float],
 ) -> Placed:
     """Puts the pictures' named DETECTIONs into the arena.
@@ -99,11 +99,11 @@ def place_markers(
     Args:
         cameras: The arena's.
         taken_by: The place of each picture's camera among them.
-        found: Each picture's.
+        detections: Each picture's.
         heights_m: Of the tags' markers above the floor; other tags are left out.
     """
-    rows = stack_rows([np.zeros(0, dtype=DETECTION), *found])
-    picture = np.repeat(np.arange(len(found)), [len(one) for one in found])
+    rows = stack_rows([np.zeros(0, dtype=DETECTION), *detections])
+    picture = np.repeat(np.arange(len(detections)), [len(array) for array in detections])
     height_m = np.array([heights_m.get(tag, np.nan) for tag in rows["tag"].tolist()], dtype=float)
     named = (rows["tag"] != UNNAMED) & ~np.isnan(height_m)
     order = np.lexsort((rows["tag"], picture))
@@ -149,7 +149,7 @@ def _fade(size_px: Floats, pixels: Floats) -> Floats:
     return np.asarray(np.maximum(share**2 * (3.0 - 2.0 * share), _LEAST_FADE))
 
 
-def merge_views(views: NDArray[np.void], picture: Places) -> NDArray[np.void]:
+def merge_views(views: NDArray[np.void], picture: Index) -> NDArray[np.void]:
     """Merges (n,) VIEW of one timestep; `picture` is (n,) which picture each is in.
 
     Returns (k,) VIEW sorted by tag; a tag that is there more than once is duplicated. The result
@@ -167,7 +167,7 @@ def merge_views(views: NDArray[np.void], picture: Places) -> NDArray[np.void]:
     return _merge(views[order], cluster[order])
 
 
-def _clusters(views: NDArray[np.void], picture: Places) -> Places:
+def _clusters(views: NDArray[np.void], picture: Index) -> Index:
     """Returns which views, sorted by tag, are of one marker: (n,) a number for each marker."""
     tag, places = views["tag"], np.stack((views["x_m"], views["y_m"]), axis=-1)
     # Numbers that ascend with the tag, with room for as many markers of it as there are views.
@@ -193,12 +193,12 @@ def _clusters(views: NDArray[np.void], picture: Places) -> Places:
     return cluster
 
 
-def _belongs(row: int, marker: list[int], places: Floats, picture: Places) -> bool:
+def _belongs(row: int, marker: list[int], places: Floats, picture: Index) -> bool:
     near = np.hypot(*(places[marker] - places[row]).T) <= MERGE_M
     return bool((near & (picture[marker] != picture[row])).all())
 
 
-def _merge(views: NDArray[np.void], cluster: Places) -> NDArray[np.void]:
+def _merge(views: NDArray[np.void], cluster: Index) -> NDArray[np.void]:
     """Returns each cluster's weighted mean; headings are averaged as vectors, so they may wrap."""
     starts = np.flatnonzero(np.concatenate(([True], cluster[1:] != cluster[:-1])))
     merged, counts = views[starts], np.diff(starts, append=len(views))
@@ -225,9 +225,9 @@ def _merge(views: NDArray[np.void], cluster: Places) -> NDArray[np.void]:
     return merged
 
 
-def count_unnamed(found: Iterable[NDArray[np.void]]) -> int:
+def count_unnamed(detections: Iterable[NDArray[np.void]]) -> int:
     """Returns how many markers in the DETECTION arrays could not be named."""
-    return int(sum((one["tag"] == UNNAMED).sum() for one in found))
+    return int(sum((array["tag"] == UNNAMED).sum() for array in detections))
 
 
 _AHEAD_M = 0.01

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.vision.cameras._camera_array import Places
+from vsense.vision.cameras._camera_array import Index
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import MarkerFamily, SquareFamily
 from vsense.vision.tracking._kernel import MARKER, Image, Kernel, least_and_most_scale
@@ -77,11 +77,11 @@ class LayeredKernel:
         thorough: bool = True,
     ) -> NDArray[np.void]:
         """See `Kernel.search`; places and sizes are given on the plane of reference."""
-        found = []
+        parts = []
         for height_m in self._layers_of(camera):
             markers = self._kernel.search(image, camera, height_m, windows, thorough)
-            found.append(self._refer(markers, camera, height_m))
-        return _joined(found)
+            parts.append(self._refer(markers, camera, height_m))
+        return _joined(parts)
 
     def follow(self, image: Image, camera: Camera, robots: NDArray[np.void]) -> NDArray[np.void]:
         """Fits (n,) EXPECTED robots, given on the plane of reference; see `Kernel.follow`.
@@ -91,15 +91,15 @@ class LayeredKernel:
         layers = np.array(self._layers_of(camera))
         layer = np.abs(robots["height_m"][:, np.newaxis] - layers).argmin(axis=1)
         centre = np.array(camera.position_m[:2])
-        found = []
+        parts = []
         for number in np.unique(layer):
             mine = robots[layer == number]
             share = self._nearer(camera, layers[number])
             places = np.stack((mine["x_m"], mine["y_m"]), axis=1)
             poses = np.column_stack((centre + share * (places - centre), mine["yaw_rad"]))
             markers = self._kernel.follow(image, camera, layers[number], poses)[0]
-            found.append(self._refer(markers, camera, layers[number]))
-        return _joined(found)
+            parts.append(self._refer(markers, camera, layers[number]))
+        return _joined(parts)
 
     def _nearer(self, camera: Camera, height_m: float) -> float:
         """Returns how far a plane is from the camera, as a share of the reference's distance."""
@@ -149,7 +149,7 @@ def _joined(layers: Sequence[NDArray[np.void]]) -> NDArray[np.void]:
     return each_once(gather([markers[order]])).values
 
 
-Made = TypeVar("Made")
+Result = TypeVar("Result")
 
 
 class Picture(NamedTuple):
@@ -179,7 +179,7 @@ class Workers:
         alone = number == 1 and not pin
         self._pool = None if alone else ThreadPoolExecutor(number, "tracking", begin)
 
-    def share(self, work: Callable[[int, int], Made], pieces: int) -> list[Made]:
+    def share(self, work: Callable[[int, int], Result], pieces: int) -> list[Result]:
         """Returns `work(worker, piece)` of every piece, in their order.
 
         What fails in a thread is raised here, when all have ended.
@@ -188,13 +188,13 @@ class Workers:
             return [work(0, piece) for piece in range(pieces)]
         waiting = iter(range(pieces))  # each piece is taken by one thread
 
-        def take(worker: int) -> list[tuple[int, Made]]:
+        def take(worker: int) -> list[tuple[int, Result]]:
             return [(piece, work(worker, piece)) for piece in waiting]
 
         shares = [self._pool.submit(take, n) for n in range(min(self.number, pieces))]
         wait(shares)  # also where one fails: another's kernel is busy until it ends
-        made = dict(one for share in shares for one in share.result())
-        return [made[piece] for piece in range(pieces)]
+        results = dict(pair for share in shares for pair in share.result())
+        return [results[piece] for piece in range(pieces)]
 
     def close(self) -> None:
         """Ends the threads; can be called again."""
@@ -212,7 +212,7 @@ class Kernels:
     def __init__(self, search: MarkerSearch, workers: Workers) -> None:
         """Raises FamilyError where the kernel's tables are too small for the family."""
         heights_m = list(search.heights_m.values())
-        self._each = [
+        self._kernels = [
             LayeredKernel(search.family, search.height_m, heights_m, search.mask)
             for _ in range(workers.number)
         ]
@@ -221,12 +221,12 @@ class Kernels:
 
     def read_codes(self, codes: object) -> None:
         """Has arrows named by a `struct vs_codes` from now on; it must outlive the kernels."""
-        for kernel in self._each:
+        for kernel in self._kernels:
             kernel.read_codes(codes)
 
     def least_inside_px(self, camera: Camera) -> float:
         """Returns how far inside a picture a marker's disc has its centre at least [px]."""
-        return self._each[0].least_inside_px(camera)
+        return self._kernels[0].least_inside_px(camera)
 
     def begin(self, pictures: Sequence[Picture]) -> None:
         """Takes a timestep's pictures, for the calls that follow."""
@@ -236,7 +236,7 @@ class Kernels:
     def search(
         self,
         windows: NDArray[np.int32] | None = None,
-        of: Places | None = None,
+        of: Index | None = None,
         quick: NDArray[np.bool_] | None = None,
     ) -> Rows:
         """Looks for markers in all pictures, or in windows of them.
@@ -251,14 +251,14 @@ class Kernels:
         """
 
         def work(worker: int, piece: int) -> NDArray[np.void]:
-            kernel, picture = self._each[worker], self._pictures[piece]
+            kernel, picture = self._kernels[worker], self._pictures[piece]
             mine = None if of is None or windows is None else windows[of == piece]
             if mine is not None and len(mine) == 0:
                 return np.zeros(0, dtype=MARKER)
             before = kernel.overflows
-            found = kernel.search(*picture, mine, quick is None or not quick[piece])
+            markers = kernel.search(*picture, mine, quick is None or not quick[piece])
             self.full[piece] |= kernel.overflows != before
-            return found
+            return markers
 
         return gather(self._workers.share(work, len(self._pictures)))
 
@@ -272,10 +272,10 @@ class Kernels:
         def work(worker: int, piece: int) -> NDArray[np.void]:
             number = int(pictures[piece])
             mine = robots.values[robots.picture == number]
-            return self._each[worker].follow(*self._pictures[number], mine)
+            return self._kernels[worker].follow(*self._pictures[number], mine)
 
-        found = self._workers.share(work, len(pictures))
-        return gather([np.zeros(0, dtype=MARKER), *found], np.array([0, *pictures]))
+        markers = self._workers.share(work, len(pictures))
+        return gather([np.zeros(0, dtype=MARKER), *markers], np.array([0, *pictures]))
 
 
 def _pin(turn: int) -> None:

@@ -42,9 +42,9 @@ class MarkerOffsets:
 
     def __init__(self, offsets: Mapping[int, PlacedMarker]) -> None:
         """`offsets` are by tag."""
-        known = sorted(offsets.items())
-        self._tags = np.array([tag for tag, _ in known], dtype=np.int64)
-        rows = [(marker.x_m, marker.y_m, marker.yaw_rad) for _, marker in known]
+        items = sorted(offsets.items())
+        self._tags = np.array([tag for tag, _ in items], dtype=np.int64)
+        rows = [(marker.x_m, marker.y_m, marker.yaw_rad) for _, marker in items]
         self._places = np.array(rows, dtype=np.float64).reshape(-1, 3)
 
     def to_robots(self, views: NDArray[np.void]) -> NDArray[np.void]:
@@ -178,8 +178,8 @@ class FrameGate:
     def _check(self, frame: Frame) -> None:
         camera = self.cameras.get(frame.camera)
         if camera is None:
-            known = ", ".join(self.cameras)
-            raise TrackingError(f"a frame of camera {frame.camera!r}; known are {known}")
+            ids = ", ".join(self.cameras)
+            raise TrackingError(f"a frame of camera {frame.camera!r}; known are {ids}")
         if frame.image.shape != (camera.height_px, camera.width_px):
             height, width = frame.image.shape[:2]
             raise TrackingError(
@@ -198,7 +198,7 @@ class ArenaTracker:
     Attributes:
         heights_m: The roster: the height of each tag's marker above the floor. It grows.
         offsets: By tag, where markers sit on their robots; those of other tags sit in the middle.
-        found: By the camera's id, the DETECTION array of its newest picture.
+        markers: By the camera's id, the DETECTION array of its newest picture.
         overflowed: Ids of the cameras whose newest picture held more than the detector's tables.
         state: The newest arena state; its timestep is -1 before the first.
     """
@@ -225,7 +225,7 @@ class ArenaTracker:
             TrackingError: There is no camera, two have the same id, or one is no higher than a
                 marker.
         """
-        self.found: dict[str, NDArray[np.void]] = {}
+        self.markers: dict[str, NDArray[np.void]] = {}
         self.overflowed: tuple[str, ...] = ()
         self._gate = FrameGate(cameras)
         self.heights_m = dict(heights_m)
@@ -311,9 +311,9 @@ class ArenaTracker:
         if not fresh:
             return self.state
         self._prediction.expect(now_ns := max(frame.capture_ns for frame in fresh))
-        found = self._detect(fresh)
+        detections = self._detect(fresh)
         taken_by = [self._places[frame.camera] for frame in fresh]
-        placed = place_markers(self._array, taken_by, found, self.heights_m)
+        placed = place_markers(self._array, taken_by, detections, self.heights_m)
         capture_ns = [frame.capture_ns for frame in fresh]
         views = make_views(self._array, capture_ns, placed, self._limits.height_doubt_m)
         sightings = merge_views(views, placed.picture)
@@ -325,7 +325,7 @@ class ArenaTracker:
             capture_ns=now_ns,
             robots=self._tracks.poses(now_ns),
             detected=len(sightings) - len(again),
-            unnamed=count_unnamed(found),
+            unnamed=count_unnamed(detections),
             duplicates=tuple(sorted(set(again.tolist()))),
             sightings=_sighting_rows(sightings),
             joined=tuple(sorted(self._joined)),
@@ -359,12 +359,12 @@ class ArenaTracker:
                 )
 
     def _detect(self, frames: list[Frame]) -> list[NDArray[np.void]]:
-        """Returns each frame's DETECTION array; sets `found` and `overflowed`."""
+        """Returns each frame's DETECTION array; sets `markers` and `overflowed`."""
         cameras = self._gate.cameras
         pictures = self._detector.detect_all(
             [Picture(frame.image, cameras[frame.camera]) for frame in frames]
         )
-        self.found = {frame.camera: seen.rows for frame, seen in zip(frames, pictures)}
+        self.markers = {frame.camera: seen.rows for frame, seen in zip(frames, pictures)}
         self.overflowed = tuple(f.camera for f, seen in zip(frames, pictures) if seen.full)
         self.counters.overflows += len(self.overflowed)
         return [seen.rows for seen in pictures]

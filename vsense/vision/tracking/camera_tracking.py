@@ -19,7 +19,7 @@ from vsense.vision.tracking._marker_watch import MarkerWatch
 from vsense.vision.tracking._views import Floats, ahead_m, heading_px_rad
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 
-PERIOD_NS = 80_000_000
+CHECK_NS = 80_000_000
 """Pictures of a live camera that follow each other faster than this are not all checked."""
 
 
@@ -27,7 +27,7 @@ class _Tracked(NamedTuple):
     """A picture that was tracked, what was found in its timestep, and whether it held too much."""
 
     frame: Frame
-    found: Mapping[str, NDArray[np.void]]
+    seen: Mapping[str, NDArray[np.void]]
     overflowed: bool
 
 
@@ -47,24 +47,24 @@ class CameraTracking:
         self,
         grabber: Grabber,
         tracker: ArenaTracker,
-        tell: Callable[[str], None],
+        say: Callable[[str], None],
         troubles: Troubles | None = None,
         check_all: bool = False,
     ) -> None:
         """Takes grabber and tracker over.
 
         Args:
-            tell: takes a line about a camera, for a person; any thread, must not wait.
+            say: takes a line about a camera, for a person; any thread, must not wait.
             troubles: where to count what happens to cameras; None: begins with nothing known.
             check_all: every timestep is checked, as recordings want it: `next` checks what was not
                 checked yet. Otherwise only the newest one is, and not more often than every
-                `PERIOD_NS`.
+                `CHECK_NS`.
         """
         self.grabber = grabber
         self.tracker = tracker
         self.record: Callable[[Sequence[Frame]], None] = lambda frames: None
         self.troubles = troubles or Troubles()
-        self._tell = tell
+        self._say = say
         self._check_all = check_all
         self._health = Health(tracker.cameras, tracker.heights_m)
         self._markers = MarkerWatch(tracker.cameras, tracker.heights_m)
@@ -138,11 +138,11 @@ class CameraTracking:
             if due:
                 newest = max(due, key=lambda tracked: tracked.frame.capture_ns)
                 frames = [tracked.frame for tracked in due]
-                found = {c: t.found[c] for t in due if (c := t.frame.camera) in t.found}
+                seen = {c: t.seen[c] for t in due if (c := t.frame.camera) in t.seen}
                 crowded = [tracked.frame.camera for tracked in due if tracked.overflowed]
-                events += self._health.update(frames, found, crowded, newest.found)
-                for line in self._markers.update(frames, found):
-                    self._tell(line)
+                events += self._health.update(frames, seen, crowded, newest.seen)
+                for line in self._markers.update(frames, seen):
+                    self._say(line)
             self._tell_events(events)
 
     def figures(self) -> dict[str, int]:
@@ -176,7 +176,7 @@ class CameraTracking:
         """Keeps each camera's newest picture for the next check."""
         tracker = self.tracker
         noted = {
-            f.camera: _Tracked(f, tracker.found, f.camera in tracker.overflowed) for f in frames
+            f.camera: _Tracked(f, tracker.markers, f.camera in tracker.overflowed) for f in frames
         }
         with self._noting:
             self._unchecked.update(noted)
@@ -184,14 +184,14 @@ class CameraTracking:
     def _is_due(self, frame: Frame) -> bool:
         """Whether a picture is to be checked: each camera has a period of its own."""
         last_ns = self._checked_ns.get(frame.camera)
-        if not self._check_all and last_ns is not None and frame.capture_ns - last_ns < PERIOD_NS:
+        if not self._check_all and last_ns is not None and frame.capture_ns - last_ns < CHECK_NS:
             return False
         self._checked_ns[frame.camera] = frame.capture_ns
         return True
 
     def _tell_events(self, events: Iterable[CameraEvent]) -> None:
         for line in self.troubles.lines(events):
-            self._tell(line)
+            self._say(line)
 
 
 class ImagePoses:

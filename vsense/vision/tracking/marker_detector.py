@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.arena import DETECTION, UNNAMED
-from vsense.vision.cameras._camera_array import CameraArray, Places
+from vsense.vision.cameras._camera_array import CameraArray, Index
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import BLURS_U, FamilyError, MarkerFamily, SquareFamily
 from vsense.vision.tracking._joining import UnlistedTags
@@ -94,16 +94,16 @@ class MarkerDetector:
     def detect_all(self, pictures: Sequence[Picture]) -> list[Detected]:
         """Returns what is in each picture; what is not wholly in one is not reported."""
         self._kernels.begin(pictures)
-        if (known := self._prediction) is None:
+        if (prediction := self._prediction) is None:
             markers = self._believed(self._kernels.search(), gather([np.zeros(0, dtype=EXPECTED)]))
             tags = markers.values["tag"].astype(np.int32)
         else:
             self._look_through(tuple(picture.camera for picture in pictures))
-            self._admit(known)
-            expected = known.in_view(self._cameras, self._height_m)
+            self._admit(prediction)
+            expected = prediction.in_view(self._cameras, self._height_m)
             expected = expected.where(is_in(expected.values["tag"], self._roster))
-            markers = self._search(known, expected)
-            tags = self._name(known, markers, expected)
+            markers = self._search(prediction, expected)
+            tags = self._name(prediction, markers, expected)
         tags = np.where(is_in(tags, self._roster), tags, np.int32(UNNAMED))
         rows = self._report(markers, tags)
         full = self._kernels.full.tolist()
@@ -116,41 +116,41 @@ class MarkerDetector:
         """Keeps of (n,) MARKER that a search has found what is one."""
         raise NotImplementedError
 
-    def _name(self, known: Prediction, markers: Rows, expected: Rows) -> Tags:
+    def _name(self, prediction: Prediction, markers: Rows, expected: Rows) -> Tags:
         """Names (n,) MARKER by what was read, by where they are, and by what was gathered."""
         raise NotImplementedError
 
     def _look_through(self, cameras: tuple[Camera, ...]) -> None:
         if cameras != self._cameras.cameras:
             self._cameras = CameraArray(cameras)
-            self._inside_px = np.array([self._kernels.least_inside_px(one) for one in cameras])
+            self._inside_px = np.array([self._kernels.least_inside_px(c) for c in cameras])
 
-    def _admit(self, known: Prediction) -> None:
-        joined = known.joined.get(self._family.name, ())
+    def _admit(self, prediction: Prediction) -> None:
+        joined = prediction.joined.get(self._family.name, ())
         if len(joined) > len(self._joined):
             self._grow(joined[len(self._joined) :])
             self._joined = joined
 
-    def _search(self, known: Prediction, expected: Rows) -> Rows:
+    def _search(self, prediction: Prediction, expected: Rows) -> Rows:
         """Searches what the plan says, and fits robots where they must be; returns (n,) MARKER."""
         markers = gather([np.zeros(0, dtype=MARKER)])
-        if known.is_key_frame:
-            markers = self._kernels.search(quick=self._is_quick(known, expected))
+        if prediction.is_key_frame:
+            markers = self._kernels.search(quick=self._is_quick(prediction, expected))
             markers = self._believed(markers, expected)
-        if known.is_key_frame or known.plan.warm:
-            missing = self._whole(expected.where(~are_near(expected, markers)))
+        if prediction.is_key_frame or prediction.plan.warm:
+            missing = self._contained(expected.where(~are_near(expected, markers)))
             # Where one robot was exchanged for another, both are expected: the marker is one.
             followed = each_once(self._kernels.follow(missing))
             lost = missing.picture[~are_near(missing, followed)]
             markers = join(markers, followed)
             self._unsettled = {self._cameras.cameras[n].id for n in np.unique(lost).tolist()}
-        if not known.is_key_frame:
+        if not prediction.is_key_frame:
             missing = expected.where(~are_near(expected, markers))
-            more = self._kernels.search(*self._windows(known, missing))
+            more = self._kernels.search(*self._windows(prediction, missing))
             markers = join(markers, self._believed(more, expected))
         return markers
 
-    def _is_quick(self, known: Prediction, expected: Rows) -> NDArray[np.bool_]:
+    def _is_quick(self, prediction: Prediction, expected: Rows) -> NDArray[np.bool_]:
         """Tells which pictures need no second look, (n,): what it shows besides is a newcomer.
 
         Robots that the first look does not show are followed to where they must be. So pictures
@@ -161,29 +161,29 @@ class MarkerDetector:
         quick = np.bincount(expected.picture, minlength=len(self._cameras.cameras)) > 0
         for number, camera in enumerate(self._cameras.cameras):
             turn = self._turns[camera.id] = self._turns.get(camera.id, len(self._turns)) + 1
-            is_settled = camera.id not in self._unsettled and camera.id not in known.anonymous
+            is_settled = camera.id not in self._unsettled and camera.id not in prediction.anonymous
             quick[number] &= turn % _THOROUGH != 0 and is_settled
         return np.asarray(quick)
 
-    def _whole(self, expected: Rows) -> Rows:
+    def _contained(self, expected: Rows) -> Rows:
         """Leaves out those that cannot be wholly in their picture."""
         at_px = self._cameras.project(at_height(expected, self._height_m), expected.picture)
         margin_px = self._inside_px[expected.picture]
         return expected.where(self._cameras.contain(at_px, expected.picture, margin_px))
 
-    def _windows(self, known: Prediction, missing: Rows) -> tuple[NDArray[np.int32], Places]:
+    def _windows(self, prediction: Prediction, missing: Rows) -> tuple[NDArray[np.int32], Index]:
         """Returns the squares where robots are missing, or markers without a name were."""
         places, pictures = [missing.places()], [missing.picture]
         for number, camera in enumerate(self._cameras.cameras):
-            if camera.id in known.anonymous:
-                places.append(known.anonymous[camera.id].places)
+            if camera.id in prediction.anonymous:
+                places.append(prediction.anonymous[camera.id].places)
                 pictures.append(np.full(len(places[-1]), number, dtype=np.intp))
         at, of = np.concatenate(places), np.concatenate(pictures)
-        return known.windows(self._cameras, self._height_m, at, of), of
+        return prediction.windows(self._cameras, self._height_m, at, of), of
 
-    def _tell_unlisted(self, known: Prediction, number: int, tags: Tags, places: Floats) -> None:
+    def _add_tags(self, prediction: Prediction, number: int, tags: Tags, places: Floats) -> None:
         """Tells of tags in a picture that are not on the roster, and (n, 2) where they are."""
-        known.unlisted[self._cameras.cameras[number].id] = UnlistedTags(
+        prediction.unlisted[self._cameras.cameras[number].id] = UnlistedTags(
             self._family, self._roster.tolist(), self._height_m, tags, places
         )
 

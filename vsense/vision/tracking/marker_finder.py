@@ -63,7 +63,7 @@ class FoundMarkers:
         return image_poses(cameras, place_markers(cameras, [0], [self.rows], heights_m))
 
 
-NOTHING = FoundMarkers(np.zeros(0, dtype=DETECTION), None)
+NO_MARKERS = FoundMarkers(np.zeros(0, dtype=DETECTION), None)
 
 
 class MarkerFinder:
@@ -92,16 +92,16 @@ class MarkerFinder:
         if calibration is not None and image.shape == (calibration.height_px, calibration.width_px):
             return self._through(image, calibration, self._height_m)
         if self.px_per_m is not None:
-            found = self._at(image, self.px_per_m)
-            if found.count:
-                return found
+            markers = self._at(image, self.px_per_m)
+            if markers.count:
+                return markers
         if self._rest > 0:
             self._rest -= 1
-            return NOTHING
+            return NO_MARKERS
         scale = self._search(image)
         if scale is None:
             self._rest = _REST
-            return NOTHING
+            return NO_MARKERS
         self.px_per_m = scale
         return self._at(image, scale)
 
@@ -115,13 +115,13 @@ class MarkerFinder:
         steps = int(np.log(_MOST_CELL_PX / _LEAST_CELL_PX) / np.log(_RATIO)) + 1
         scales = _LEAST_CELL_PX / cell_m * _RATIO ** np.arange(steps)
         fits = 1e-3 * self._family.disc_diameter_mm * scales < min(image.shape)
-        found = [self._at(image, float(scale)) for scale in scales[fits]]
+        results = [self._at(image, float(scale)) for scale in scales[fits]]
         # Readable markers count first, unreadable ones only without them.
-        worth = [(len(each.tags), each.count) for each in found]
+        worth = [(len(result.tags), result.count) for result in results]
         most = max(worth, default=(0, 0))
         if most == (0, 0):
             return None
-        best = [number for number, each in enumerate(worth) if each == most]
+        best = [number for number, value in enumerate(worth) if value == most]
         return float(np.exp(np.log(scales[fits][best]).mean()))
 
     def _at(self, image: Image, px_per_m: float) -> FoundMarkers:

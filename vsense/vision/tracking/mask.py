@@ -21,7 +21,7 @@ from vsense.vision.cameras.camera import Camera
 
 Floats = NDArray[np.float64]
 
-MARGIN_M = 0.05
+MASK_MARGIN_M = 0.05
 """Usual margin: markers of robots that touch the arena's border are inside."""
 _KEPT = 256
 """Cameras and heights whose blocks are not computed anew."""
@@ -43,7 +43,7 @@ class Mask:
     """
 
     outline_m: tuple[tuple[float, float], ...]
-    margin_m: float = MARGIN_M
+    margin_m: float = MASK_MARGIN_M
 
     def __post_init__(self) -> None:
         corners = np.array(self.outline_m, dtype=np.float64)
@@ -132,7 +132,7 @@ def outlines_px(mask: Mask, camera: Camera, height_m: float) -> list[list[tuple[
     points = np.stack(np.meshgrid(np.arange(columns), np.arange(lines)), axis=-1) * _DRAWN_PX
     with np.errstate(all="ignore"):
         places = camera.to_plane(points.reshape(-1, 2).astype(np.float64), height_m)
-    kept = mask.keeps(places).reshape(lines, columns).astype(np.uint8)
-    found, _ = cv2.findContours(kept, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    polygons = [cv2.approxPolyDP(one, 0.7, True).reshape(-1, 2) * _DRAWN_PX for one in found]
-    return [[(float(x), float(y)) for x, y in one] for one in polygons if len(one) > 2]
+    inside = mask.keeps(places).reshape(lines, columns).astype(np.uint8)
+    contours, _ = cv2.findContours(inside, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    polygons = [cv2.approxPolyDP(c, 0.7, True).reshape(-1, 2) * _DRAWN_PX for c in contours]
+    return [[(float(x), float(y)) for x, y in polygon] for polygon in polygons if len(polygon) > 2]

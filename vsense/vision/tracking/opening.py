@@ -50,7 +50,7 @@ PACED = "paced"
 def open_tracking(
     session: TrackingSession,
     clock: Callable[[], int],
-    tell: Callable[[str], None],
+    say: Callable[[str], None],
     recordings: str | float = OFFLINE,
     troubles: Troubles | None = None,
 ) -> CameraTracking:
@@ -61,7 +61,7 @@ def open_tracking(
 
     Args:
         clock: the host's monotonic clock [ns].
-        tell, troubles: see `CameraTracking`.
+        say, troubles: see `CameraTracking`.
         recordings: how recordings are handed out. `OFFLINE`: as fast as they are asked for.
             `PACED`: as they were taken, from the first `next` on. A number: their first pictures
             so often [s] until `CameraTracking.start`, then as they were taken, dated by the clock.
@@ -71,17 +71,17 @@ def open_tracking(
         VsenseError: something else cannot be used.
     """
     teach_opencv()
-    _check_cells(session, tell)
+    _check_cells(session, say)
     grabber = _grabber(session, clock, recordings)
     try:
         tracker = _tracker(session)
     except BaseException:
         grabber.close()
         raise
-    return CameraTracking(grabber, tracker, tell, troubles, not session.is_live)
+    return CameraTracking(grabber, tracker, say, troubles, not session.is_live)
 
 
-def _check_cells(session: TrackingSession, tell: Callable[[str], None]) -> None:
+def _check_cells(session: TrackingSession, say: Callable[[str], None]) -> None:
     """Refuses cameras that see their markers too small to be named, and tells of small ones."""
     for view in session.views:
         height_m = min(view.tracker.heights_m.values(), default=0.0)
@@ -91,7 +91,7 @@ def _check_cells(session: TrackingSession, tell: Callable[[str], None]) -> None:
             message = f"<camera_state_tracker> camera: {view.camera.id!r}: {text}"
             raise ConfigError(session.file, view.line, message)
         if width.is_small:
-            tell(f"camera {view.camera.id}: {text}")
+            say(f"camera {view.camera.id}: {text}")
 
 
 def _grabber(
@@ -144,13 +144,13 @@ def masks_px(session: TrackingSession) -> dict[str, list[list[tuple[float, float
     mask = session.mask
     if mask is None:
         return None
-    found = {}
+    polygons = {}
     for view in session.views:
         heights_m = view.tracker.heights_m.values()
-        found[view.camera.id] = outlines_px(
+        polygons[view.camera.id] = outlines_px(
             mask, view.camera, median(heights_m) if heights_m else 0.0
         )
-    return found
+    return polygons
 
 
 def make_source(spec: GrabberSpec, clock: Callable[[], int], links: NetworkLoad) -> Source:
@@ -202,8 +202,8 @@ def _check(session: TrackingSession, links: NetworkLoad) -> None:
     first: dict[str, str] = {}
     for view in genicam:
         grabber = view.grabber
-        known = [c.address for c in there if grabber.source in c.names]
-        address = grabber.source if is_address(grabber.source) else next(iter(known), "")
+        addresses = [c.address for c in there if grabber.source in c.names]
+        address = grabber.source if is_address(grabber.source) else next(iter(addresses), "")
         if not address:
             continue
         if address in first:

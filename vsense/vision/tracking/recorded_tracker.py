@@ -39,7 +39,7 @@ from vsense.vision.tracking.arena_tracker import ArenaTracker
 from vsense.vision.tracking.mask import Mask
 from vsense.vision.tracking.specs import PlacedMarker, TrackingSession
 
-Made = dict[str, Any]
+Description = dict[str, Any]
 """`cameras`: camera files; `sees`: by the camera's id the tracker that looks at its pictures;
 `trackers`: by id `family`, `heading_deg`, `heights_m` (pairs of tag and height), `open_roster`, and
 where there is a mask `mask_m` (its corners) and `mask_margin_m`;
@@ -64,18 +64,18 @@ def of_family(
     heights_m: Mapping[int, float],
     workers: int = 2,
     offsets: Offsets = _NO_OFFSETS,
-) -> Made:
+) -> Description:
     """Describes `ArenaTracker.for_family(cameras, load_family(family), heights_m)` with `offsets`.
 
     VsenseError if there is no such family.
     """
     tracker = _tracker(family, 0.0, heights_m, True)
     sees = {camera.id: "robots" for camera in cameras}
-    made = _made(cameras, sees, {"robots": tracker}, Limits(), SearchPlan(), workers)
-    return made | _offsets(offsets)
+    data = _describe(cameras, sees, {"robots": tracker}, Limits(), SearchPlan(), workers)
+    return data | _offsets(offsets)
 
 
-def of_session(session: TrackingSession) -> Made:
+def of_session(session: TrackingSession) -> Description:
     """Describes the tracker of `vsense.vision.tracking.opening.open_tracking`.
 
     VsenseError if there is no such family.
@@ -86,7 +86,7 @@ def of_session(session: TrackingSession) -> Made:
         id: {**_tracker(spec.family, spec.heading_deg, spec.heights_m, spec.open_roster), **masked}
         for id, spec in specs.items()
     }
-    made = _made(
+    data = _describe(
         [view.camera for view in session.views],
         {view.camera.id: view.tracker.id for view in session.views},
         trackers,
@@ -94,13 +94,13 @@ def of_session(session: TrackingSession) -> Made:
         SearchPlan(session.key_frame_period, session.square_size_m),
         2,
     )
-    return made | _offsets(session.offsets)
+    return data | _offsets(session.offsets)
 
 
-def make(made: Made) -> ArenaTracker:
+def make(data: Description) -> ArenaTracker:
     """Makes the tracker that was described; VsenseError if the description is damaged."""
     try:
-        return _make(made)
+        return _make(data)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise VsenseError(f"the description of the tracker is damaged: {error!r}") from None
 
@@ -110,14 +110,14 @@ def versions() -> dict[str, str]:
     return {"vsense": __version__, "opencv": cv2.__version__, "numpy": np.__version__}
 
 
-def _made(
+def _describe(
     cameras: Sequence[Camera],
     sees: Mapping[str, str],
-    trackers: Mapping[str, Made],
+    trackers: Mapping[str, Description],
     limits: Limits,
     plan: SearchPlan,
     workers: int,
-) -> Made:
+) -> Description:
     return {
         "cameras": [json.loads(camera.to_json()) for camera in cameras],
         "sees": dict(sees),
@@ -129,7 +129,7 @@ def _made(
     }
 
 
-def _offsets(offsets: Offsets) -> Made:
+def _offsets(offsets: Offsets) -> Description:
     """The part of a description that says where markers sit; none where nothing is known."""
     rows = [[tag, marker.x_m, marker.y_m, marker.yaw_rad] for tag, marker in offsets.items()]
     return {"offsets": rows} if rows else {}
@@ -137,7 +137,7 @@ def _offsets(offsets: Offsets) -> Made:
 
 def _tracker(
     family: str, heading_deg: float, heights_m: Mapping[int, float], open_roster: bool
-) -> Made:
+) -> Description:
     load_family(family)
     if family.endswith(".json"):
         text = Path(family).read_text(encoding="utf-8")
@@ -152,9 +152,9 @@ def _tracker(
     }
 
 
-def _make(made: Made) -> ArenaTracker:
-    cameras = [Camera.from_json(json.dumps(camera)) for camera in made["cameras"]]
-    trackers = {id: made["trackers"][id] for id in made["sees"].values()}
+def _make(data: Description) -> ArenaTracker:
+    cameras = [Camera.from_json(json.dumps(camera)) for camera in data["cameras"]]
+    trackers = {id: data["trackers"][id] for id in data["sees"].values()}
     searches = {
         id: MarkerSearch(
             _family(tracker),
@@ -164,24 +164,24 @@ def _make(made: Made) -> ArenaTracker:
         )
         for id, tracker in trackers.items()
     }
-    limits, plan = Limits(**made["limits"]), SearchPlan(**made["plan"])
-    workers = int(made["workers"])
+    limits, plan = Limits(**data["limits"]), SearchPlan(**data["plan"])
+    workers = int(data["workers"])
     if workers > _MOST_WORKERS:
         raise ValueError(f"{workers} workers")
     return ArenaTracker.of_searches(
         cameras,
-        [searches[made["sees"][camera.id]] for camera in cameras],
+        [searches[data["sees"][camera.id]] for camera in cameras],
         limits,
         plan,
         workers,
         offsets={
             int(tag): _Placed(float(x_m), float(y_m), float(yaw_rad))
-            for tag, x_m, y_m, yaw_rad in made.get("offsets", ())
+            for tag, x_m, y_m, yaw_rad in data.get("offsets", ())
         },
     )
 
 
-def _family(tracker: Made) -> MarkerFamily | SquareFamily:
+def _family(tracker: Description) -> MarkerFamily | SquareFamily:
     with TemporaryDirectory() as folder:
         file = Path(folder) / "family.json"
         file.write_text(json.dumps(tracker["family"]), encoding="utf-8")
@@ -191,20 +191,20 @@ def _family(tracker: Made) -> MarkerFamily | SquareFamily:
     return family
 
 
-def _masked(mask: Mask | None) -> Made:
+def _masked(mask: Mask | None) -> Description:
     if mask is None:
         return {}
     return {"mask_m": [list(corner) for corner in mask.outline_m], "mask_margin_m": mask.margin_m}
 
 
-def _mask(tracker: Made) -> Mask | None:
+def _mask(tracker: Description) -> Mask | None:
     if "mask_m" not in tracker:
         return None
     corners = tuple((float(x), float(y)) for x, y in tracker["mask_m"])
     return Mask(corners, float(tracker["mask_margin_m"]))
 
 
-def _heights_m(tracker: Made) -> dict[int, float]:
+def _heights_m(tracker: Description) -> dict[int, float]:
     return {int(tag): float(height_m) for tag, height_m in tracker["heights_m"]}
 
 
@@ -212,16 +212,16 @@ HEIGHT = "tracker.height_m"
 """Of all markers of all trackers."""
 
 
-def change_settings(made: Mapping[str, Any], settings: Mapping[str, str]) -> dict[str, Any]:
-    """Gives the description `made` with other settings.
+def change_settings(data: Mapping[str, Any], settings: Mapping[str, str]) -> dict[str, Any]:
+    """Gives the description `data` with other settings.
 
     `settings` are by name: "limits.X", "plan.X", or "tracker.X" for all of its trackers.
 
     Raises:
         UsageError: a setting is not known, or its value is none.
     """
-    changed = {**made, "limits": dict(made["limits"]), "plan": dict(made["plan"])}
-    changed["trackers"] = {id: dict(tracker) for id, tracker in made["trackers"].items()}
+    changed = {**data, "limits": dict(data["limits"]), "plan": dict(data["plan"])}
+    changed["trackers"] = {id: dict(tracker) for id, tracker in data["trackers"].items()}
     for key, text in settings.items():
         if key == HEIGHT:
             height_m = _value(key, 0.0, text)
@@ -234,19 +234,19 @@ def change_settings(made: Mapping[str, Any], settings: Mapping[str, str]) -> dic
     return changed
 
 
-def _parts(made: dict[str, Any], key: str) -> tuple[list[dict[str, Any]], str]:
+def _parts(data: dict[str, Any], key: str) -> tuple[list[dict[str, Any]], str]:
     """Finds what holds a setting, and the setting's name there."""
     group, _, name = key.partition(".")
     groups = {
-        "limits": [made["limits"]],
-        "plan": [made["plan"]],
-        "tracker": list(made["trackers"].values()),
+        "limits": [data["limits"]],
+        "plan": [data["plan"]],
+        "tracker": list(data["trackers"].values()),
     }
     parts = groups.get(group, [])
     if not any(isinstance(part.get(name), (bool, int, float)) for part in parts):
-        known = [f"{g}.{n}" for g in ("limits", "plan") for n in made[g]]
-        known += ["tracker.heading_deg", HEIGHT, "tracker.open_roster"]
-        raise UsageError(f"{key}: is no setting of the tracker; known are {', '.join(known)}")
+        names = [f"{g}.{n}" for g in ("limits", "plan") for n in data[g]]
+        names += ["tracker.heading_deg", HEIGHT, "tracker.open_roster"]
+        raise UsageError(f"{key}: is no setting of the tracker; known are {', '.join(names)}")
     return parts, name
 
 
@@ -292,7 +292,7 @@ def restore(tracker: ArenaTracker, memory: Mapping[str, Any]) -> None:
     tracker.heights_m.clear()
     tracker.heights_m.update({int(tag): float(height) for tag, height in memory["heights_m"]})
     tracker._joined = {int(tag) for tag in memory["joined"]}
-    tracks = np.array([_restore_track(each) for each in memory["tracks"]], dtype=TRACK)
+    tracks = np.array([_restore_track(row) for row in memory["tracks"]], dtype=TRACK)
     tracker._tracks.rows = tracks[np.argsort(tracks["last"]["tag"])]
     tracker._joining._candidates = {
         (str(family), int(tag)): _Candidate(**{**values, "place": tuple(values["place"])})
@@ -341,7 +341,7 @@ def _restore_view(values: Mapping[str, Any]) -> NDArray[np.void]:
 def _freeze_prediction(prediction: Prediction) -> dict[str, Any]:
     return {
         "timesteps": prediction._timesteps,
-        "known": [_freeze_known(known) for known in prediction._known],
+        "known": [_freeze_known(row) for row in prediction._last_seen],
         "joined": {family: list(tags) for family, tags in prediction.joined.items()},
         "anonymous": {
             camera: {
@@ -360,32 +360,32 @@ def _freeze_prediction(prediction: Prediction) -> dict[str, Any]:
 
 def _restore_prediction(prediction: Prediction, values: Mapping[str, Any]) -> None:
     prediction._timesteps = int(values["timesteps"])
-    known = np.array([_restore_known(*each) for each in values["known"]], dtype=KNOWN)
-    prediction._known = known[np.argsort(known["tag"])]
+    rows = np.array([_restore_known(*row) for row in values["known"]], dtype=KNOWN)
+    prediction._last_seen = rows[np.argsort(rows["tag"])]
     prediction.joined = {family: tuple(tags) for family, tags in values["joined"].items()}
     prediction.anonymous = {
         camera: Anonymous(
-            np.array(each["rows"], dtype=np.intp),
-            np.array(each["places"], dtype=np.float64).reshape(-1, 2),
-            _cells(each),
-            np.array(each["pictures"], dtype=np.int64),
-            int(each["capture_ns"]),
+            np.array(entry["rows"], dtype=np.intp),
+            np.array(entry["places"], dtype=np.float64).reshape(-1, 2),
+            _cells(entry),
+            np.array(entry["pictures"], dtype=np.int64),
+            int(entry["capture_ns"]),
         )
-        for camera, each in values["anonymous"].items()
+        for camera, entry in values["anonymous"].items()
     }
 
 
-def _freeze_known(known: np.void) -> list[Any]:
+def _freeze_known(row: np.void) -> list[Any]:
     names = [name for name in KNOWN.names or () if name != "tag"]
-    return [int(known["tag"]), {name: known[name].tolist() for name in names}]
+    return [int(row["tag"]), {name: row[name].tolist() for name in names}]
 
 
 def _restore_known(tag: int, values: Mapping[str, Any]) -> NDArray[np.void]:
-    known = np.zeros((), dtype=KNOWN)
-    known["tag"] = tag
+    row = np.zeros((), dtype=KNOWN)
+    row["tag"] = tag
     for name, value in values.items():
-        known[name] = value
-    return known
+        row[name] = value
+    return row
 
 
 def _cells(values: Mapping[str, Any]) -> NDArray[Any]:

@@ -15,7 +15,7 @@ from vsense.vision.cameras import _v4l2, aravis
 from vsense.vision.cameras._aravis_camera import AravisCamera, is_address
 from vsense.vision.cameras._genicam import GenicamSource, digits
 from vsense.vision.cameras._networks import (
-    HELD,
+    CAMERA_HELD,
     ListedCamera,
     NetworkLoad,
     controlled,
@@ -153,7 +153,7 @@ def camera_named(id: str, wanted: Controls) -> GrabberSpec:
     node = _v4l2.node(id) if len(id) < NODE_DIGITS else id
     if node.startswith("/dev/"):
         if not Path(node).exists():
-            raise UsageError(f"no camera {node}: {_known(())}")
+            raise UsageError(f"no camera {node}: {_listed_text(())}")
         return GrabberSpec.of_camera(id, CAMERA, node, wanted)
     return _of_aravis(id, wanted)
 
@@ -174,17 +174,17 @@ def _of_aravis(id: str, wanted: Controls) -> GrabberSpec:
         if text and id in far.names:
             raise GrabberError(f"{id}: {text}")
     if not mine and (missing or not is_address(id)):
-        raise UsageError(f"no camera {id!r}: {_known(listed)}{missing}")
+        raise UsageError(f"no camera {id!r}: {_listed_text(listed)}{missing}")
     device = (mine[0].address or mine[0].id) if mine else id
     if is_address(device) and controlled(device):
-        raise GrabberError(f"{id}: {HELD}")
+        raise GrabberError(f"{id}: {CAMERA_HELD}")
     try:
         camera = AravisCamera(device)
     except AravisError as error:
         if mine:
             lost = stranded(mine[0].address, networks())
             raise GrabberError(f"{id}: {lost or error}") from None
-        raise UsageError(f"no camera answers at {id}: {_known(listed)}") from None
+        raise UsageError(f"no camera answers at {id}: {_listed_text(listed)}") from None
     try:
         rate_hz = wanted.rate_hz or rate_of(camera) or RATE_HZ
     finally:
@@ -193,11 +193,11 @@ def _of_aravis(id: str, wanted: Controls) -> GrabberSpec:
     return GrabberSpec.of_camera(id, GENICAM, device, settings)
 
 
-def _known(listed: Sequence[ListedCamera]) -> str:
-    known = [camera.id for camera in listed] + [device.path for device in _v4l2.devices()]
-    if not known:
+def _listed_text(listed: Sequence[ListedCamera]) -> str:
+    names = [camera.id for camera in listed] + [device.path for device in _v4l2.devices()]
+    if not names:
         return "there are none; see vsense cameras"
-    return f"there {'is' if len(known) == 1 else 'are'} {', '.join(known)}"
+    return f"there {'is' if len(names) == 1 else 'are'} {', '.join(names)}"
 
 
 def free(spec: GrabberSpec) -> GrabberSpec:
@@ -267,23 +267,23 @@ class GenicamControls:
         camera.set(feature, digits(value))
 
     def remember(self) -> Callable[[], None]:
-        camera, kept, automatic = self._opened(), list[tuple[str, str, str]](), set[str]()
+        camera, saved, automatic = self._opened(), list[tuple[str, str, str]](), set[str]()
         for name in (EXPOSURE, GAIN):
             feature = self._feature(name)[1]
             if camera is not None and feature is not None:
-                kept.append((name, feature, camera.get(feature)))
+                saved.append((name, feature, camera.get(feature)))
                 if camera.has(AUTOMATIC[name]) and camera.get(AUTOMATIC[name]) != "Off":
                     automatic.add(name)
         # Automatic modes are restored last: values cannot be set while they are on.
         for feature in AUTOMATIC.values():
             if camera is not None and camera.has(feature):
-                kept.append((feature, feature, camera.get(feature)))
+                saved.append((feature, feature, camera.get(feature)))
 
         def put_back() -> None:
             now = self._opened()
             if now is None:
                 raise GrabberError("the camera is gone")
-            for name, feature, value in kept:
+            for name, feature, value in saved:
                 _set_back(now, name, feature, value, name in automatic)
 
         return put_back
@@ -317,11 +317,11 @@ class V4l2Controls:
             raise GrabberError(f"does not take {name} {value:g}")
 
     def remember(self) -> Callable[[], None]:
-        kept = {name: self._device.get(control) for name, control in _CONTROLS.items()}
+        saved = {name: self._device.get(control) for name, control in _CONTROLS.items()}
         modes = {name: self._device.get(control) for name, (control, _) in _MANUAL.items()}
 
         def put_back() -> None:
-            for name, value in kept.items():
+            for name, value in saved.items():
                 automatic = modes[name] not in (None, _MANUAL[name][1])
                 self._set_back(name, _CONTROLS[name], value, automatic)
             for name, mode in modes.items():

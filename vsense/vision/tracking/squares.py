@@ -60,12 +60,12 @@ def find_quads(
         image = np.asarray(cv2.GaussianBlur(image, (5, 5), 0.9), dtype=np.uint8)
         noise *= 0.4
     step = round(max(_LEAST_STEP_GREY, _NOISE_STEP * noise))
-    found = [
+    candidates = [
         quad
         for window in _windows(least_px, most_px)
         for quad in _quads(_dark(image, window, step), least_px, most_px)
     ]
-    quads = np.array(found, dtype=np.float64).reshape(-1, 4, 2)
+    quads = np.array(candidates, dtype=np.float64).reshape(-1, 4, 2)
     turned = area(quads) < 0.0
     quads[turned] = quads[turned, ::-1]
     return quads
@@ -80,7 +80,7 @@ def _dark(image: NDArray[np.uint8], window: int, step: int) -> NDArray[np.uint8]
 def _quads(dark: NDArray[np.uint8], least_px: float, most_px: float) -> list[NDArray[np.float32]]:
     contours, _ = cv2.findContours(dark, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)
     thin, least, most = _SLIMNESS * least_px, least_px**2 / 4.0, 2.0 * most_px**2
-    found = []
+    quads = []
     for contour in contours:
         if len(contour) < 4:
             continue
@@ -94,8 +94,8 @@ def _quads(dark: NDArray[np.uint8], least_px: float, most_px: float) -> list[NDA
         quad = np.asarray(cv2.approxPolyN(hull, 4, ensure_convex=True), dtype=np.float32)
         quad = quad.reshape(-1, 2)
         if len(quad) == 4 and filled > _FULLNESS * cv2.contourArea(quad):
-            found.append(quad)
-    return found
+            quads.append(quad)
+    return quads
 
 
 def area(quads: Floats) -> Floats:
@@ -206,10 +206,10 @@ class SquareFinder:
         if len(sides.corners_px) == 0:
             return np.zeros(0, dtype=SQUARE)
         read = [self._read(image, sides.keep(part)) for part in _parts(len(sides.corners_px))]
-        found = _single(np.concatenate(read))
-        if local_corners and len(found):
-            found["corners_px"] = fit_local_corners(image, found["corners_px"])
-        return found
+        markers = _single(np.concatenate(read))
+        if local_corners and len(markers):
+            markers["corners_px"] = fit_local_corners(image, markers["corners_px"])
+        return markers
 
     def _fit(self, image: NDArray[np.uint8], quads: Floats, noise: float) -> Sides:
         """Fits (n, 4, 2) candidates and keeps those that may be markers."""
@@ -219,12 +219,12 @@ class SquareFinder:
     def _read(self, image: NDArray[np.uint8], sides: Sides) -> NDArray[np.void]:
         """Reads fitted quadrilaterals, n > 0; returns those that are markers, as SQUARE."""
         read = self._reader.read(self._reader.cells(image, sides.corners_px), self._blur(sides))
-        found = _rows(sides, read)
-        side_px = lengths(found["corners_px"]).mean(axis=1)
-        doubtful = found["residual_px"] > _CROOKED * side_px
-        doubtful &= found["margin"] < 1.0 + _CLEARER * found["error"]
+        markers = _rows(sides, read)
+        side_px = lengths(markers["corners_px"]).mean(axis=1)
+        doubtful = markers["residual_px"] > _CROOKED * side_px
+        doubtful &= markers["margin"] < 1.0 + _CLEARER * markers["error"]
         doubtful &= self._span - 2 <= _SHORT
-        return np.asarray(found[(read["sure"] != 0) & ~doubtful])
+        return np.asarray(markers[(read["sure"] != 0) & ~doubtful])
 
     def _plausible(self, image: NDArray[np.uint8], sides: Sides, noise: float) -> NDArray[np.bool_]:
         """Which fitted quadrilaterals are black on white, large enough and whole."""
@@ -253,14 +253,14 @@ class SquareFinder:
 
 
 def _rows(sides: Sides, read: NDArray[np.void]) -> NDArray[np.void]:
-    found = np.zeros(len(read), dtype=SQUARE)
+    rows = np.zeros(len(read), dtype=SQUARE)
     for name in ("tag", "error", "margin"):
-        found[name] = read[name]
+        rows[name] = read[name]
     turned = (np.arange(4) - read["turn"][:, np.newaxis]) % 4
-    found["corners_px"] = sides.corners_px[np.arange(len(found))[:, np.newaxis], turned]
-    found["residual_px"] = np.sqrt((sides.residual_px**2).mean(axis=1))
-    found["blur_px"] = sides.blur_px.mean(axis=1)
-    return found
+    rows["corners_px"] = sides.corners_px[np.arange(len(rows))[:, np.newaxis], turned]
+    rows["residual_px"] = np.sqrt((sides.residual_px**2).mean(axis=1))
+    rows["blur_px"] = sides.blur_px.mean(axis=1)
+    return rows
 
 
 def _refine(image: NDArray[np.uint8], quads: Floats) -> Sides:
@@ -289,14 +289,14 @@ def _distinct(sides: Sides) -> NDArray[np.intp]:
     # Only what lies in the same columns is compared: thousands of candidates have few neighbours.
     first = np.searchsorted(x, centre[:, 0] - reach)
     last = np.searchsorted(x, centre[:, 0] + reach, side="right")
-    kept = np.zeros(len(size), dtype=bool)
+    best = np.zeros(len(size), dtype=bool)
     for row in np.argsort(sides.residual_px.sum(axis=1), kind="stable"):
         near = by_x[first[row] : last[row]]
-        near = near[kept[near]]
+        near = near[best[near]]
         gap = np.hypot(*(centre[near] - centre[row]).T)
         alike = np.abs(size[near] / size[row] - 1.0) < _SAME
-        kept[row] = not (alike & (gap < reach[row])).any()
-    return np.flatnonzero(kept)
+        best[row] = not (alike & (gap < reach[row])).any()
+    return np.flatnonzero(best)
 
 
 def _parts(count: int) -> list[slice]:
@@ -304,17 +304,17 @@ def _parts(count: int) -> list[slice]:
     return [slice(first, first + _TOGETHER) for first in range(0, count, _TOGETHER)]
 
 
-def _single(found: NDArray[np.void]) -> NDArray[np.void]:
+def _single(markers: NDArray[np.void]) -> NDArray[np.void]:
     """Keeps the clearest reading of each place; the same tag elsewhere is another marker."""
-    found = found[np.argsort(-found["margin"], kind="stable")]
-    centre, size = found["corners_px"].mean(axis=1), np.sqrt(np.abs(area(found["corners_px"])))
-    kept: list[int] = []
-    for row in range(len(found)):
-        gap = np.hypot(*(centre[kept] - centre[row]).T)
-        if not (gap < 0.5 * np.minimum(size[kept], size[row])).any():
-            kept.append(row)
-    found = found[kept]
-    return found[np.lexsort((*found["corners_px"][:, 0].T, found["tag"]))]
+    markers = markers[np.argsort(-markers["margin"], kind="stable")]
+    centre, size = markers["corners_px"].mean(axis=1), np.sqrt(np.abs(area(markers["corners_px"])))
+    best: list[int] = []
+    for row in range(len(markers)):
+        gap = np.hypot(*(centre[best] - centre[row]).T)
+        if not (gap < 0.5 * np.minimum(size[best], size[row])).any():
+            best.append(row)
+    markers = markers[best]
+    return markers[np.lexsort((*markers["corners_px"][:, 0].T, markers["tag"]))]
 
 
 def codes_of(name: str) -> Codes:
@@ -345,8 +345,8 @@ def _dictionary(name: str) -> str:
         return f"DICT_{dictionary_name(name)}"
     except UsageError:
         square = [n for n in known_families() if isinstance(load_family(n), SquareFamily)]
-        known = [*square, *(word for word in dir(cv2.aruco) if word.startswith("DICT_"))]
+        names = [*square, *(word for word in dir(cv2.aruco) if word.startswith("DICT_"))]
         raise UsageError(
             f"--family: {name!r} is neither the path of a definition (.json) or of a dictionary"
-            f" (.yml) nor a known family; {instead(name, known)}"
+            f" (.yml) nor a known family; {instead(name, names)}"
         ) from None

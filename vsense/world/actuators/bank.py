@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.native import kernel_ffi
-from vsense.world.actuators.base import ActuatorError, ApplyFunction, MountedActuator, Rows
+from vsense.world.actuators.base import ActuatorError, ApplyFunction, MountedActuator, RowNumbers
 from vsense.world.sensors.bank import TableEntry
 from vsense.world.sensors.base import NUMBERS, layout_dtype
 from vsense.world.sensors.quality import Delay, Distortion, Floats, Quality, generator
@@ -147,28 +147,28 @@ class _Slot:
 
     def _as_c(self, reports: NDArray[np.uint8]) -> Any:
         """Makes the `struct vs_heard *`, which goes on with the counts; lives as long as this."""
-        made = self._heard = kernel_ffi.new("struct vs_heard *")
+        struct = self._heard = kernel_ffi.new("struct vs_heard *")
         shape = self._levels.shape
         bounds = [np.broadcast_to(b, shape[1:]) for b in (self._low, self._high)]
         self._bounds = [np.ascontiguousarray(bound, dtype=np.float64) for bound in bounds]
         self._growth = np.zeros(shape)
-        made.robots, made.count = shape
-        made.type = NUMBERS[self._dtype]
-        made.block = kernel_ffi.cast("const uint8_t *", reports.ctypes.data)
-        made.stride = reports.strides[0]
-        made.low, made.high = (kernel_ffi.from_buffer("double[]", b) for b in self._bounds)
+        struct.robots, struct.count = shape
+        struct.type = NUMBERS[self._dtype]
+        struct.block = kernel_ffi.cast("const uint8_t *", reports.ctypes.data)
+        struct.stride = reports.strides[0]
+        struct.low, struct.high = (kernel_ffi.from_buffer("double[]", b) for b in self._bounds)
         arrays = (self._counts.last, self._levels, self._growth)
-        made.last, made.levels, made.growth = (
-            kernel_ffi.from_buffer("double[]", some) for some in arrays
+        struct.last, struct.levels, struct.growth = (
+            kernel_ffi.from_buffer("double[]", array) for array in arrays
         )
-        return made
+        return struct
 
     def entry(self, number: int) -> TableEntry:
         size = self._count * self._dtype.itemsize
         return TableEntry(number, self._actuator.name, self._actuator.layout, size)
 
     def step(
-        self, world: World, rows: Rows, heard: Rows, who: Sequence[bytes], parts: bytes
+        self, world: World, rows: RowNumbers, heard: RowNumbers, who: Sequence[bytes], parts: bytes
     ) -> None:
         """Takes the reports of one timestep and acts.
 
@@ -192,8 +192,8 @@ class _Slot:
         """Reads numbers (m, k) from the wire, within the actuator's bounds."""
         with np.errstate(invalid="ignore"):  # a NaN of any kind is 0
             raw = np.frombuffer(parts, dtype=self._dtype).astype(np.float64)
-            known = np.where(np.isnan(raw), 0.0, raw).reshape(-1, self._count)
-        limited: Floats = np.minimum(np.maximum(known, self._low), self._high)
+            numbers = np.where(np.isnan(raw), 0.0, raw).reshape(-1, self._count)
+        limited: Floats = np.minimum(np.maximum(numbers, self._low), self._high)
         return limited
 
     def _due(self, run_timestep: int) -> NDArray[np.bool_]:
@@ -206,7 +206,7 @@ class _Slot:
             due &= self._random.random(len(due)) >= self._quality.drop_out
         return due
 
-    def _renew(self, world: World, heard: Rows, said: Floats, due: NDArray[np.bool_]) -> None:
+    def _renew(self, world: World, heard: RowNumbers, said: Floats, due: NDArray[np.bool_]) -> None:
         """Takes over the levels that are due; what is off stays off, whatever the noise."""
         if len(heard) == len(due) and due.all() and not self._quality.distorts:
             self._levels[:] = said
@@ -228,17 +228,17 @@ class _Counts:
     def __init__(self, shape: tuple[int, int]) -> None:
         self.last = np.zeros(shape)
         self._who: list[bytes | None] = [None] * shape[0]
-        self._others: dict[tuple[int, bytes], Floats] = {}
+        self._earlier: dict[tuple[int, bytes], Floats] = {}
 
-    def growth(self, heard: Rows, who: Sequence[bytes], counts: Floats) -> Floats:
+    def growth(self, heard: RowNumbers, who: Sequence[bytes], counts: Floats) -> Floats:
         """By how much counts (m, k) have grown, 0 or more; remembers them."""
         same = len(heard) == len(self._who) and self._who == who
         for robot, sender in () if same else zip(heard.tolist(), who):
             before = self._who[robot]
             if before != sender:
                 if before is not None:
-                    self._others[robot, before] = self.last[robot].copy()
-                self.last[robot] = self._others.get((robot, sender), 0.0)
+                    self._earlier[robot, before] = self.last[robot].copy()
+                self.last[robot] = self._earlier.get((robot, sender), 0.0)
                 self._who[robot] = sender
         last = self.last[heard]
         self.last[heard] = counts

@@ -27,7 +27,7 @@ from vsense.base.errors import VsenseError
 from vsense.world.sensors.quality import Floats, Quality, Scale
 from vsense.world.world import World
 
-Rows = NDArray[np.intp]
+RowNumbers = NDArray[np.intp]
 
 
 class ActuatorError(VsenseError):
@@ -49,7 +49,7 @@ class VirtualActuator(Protocol):
     def scale(self) -> Scale:
         """Unit and bounds of its numbers; nothing outside of the bounds reaches `apply`."""
 
-    def apply(self, world: World, rows: Rows, values: Floats, increments: Floats) -> None:
+    def apply(self, world: World, rows: RowNumbers, values: Floats, increments: Floats) -> None:
         """Acts for one timestep, in which `world` was updated.
 
         Args:
@@ -61,7 +61,7 @@ class VirtualActuator(Protocol):
 
 
 class ApplyFunction(NamedTuple):
-    """A function of a library that acts, and what it takes first; `kept` is what lives as long.
+    """A function of a library that acts, and what it takes first; `owner` is kept alive.
 
     It is declared as `apply` of `struct vs_sim_actuator`.
     """
@@ -69,7 +69,7 @@ class ApplyFunction(NamedTuple):
     library: Any
     name: str
     cdata: Any
-    kept: object = None
+    owner: object = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vsense.base.xml.element import Element
-from vsense.world.actuators.base import Rows
+from vsense.world.actuators.base import RowNumbers
 from vsense.world.pollution import PollutantSource
 from vsense.world.sensors.base import Scope
 from vsense.world.sensors.quality import Floats, Scale
@@ -41,7 +41,7 @@ class CleaningActuator:
     layout: str = "f4"
     scale: Scale = _SHARE
 
-    def apply(self, world: World, rows: Rows, values: Floats, increments: Floats) -> None:
+    def apply(self, world: World, rows: RowNumbers, values: Floats, increments: Floats) -> None:
         """Cleans where the robots stand; see `VirtualActuator.apply`."""
         cone = world.cone(self.source)
         if cone is not None:

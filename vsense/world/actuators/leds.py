@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from vsense.base.native import kernel_ffi, kernels
 from vsense.base.xml.element import Element
-from vsense.world.actuators.base import ApplyFunction, Rows, VirtualActuator
+from vsense.world.actuators.base import ApplyFunction, RowNumbers, VirtualActuator
 from vsense.world.sensors.base import Robots, Scope
 from vsense.world.sensors.geometry import rows_of
 from vsense.world.sensors.quality import Floats, Scale
@@ -53,7 +53,7 @@ class LedsActuator:
     layout: str = "3*u1"
     scale: Scale = _BRIGHTNESS
 
-    def apply(self, world: World, rows: Rows, values: Floats, increments: Floats) -> None:
+    def apply(self, world: World, rows: RowNumbers, values: Floats, increments: Floats) -> None:
         """Shows the colours; see `VirtualActuator.apply`."""
         levels = kernel_ffi.from_buffer("double[]", np.rint(values))
         # It owns what C is pointed to: without a name it would be gone before the call.
@@ -63,13 +63,13 @@ class LedsActuator:
     def kernel(self, world: World, robots: Robots) -> ApplyFunction:
         """See `vsense/world/actuators/base.py`."""
         shine = _Shine(world, rows_of(world, robots))
-        return ApplyFunction(kernels, "vs_shine_show", shine.cdata, kept=shine)
+        return ApplyFunction(kernels, "vs_shine_show", shine.cdata, owner=shine)
 
 
 class _Shine:
     """Where robots' colours go: `cdata` is a `struct vs_shine *`."""
 
-    def __init__(self, world: World, rows: Rows) -> None:
+    def __init__(self, world: World, rows: RowNumbers) -> None:
         """`rows` (n,) are the robots' in the world; it holds until an entity changes."""
         self._rows = np.ascontiguousarray(rows, dtype=np.int32)
         self.cdata: Any = kernel_ffi.new("struct vs_shine *")
@@ -92,7 +92,7 @@ class SingleLedsActuator:
         """Red, green and blue of one LED after the other."""
         return f"{3 * self.count}*u1"
 
-    def apply(self, world: World, rows: Rows, values: Floats, increments: Floats) -> None:
+    def apply(self, world: World, rows: RowNumbers, values: Floats, increments: Floats) -> None:
         """Lights them; see `VirtualActuator.apply`."""
         colors = np.rint(values).astype(np.uint8).reshape(len(rows), self.count, 3)
         _light(world, rows, self.first, colors)
@@ -106,13 +106,13 @@ class BaseLedsActuator:
     layout: str = f"{_RING}*u1"
     scale: Scale = _SWITCHES
 
-    def apply(self, world: World, rows: Rows, values: Floats, increments: Floats) -> None:
+    def apply(self, world: World, rows: RowNumbers, values: Floats, increments: Floats) -> None:
         """Switches them; see `VirtualActuator.apply`."""
         lit = np.rint(values[:, ::-1, None]) > 0.0
         _light(world, rows, 0, np.where(lit, _RED, np.uint8(0)))
 
 
-def _light(world: World, rows: Rows, first: int, colors: NDArray[np.uint8]) -> None:
+def _light(world: World, rows: RowNumbers, first: int, colors: NDArray[np.uint8]) -> None:
     """Sets LEDs (m, k, 3) of robots (m,), and what the robot shows as a whole."""
     world.led_colors[rows, first : first + colors.shape[1]] = colors
     world.leds[rows] = world.led_colors[rows].max(axis=1)

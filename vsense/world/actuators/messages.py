@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vsense.base.xml.element import Element
-from vsense.world.actuators.base import Rows
+from vsense.world.actuators.base import RowNumbers
 from vsense.world.sensors.base import Scope
 from vsense.world.sensors.quality import Floats, Scale
 from vsense.world.world import MESSAGE_MAX, World
@@ -29,7 +29,7 @@ ARGOS_ELEMENTS = ("epuck_range_and_bearing", "range_and_bearing")
 
 DEFAULT_SIZE = 4
 """Bytes of a message of the e-puck's range-and-bearing board. Source: argos3-epuck."""
-RANGE_M = 0.8
+MESSAGE_RANGE_M = 0.8
 """How far it reaches. Source: as above."""
 
 _MAX_RANGE_M = 1000.0
@@ -53,7 +53,7 @@ class MessagesActuator:
         """Bytes are no measurements: no noise changes them."""
         return Scale(unit=0.0, low=0.0, high=(float(self.size), *[255.0] * self.size))
 
-    def apply(self, world: World, rows: Rows, values: Floats, increments: Floats) -> None:
+    def apply(self, world: World, rows: RowNumbers, values: Floats, increments: Floats) -> None:
         """Sets the messages; see `VirtualActuator.apply`."""
         lengths = values[:, 0].astype(np.uint8)
         said = np.arange(self.size) < lengths[:, None]
@@ -74,5 +74,5 @@ def from_argos(element: Element, scope: Scope) -> MessagesActuator:
     if element.name == "range_and_bearing":
         return MessagesActuator(scope.robots.message_bytes, range_m=scope.robots.rab_range_m)
     size = element.integer("data_size", 1, MESSAGE_MAX, DEFAULT_SIZE)
-    range_m = element.number("range", 0.001, _MAX_RANGE_M, "m", RANGE_M)
+    range_m = element.number("range", 0.001, _MAX_RANGE_M, "m", MESSAGE_RANGE_M)
     return MessagesActuator(size, range_m=range_m)

@@ -22,7 +22,7 @@ import numpy as np
 
 from vsense.base.native import check, kernel_ffi, kernels
 from vsense.base.xml.element import Element
-from vsense.world.actuators.base import ApplyFunction, Rows
+from vsense.world.actuators.base import ApplyFunction, RowNumbers
 from vsense.world.fields import MAX_CONCENTRATION
 from vsense.world.sensors.base import Robots, Scope
 from vsense.world.sensors.geometry import SensedScene
@@ -50,12 +50,12 @@ class PheromoneActuator:
         """The counter is no measurement: no noise changes it."""
         return Scale(unit=(1.0, 0.0), low=0.0, high=(self.max_rate_per_s, MAX_DROPPED))
 
-    def apply(self, world: World, rows: Rows, values: Floats, increments: Floats) -> None:
+    def apply(self, world: World, rows: RowNumbers, values: Floats, increments: Floats) -> None:
         """Releases where the robots stand; see `VirtualActuator.apply`."""
         scene = SensedScene(world, world.robots[rows])
         given = (
-            kernel_ffi.from_buffer("double[]", np.ascontiguousarray(some))
-            for some in (values, increments)
+            kernel_ffi.from_buffer("double[]", np.ascontiguousarray(array))
+            for array in (values, increments)
         )
         code = kernels.vs_field_release(self._release(world), scene.cdata, *given)
         check(code, f"what is left in field {self.field!r}")

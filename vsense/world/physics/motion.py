@@ -51,7 +51,7 @@ class Neighbourhood:
         self.robots = robots
         self.room = robots * (len(radii) + len(table))
         # Pages that no pair ever reaches are never taken from the machine.
-        self._kept = (
+        self._buffers = (
             radii,
             np.ascontiguousarray(np.hstack([table[:, :2], axis, table[:, 3:] / 2])),
             np.zeros((len(radii), 2)),
@@ -62,10 +62,10 @@ class Neighbourhood:
         near: Any = kernel_ffi.new("struct vs_near *")
         near.robots, near.bodies, near.boxes = robots, len(radii), len(table)
         near.radii_m, near.box_rows, near.searched_m = (
-            pointer("double", array) for array in self._kept[:3]
+            pointer("double", array) for array in self._buffers[:3]
         )
-        near.pairs = pointer("struct vs_pair", self._kept[3])
-        near.next, near.heads = (pointer("uint32_t", array) for array in self._kept[4:])
+        near.pairs = pointer("struct vs_pair", self._buffers[3])
+        near.next, near.heads = (pointer("uint32_t", array) for array in self._buffers[4:])
         self.cdata = near
 
 
@@ -75,7 +75,7 @@ class Contacts:
     def __init__(self, mobility: Floats, near: Neighbourhood) -> None:
         """`mobility` (n,): how readily each body gives way, 0 not at all; may change meanwhile."""
         size = near.room * kernel_ffi.sizeof("struct vs_contact")
-        self._kept = (
+        self._buffers = (
             near,
             mobility,
             np.empty(size, dtype=np.uint8),
@@ -83,7 +83,7 @@ class Contacts:
             np.empty(2 * len(mobility)),
             np.empty(len(mobility), dtype=np.uint32),
         )
-        _, _, now, before, moved_m, newest = self._kept
+        _, _, now, before, moved_m, newest = self._buffers
         self.cdata: Any = kernel_ffi.new("struct vs_contacts *")
         self.cdata.near = near.cdata
         self.cdata.mobility = pointer("double", mobility)
@@ -174,7 +174,7 @@ class Physics:
     def rebuild(self, robot: int, built: Sequence[float]) -> None:
         """Has another robot stand in a row of `poses`, which is built so; see the constructor."""
         if self._built is None:
-            self._build(np.tile((1.0, 1.0, AXLE_M), (len(self._kept[1]), 1)))
+            self._build(np.tile((1.0, 1.0, AXLE_M), (len(self._buffers[1]), 1)))
         assert self._built is not None
         self._built[robot] = built
 
@@ -182,16 +182,16 @@ class Physics:
         """Makes the `struct vs_physics`; its arrays live as long as this object."""
         wheels_m_s, commands = np.zeros((count, 2)), np.zeros((count, 2), dtype=np.int16)
         rolled_ns, arcs = np.zeros(count, dtype=np.int64), np.zeros((count, 2))
-        self._kept = (mobility, wheels_m_s, commands, rolled_ns, arcs)
-        made: Any = kernel_ffi.new("struct vs_physics *")
-        made.contacts = self._contacts.cdata
-        made.poses = pointer("double", self.bodies)
-        made.mobility = pointer("double", mobility)
-        made.wheels_m_s = pointer("double", wheels_m_s)
-        made.commands = pointer("int16_t", commands)
-        made.rolled_ns = pointer("int64_t", rolled_ns)
-        made.arcs = pointer("double", arcs)
-        return made
+        self._buffers = (mobility, wheels_m_s, commands, rolled_ns, arcs)
+        struct: Any = kernel_ffi.new("struct vs_physics *")
+        struct.contacts = self._contacts.cdata
+        struct.poses = pointer("double", self.bodies)
+        struct.mobility = pointer("double", mobility)
+        struct.wheels_m_s = pointer("double", wheels_m_s)
+        struct.commands = pointer("int16_t", commands)
+        struct.rolled_ns = pointer("int64_t", rolled_ns)
+        struct.arcs = pointer("double", arcs)
+        return struct
 
     def drive(self, robot: int, left_steps_s: int, right_steps_s: int, time_ns: int) -> None:
         """Sets the speeds of a robot's wheels from `time_ns` on; `robot` is its row in `poses`.
@@ -270,12 +270,12 @@ class NoisyWheels:
             seed: of the run; the wheels draw independently of all devices.
         """
         self.is_quiet = not any(noises)
-        known = [noise or WheelNoise() for noise in noises]
+        models = [noise or WheelNoise() for noise in noises]
         self._random = generator(seed, _STREAM)
-        self._relative = _column(known, "relative")
-        self._factor, self._factor_dev = _column(known, "factor"), _column(known, "factor_dev")
-        deviation, shape = _column(known, "bias_dev_m_s"), (len(known), 2)
-        bias_m_s = _column(known, "bias_m_s") + deviation * self._random.normal(size=shape)
+        self._relative = _column(models, "relative")
+        self._factor, self._factor_dev = _column(models, "factor"), _column(models, "factor_dev")
+        deviation, shape = _column(models, "bias_dev_m_s"), (len(models), 2)
+        bias_m_s = _column(models, "bias_m_s") + deviation * self._random.normal(size=shape)
         self._bias = bias_m_s / STEP_M
 
     def apply(self, commands: NDArray[np.int16]) -> NDArray[np.int16]:

@@ -31,7 +31,7 @@ TABLE_M = np.array([0.0, 0.005, 0.01, 0.015, 0.02, 0.03, 0.04, 0.05, 0.06, 0.07]
 TABLE_RAW = np.array([4095.0, 2133.0, 1466.0, 601.0, 384.0, 235.0, 158.0, 120.0, 104.0, 67.0])
 """(10,) raw readings of a surface straight ahead; the last is also the reading of nothing."""
 
-MAX_RAW: int = kernels.VS_RING_RAW_MAX
+RING_RAW_MAX: int = kernels.VS_RING_RAW_MAX
 """Largest value of the converter."""
 NOISE_RAW = 8.0
 """Standard deviation of the additive noise: between Webots's 4 near and 25 far along the table."""
@@ -54,7 +54,7 @@ def _ring() -> tuple[Any, list[Floats]]:
     """Makes the `struct vs_ring` of an e-puck; the arrays have to be kept with it."""
     angles = (HEADINGS_RAD[:, None] + _FAN_RAD).reshape(-1)
     starts = np.repeat(POSITIONS_M, _RAYS, axis=0).T
-    kept = [
+    arrays = [
         np.ascontiguousarray(array)
         for array in (*starts, np.cos(angles), np.sin(angles), _RESPONSE, TABLE_M, TABLE_RAW)
     ]
@@ -68,8 +68,8 @@ def _ring() -> tuple[Any, list[Floats]]:
         ring.response,
         ring.table_m,
         ring.table_raw,
-    ) = (pointer("double", array) for array in kept)
-    return ring, kept
+    ) = (pointer("double", array) for array in arrays)
+    return ring, arrays
 
 
 _RING, _RING_ARRAYS = _ring()
@@ -108,7 +108,7 @@ class ProximityRing:
         if gains is not None:
             built = [np.ascontiguousarray(array, dtype=np.float64) for array in (gains, biases)]
             self.cdata.gain, self.cdata.bias = (pointer("double", array) for array in built)
-            self._kept = built
+            self._factors = built
         self.near = near
 
     @property

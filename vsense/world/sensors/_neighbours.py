@@ -37,7 +37,7 @@ class Pairs:
     def __len__(self) -> int:
         return len(self.receiver)
 
-    def kept(self, choice: NDArray[np.bool_] | NDArray[np.intp]) -> Pairs:
+    def select(self, choice: NDArray[np.bool_] | NDArray[np.intp]) -> Pairs:
         """Gives some of the pairs: those of a mask, or in the order of indices."""
         return Pairs(
             self.receiver[choice],
@@ -48,8 +48,8 @@ class Pairs:
 
     def first(self, count: int, order: Floats) -> Pairs:
         """Keeps at most `count` pairs of each receiver: those of the least `order` (p,)."""
-        pairs = self.kept(np.lexsort((order, self.receiver)))
-        return pairs.kept(pairs.rank() < count)
+        pairs = self.select(np.lexsort((order, self.receiver)))
+        return pairs.select(pairs.rank() < count)
 
     def rank(self) -> NDArray[np.intp]:
         """Counts each receiver's pairs: (p,) from 0."""
@@ -109,28 +109,28 @@ class Reach:
         A robot that no camera sees now is where it was seen last. Each candidate is noticed up to
         its own of `reaches_m` (m,), where that is not 0.
         """
-        own, others = rows_of(world, robots), world.robots
-        east = others["x_m"] - robots["x_m"][:, None]
-        north = others["y_m"] - robots["y_m"][:, None]
+        own, poses = rows_of(world, robots), world.robots
+        east = poses["x_m"] - robots["x_m"][:, None]
+        north = poses["y_m"] - robots["y_m"][:, None]
         range_m: Floats | float = self.range_m
         if reaches_m is not None:
             range_m = np.where(reaches_m > 0.0, reaches_m, range_m)
         near = east * east + north * north < np.square(range_m)
-        near &= candidates & (others["capture_ns"] != NEVER_NS)
+        near &= candidates & (poses["capture_ns"] != NEVER_NS)
         near[np.arange(len(own)), own] = False
         # Only few of all pairs are near: the others need no bearing.
         receiver, sender = np.nonzero(near)
         east, north = east[near], north[near]
         bearing = wrap_angle(np.arctan2(north, east) - robots["yaw_rad"][receiver])
         pairs = Pairs(receiver, sender, np.hypot(east, north), bearing)
-        pairs = pairs.kept(within(bearing, self.field_of_view_rad))
+        pairs = pairs.select(within(bearing, self.field_of_view_rad))
         if self.height_m is None or len(pairs) == 0:
             return pairs
         lines = np.empty((2, len(pairs), 3))
-        for line, ends in zip(lines, (robots[pairs.receiver], others[pairs.sender])):
+        for line, ends in zip(lines, (robots[pairs.receiver], poses[pairs.sender])):
             line[:, 0], line[:, 1], line[:, 2] = ends["x_m"], ends["y_m"], self.height_m
         both = np.stack((own[pairs.receiver], pairs.sender), axis=1)
-        return pairs.kept(~world.bodies().blocked(lines[0], lines[1], both))
+        return pairs.select(~world.bodies().blocked(lines[0], lines[1], both))
 
 
 def without_empty(readings: Floats, places: int) -> Floats:

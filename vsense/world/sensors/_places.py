@@ -11,7 +11,7 @@ from vsense.world.pollution import DEFAULT_MEMORY_NS
 from vsense.world.sensors.base import Scope
 from vsense.world.world import World
 
-Pose = tuple[float, float, float]
+PlacePose = tuple[float, float, float]
 """x [m], y [m], yaw [rad] in the arena; yaw is 0 for what has no heading."""
 
 _MAX_M = 1000.0
@@ -21,9 +21,9 @@ _MAX_M = 1000.0
 class FixedPlace:
     """A point of the arena."""
 
-    fixed: Pose
+    fixed: PlacePose
 
-    def pose(self, world: World) -> Pose | None:
+    def pose(self, world: World) -> PlacePose | None:
         return self.fixed
 
 
@@ -34,7 +34,7 @@ class TaggedPlace:
     tag: int
     memory_ns: int
 
-    def pose(self, world: World) -> Pose | None:
+    def pose(self, world: World) -> PlacePose | None:
         pose = world.pose(self.tag)
         if pose is None or world.capture_ns - int(pose["capture_ns"]) > self.memory_ns:
             return None
@@ -47,7 +47,7 @@ class EntityPlace:
 
     id: str
 
-    def pose(self, world: World) -> Pose | None:
+    def pose(self, world: World) -> PlacePose | None:
         entity = world.entities.get(self.id)
         if entity is None:
             return None
@@ -58,7 +58,7 @@ class EntityPlace:
         return entity.x_m, entity.y_m, entity.yaw_rad
 
 
-Place = FixedPlace | TaggedPlace | EntityPlace
+AnyPlace = FixedPlace | TaggedPlace | EntityPlace
 """Its `pose(world)` is where it is now, or None while that is not known."""
 
 
@@ -67,7 +67,7 @@ def read_memory_ns(element: Element) -> int:
     return round(1e9 * element.number("vs:memory", 0.0, 3600.0, "s", DEFAULT_MEMORY_NS / 1e9))
 
 
-def from_xml(element: Element, scope: Scope, attribute: str) -> Place:
+def from_xml(element: Element, scope: Scope, attribute: str) -> AnyPlace:
     """Reads an attribute that names a tagged thing or a virtual entity by its id.
 
     `vs:memory` [s] of the same element says how long a tagged thing stays where it was seen last

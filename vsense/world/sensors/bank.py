@@ -175,7 +175,7 @@ class _Slot:
         self._random = random
         self._distortion = Distortion(quality, self._scale, robots, self._count)
         # Without latency nothing waits, and nothing has to be kept.
-        self._delay = Delay(quality.latency, self._kept()) if quality.latency else None
+        self._delay = Delay(quality.latency, self._snapshot()) if quality.latency else None
 
     def set_quality(self, setting: str, value: float) -> None:
         """See `SensorBank.set_quality`. What waits because of a latency is dropped with it."""
@@ -186,8 +186,8 @@ class _Slot:
             return
         sent, captures_ns = self._sent
         sent[:], captures_ns[:] = self._values, self._captures_ns
-        self._values, self._captures_ns = self._kept()
-        self._delay = Delay(quality.latency, self._kept()) if quality.latency else None
+        self._values, self._captures_ns = self._snapshot()
+        self._delay = Delay(quality.latency, self._snapshot()) if quality.latency else None
         self._wire()
 
     def entry(self, number: int) -> TableEntry:
@@ -217,7 +217,7 @@ class _Slot:
         elif due.any():
             self._renew(world, robots, due)
         if self._delay is not None:
-            self._sent[0][:], self._sent[1][:] = self._delay.push(self._kept())
+            self._sent[0][:], self._sent[1][:] = self._delay.push(self._snapshot())
 
     def kernel(self, world: World, robots: NDArray[np.void]) -> SensorKernel | None:
         """How C reads and sends it, if C can do both."""
@@ -254,18 +254,18 @@ class _Slot:
         values, captures_ns = self._sent
         bounds = (self._distortion.unit, self._distortion.low, self._distortion.high)
         self._fresh = np.zeros((len(values), self._count))
-        self._bounds = [np.ascontiguousarray(some) for some in bounds]
-        made: Any = kernel_ffi.new("struct vs_sent *")
-        made.robots, made.count = values.shape
-        made.type = NUMBERS[self._dtype]
-        made.block = kernel_ffi.cast("uint8_t *", values.ctypes.data)
-        made.stride, made.step = values.strides[0], captures_ns.strides[0] // captures_ns.itemsize
-        made.captures_ns = kernel_ffi.cast("int64_t *", captures_ns.ctypes.data)
-        made.fresh = kernel_ffi.from_buffer("double[]", self._fresh)
-        made.unit, made.low, made.high = (
-            kernel_ffi.from_buffer("double[]", some) for some in self._bounds
+        self._bounds = [np.ascontiguousarray(array) for array in bounds]
+        sent: Any = kernel_ffi.new("struct vs_sent *")
+        sent.robots, sent.count = values.shape
+        sent.type = NUMBERS[self._dtype]
+        sent.block = kernel_ffi.cast("uint8_t *", values.ctypes.data)
+        sent.stride, sent.step = values.strides[0], captures_ns.strides[0] // captures_ns.itemsize
+        sent.captures_ns = kernel_ffi.cast("int64_t *", captures_ns.ctypes.data)
+        sent.fresh = kernel_ffi.from_buffer("double[]", self._fresh)
+        sent.unit, sent.low, sent.high = (
+            kernel_ffi.from_buffer("double[]", array) for array in self._bounds
         )
-        return made
+        return sent
 
     def _renew(self, world: World, robots: NDArray[np.void], due: NDArray[np.bool_]) -> None:
         rows = np.flatnonzero(due)
@@ -308,7 +308,7 @@ class _Slot:
             raise SensorError(f"{name}: {wrong} does not fit its layout {layout!r}")
         return values
 
-    def _kept(self) -> _Held:
+    def _snapshot(self) -> _Held:
         return self._values.copy(), self._captures_ns.copy()
 
 

@@ -77,14 +77,14 @@ class ReadFunction(NamedTuple):
     """A function of a library that reads a sensor, and what it takes first.
 
     It is declared as `read` of `struct vs_sim_sensor`. `bodies` is whether it asks what stands in
-    the way; `kept` is what lives as long as this.
+    the way; `owner` is kept alive by it.
     """
 
     library: Any
     name: str
     cdata: Any
     bodies: bool = False
-    kept: object = None
+    owner: object = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,6 +177,6 @@ def layout_dtype(layout: str) -> tuple[int, np.dtype[Any]]:
     """
     match = _LAYOUT.fullmatch(layout)
     if match is None or match[2] not in _TYPES:
-        known = ", ".join(_TYPES)
-        raise SensorError(f"layout {layout!r}: expected 'type' or 'count*type', types are {known}")
+        types = ", ".join(_TYPES)
+        raise SensorError(f"layout {layout!r}: expected 'type' or 'count*type', types are {types}")
     return int(match[1] or 1), np.dtype(f"<{match[2]}")

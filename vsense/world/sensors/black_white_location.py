@@ -34,8 +34,8 @@ ELEMENTS = ("virtual_black_white_location_sensor",)
 class BlackWhiteLocationSensor:
     """Points to two places; see the module."""
 
-    black: _places.Place
-    white: _places.Place
+    black: _places.AnyPlace
+    white: _places.AnyPlace
     name: str = "black_white_location"
     layout: str = "4*f4"
     scale: ClassVar[Scale] = Scale(low=-1.0, high=1.0)

@@ -41,7 +41,7 @@ _OWN_TAG = "{tag}"
 class DestinationSensor:
     """Robots' destinations: `target` is that of all, or the pattern of the entities' ids."""
 
-    target: _places.Place | str
+    target: _places.AnyPlace | str
     name: str = "destination"
     layout: str = "5*f4"
     scale: ClassVar[Scale] = Scale(
@@ -61,7 +61,7 @@ class DestinationSensor:
         if isinstance(self.target, _places.TaggedPlace):  # it moves by itself
             return None
         destinations = self._destinations(world, robots)
-        return ReadFunction(kernels, "vs_destinations_read", destinations.cdata, kept=destinations)
+        return ReadFunction(kernels, "vs_destinations_read", destinations.cdata, owner=destinations)
 
     def _destinations(self, world: World, robots: Robots) -> _Destinations:
         """Where robots (n,) are to go now."""
@@ -74,7 +74,7 @@ class DestinationSensor:
 class _Destinations:
     """Destinations as C takes them: `cdata` is a `struct vs_destinations *`."""
 
-    def __init__(self, poses: Sequence[_places.Pose | None]) -> None:
+    def __init__(self, poses: Sequence[_places.PlacePose | None]) -> None:
         """None: the robot is there."""
         nowhere = math.nan, math.nan, math.nan
         rows = np.array([pose or nowhere for pose in poses], dtype=np.float64).reshape(-1, 3)

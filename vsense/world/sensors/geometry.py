@@ -108,7 +108,7 @@ class SensedScene:
     ) -> None:
         """Robots (n,), and their rows in the world and its `bodies`, if they are asked for."""
         lights = world.light_table()
-        self._kept = robots, lights, bodies
+        self._arrays = robots, lights, bodies
         self.cdata: Any = kernel_ffi.new("struct vs_scene *")
         self.cdata.first = kernel_ffi.cast("uint8_t *", robots.ctypes.data + _PLACE_AT)
         self.cdata.stride, self.cdata.robots = robots.strides[0], len(robots)

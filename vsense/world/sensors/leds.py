@@ -63,13 +63,13 @@ class LedSensor:
 
     def _as_c(self, world: World) -> Any:
         """Makes the `struct vs_leds *`; it holds until an entity changes."""
-        made: Any = kernel_ffi.new("struct vs_leds *")
-        made.colors = kernel_ffi.cast("const uint8_t *", world.leds.ctypes.data)
-        made.world = world.sightings.cdata
-        made.range_m, made.view_rad = self.reach.range_m, self.reach.field_of_view_rad
-        made.occlusions = self.reach.height_m is not None
-        made.height_m, made.most = self.reach.height_m or 0.0, self.max_blobs
-        return made
+        struct: Any = kernel_ffi.new("struct vs_leds *")
+        struct.colors = kernel_ffi.cast("const uint8_t *", world.leds.ctypes.data)
+        struct.world = world.sightings.cdata
+        struct.range_m, struct.view_rad = self.reach.range_m, self.reach.field_of_view_rad
+        struct.occlusions = self.reach.height_m is not None
+        struct.height_m, struct.most = self.reach.height_m or 0.0, self.max_blobs
+        return struct
 
     def tidy(self, values: Floats) -> Floats:
         """Leaves no noise in the places without a robot."""

@@ -109,15 +109,15 @@ class LightSensor:
     @cached_property
     def cdata(self) -> Any:
         """The `struct vs_light_ring *`."""
-        made: Any = kernel_ffi.new("struct vs_light_ring *")
-        made.formula, made.sensors = _KERNELS[self.formula], len(self.ring)
-        made.angles_rad = kernel_ffi.from_buffer("double[]", self._looking_rad)
-        made.radius_m, made.height_m, made.nearest_m = RING_RADIUS_M, RING_HEIGHT_M, NEAREST_M
-        made.range_m, made.view_rad = self.range_m, self.field_of_view_rad
-        made.most = 1.0 if self.formula != "thesis" and self.limited else np.inf
-        made.gain, made.occlusions = self.gain, self.occlusions
-        made.step = 2 * len(self.ring) if self.angles else len(self.ring)
-        return made
+        struct: Any = kernel_ffi.new("struct vs_light_ring *")
+        struct.formula, struct.sensors = _KERNELS[self.formula], len(self.ring)
+        struct.angles_rad = kernel_ffi.from_buffer("double[]", self._looking_rad)
+        struct.radius_m, struct.height_m, struct.nearest_m = RING_RADIUS_M, RING_HEIGHT_M, NEAREST_M
+        struct.range_m, struct.view_rad = self.range_m, self.field_of_view_rad
+        struct.most = 1.0 if self.formula != "thesis" and self.limited else np.inf
+        struct.gain, struct.occlusions = self.gain, self.occlusions
+        struct.step = 2 * len(self.ring) if self.angles else len(self.ring)
+        return struct
 
     @cached_property
     def _looking_rad(self) -> Floats:

@@ -61,7 +61,7 @@ _NOISE_BLOCK = 64
 """Noise of so many calls is drawn at once, where it can be: that takes a tenth of the time."""
 
 
-SETTINGS: Mapping[str, tuple[float, float]] = {
+QUALITY_SETTINGS: Mapping[str, tuple[float, float]] = {
     "noise_level": (0.0, _MAX_AMOUNT),
     "noise_std_dev": (0.0, _MAX_AMOUNT),
     "bias": (-_MAX_AMOUNT, _MAX_AMOUNT),
@@ -132,21 +132,21 @@ class Quality:
         return any(added) or self.low is not None or self.high is not None
 
     def changed(self, name: str, value: float, scale: Scale) -> Quality:
-        """The same with another value of one of the `SETTINGS`; `scale` is the device's.
+        """The same with another value of one of the `QUALITY_SETTINGS`; `scale` is the device's.
 
         Raises:
             QualityError: there is no such setting, or it cannot have this value.
         """
-        if name not in SETTINGS:
-            raise QualityError(f"no setting {name!r:.60}; {instead(name, SETTINGS)}")
-        low, high = SETTINGS[name]
-        whole = isinstance(low, int)
-        if not low <= value <= high or (whole and value != int(value)):
-            kind = "a whole number" if whole else "a number"
+        if name not in QUALITY_SETTINGS:
+            raise QualityError(f"no setting {name!r:.60}; {instead(name, QUALITY_SETTINGS)}")
+        low, high = QUALITY_SETTINGS[name]
+        is_integer = isinstance(low, int)
+        if not low <= value <= high or (is_integer and value != int(value)):
+            kind = "a whole number" if is_integer else "a number"
             raise QualityError(f"{name} is {value:g}, expected {kind} from {low:g} to {high:g}")
         if name == "bits" and value and not scale.bounded and None in (self.low, self.high):
             raise QualityError("bits: the device has no bounds to divide: set vs:low and vs:high")
-        changed: Any = {name: int(value) if whole else float(value)}
+        changed: Any = {name: int(value) if is_integer else float(value)}
         return replace(self, **changed)
 
     @classmethod
@@ -232,8 +232,8 @@ class Distortion:
     def is_noise(self) -> bool:
         """Whether `noise`, limited to the bounds, is all that it adds."""
         quality = self._quality
-        others = quality.bias or quality.drift_per_s or quality.bits or self._wraps.any()
-        return quality.distorts and not others
+        has_more = quality.bias or quality.drift_per_s or quality.bits or self._wraps.any()
+        return quality.distorts and not has_more
 
     def noise(self, random: np.random.Generator) -> Floats:
         """Noise of the calls to come, (j, n, k) in units, one at least."""
@@ -253,8 +253,8 @@ class Distortion:
     def _divide(self, values: Floats) -> Floats:
         """Rounds to the nearest of the steps that the resolution has."""
         step = self._span / self._steps if self._quality.bits else self._span
-        known = np.where(step > 0.0, step, 1.0)
-        rounded = self._base + np.rint((values - self._base) / known) * known
+        divisor = np.where(step > 0.0, step, 1.0)
+        rounded = self._base + np.rint((values - self._base) / divisor) * divisor
         return np.where(step > 0.0, rounded, values)
 
 

@@ -35,7 +35,7 @@ _MAX_RANGE_M = 1000.0
 class RadiationSensor:
     """Measures how strongly a thing radiates: `strength` is the reading at 1 m; see the module."""
 
-    source: _places.Place
+    source: _places.AnyPlace
     strength: float = 1.0
     range_m: float = _MAX_RANGE_M
     name: str = "radiation"

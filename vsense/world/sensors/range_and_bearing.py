@@ -96,7 +96,7 @@ class ArgosNoise:
             bearing_rad = np.arctan2(left_m, ahead_m)
         range_cm = 100.0 * (distance_m - 2.0 * BODY_RADIUS_M)
         if self.real_range:
-            mu, sigma = (np.interp(range_cm, _REAL_CM, known) for known in (_REAL_MU, _REAL_SIGMA))
+            mu, sigma = (np.interp(range_cm, _REAL_CM, table) for table in (_REAL_MU, _REAL_SIGMA))
             power = np.exp(mu + sigma * random.normal(0.0, 1.0, len(pairs)))
             range_cm = np.exp(_POWER[0] + _POWER[1] * power)
         return range_cm, bearing_rad
@@ -133,7 +133,7 @@ class RangeAndBearingSensor:
         random = world.random
         pairs = pairs.first(self.max_messages, random.random(len(pairs)))
         if self.loss_probability > 0.0:
-            pairs = pairs.kept(random.random(len(pairs)) >= self.loss_probability)
+            pairs = pairs.select(random.random(len(pairs)) >= self.loss_probability)
         range_cm, bearing_rad = noise.apply(pairs, random)
         return self._reading(world, len(robots), pairs, range_cm, bearing_rad)
 
@@ -155,7 +155,7 @@ class RangeAndBearingSensor:
         if pairs.counts(receivers).max(initial=0) > self.max_messages:
             pairs = pairs.first(self.max_messages, random.random(len(pairs)))
         if self.loss_probability > 0.0:
-            pairs = pairs.kept(random.random(len(pairs)) >= self.loss_probability)
+            pairs = pairs.select(random.random(len(pairs)) >= self.loss_probability)
         return pairs
 
 
