@@ -526,7 +526,7 @@ def test_formats_are_those_that_design_md_tells() -> None:
     assert rows["wire"] == str(lib.VS_VERSION)
     assert rows["recording"] == ".".join(map(str, form.FORMAT))
     assert rows["package"] == str(_contents.FORMAT)
-    assert rows["`made.zip`,"] == str(origin.FORMAT)
+    assert rows["`made.zip`,"] == str(origin.ORIGIN_FORMAT)
     assert rows["`.argos`"] == parsing.NAMESPACE.rpartition(":")[2]
     assert rows["truth"] == truth.LOG_MAGIC.decode()[-1]
 

@@ -175,7 +175,7 @@ _ONE_DEVICE = """<argos-configuration xmlns:vs="urn:vsense:1">
 def _each_device() -> Iterator[str]:
     """An experiment for each device of ARGoS's that is known."""
     for section in (SENSORS, ACTUATORS):
-        for device in sorted({*of_argos(section), *argos.OWN[section]}):
+        for device in sorted({*of_argos(section), *argos.OWN_DEVICES[section]}):
             yield _ONE_DEVICE.format(section=section, device=device)
 
 

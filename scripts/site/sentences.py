@@ -11,7 +11,7 @@ from types import ModuleType
 
 from scripts.site.observing import Asked
 from vsense.config.devices import factories, of_argos
-from vsense.config.sentences import known, places
+from vsense.config.sentences import explanations, places
 
 DEVICES = ("sensors", "actuators")
 
@@ -20,7 +20,7 @@ class Sentences:
     """All sentences, and which of them were asked for."""
 
     def __init__(self) -> None:
-        self._known = known()
+        self._explanations = explanations()
         self._used: set[tuple[str, str]] = set()
 
     def element(self, parent: str, name: str) -> str | None:
@@ -36,13 +36,13 @@ class Sentences:
 
     def unused(self) -> set[tuple[str, str]]:
         """Element and attribute of the sentences that nobody has asked for."""
-        return {known for known, text in self._known.items() if text} - self._used
+        return {key for key, text in self._explanations.items() if text} - self._used
 
     def _first(self, names: Collection[str], key: str) -> str | None:
         for name in names:
-            if self._known.get((name, key)):
+            if self._explanations.get((name, key)):
                 self._used.add((name, key))
-                return self._known[name, key]
+                return self._explanations[name, key]
         return None
 
 

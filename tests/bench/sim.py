@@ -33,7 +33,7 @@ from vsense.base.native import kernel_ffi, kernels
 from vsense.base.processes import python_module
 from vsense.base.terminal import aligned
 from vsense.modes.sim._chain import Chain
-from vsense.modes.sim._simulation import WARM_UP, Simulation
+from vsense.modes.sim._simulation import WARM_UP_TIMESTEPS, Simulation
 from vsense.modes.sim.job import Job, Setup
 from vsense.modes.sim.outcome import Task
 from vsense.modes.sim.watch import simulate_all
@@ -163,7 +163,7 @@ def parts_us(task: Task) -> dict[str, float]:
 def _run_of(task: Task) -> Chain:
     """The timesteps in C of a run after its last one, whose controllers can go on."""
     libraries = {name: Path(path) for name, path in task.job.libraries.items()}
-    run, timestep = Simulation(task.experiment, libraries, task.job.seed), -WARM_UP
+    run, timestep = Simulation(task.experiment, libraries, task.job.seed), -WARM_UP_TIMESTEPS
     while timestep < task.experiment.timesteps:
         timestep += run.go_on(timestep)
     assert run.chain is not None

@@ -25,7 +25,7 @@ from vsense.robots.link._peer import Peer
 from vsense.robots.link._roster import SessionTable
 from vsense.robots.link._streams import Inbox
 from vsense.robots.link.keys import LinkTrust, SwarmKeys
-from vsense.robots.link.legacy.protocol import SENSORS, Translation, encode_real
+from vsense.robots.link.legacy.protocol import LEGACY_SENSORS, Translation, encode_real
 from vsense.robots.link.status import LinkError
 from vsense.robots.link.table import Direction, Entry, ExpectedRobot, Table
 from vsense.robots.link.trackers._repair import Repair
@@ -147,7 +147,7 @@ def original(random: Random, scene: None) -> None:
 def legacy(random: Random, scene: None) -> None:
     """Readings of any bytes for robots with the original client: each number has 12 bytes."""
     layouts = ("f4", "3*f4", "4*f4", "8*f4", "3*u1", "8*u2", "2*i4")
-    names = [*SENSORS, "mine"]
+    names = [*LEGACY_SENSORS, "mine"]
     entries = [
         Entry(place, name, random.choice(layouts), Direction.SENSOR)
         for place, name in enumerate(random.sample(names, mutate.few(random, len(names))))

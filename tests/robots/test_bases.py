@@ -18,7 +18,7 @@ from tests.robots.rig import CLEAN, MS, POLLUTED, TAG, Host, Rig
 from tests.robots.stopping import SILENCE_NS, still_within
 from vsense.base.clock import host_ns
 from vsense.base.native import ffi, lib
-from vsense.modes.lab.hardware import KINDS
+from vsense.modes.lab.hardware import BASE_KINDS
 from vsense.robots.link.wire import Wanted
 
 RING = 0xFF
@@ -28,7 +28,7 @@ ON_I2C = ("gctronic", "york")
 Rigs = Callable[..., Rig]
 
 
-@pytest.fixture(params=KINDS)
+@pytest.fixture(params=BASE_KINDS)
 def kind(request: pytest.FixtureRequest) -> str:
     """Every kind of base."""
     found: str = request.param

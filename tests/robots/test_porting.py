@@ -61,7 +61,7 @@ def test_the_pages_controller_in_c_plus_plus_builds(tmp_path: Path) -> None:
 
 
 def test_warnings_point_to_a_heading_of_the_page_and_to_devices_that_exist() -> None:
-    file, _, heading = argos.PAGE.partition(", ")
+    file, _, heading = argos.PORTING_PAGE.partition(", ")
     assert ROOT / file == PAGE
     assert f"## {heading.strip(chr(39))}\n" in PAGE.read_text(encoding="utf-8")
     known = {name for names in virtual_devices().values() for name in names}

@@ -8,7 +8,7 @@ import pytest
 
 from vsense.base.errors import UsageError
 from vsense.robots.inprocess import CompiledProgram
-from vsense.robots.program import KINDS, kind_of
+from vsense.robots.program import KINDS_BY_SUFFIX, kind_of
 from vsense.robots.sources import ProgramSources
 
 
@@ -21,4 +21,4 @@ def test_a_file_of_no_kind_is_refused_with_those_that_are() -> None:
     with pytest.raises(UsageError) as caught:
         kind_of(ProgramSources((Path("/x/mine.rs"), Path("/x/other.c"))))
     assert str(caught.value).startswith("/x/mine.rs: ")
-    assert all(suffix in str(caught.value) for suffix in KINDS)
+    assert all(suffix in str(caught.value) for suffix in KINDS_BY_SUFFIX)

@@ -258,7 +258,7 @@ def test_keys_are_never_shown() -> None:
 
 
 def test_keys_that_members_make_at_once_are_all_kept(tmp_path: Path) -> None:
-    path = tmp_path / "lab" / keys.NAME
+    path = tmp_path / "lab" / keys.KEY_FILE_NAME
     with ThreadPoolExecutor(8) as pool:
         newest = [made.newest for made in pool.map(keys.follow, [path] * 8)]
     assert sorted(newest) == sorted(keys.read(path).keys) == list(range(1, 9))

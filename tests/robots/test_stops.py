@@ -14,7 +14,7 @@ from tests.robots.stopping import still_within, wait_said
 from vsense.base.clock import host_ns
 from vsense.base.native import lib
 from vsense.modes.lab._microcontrollers import Actuation
-from vsense.modes.lab.hardware import KINDS
+from vsense.modes.lab.hardware import BASE_KINDS
 from vsense.robots.link.wire import StopCause
 
 Rigs = Callable[..., Rig]
@@ -55,7 +55,7 @@ def stopped_ns(rig: Rig, since_ns: int) -> int:
     return next(at_ns for at_ns in rests if at_ns >= since_ns)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", BASE_KINDS)
 def test_both_processes_killed_at_once_with_a_firmware_watchdog(rigs: Rigs, kind: str) -> None:
     rig = rigs(kind=kind, watchdog=True)
     rig.start()
@@ -70,7 +70,7 @@ def test_both_processes_killed_at_once_with_a_firmware_watchdog(rigs: Rigs, kind
     rig.run()
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", BASE_KINDS)
 def test_both_processes_killed_at_once_without_one(rigs: Rigs, kind: str) -> None:
     """README and `--help` say so; the next daemon finds the robot and stops it."""
     rig = rigs(kind=kind)

@@ -18,7 +18,7 @@ from vsense.config.specs import Stage
 from vsense.monitor.ui.messages import ExperimentFacts
 from vsense.monitor.ui.publisher import Publisher
 from vsense.robots.link.status import ActuatorReport
-from vsense.robots.link.wire import Values, Wanted
+from vsense.robots.link.wire import ReadingValues, Wanted
 from vsense.run.changes import Changes
 from vsense.run.changing import Change
 from vsense.run.control import Control
@@ -110,7 +110,7 @@ class ChangedRun:
         said = np.float32(0.5 + 0.1 * (self._timestep % 7)).tobytes()
         return {tag: ActuatorReport(b"me", said.ljust(size, b"\0")[:size]) for tag in self.places}
 
-    def publish(self, timestep: int, capture_ns: int, values: Mapping[int, Values]) -> int:
+    def publish(self, timestep: int, capture_ns: int, values: Mapping[int, ReadingValues]) -> int:
         return capture_ns
 
     def command(self, wanted: Wanted, from_timestep: int = 0) -> None:

@@ -153,10 +153,10 @@ class Stage:
         self.first = None
         return 2
 
-    def hush(self, hushed: bool = True) -> None:
-        """Stands in for `VirtualSensorServer.hush`."""
-        if hushed:
-            self.done.append("hush")
+    def silence(self, silent: bool = True) -> None:
+        """Stands in for `VirtualSensorServer.silence`."""
+        if silent:
+            self.done.append("silence")
 
     def command(self, wanted: Wanted, from_timestep: int = 0) -> None:
         """Stands in for `VirtualSensorServer.command`."""

@@ -312,7 +312,7 @@ def test_a_process_of_their_own_may_break(
     how: str,
     words: str,
 ) -> None:
-    monkeypatch.setattr(_loop_process, "LIMIT_S", 0.3)
+    monkeypatch.setattr(_loop_process, "CALL_LIMIT_S", 0.3)
     experiment = load(mission(fails_in="PostStep", how=how))
     here = Environment(experiment, 7)
     with pytest.raises(VsenseError, match=rf"loop functions 'mission' \(mission\.cpp\): {words}"):

@@ -7,7 +7,7 @@ from dataclasses import replace
 from tests.run.stage import counted
 from vsense.robots.link.status import RobotStatus
 from vsense.robots.link.wire import StopCause
-from vsense.run.robots import PATIENCE_NS, LinkCounters, RobotAlarms
+from vsense.run.robots import TROUBLE_DELAY_NS, LinkCounters, RobotAlarms
 
 
 def test_repeated_packets_do_not_count_as_received() -> None:
@@ -61,12 +61,12 @@ def test_sessions_that_a_defect_has_ended_are_counted_for_each_run() -> None:
     counters = LinkCounters()
     counters.update({7: replace(counted(10), defects=2)})
     assert counters.defects == 2
-    counters = counters.anew()
+    counters = counters.from_here()
     counters.update({7: replace(counted(20), defects=3)})
     assert counters.defects == 1
 
 
-STEP_NS = PATIENCE_NS // 4
+STEP_NS = TROUBLE_DELAY_NS // 4
 
 
 def lines(history: list[RobotStatus]) -> list[str]:

@@ -86,7 +86,7 @@ def test_a_run_has_its_timesteps_and_ends(stage: Stage) -> None:
     assert lived == [0, 1, 2, 3, 4]
     assert stage.runner.ended == "time" and stage.done == ["start"]
     stage.runner.stop()
-    assert stage.done == ["start", "stop", "hush"]
+    assert stage.done == ["start", "stop", "silence"]
     assert (stage.runner.counters.sent, stage.runner.counters.received) == (20, 20)
 
 
@@ -234,7 +234,7 @@ def test_a_robot_that_goes_on_after_stop_is_said_before_the_run_is_over(
     assert "does NOT stop: LIFT IT (told to stop 0.20 s ago, it reports that it runs)" in (
         stage.terminal.getvalue()
     )
-    assert stage.done == ["stop", "hush"]
+    assert stage.done == ["stop", "silence"]
 
 
 def test_a_robot_that_says_nothing_after_an_emergency_stop_is_seen_moving(stage: Stage) -> None:

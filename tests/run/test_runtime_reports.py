@@ -10,7 +10,7 @@ import numpy as np
 
 from vsense.base.arena import POSE, ArenaState, Frame
 from vsense.robots.link.status import ActuatorReport
-from vsense.robots.link.wire import Values, Wanted
+from vsense.robots.link.wire import ReadingValues, Wanted
 from vsense.run.runtime import START_LEAD, Runtime
 
 
@@ -38,12 +38,12 @@ class Robots:
 
     def __init__(self) -> None:
         self.said: dict[int, ActuatorReport] = {}
-        self.sent: list[Mapping[int, Values]] = []
+        self.sent: list[Mapping[int, ReadingValues]] = []
 
     def reports(self) -> dict[int, ActuatorReport]:
         return dict(self.said)
 
-    def publish(self, timestep: int, capture_ns: int, values: Mapping[int, Values]) -> int:
+    def publish(self, timestep: int, capture_ns: int, values: Mapping[int, ReadingValues]) -> int:
         self.sent.append(values)
         return capture_ns
 

@@ -10,7 +10,7 @@ from tests.robots.link.arena_rig import ONE_SHOT, PATIENCE_S, START, STOP, OldTr
 from vsense.config.experiment import load
 from vsense.robots.link.status import ActuatorReport
 from vsense.robots.link.trackers.client import ArenaClient
-from vsense.robots.link.wire import Values, Wanted
+from vsense.robots.link.wire import ReadingValues, Wanted
 from vsense.run.environment import Environment
 from vsense.run.runtime import Runtime
 
@@ -22,7 +22,7 @@ class Robots:
         self.published: list[tuple[int, int]] = []
         self.commands: list[Wanted] = []
 
-    def publish(self, timestep: int, capture_ns: int, readings: Mapping[int, Values]) -> int:
+    def publish(self, timestep: int, capture_ns: int, readings: Mapping[int, ReadingValues]) -> int:
         self.published.append((timestep, capture_ns))
         return capture_ns
 

@@ -20,7 +20,7 @@ import pytest
 from tests.rigs.processes import Lab, order
 from tests.rigs.web import HALF, is_closed, talk
 from vsense.monitor.ui import _web_listener
-from vsense.robots.link._links import HELLO_NS, STRANGERS_MAX
+from vsense.robots.link._links import HELLO_NS, UNGREETED_MAX
 
 pytestmark = pytest.mark.system
 
@@ -86,7 +86,7 @@ def test_strangers_on_two_ports_cost_nobody_anything(tmp_path: Path, room: None)
     begun_s = time.monotonic()
     crowd = flood(web, [b"", HALF, kept])
     crowd += flood(robots_port(lab), [b"", b"VS\2", bytes(40)])
-    most = STRANGERS_MAX + _web_listener.STRANGERS_MAX + _web_listener.KNOWN_MAX
+    most = UNGREETED_MAX + _web_listener.STRANGERS_MAX + _web_listener.KNOWN_MAX
     assert descriptors(lab) <= before + most
 
     tag = int(next((lab.directory / "robots").glob("*.sh")).stem)

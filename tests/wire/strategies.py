@@ -17,8 +17,8 @@ from vsense.robots.link.wire import (
     Hello,
     Notice,
     PacketType,
+    ReadingValues,
     Telemetry,
-    Values,
     Wanted,
     Welcome,
     decode,
@@ -150,7 +150,7 @@ class Link:
         """The host's next STATE, of the next timestep; capture time is `now_ns`."""
         self.timestep += 1
         capture_ns = changes.get("capture_ns", now_ns)
-        values: Values = changes.get("values") or [
+        values: ReadingValues = changes.get("values") or [
             (bytes(size), capture_ns) for _, _, size in self.table.of_direction(Direction.SENSOR)
         ]
         orders = Orders(self.run, wanted, changes.get("from_timestep", 0))

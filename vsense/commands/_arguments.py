@@ -138,9 +138,9 @@ def add_experiment_name(parser: argparse.ArgumentParser) -> None:
     def complete(prefix: str, **_: Any) -> list[str]:
         from argcomplete.completers import FilesCompleter
 
-        from vsense.config.experiment import SUFFIX, shipped
+        from vsense.config.experiment import ARGOS_SUFFIX, shipped
 
-        files = FilesCompleter(allowednames=[SUFFIX])(prefix)
+        files = FilesCompleter(allowednames=[ARGOS_SUFFIX])(prefix)
         return [*(known for known in shipped() if known.startswith(prefix)), *files]
 
     # Where argcomplete looks for it.

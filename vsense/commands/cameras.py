@@ -9,7 +9,7 @@ from vsense.base.errors import UsageError
 from vsense.base.terminal import drop_output
 from vsense.commands import _arguments
 from vsense.commands._arguments import Record
-from vsense.config.resources import EXPOSURES_US, GAINS, RATES_HZ, SIDES_PX
+from vsense.config.resources import EXPOSURE_RANGE_US, GAIN_RANGE, RATES_HZ, SIDES_PX
 from vsense.tools.camera_setup import files, shooting, showing, tuning
 from vsense.tools.camera_setup.shooting import ShootOptions
 from vsense.tools.camera_setup.showing import ShowOptions
@@ -30,8 +30,8 @@ _TAKEN = {
     "width": SIDES_PX,
     "height": SIDES_PX,
     "rate": RATES_HZ,
-    "exposure": EXPOSURES_US,
-    "gain": GAINS,
+    "exposure": EXPOSURE_RANGE_US,
+    "gain": GAIN_RANGE,
 }
 """What options may be, by their names."""
 

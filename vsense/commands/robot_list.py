@@ -233,6 +233,6 @@ def _facts(
         "marker": None if robot.marker is None else robot.marker.values,
         "battery": None
         if battery is None
-        else {name: getattr(battery, name) for name in battery_history.COLUMNS},
+        else {name: getattr(battery, name) for name in battery_history.BATTERY_COLUMNS},
         **told,
     }

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from vsense.base.xml.element import Element, shown
 from vsense.config import argos
-from vsense.config._things import MAX_LENGTH_M, THINGS
+from vsense.config._things import MAX_SIZE_M, THINGS
 from vsense.world.entities import Entity, Vector
 
 
@@ -90,9 +90,9 @@ class DistributedSpec:
 
 
 MAX_QUANTITY = 10_000
-MAX_NUMBER = 65_535
-ROBOT = "e-puck"
-OBJECT = "vs:object"
+MAX_BASE_NUMBER = 65_535
+ROBOT_ELEMENT = "e-puck"
+OBJECT_ELEMENT = "vs:object"
 
 _MAX_TRIALS = 1_000_000
 _MAX_LAYOUT = 1000
@@ -105,7 +105,7 @@ _KEYS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Crowd:
+class DistributedCrowd:
     """Several of a kind whose places are drawn.
 
     `entity` is the `<entity>` around them, `element` what there are several of, `first` the number
@@ -123,10 +123,10 @@ class Crowd:
         return range(self.first, self.first + self.quantity)
 
 
-def read_distribute(element: Element, number: int) -> Crowd | None:
+def read_distribute(element: Element, number: int) -> DistributedCrowd | None:
     """Reads a `<distribute>`, the arena's `number`th; None where there is nothing to place."""
     entity = element.child("entity")
-    inner = entity.children(ROBOT, OBJECT, *THINGS, *argos.ENTITIES)
+    inner = entity.children(ROBOT_ELEMENT, OBJECT_ELEMENT, *THINGS, *argos.ENTITIES)
     if len(inner) != 1:
         raise entity.error(f"holds {len(inner)} known elements, expected one, such as <e-puck>")
     if inner[0].name in argos.ENTITIES:
@@ -137,16 +137,16 @@ def read_distribute(element: Element, number: int) -> Crowd | None:
     if quantity == 0:
         element.leave_out("quantity is 0: nothing is placed")
         return None
-    position = _read_draw(element.child("position"), MAX_LENGTH_M, "m", 1.0, quantity)
+    position = _read_draw(element.child("position"), MAX_SIZE_M, "m", 1.0, quantity)
     turn = _read_draw(element.child("orientation"), 3600.0, "deg", math.radians(1.0), quantity)
     trials = entity.integer("max_trials", 1, _MAX_TRIALS)
     if any((*turn.first[1:], *turn.second[1:])) and inner[0].name != "light":
         element.child("orientation").warn("turns about y and x do not count: things stand upright")
-    return Crowd(
+    return DistributedCrowd(
         entity,
         inner[0],
         quantity,
-        entity.integer("base_num", 0, MAX_NUMBER - MAX_QUANTITY, 0),
+        entity.integer("base_num", 0, MAX_BASE_NUMBER - MAX_QUANTITY, 0),
         Distribution(position, turn, trials, number, entity.line),
     )
 

@@ -28,7 +28,7 @@ from vsense.config.specs import (
     TrackerAddress,
 )
 from vsense.robots.link.trackers import protocol
-from vsense.robots.sources import LOOP_FUNCTIONS, PAGE, CodeOptions, stem_of
+from vsense.robots.sources import ARGOS_PAGE, LOOP_FUNCTIONS, CodeOptions, stem_of
 
 _ENGINE = "iridia_tracking_system"
 _TRACKER = "vs:tracker"
@@ -71,9 +71,9 @@ def _cxx_loop_functions(
     program = _programs.find_loop_functions(element, label, folder, code)
     if program is None:
         element.leave_out(
-            f"the sources of {shown(library)}, in which {LOOP_FUNCTIONS} names {shown(label)}, are"
-            " not found: no loop functions are called; name them with --sources"
-            f" {stem_of(library)}=FILES, see {PAGE}"
+            f"the sources of {shown(library)}, in which {LOOP_FUNCTIONS} names"
+            f" {shown(label)}, are not found: no loop functions are called; name them with"
+            f" --sources {stem_of(library)}=FILES, see {ARGOS_PAGE}"
         )
         return None
     settings = "".join(f"{line}\n" for line in _programs.tree(element))
@@ -108,7 +108,7 @@ def collect(element: Element, settings: dict[str, str], prefix: str = "") -> dic
 
 
 DEFAULT_HOST = "127.0.0.1"
-DEFAULT_PORT = 4050
+ROBOTS_PORT = 4050
 """The original's port for the virtual sensor server."""
 
 _MAX_LENGTH_S = 1e6
@@ -188,8 +188,8 @@ def read_rest(root: Element) -> None:
 def _read_engines(root: Element) -> None:
     """Reads the physics engines; the tracking system's address was read by `read_tracker`."""
     section = root.optional_child("physics_engines")
-    known = ("dynamics2d", _ENGINE, *argos.PHYSICS_ENGINES)
-    for child in by_id(section.children(*known) if section else (), "engine").values():
+    kinds = ("dynamics2d", _ENGINE, *argos.PHYSICS_ENGINES)
+    for child in by_id(section.children(*kinds) if section else (), "engine").values():
         extras = set(child.free_attributes()) - {"id"} if child.name == "dynamics2d" else set()
         if child.child_names() or extras or child.name in argos.PHYSICS_ENGINES:
             child.leave_out("robots move in one plane, as the lab's own physics says")
@@ -199,7 +199,7 @@ def _read_address(root: Element) -> tuple[str, int]:
     """Reads where the robots find the server: from <experiment>, else from <framework>."""
     framework = root.child("framework")
     engine = _tracking_engine(root)
-    host, port = DEFAULT_HOST, DEFAULT_PORT
+    host, port = DEFAULT_HOST, ROBOTS_PORT
     for element in (engine, framework, framework.child("experiment")):
         if element is not None:
             host = _read_host(element, host)
@@ -231,15 +231,15 @@ def read_tracker(root: Element) -> TrackerAddress | JsonLinesTracker | None:
     if engine is not None:
         shift = [engine.number(f"translate_{axis}", -_FAR_M, _FAR_M, "m", 0.0) for axis in "xy"]
         origin_m = (shift[0], shift[1])
-    found: TrackerAddress | JsonLinesTracker | None = None
+    address: TrackerAddress | JsonLinesTracker | None = None
     for element in (framework, engine, lines):
         if element is None:
             continue
         tracker = _read_lines(element) if element is lines else _read_original(element, origin_m)
-        if tracker is not None and found is not None:
-            raise element.error(f"a tracker stands in line {found.line} already")
-        found = found or tracker
-    return found
+        if tracker is not None and address is not None:
+            raise element.error(f"a tracker stands in line {address.line} already")
+        address = address or tracker
+    return address
 
 
 def _read_original(element: Element, origin_m: tuple[float, float]) -> TrackerAddress | None:
@@ -254,7 +254,7 @@ def _read_original(element: Element, origin_m: tuple[float, float]) -> TrackerAd
             raise element.error("is without ats_host", "vs:latency")
         return None
     host = element.text(f"{named[0]}_host", None, "a host's name or address")
-    port = element.integer(f"{named[0]}_port", 1, 65_535, protocol.DEFAULT_PORT)
+    port = element.integer(f"{named[0]}_port", 1, 65_535, protocol.TRACKER_PORT)
     latency_s = element.number("vs:latency", 0.0, _MAX_LATENCY_S, "s", 0.0)
     return TrackerAddress(host, port, origin_m, latency_s, element.line)
 

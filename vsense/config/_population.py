@@ -157,8 +157,8 @@ def _give_tags(
         element = bodies.untagged[-1][0]
         raise element.error(f"has no tag, and the marker family {family!r} has none left for it")
     given = dict(zip(names, free))
-    for element, some in bodies.untagged:
-        if not (group := [name for name in some if name not in idle]):
+    for element, ids in bodies.untagged:
+        if not (group := [name for name in ids if name not in idle]):
             continue
         key = "vs:tags" if element.name == "entity" else "vs:tag"
         last = f" to {group[-1]!r}" if len(group) > 1 else ""

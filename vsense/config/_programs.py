@@ -18,9 +18,9 @@ from vsense.robots import finding
 from vsense.robots.build import BuildError, cache_directory, source_tree
 from vsense.robots.compiling import CXX_SUFFIXES
 from vsense.robots.sources import (
+    ARGOS_PAGE,
     CONTROLLER,
     LOOP_FUNCTIONS,
-    PAGE,
     CodeOptions,
     ProgramSources,
     content,
@@ -62,11 +62,11 @@ def read(element: Element, folder: Path, code: CodeOptions) -> tuple[str, Progra
 
 def _check_label(element: Element, program: ProgramSources) -> None:
     """Raises ConfigError where other classes are registered and none for the element, as ARGoS."""
-    known = labels(program.sources, CONTROLLER)
-    plain = len(known) == sum(registrations(path, CONTROLLER) for path in program.sources)
-    if known and plain and element.name not in known:
+    names = labels(program.sources, CONTROLLER)
+    plain = len(names) == sum(registrations(path, CONTROLLER) for path in program.sources)
+    if names and plain and element.name not in names:
         where = ", ".join(path.name for path in program.sources if registers(path, CONTROLLER))
-        hint = instead(element.name, known)
+        hint = instead(element.name, names)
         raise element.error(f"no REGISTER_CONTROLLER in {where} names {element.name!r}; {hint}")
 
 
@@ -75,7 +75,7 @@ def _read(element: Element, folder: Path, code: CodeOptions) -> tuple[str, Progr
     if named is not None:
         return element.text("library", element.name), named
     if element.name == argos.LUA and not element.has("library"):
-        element.warn(f"is Lua, which runs on no robot: they stand still; see {argos.PAGE}")
+        element.warn(f"is Lua, which runs on no robot: they stand still; see {argos.PORTING_PAGE}")
         return argos.STAND_STILL, source_tree().program(argos.STAND_STILL)
     if not element.has("library"):
         program = finding.find("", element.name, folder, _headers(element, folder, code))
@@ -99,12 +99,12 @@ def check_sources(root: Element, code: CodeOptions) -> None:
         UsageError: it is not.
     """
     users = [e for section in root.below("controllers") for e in section.below()]
-    known = {name for e in users for name in (e.name, e.peek("id"))}
+    names = {name for e in users for name in (e.name, e.peek("id"))}
     for element in (*users, *root.below("loop_functions")):
-        known |= {stem_of(element.peek("library") or ""), element.peek("label")}
+        names |= {stem_of(element.peek("library") or ""), element.peek("label")}
     for name in code.sources:
-        if name not in known:
-            hint = instead(name, (one for one in known if one))
+        if name not in names:
+            hint = instead(name, (text for text in names if text))
             raise UsageError(f"--sources {name}=...: nothing is called so; {hint}")
 
 
@@ -180,14 +180,14 @@ def _of_library(
         instead = f"the robots stand still; --sources {stem_of(library)}=FILES names them"
         element.warn(
             f"library: {shown(library)} is C++ for ARGoS, and its sources are not found: {instead},"
-            f" see {PAGE}"
+            f" see {ARGOS_PAGE}"
         )
         return argos.STAND_STILL, source_tree().program(argos.STAND_STILL)
     element.warn(f"library: {shown(library)} is C++ for ARGoS: its port {port!r} is run instead")
     return port, source_tree().program(port, folder)
 
 
-def told(
+def argos_lines(
     element: Element,
     params: Element | None,
     sensors: Sequence[MountedSensor],
@@ -247,10 +247,10 @@ def check_added(params: Element | None, program: ProgramSources) -> None:
 def settings(params: Element | None) -> dict[str, str]:
     """The settings as people are shown them: an attribute of a child is called `child.key`, one of
     the second child of this name `child:2.key`."""
-    found: dict[str, str] = {}
+    values: dict[str, str] = {}
 
     def walk(element: Element, prefix: str) -> None:
-        found.update({prefix + key: value for key, value in element.free_attributes().items()})
+        values.update({prefix + key: value for key, value in element.free_attributes().items()})
         seen: dict[str, int] = {}
         for child in element.children():
             seen[child.name] = number = seen.get(child.name, 0) + 1
@@ -258,4 +258,4 @@ def settings(params: Element | None) -> dict[str, str]:
 
     if params is not None:
         walk(params, "")
-    return found
+    return values

@@ -10,7 +10,7 @@ from pathlib import Path
 from vsense.base.native import lib
 from vsense.base.xml.element import Element, shown
 from vsense.config import argos
-from vsense.config._distribute import OBJECT, Crowd, DistributedSpec
+from vsense.config._distribute import OBJECT_ELEMENT, DistributedCrowd, DistributedSpec
 from vsense.config._things import Media, read_place
 from vsense.config.specs import FieldSpec, FloorSpec, ObjectSpec, Pose, RobotSpec, Stage
 from vsense.world.entities import VIRTUAL_TAG_MIN, Arena, Entity, VirtualRobot
@@ -149,7 +149,7 @@ def add_object(element: Element, bodies: ArenaContents) -> str:
     return name
 
 
-def add_crowd(crowd: Crowd, bodies: ArenaContents) -> None:
+def add_crowd(crowd: DistributedCrowd, bodies: ArenaContents) -> None:
     """Adds the robots or objects of an `<entity>`.
 
     With vs:tags they are called NAME_TAG_NUMBER, with numbers from base_num; without, NAME and the
@@ -157,7 +157,7 @@ def add_crowd(crowd: Crowd, bodies: ArenaContents) -> None:
     """
     element = crowd.element
     prefix = element.text("id")
-    is_robot = element.name != OBJECT
+    is_robot = element.name != OBJECT_ELEMENT
     if is_robot:
         _pass_over(element)
         if element.boolean("vs:virtual", False):
@@ -188,7 +188,7 @@ def _add_virtual(element: Element, bodies: ArenaContents) -> None:
     bodies.entities.append(VirtualRobot(name, bodies.next_virtual_tag(), *pose, driver))
 
 
-def _add_virtual_crowd(crowd: Crowd, prefix: str, bodies: ArenaContents) -> None:
+def _add_virtual_crowd(crowd: DistributedCrowd, prefix: str, bodies: ArenaContents) -> None:
     element = crowd.element
     for number in crowd.numbers:
         name = f"{prefix}{number}"
@@ -236,7 +236,7 @@ def _read_identity(element: Element, bodies: ArenaContents) -> tuple[str, int, i
     return name, tag, number
 
 
-def _read_tags(crowd: Crowd, bodies: ArenaContents) -> list[int]:
+def _read_tags(crowd: DistributedCrowd, bodies: ArenaContents) -> list[int]:
     entity, quantity = crowd.entity, crowd.quantity
     if not entity.has("vs:tags"):
         return [_NO_TAG] * quantity

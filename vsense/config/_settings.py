@@ -50,11 +50,11 @@ def _apply(
     *path, attribute = key.removeprefix(first).removeprefix(".").split(".")
     if not first or not attribute:
         raise UsageError(f"setting {key!r}: expected ELEMENT.attribute, such as 'sensor.noise'")
-    found = _matching(root, first, virtual)
-    if not found:
+    elements = _matching(root, first, virtual)
+    if not elements:
         hint = instead(first, _names(root, virtual))
         raise UsageError(f"setting {key!r}: there is no {first!r} in {root.document.file}; {hint}")
-    targets = [inner for element in found for inner in _inside(element, path)]
+    targets = [inner for element in elements for inner in _inside(element, path)]
     if not targets:
         raise UsageError(f"setting {key!r}: {first!r} has no <{'> in <'.join(reversed(path))}>")
     names = {name for device in virtual.values() for name in device}
@@ -97,13 +97,13 @@ def _library(root: Element, key: str) -> str | None:
 
 def _inside(element: Element, path: list[str]) -> list[Element]:
     """Follows names of elements inwards; in <params> what is missing is made."""
-    found = [element]
+    elements = [element]
     for name in path:
         if element.name == "params":
-            found = [_to_set(e, name) for e in found]
+            elements = [_to_set(e, name) for e in elements]
         else:
-            found = [child for e in found for child in e.below(name)]
-    return found
+            elements = [child for e in elements for child in e.below(name)]
+    return elements
 
 
 def _to_set(element: Element, name: str) -> Element:

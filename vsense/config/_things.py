@@ -66,22 +66,22 @@ OCCLUSIONS = "check_occlusions"
 
 def by_id(elements: Iterable[Element], kind: str) -> dict[str, Element]:
     """Gives elements of a kind by their ids; raises ConfigError where two have one."""
-    found: dict[str, Element] = {}
+    by_name: dict[str, Element] = {}
     for element in elements:
         name = element.text("id")
-        if name in found:
-            line = found[name].line
+        if name in by_name:
+            line = by_name[name].line
             raise element.error(f"{name!r} is the id of another {kind}, in line {line}", "id")
-        found[name] = element
-    return found
+        by_name[name] = element
+    return by_name
 
 
 def read_media(root: Element) -> Media:
     """Reads the media of an experiment; raises ConfigError where two have one id."""
     section = root.optional_child("media")
-    known = section.children(*argos.MEDIA, *argos.OTHER_MEDIA) if section else ()
-    found = by_id(known, "medium")
-    for element in found.values():
+    children = section.children(*argos.MEDIA, *argos.OTHER_MEDIA) if section else ()
+    media = by_id(children, "medium")
+    for element in media.values():
         if element.name in argos.OTHER_MEDIA:
             element.leave_out("nothing is sent through it")
             continue
@@ -89,7 +89,7 @@ def read_media(root: Element) -> Media:
             element.numbers("grid_size", 3, 1.0, 1e6)
         if element.name == "range_and_bearing":
             element.boolean(OCCLUSIONS, True)
-    return found
+    return media
 
 
 def check_medium(element: Element, media: Media, hears: bool = False) -> None:
@@ -104,8 +104,8 @@ def check_medium(element: Element, media: Media, hears: bool = False) -> None:
         element.set(OCCLUSIONS, says)
 
 
-MAX_LENGTH_M = 1000.0
-MIN_LENGTH_M = 0.001
+MAX_SIZE_M = 1000.0
+MIN_SIZE_M = 0.001
 _MAX_INTENSITY = 1e6
 _WALL = "wall"
 
@@ -126,7 +126,7 @@ def read_place(element: Element, arena: Arena, default: str | None = None) -> Pl
 
     `default` is the orientation, where it may be absent.
     """
-    far = MAX_LENGTH_M
+    far = MAX_SIZE_M
     position_m = element.vector("position", -far, far, "m")
     if not arena.contains(position_m[0], position_m[1]):
         x, y = position_m[:2]
@@ -150,13 +150,13 @@ def read_thing(element: Element, name: str, arena: Arena, placed: bool) -> Entit
 
 
 def _read_box(element: Element, name: str, place: Placing) -> Box:
-    size_m = element.vector("size", MIN_LENGTH_M, MAX_LENGTH_M, "m")
+    size_m = element.vector("size", MIN_SIZE_M, MAX_SIZE_M, "m")
     physical, leds = _read_solid(element, name, place), _read_leds(element)
     return Box(name, place.position_m, size_m, place.yaw_rad, physical, leds)
 
 
 def _read_cylinder(element: Element, name: str, place: Placing) -> Cylinder:
-    low, high = MIN_LENGTH_M, MAX_LENGTH_M
+    low, high = MIN_SIZE_M, MAX_SIZE_M
     radius_m = element.number("radius", low, high, "m")
     height_m = element.number("height", low, high, "m")
     physical, leds = _read_solid(element, name, place), _read_leds(element)
@@ -185,7 +185,7 @@ def _read_solid(element: Element, name: str, place: Placing) -> bool:
 
 def _read_leds(element: Element) -> tuple[Led, ...]:
     """Reads the LEDs of a box or cylinder, which the robots' virtual cameras see."""
-    found = []
+    leds = []
     for section in element.children("leds"):
         section.has("medium")
         section.has("id")
@@ -193,9 +193,9 @@ def _read_leds(element: Element) -> tuple[Led, ...]:
             for unused in ("id", "intensity"):
                 led.has(unused)
             led.choice("anchor", ("origin",), "origin")
-            offset_m = led.vector("offset", -MAX_LENGTH_M, MAX_LENGTH_M, "m")
-            found.append(Led(offset_m, read_color(led, "color", "black")))
-    return tuple(found)
+            offset_m = led.vector("offset", -MAX_SIZE_M, MAX_SIZE_M, "m")
+            leds.append(Led(offset_m, read_color(led, "color", "black")))
+    return tuple(leds)
 
 
 def _read_light(element: Element, name: str, place: Placing) -> Light:
@@ -204,7 +204,7 @@ def _read_light(element: Element, name: str, place: Placing) -> Light:
 
 
 def _read_zone(element: Element, name: str, place: Placing) -> Zone:
-    low, high = MIN_LENGTH_M, MAX_LENGTH_M
+    low, high = MIN_SIZE_M, MAX_SIZE_M
     shape = element.choice("shape", ("circle", "rectangle"))
     x_m, y_m, z_m = place.position_m
     if z_m != 0.0:

@@ -13,17 +13,17 @@ from vsense.base.files import read_bytes
 from vsense.base.xml.element import Element, shown
 from vsense.config import argos
 from vsense.config._distribute import (
-    OBJECT,
-    ROBOT,
-    Crowd,
+    OBJECT_ELEMENT,
+    ROBOT_ELEMENT,
+    DistributedCrowd,
     DistributedSpec,
     read_distribute,
     warn_of_height,
 )
 from vsense.config._robots import ArenaContents, add_crowd, add_epuck, add_object
 from vsense.config._things import (
-    MAX_LENGTH_M,
-    MIN_LENGTH_M,
+    MAX_SIZE_M,
+    MIN_SIZE_M,
     THINGS,
     Media,
     check_medium,
@@ -34,8 +34,8 @@ from vsense.world.entities import Arena, Box, Cylinder, Entity, WorldError
 from vsense.world.fields import MAX_CONCENTRATION, Field, Floor, Image
 
 DISTRIBUTE = "distribute"
-FIELD = "vs:field"
-LIGHT = "light"
+FIELD_ELEMENT = "vs:field"
+LIGHT_ELEMENT = "light"
 
 _MAX_PIXELS_PER_M = 1000.0
 _MAX_IMAGE_BYTES = 1 << 26
@@ -51,7 +51,7 @@ def read_arena(
 
     Files with relative paths are looked for in `folder`; lights may refer to `media`.
     """
-    low, high = MIN_LENGTH_M, MAX_LENGTH_M
+    low, high = MIN_SIZE_M, MAX_SIZE_M
     size_m = element.vector("size", low, high, "m")
     centre_m = element.vector("center", -high, high, "m", "0,0,0")
     if element.has("positional_grid_size"):
@@ -60,8 +60,8 @@ def read_arena(
     if (floor := element.optional_child("floor")) is not None:
         bodies.floor = read_floor(floor, folder)
         bodies.claim_id(floor, bodies.floor.id)
-    known = (ROBOT, OBJECT, DISTRIBUTE, FIELD, *THINGS, *argos.ENTITIES)
-    for child in element.children(*known):
+    kinds = (ROBOT_ELEMENT, OBJECT_ELEMENT, DISTRIBUTE, FIELD_ELEMENT, *THINGS, *argos.ENTITIES)
+    for child in element.children(*kinds):
         _read_child(child, bodies)
     return bodies
 
@@ -69,11 +69,11 @@ def read_arena(
 def _read_child(element: Element, bodies: ArenaContents) -> None:
     if element.name in argos.ENTITIES:
         element.leave_out(argos.ENTITIES[element.name])
-    elif element.name == ROBOT:
+    elif element.name == ROBOT_ELEMENT:
         add_epuck(element, bodies)
-    elif element.name == OBJECT:
+    elif element.name == OBJECT_ELEMENT:
         add_object(element, bodies)
-    elif element.name == FIELD:
+    elif element.name == FIELD_ELEMENT:
         name = element.text("id")
         bodies.claim_id(element, name)
         bodies.fields.append(read_field(element, name, bodies.arena, bodies.timestep_s))
@@ -86,7 +86,7 @@ def _read_child(element: Element, bodies: ArenaContents) -> None:
 
 
 def _read_thing(element: Element, name: str, bodies: ArenaContents, placed: bool) -> Entity:
-    if element.name == LIGHT:
+    if element.name == LIGHT_ELEMENT:
         check_medium(element, bodies.media)
     thing = read_thing(element, name, bodies.arena, placed)
     if not isinstance(thing, (Box, Cylinder)) or thing.physical:
@@ -103,14 +103,14 @@ def _read_crowd(element: Element, bodies: ArenaContents) -> None:
     if crowd is None:
         return
     bodies.crowds += 1
-    if crowd.element.name in (ROBOT, OBJECT):
+    if crowd.element.name in (ROBOT_ELEMENT, OBJECT_ELEMENT):
         warn_of_height(element, crowd.distribution.position_m)
         add_crowd(crowd, bodies)
     else:
         _add_things(element, crowd, bodies)
 
 
-def _add_things(element: Element, crowd: Crowd, bodies: ArenaContents) -> None:
+def _add_things(element: Element, crowd: DistributedCrowd, bodies: ArenaContents) -> None:
     """Adds the things of an `<entity>`, called NAME and a number from base_num."""
     prefix = crowd.element.text("id")
     names = [f"{prefix}{number}" for number in crowd.numbers]
@@ -118,7 +118,7 @@ def _add_things(element: Element, crowd: Crowd, bodies: ArenaContents) -> None:
         bodies.claim_id(crowd.element, name)
     thing = _read_thing(crowd.element, names[0], bodies, False)
     on_floor = not isinstance(thing, (Box, Cylinder)) or thing.physical
-    if on_floor and crowd.element.name != LIGHT:
+    if on_floor and crowd.element.name != LIGHT_ELEMENT:
         warn_of_height(element, crowd.distribution.position_m)
     for name in names:
         spec = DistributedSpec(replace(thing, id=name), crowd.distribution, crowd.element.line)
@@ -153,10 +153,10 @@ def _find(element: Element, folder: Path, name: str) -> Path:
     ends = Path(name).parts
     for place in (folder, *folder.resolve().parents[:_LEVELS_UP]):
         for first in range(1 if path.is_absolute() else 0, len(ends)):
-            found = place.joinpath(*ends[first:])
-            if os.path.isfile(found):
-                element.warn(f"path: {shown(name)} is not there, {str(found)!r} is taken")
-                return found
+            candidate = place.joinpath(*ends[first:])
+            if os.path.isfile(candidate):
+                element.warn(f"path: {shown(name)} is not there, {str(candidate)!r} is taken")
+                return candidate
     return path
 
 

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 from vsense.base.xml.element import Element
 from vsense.robots.build import source_tree
-from vsense.robots.compiling import SUFFIXES
+from vsense.robots.compiling import PROGRAM_SUFFIXES
 from vsense.robots.sources import ProgramSources
 from vsense.world.sensors.quality import NOISES
 
@@ -62,7 +62,7 @@ class OwnDevice(NamedTuple):
 _LEDS = OwnDevice("LEDs")
 _WHEELS = OwnDevice("wheels")
 
-OWN: dict[str, dict[str, OwnDevice]] = {
+OWN_DEVICES: dict[str, dict[str, OwnDevice]] = {
     "sensors": {
         **dict.fromkeys(("battery", "epuck_battery"), OwnDevice("battery")),
         **dict.fromkeys(("differential_steering", "epuck_encoder"), _WHEELS),
@@ -92,11 +92,11 @@ OWN: dict[str, dict[str, OwnDevice]] = {
 their simulation is not set up."""
 
 _INSTEAD = "vs:virtual='true' or --virtual-devices"
-BOARD = f"is the robot's own, where it has that board; {_INSTEAD} makes it virtual"
+BOARD_HINT = f"is the robot's own, where it has that board; {_INSTEAD} makes it virtual"
 VIRTUAL_ONLY = f"the robots have none; {_INSTEAD} gives them one"
 """Said of devices of ARGoS that are not mounted as virtual ones."""
 
-PROXIMITY = ("epuck_proximity", "footbot_proximity", "proximity")
+PROXIMITY_SENSORS = ("epuck_proximity", "footbot_proximity", "proximity")
 """Devices for which the robots' own ring is as good, except where it is simulated with noise."""
 
 WHEELS = ("differential_steering", "epuck_wheels")
@@ -111,12 +111,12 @@ STEERING_NOISE = {
 BATTERIES = ("battery", "epuck_battery")
 """Devices that robots in the lab have, too."""
 
-LEDS = {"epuck_base_leds": 8, "epuck_rgb_leds": 3, "leds": 11}
-"""LEDs of the robot that others see with one of CAMERAS, and how many there are."""
+LED_COUNTS = {"epuck_base_leds": 8, "epuck_rgb_leds": 3, "leds": 11}
+"""LEDs of the robot that others see with one of CAMERA_SENSORS, and how many there are."""
 
-CAMERAS = ("colored_blob_omnidirectional_camera", "epuck_omnidirectional_camera")
+CAMERA_SENSORS = ("colored_blob_omnidirectional_camera", "epuck_omnidirectional_camera")
 
-USING_SETTINGS = frozenset((*CAMERAS, "range_and_bearing"))
+USING_SETTINGS = frozenset((*CAMERA_SENSORS, "range_and_bearing"))
 """Devices for which `<e-puck>` has settings."""
 
 IMPLEMENTATIONS = ("default", "medium", "real_robot", "rot_z_only")
@@ -214,7 +214,7 @@ def pass_over(element: Element, settings: Mapping[str, tuple[str, str]]) -> None
             element.warn(f"{key} is not used: {instead}")
 
 
-PAGE = "robot/README.md, 'Porting an ARGoS controller'"
+PORTING_PAGE = "robot/README.md, 'Porting an ARGoS controller'"
 """Where porting is explained."""
 
 STAND_STILL = "stand_still"
@@ -249,7 +249,7 @@ def ported_controller(library: str, folder: Path) -> str | None:
     `vs_controller`.
     """
     stem = _stem(library)
-    for name in (f"{stem}{suffix}" for suffix in SUFFIXES):
+    for name in (f"{stem}{suffix}" for suffix in PROGRAM_SUFFIXES):
         path = folder / name
         if os.path.isfile(path) and (path.suffix == ".c" or b"vs_controller" in path.read_bytes()):
             return name

@@ -39,7 +39,7 @@ class BatteryRow:
     duration_s: float
 
 
-COLUMNS = tuple(field.name for field in fields(BatteryRow))
+BATTERY_COLUMNS = tuple(field.name for field in fields(BatteryRow))
 
 
 def history_of(roster: Path) -> Path:
@@ -56,7 +56,7 @@ def append(path: Path, rows: Iterable[BatteryRow]) -> None:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     for row in rows:
-        values = (getattr(row, name) for name in COLUMNS)
+        values = (getattr(row, name) for name in BATTERY_COLUMNS)
         writer.writerow(f"{v:.3f}" if isinstance(v, float) else v for v in values)
     try:
         # No pipe and no device: nothing that a run would wait for.
@@ -64,7 +64,7 @@ def append(path: Path, rows: Iterable[BatteryRow]) -> None:
         with os.fdopen(opened, "r+b", buffering=0) as file:
             fcntl.flock(file, fcntl.LOCK_EX)
             size = os.fstat(opened).st_size
-            head = "" if size else ",".join(COLUMNS) + "\n"
+            head = "" if size else ",".join(BATTERY_COLUMNS) + "\n"
             # A line that a full disk has cut stays alone.
             cut = size > 0 and os.pread(opened, 1, size - 1) != b"\n"
             file.write(f"{chr(10) * cut}{head}{text.getvalue()}".encode())

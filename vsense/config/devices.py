@@ -63,12 +63,12 @@ def factories(section: str) -> dict[str, Factory]:
     Raises:
         SensorError, ActuatorError: two modules claim the same element.
     """
-    found: dict[str, Factory] = {}
+    factories: dict[str, Factory] = {}
     for name, module in _claims(section, "ELEMENTS"):
-        if name in found:
+        if name in factories:
             raise _KINDS[section][1](f"{module.__name__}: <{name}> is another module's")
-        found[name] = module.from_xml
-    return found
+        factories[name] = module.from_xml
+    return factories
 
 
 @cache
@@ -147,15 +147,15 @@ class Devices:
         section = self.controller.optional_child(kind)
         if section is None:
             return []
-        section.children(*_known(kind))
+        section.children(*_element_names(kind))
         if not section.document.lenient:
-            for name in (*of_argos(kind), *argos.OWN[kind]):
+            for name in (*of_argos(kind), *argos.OWN_DEVICES[kind]):
                 section.optional_child(name)
         return section.below()
 
 
-def _known(kind: str) -> set[str]:
-    own, missing = argos.OWN[kind], argos.MISSING[kind]
+def _element_names(kind: str) -> set[str]:
+    own, missing = argos.OWN_DEVICES[kind], argos.MISSING[kind]
     return {*factories(kind), *of_argos(kind), *own, *missing}
 
 
@@ -175,12 +175,12 @@ class DeviceRule:
         """Whether an element of ARGoS is a virtual device."""
         if element.has("vs:virtual"):
             return element.boolean("vs:virtual")
-        if element.name in argos.PROXIMITY:
+        if element.name in argos.PROXIMITY_SENSORS:
             noisy = any(element.peek(noise) is not None for noise in NOISES)
             return self.stage is Stage.SIM and (cpp or noisy)
         if element.name in argos.BATTERIES:
             return self.stage is Stage.SIM
-        return self.virtual and (self.seen or element.name not in argos.LEDS)
+        return self.virtual and (self.seen or element.name not in argos.LED_COUNTS)
 
 
 def read_devices(
@@ -199,27 +199,27 @@ def read_devices(
     of the robots of each controller; `virtual` as in `DeviceRule`; `cpp`: it is C++ for ARGoS.
     """
     names = {e.name for c in controllers for s in c.below(SENSORS) for e in s.below()}
-    seen = scope.watched or any(camera in names for camera in argos.CAMERAS)
+    seen = scope.watched or any(camera in names for camera in argos.CAMERA_SENSORS)
     rule = DeviceRule(stage, virtual, seen)
     scope.leds = _leds(controllers, scope)
-    found = [
+    mounted = [
         Devices(controller, is_cpp, robots)
         for controller, is_cpp, robots in zip(controllers, cpp, settings)
     ]
     # Actuators may act on what another controller's sensors have added to the world.
     for kind in _KINDS:
-        for devices in found:
+        for devices in mounted:
             scope.robots = devices.robots
             _read_section(devices, kind, scope, media, rule)
-    return found
+    return mounted
 
 
 def _leds(controllers: Sequence[Element], scope: Scope) -> int:
     """Counts the LEDs of others that a robot may see."""
     actuators = {e.name for c in controllers for s in c.below(ACTUATORS) for e in s.below()}
-    each = min(sum(n for name, n in argos.LEDS.items() if name in actuators), ROBOT_LEDS)
+    per_robot = min(sum(n for name, n in argos.LED_COUNTS.items() if name in actuators), ROBOT_LEDS)
     things = sum(len(getattr(thing, "leds", ())) for thing in scope.entities.values())
-    return each * (scope.most - 1) + things
+    return per_robot * (scope.most - 1) + things
 
 
 def _read_section(
@@ -239,7 +239,7 @@ def _read_section(
         if element.name in argos.MISSING[kind]:
             element.leave_out(argos.MISSING[kind][element.name])
             devices.declared.append(_nobodys(element, kind))
-        elif element.name not in _known(kind):
+        elif element.name not in _element_names(kind):
             devices.declared.append(_nobodys(element, kind))
         else:
             _read_argos(devices, kind, element, scope, media, rule)
@@ -276,13 +276,13 @@ def _read_argos(
     else:
         argos.pass_over(element, argos.SIMULATED_SETTINGS)
         argos.pass_over(element, argos.SIMULATED_WHEELS if element.name in argos.WHEELS else {})
-    own = argos.OWN[kind].get(element.name)
+    own = argos.OWN_DEVICES[kind].get(element.name)
     if own is None:
         element.leave_out(argos.VIRTUAL_ONLY)
         devices.declared.append(_nobodys(element, kind))
         return
     if own.board:
-        element.warn(argos.BOARD)
+        element.warn(argos.BOARD_HINT)
     served = ", ".join([f"the robot's own {own.name!r}", *noise])
     devices.declared.append(DeviceSpec(kind, element.name, served, True))
 

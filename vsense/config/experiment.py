@@ -52,18 +52,18 @@ def first_robots(experiment: Experiment, count: int | None) -> Experiment:
     left_out = {robot.tag for robot in experiment.robots[count:]}
     if left_out & {source.tag for source in experiment.sources}:
         raise UsageError(f"--robots {count}: would leave out what pollutes")
-    kept = replace(experiment, robots=experiment.robots[:count])
-    return replace(kept, controllers=tuple(c for c in kept.controllers if kept.driven_by(c)))
+    fewer = replace(experiment, robots=experiment.robots[:count])
+    return replace(fewer, controllers=tuple(c for c in fewer.controllers if fewer.driven_by(c)))
 
 
-SUFFIX = ".argos"
+ARGOS_SUFFIX = ".argos"
 SHIPPED_FOLDER = PACKAGE_FOLDER / "config" / "experiments"
 """Of the experiments that come with vsense."""
 
 
 def shipped() -> tuple[str, ...]:
     """Gives the names of the experiments that come with vsense."""
-    return tuple(sorted(file.stem for file in SHIPPED_FOLDER.glob(f"*{SUFFIX}")))
+    return tuple(sorted(file.stem for file in SHIPPED_FOLDER.glob(f"*{ARGOS_SUFFIX}")))
 
 
 def load(
@@ -155,7 +155,7 @@ def _read_understood(
     _check_tags(bodies, marker, root.document.file)
     _warn_of_unsensed(bodies, controllers)
     return Experiment(
-        name=path.name.removesuffix(SUFFIX),
+        name=path.name.removesuffix(ARGOS_SUFFIX),
         file=root.document.file,
         path=path,
         **asdict(run),
@@ -197,19 +197,19 @@ def _read_controllers(
 
 def _used_controllers(section: Element, bodies: ArenaContents) -> list[Element]:
     """Finds the controllers that robots name; the others are left out."""
-    known = by_id(section.children(), "controller")
+    by_name = by_id(section.children(), "controller")
     used = set[str]()
     for element in bodies.controllers.values():
         name = element.text("config")
-        if name not in known:
+        if name not in by_name:
             raise element.error(
-                f"there is no controller {name!r}; {instead(name, known)}", "config"
+                f"there is no controller {name!r}; {instead(name, by_name)}", "config"
             )
         used.add(name)
-    for name, element in known.items():
+    for name, element in by_name.items():
         if name not in used:
             element.leave_out("no robot uses it")
-    return [element for name, element in known.items() if name in used]
+    return [element for name, element in by_name.items() if name in used]
 
 
 def _read_controller(
@@ -222,11 +222,11 @@ def _read_controller(
     library, program = named
     params = element.optional_child("params")
     settings: dict[str, str] = {}
-    declared = ""
+    argos_lines = ""
     if program.is_argos:
         _programs.check_added(params, program)
         settings = _programs.settings(params)
-        declared = _programs.told(element, params, devices.sensors, devices.actuators)
+        argos_lines = _programs.argos_lines(element, params, devices.sensors, devices.actuators)
     elif params is not None:
         settings = collect(params, {})
     if library == argos.STAND_STILL:
@@ -241,7 +241,7 @@ def _read_controller(
         sensors=tuple(devices.sensors),
         actuators=tuple(devices.actuators),
         line=element.line,
-        told=declared,
+        argos_lines=argos_lines,
         devices=tuple(devices.declared),
         wheel_noise=devices.wheel_noise,
     )
@@ -272,13 +272,13 @@ def _settings(controller: Element, bodies: ArenaContents) -> RobotSettings:
     name = controller.text("id")
     users = {robot: (e.peek("config") or "").strip() for robot, e in bodies.controllers.items()}
     robots = [robot for robot, config in users.items() if config == name]
-    found = [bodies.settings[robot] for robot in robots]
+    settings = [bodies.settings[robot] for robot in robots]
     sensors = [e.name for section in controller.below("sensors") for e in section.below()]
-    if any(other != found[0] for other in found) and not USING_SETTINGS.isdisjoint(sensors):
+    if any(other != settings[0] for other in settings) and not USING_SETTINGS.isdisjoint(sensors):
         controller.warn(
             f"drives robots with several settings of devices: those of {robots[0]!r} count"
         )
-    return found[0]
+    return settings[0]
 
 
 def _warn_of_overlaps(root: Element, experiment: Experiment) -> None:
@@ -293,7 +293,7 @@ def _warn_of_overlaps(root: Element, experiment: Experiment) -> None:
 
 
 def _warn_of_unsensed(bodies: ArenaContents, controllers: Sequence[ControllerSpec]) -> None:
-    for element in () if any(some.sensors for some in controllers) else bodies.unseen:
+    for element in () if any(controller.sensors for controller in controllers) else bodies.unseen:
         element.warn(
             "is virtual, and no virtual sensor is there to feel it;"
             " vs:physical='true' says that it stands in the real arena"
@@ -303,14 +303,15 @@ def _warn_of_unsensed(bodies: ArenaContents, controllers: Sequence[ControllerSpe
 def _find(name: str) -> tuple[Path, str]:
     """Gives the file's place and what errors call it."""
     if name in shipped():
-        file = f"{name}{SUFFIX}"
+        file = f"{name}{ARGOS_SUFFIX}"
         return SHIPPED_FOLDER / file, file
     path = Path(name)
-    if path.suffix == SUFFIX or os.path.isfile(name):
+    if path.suffix == ARGOS_SUFFIX or os.path.isfile(name):
         return path, name
     hint = instead(name, shipped())
     raise UsageError(
-        f"no experiment {name!r}: expected a path ending in {SUFFIX}, or a shipped one; {hint}"
+        f"no experiment {name!r}: expected a path ending in {ARGOS_SUFFIX}, or a shipped one;"
+        f" {hint}"
     )
 
 
@@ -327,18 +328,18 @@ def _check_tags(bodies: ArenaContents, marker: MarkerSpec, file: str) -> None:
     tagged: list[RobotSpec | ObjectSpec] = [*bodies.robots, *bodies.objects]
     for body in tagged:
         if body.tag >= tags:
-            known = f"the marker family {marker.family!r} has tags 0 to {tags - 1}"
-            raise ConfigError(file, body.line, f"{body.id!r}: {known}")
+            range_text = f"the marker family {marker.family!r} has tags 0 to {tags - 1}"
+            raise ConfigError(file, body.line, f"{body.id!r}: {range_text}")
 
 
 def _no_robot(root: Element, arena: Element) -> str:
     """Says what an arena without robots has instead."""
-    found: dict[str, int] = {}
+    lines: dict[str, int] = {}
     for element in arena.below():
         inner = [e for entity in element.below("entity") for e in entity.below()]
         for thing in inner if element.name == DISTRIBUTE else [element]:
-            found.setdefault(thing.name, thing.line)
-    there = ", ".join(f"<{name}> (line {line})" for name, line in found.items()) or "nothing"
+            lines.setdefault(thing.name, thing.line)
+    there = ", ".join(f"<{name}> (line {line})" for name, line in lines.items()) or "nothing"
     message = f"holds no real robot, expected <e-puck>; it has {there}"
     loop = root.below("loop_functions")
     if loop and loop[0].peek("library"):

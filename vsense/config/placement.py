@@ -278,8 +278,8 @@ class _Placement(_Standing):
         pose = robot.pose
         assert pose is not None
         start, yaw_rad = (pose.x_m, pose.y_m), pose.yaw_rad
-        others = (other.pose for other in self._experiment.robots if other is not robot)
-        if any(p and math.hypot(p.x_m - start[0], p.y_m - start[1]) < _PARKED_M for p in others):
+        poses = (other.pose for other in self._experiment.robots if other is not robot)
+        if any(p and math.hypot(p.x_m - start[0], p.y_m - start[1]) < _PARKED_M for p in poses):
             yaw_rad = self._draws.uniform(-math.pi, math.pi)
         body = of_robot("", pose)
         # A wall that the place itself lies in is in nobody's way, nor is one overhead.

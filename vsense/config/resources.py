@@ -37,8 +37,8 @@ from vsense.vision.tracking.specs import (
 )
 
 RATES_HZ = (0.01, 1000.0)
-EXPOSURES_US = (1.0, 1e7)
-GAINS = (-1000.0, 1e6)
+EXPOSURE_RANGE_US = (1.0, 1e7)
+GAIN_RANGE = (-1000.0, 1e6)
 """In cameras' own units; where that is dB a gain may be negative."""
 SIDES_PX = (1, 20_000)
 
@@ -78,8 +78,8 @@ def _controls(element: Element, rate_needed: bool) -> Controls:
     return Controls(
         size_px=size_px,
         rate_hz=rate,
-        exposure_us=_optional(element, "exposure_time_abs", *EXPOSURES_US, "microseconds"),
-        gain_raw=_optional(element, "gain_raw", *GAINS, ""),
+        exposure_us=_optional(element, "exposure_time_abs", *EXPOSURE_RANGE_US, "microseconds"),
+        gain_raw=_optional(element, "gain_raw", *GAIN_RANGE, ""),
     )
 
 
@@ -102,7 +102,7 @@ def _genicam(element: Element, controls: Controls) -> GenicamSettings:
         packet_size=packet_size,
         packet_delay_us=_optional(element, "packet_delay", 0.0, 1e6, "microseconds"),
         trigger=element.text("trigger", FREE),
-        features=tuple(_feature(each) for each in element.children("feature")),
+        features=tuple(_feature(feature) for feature in element.children("feature")),
     )
 
 
@@ -201,13 +201,13 @@ def check_recording(resources: Resources, spec: GrabberSpec) -> None:
 
 def _section(root: Element, name: str, kind: str) -> dict[str, Element]:
     """Gives the elements of one section by their ids, in the file's order."""
-    found: dict[str, Element] = {}
+    elements: dict[str, Element] = {}
     for element in root.child(name).children(kind):
         id = element.text("id", None, "a name that the experiment file refers to")
-        if id in found:
-            raise element.error(f"{id!r} is there already, in line {found[id].line}", "id")
-        found[id] = element
-    return found
+        if id in elements:
+            raise element.error(f"{id!r} is there already, in line {elements[id].line}", "id")
+        elements[id] = element
+    return elements
 
 
 def _read_grabber(id: str, element: Element, folder: Path) -> GrabberSpec:
@@ -268,11 +268,11 @@ def _read_heading(element: Element, family: MarkerFamily | SquareFamily) -> floa
     return element.number("heading", -360.0, 360.0, "degrees", 0.0)
 
 
-def _read_tags(element: Element, known: int) -> list[int]:
+def _read_tags(element: Element, count: int) -> list[int]:
     """Reads tags and ranges of tags, such as "1-15 22, 40"."""
     text = element.text("tags", None, "tags such as '1-15 22'")
     tags: dict[int, None] = {}
-    highest = min(known - 1, _MAX_TAG)
+    highest = min(count - 1, _MAX_TAG)
     for part in text.replace(",", " ").split():
         match = _RANGE.fullmatch(part)
         if match is None:

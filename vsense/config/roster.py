@@ -140,13 +140,13 @@ def find_roster(path: Path | None, here: bool = True) -> Roster | None:
 
 def require_roster(path: Path | None) -> Roster:
     """Reads the roster, which there has to be; raises as `find_roster`, and where there is none."""
-    known = find_roster(path)
-    if known is None:
+    roster = find_roster(path)
+    if roster is None:
         raise UsageError(
             f"no roster: expected --roster FILE, or {FILE_NAME} here, with a table [[robot]] for"
             " each robot: see 'vsense docs robot'"
         )
-    return known
+    return roster
 
 
 def update(path: Path, changes: Mapping[int, Mapping[str, Any]]) -> Roster:

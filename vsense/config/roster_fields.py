@@ -35,10 +35,10 @@ class RobotCalibration:
     @property
     def settings(self) -> dict[str, str]:
         """vsensed's settings by their names."""
-        known = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "when"}
+        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "when"}
         return {
             name.removesuffix("_mm").replace("_", "-"): _text(value)
-            for name, value in known.items()
+            for name, value in values.items()
             if value is not None
         }
 
@@ -144,7 +144,7 @@ DEFAULTS: Schema = {
 }
 """What may stand in [defaults], and of one robot."""
 
-CALIBRATION: Schema = {
+CALIBRATION_FIELDS: Schema = {
     "wheel_diameter_mm": real(30.0, 50.0, " mm"),
     "wheel_ratio": real(0.9, 1.1),
     "axle_length_mm": real(40.0, 70.0, " mm"),
@@ -155,7 +155,7 @@ CALIBRATION: Schema = {
 }
 """The ranges are those of `calibration.c`."""
 
-MARKER: Schema = {
+MARKER_FIELDS: Schema = {
     "x_mm": real(-50.0, 50.0, " mm"),
     "y_mm": real(-50.0, 50.0, " mm"),
     "yaw_deg": real(-180.0, 180.0, "°"),
@@ -164,7 +164,7 @@ MARKER: Schema = {
 
 _WHY = 'why in a line, such as "left motor stalls"; without this name it works'
 
-ROBOT: Schema = {
+ROBOT_FIELDS: Schema = {
     "tag": integer(0, 65535),
     "host": matching(
         r"(?!-)[A-Za-z0-9_.@:\[\]%-]+", '[user@]host for ssh, such as "root@192.168.1.30"'
@@ -174,11 +174,11 @@ ROBOT: Schema = {
     "spare": boolean,
     "out_of_order": single_line(_WHY),
     **DEFAULTS,
-    "calibration": CALIBRATION,
-    "marker": MARKER,
+    "calibration": CALIBRATION_FIELDS,
+    "marker": MARKER_FIELDS,
 }
 
-LAB: Schema = {"defaults": DEFAULTS, "robot": [ROBOT]}
+LAB: Schema = {"defaults": DEFAULTS, "robot": [ROBOT_FIELDS]}
 """What may stand in a roster."""
 
 

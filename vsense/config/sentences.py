@@ -17,13 +17,13 @@ DEVICE = "DEVICE"
 SCHEMA = resources.files("vsense") / "config" / "schema"
 _XS = "{http://www.w3.org/2001/XMLSchema}"
 
-Known = dict[tuple[str, str], str]
+Explanations = dict[tuple[str, str], str]
 """Sentences by element, or "parent/element", and attribute; "" for the element itself, and as
 element for an attribute of any."""
 
 
 @cache
-def known() -> Known:
+def explanations() -> Explanations:
     """All sentences; callers leave them as they are."""
     return {**_of_argos(), **_of_schema()}
 
@@ -35,31 +35,31 @@ def places(parent: str, name: str) -> list[str]:
     return [f"{parent}/{name}", *([name] if name.startswith("vs:") else []), DEVICE]
 
 
-def _of_argos() -> Known:
-    found: Known = {}
+def _of_argos() -> Explanations:
+    sentences: Explanations = {}
     element = ""
     for line in (SCHEMA / "argos-names.txt").read_text(encoding="utf-8").splitlines():
         if line and not line.startswith("#"):
             name, _, sentence = line.strip().removesuffix(":").partition(": ")
             if not line.startswith(" "):
                 element, name = name, ""
-            assert (element, name) not in found, f"argos-names.txt: {element} {name}: twice"
-            found[element, name] = sentence.strip()
-    return found
+            assert (element, name) not in sentences, f"argos-names.txt: {element} {name}: twice"
+            sentences[element, name] = sentence.strip()
+    return sentences
 
 
-def _of_schema() -> Known:
+def _of_schema() -> Explanations:
     root = ET.fromstring((SCHEMA / "argos-vsense.xsd").read_text(encoding="utf-8"))
-    found = {}
+    sentences = {}
     for node in root.findall(f"{_XS}element"):
         name = f"vs:{node.get('name')}"
-        found[name, ""] = documentation(node)
+        sentences[name, ""] = documentation(node)
         for attribute in node.iter(f"{_XS}attribute"):
             if attribute.get("name"):
-                found[name, str(attribute.get("name"))] = documentation(attribute)
+                sentences[name, str(attribute.get("name"))] = documentation(attribute)
     for attribute in root.findall(f"{_XS}attribute"):
-        found["", f"vs:{attribute.get('name')}"] = documentation(attribute)
-    return found
+        sentences["", f"vs:{attribute.get('name')}"] = documentation(attribute)
+    return sentences
 
 
 def documentation(node: ET.Element) -> str:

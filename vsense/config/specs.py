@@ -110,7 +110,8 @@ class ControllerSpec:
         includes: folders of headers of its own.
         params: the user's own settings, passed on as they are.
         sensors, actuators: the virtual ones.
-        told: lines that a controller for ARGoS is sent instead of its settings; "": it is none.
+        configuration: lines that a controller for ARGoS is sent instead of its settings; "": it
+            is none.
         devices: all that it declares.
         wheel_noise: of its robots in lab and simulation; None: they obey.
         strict: robots that run a program of another name are turned away.
@@ -127,7 +128,7 @@ class ControllerSpec:
     line: int
     devices: tuple[DeviceSpec, ...] = ()
     wheel_noise: WheelNoise | None = None
-    told: str = ""
+    argos_lines: str = ""
     strict: bool = False
 
     @property
@@ -139,11 +140,11 @@ class ControllerSpec:
     @property
     def params_text(self) -> str:
         """The settings as robots are sent them: lines "key=value\\n"."""
-        return self.told or "".join(f"{key}={value}\n" for key, value in self.params.items())
+        return self.argos_lines or "".join(f"{key}={value}\n" for key, value in self.params.items())
 
     def params_for(self, robot: str) -> str:
         """The settings as the robot of this name is sent them."""
-        return self.params_text + (f"{ROBOT_ID}={robot}\n" if self.told else "")
+        return self.params_text + (f"{ROBOT_ID}={robot}\n" if self.argos_lines else "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -331,8 +332,8 @@ class Experiment:
 
     def controller_of(self, robot: RobotSpec | VirtualRobot) -> ControllerSpec:
         """What drives a robot; a virtual one that loop functions move is given the first."""
-        known = {controller.id: controller for controller in self.controllers}
-        return known.get(robot.controller, self.controllers[0])
+        controllers = {controller.id: controller for controller in self.controllers}
+        return controllers.get(robot.controller, self.controllers[0])
 
     @property
     def wheel_noises(self) -> list[WheelNoise | None]:
@@ -341,8 +342,8 @@ class Experiment:
 
     def driven_by(self, controller: ControllerSpec) -> tuple[str, ...]:
         """The ids of the robots that a controller drives, virtual ones included."""
-        others = (*self.entities, *(spec.entity for spec in self.distributed))
-        virtual = [entity for entity in others if isinstance(entity, VirtualRobot)]
+        entities = (*self.entities, *(spec.entity for spec in self.distributed))
+        virtual = [entity for entity in entities if isinstance(entity, VirtualRobot)]
         real = tuple(robot.id for robot in self.robots if robot.controller == controller.id)
         return (*real, *(robot.id for robot in virtual if robot.controller == controller.id))
 
@@ -374,8 +375,8 @@ class Experiment:
         if self.warnings:
             place, _, words = self.warnings[0].removeprefix(self.file).partition(": ")
             more = len(self.warnings) - 1
-            others = f", and {more} more like it (--dry shows them)" if more else ""
-            raise self.error(int(place[1:]), f"{words} [--strict{others}]")
+            hint = f", and {more} more like it (--dry shows them)" if more else ""
+            raise self.error(int(place[1:]), f"{words} [--strict{hint}]")
 
     def error(self, line: int, message: str) -> ConfigError:
         """Makes the error that something in the file cannot be done."""

@@ -12,7 +12,7 @@ from vsense.base.xml.element import Element
 from vsense.base.xml.parsing import parse
 from vsense.config import resources as resources_file
 from vsense.config.resources import check_recording, load_camera, read_bytes
-from vsense.robots.link.trackers.protocol import DEFAULT_PORT
+from vsense.robots.link.trackers.protocol import TRACKER_PORT
 from vsense.vision.cameras.source import FREE
 from vsense.vision.tracking.mask import MASK_MARGIN_M, Mask, MaskError
 from vsense.vision.tracking.specs import (
@@ -28,7 +28,7 @@ from vsense.vision.tracking.specs import (
 
 DEFAULT_DIRECTORY = "recordings"
 IMAGE_FORMATS = ("png", "jpg", "pgm")
-RESOURCES, EXPERIMENT = "resources.xml", "experiment.xml"
+RESOURCES_FILE, EXPERIMENT_FILE = "resources.xml", "experiment.xml"
 """The two files' names in a folder that vsense has written."""
 PICTURES_OF = "pictures of "
 """In a recording's resources file, what stands before a camera's id in that of its grabber."""
@@ -41,7 +41,7 @@ _FAR_M = 20.0
 _MAX_PERIOD = 10_000
 _MAX_SQUARE_CM = 1000.0
 
-Part = TypeVar("Part")
+Declared = TypeVar("Declared")
 
 
 def load(resources_path: str | Path, experiment_path: str | Path) -> TrackingSession:
@@ -62,14 +62,14 @@ def load_whole(path: str | Path) -> TrackingSession:
     """
     folder = Path(path)
     if not folder.is_dir():
-        return whole(resources_file.load(path), folder.parent)
-    resources = resources_file.load(folder / RESOURCES)
-    if (folder / EXPERIMENT).exists():
-        return _load(resources, folder / EXPERIMENT)
-    return whole(resources, folder)
+        return session_of(resources_file.load(path), folder.parent)
+    resources = resources_file.load(folder / RESOURCES_FILE)
+    if (folder / EXPERIMENT_FILE).exists():
+        return _load(resources, folder / EXPERIMENT_FILE)
+    return session_of(resources, folder)
 
 
-def whole(resources: Resources, folder: Path) -> TrackingSession:
+def session_of(resources: Resources, folder: Path) -> TrackingSession:
     """The session with all cameras of a resources file; raises as `load_whole`."""
     if not resources.cameras:
         raise resources.error(1, "<cameras>: declares no camera, expected one at least")
@@ -131,7 +131,7 @@ def read(data: bytes, file: str, folder: Path, resources: Resources) -> Tracking
     session = TrackingSession(
         file=file,
         resources=resources,
-        server_port=tracker.integer("server_port", 0, 65_535, DEFAULT_PORT),
+        server_port=tracker.integer("server_port", 0, 65_535, TRACKER_PORT),
         key_frame_period=period,
         square_size_m=tracker.number("opt_square_size", 1.0, _MAX_SQUARE_CM, "cm", 30.0) / 100.0,
         views=tuple(_read_view(element, resources) for element in elements),
@@ -182,11 +182,11 @@ def _read_view(element: Element, resources: Resources) -> CameraTrackerSpec:
     return CameraTrackerSpec(grabber, load_camera(resources, camera), tracker, element.line)
 
 
-def _referred(element: Element, key: str, known: Mapping[str, Part], file: str) -> Part:
-    id = element.choice(key, tuple(known)) if known else element.text(key)
-    if id not in known:
+def _referred(element: Element, key: str, parts: Mapping[str, Declared], file: str) -> Declared:
+    id = element.choice(key, tuple(parts)) if parts else element.text(key)
+    if id not in parts:
         raise element.error(f"{id!r} is not known: {file} declares no {key}", key)
-    return known[id]
+    return parts[id]
 
 
 def _check_together(session: TrackingSession, elements: list[Element]) -> None:
@@ -207,9 +207,9 @@ def _check_together(session: TrackingSession, elements: list[Element]) -> None:
             raise element.error(message, "grabber")
         _check_trigger(view.grabber, session.views[0].grabber, element)
         for tag, height in view.tracker.heights_m.items():
-            known, tracker = heights_m.setdefault(tag, (height, view.tracker.id))
-            if known != height:
-                message = f"tag {tag} has another height in {tracker!r}: {known:g} m, {height:g} m"
+            was_m, tracker = heights_m.setdefault(tag, (height, view.tracker.id))
+            if was_m != height:
+                message = f"tag {tag} has another height in {tracker!r}: {was_m:g} m, {height:g} m"
                 raise element.error(message, "tracker")
 
 

@@ -129,14 +129,14 @@ def _casting_notes(experiment: Experiment) -> Iterator[str]:
     casting = experiment.casting
     playing = {robot.tag for robot in experiment.robots}
     taken = [tag for tag in experiment.taken if tag in playing]
-    others = dict(casting.others)
+    reasons = dict(casting.others)
     if taken:
-        left = [f"{tag} is {why}" for tag, why in others.items() if tag not in playing]
+        left = [f"{tag} is {why}" for tag, why in reasons.items() if tag not in playing]
         less = f"; not taken: {', '.join(left)}" if left else ""
         yield f"{casting.roster}: robots {' '.join(map(str, taken))} play{less}"
     for out, new in casting.replaced:
         name = next((robot.id for robot in experiment.robots if robot.tag == new), "")
         yield f"robot {new} plays the part of {out}{f' ({name})' if name else ''}"
-    for tag, why in others.items():
+    for tag, why in reasons.items():
         if tag in playing and why != SPARE:
             yield f"robot {tag} is {why}: --replace {tag}=TAG has another one play its part"

@@ -29,13 +29,13 @@ from vsense.modes.sim.job import Setup
 from vsense.robots.compiling import native
 from vsense.robots.sources import headers, source_roots
 
-MADE = "made"
+ARCHIVE_STEM = "made"
 """What the file's name begins with."""
 FACTS = "made.json"
 """In it."""
-FORMAT = 1
+ORIGIN_FORMAT = 1
 
-OWN = "vsense/"
+PACKAGE_PREFIX = "vsense/"
 """What names of vsense's own files begin with."""
 
 DATE = (1980, 1, 1, 0, 0, 0)
@@ -57,7 +57,7 @@ class RunOrigin:
         machine: versions, and all else that changes results; see `fingerprint.of_machine`.
         about: more of it, for people: system, compiler, Python.
         setups: of simulated runs, by `key_of`.
-        files: bytes by name; names of vsense's own begin with `OWN`.
+        files: bytes by name; names of vsense's own begin with `PACKAGE_PREFIX`.
         paths: where each file was, by name, absolute.
     """
 
@@ -71,7 +71,7 @@ class RunOrigin:
     @property
     def own(self) -> list[str]:
         """Names of the files that are vsense's own."""
-        return [name for name in self.files if name.startswith(OWN)]
+        return [name for name in self.files if name.startswith(PACKAGE_PREFIX)]
 
 
 def key_of(condition: str = "", start: str = "") -> str:
@@ -83,10 +83,10 @@ def keep(
     folder: Path,
     mode: str,
     experiments: Iterable[Experiment],
-    tell: Callable[[str], None],
+    say: Callable[[str], None],
     setups: Mapping[str, Setup] | None = None,
-    others: Iterable[str | Path] = (),
-    stem: str = MADE,
+    more_files: Iterable[str | Path] = (),
+    stem: str = ARCHIVE_STEM,
     rows: int = 0,
 ) -> None:
     """Keeps what runs are about to be made from, where it is not what is kept already.
@@ -94,32 +94,32 @@ def keep(
     Args:
         folder: of the runs; `stem`: the file's name there.
         mode: `sim`, `lab` or `run`.
-        tell: takes a line where it cannot be kept: no run shall end for it.
+        say: takes a line where it cannot be kept: no run shall end for it.
         setups: of simulated runs, by `key_of`.
-        others: more files that results depend on, such as a tracking session's; of XML files also
+        more_files: others that results depend on, such as a tracking session's; of XML files also
             those that they name.
         rows: of the table of runs, so far.
     """
     try:
-        data = _packed(mode, list(experiments), setups or {}, map(Path, others))
+        data = _packed(mode, list(experiments), setups or {}, map(Path, more_files))
         there = kept_in(folder, stem)
         if there and read_bytes(there[-1][1], _MOST_KEPT) == data:
             return
         name = f"{stem}-{rows}.zip" if there else f"{stem}.zip"
         replace_bytes(folder / name, data)
     except (OSError, VsenseError) as error:
-        tell(f"vsense: what the runs were made from is not kept: {error}")
+        say(f"vsense: what the runs were made from is not kept: {error}")
 
 
-def kept_in(folder: Path, stem: str = MADE) -> list[tuple[int, Path]]:
+def kept_in(folder: Path, stem: str = ARCHIVE_STEM) -> list[tuple[int, Path]]:
     """What a folder has kept: from which row on, and the file; in order."""
-    found = []
+    archives = []
     with suppress(OSError):
         for path in folder.glob(f"{stem.replace('[', '[[]')}*.zip"):
             number = re.fullmatch(rf"{re.escape(stem)}(?:-(\d{{1,9}}))?\.zip", path.name)
             if number is not None:
-                found.append((int(number[1] or 0), path))
-    return sorted(found)
+                archives.append((int(number[1] or 0), path))
+    return sorted(archives)
 
 
 def read(path: Path) -> RunOrigin:
@@ -175,16 +175,16 @@ def _packed(
     mode: str,
     experiments: Sequence[Experiment],
     setups: Mapping[str, Setup],
-    others: Iterable[Path],
+    more_files: Iterable[Path],
 ) -> bytes:
-    found = dict.fromkeys([*(p for e in experiments for p in files_of(e)), *others])
-    for path in [path for path in found if path.suffix == ".xml"]:
-        found.update(dict.fromkeys(fingerprint.named_files(path)))
+    candidates = dict.fromkeys([*(p for e in experiments for p in files_of(e)), *more_files])
+    for path in [path for path in candidates if path.suffix == ".xml"]:
+        candidates.update(dict.fromkeys(fingerprint.named_files(path)))
     # Where its folder truly is, under its own name: names in an experiment are beside that.
-    paths = dict.fromkeys(Path(os.path.realpath(path.parent), path.name) for path in found)
+    paths = dict.fromkeys(Path(os.path.realpath(path.parent), path.name) for path in candidates)
     named = _names(_public(paths))
     facts = {
-        "format": FORMAT,
+        "format": ORIGIN_FORMAT,
         "mode": mode,
         "machine": dict(fingerprint.of_machine()),
         "about": about_machine(),
@@ -210,14 +210,14 @@ def _absolute(setup: Setup) -> dict[str, Any]:
 
 def _public(paths: Iterable[Path]) -> list[Path]:
     """Files but for those that hold secrets, cannot be read, or are no files to keep."""
-    found = []
+    files = []
     for path in list(paths)[:MOST_FILES]:
         with suppress(OSError):
             if path.suffix in _SECRETS or path.stat().st_size > MOST_FILE_BYTES:
                 continue
             if not _SECRET.search(read_bytes(path)):
-                found.append(path)
-    return found
+                files.append(path)
+    return files
 
 
 def _names(paths: Iterable[Path]) -> dict[str, Path]:
@@ -238,11 +238,11 @@ def _own_name(path: Path) -> str | None:
     if resolved.is_relative_to(PACKAGE_FOLDER):
         below = resolved.relative_to(PACKAGE_FOLDER)
         if below.parts[:1] != ("_sources",):
-            return f"{OWN}{below.as_posix()}"
+            return f"{PACKAGE_PREFIX}{below.as_posix()}"
     for root in source_roots():
         for folder in ("robot", "c_src"):
             if resolved.is_relative_to(root / folder):
-                return f"{OWN}{resolved.relative_to(root).as_posix()}"
+                return f"{PACKAGE_PREFIX}{resolved.relative_to(root).as_posix()}"
     return None
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from vsense.robots.sources import (
     ARGOS,
-    PAGE,
+    ARGOS_PAGE,
     ProgramSources,
     content,
     included,
@@ -78,13 +78,13 @@ def forwarding(argos: Path, cache: Path) -> Path:
         return folder
     cache.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f"{folder.name}.", dir=cache) as making:
-        whole = Path(making) / "whole"
+        tree = Path(making) / "whole"
         for theirs, ours in known_headers().items():
-            header = whole / theirs
+            header = tree / theirs
             header.parent.mkdir(parents=True, exist_ok=True)
             header.write_text(f'#include "{argos / ours}"\n', encoding="utf-8")
         try:
-            whole.rename(folder)
+            tree.rename(folder)
         except OSError:
             if not folder.is_dir():  # another process was faster: its folder is the same
                 raise
@@ -93,14 +93,14 @@ def forwarding(argos: Path, cache: Path) -> Path:
 
 def missing_headers(program: ProgramSources) -> list[tuple[Path, int, str]]:
     """What of ARGoS's headers a program includes and nobody has: file, line, header."""
-    found = []
+    missing = []
     for path in program.own_files():
         for name, _ in included(path):
             if not name.startswith(ARGOS) or name in known_headers():
                 continue
             if not any((folder / name).is_file() for folder in program.includes):
-                found.append((path, _line(path, name), name))
-    return found
+                missing.append((path, _line(path, name), name))
+    return missing
 
 
 def explain_missing(missing: Sequence[tuple[Path, int, str]]) -> str:
@@ -110,7 +110,7 @@ def explain_missing(missing: Sequence[tuple[Path, int, str]]) -> str:
         "vsense has none of these headers of ARGoS. One of a library of your own, or of another"
         " repository's, is found with --include PREFIX=FOLDER (such as"
         " --include argos3/demiurge/epuck-dao=../demiurge-epuck-dao/src);"
-        f" {PAGE} says what there is"
+        f" {ARGOS_PAGE} says what there is"
     )
     return "\n".join([words, *lines])
 
@@ -118,44 +118,44 @@ def explain_missing(missing: Sequence[tuple[Path, int, str]]) -> str:
 def needs_runtime(program: ProgramSources) -> bool:
     """Whether a program uses exceptions, or types at run time: `try`, `catch`, `throw`,
     `dynamic_cast` or `typeid` in a source or header of its own, outside of comments and texts."""
-    return any(found[1] for path in program.own_files() for found in _WORDS.finditer(content(path)))
+    return any(match[1] for path in program.own_files() for match in _WORDS.finditer(content(path)))
 
 
 def explain_controllers(program: ProgramSources) -> str:
     """What a user can do whose loop functions use a controller's class; "": they do not."""
-    found = [
+    places = [
         f"{path}:{_line_at(path, use.start())}: GetController()"
         for path in program.own_files()
         for use in _GET_CONTROLLER.finditer(content(path))
         if use[1]
     ]
-    if not found:
+    if not places:
         return ""
     words = (
         "they use the class of a controller. Controllers run apart from loop functions here, in the"
         " end on robots: their members are out of reach. Have the controller show what is wanted of"
         " it with its LEDs, which loop functions see (GetLEDEquippedEntity()); lines for ARGoS"
-        f" alone go between #ifndef VSENSE and #endif; see {PAGE}"
+        f" alone go between #ifndef VSENSE and #endif; see {ARGOS_PAGE}"
     )
-    return "\n".join([words, *found])
+    return "\n".join([words, *places])
 
 
 def explain_simulator(program: ProgramSources) -> str:
     """What a user can do whose controller uses the simulator; "": it includes nothing of it."""
-    found = [
+    places = [
         f"{path}:{_line(path, name)}: <{name}>"
         for path in program.own_files()
         for name, _ in included(path)
         if name.startswith(ARGOS) and "/simulator/" in name
     ]
-    if not found:
+    if not places:
         return ""
     words = (
         "it uses ARGoS's simulator, which is out of a controller's reach here: it runs on robots,"
         " too. Count control steps for the time; lines for ARGoS alone go between #ifndef VSENSE"
-        f" and #endif; see {PAGE}"
+        f" and #endif; see {ARGOS_PAGE}"
     )
-    return "\n".join([words, *found])
+    return "\n".join([words, *places])
 
 
 def _line(path: Path, name: str) -> int:

@@ -56,7 +56,7 @@ class Repository:
 
     def sources(self, name: str) -> list[Path]:
         """The sources of a target and of all targets here that it is linked with, but ARGoS's."""
-        found: dict[Path, None] = {}
+        paths: dict[Path, None] = {}
         waiting, seen = [name], set[int]()
         while waiting:
             linked = waiting.pop(0)
@@ -64,9 +64,9 @@ class Repository:
             if target is None or id(target) in seen:
                 continue
             seen.add(id(target))
-            found.update(dict.fromkeys(target.sources))
+            paths.update(dict.fromkeys(target.sources))
             waiting += target.links
-        return list(found)
+        return list(paths)
 
 
 def read(root: Path, lists: Sequence[Path]) -> Repository:
@@ -85,38 +85,38 @@ class _Reader:
         self._done: set[Path] = set()
         self._depth = 0
 
-    def read(self, path: Path, folder: Path, known: dict[str, str]) -> None:
-        """Reads a file whose relative paths are taken from `folder`; `known` are the variables."""
+    def read(self, path: Path, folder: Path, scope: dict[str, str]) -> None:
+        """Reads a file; its relative paths are taken from `folder`."""
         if path in self._done or self._depth >= _MAX_DEPTH or not path.is_file():
             return
         self._done.add(path)
         self._depth += 1
         root = str(self.repository.root)
-        known |= {
+        scope |= {
             "CMAKE_SOURCE_DIR": root,
             "PROJECT_SOURCE_DIR": root,
             "ARGOS_BUILD_FOR": "simulator",
         }
-        known |= {
+        scope |= {
             "CMAKE_CURRENT_SOURCE_DIR": str(folder),
             "CMAKE_CURRENT_LIST_DIR": str(path.parent),
         }
-        for command, words in _commands(path.read_text(encoding="utf-8", errors="replace"), known):
-            self._run(command, words, folder, known)
+        for command, words in _commands(path.read_text(encoding="utf-8", errors="replace"), scope):
+            self._run(command, words, folder, scope)
         self._depth -= 1
 
-    def _run(self, command: str, words: list[str], folder: Path, known: dict[str, str]) -> None:
+    def _run(self, command: str, words: list[str], folder: Path, scope: dict[str, str]) -> None:
         if command == "set" and words:
-            known[words[0]] = ";".join(w for w in words[1:] if w not in ("PARENT_SCOPE", "CACHE"))
+            scope[words[0]] = ";".join(w for w in words[1:] if w not in ("PARENT_SCOPE", "CACHE"))
         elif command == "list" and words[:1] == ["APPEND"] and len(words) > 1:
-            known[words[1]] = ";".join(filter(None, [known.get(words[1], ""), *words[2:]]))
+            scope[words[1]] = ";".join(filter(None, [scope.get(words[1], ""), *words[2:]]))
         elif command == "file" and words[:1] in (["GLOB"], ["GLOB_RECURSE"]) and len(words) > 1:
-            known[words[1]] = ";".join(map(str, _glob(folder, words[2:], words[0] != "GLOB")))
+            scope[words[1]] = ";".join(map(str, _glob(folder, words[2:], words[0] != "GLOB")))
         elif command == "add_subdirectory" and words:
             below = folder / words[0]
-            self.read(below / LIST, below, dict(known))
+            self.read(below / LIST, below, dict(scope))
         elif command == "include" and words:
-            self.read(folder / words[0], folder, known)
+            self.read(folder / words[0], folder, scope)
         elif command in ("add_library", "add_executable") and words:
             self._add(words[0], words[1:], folder, command == "add_executable")
         elif command == "target_sources" and words and words[0] in self.repository.targets:
@@ -139,21 +139,21 @@ class _Reader:
                 self.repository.includes.append(path)
 
 
-def _commands(text: str, known: dict[str, str]) -> Iterator[tuple[str, list[str]]]:
+def _commands(text: str, scope: dict[str, str]) -> Iterator[tuple[str, list[str]]]:
     """The commands of a file with their words; variables have the value of that moment."""
-    plain = _COMMENT.sub(lambda found: found[1] or "", text)
-    for found in _COMMAND.finditer(plain):
+    plain = _COMMENT.sub(lambda match: match[1] or "", text)
+    for match in _COMMAND.finditer(plain):
         words: list[str] = []
-        for quoted, bare in _ARGUMENT.findall(found[2]):
-            words += filter(None, _expanded(quoted or bare, known).split(";"))
-        yield found[1].lower(), words
+        for quoted, bare in _ARGUMENT.findall(match[2]):
+            words += filter(None, _expanded(quoted or bare, scope).split(";"))
+        yield match[1].lower(), words
 
 
-def _expanded(word: str, known: dict[str, str]) -> str:
+def _expanded(word: str, scope: dict[str, str]) -> str:
     for _ in range(_MAX_DEPTH):
         if "${" not in word:
             break
-        word = _VARIABLE.sub(lambda found: known.get(found[1], ""), word)
+        word = _VARIABLE.sub(lambda match: scope.get(match[1], ""), word)
     return word
 
 
@@ -163,9 +163,9 @@ def _files(folder: Path, words: Sequence[str]) -> list[Path]:
 
 
 def _glob(folder: Path, patterns: Sequence[str], deep: bool) -> list[Path]:
-    found: list[Path] = []
+    paths: list[Path] = []
     for pattern in patterns:
         start, name = (folder / pattern).parent, Path(pattern).name
         if pattern not in ("RELATIVE", "CONFIGURE_DEPENDS") and start.is_dir():
-            found += sorted(start.rglob(name) if deep else start.glob(name))
-    return found
+            paths += sorted(start.rglob(name) if deep else start.glob(name))
+    return paths

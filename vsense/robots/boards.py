@@ -101,8 +101,8 @@ def toolchain(target: Target, cache: Path) -> Toolchain:
     if zig is not None:
         return zig
     if target.name == "host":
-        found = native()
-        return replace(found, flags=SMALL)
+        toolchain = native()
+        return replace(toolchain, flags=SMALL)
     command, *flags = target.debian
     if shutil.which(command) is None:
         raise BuildError(
@@ -120,8 +120,8 @@ def toolchain(target: Target, cache: Path) -> Toolchain:
 def _zig(target: Target, cache: Path) -> Toolchain | None:
     """The zig compiler, where it is installed and knows the target."""
     flags = target.zig or ("-target", f"{platform.machine()}-linux-musl")
-    known = target.zig or platform.machine() in ("x86_64", "aarch64", "riscv64")
-    if not known or importlib.util.find_spec("ziglang") is None:
+    supported = target.zig or platform.machine() in ("x86_64", "aarch64", "riscv64")
+    if not supported or importlib.util.find_spec("ziglang") is None:
         return None
     folders = {
         "ZIG_GLOBAL_CACHE_DIR": str(cache / "zig"),
@@ -248,8 +248,8 @@ def ssh_advice(destination: str, said: Sequence[str]) -> str | None:
     """
     text = "\n".join(said)
     host = destination.rpartition("@")[2]
-    if found := _NO_MATCH.search(text):
-        return _older_server(found[1], found[2])
+    if match := _NO_MATCH.search(text):
+        return _older_server(match[1], match[2])
     if "REMOTE HOST IDENTIFICATION HAS CHANGED" in text:
         return (
             "this board has another host key than the last time; if its card was written anew:"

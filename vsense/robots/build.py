@@ -24,7 +24,7 @@ from vsense.robots.compiling import (
     CFLAGS,
     CXX_LIBRARIES,
     CXXFLAGS,
-    SUFFIXES,
+    PROGRAM_SUFFIXES,
     BuildError,
     Sources,
     native,
@@ -167,7 +167,7 @@ class SourceTree:
         if name in shipped:
             return shipped[name]
         path = (beside or Path()) / name
-        if path.suffix in SUFFIXES and path.is_file():
+        if path.suffix in PROGRAM_SUFFIXES and path.is_file():
             return path.resolve()
         raise UsageError(
             f"no controller {name!r}: expected the path of a .c or .cpp file, or a shipped one;"

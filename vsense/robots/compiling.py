@@ -33,7 +33,7 @@ CXXFLAGS = ("-std=c++17", *SECTIONS, *PLAIN, "-fno-threadsafe-statics")
 would more than double the daemon, and nothing on a robot has two threads."""
 
 CXX_SUFFIXES = (".cpp", ".cc", ".cxx")
-SUFFIXES = (".c", *CXX_SUFFIXES)
+PROGRAM_SUFFIXES = (".c", *CXX_SUFFIXES)
 """Of a controller's file, in the order in which they are looked for."""
 
 LIBRARIES = ("-Wl,--gc-sections", "-Wl,--as-needed", "-lm")
@@ -148,33 +148,33 @@ class Sources:
         except OSError as error:
             raise BuildError(f"cannot build in {target.parent}: {error.strerror}") from error
         with folder as name:
-            made = Path(name) / "made"
-            self._link(toolchain, made, flags)
-            made.chmod(0o755)
+            output = Path(name) / "made"
+            self._link(toolchain, output, flags)
+            output.chmod(0o755)
             try:
-                os.replace(made, target)
+                os.replace(output, target)
             except IsADirectoryError as error:
                 raise BuildError(f"cannot write {target}: it is a folder") from error
 
-    def _link(self, toolchain: Toolchain, made: Path, flags: Sequence[str]) -> None:
+    def _link(self, toolchain: Toolchain, output: Path, flags: Sequence[str]) -> None:
         """Compiles and links everything: the C in one go, small code and C++ before it."""
         names = [str(path) for path in self.own if not toolchain.small or path.stem in self.fast]
         if toolchain.small:
-            names.append(f"{made.with_name('small')}.o")
+            names.append(f"{output.with_name('small')}.o")
             seldom = [str(path) for path in self.own if path.stem not in self.fast]
             small = replace(toolchain, flags=toolchain.small)
             self._run(small, CFLAGS, [*flags, "-c", "-o", names[-1], *seldom])
         if self.is_cxx:
-            names += self._objects(toolchain, made, flags)
+            names += self._objects(toolchain, output, flags)
         else:
             names += [str(path) for path in self.program.sources]
         libraries = CXX_LIBRARIES if self.is_cxx else LIBRARIES
         if self.program.is_argos and "ziglang" not in toolchain.command:
             # What is defined in headers: in ARGoS's shared libraries the first one counts, too.
             libraries = (*libraries, "-Wl,-z,muldefs")
-        self._run(toolchain, CFLAGS, [*flags, "-s", "-o", str(made), *names, *libraries])
+        self._run(toolchain, CFLAGS, [*flags, "-s", "-o", str(output), *names, *libraries])
 
-    def _objects(self, toolchain: Toolchain, made: Path, flags: Sequence[str]) -> list[str]:
+    def _objects(self, toolchain: Toolchain, output: Path, flags: Sequence[str]) -> list[str]:
         """Compiles the program and our C++, as many files at a time as there are processors."""
         self._check_headers()
         flags = [flag for flag in flags if flag.startswith("-f")]  # for code, not for its linker
@@ -183,23 +183,23 @@ class Sources:
 
         def compiled(numbered: tuple[int, Path]) -> str:
             number, source = numbered
-            target = made.with_name(f"{made.name}_{source.stem}-{number}.o")
+            target = output.with_name(f"{output.name}_{source.stem}-{number}.o")
             language, after = self._language(source, ours)
             words = [*compiler.command, *compiler.flags, *language, *after, *flags]
-            kept = self._kept(source, [version, *words])
-            if kept is not None and kept.is_file():
-                return str(kept)
+            cached = self._cached_path(source, [version, *words])
+            if cached is not None and cached.is_file():
+                return str(cached)
             self._run(compiler, language, [*after, *flags, "-c", str(source), "-o", str(target)])
-            if kept is None:
+            if cached is None:
                 return str(target)
-            _keep(target, kept)
-            return str(kept)
+            _keep(target, cached)
+            return str(cached)
 
         files = list(enumerate((*self.program.sources, *self.own_cxx)))
         with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as workers:
             return list(workers.map(compiled, files))
 
-    def _kept(self, source: Path, words: Sequence[str]) -> Path | None:
+    def _cached_path(self, source: Path, words: Sequence[str]) -> Path | None:
         """Where a compiled file stays: its name tells all that went into it."""
         if self.cache is None:
             return None
@@ -209,9 +209,9 @@ class Sources:
             digest.update(content(path))
         return self.cache / "objects" / f"{digest.hexdigest()[:32]}.o"
 
-    def compile(self, toolchain: Toolchain, source: Path, made: Path, flags: Sequence[str]) -> None:
+    def compile(self, toolchain: Toolchain, source: Path, out: Path, flags: Sequence[str]) -> None:
         """Compiles one C file of `own`; BuildError: the compiler refuses it."""
-        self._run(toolchain, CFLAGS, [*flags, "-c", str(source), "-o", str(made)])
+        self._run(toolchain, CFLAGS, [*flags, "-c", str(source), "-o", str(out)])
 
     def link_daemon(self, toolchain: Toolchain, target: Path) -> str:
         """Links a daemon that tells which controller it has; gives the controller's hash.
@@ -297,14 +297,14 @@ class Sources:
         program = self.program
         if not program.is_argos:
             return [*CXXFLAGS], own_cxxflags()
-        told: list[str] = []
+        options: list[str] = []
         if source not in self.own_cxx:
-            told = [f"-I{folder}" for folder in program.includes]
+            options = [f"-I{folder}" for folder in program.includes]
         elif source.stem == _argos_code.ENTRY:
             label, name = program.label, program.short_name
-            told = [f'-DVS_ARGOS_LABEL="{label}"', f'-DVS_ARGOS_NAME="{name}"']
+            options = [f'-DVS_ARGOS_LABEL="{label}"', f'-DVS_ARGOS_NAME="{name}"']
         language = [_argos_code.STANDARD, *SECTIONS, *_argos_code.FLAGS, "-fno-threadsafe-statics"]
-        return language, [*for_all, *told, *own_cxxflags()]
+        return language, [*for_all, *options, *own_cxxflags()]
 
     def _run(self, toolchain: Toolchain, language: Sequence[str], arguments: Sequence[str]) -> str:
         """Runs a compiler with our flags and these arguments; gives what it prints.
@@ -317,9 +317,9 @@ class Sources:
         if result.returncode != 0:
             said = result.stderr.strip()
             flags = " ".join(flag for flag in own_cxxflags() if flag in arguments)
-            told = f" with CXXFLAGS={flags}" if flags else ""
+            with_flags = f" with CXXFLAGS={flags}" if flags else ""
             older = "\nolder C++ is compiled with CXXFLAGS=-std=gnu++11" * (_OLDER in said)
-            raise BuildError(f"{self._blame(said)}{told}:\n{said}{older}")
+            raise BuildError(f"{self._blame(said)}{with_flags}:\n{said}{older}")
         return result.stdout
 
     def _blame(self, said: str) -> str:
@@ -351,19 +351,19 @@ class Sources:
         return "do" if self.what.endswith("s") else "does"
 
 
-def _keep(made: Path, kept: Path) -> None:
+def _keep(output: Path, cached: Path) -> None:
     """Puts a compiled file into the cache, whole or not at all; it may be another file system.
 
     Raises:
         BuildError: the cache cannot be written.
     """
     try:
-        kept.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix="part.", dir=kept.parent) as part:
-            copy = shutil.copyfile(made, Path(part) / kept.name)
-            os.replace(copy, kept)
+        cached.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix="part.", dir=cached.parent) as part:
+            copy = shutil.copyfile(output, Path(part) / cached.name)
+            os.replace(copy, cached)
     except OSError as error:
-        raise BuildError(f"cannot keep {kept}: {error.strerror}") from error
+        raise BuildError(f"cannot keep {cached}: {error.strerror}") from error
 
 
 def own_cxxflags() -> list[str]:

@@ -51,7 +51,7 @@ def service_files() -> dict[str, bytes]:
     return {name: (_BOARD / name).read_bytes() for name in FILES}
 
 
-TIMEOUT_S = 120.0
+SSH_TIMEOUT_S = 120.0
 
 _RADIO_STAYS = "stays as it is"
 """What board/vsensed.radio says of a radio whose power saving it cannot turn off."""
@@ -210,14 +210,14 @@ def check(plan: Plan, robots: Iterable[RobotHost], file: str) -> None:
 
 
 def deploy(
-    plan: Plan, robots: Sequence[RobotHost], told: Callable[[Outcome], None] = lambda _: None
+    plan: Plan, robots: Sequence[RobotHost], report: Callable[[Outcome], None] = lambda _: None
 ) -> list[Outcome]:
     """Deploys to all robots at the same time; of those with one uid each gets its own.
 
     Args:
         plan: what and how.
         robots: where to.
-        told: called with each outcome as it comes, by any thread.
+        report: called with each outcome as it comes, by any thread.
 
     Returns:
         The outcomes in the robots' order.
@@ -227,14 +227,14 @@ def deploy(
     """
     if shutil.which(SSH[0]) is None:
         raise DeployError("no ssh here; install it with: sudo apt install openssh-client")
-    outcomes = _serve_all(plan, robots, told)
+    outcomes = _serve_all(plan, robots, report)
     clones = _clones(outcomes)
     if not clones or plan.part is not Part.ALL:
-        return [_tell_clone(one) if one in clones else one for one in outcomes]
+        return [_tell_clone(outcome) if outcome in clones else outcome for outcome in outcomes]
     # Cards that were copied, with the id that the first of them was given.
     own = [replace(o.robot, settings={**o.robot.settings, "uid": new_uid()}) for o in clones]
     again = iter(_serve_all(replace(plan, part=Part.SETTINGS, force=True), own, lambda _: None))
-    return [_renamed(next(again)) if one in clones else one for one in outcomes]
+    return [_renamed(next(again)) if outcome in clones else outcome for outcome in outcomes]
 
 
 def new_uid() -> str:
@@ -244,26 +244,24 @@ def new_uid() -> str:
 
 def _clones(outcomes: Sequence[Outcome]) -> list[Outcome]:
     """The robots that have their uid in common with another one."""
-    count = Counter(one.uid for one in outcomes)
-    return [one for one in outcomes if one.uid and count[one.uid] > 1]
+    count = Counter(outcome.uid for outcome in outcomes)
+    return [outcome for outcome in outcomes if outcome.uid and count[outcome.uid] > 1]
 
 
-def _tell_clone(one: Outcome) -> Outcome:
-    text = (
-        f"{one.text}, but another robot has its uid {one.uid}: deploy to both with their settings"
-    )
-    return replace(one, ok=False, text=text)
+def _tell_clone(outcome: Outcome) -> Outcome:
+    text = f"{outcome.text}, but another robot has its uid {outcome.uid}"
+    return replace(outcome, ok=False, text=f"{text}: deploy to both with their settings")
 
 
-def _renamed(one: Outcome) -> Outcome:
+def _renamed(outcome: Outcome) -> Outcome:
     text = "its uid was another robot's, too: it has one of its own now"
-    return replace(one, text=f"{one.text}; {text}") if one.ok else one
+    return replace(outcome, text=f"{outcome.text}; {text}") if outcome.ok else outcome
 
 
 def _serve_all(
-    plan: Plan, robots: Sequence[RobotHost], told: Callable[[Outcome], None]
+    plan: Plan, robots: Sequence[RobotHost], report: Callable[[Outcome], None]
 ) -> list[Outcome]:
-    crew = _Crew(plan, told)
+    crew = _Crew(plan, report)
     done: SimpleQueue[Future[Outcome]] = SimpleQueue()
     with ThreadPoolExecutor(max_workers=_MOST) as pool:
         # Ctrl-C between the taking of a lock and its `with` leaves it locked for ever: it waits
@@ -288,9 +286,9 @@ def _serve_all(
 class _Crew:
     """The connections that are open."""
 
-    def __init__(self, plan: Plan, told: Callable[[Outcome], None]) -> None:
+    def __init__(self, plan: Plan, report: Callable[[Outcome], None]) -> None:
         self._plan = plan
-        self._told = told
+        self._report = report
         self._lock = threading.Lock()
         self._running: set[subprocess.Popen[bytes]] = set()
         self._abandoned = False
@@ -302,7 +300,7 @@ class _Crew:
         except OSError as error:
             outcome = Outcome(robot, False, f"ssh does not start: {error.strerror}")
         if not self._abandoned:
-            self._told(outcome)
+            self._report(outcome)
         return outcome
 
     def abandon(self) -> None:
@@ -327,11 +325,11 @@ class _Crew:
             )
             self._running.add(process)
         try:
-            out, err = process.communicate(self._plan.archive(robot), TIMEOUT_S)
+            out, err = process.communicate(self._plan.archive(robot), SSH_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             process.kill()
             process.communicate()
-            return Outcome(robot, False, f"no end after {TIMEOUT_S:g} s")
+            return Outcome(robot, False, f"no end after {SSH_TIMEOUT_S:g} s")
         finally:
             with self._lock:
                 self._running.discard(process)

@@ -90,9 +90,9 @@ def named(
     if not patterns:
         return None
     if len(patterns) == 1 and (folder / patterns[0]).is_dir():
-        found = find_in(folder / patterns[0], library, label, extra, macro)
-        if found is not None:
-            return found
+        program = find_in(folder / patterns[0], library, label, extra, macro)
+        if program is not None:
+            return program
     sources = files(patterns, folder)
     if not any(registers(path, macro) for path in sources):
         return ProgramSources(tuple(sources), tuple(extra))
@@ -123,8 +123,8 @@ def complete(
     # The file that registers the label comes first: errors are about it.
     chosen.sort(key=lambda path: not _has(path, label, macro))
     every = with_sources_of_headers(chosen, list(includes), macro)
-    known = [label] if label else labels(every, macro)
-    return ProgramSources(tuple(every), tuple(includes), known[0] if len(known) == 1 else "")
+    names = [label] if label else labels(every, macro)
+    return ProgramSources(tuple(every), tuple(includes), names[0] if len(names) == 1 else "")
 
 
 def _sources(
@@ -148,8 +148,8 @@ def _beside(folder: Path, name: str, macro: str) -> list[Path]:
     alone = [folder / f"{name}{suffix}" for suffix in SOURCE_SUFFIXES]
     within = folder / name
     several = sorted(within.iterdir()) if within.is_dir() else []
-    for found in (alone, [path for path in several if path.suffix in SOURCE_SUFFIXES]):
-        there = [path.resolve() for path in found if path.is_file()]
+    for candidates in (alone, [path for path in several if path.suffix in SOURCE_SUFFIXES]):
+        there = [path.resolve() for path in candidates if path.is_file()]
         if any(registers(path, macro) for path in there):
             return there
     return []
@@ -157,13 +157,13 @@ def _beside(folder: Path, name: str, macro: str) -> list[Path]:
 
 def _registering(repository: _cmake.Repository, label: str, macro: str) -> list[Path]:
     """The target of the only file that registers the label, or that file alone."""
-    found = [path for path in _files(repository.root) if _has(path, label, macro)]
-    if len(found) != 1:
+    paths = [path for path in _files(repository.root) if _has(path, label, macro)]
+    if len(paths) != 1:
         return []
     for name, target in repository.targets.items():
-        if found[0] in target.sources and not target.is_program:
+        if paths[0] in target.sources and not target.is_program:
             return repository.sources(name)
-    return found
+    return paths
 
 
 def _has(path: Path, label: str, macro: str) -> bool:
@@ -184,15 +184,15 @@ def _roots(library: str, folder: Path) -> list[Path]:
 
 def _root(place: Path) -> Path | None:
     """The topmost folder of a repository; the place itself where nothing says which."""
-    found = place
+    root = place
     for path in (place, *list(place.parents)[:_MAX_UP]):
         if path in (Path.home(), Path(path.anchor)):
             break
         if (path / ".git").exists():
             return path
         if (path / _cmake.LIST).is_file():
-            found = path
-    return None if found in (Path.home(), Path(found.anchor)) else found
+            root = path
+    return None if root in (Path.home(), Path(root.anchor)) else root
 
 
 @lru_cache(maxsize=16)
@@ -203,12 +203,12 @@ def repository_at(root: Path) -> _cmake.Repository:
 
 @lru_cache(maxsize=16)
 def _files(root: Path) -> tuple[Path, ...]:
-    found: list[Path] = []
+    paths: list[Path] = []
     seen = 0
     for folder, below, names in os.walk(root):
         below[:] = sorted(n for n in below if n not in _SKIPPED and not n.startswith("."))
-        found += [Path(folder, n) for n in names if n.endswith(SOURCE_SUFFIXES) or n == _cmake.LIST]
+        paths += [Path(folder, n) for n in names if n.endswith(SOURCE_SUFFIXES) or n == _cmake.LIST]
         seen += len(names)
         if seen > _MAX_FILES:
             break
-    return tuple(sorted(found))
+    return tuple(sorted(paths))

@@ -24,7 +24,7 @@ from vsense.robots import build
 from vsense.robots.link._roster import robot_seed
 from vsense.robots.link.status import LogLines
 from vsense.robots.link.table import Direction, Table
-from vsense.robots.link.wire import Header, PacketType, Shown, Wanted, Welcome, encode, shown_of
+from vsense.robots.link.wire import Header, PacketType, ShownData, Wanted, Welcome, encode, shown_of
 
 PROGRESS_BYTES = 8
 """`struct vs_inprocess_progress`: timestep and robot, two u32."""
@@ -207,7 +207,7 @@ class CompiledProgram:
 
     def sense(self, readings: SensorReadings) -> None:
         """Sets what the robots sense: the arrays, in their order, as they are at each step."""
-        self._kept = readings
+        self._readings = readings
         self._point("values", readings.block)
         self._point("captures_ns", readings.captures_ns)
 
@@ -255,10 +255,10 @@ class CompiledProgram:
         size = self._report_bytes
         if not size:
             return {}
-        whole = self._reports.tobytes()
-        return {tag: whole[i * size : (i + 1) * size] for i, tag in enumerate(self.tags)}
+        data = self._reports.tobytes()
+        return {tag: data[i * size : (i + 1) * size] for i, tag in enumerate(self.tags)}
 
-    def shown(self) -> list[tuple[int, Shown]]:
+    def shown(self) -> list[tuple[int, ShownData]]:
         """All values that a controller shows, by tag, where one has changed since the last call."""
         now = self._shown.tobytes()
         if now == self._shown_last:
@@ -280,9 +280,7 @@ class CompiledProgram:
         said = []
         while self._lib.vs_inprocess_log(self._all, robot, number, line):
             text = self._ffi.string(line[0]).decode()
-            said += [
-                (self.tags[robot[0]], each) for each in self._log[robot[0]].add(number[0], text)
-            ]
+            said += [(self.tags[robot[0]], row) for row in self._log[robot[0]].add(number[0], text)]
         self._now.logged = 0
         return said
 

@@ -78,12 +78,12 @@ def _holder(file: str, line: int, words: list[str]) -> Holder:
 def uids(holders: Iterable[Holder], robots: Iterable[RobotHost]) -> dict[str, bytes]:
     """The uid of each robot, by its destination: its settings', else the one that it has had."""
     had = {(holder.destination, holder.tag): holder.uid for holder in holders}
-    found = {}
+    ids = {}
     for robot in robots:
-        known = had.get((robot.destination, int(robot.settings["tag"])), "")
-        text = robot.settings.get("uid", known)
-        found[robot.destination] = bytes.fromhex(text) if text else secrets.token_bytes(UID_BYTES)
-    return found
+        earlier = had.get((robot.destination, int(robot.settings["tag"])), "")
+        text = robot.settings.get("uid", earlier)
+        ids[robot.destination] = bytes.fromhex(text) if text else secrets.token_bytes(UID_BYTES)
+    return ids
 
 
 def note(path: Path, key: int, outcomes: Iterable[Outcome]) -> list[Holder]:
@@ -94,15 +94,15 @@ def note(path: Path, key: int, outcomes: Iterable[Outcome]) -> list[Holder]:
         ConfigError: a line of it is wrong.
     """
     with swarm_keys.changing(path):
-        holders = {(each.destination, each.tag): each for each in read(path)}
+        holders = {(holder.destination, holder.tag): holder for holder in read(path)}
         today = date.today().isoformat()
-        for one in outcomes:
-            if one.keyed:
-                tag, destination = int(one.robot.settings["tag"]), one.robot.destination
+        for outcome in outcomes:
+            if outcome.keyed:
+                tag, destination = int(outcome.robot.settings["tag"]), outcome.robot.destination
                 # A board that had another name or marker has no second key.
-                holders = {who: each for who, each in holders.items() if each.uid != one.uid}
-                holders[destination, tag] = Holder(key, one.uid, tag, today, destination)
-        rows = sorted(holders.values(), key=lambda each: (each.tag, each.destination))
+                holders = {who: h for who, h in holders.items() if h.uid != outcome.uid}
+                holders[destination, tag] = Holder(key, outcome.uid, tag, today, destination)
+        rows = sorted(holders.values(), key=lambda holder: (holder.tag, holder.destination))
         text = "".join(f"{h.key} {h.uid} {h.tag} {h.since} {h.destination}\n" for h in rows)
         try:
             write_private(path, _HEAD + text, swarm_keys.mode_in(path.parent))
@@ -111,7 +111,7 @@ def note(path: Path, key: int, outcomes: Iterable[Outcome]) -> list[Holder]:
     return rows
 
 
-def trust(path: Path, known: SwarmKeys, insecure: bool = False) -> LinkTrust:
+def trust(path: Path, keys: SwarmKeys, insecure: bool = False) -> LinkTrust:
     """Which robots a host with these keys believes; `path` is of the file of their holders.
 
     Raises as `read`.
@@ -121,17 +121,17 @@ def trust(path: Path, known: SwarmKeys, insecure: bool = False) -> LinkTrust:
     for holder in holders:
         uid = bytes.fromhex(holder.uid)
         brought[uid] = max(holder.key, brought.get(uid, 0))
-    return LinkTrust(known, insecure, brought, tuple(_former(known, holders)))
+    return LinkTrust(keys, insecure, brought, tuple(_former(keys, holders)))
 
 
-def _former(known: SwarmKeys, holders: Iterable[Holder]) -> Iterator[str]:
+def _former(keys: SwarmKeys, holders: Iterable[Holder]) -> Iterator[str]:
     """What is to be said of each key that is followed by another and still taken."""
     rows = list(holders)
-    for number in sorted(known.keys.keys() - {known.newest}):
-        having = [str(each.tag) for each in rows if each.key == number]
+    for number in sorted(keys.keys.keys() - {keys.newest}):
+        having = [str(holder.tag) for holder in rows if holder.key == number]
         if having:
             yield (
-                f"key {number} is still taken: robots that key {known.newest} has not reached yet"
+                f"key {number} is still taken: robots that key {keys.newest} has not reached yet"
                 f" have it: {', '.join(having)}; bring it with vsense robot deploy"
             )
         else:
@@ -142,7 +142,7 @@ def _former(known: SwarmKeys, holders: Iterable[Holder]) -> Iterator[str]:
 
 
 def forget(
-    path: Path, known: SwarmKeys, holders: Iterable[Holder], robots: Iterable[RobotHost]
+    path: Path, keys: SwarmKeys, holders: Iterable[Holder], robots: Iterable[RobotHost]
 ) -> tuple[SwarmKeys, list[int]]:
     """Takes former keys out of their file where no robot needs them any more.
 
@@ -151,7 +151,7 @@ def forget(
 
     Args:
         path: the file of keys.
-        known: they.
+        keys: those of the file.
         holders: all that hold one.
         robots: who is known beside them.
 
@@ -162,16 +162,16 @@ def forget(
         VsenseError: the file cannot be read or written.
     """
     rows = list(holders)
-    there = {(each.destination, each.tag) for each in rows}
+    there = {(holder.destination, holder.tag) for holder in rows}
     all_there = all((r.destination, int(r.settings["tag"])) in there for r in robots)
-    if len(known.keys) < 2 or not rows or not all_there:
-        return known, []
-    if any(each.key != known.newest for each in rows):
-        return known, []
+    if len(keys.keys) < 2 or not rows or not all_there:
+        return keys, []
+    if any(holder.key != keys.newest for holder in rows):
+        return keys, []
     with swarm_keys.changing(path):
         # Read again: somebody may have made another key since.
         left = swarm_keys.read(path)
-        former = sorted(number for number in left.keys if number < known.newest)
+        former = sorted(number for number in left.keys if number < keys.newest)
         for number in former:
             left = left.without(number)
         if former:

@@ -20,7 +20,7 @@ from vsense.base.readings import SensorReadings
 from vsense.robots import build
 from vsense.robots.inprocess import CompiledProgram, ProgramKernel
 from vsense.robots.link.table import Table
-from vsense.robots.link.wire import Shown, Wanted
+from vsense.robots.link.wire import ShownData, Wanted
 from vsense.robots.sources import ProgramSources
 
 
@@ -65,7 +65,7 @@ class Program(Protocol):
     def reports(self) -> dict[int, bytes]:
         """By tag the actuators' block; {}: they have no virtual actuator."""
 
-    def shown(self) -> list[tuple[int, Shown]]:
+    def shown(self) -> list[tuple[int, ShownData]]:
         """By tag the values that a controller shows, where one has changed since the last call."""
 
     def logged(self) -> list[tuple[int, str]]:
@@ -107,7 +107,7 @@ class ProgramKind:
 
 
 _COMPILED = ProgramKind(build.shared, CompiledProgram)
-KINDS = dict.fromkeys((".c", ".cpp", ".cc", ".cxx"), _COMPILED)
+KINDS_BY_SUFFIX = dict.fromkeys((".c", ".cpp", ".cc", ".cxx"), _COMPILED)
 """Kinds by the suffix of a controller's first source."""
 
 
@@ -118,7 +118,7 @@ def kind_of(sources: ProgramSources) -> ProgramKind:
         UsageError: no kind has its suffix.
     """
     first = sources.sources[0]
-    if first.suffix not in KINDS:
-        expected = ", ".join(KINDS)
+    if first.suffix not in KINDS_BY_SUFFIX:
+        expected = ", ".join(KINDS_BY_SUFFIX)
         raise UsageError(f"{first}: no controller can be written in this; expected {expected}")
-    return KINDS[first.suffix]
+    return KINDS_BY_SUFFIX[first.suffix]

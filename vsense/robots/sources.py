@@ -25,7 +25,7 @@ ARGOS = "argos3/"
 CONTROLLER = "REGISTER_CONTROLLER"
 LOOP_FUNCTIONS = "REGISTER_LOOP_FUNCTIONS"
 
-NAME_MAX = 31
+MAX_NAME_BYTES = 31
 """[byte] of a controller's name. Source: c_src/vs_table.h."""
 
 _OTHERS = (
@@ -80,7 +80,7 @@ class ProgramSources:
     @property
     def short_name(self) -> str:
         """The same as a robot tells it, where it is written for ARGoS."""
-        return self.name.encode()[:NAME_MAX].decode(errors="ignore")
+        return self.name.encode()[:MAX_NAME_BYTES].decode(errors="ignore")
 
     def own_files(self) -> list[Path]:
         """Its sources and all headers of its own."""
@@ -119,13 +119,13 @@ class CodeOptions:
     def absolute(self, folder: Path) -> CodeOptions:
         """The same from wherever it is read; relative paths begin in `folder`."""
 
-        def whole(path: str) -> str:
+        def resolved(path: str) -> str:
             return str(folder / os.path.expanduser(path))
 
-        sources = {name: [whole(path) for path in paths] for name, paths in self.sources.items()}
+        sources = {name: [resolved(path) for path in paths] for name, paths in self.sources.items()}
         parts = [include.rpartition("=") for include in self.includes]
         return CodeOptions(
-            sources, tuple(f"{name}{equals}{whole(at)}" for name, equals, at in parts)
+            sources, tuple(f"{name}{equals}{resolved(at)}" for name, equals, at in parts)
         )
 
     def patterns(self, *names: str) -> Sequence[str]:
@@ -141,8 +141,8 @@ _LIBRARY = re.compile(r"(?:.*/)?(?:lib)?([^/]+?)(?:\.so|\.dylib)?")
 
 def stem_of(library: str) -> str:
     """The name of a library without folder, `lib` and suffix."""
-    found = _LIBRARY.fullmatch(library)
-    return library if found is None else found[1]
+    match = _LIBRARY.fullmatch(library)
+    return library if match is None else match[1]
 
 
 def files(patterns: Iterable[str], folder: Path) -> list[Path]:
@@ -151,7 +151,7 @@ def files(patterns: Iterable[str], folder: Path) -> list[Path]:
     Raises:
         UsageError: a pattern means none.
     """
-    found: dict[Path, None] = {}
+    paths: dict[Path, None] = {}
     for pattern in patterns:
         path = folder / os.path.expanduser(pattern)
         names = (
@@ -164,8 +164,8 @@ def files(patterns: Iterable[str], folder: Path) -> list[Path]:
         here = [Path(name).resolve() for name in sorted(names) if name.endswith(SOURCE_SUFFIXES)]
         if not here:
             raise UsageError(f"{pattern}: no C or C++ file, looked for in {folder}")
-        found.update(dict.fromkeys(here))
-    return list(found)
+        paths.update(dict.fromkeys(here))
+    return list(paths)
 
 
 def folders(includes: Iterable[str], folder: Path, cache: Path) -> list[Path]:
@@ -176,27 +176,27 @@ def folders(includes: Iterable[str], folder: Path, cache: Path) -> list[Path]:
     Raises:
         UsageError: there is no such folder.
     """
-    found = []
+    paths = []
     for include in includes:
         prefix, equals, name = include.rpartition("=")
         path = (folder / os.path.expanduser(name)).resolve()
         if not path.is_dir():
             raise UsageError(f"--include {include}: {path} is no folder")
-        found.append(_linked(prefix, path, cache) if equals else path)
-    return found
+        paths.append(_linked(prefix, path, cache) if equals else path)
+    return paths
 
 
 def _linked(prefix: str, path: Path, cache: Path) -> Path:
     """A folder in which `prefix` leads to a path."""
     parts = [part for part in prefix.split("/") if part not in ("", ".", "..")]
     digest = hashlib.sha256(f"{parts}\0{path}".encode()).hexdigest()[:16]
-    made = cache / f"include-{digest}"
-    link = made.joinpath(*parts)
+    root = cache / f"include-{digest}"
+    link = root.joinpath(*parts)
     if not link.is_symlink():
         link.parent.mkdir(parents=True, exist_ok=True)
         with suppress(FileExistsError):  # another process was faster
             link.symlink_to(path)
-    return made
+    return root
 
 
 def content(path: Path) -> bytes:
@@ -225,14 +225,14 @@ def registrations(path: Path, macro: str) -> int:
 def labels(sources: Iterable[Path], macro: str) -> list[str]:
     """The labels that sources register, as far as they are plain texts."""
     pattern = re.compile(macro.encode() + rb'\s*\([^;{"]*"([^"\n]*)"')
-    found = [label for path in sources for label in pattern.findall(content(path))]
-    return [label.decode(errors="replace") for label in found]
+    matches = [label for path in sources for label in pattern.findall(content(path))]
+    return [label.decode(errors="replace") for label in matches]
 
 
 def belongs(path: Path, macro: str) -> bool:
     """Whether a source may be part of a program for `macro`: not of another one alone."""
-    others = any(registers(path, other) for other in _OTHERS if other != macro)
-    return (registers(path, macro) or not others) and _MAIN.search(content(path)) is None
+    for_another = any(registers(path, other) for other in _OTHERS if other != macro)
+    return (registers(path, macro) or not for_another) and _MAIN.search(content(path)) is None
 
 
 def included(path: Path) -> list[tuple[str, bool]]:
@@ -246,7 +246,7 @@ def included(path: Path) -> list[tuple[str, bool]]:
 def headers(sources: Sequence[Path], includes: Sequence[Path]) -> dict[Path, None]:
     """All files that sources include, directly or not, as far as they are in `includes` or beside
     the file that includes them, and vsense has none of that name; in the order of the search."""
-    found: dict[Path, None] = {}
+    paths: dict[Path, None] = {}
     waiting = list(sources)
     while waiting:
         path = waiting.pop()
@@ -257,11 +257,11 @@ def headers(sources: Sequence[Path], includes: Sequence[Path]) -> dict[Path, Non
                 candidate = folder / name
                 if candidate.is_file():
                     candidate = candidate.resolve()
-                    if candidate not in found:
-                        found[candidate] = None
+                    if candidate not in paths:
+                        paths[candidate] = None
                         waiting.append(candidate)
                     break
-    return found
+    return paths
 
 
 def with_sources_of_headers(
@@ -271,24 +271,24 @@ def with_sources_of_headers(
 
     So a library that another repository builds comes along with the folder of its headers.
     """
-    found = dict.fromkeys(sources)
+    paths = dict.fromkeys(sources)
     while True:
-        used = headers(list(found), includes)
+        used = headers(list(paths), includes)
         more = [
             source
             for header in used
             for source in (header.with_suffix(suffix) for suffix in SOURCE_SUFFIXES)
-            if source not in found
+            if source not in paths
             and source not in used
             and source.is_file()
             and belongs(source, macro)
         ]
         if not more:
-            return list(found)
-        found.update(dict.fromkeys(more))
+            return list(paths)
+        paths.update(dict.fromkeys(more))
 
 
-PAGE = "vsense/config/ARGOS.md"
+ARGOS_PAGE = "vsense/config/ARGOS.md"
 """What users read about it."""
 
 

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from vsense.base.processes import python_module
 from vsense.robots.loop_library import Colors, CxxLoopError, LoopLibrary
 
-LIMIT_S = 2.0
+CALL_LIMIT_S = 2.0
 """A function that is called in every timestep must return within this time. Robots have stopped
 long before: their readings age."""
 
@@ -69,7 +69,7 @@ class LoopProcess:
             raise CxxLoopError(f"{function}: their process has ended")
         text = "\n".join((function, *lines)).encode()
         row = np.ascontiguousarray(numbers, dtype=np.float64).reshape(-1)
-        limit_s = LIMIT_S if function in _QUICK else BEGIN_LIMIT_S
+        limit_s = CALL_LIMIT_S if function in _QUICK else BEGIN_LIMIT_S
         try:
             _write(self._calls, _SIZES.pack(len(text), len(row)) + text + row.tobytes())
             said, colors = _SIZES.unpack(self._read(_SIZES.size, function, limit_s))
@@ -88,7 +88,7 @@ class LoopProcess:
         os.close(self._calls)
         os.close(self._answers)
         try:
-            self._process.wait(LIMIT_S)
+            self._process.wait(CALL_LIMIT_S)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()

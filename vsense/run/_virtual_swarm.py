@@ -62,10 +62,10 @@ class VirtualSwarm:
         """Moves the robots, from where `world` has them, to the time of the next arena state."""
         scene = self._scene
         # After a pause, or a time without arena states, they go on from where they stood.
-        anew = scene is None or capture_ns - world.capture_ns > REST_NS
-        if scene is None or anew or not scene.holds(world):
+        restarted = scene is None or capture_ns - world.capture_ns > REST_NS
+        if scene is None or restarted or not scene.holds(world):
             # Or something else has moved, or was put there or taken away.
-            start_ns = capture_ns if anew else world.capture_ns
+            start_ns = capture_ns if restarted else world.capture_ns
             scene = self._scene = _Scene(world, self._tags, start_ns, self._seed + self._scenes)
             self._scenes += 1
             scene.drive(self._wheels, start_ns)
@@ -110,7 +110,7 @@ class _Scene:
         self._standing = obstacles(world.boxes(), world.cylinders())
         boxes, cylinders = self._standing
         poses = [(robot.x_m, robot.y_m, robot.yaw_rad) for robot in self._robots]
-        self._physics = Physics(poses, _others(world), boxes, start_ns, cylinders)
+        self._physics = Physics(poses, _real_poses(world), boxes, start_ns, cylinders)
         self._ring = ProximityRing(self._physics.near, seed)
 
     def holds(self, world: World) -> bool:
@@ -123,8 +123,8 @@ class _Scene:
     def move(self, world: World, time_ns: int) -> None:
         """Moves the robots on to a time, and in the world."""
         poses, count = self._physics.poses, len(self._robots)
-        others = _others(world)
-        poses[count : count + len(others)] = others
+        real = _real_poses(world)
+        poses[count : count + len(real)] = real
         self._physics.advance(time_ns)
         for robot, (x_m, y_m, yaw_rad) in zip(self._robots, poses.tolist()):
             world.move(robot.id, x_m, y_m, yaw_rad)
@@ -146,7 +146,7 @@ def _robots_of(world: World) -> tuple[VirtualRobot, ...]:
     return tuple(e for e in world.entities.values() if isinstance(e, VirtualRobot))
 
 
-def _others(world: World) -> Floats:
+def _real_poses(world: World) -> Floats:
     """Where real robots and tagged things stand, (n, 3); those nowhere are far away."""
     rows = []
     for poses in (world.robots[: world.real_robots], world.objects):

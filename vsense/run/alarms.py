@@ -18,10 +18,10 @@ from vsense.run.runtime import Step
 
 SILENCE_NS = 500_000_000
 """Robots have stopped 400 ms after the last arena state: such a pause is told by itself."""
-WINDOW_S = 10.0
+LATENESS_WINDOW_S = 10.0
 MOST_LATE = 0.1
 """Of a window's timesteps so many may be late or left out before anything is said."""
-SPARE = 0.7
+ON_TIME_SHARE = 0.7
 """Of what a computer made at its limit, so much it makes on time."""
 REPEAT = 6
 """As long as it lasts, it is said again in every so manieth window."""
@@ -47,15 +47,15 @@ class Tally:
 
     first: int = 0
     last: int = -1
-    made: int = 0
+    done: int = 0
     late: int = 0
 
     def add(self, run_timestep: int, late: bool) -> None:
         """Counts a timestep."""
-        if not self.made:
+        if not self.done:
             self.first = run_timestep
         self.last = run_timestep
-        self.made += 1
+        self.done += 1
         self.late += late
 
 
@@ -70,8 +70,8 @@ class Overload:
     ) -> None:
         """`who` makes the timesteps, as messages say it; a run that `can_slow` takes `--pace`."""
         self._dt_ns, self._who, self._can_slow = timestep_ns, who, can_slow
-        self._whole = Tally()
-        self._window = max(10, round(WINDOW_S * 1e9 / timestep_ns))
+        self._tally = Tally()
+        self._window = max(10, round(LATENESS_WINDOW_S * 1e9 / timestep_ns))
         self._bad = 0
         self.alarm: Alarm | None = None
         self._next, self._silent = 0, -self._window
@@ -102,7 +102,7 @@ class Overload:
         late = step.sent_ns - step.capture_ns > self._dt_ns
         self._lived += 1
         self._late += late
-        self._whole.add(step.run_timestep, late)
+        self._tally.add(step.run_timestep, late)
         for status in robots.values():
             if status.connected and status.telemetry is not None:
                 self._robots += 1
@@ -135,33 +135,33 @@ class Overload:
             f" {held:.0f} % of the time; {late}"
         )
 
-    def _advice(self, made: float) -> str:
+    def _advice(self, share: float) -> str:
         """A pace at which timesteps would be on time, from the share of them that were made."""
         if not self._can_slow:
             return ""
-        pace = math.floor(clock.pace() * made * SPARE * 100.0) / 100.0
+        pace = math.floor(clock.pace() * share * ON_TIME_SHARE * 100.0) / 100.0
         return f"; it would keep up with --pace {max(pace, 0.01):g}"
 
-    def _slow(self, makes: str, made: int, wanted: int) -> str:
+    def _slow(self, makes: str, done: int, wanted: int) -> str:
         """How many timesteps there are of those that there should be."""
-        if wanted - made <= MOST_LATE * wanted:
+        if wanted - done <= MOST_LATE * wanted:
             return "timesteps are late"
         hz = 1e9 / self._dt_ns
         return (
-            f"{self._who} {makes} {hz * made / wanted:.1f} of {hz:g} timesteps per second; results"
+            f"{self._who} {makes} {hz * done / wanted:.1f} of {hz:g} timesteps per second; results"
             " are not usable"
         )
 
     def verdict(self) -> str | None:
         """What there is to say of the whole run; None: it was on time."""
-        whole, self._whole, self.alarm = self._whole, Tally(), None
-        wanted = whole.last - whole.first + 1
-        if whole.late + wanted - whole.made <= MOST_LATE * wanted:
+        tally, self._tally, self.alarm = self._tally, Tally(), None
+        wanted = tally.last - tally.first + 1
+        if tally.late + wanted - tally.done <= MOST_LATE * wanted:
             return None
-        words = self._slow("made", whole.made, wanted).replace("are late", "were late")
+        words = self._slow("made", tally.done, wanted).replace("are late", "were late")
         return (
-            f"{words}: of {wanted} {whole.late} were late and {wanted - whole.made} left out"
-            f"{self._advice(whole.made / wanted)}"
+            f"{words}: of {wanted} {tally.late} were late and {wanted - tally.done} left out"
+            f"{self._advice(tally.done / wanted)}"
         )
 
     def _cause(self) -> str:
@@ -171,13 +171,13 @@ class Overload:
         return f"{names[slowest]} {self._stages_ns[slowest] / self._lived / 1e6:.0f} ms"
 
 
-PATIENCE_NS = 150_000_000
+OBEY_TIMEOUT_NS = 150_000_000
 """A robot may take so long to do what it is told: the network, a control step, a telemetry."""
 
 DEAD_LINK_NS = 500_000_000
 """A robot stops its wheels by itself 400 ms after the last that it has heard."""
 
-LOOK_NS = 80_000_000
+MIN_MOTION_NS = 80_000_000
 """Two looks of the cameras that show a motion are at least so far apart."""
 
 STILL_NS = 300_000_000
@@ -212,7 +212,7 @@ def disobeys(robot: RobotStatus, now_ns: int) -> str:
     said, heard_ns = robot.telemetry, robot.heard_ns
     if said is None or heard_ns is None or robot.wanted not in _STANDING or not moves(robot):
         return ""
-    if heard_ns - robot.ordered_ns < PATIENCE_NS:
+    if heard_ns - robot.ordered_ns < OBEY_TIMEOUT_NS:
         return ""  # what it has said may be what it did before it heard
     what = "it runs" if said.state == Wanted.RUN else "its wheels turn"
     return _words(robot, f"it reports that {what}", now_ns)
@@ -252,7 +252,7 @@ class Obedience:
 
     def __init__(self) -> None:
         self.alarms: tuple[Alarm, ...] = ()
-        self._told: dict[int, str] = {}
+        self._reported: dict[int, str] = {}
         self._ran: set[int] = set()
         self._poses: dict[int, tuple[int, NDArray[Any]]] = {}
         self._moving: set[int] = set()
@@ -272,11 +272,11 @@ class Obedience:
             wrong = disobeys(robot, now_ns) or self._seen(tag, robot, now_ns)
             if wrong:
                 alarms.append(_alarm(robot, wrong))
-            if wrong and tag not in self._told:
+            if wrong and tag not in self._reported:
                 what, _, cause = wrong.partition(": ")
                 lines.append(f"ROBOT {robot.name} {what}: LIFT IT ({cause})")
-                self._told[tag] = wrong
-            elif not wrong and (before := self._told.pop(tag, "")):
+                self._reported[tag] = wrong
+            elif not wrong and (before := self._reported.pop(tag, "")):
                 again = "obeys again" if before.startswith(_DISOBEYS) else "moves no more"
                 lines.append(f"robot {robot.name} {again}")
         self.alarms = tuple(alarms)
@@ -306,7 +306,7 @@ class Obedience:
             since_ns = None if robot is None else _must_stand_ns(robot)
             if since_ns is None or tag not in self._ran:
                 continue
-            if time_ns - since_ns >= PATIENCE_NS:
+            if time_ns - since_ns >= OBEY_TIMEOUT_NS:
                 self._compare(tag, time_ns, np.array(pose))
 
     def _compare(self, tag: int, time_ns: int, pose: NDArray[Any]) -> None:
@@ -314,7 +314,7 @@ class Obedience:
         before_ns, before = self._poses.setdefault(tag, (time_ns, pose))
         turned = abs((pose[2] - before[2] + np.pi) % (2.0 * np.pi) - np.pi)
         moved = float(np.hypot(*(pose - before)[:2])) > MOVED_M or turned > MOVED_RAD
-        if moved and time_ns - before_ns >= LOOK_NS:
+        if moved and time_ns - before_ns >= MIN_MOTION_NS:
             self._poses[tag] = time_ns, pose
             self._moving.add(tag)
         elif not moved and time_ns - before_ns >= STILL_NS:

@@ -25,7 +25,7 @@ import numpy as np
 
 from vsense.base.errors import ConfigError, VsenseError, instead
 from vsense.base.readings import SensorReadings
-from vsense.config.argos import OWN
+from vsense.config.argos import OWN_DEVICES
 from vsense.config.specs import ControllerSpec, Experiment, Stage
 from vsense.robots import build
 from vsense.robots.compiling import BuildError
@@ -39,11 +39,11 @@ from vsense.world.actuators.bank import ActuatorBank
 from vsense.world.sensors.bank import SensorBank
 from vsense.world.world import NEVER_NS
 
-PATIENCE_S = 10.0
+FIRST_STEP_TIMEOUT_S = 10.0
 """A program that takes longer for its first step is left to the run, which says so."""
 
 _TAG = 1
-_BOARDS = {device.name for section in OWN.values() for device in section.values() if device.board}
+_BOARDS = {own.name for section in OWN_DEVICES.values() for own in section.values() if own.board}
 """Names that a robot's board may offer."""
 
 _WORDS = {
@@ -71,20 +71,20 @@ def check(experiment: Experiment) -> None:
 def _refusal(experiment: Experiment, spec: ControllerSpec, complaint: str) -> str | None:
     """What is wrong in an experiment where a controller complains so; None: nothing."""
     for kind, words in _WORDS.items():
-        found = words.fullmatch(complaint)
-        if found is None:
+        match = words.fullmatch(complaint)
+        if match is None:
             continue
-        name = found[1]
+        name = match[1]
         if kind == "number":
             return f"its parameter {name!r} is {spec.params[name]!r}, expected a number"
         if kind == "parameter":
-            known = None if _stands_in(spec, name) else _parameters(spec)
+            names = None if _stands_in(spec, name) else _parameters(spec)
             wrong = f"its program reads no parameter {name!r}"
         else:
             real = experiment.stage is Stage.RUN and name in _BOARDS
-            known = None if real else _offered(spec, kind)
+            names = None if real else _offered(spec, kind)
             wrong = f"its program asks for the {kind} {name!r}, which nobody offers"
-        return None if known is None else f"{wrong}; {instead(name, known)}"
+        return None if names is None else f"{wrong}; {instead(name, names)}"
     return None
 
 
@@ -97,15 +97,15 @@ def _stands_in(spec: ControllerSpec, name: str) -> bool:
 def _parameters(spec: ControllerSpec) -> list[str]:
     """The parameters that a program reads, as far as its sources show it; with those of walk.h."""
     walk = build.source_tree().root / "robot" / "walk.c"
-    found = [n for path in [*spec.program.own_files(), walk] for n in _READS.findall(content(path))]
-    return [name.decode(errors="replace") for name in found]
+    names = [n for path in [*spec.program.own_files(), walk] for n in _READS.findall(content(path))]
+    return [name.decode(errors="replace") for name in names]
 
 
 def _offered(spec: ControllerSpec, kind: str) -> list[str]:
     """The sensors, or the virtual actuators, that a program can have."""
     if kind != "sensor":
         return [mounted.actuator.name for mounted in spec.actuators]
-    own = [device.name for device in OWN["sensors"].values()]
+    own = [device.name for device in OWN_DEVICES["sensors"].values()]
     return [*own, *(mounted.sensor.name.removeprefix("+") for mounted in spec.sensors)]
 
 
@@ -151,7 +151,7 @@ def _tried(
 def _answer(source: int) -> bytes:
     """What comes out of a pipe until its end; nothing where that takes too long."""
     data = b""
-    while select.select([source], [], [], PATIENCE_S)[0]:
+    while select.select([source], [], [], FIRST_STEP_TIMEOUT_S)[0]:
         part = os.read(source, 65536)
         if not part:
             return data

@@ -46,13 +46,13 @@ def recast_parts(experiment: Experiment, robots: Mapping[int, int]) -> Experimen
     for pair in moves.items():
         casting.check(f"{pair[0]}={pair[1]}", pair, moves, worn)
         worn.append(pair[1])
-    kept = [(part, tag) for part, tag in casting.replaced if robots.get(part, tag) == tag]
-    kept += [(parts[tag], new) for tag, new in moves.items() if parts[tag] != new]
+    pairs = [(part, tag) for part, tag in casting.replaced if robots.get(part, tag) == tag]
+    pairs += [(parts[tag], new) for tag, new in moves.items() if parts[tag] != new]
     return replace(
         experiment,
         robots=tuple(replace(r, tag=moves.get(r.tag, r.tag)) for r in experiment.robots),
         sources=tuple(replace(s, tag=moves.get(s.tag, s.tag)) for s in experiment.sources),
-        casting=replace(casting, replaced=tuple(kept)),
+        casting=replace(casting, replaced=tuple(pairs)),
     )
 
 

@@ -23,9 +23,9 @@ MOST_AT_ONCE = 8
 DRAG_TIMEOUT_NS = 1_000_000_000
 """Only the end of a drag is reported; without an end the last place is, after so long."""
 
-Answer = Callable[[str, bool], None]
+ResultCallback = Callable[[str, bool], None]
 """Takes the result of a change, and whether it was carried out; in any thread."""
-Ask = Callable[[Change, str, Answer], None]
+Ask = Callable[[Change, str, ResultCallback], None]
 """Requests a change, by somebody; see `Changes.ask`."""
 
 
@@ -46,14 +46,14 @@ class CarriedOut(NamedTuple):
 class _Request(NamedTuple):
     change: Change
     by: str
-    answer: Answer
+    answer: ResultCallback
 
 
 class Changes:
     """Takes changes from any thread, and carries them out between two timesteps.
 
     Args:
-        tell: takes a line for people, in the thread of the timesteps.
+        say: takes a line for people, in the thread of the timesteps.
         locked: nothing may be changed.
         ground: what of the real arena follows.
         clock: host's monotonic clock [ns].
@@ -66,18 +66,18 @@ class Changes:
 
     def __init__(
         self,
-        tell: Callable[[str], None],
+        say: Callable[[str], None],
         locked: bool = False,
         ground: Ground = HANDS,
         clock: Callable[[], int] = host_ns,
     ) -> None:
         self.version = self.carried = 0
         self.notes: list[Callable[[CarriedOut], None]] = []
-        self._tell, self._locked, self._ground, self._clock = tell, locked, ground, clock
+        self._say, self._locked, self._ground, self._clock = say, locked, ground, clock
         self._requests: RequestQueue[_Request] = RequestQueue()
         self._drags: dict[str, tuple[int, str]] = {}
 
-    def ask(self, change: Change, by: str, answer: Answer) -> None:
+    def ask(self, change: Change, by: str, answer: ResultCallback) -> None:
         """Takes a change by somebody, which `answer` hears of.
 
         Raises:
@@ -107,7 +107,7 @@ class Changes:
         for name, (since_ns, line) in list(self._drags.items()):
             if self._clock() - since_ns > DRAG_TIMEOUT_NS:
                 del self._drags[name]
-                self._tell(line)
+                self._say(line)
 
     def settings(self, environment: Environment) -> dict[str, Any]:
         """See `settings_of`."""
@@ -119,7 +119,7 @@ class Changes:
             self._drags[request.change.name] = self._clock(), line
             return
         self._drags.pop(request.change.name, None)
-        self._tell(line)
+        self._say(line)
 
 
 def _check_waiting(pending: Sequence[_Request]) -> None:

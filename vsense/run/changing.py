@@ -28,8 +28,8 @@ from vsense.world.entities import (
 from vsense.world.fields import Field
 from vsense.world.sensors.quality import QUALITY_SETTINGS
 
-TEXT_MAX = 200
-MAX_NUMBER = 1e9
+MAX_TEXT = 200
+MAX_VALUE = 1e9
 MOST_ROBOTS = 200
 """Virtual robots that people may put into one world."""
 
@@ -106,11 +106,11 @@ def _checked(name: str, value: object) -> Any:
     if name == "yaw_rad" and value is None:
         return None
     if isinstance(value, str) and name in (*_TEXTS, "value"):
-        if len(value) > TEXT_MAX or not (value.isprintable() or not value):
-            raise ValueError(f"{name}: {value!r:.40} is no text of at most {TEXT_MAX} characters")
+        if len(value) > MAX_TEXT or not (value.isprintable() or not value):
+            raise ValueError(f"{name}: {value!r:.40} is no text of at most {MAX_TEXT} characters")
         return value
     plain = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if plain and name in (*_NUMBERS, "value") and abs(value) <= MAX_NUMBER:  # type: ignore[arg-type]
+    if plain and name in (*_NUMBERS, "value") and abs(value) <= MAX_VALUE:  # type: ignore[arg-type]
         return float(value)  # type: ignore[arg-type]
     raise ValueError(f"{name} is {value!r:.40}, expected {_expected(name)}")
 
@@ -118,7 +118,7 @@ def _checked(name: str, value: object) -> Any:
 def _expected(name: str) -> str:
     if name == "final":
         return "true or false"
-    return "a text" if name in _TEXTS else f"a number of at most {MAX_NUMBER:g}"
+    return "a text" if name in _TEXTS else f"a number of at most {MAX_VALUE:g}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -262,10 +262,10 @@ _SETTABLE: Mapping[type, tuple[str, ...]] = {
 def _set(change: Change, environment: Environment) -> str:
     """Changes a number of a thing or of a field."""
     world, name = environment.world, change.name
-    known: dict[str, Any] = {**world.fields, **world.entities}
-    if name not in known:
-        raise OrderError(f"there is no {name!r} in the world; {instead(name, known)}")
-    thing, value = known[name], _number(change)
+    things: dict[str, Any] = {**world.fields, **world.entities}
+    if name not in things:
+        raise OrderError(f"there is no {name!r} in the world; {instead(name, things)}")
+    thing, value = things[name], _number(change)
     settable = _SETTABLE.get(type(thing), ())
     if isinstance(thing, Zone) and thing.shape != "circle":
         settable = tuple(number for number in settable if number != "radius_m")

@@ -1,9 +1,9 @@
 """What a run shall do: people's orders, and the state that follows from them.
 
-Page, terminal and keyboard give their orders to `Control.give`. `TABLE` holds what every order does
-in every state of a run with robots, `SIMULATION_TABLE` in those of a simulation. An order that
-stops robots is obeyed at once, in the caller's thread; the run's own thread, which alone starts
-them, learns of it afterwards.
+Page, terminal and keyboard give their orders to `Control.give`. `ORDER_TABLE` holds what every
+order does in every state of a run with robots, `SIMULATION_TABLE` in those of a simulation. An
+order that stops robots is obeyed at once, in the caller's thread; the run's own thread, which alone
+starts them, learns of it afterwards.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ class State(str, Enum):
     HOMING_PAUSED = "homing paused"
 
 
-BEFORE = (State.WAITING, State.READY)
-BETWEEN = (*BEFORE, State.ENDED)
+BEFORE_RUN = (State.WAITING, State.READY)
+BETWEEN = (*BEFORE_RUN, State.ENDED)
 """In these states a robot can be put in for another."""
 DURING = (State.RUNNING, State.PAUSED)
 HOMING = (State.HOMING, State.HOMING_PAUSED)
@@ -85,12 +85,12 @@ RESET_WAITING = Move("reset: run {run} waits for a start", State.WAITING, waits=
 HALT = Move(_HALTED, State.EMERGENCY, Wanted.STOP, following=False)
 HALT_RUN = replace(HALT, why="emergency stop by {by}")
 
-ORDERS = (OrderKind.START, OrderKind.PAUSE, OrderKind.STOP, OrderKind.RESET, OrderKind.EMERGENCY)
+ORDERABLE = (OrderKind.START, OrderKind.PAUSE, OrderKind.STOP, OrderKind.RESET, OrderKind.EMERGENCY)
 
 OrderTable = Mapping[tuple[State, bool], tuple[Move | None, ...]]
 """What every order does, by state and whether a start was asked for; None: refused."""
 
-TABLE: OrderTable = {
+ORDER_TABLE: OrderTable = {
     # state, asked            START       PAUSE         STOP      RESET        EMERGENCY
     (State.WAITING, False):   (BEGIN,      None,         None,     None,        HALT_RUN),
     (State.WAITING, True):    (None,       None,         WITHDRAW, None,        HALT_RUN),
@@ -135,8 +135,8 @@ class OrderRules(NamedTuple):
     """
 
     refused: Mapping[OrderKind, str]
-    kinds: tuple[OrderKind, ...] = ORDERS
-    table: OrderTable = TABLE
+    kinds: tuple[OrderKind, ...] = ORDERABLE
+    table: OrderTable = ORDER_TABLE
     valued: Mapping[OrderKind, Collection[State]] = {
         OrderKind.RECORD: tuple(State),
         OrderKind.REPLACE: BETWEEN,
@@ -169,7 +169,7 @@ SIMULATION_RULES = OrderRules(
         OrderKind.EMERGENCY: "no robot moves here: this is a simulation; pause or stop it",
         OrderKind.REPLACE: _NOT_HERE[OrderKind.REPLACE],
     },
-    (*ORDERS, OrderKind.STEP),
+    (*ORDERABLE, OrderKind.STEP),
     SIMULATION_TABLE,
     {OrderKind.RECORD: DURING, OrderKind.SPEED: (State.WAITING, *DURING, State.ENDED)},
     slow=(),
@@ -181,7 +181,7 @@ class Control:
 
     Args:
         command: sends all robots a command, from any thread.
-        tell: takes a line for people, from any thread.
+        say: takes a line for people, from any thread.
         holds: a run whose robots are all there waits for a START.
         suspends: STOP only suspends the run, which START resumes; RESET ends it.
         record: switches the recording on or off; None: nothing can be recorded.
@@ -201,7 +201,7 @@ class Control:
     def __init__(
         self,
         command: Callable[[Wanted], None],
-        tell: Callable[[str], None],
+        say: Callable[[str], None],
         holds: bool = False,
         suspends: bool = False,
         *,
@@ -225,7 +225,7 @@ class Control:
         if speed is not None:
             self._valued[OrderKind.SPEED] = lambda order: speed(order.value)
         self._command = command
-        self._tell = tell
+        self._say = say
         self._suspends, self._rules = suspends, rules
         self.begun = self.next_asked = self._asked = self._waits = False
         self._lock = threading.RLock()
@@ -248,7 +248,7 @@ class Control:
                 has_value = kind in self._rules.valued
                 text = self._carry_out(order) if has_value else self._obey(order)
                 self.by = order.by
-        self._tell(f"{order.by}: {text}")
+        self._say(f"{order.by}: {text}")
         return text
 
     @property
@@ -269,7 +269,7 @@ class Control:
     @property
     def asked(self) -> bool:
         """Whether an order wants the run to start, or to go on."""
-        return self._asked and self.state in (*BEFORE, State.PAUSED, State.HOMING_PAUSED)
+        return self._asked and self.state in (*BEFORE_RUN, State.PAUSED, State.HOMING_PAUSED)
 
     def ready(self) -> None:
         """All robots are there."""
@@ -290,7 +290,7 @@ class Control:
         """
         with self._lock:
             self.begun = True
-            if self.state not in (*BEFORE, State.PAUSED, State.HOMING):
+            if self.state not in (*BEFORE_RUN, State.PAUSED, State.HOMING):
                 return False
             start()
             self.state = State.PAUSED if paused else State.RUNNING
@@ -300,7 +300,7 @@ class Control:
     def home(self, drive: Callable[[], object]) -> bool:
         """Has the robots drive home, or on, unless an order forbids it; says whether they do."""
         with self._lock:
-            if self.state not in (*BEFORE, State.HOMING_PAUSED):
+            if self.state not in (*BEFORE_RUN, State.HOMING_PAUSED):
                 return False
             drive()
             self.state, self._asked = State.HOMING, False
@@ -316,7 +316,7 @@ class Control:
     def end(self, why: str) -> None:
         """The run has ended by itself."""
         with self._lock:
-            if self.state in (*BEFORE, *DURING, *HOMING):
+            if self.state in (*BEFORE_RUN, *DURING, *HOMING):
                 self.state, self.why, self._asked = State.ENDED, why, False
 
     def next_run(self) -> None:
@@ -360,7 +360,7 @@ class Control:
                 return "after an emergency stop: reset first"
             if self.state in (*DURING, *HOMING):
                 return f"run {self.run} is going on already"
-        now = "not running" if self.state in BEFORE else self.state.value
+        now = "not running" if self.state in BEFORE_RUN else self.state.value
         stopped = self.state == State.ENDED and self.why.startswith("stopped by ")
         who = f": {self.why}" if stopped else ""
         return f"cannot {kind.value}: run {self.run} is {now}{who}"

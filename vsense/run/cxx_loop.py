@@ -35,7 +35,7 @@ from vsense.world.loop_functions import STEPS
 from vsense.world.world import NEVER_NS, World
 
 Floats = NDArray[np.float64]
-Pose = tuple[float, float, float]
+PoseTuple = tuple[float, float, float]
 
 _MAX_PIXELS = 10_000_000
 _NO_NUMBERS = np.zeros(0)
@@ -116,8 +116,8 @@ class CxxLoopFunctions:
         self._lock = threading.RLock()
         self.is_alive, self.finished = False, False
         self.said: list[str] = []
-        self.moved: dict[int, Pose] = {}
-        self._told: set[str] = set()
+        self.moved: dict[int, PoseTuple] = {}
+        self._reported: set[str] = set()
         self._pending: list[list[str]] | None = None
         self._measures: dict[str, float] = {}
         self._floor: tuple[Arena, float] | None = None
@@ -161,9 +161,9 @@ class CxxLoopFunctions:
         lines = self._call("PostExperiment", clock, self._rows(world))
         results = {name: float(value) for kind, name, value in _of(lines, "measure", 3)}
         for _, text in _of(lines, "log", 2):
-            found = _SCORE.fullmatch(text)
-            if found is not None and float(found["value"]) not in results.values():
-                results[(found["name"] or OBJECTIVE).strip()] = float(found["value"])
+            match = _SCORE.fullmatch(text)
+            if match is not None and float(match["value"]) not in results.values():
+                results[(match["name"] or OBJECTIVE).strip()] = float(match["value"])
         self._apply(world, lines)
         self._apply(world, self._call("Destroy", [], _NO_NUMBERS))
         self.is_alive = False
@@ -317,22 +317,22 @@ class CxxLoopFunctions:
     def _change(self, world: World, words: list[str]) -> None:
         """Puts, moves or removes what stands in the world, or a light."""
         name = words[1]
-        known = world.entities.get(name)
-        if isinstance(known, (Box, Cylinder)) and known.physical and not self._moves:
+        entity = world.entities.get(name)
+        if isinstance(entity, (Box, Cylinder)) and entity.physical and not self._moves:
             self._tell_once(name, f"{name!r} stands in the real arena: its change")
             return
         try:
             if words[0] != "gone":
-                stands = known.physical if isinstance(known, (Box, Cylinder)) else self._moves
+                stands = entity.physical if isinstance(entity, (Box, Cylinder)) else self._moves
                 world.rebuild(_entity(words, stands))
-            elif known is not None:
+            elif entity is not None:
                 world.tear_down(name)
         except WorldError as error:
             raise self._wrong("AddEntity or MoveEntity", str(error)) from None
 
     def _tell_once(self, about: str, words: str) -> None:
-        if about not in self._told:
-            self._told.add(about)
+        if about not in self._reported:
+            self._reported.add(about)
             self.said.append(f"{words} by the loop functions is passed over")
 
 

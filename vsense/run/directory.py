@@ -86,8 +86,8 @@ def write_summary(
         (directory / name).write_text(f"{text}\n")
 
 
-LOG = "log.txt"
-TIMESTEPS, MEASURES = "timesteps.csv", "measures.csv"
+LOG_TXT = "log.txt"
+TIMESTEPS_CSV, MEASURES_CSV = "timesteps.csv", "measures.csv"
 
 HEADER = "run_timestep,timestep,capture_ns,ready_ns,arena_ns,sent_ns,connected,seen,stale\n"
 """Times on the host's monotonic clock; robots that are connected, seen, and hold stale readings."""
@@ -99,20 +99,20 @@ class RunTables:
     """`timesteps.csv` and `measures.csv` of one run, in its directory: a row for each timestep.
 
     There is no `measures.csv` before the experiment has measured something. What the disk does not
-    take ends the writing, never the run; `tell` takes a line about that.
+    take ends the writing, never the run; `say` takes a line about that.
 
     DirectoryError where a file cannot be made.
     """
 
     def __init__(
-        self, directory: Path, timestep_s: float, tell: Callable[[str], None] = lambda text: None
+        self, directory: Path, timestep_s: float, say: Callable[[str], None] = lambda text: None
     ) -> None:
-        self._measures_path, self._timestep_s, self._tell = directory / MEASURES, timestep_s, tell
+        self._measures_path, self._timestep_s, self._say = directory / MEASURES_CSV, timestep_s, say
         self._measures: TextIO | None = None
         self._names: list[str] = []
         self._rows, self._good = 0, True
-        with failing_as(DirectoryError, str(directory / TIMESTEPS)):
-            self._timesteps = (directory / TIMESTEPS).open("w", encoding="utf-8")
+        with failing_as(DirectoryError, str(directory / TIMESTEPS_CSV)):
+            self._timesteps = (directory / TIMESTEPS_CSV).open("w", encoding="utf-8")
             self._timesteps.write(HEADER)
 
     def add(
@@ -142,7 +142,7 @@ class RunTables:
                 self._flush()
         except OSError as error:
             self._good = False
-            self._tell(f"the run's tables are no longer written: {error.strerror}")
+            self._say(f"the run's tables are no longer written: {error.strerror}")
 
     def close(self) -> None:
         """There are no more timesteps."""
@@ -170,7 +170,7 @@ class RunTables:
             body = text[len(self._head()) :].replace("\n", f"{',' * len(new)}\n")
         self._names += new
         # Beside it: the rows so far outlast a disk that is full now.
-        part = self._measures_path.with_name(f".{MEASURES}.part")
+        part = self._measures_path.with_name(f".{MEASURES_CSV}.part")
         try:
             wider = part.open("w", encoding="utf-8", newline="")
             wider.write(self._head() + body)
@@ -205,7 +205,7 @@ class RunLog(Console):
         super().__init__()
         self._writing = threading.Lock()
         try:
-            self._log = (directory / LOG).open("w")
+            self._log = (directory / LOG_TXT).open("w")
         except OSError as error:
             raise DirectoryError(f"{error.filename}: {error.strerror}") from None
         self._good = True

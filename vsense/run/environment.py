@@ -124,11 +124,11 @@ class Environment:
 
     def entries(self, direction: Direction) -> dict[int, list[Entry]]:
         """The virtual sensors, or the actuators, of every robot in their order, by its tag."""
-        found = dict[int, list[Entry]]()
+        by_tag = dict[int, list[Entry]]()
         for equipment in self.equipment:
             rows = [entry for entry, *_ in equipment.table.of_direction(direction)]
-            found |= dict.fromkeys(equipment.tags, rows)
-        return found
+            by_tag |= dict.fromkeys(equipment.tags, rows)
+        return by_tag
 
     def _virtual_swarm(self) -> VirtualSwarm | None:
         if not any(robot.controller for robot in self.experiment.virtual_robots):
@@ -205,7 +205,7 @@ class Environment:
             self.pre_step()
             self.act(reports, senders)
         readings = SwarmReadings(
-            {some.controller: some.sensors.encode(world, state.timestep) for some in self.equipment}
+            {part.controller: part.sensors.encode(world, state.timestep) for part in self.equipment}
         )
         if swarm is not None:
             swarm.control(state, run_timestep, readings)

@@ -17,6 +17,7 @@ from vsense.config.specs import Experiment
 from vsense.robots.link.status import RadioStatus, RobotStatus
 from vsense.robots.link.wire import StopCause
 from vsense.run.directory import DirectoryError, RunTables
+from vsense.run.link_check import WEAK_DBM
 from vsense.run.robots import Readiness
 from vsense.run.runner import Runner
 from vsense.run.runtime import Step
@@ -39,7 +40,7 @@ class _Robot:
     signal_dbm: int | None = None
     saves_power: bool = False
 
-    def tell(self, radio: RadioStatus) -> None:
+    def add_radio(self, radio: RadioStatus) -> None:
         """Takes what the robot tells of its Wi-Fi."""
         if radio.signal_dbm is not None:
             self.signal_dbm = min(radio.signal_dbm, self.signal_dbm or 0)
@@ -136,7 +137,7 @@ class Figures:
             if status.heard_ns is not None:
                 counted.silent_ns = max(counted.silent_ns, step.sent_ns - status.heard_ns)
             if status.telemetry is not None:
-                counted.tell(RadioStatus.of(status.telemetry))
+                counted.add_radio(RadioStatus.of(status.telemetry))
                 held = status.connected and status.telemetry.stop_cause == StopCause.STALE
                 counted.stale += held
                 stale += held
@@ -278,9 +279,9 @@ def table(summary: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
-QUIET_S, WEAK_DBM = 0.2, -75
+QUIET_S = 0.2
 """A link is worth a word where nothing was heard for this long (telemetry comes each 75 ms), or its
-signal was weaker at some time."""
+signal was weaker than `WEAK_DBM` at some time."""
 
 MOST_LINKS = 3
 
@@ -288,14 +289,14 @@ MOST_LINKS = 3
 def worst_links(robots: Sequence[Mapping[str, Any]]) -> list[str]:
     """The robots of a summary whose links were the worst, and why; none where all were good."""
     bad = [(robot["longest_silence_s"], robot) for robot in robots]
-    told = []
+    links = []
     for silent_s, robot in sorted(bad, key=lambda pair: pair[0], reverse=True):
         signal_dbm = robot["signal_dbm"]
         why = [f"silent for {silent_s:.2f} s"] if silent_s > QUIET_S else []
         why += [f"{signal_dbm} dBm"] if signal_dbm is not None and signal_dbm < WEAK_DBM else []
         why += ["power saving is on"] if robot["power_saving"] else []
-        told += [f"{robot['name']} ({', '.join(why)})"] if why else []
-    return told[:MOST_LINKS]
+        links += [f"{robot['name']} ({', '.join(why)})"] if why else []
+    return links[:MOST_LINKS]
 
 
 def link_row(link: Mapping[str, Any]) -> tuple[str, str]:

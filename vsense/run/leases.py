@@ -101,16 +101,16 @@ class RobotLeases:
         # In one order: of two runs that begin together one gets all.
         wanted = sorted(set(tags) - self._held.keys())
         taken: list[int] = []
-        others: dict[int, Lease] = {}
+        busy: dict[int, Lease] = {}
         try:
             for tag in wanted:
                 holder = self._take(tag)
                 if holder is None:
                     taken.append(tag)
                 else:
-                    others[tag] = holder
-            if others:
-                raise LeasedError(told(others))
+                    busy[tag] = holder
+            if busy:
+                raise LeasedError(conflict_text(busy))
         except VsenseError:
             self.release(taken)
             raise
@@ -167,7 +167,7 @@ def _file(folder: Path, tag: int) -> Path:
 
 def holders(folder: Path) -> dict[int, Lease]:
     """Who has which robot now, by tag. Not for a process that has leases: it would lose them."""
-    found = {}
+    by_tag = {}
     for path in folder.glob("robot-*.lease"):
         number = path.stem.removeprefix("robot-")
         with suppress(OSError):
@@ -177,8 +177,8 @@ def holders(folder: Path) -> dict[int, Lease]:
             finally:
                 os.close(descriptor)
             if holder is not None:
-                found[int(number)] = holder
-    return dict(sorted(found.items()))
+                by_tag[int(number)] = holder
+    return dict(sorted(by_tag.items()))
 
 
 def _holder(descriptor: int) -> Lease | None:
@@ -216,14 +216,14 @@ def by_lease(held: Mapping[int, Lease]) -> dict[Lease, list[int]]:
     return tags
 
 
-def told(others: Mapping[int, Lease]) -> str:
+def conflict_text(busy: Mapping[int, Lease]) -> str:
     """Who has the robots that somebody else wants, and how they are handed over."""
-    lines = [f"{robots(some)} in use: {lease}" for lease, some in by_lease(others).items()]
+    lines = [f"{robots(tags)} in use: {lease}" for lease, tags in by_lease(busy).items()]
     return "\n".join([*lines, "ask for them, or end that run with: vsense handover"])
 
 
 def robots(tags: Iterable[int]) -> str:
     """Robots in words, with their verb: "robots 23, 24 are"."""
-    some = list(tags)
-    names = ", ".join(map(str, some))
-    return f"robot {names} is" if len(some) == 1 else f"robots {names} are"
+    listed = list(tags)
+    names = ", ".join(map(str, listed))
+    return f"robot {names} is" if len(listed) == 1 else f"robots {names} are"

@@ -21,10 +21,7 @@ from vsense.robots.link.keys import LinkTrust
 from vsense.robots.link.server import LinkError, LinkEvent, VirtualSensorServer
 from vsense.robots.link.status import LinkFigures, RobotStatus
 from vsense.robots.link.table import Direction, Entry, ExpectedRobot, Table
-from vsense.robots.link.wire import GoodbyeCause, Values, Wanted
-
-Tell = Callable[[str], None]
-"""Takes a line for a person; does not wait."""
+from vsense.robots.link.wire import GoodbyeCause, ReadingValues, Wanted
 
 STILL_S = 0.1
 """After STOP: its three packets leave."""
@@ -47,7 +44,7 @@ class LinkLoad:
         timestep_ns: how often readings leave.
         address: interface and port; 0 takes a free one.
         trust: which robots are believed.
-        tell: takes what happens to links.
+        say: takes what happens to links.
 
     Attributes:
         port: that robots connect to.
@@ -62,9 +59,9 @@ class LinkLoad:
         timestep_ns: int,
         address: tuple[str, int],
         trust: LinkTrust,
-        tell: Tell,
+        say: Callable[[str], None],
     ) -> None:
-        self._tell, self._over = tell, False
+        self._say, self._over = say, False
         self._dt_ns = timestep_ns
         self._server = VirtualSensorServer(
             host=address[0],
@@ -92,7 +89,7 @@ class LinkLoad:
             Event().wait(STILL_S)
         self._server.close(GoodbyeCause.END, "the link was measured")
 
-    def wait(self, limit_s: float, interrupted: Event, progress: Tell) -> int:
+    def wait(self, limit_s: float, interrupted: Event, progress: Callable[[str], None]) -> int:
         """Waits until all robots are connected, for so long at most; gives how many are."""
         end_ns, there = host_ns() + round(1e9 * limit_s), 0
         while host_ns() < end_ns and there < len(self._payloads) and not interrupted.wait(0.1):
@@ -100,7 +97,7 @@ class LinkLoad:
             progress(f"{there} of {len(self._payloads)} robots connected")
         return there
 
-    def load(self, duration_s: float, interrupted: Event, progress: Tell) -> float:
+    def load(self, duration_s: float, interrupted: Event, progress: Callable[[str], None]) -> float:
         """Sends readings every timestep, for so long or until it is interrupted.
 
         Returns:
@@ -135,7 +132,7 @@ class LinkLoad:
     def _send(self, now_ns: int) -> None:
         """A timestep's readings; that nobody has a goal says to stand."""
         self._timestep += 1
-        values: dict[int, Values] = {
+        values: dict[int, ReadingValues] = {
             tag: [(payload, now_ns) for payload in payloads]
             for tag, payloads in self._payloads.items()
         }
@@ -143,7 +140,7 @@ class LinkLoad:
 
     def _on_event(self, event: LinkEvent) -> None:
         if not self._over and event.kind != "connected":
-            self._tell(event.text)
+            self._say(event.text)
 
 
 SILENCE_MS = 400.0
@@ -158,7 +155,7 @@ WEAK_DBM = -75.0
 LOSS_SHARE = 0.1
 """More loss than this is worth a word, also where packets come often enough."""
 
-DEPLOY = "vsense robot deploy"
+DEPLOY_COMMAND = "vsense robot deploy"
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,9 +235,9 @@ def _advice(status: RobotStatus, f: LinkFigures, fails: bool) -> str:
     """What helps first."""
     if not f.packets:
         near = "is it on, in this network, and told this address and port?"
-        return status.refused or f"{near} {DEPLOY} --check"
+        return status.refused or f"{near} {DEPLOY_COMMAND} --check"
     if f.power_saving:
-        return f"power saving is on: {DEPLOY} turns it off"
+        return f"power saving is on: {DEPLOY_COMMAND} turns it off"
     if f.signal_dbm is not None and f.signal_dbm < WEAK_DBM:
         return f"{f.signal_dbm:.0f} dBm is weak: bring the access point nearer, or above the arena"
     if not status.udp and status.connected:
@@ -257,7 +254,7 @@ def _advice(status: RobotStatus, f: LinkFigures, fails: bool) -> str:
 
 def worst(verdicts: Sequence[LinkVerdict]) -> LinkVerdict | None:
     """The worst link; None where there is none."""
-    return max(verdicts, key=lambda one: one.badness, default=None)
+    return max(verdicts, key=lambda verdict: verdict.badness, default=None)
 
 
 HEADS = (
@@ -268,23 +265,23 @@ HEADS = (
 
 def table(verdicts: Sequence[LinkVerdict]) -> str:
     """A line for each robot, below them what helps, and the worst one's name."""
-    lines = aligned([HEADS, *(_cells(one) for one in verdicts)])
-    for one in verdicts:
-        if one.advice:
-            lines.append(f"{one.tag} {one.name}: {one.advice}")
+    lines = aligned([HEADS, *(_cells(verdict) for verdict in verdicts)])
+    for verdict in verdicts:
+        if verdict.advice:
+            lines.append(f"{verdict.tag} {verdict.name}: {verdict.advice}")
     last = worst(verdicts)
     if last is not None and len(verdicts) > 1:
         lines.append(f"the worst link: {last.tag} {last.name}: {last.verdict}")
-    bad = sum(not one.holds for one in verdicts)
+    bad = sum(not verdict.holds for verdict in verdicts)
     lines.append(f"{len(verdicts) - bad} of {len(verdicts)} robots would hold the experiment")
     return "\n".join(lines)
 
 
-def _cells(one: LinkVerdict) -> tuple[str, ...]:
-    f = one.figures
+def _cells(verdict: LinkVerdict) -> tuple[str, ...]:
+    f = verdict.figures
     loss = f"{_figure(f.loss_down, ' / ', 1, 100.0)}{_figure(f.loss_up, ' %', 1, 100.0)}"
     return (
-        f"{one.tag} {one.name}",
+        f"{verdict.tag} {verdict.name}",
         loss if f.packets else "-",
         _figure(f.round_trip_p50_ms, " ms", 1),
         _figure(f.round_trip_p99_ms, " ms", 1),
@@ -295,7 +292,7 @@ def _cells(one: LinkVerdict) -> tuple[str, ...]:
         _figure(f.retries, "", 0),
         {True: "YES", False: "no", None: "-"}[f.power_saving],
         _figure(f.late, " %", 1, 100.0),
-        f"{'' if one.holds else 'FAILS: '}{one.verdict}",
+        f"{'' if verdict.holds else 'FAILS: '}{verdict.verdict}",
     )
 
 
@@ -308,7 +305,7 @@ def as_json(verdicts: Sequence[LinkVerdict], facts: Mapping[str, Any]) -> dict[s
     last = worst(verdicts)
     return {
         **facts,
-        "holds": all(one.holds for one in verdicts),
+        "holds": all(verdict.holds for verdict in verdicts),
         "worst": None if last is None else last.tag,
-        "robots": [one.as_json() for one in verdicts],
+        "robots": [verdict.as_json() for verdict in verdicts],
     }

@@ -57,10 +57,10 @@ class Order:
 def read_pair(said: object) -> tuple[int, int]:
     """Reads two tags, of whom and who, as JSON has them; ValueError where they are none."""
     tags = said if isinstance(said, list) and len(said) == 2 else [None]
-    whole = [t for t in tags if isinstance(t, int) and not isinstance(t, bool)]
-    if len(whole) != 2 or not all(0 <= tag < 1 << 16 for tag in whole):
+    integers = [t for t in tags if isinstance(t, int) and not isinstance(t, bool)]
+    if len(integers) != 2 or not all(0 <= tag < 1 << 16 for tag in integers):
         raise ValueError(f"pair is two tags, not {said!r:.40}")
-    return whole[0], whole[1]
+    return integers[0], integers[1]
 
 
 Give = Callable[[Order], str]

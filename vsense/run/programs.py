@@ -17,10 +17,10 @@ from vsense.robots import build, inprocess
 from vsense.robots.compiling import BuildError, native
 from vsense.robots.inprocess import ControllerFailure, SimError
 from vsense.robots.link.table import Table, ToldProgram
-from vsense.robots.link.wire import Shown, Wanted
+from vsense.robots.link.wire import ShownData, Wanted
 from vsense.robots.program import Program, kind_of
 
-PROGRESS_BYTES = inprocess.PROGRESS_BYTES + 4
+RUN_PROGRESS_BYTES = inprocess.PROGRESS_BYTES + 4
 """Those of `Program`, and which of the experiment's controllers it is: a u32."""
 
 
@@ -54,10 +54,10 @@ def told_programs(experiment: Experiment) -> dict[str, ToldProgram]:
 
     A hash is not known without a compiler, and a name where the source does not show it.
     """
-    return {controller.id: _told(controller) for controller in experiment.controllers}
+    return {controller.id: _told_program(controller) for controller in experiment.controllers}
 
 
-def _told(controller: ControllerSpec) -> ToldProgram:
+def _told_program(controller: ControllerSpec) -> ToldProgram:
     program = controller.program
     texts = (path.read_text(errors="replace") for path in program.sources if path.is_file())
     names = [match[1] for match in map(_NAME.search, texts) if match]
@@ -70,8 +70,8 @@ def _told(controller: ControllerSpec) -> ToldProgram:
 
 
 LOADING = 0x20000
-"""What `PROGRESS_BYTES` note as the number of a controller is this and more while its shared object
-is loaded: users' code runs then, too. `LOADING_LOOP`: that of loop functions."""
+"""What `RUN_PROGRESS_BYTES` note as the number of a controller is this and more while its shared
+object is loaded: users' code runs then, too. `LOADING_LOOP`: that of loop functions."""
 LOADING_LOOP = LOADING + 0xFFFF
 
 
@@ -108,13 +108,13 @@ class Programs:
             libraries: shared objects by the controller's id.
             tables: sensor tables by the controller's id.
             seed: of the run.
-            progress: `PROGRESS_BYTES` of writable memory, None: not wanted.
+            progress: `RUN_PROGRESS_BYTES` of writable memory, None: not wanted.
 
         Raises:
             SimError: a shared object cannot be loaded, or its controller cannot be run.
             WireError: the experiment does not fit the robots' protocol.
         """
-        note = memoryview(bytearray(PROGRESS_BYTES) if progress is None else progress).cast("B")
+        note = memoryview(bytearray(RUN_PROGRESS_BYTES) if progress is None else progress).cast("B")
         own, self._present = note[: inprocess.PROGRESS_BYTES], note[-4:].cast("I")
         drivers = np.array(list(controllers.values()))
         self._experiment, count = experiment, len(drivers)
@@ -181,13 +181,13 @@ class Programs:
         """See `Program.reports`."""
         return {tag: block for *_, robots in self._parts for tag, block in robots.reports().items()}
 
-    def shown(self) -> list[tuple[int, Shown]]:
+    def shown(self) -> list[tuple[int, ShownData]]:
         """See `Program.shown`."""
-        return [some for *_, robots in self._parts for some in robots.shown()]
+        return [entry for *_, robots in self._parts for entry in robots.shown()]
 
     def logged(self) -> Sequence[tuple[int, str]]:
         """See `Program.logged`."""
-        return [some for *_, robots in self._parts for some in robots.logged()]
+        return [entry for *_, robots in self._parts for entry in robots.logged()]
 
     def end(self) -> None:
         """See `Program.end`."""

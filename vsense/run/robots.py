@@ -79,7 +79,7 @@ def expected_robots(
     }
 
 
-MOST_NAMES = 6
+MAX_LISTED_NAMES = 6
 """So many names are listed, then only how many more there are."""
 
 
@@ -171,11 +171,11 @@ def _without(names: tuple[str, ...], away: Iterable[str] = ()) -> str:
 def shorten(names: Iterable[str]) -> str:
     """Names in one line, the first few of many."""
     listed = list(names)
-    more = len(listed) - MOST_NAMES
-    return ", ".join(listed[:MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
+    more = len(listed) - MAX_LISTED_NAMES
+    return ", ".join(listed[:MAX_LISTED_NAMES]) + (f" and {more} more" if more > 0 else "")
 
 
-PATIENCE_NS = 1_000_000_000
+TROUBLE_DELAY_NS = 1_000_000_000
 """A daemon that has just started looks for its base for a moment: that is no trouble yet."""
 
 BATTERY_LOW = SAVES_POWER = 1
@@ -188,7 +188,7 @@ class RobotAlarms:
 
     def __init__(self) -> None:
         self._since_ns: dict[tuple[int, str], int] = {}
-        self._told: set[tuple[int, str]] = set()
+        self._reported: set[tuple[int, str]] = set()
 
     def update(self, robots: Mapping[int, RobotStatus], now_ns: int) -> list[str]:
         """Takes the newest status of every robot by tag.
@@ -203,13 +203,13 @@ class RobotAlarms:
                 key = (tag, begun)
                 if not present:
                     self._since_ns.pop(key, None)
-                    if key in self._told:
-                        self._told.remove(key)
+                    if key in self._reported:
+                        self._reported.remove(key)
                         lines.append(f"robot {status.name}: {over}")
                     continue
                 lasted_ns = now_ns - self._since_ns.setdefault(key, now_ns)
-                if lasted_ns >= PATIENCE_NS and key not in self._told:
-                    self._told.add(key)
+                if lasted_ns >= TROUBLE_DELAY_NS and key not in self._reported:
+                    self._reported.add(key)
                     lines.append(f"robot {status.name}: {begun}")
         return lines
 
@@ -219,15 +219,15 @@ def low_batteries(robots: Mapping[int, RobotStatus], limit_v: float) -> dict[int
 
     `limit_v` is what they should have at least; 0: no battery is too low.
     """
-    found = dict[int, float]()
+    low_v = dict[int, float]()
     for tag, status in robots.items():
-        told = status.telemetry
-        if told is None or limit_v <= 0.0:
+        telemetry = status.telemetry
+        if telemetry is None or limit_v <= 0.0:
             continue
-        volts = told.battery_mv / 1e3
-        if volts < limit_v if volts else told.battery_low == BATTERY_LOW:
-            found[tag] = volts
-    return found
+        volts = telemetry.battery_mv / 1e3
+        if volts < limit_v if volts else telemetry.battery_low == BATTERY_LOW:
+            low_v[tag] = volts
+    return low_v
 
 
 def battery_words(volts: float) -> str:
@@ -284,8 +284,8 @@ class LinkCounters:
         """Takes the newest status of every robot; gives those whose guard was replaced."""
         replaced = []
         for tag, status in robots.items():
-            known = self._robots.setdefault(tag, _LinkCounts())
-            if status.telemetry is not None and _add(known, status.telemetry, status.sent):
+            counts = self._robots.setdefault(tag, _LinkCounts())
+            if status.telemetry is not None and _add(counts, status.telemetry, status.sent):
                 replaced.append(status)
         sent, received, dropped, defects = self._earlier
         self.sent = sum(status.sent for status in robots.values()) - sent
@@ -298,7 +298,7 @@ class LinkCounters:
         self.dropped = self._before("dropped") + sum(_dropped(t) for t in heard) - dropped
         return replaced
 
-    def anew(self) -> LinkCounters:
+    def from_here(self) -> LinkCounters:
         """Gives counters that count from here."""
         now = (self.sent, self.received, self.dropped, self.defects)
         sent, received, dropped, defects = (a + b for a, b in zip(self._earlier, now))
@@ -309,19 +309,19 @@ class LinkCounters:
         return sum(getattr(robot, counter) for robot in self._robots.values())
 
 
-def _add(known: _LinkCounts, now: Telemetry, sent: int) -> bool:
+def _add(counts: _LinkCounts, now: Telemetry, sent: int) -> bool:
     """Adds a telemetry of a robot that was sent so much; True where it reports a new guard."""
-    before = known.newest
+    before = counts.newest
     if before is None and (more := _taken(now) - sent) > 0:
         # It was on before this server was, and has counted what others sent.
-        known.received, known.dropped = -more, -_dropped(now)
+        counts.received, counts.dropped = -more, -_dropped(now)
     if before is not None and now.received < before.received:
-        known.received += _taken(before)
-        known.dropped += _dropped(before)
-        known.guard_restarts = 0
-    known.newest = now
-    replaced = now.guard_restarts > known.guard_restarts
-    known.guard_restarts = now.guard_restarts
+        counts.received += _taken(before)
+        counts.dropped += _dropped(before)
+        counts.guard_restarts = 0
+    counts.newest = now
+    replaced = now.guard_restarts > counts.guard_restarts
+    counts.guard_restarts = now.guard_restarts
     return replaced
 
 

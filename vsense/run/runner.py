@@ -28,7 +28,7 @@ from vsense.run.robots import LinkCounters, Readiness, RobotAlarms
 from vsense.run.runtime import Runtime, Step
 from vsense.run.watch import NoArenaState
 
-POLL_S = 0.25
+SILENCE_POLL_S = 0.25
 """A run without arena states checks this often whether it shall end."""
 
 Observer = Callable[[Step | None, Mapping[int, RobotStatus]], None]
@@ -38,7 +38,7 @@ what it raises ends the run."""
 STAND_TIMEOUT_NS = 600_000_000
 """Robots that have not reported that they stand are watched so long after STOP."""
 
-LOOK_S = 0.02
+STAND_POLL_S = 0.02
 """Meanwhile reports are read so often."""
 
 SETTLE_TIMEOUT_NS = 1_000_000_000
@@ -180,7 +180,7 @@ class Runner:
                 if homing.done and control.state == State.HOMING:
                     break  # but a pause that came with the last arrival waits for its start
                 self._step()
-                starts.tell(homing, self._console)
+                starts.say_progress(homing, self._console)
         finally:
             self._runtime.guide = None
             control.arrive(partial(order, Wanted.IDLE))
@@ -254,7 +254,7 @@ class Runner:
         self._runtime.next_run(environment)
         self.control.next_run()
         self.silences, self._run_timestep = [], -1
-        self.counters = self.counters.anew()
+        self.counters = self.counters.from_here()
 
     def recast(self, environment: Environment) -> None:
         """Goes on between runs with other robots, which the server expects already."""
@@ -264,7 +264,7 @@ class Runner:
         # Counts of who has left are no part of any later run's.
         counted = LinkCounters()
         counted.update(self._server.robots())
-        self.counters = counted.anew()
+        self.counters = counted.from_here()
 
     def stop(self) -> None:
         """Stops all robots, and waits until their telemetry says what they received."""
@@ -286,7 +286,7 @@ class Runner:
         """Runs one timestep; None where no arena state came for a while."""
         step: Step | None = None
         try:
-            step = self._runtime.step(POLL_S)
+            step = self._runtime.step(SILENCE_POLL_S)
         except NoArenaState:
             self._hear_nothing()
         if step is not None:
@@ -363,13 +363,13 @@ class Runner:
             state = None
             if sees:
                 try:
-                    state = self._runtime.step(LOOK_S).state
+                    state = self._runtime.step(STAND_POLL_S).state
                 except NoArenaState:
                     pass
                 except VsenseError:
                     sees = False  # what has failed has ended the run, and is said there
             else:
-                threading.Event().wait(LOOK_S)
+                threading.Event().wait(STAND_POLL_S)
             robots = self._server.robots()
             self._say_disobedience(robots, state)
 
@@ -381,11 +381,11 @@ class Runner:
 
     def _settle(self) -> None:
         """Stops sending and waits until every robot has reported what it received."""
-        self._server.hush()
+        self._server.silence()
         patience_ns = HURRY_NS if self._interrupted.is_set() else SETTLE_TIMEOUT_NS
         deadline_ns = self._clock() + patience_ns
         self.counters.update(self._server.robots())
         while self.counters.received < self.counters.sent and self._clock() < deadline_ns:
             threading.Event().wait(0.02)
             self.counters.update(self._server.robots())
-        self._server.hush(False)
+        self._server.silence(False)

@@ -177,14 +177,14 @@ class RunsFile:
         """The whole rows of the file; cuts off half a row at its end."""
         try:
             data = read_bytes(self.path, _MOST_BYTES)
-            whole = data[: data.rfind(b"\n") + 1]
-            text = whole.decode("utf-8-sig")
-            if len(whole) < len(data):
+            complete = data[: data.rfind(b"\n") + 1]
+            text = complete.decode("utf-8-sig")
+            if len(complete) < len(data):
                 # Of what is no runs.csv nothing is cut off; half a heading may be one's own.
                 half, heading = data.decode(errors="replace"), ",".join(COLUMNS)
-                if whole or not (half.startswith(heading) or heading.startswith(half)):
+                if complete or not (half.startswith(heading) or heading.startswith(half)):
                     _parse(self.path, text)
-                os.truncate(self.path, len(whole))
+                os.truncate(self.path, len(complete))
                 self.repaired = True
             return text
         except FileNotFoundError:
@@ -240,7 +240,7 @@ def row_of(
         ended: why it ended, "time" for its end.
     """
     steps = summary["timesteps"] + summary["left_out_timesteps"]
-    whole = ended == "time" or not experiment.timesteps
+    is_complete = ended == "time" or not experiment.timesteps
     swarm = {name: n for name, n in summary.get("swarm", {}).items() if n is not None}
     volts = [robot["battery_mv"] for robot in summary.get("per_robot", ())]
     resting = summary.get("resting", ())
@@ -258,8 +258,8 @@ def row_of(
         light_level=summary.get("light_level"),
         late=summary["late_timesteps"] / steps if steps else None,
         versions=versions(),
-        verdict=VALID if whole else VOID,
-        why="" if whole else f"{ended or 'failed'} before its end",
+        verdict=VALID if is_complete else VOID,
+        why="" if is_complete else f"{ended or 'failed'} before its end",
         note=_note_of(summary.get("per_robot", ())),
         measures={**swarm, **summary.get("measures", summary.get("results", {}))},
     )
@@ -334,33 +334,33 @@ def _check(path: Path, names: Sequence[str]) -> None:
 
 def _columns_of(measures: Mapping[str, float | None]) -> dict[str, float | None]:
     """Measures by the names of their columns, which are no fixed column's and not empty."""
-    found: dict[str, float | None] = {}
+    columns: dict[str, float | None] = {}
     for measure, value in measures.items():
         name = measure
         while name in ("", *COLUMNS) or (name != measure and name in measures):
             name = f"measure_{name}"
-        found[name] = value
-    return found
+        columns[name] = value
+    return columns
 
 
 def _row(cells: Mapping[str, str]) -> RunRow:
     """Makes a row; ValueError says what is wrong."""
-    told: dict[str, Any] = {name: cells[name].strip() for name in COLUMNS}
+    values: dict[str, Any] = {name: cells[name].strip() for name in COLUMNS}
     for name, kind in _NUMBERS.items():
-        told[name] = _number(name, told[name], kind) if told[name] else None
+        values[name] = _number(name, values[name], kind) if values[name] else None
     for name, kind in _LISTS.items():
-        told[name] = tuple(_number(name, word, kind) for word in told[name].split())
-    told["versions"] = tuple(told["versions"].split())
-    if told["verdict"] not in (VALID, VOID):
-        raise ValueError(f"verdict is {told['verdict']!r}, expected {VALID} or {VOID}")
-    if told["mode"] not in MODES:
-        raise ValueError(f"mode is {told['mode']!r}, expected {', '.join(MODES)}")
+        values[name] = tuple(_number(name, word, kind) for word in values[name].split())
+    values["versions"] = tuple(values["versions"].split())
+    if values["verdict"] not in (VALID, VOID):
+        raise ValueError(f"verdict is {values['verdict']!r}, expected {VALID} or {VOID}")
+    if values["mode"] not in MODES:
+        raise ValueError(f"mode is {values['mode']!r}, expected {', '.join(MODES)}")
     measures = {
         name: _number(name, text.strip(), float) if text.strip() else None
         for name, text in cells.items()
         if name not in COLUMNS
     }
-    return RunRow(**told, measures=measures)
+    return RunRow(**values, measures=measures)
 
 
 def _number(name: str, text: str, kind: Callable[[str], Any]) -> Any:

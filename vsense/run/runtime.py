@@ -15,7 +15,7 @@ from vsense.base.arena import ArenaState, Frame
 from vsense.base.clock import host_ns
 from vsense.robots.link.server import VirtualSensorServer
 from vsense.robots.link.table import Goal
-from vsense.robots.link.wire import Values, Wanted
+from vsense.robots.link.wire import ReadingValues, Wanted
 from vsense.run.changes import Changes
 from vsense.run.environment import Environment
 from vsense.run.watch import WATCH_TIMEOUT_S, ArenaSource, Watch
@@ -136,7 +136,7 @@ class Runtime:
         self._watch = Watch(source, clock)
         self._environment = environment
         self._server = server
-        self.readings: Mapping[int, Values] = {}
+        self.readings: Mapping[int, ReadingValues] = {}
         self._last_timestep = -1
         self._first_timestep: float = math.inf
         self._lived = -1

@@ -77,6 +77,6 @@ def test_what_the_calibration_finds_is_right_to_3_mm_and_1_degree(
     assert figures["position_rms_mm"] <= 3.0 and figures["heading_rms_deg"] <= 1.0
     assert figures["overlap_worst_mm"] <= 1.0 and figures["shape_worst_mm"] <= 1.0
     assert "solving" in told[-1] and f"{figures['views']} pictures" in known.in_words()
-    for camera in known.found:
+    for camera in known.solved:
         text = (tmp_path / "cameras" / f"{camera.id}.json").read_text()
         assert Camera.from_json(text) == camera

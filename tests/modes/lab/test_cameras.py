@@ -22,9 +22,9 @@ from vsense.base.shared import BANK_SLOTS, LabError
 from vsense.modes.lab._backdrop import Block
 from vsense.modes.lab._bodies import Body
 from vsense.modes.lab._camera_spec import LabCameraSpec, rig
-from vsense.modes.lab._cameras import SAMPLES, Input
+from vsense.modes.lab._cameras import Input
 from vsense.modes.lab._grabber import LabGrabber
-from vsense.modes.lab._optics import sample_times_ns
+from vsense.modes.lab._optics import SAMPLES, sample_times_ns
 from vsense.modes.lab._renderer import Studio
 from vsense.modes.lab.truth import TruthReader, TruthWriter, make_ring, read_truth
 from vsense.vision.cameras.camera import Camera

@@ -17,7 +17,7 @@ from vsense.base.native import lib
 from vsense.base.shared import LabError
 from vsense.modes.lab._links import GROUND_RAW, PROGRAMS, Bus
 from vsense.modes.lab._microcontrollers import Actuation, Microcontrollers
-from vsense.modes.lab.hardware import BASES, KINDS, MIXED, bases_of
+from vsense.modes.lab.hardware import BASE_KINDS, BASES, MIXED, bases_of
 
 PATIENCE_S = 20.0
 BYTE_NS = 90_000
@@ -99,16 +99,16 @@ def client(chips: Microcontrollers) -> Iterator[Client]:
 
 
 def test_every_kind_is_emulated_and_mixed_is_all_of_them() -> None:
-    assert tuple(PROGRAMS) == KINDS
-    assert (*KINDS, MIXED) == BASES
+    assert tuple(PROGRAMS) == BASE_KINDS
+    assert (*BASE_KINDS, MIXED) == BASES
     assert bases_of("york", 2) == ["york", "york"]
-    assert bases_of(MIXED, 6) == [*KINDS, *KINDS[:2]]
+    assert bases_of(MIXED, 6) == [*BASE_KINDS, *BASE_KINDS[:2]]
     with pytest.raises(UsageError, match="no base 'lego' in the lab: expected one of argos,"):
         bases_of("lego", 1)
 
 
 def test_bases_are_what_the_daemons_are_told() -> None:
-    chips = Microcontrollers(KINDS)
+    chips = Microcontrollers(BASE_KINDS)
     serial, wires = chips.bases[:2], chips.bases[2:]
     assert [base.partition(":/dev/pts/")[0] for base in serial] == ["argos", "asercom"]
     assert [base.partition(":unix:/")[0] for base in wires] == ["gctronic", "york"]
@@ -121,7 +121,7 @@ def test_bases_are_what_the_daemons_are_told() -> None:
 
 
 def test_all_kinds_measure_what_the_lab_says() -> None:
-    chips = Microcontrollers(KINDS)
+    chips = Microcontrollers(BASE_KINDS)
     prox = np.arange(32, dtype=np.int16).reshape(4, 8)
     chips.sense(prox)
     for link, row in zip(chips.links, prox.tolist()):

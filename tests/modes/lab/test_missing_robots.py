@@ -13,7 +13,7 @@ from vsense.base.shared import LabError
 from vsense.config.casting import Casting
 from vsense.config.roster import SPARE
 from vsense.modes.lab.session import Session
-from vsense.modes.live.session import NobodyThere
+from vsense.modes.live.session import NoRobotError
 from vsense.robots.link.wire import Telemetry
 from vsense.run.cast import Cast
 from vsense.run.robots import BATTERY_LOW, Readiness
@@ -49,7 +49,7 @@ def test_a_later_run_goes_on_without_who_is_missing() -> None:
 
 def test_no_run_goes_on_without_anybody() -> None:
     made, _ = session(2, set())
-    with pytest.raises(NobodyThere, match="no robot is there; not connected: left, right"):
+    with pytest.raises(NoRobotError, match="no robot is there; not connected: left, right"):
         made.wait_until_ready()
 
 

@@ -25,7 +25,7 @@ def host() -> Iterator[socket.socket]:
 
 @pytest.fixture
 def told(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    monkeypatch.setattr(rehearsal, "RETRY_NS", 0)
+    monkeypatch.setattr(rehearsal, "TRACKER_RETRY_NS", 0)
     return []
 
 

@@ -20,11 +20,11 @@ from vsense.base.shared import LabError
 from vsense.modes.lab._backdrop import FULL_DN, Backdrop, Block
 from vsense.modes.lab._bodies import (
     EMISSION_DN,
-    INK,
+    INK_REFLECTANCE,
     OBJECT,
-    PAPER,
+    PAPER_REFLECTANCE,
     ROBOT,
-    TEXTURE_PX_PER_M,
+    SPRITE_PX_PER_M,
     Body,
     BodySprites,
     Effect,
@@ -96,7 +96,7 @@ class Shot:
         pixels = np.stack((column, row), axis=-1).astype(float)
         place = self.camera.to_plane(pixels, HEIGHT_M)
         on_disc = np.hypot(*np.moveaxis(place - at_m, -1, 0)) < 0.0315
-        black = (PAPER - image / self.backdrop.light)[on_disc]
+        black = (PAPER_REFLECTANCE - image / self.backdrop.light)[on_disc]
         return (pixels[on_disc] * black[:, np.newaxis]).sum(axis=0) / black.sum()
 
 
@@ -254,7 +254,7 @@ def test_light_is_uneven_by_what_was_promised() -> None:
     light = np.array([scene.light(ray) for ray in rays])
     assert light.min() == pytest.approx(1 - LIGHT_SWING, abs=0.03)
     assert light.max() == pytest.approx(1 + LIGHT_SWING, abs=0.03)
-    assert light.max() * PAPER * FULL_DN < 255 and light.min() * INK > 0
+    assert light.max() * PAPER_REFLECTANCE * FULL_DN < 255 and light.min() * INK_REFLECTANCE > 0
 
 
 def test_bodies_that_cannot_be_are_refused() -> None:
@@ -275,7 +275,7 @@ BOX = Block(0.16, -1.2, 0.4, 0.05, 0.1, 0.15)
 def sample(sprite: Sprite, rays: RayMap, pose: NDArray[np.float64]) -> Image32:
     """A sprite as all pixels see it, (h, w) or (h, w, 2)."""
     x, y, yaw = pose
-    cos, sin = math.cos(yaw) * TEXTURE_PX_PER_M, math.sin(yaw) * TEXTURE_PX_PER_M
+    cos, sin = math.cos(yaw) * SPRITE_PX_PER_M, math.sin(yaw) * SPRITE_PX_PER_M
     middle = sprite.texture.shape[0] / 2.0 - 0.5
     column = (cos, sin, middle - cos * x - sin * y)
     row = (sin, -cos, middle - sin * x + cos * y)

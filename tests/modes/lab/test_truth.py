@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from tests.rigs.places import ROOT
 from vsense.base.arena import wrap_angle
 from vsense.base.shared import LabError, SharedBlock
-from vsense.modes.lab.truth import SLOTS, TruthLog, TruthReader, TruthWriter, make_ring, read_truth
+from vsense.modes.lab.truth import TICKS, TruthLog, TruthReader, TruthWriter, make_ring, read_truth
 
 WRITER = """
 import sys
@@ -59,19 +59,19 @@ def test_truth_between_ticks_is_interpolated_on_the_short_way_round(before, afte
 def test_every_tick_still_held_is_read_as_written() -> None:
     _, writer, reader = ring_of(3)
     assert reader.newest_ns() == 0
-    ticks = SLOTS + 40
+    ticks = TICKS + 40
     for k in range(1, ticks + 1):
         writer.write(10 * k, np.full((3, 3), k / 1000), np.full(3, k))
         assert reader.newest_ns() == 10 * k
-    for k in range(ticks - SLOTS + 1, ticks + 1):
+    for k in range(ticks - TICKS + 1, ticks + 1):
         found, leds = reader.at(10 * k)
         assert np.allclose(found, k / 1000, atol=1e-12) and (leds == k).all()
 
 
-@pytest.mark.parametrize("moment", [10 * 40 - 1, 10 * (SLOTS + 40) + 1])
+@pytest.mark.parametrize("moment", [10 * 40 - 1, 10 * (TICKS + 40) + 1])
 def test_moments_outside_of_the_ring_are_refused(moment: int) -> None:
     _, writer, reader = ring_of(1)
-    for k in range(1, SLOTS + 41):
+    for k in range(1, TICKS + 41):
         writer.write(10 * k, np.zeros((1, 3)), np.zeros(1, dtype=int))
     with pytest.raises(LabError, match=f"asked for {moment} ns, it holds 410 .. 2960"):
         reader.at(moment)
@@ -87,23 +87,23 @@ def test_an_empty_ring_says_so() -> None:
 def test_a_half_written_record_is_never_believed(written: int, seed: int) -> None:
     block, writer, reader = ring_of(16)
     rng = np.random.default_rng(seed)
-    for k in range(1, SLOTS + 2):
+    for k in range(1, TICKS + 2):
         writer.write(k, rng.normal(size=(16, 3)), rng.integers(0, 1024, 16))
-    size = (len(block.bytes) - 16) // SLOTS
+    size = (len(block.bytes) - 16) // TICKS
     slot = block.bytes[16 + 2 * size : 16 + 3 * size]
     overwritten = slot.copy()
-    writer.write(SLOTS + 2, rng.normal(size=(16, 3)), rng.integers(0, 1024, 16))
+    writer.write(TICKS + 2, rng.normal(size=(16, 3)), rng.integers(0, 1024, 16))
     whole = slot.copy()
     slot[written:] = overwritten[written:]
     torn = bool((slot != whole).any())
-    newest = SLOTS + 1 if torn else SLOTS + 2
+    newest = TICKS + 1 if torn else TICKS + 2
     assert reader.newest_ns() == newest, "a writer that is held up holds up nobody"
     reader.at(newest)
     if torn:
         with pytest.raises(LabError, match=r"broken|it holds"):
-            reader.at(SLOTS + 2)
+            reader.at(TICKS + 2)
     slot[:] = whole
-    reader.at(SLOTS + 2)
+    reader.at(TICKS + 2)
 
 
 def test_reading_while_another_process_writes_as_fast_as_it_can() -> None:

@@ -36,7 +36,7 @@ def lived(state: States, seen_from: list[int]) -> tuple[Portrait, Environment]:
 
 def test_who_was_never_seen_is_not_drawn(state: States, tmp_path: Path) -> None:
     portrait, environment = lived(state, [0, 4, 99])
-    told = portrait._figure(np.array(portrait._known))
+    told = portrait._figure(np.array(portrait._sighted))
     assert told.poses.shape == (10, 2, 3) and told.lit.shape == (10, 2)
     assert told.poses[0, 1].tolist() == told.poses[4, 1].tolist() == [-0.2, 0.2, 1.0]
     path = tmp_path / "run.png"
@@ -55,7 +55,7 @@ def test_a_long_run_takes_bounded_memory(
 ) -> None:
     monkeypatch.setattr("vsense.modes.live.run.MOST_TIMESTEPS", 4)
     portrait, environment = lived(state, [0, 0])
-    told = portrait._figure(np.array(portrait._known))
+    told = portrait._figure(np.array(portrait._sighted))
     assert told.run_timesteps.tolist() == [0, 4, 8]
     assert len(told.poses) == len(told.samples.shares) == 3
     assert told.poses[-1, 0, 1] == pytest.approx(0.4)

@@ -16,7 +16,7 @@ from vsense.base.files import PACKAGE_FOLDER
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment, Stage
 from vsense.modes.sim._chain import Chain
-from vsense.modes.sim._simulation import WARM_UP, Simulation
+from vsense.modes.sim._simulation import WARM_UP_TIMESTEPS, Simulation
 from vsense.monitor.pictures.run_samples import RunSamples
 from vsense.run.changing import Change, carry_out
 from vsense.run.programs import shared_objects
@@ -304,7 +304,7 @@ def test_what_people_change_is_the_same_in_c(
     def run(changes: Mapping[int, Mapping[str, Any]], in_c: bool) -> tuple[object, ...]:
         monkeypatch.setattr(Simulation, "_chained", chained if in_c else lambda run: None)
         made = Simulation(experiment, shared_objects(experiment), 3)
-        at = -WARM_UP
+        at = -WARM_UP_TIMESTEPS
         while at < experiment.timesteps:
             if at in changes:
                 carry_out(Change.read(changes[at]), made.environment, made.ground)

@@ -298,7 +298,7 @@ def test_a_scheduler_that_is_not_there_is_told_before_anything_runs(
     """Nobody listens, or somebody who says nothing."""
     require_dask()
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(engine, "CONNECT_S", 0.3)
+    monkeypatch.setattr(engine, "SCHEDULER_TIMEOUT_S", 0.3)
     with socket.create_server(("127.0.0.1", 0)) as silent:
         port = silent.getsockname()[1]
         if what == "Timed out":

@@ -22,8 +22,8 @@ from vsense.base.terminal import Console, Interruption
 from vsense.cli import main
 from vsense.modes.sim import engine, fingerprint
 from vsense.modes.sim._worker import NotHere, settled
-from vsense.modes.sim.engine import Engine, Place
-from vsense.modes.sim.job import Job, Origin, Setup, Sweep
+from vsense.modes.sim.engine import Engine, WorkPlace
+from vsense.modes.sim.job import Job, JobOrigin, Setup, Sweep
 from vsense.modes.sim.outcome import Task
 from vsense.studies.series import campaign
 from vsense.studies.series.campaign import Campaign
@@ -45,7 +45,7 @@ def test_a_pool_of_processes_gives_the_same_rows(pollutant: Path, tmp_path: Path
 
 
 def test_an_endless_loop_is_named_and_ended(write_experiment, monkeypatch) -> None:
-    monkeypatch.setattr(engine, "LIMIT_S", 0.5)
+    monkeypatch.setattr(engine, "HANG_MAX_S", 0.5)
     before = len(descendants())
     with ThreadPoolExecutor(1) as threads:
         asked = replace(task_of(write_experiment("plain"), "4"), label="seed 1")
@@ -60,7 +60,7 @@ def test_a_process_waits_for_its_next_job_and_not_for_ever(write_experiment, mon
     path, before = write_experiment("plain"), len(descendants())
 
     def simulate(kept_s: float, *seeds: int) -> None:
-        monkeypatch.setattr(engine, "KEPT_S", kept_s)
+        monkeypatch.setattr(engine, "IDLE_PROCESS_S", kept_s)
         with ThreadPoolExecutor(1) as threads:
             tasks = [task_of(path, "0", seed) for seed in seeds]
             found = list(Engine("threads", threads).simulate(tasks, Interruption(), nothing))
@@ -127,7 +127,7 @@ def test_what_an_engine_cannot_do_is_told_with_the_run(
 
 
 def test_jobs_that_nobody_waits_for_are_cancelled(write_experiment, monkeypatch) -> None:
-    monkeypatch.setattr(engine, "AHEAD", 2)
+    monkeypatch.setattr(engine, "JOBS_AHEAD", 2)
     asked, promises, interrupted = task_of(write_experiment("plain")), Promises(), Interruption()
     going = Engine("it", promises).simulate([asked] * 3, interrupted, lambda _: interrupted.set())
     with pytest.raises(Interrupted):
@@ -135,7 +135,7 @@ def test_jobs_that_nobody_waits_for_are_cancelled(write_experiment, monkeypatch)
     assert [some.cancelled for some in promises.given] == [True, True], "the third was not handed"
 
 
-class Elsewhere(Place):
+class Elsewhere(WorkPlace):
     """A worker whose engine has forgotten the job."""
 
     def is_wanted(self) -> bool:
@@ -170,10 +170,10 @@ def test_last_digits_are_those_of_the_functions() -> None:
     assert digest.startswith(fingerprint.of_machine()["exp"])
 
 
-def origin_of(path: Path, **changes: str) -> Origin:
+def origin_of(path: Path, **changes: str) -> JobOrigin:
     """What travels with a job of the experiment at a path."""
     files = fingerprint.of_files(task_of(path))
-    return Origin("elsewhere", str(path.parent), None, {**files, **changes})
+    return JobOrigin("elsewhere", str(path.parent), None, {**files, **changes})
 
 
 def test_a_job_finds_its_files_or_says_which_not(write_experiment, tmp_path, monkeypatch) -> None:

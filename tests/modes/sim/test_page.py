@@ -24,7 +24,7 @@ from vsense.config.experiment import load
 from vsense.config.specs import Experiment
 from vsense.modes.sim._recording import SimRecorder
 from vsense.modes.sim._room import SimRoom
-from vsense.modes.sim._simulation import EPOCH_NS, MOST, WARM_UP, Simulation
+from vsense.modes.sim._simulation import EPOCH_NS, MAX_TIMESTEPS, WARM_UP_TIMESTEPS, Simulation
 from vsense.modes.sim._watched import WatchedRuns
 from vsense.modes.sim._worker import simulate
 from vsense.modes.sim.job import Job, Setup
@@ -86,7 +86,7 @@ def test_what_is_changed_between_two_timesteps_counts_in_c_as_in_python(
             if run_timestep == 60:
                 world, light = run.environment.world, run.environment.world.lights()[0]
                 world.move(light.id, light.position_m[0] + far_m, light.position_m[1])
-            return MOST
+            return MAX_TIMESTEPS
 
         run.gate = gate
         run.run()
@@ -283,7 +283,7 @@ def test_a_recording_holds_every_timestep_as_it_was(recorded: tuple[Path, Path])
     assert (facts["mode"], facts["command"], facts["seed"]) == ("sim", "sim", 9)
     for number, message in enumerate(told["/arena"]):
         assert message.data["run_timestep"] == number
-        assert message.time_ns == EPOCH_NS + (number + WARM_UP) * 100_000_000
+        assert message.time_ns == EPOCH_NS + (number + WARM_UP_TIMESTEPS) * 100_000_000
         robots = message.data["robots"]
         order = [robots["tag"].index(tag) for tag in run["tags"].tolist()]
         places.append([[robots["x_m"][row], robots["y_m"][row]] for row in order])
@@ -300,7 +300,7 @@ def test_timesteps_of_a_simulation_have_what_it_has(recorded: tuple[Path, Path])
     rows = list(csv.DictReader((recorded[1] / "timesteps.csv").open()))
     assert [int(row["run_timestep"]) for row in rows] == list(range(120))
     first = {**rows[0]}
-    assert first.pop("capture_ns") == str(EPOCH_NS + WARM_UP * 100_000_000)
+    assert first.pop("capture_ns") == str(EPOCH_NS + WARM_UP_TIMESTEPS * 100_000_000)
     assert first == {
         "run_timestep": "0", "timestep": "3", "ready_ns": "", "arena_ns": "", "sent_ns": "",
         "connected": "", "seen": "4", "stale": "",

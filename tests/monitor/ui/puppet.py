@@ -16,7 +16,7 @@ from tests.monitor.ui import puppet_world as play
 from vsense.base.clock import host_ns
 from vsense.base.message_bus import Message, MessageBus
 from vsense.monitor.ui._server import WebServer
-from vsense.run.changes import Answer
+from vsense.run.changes import ResultCallback
 from vsense.run.changing import Change, ChangeKind
 from vsense.run.orders import Order, OrderError, OrderKind
 
@@ -115,7 +115,7 @@ class Puppet:
             raise OrderError("a replay cannot be started or stopped: play it")
         return f"at {self.position_s:.1f} s, {'playing' if self.playing else 'paused'}"
 
-    def ask(self, change: Change, by: str, answer: Answer) -> None:
+    def ask(self, change: Change, by: str, answer: ResultCallback) -> None:
         """Takes a change of the world; the gate does not move."""
         with self._lock:
             self.changes.append(change)

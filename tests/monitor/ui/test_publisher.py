@@ -19,7 +19,7 @@ from vsense.config.experiment import load
 from vsense.monitor.ui.messages import ExperimentFacts
 from vsense.monitor.ui.publisher import PreviewEncoder, Publisher
 from vsense.robots.link.status import RobotStatus
-from vsense.robots.link.wire import StopCause, Telemetry, Values, Wanted
+from vsense.robots.link.wire import ReadingValues, StopCause, Telemetry, Wanted
 from vsense.run.control import Control
 from vsense.run.environment import Environment
 from vsense.run.orders import Order, OrderKind
@@ -44,7 +44,7 @@ class Room:
         self.told: list[Message] = []
         self.topics = set(topics)
         self.robots_now: dict[int, RobotStatus] = {t: status(t, f"epuck_{t}") for t in self.tags}
-        self.readings: dict[int, Values] = {}
+        self.readings: dict[int, ReadingValues] = {}
         self.control = Control(lambda wanted: None, lambda text: None)
         self.troubles = Troubles()
         trackers = {"cam": "arrows"}

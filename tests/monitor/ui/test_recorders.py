@@ -11,7 +11,7 @@ import pytest
 from vsense.base.message_bus import Message, MessageBus
 from vsense.monitor.recording.reader import open_recording
 from vsense.monitor.ui.recorders import Recorders
-from vsense.run.directory import LOG, RunLog
+from vsense.run.directory import LOG_TXT, RunLog
 
 PATIENCE_S = 20.0
 
@@ -105,7 +105,7 @@ def test_a_secret_is_printed_and_neither_told_nor_kept(
         log.print_only("control room: http://x/?token=secret")
         log.say("all robots start")
     assert told == ["all robots start"]
-    assert "secret" not in (tmp_path / LOG).read_text()
+    assert "secret" not in (tmp_path / LOG_TXT).read_text()
     assert "token=secret" in capsys.readouterr().err
 
 

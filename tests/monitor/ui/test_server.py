@@ -24,7 +24,7 @@ from vsense.monitor.ui import _sentences
 from vsense.monitor.ui import _server as site
 from vsense.monitor.ui._page_clients import LOOKING, WebClients
 from vsense.monitor.ui._server import WebServer
-from vsense.run.changes import Answer
+from vsense.run.changes import ResultCallback
 from vsense.run.changing import Change
 from vsense.run.orders import Order, OrderError, OrderKind
 
@@ -251,7 +251,7 @@ NOISE = {"kind": "set", "controller": "ant", "name": "light", "setting": "noise_
 def test_changes_are_asked_for_by_those_who_may_control_only() -> None:
     asked: list[tuple[Change, str]] = []
 
-    def ask(change: Change, by: str, answer: Answer) -> None:
+    def ask(change: Change, by: str, answer: ResultCallback) -> None:
         if change.value == 2:
             raise OrderError("this run is locked")
         asked.append((change, by))

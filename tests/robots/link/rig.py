@@ -19,7 +19,7 @@ from vsense.base.clock import host_ns
 from vsense.robots.link.keys import LinkTrust, SwarmKeys
 from vsense.robots.link.server import LinkEvent, VirtualSensorServer
 from vsense.robots.link.table import Direction, Entry, ExpectedRobot, Table
-from vsense.robots.link.wire import PACKET_MAX, GoodbyeCause, Telemetry, Values
+from vsense.robots.link.wire import PACKET_MAX, GoodbyeCause, ReadingValues, Telemetry
 
 PATIENCE_S = 20.0
 LOOK_AGAIN_S = 0.005
@@ -37,7 +37,7 @@ def keyed_session(uid: bytes, tag: int) -> RobotSession:
     return RobotSession(uid, tag, key=KEYS.robot_key(uid))
 
 
-def reading(value: float, capture_ns: int) -> Values:
+def reading(value: float, capture_ns: int) -> ReadingValues:
     """A robot's readings as `publish` takes them."""
     return [(struct.pack("<f", value), capture_ns)]
 

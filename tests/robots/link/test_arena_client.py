@@ -27,7 +27,7 @@ from tests.robots.link.arena_rig import (
 from tests.robots.link.rig import Clock
 from vsense.base.arena import ArenaState
 from vsense.robots.link.status import LinkError
-from vsense.robots.link.trackers.client import PERIOD_NS, ArenaClient, ArenaDialog, TrackerEnded
+from vsense.robots.link.trackers.client import STATE_DT_NS, ArenaClient, ArenaDialog, TrackerEnded
 from vsense.robots.link.trackers.server import ArenaServer
 from vsense.run.watch import Watch
 
@@ -88,7 +88,7 @@ def test_one_shots_before_a_run_give_states(tracker: OldTracker, begin: Callable
     tracker.send(f"0 {ROBOT}")
     later = coming.result()[0]
     assert later.timestep == state.timestep + 1
-    assert later.capture_ns - state.capture_ns >= PERIOD_NS // 2
+    assert later.capture_ns - state.capture_ns >= STATE_DT_NS // 2
 
 
 def test_a_state_of_a_run_that_is_over_is_asked_for_again(
@@ -183,8 +183,8 @@ def test_timesteps_go_on_by_the_clock_over_a_gap() -> None:
         assert dialog.command(now_ns) == START
         state = dialog.receive(message(f"1 {ROBOT}"), now_ns)
     assert state is not None
-    first_ns = 100 * S // PERIOD_NS - 1
-    assert state.timestep - first_ns == 2 * S // PERIOD_NS
+    first_ns = 100 * S // STATE_DT_NS - 1
+    assert state.timestep - first_ns == 2 * S // STATE_DT_NS
 
 
 def test_defect_6_waiting_costs_nothing(

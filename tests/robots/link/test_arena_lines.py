@@ -26,7 +26,7 @@ from vsense.robots.link.trackers.lines import (
     BAD_MAX,
     CANDIDATES_EACH,
     LINE_MAX,
-    SILENCE_NS,
+    TRACKER_SILENCE_NS,
     ArenaListener,
     Line,
     LineInbox,
@@ -256,7 +256,7 @@ def test_a_second_tracker_is_refused_until_the_first_falls_silent(
     told.wait("refused, one on 127.0.0.1 is writing")
     assert second.answer() == {"error": "a tracker on 127.0.0.1 is writing already"}
     second.close()
-    clock.advance(SILENCE_NS)
+    clock.advance(TRACKER_SILENCE_NS)
     third = Tracker(listener)
     third.step(1, 0.75)
     state, _ = listener.next(PATIENCE_S)
@@ -280,7 +280,7 @@ def test_only_valid_lines_hold_the_place(
             first.sock.sendall(writes)
         ours.step(timestep)
         listener.next(PATIENCE_S)
-        clock.advance(SILENCE_NS)
+        clock.advance(TRACKER_SILENCE_NS)
     assert listener.counters.states == 3 and listener.counters.connections == 1
     for one in (first, ours):
         one.close()
@@ -291,7 +291,7 @@ def test_a_tracker_that_turns_to_garbage_loses_its_place(
 ) -> None:
     tracker.step(1)
     listener.next(PATIENCE_S)
-    clock.advance(SILENCE_NS)
+    clock.advance(TRACKER_SILENCE_NS)
     tracker.write("garbage")
     other = Tracker(listener)
     other.step(7, 0.75)
@@ -317,7 +317,7 @@ def test_a_flood_on_the_port_is_few_lines_and_no_tracker_misses_a_line(
             one.close()
     assert listener.counters.states == 51
     assert len(told.lines) < 25
-    clock.advance(10 * SILENCE_NS)
+    clock.advance(10 * TRACKER_SILENCE_NS)
     with pytest.raises(LinkError):
         listener.next(0.01)
     assert " more from 127.0.0.1 in the last 10 s: connections and bad lines" in told.lines[-1]
@@ -364,7 +364,7 @@ def test_without_descriptors_it_does_not_turn_in_circles(
         listener.next(0.1)
     assert Full.tries == 1
     told.wait("this machine: cannot accept a connection: Too many open files")
-    clock.advance(SILENCE_NS)
+    clock.advance(TRACKER_SILENCE_NS)
     assert listener.next(PATIENCE_S)[0].robots["seen"].all()
     tracker.close()
 

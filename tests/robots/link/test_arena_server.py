@@ -28,7 +28,7 @@ from tests.robots.link.arena_rig import (
 )
 from tests.robots.link.rig import Clock
 from vsense.robots.link.status import LinkError
-from vsense.robots.link.trackers.server import SILENT_NS, STUCK_NS, ArenaServer, ArenaSession
+from vsense.robots.link.trackers.server import IDLE_MAX_NS, WRITE_MAX_NS, ArenaServer, ArenaSession
 
 ROBOT = (23, 0.1, -0.2, math.pi / 2)
 TEXT = "23 23.50 46.25 -45.000 0.10000 -0.20000 90.000"
@@ -194,11 +194,11 @@ def test_a_silent_client_makes_way_for_one_that_waits(
     told.wait("has connected")
     second = connect()
     second.send(ONE_SHOT)
-    clock.advance(SILENT_NS)
+    clock.advance(IDLE_MAX_NS)
     assert second.read() == "0"
     assert silent.read() is None
     told.wait("asks for nothing, and another one waits")
-    clock.advance(10 * SILENT_NS)
+    clock.advance(10 * IDLE_MAX_NS)
     second.send(ONE_SHOT)
     assert second.read() == "0", "nobody waits"
 
@@ -208,10 +208,10 @@ def test_a_client_in_a_run_makes_way_for_nobody(
 ) -> None:
     first, second = started(connect(), server), connect()
     second.send(ONE_SHOT)
-    clock.advance(100 * SILENT_NS)
+    clock.advance(100 * IDLE_MAX_NS)
     server.publish(state(1))
     assert first.timestep() == 1
-    clock.advance(100 * SILENT_NS)
+    clock.advance(100 * IDLE_MAX_NS)
     server.publish(state(2))
     assert first.timestep() == 2
 
@@ -224,9 +224,9 @@ def test_a_crowd_waits_in_few_places_and_is_told_in_few_lines(
     told.wait("too many clients wait")
     for one in crowd[-1:]:
         one.send(ONE_SHOT)
-    clock.advance(SILENT_NS)
+    clock.advance(IDLE_MAX_NS)
     told.wait("has connected", 2)
-    clock.advance(SILENT_NS)
+    clock.advance(IDLE_MAX_NS)
     assert crowd[-1].read() == "0"
     assert sum(one.read() is None for one in crowd[1:100]) == 99
     assert len(told.lines) < 20
@@ -338,7 +338,7 @@ def test_a_client_that_takes_nothing_any_more_makes_room(
     robots = [(tag, 0.0, 0.0, 0.0) for tag in range(100)]
     for timestep in range(200):
         server.publish(state(timestep, *robots))
-    clock.advance(STUCK_NS + 1)
+    clock.advance(WRITE_MAX_NS + 1)
     told.wait("has taken nothing for 10 s in timestep 200 of a run")
     following = connect()
     following.send(ONE_SHOT)

@@ -25,7 +25,7 @@ from tests.robots.link.rig import (
 )
 from tests.wire.robot_session import Event, RobotSession
 from vsense.base.native import lib
-from vsense.robots.link._links import HELLO_NS, STRANGERS_EACH, STRANGERS_MAX
+from vsense.robots.link._links import HELLO_NS, UNGREETED_EACH, UNGREETED_MAX
 from vsense.robots.link.keys import INSECURE
 from vsense.robots.link.server import LinkError, LinkEvent, VirtualSensorServer
 from vsense.robots.link.table import ExpectedRobot
@@ -234,7 +234,7 @@ def test_a_crowd_of_strangers_cannot_keep_a_robot_out(
     still: Server, pending: Connect, robot: MakeRobot
 ) -> None:
     """The oldest pending makes way: memory and descriptors are bounded, the door stays open."""
-    crowd = [pending() for _ in range(STRANGERS_EACH + 10)]
+    crowd = [pending() for _ in range(UNGREETED_EACH + 10)]
     one = robot(still, 1).join()
     assert all(closed(sock) for sock in crowd[:10])
     assert works(still, one, 1)
@@ -246,7 +246,7 @@ def test_a_crowd_from_many_addresses_cannot_keep_a_robot_out(
 ) -> None:
     crowd = [
         socket.create_connection(("127.0.0.1", still.port), PATIENCE_S, (f"127.0.1.{n}", 0))
-        for n in range(1, STRANGERS_MAX + 20)
+        for n in range(1, UNGREETED_MAX + 20)
     ]
     one = robot(still, 1).join()
     assert all(closed(sock) for sock in crowd[:19])

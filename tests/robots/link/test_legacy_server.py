@@ -15,7 +15,7 @@ from vsense.robots.link.legacy.protocol import LegacySwarm, Translation
 from vsense.robots.link.legacy.server import MixedServer
 from vsense.robots.link.status import LinkError, LinkEvent
 from vsense.robots.link.table import Entry, ExpectedRobot, Table
-from vsense.robots.link.wire import Values, Wanted
+from vsense.robots.link.wire import ReadingValues, Wanted
 
 PATIENCE_S = 20.0
 TABLE = Table([Entry(1, "pollutant", "f4"), Entry(2, "gps", "3*f4")])
@@ -64,7 +64,7 @@ def server(events: Events) -> Iterator[MixedServer]:
     made.close()
 
 
-def readings(pollutant: float, x_m: float) -> Values:
+def readings(pollutant: float, x_m: float) -> ReadingValues:
     return [(struct.pack("<f", pollutant), 7), (struct.pack("<3f", x_m, 0.5, -1.0), 7)]
 
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.robots.link.legacy_rig import real
-from vsense.robots.link.legacy.protocol import SENSORS, Translation, encode_real, update
+from vsense.robots.link.legacy.protocol import LEGACY_SENSORS, Translation, encode_real, update
 from vsense.robots.link.status import LinkError
 from vsense.robots.link.table import Direction, Entry
 
@@ -62,7 +62,7 @@ def test_singles_arrive_exactly(value: float) -> None:
 
 
 def test_every_sensor_of_the_original_has_its_size() -> None:
-    assert {sensor.id: sensor.size for sensor in SENSORS.values()} == SIZES
+    assert {sensor.id: sensor.size for sensor in LEGACY_SENSORS.values()} == SIZES
     table = Translation(entries(*LAYOUTS)).table
     (length,) = struct.unpack(">I", table[:4])
     assert length == len(table) - 4 == 5 * len(SIZES)

@@ -12,12 +12,12 @@ import pytest
 
 from tests.robots.link.rig import KEYS, PATIENCE_S, TABLE, Frozen, keyed_session
 from tests.wire.robot_session import Event, RobotSession
-from vsense.robots.link._links import FINISH_NS, STRANGERS_EACH
+from vsense.robots.link._links import FINISH_NS, UNGREETED_EACH
 from vsense.robots.link._roster import SessionTable
 from vsense.robots.link._session import HostSession
 from vsense.robots.link._shared import ServerState
 from vsense.robots.link.keys import LinkTrust
-from vsense.robots.link.network import IDLE_NS, Ports, ServerThread, bind
+from vsense.robots.link.network import SELECT_TIMEOUT_NS, Ports, ServerThread, bind
 from vsense.robots.link.status import LinkEvent
 from vsense.robots.link.table import ExpectedRobot
 from vsense.robots.link.wire import GoodbyeCause
@@ -152,7 +152,7 @@ def test_the_end_takes_nobody_in_and_waits_for_the_last_words(hand: Hand) -> Non
 
 def test_the_end_leaves_the_door_closed(hand: Hand) -> None:
     hand.network._links.finish(GoodbyeCause.END, "good night")
-    hand.clock.advance(IDLE_NS)
+    hand.clock.advance(SELECT_TIMEOUT_NS)
     hand.settle()
     with socket.create_connection(("127.0.0.1", hand.port), PATIENCE_S):
         hand.settle()
@@ -188,7 +188,7 @@ def test_a_hundred_robots_behind_one_relay_come_at_once_among_strangers(frozen: 
         sock.sendall(session.telemetry(hand.clock()))
         hand.settle()
     assert all(robot.open for robot in hand.shared.roster.robots.values())
-    assert len(hand.network._links) <= 100 + STRANGERS_EACH
+    assert len(hand.network._links) <= 100 + UNGREETED_EACH
     for _, sock in made:
         sock.close()
     hand.network.close()

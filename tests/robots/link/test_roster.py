@@ -220,7 +220,7 @@ def test_many_different_complaints_are_few_lines_and_then_a_number() -> None:
         throttle.notify(LinkEvent("refused", 5, str(number), S, "10.0.0.9"))
     assert [e.text for e in told if e.tag == 5] == ["0", "1"]
     assert [e.text for e in told if e.tag != 5] == list("01234567")
-    assert len(throttle._told) == 10
+    assert len(throttle._sent) == 10
     throttle.tick(10 * S)
     assert len(told) == 10
     throttle.tick(11 * S)

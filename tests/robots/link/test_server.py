@@ -256,12 +256,12 @@ def test_the_host_says_goodbye(server: Server, robot: MakeRobot) -> None:
     assert not server.server.robots()[1].connected
 
 
-def test_a_hushed_server_still_hears(still: Server, frozen: Frozen, robot: MakeRobot) -> None:
+def test_a_silent_server_still_hears(still: Server, frozen: Frozen, robot: MakeRobot) -> None:
     """No STATE leaves, neither by publish nor as heartbeat nor to a new address."""
     one = robot(still).join()
     still.server.command(Wanted.STOP)
     one.until(lambda: one.session.c.wanted == Wanted.STOP)
-    still.server.hush()
+    still.server.silence()
     sent = still.server.robots()[1].sent
     still.server.publish(5, frozen(), {})
     for step in range(1, 4):

@@ -13,7 +13,7 @@ from vsense.robots.link import strangers
 from vsense.robots.link.strangers import (
     ADDRESSES_MAX,
     DELAY_MAX_S,
-    Places,
+    PortPlaces,
     RateLimit,
     StrangerLog,
     owner_of,
@@ -63,14 +63,14 @@ def test_after_a_quiet_period_it_is_told_anew() -> None:
 
 
 def test_the_oldest_of_an_address_makes_way() -> None:
-    places = Places[str](4, 2)
+    places = PortPlaces[str](4, 2)
     assert [places.add(name, name[0]) for name in ("a1", "b1", "a2", "a3")] == [None] * 3 + ["a1"]
     places.renew("b1")
     assert list(places) == ["a2", "a3", "b1"]
 
 
 def test_a_full_port_takes_from_whoever_has_most() -> None:
-    places = Places[str](4, 3)
+    places = PortPlaces[str](4, 3)
     for name in ("b1", "a1", "a2", "a3"):
         places.add(name, name[0])
     assert places.add("c1", "c") == "a1"
@@ -80,7 +80,7 @@ def test_a_full_port_takes_from_whoever_has_most() -> None:
 
 @given(st.lists(st.tuples(st.integers(0, 60), st.integers(0, 5), st.booleans()), max_size=200))
 def test_the_limits_hold_whatever_comes_and_goes(steps: list[tuple[int, int, bool]]) -> None:
-    places, owners = Places[int](8, 3), dict[int, int]()
+    places, owners = PortPlaces[int](8, 3), dict[int, int]()
     for item, owner, leaves in steps:
         if leaves or item in places:
             places.remove(item)

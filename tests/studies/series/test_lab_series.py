@@ -14,7 +14,7 @@ import pytest
 
 from tests.conftest import require_tool
 from vsense.config.experiment import load
-from vsense.run.directory import TIMESTEPS
+from vsense.run.directory import TIMESTEPS_CSV
 from vsense.run.runs_csv import read_runs
 
 PLAN = """
@@ -58,7 +58,7 @@ def test_a_killed_robot_costs_one_run_and_a_spare_plays_on(tmp_path: Path) -> No
     robots = "".join(f"[[robot]]\ntag = {tag}\n" for tag in tags)
     (tmp_path / "robots.toml").write_text(f"{robots}[[robot]]\ntag = {SPARE}\nspare = true\n")
     words = ["series", "plan.toml", "--port", "0", "--roster", "robots.toml", "--json"]
-    first = tmp_path / "walks-lab" / "run-001" / TIMESTEPS
+    first = tmp_path / "walks-lab" / "run-001" / TIMESTEPS_CSV
     with subprocess.Popen([*vsense, *words], cwd=tmp_path, stdout=subprocess.PIPE) as process:
         try:
             while not first.exists():

@@ -16,7 +16,7 @@ import pytest
 from vsense.base.errors import Interrupted, UsageError, VsenseError
 from vsense.base.terminal import Console, Interruption
 from vsense.modes.sim.job import Setup
-from vsense.run.directory import TIMESTEPS
+from vsense.run.directory import TIMESTEPS_CSV
 from vsense.run.runs_csv import RunRow, read_runs
 from vsense.studies.series import _simulated
 from vsense.studies.series._criteria import Evidence
@@ -55,7 +55,7 @@ class Script:
         outcome = self._script.pop(0) if self._script else outcome_of(Evidence())
         self.made.append(runs[0].name)
         directory = folder.of_run(runs[0])
-        (directory / TIMESTEPS).touch()
+        (directory / TIMESTEPS_CSV).touch()
         if outcome is None:
             raise VsenseError("the lamp is broken")
         if outcome.evidence.ended == "interrupted":

@@ -20,9 +20,9 @@ from vsense.vision.cameras.camera import Camera, Image32
 from vsense.vision.markers.families import Family
 from vsense.world.entities import BODY_RADIUS_M
 
-PAPER, INK = 0.84, 0.05
+PAPER_REFLECTANCE, INK_REFLECTANCE = 0.84, 0.05
 """Reflectances of a marker's white and black."""
-TEXTURE_PX_PER_M = 2000.0
+SPRITE_PX_PER_M = 2000.0
 """Resolution of sprites: three times finer than a picture of them."""
 
 EMISSION_DN = 190.0
@@ -141,13 +141,13 @@ def _draw(
         The texture with an empty border, and half its side without that [m].
     """
     sigma_m = BLUR_SIGMA_PX * pixel_m
-    half = int(np.ceil((radius_m + 3.0 * sigma_m) * TEXTURE_PX_PER_M)) + 1
-    places = ((np.arange(2 * half * fine) + 0.5) / fine - half) / TEXTURE_PX_PER_M
+    half = int(np.ceil((radius_m + 3.0 * sigma_m) * SPRITE_PX_PER_M)) + 1
+    places = ((np.arange(2 * half * fine) + 0.5) / fine - half) / SPRITE_PX_PER_M
     x, y = np.meshgrid(places, -places)
     samples = draw(x, y).reshape(2 * half, fine, 2 * half, fine, -1).mean(axis=(1, 3))
-    texture = cv2.GaussianBlur(samples.astype(np.float32), (0, 0), sigma_m * TEXTURE_PX_PER_M)
+    texture = cv2.GaussianBlur(samples.astype(np.float32), (0, 0), sigma_m * SPRITE_PX_PER_M)
     border = ((1, 1), (1, 1), (0, 0))[: texture.ndim]
-    return np.pad(np.asarray(texture, dtype=np.float32), border), half / TEXTURE_PX_PER_M
+    return np.pad(np.asarray(texture, dtype=np.float32), border), half / SPRITE_PX_PER_M
 
 
 @lru_cache(maxsize=8)
@@ -187,7 +187,7 @@ def _marker(body: Body, family: Family, pixel_m: float) -> Sprite:
         if body.marker != (0.0, 0.0, 0.0):
             x, y = cos * (x - at_x) + sin * (y - at_y), cos * (y - at_y) - sin * (x - at_x)
         places_mm = np.stack((x, y), axis=-1) * 1000.0 + family.disc_centre_mm
-        shade = np.where(family.is_white(body.tag, places_mm), PAPER, INK)
+        shade = np.where(family.is_white(body.tag, places_mm), PAPER_REFLECTANCE, INK_REFLECTANCE)
         covered = np.hypot(x, y) <= disc
         return np.stack((shade * covered, covered), axis=-1)
 

@@ -23,7 +23,7 @@ from vsense.modes.lab.hardware import RobotHardware
 from vsense.vision.cameras.camera import Camera
 from vsense.world.entities import Arena
 
-CameraGrid = tuple[int, int]
+GridShape = tuple[int, int]
 """Columns along x, and rows along y."""
 
 HEIGHT_M = 2.43
@@ -42,7 +42,7 @@ many pixels as anywhere."""
 
 _TALLEST_M = 0.15
 _MARGIN_M = 0.05
-_FEW: CameraGrid = (2, 2)
+_FEW: GridShape = (2, 2)
 
 
 class TooLargeArena(LabError):
@@ -51,7 +51,7 @@ class TooLargeArena(LabError):
     exit_code = 2
 
 
-def rig(arena: Arena, grid: CameraGrid | None = None) -> list[Camera]:
+def rig(arena: Arena, grid: GridShape | None = None) -> list[Camera]:
     """Cameras that see a whole arena: "cam_0_0" and so on, column and row from low x and y.
 
     Each hangs above the middle of its part of the arena and sees at least 5 cm beyond it,
@@ -88,10 +88,10 @@ def rig(arena: Arena, grid: CameraGrid | None = None) -> list[Camera]:
     ]
 
 
-def _needed(arena: Arena) -> CameraGrid:
+def _needed(arena: Arena) -> GridShape:
     """How many cameras see an arena from `HEIGHT_M`, in columns and rows."""
-    each = 2.0 * ((HEIGHT_M - _TALLEST_M) * _slope() - _MARGIN_M)
-    columns, rows = np.ceil(np.array(arena.size_m[:2]) / each).astype(int).tolist()
+    side_m = 2.0 * ((HEIGHT_M - _TALLEST_M) * _slope() - _MARGIN_M)
+    columns, rows = np.ceil(np.array(arena.size_m[:2]) / side_m).astype(int).tolist()
     return max(columns, _FEW[0]), max(rows, _FEW[1])
 
 
@@ -102,7 +102,7 @@ def _slope() -> NDArray[np.float64]:
     return np.diag(test.to_plane(edges, _TALLEST_M)) / (HEIGHT_M - _TALLEST_M)
 
 
-def cameras_above(experiment: Experiment, grid: CameraGrid | None) -> list[Camera]:
+def cameras_above(experiment: Experiment, grid: GridShape | None) -> list[Camera]:
     """The cameras above the arena, or above what walls leave of one that is too large for four."""
     arena = experiment.arena
     return rig(arena if _needed(arena) == _FEW else reachable(experiment), grid)
@@ -204,7 +204,7 @@ def spec_for(
     truth: str,
     seed: int,
     log: Path,
-    grid: CameraGrid | None = None,
+    grid: GridShape | None = None,
     cameras: Sequence[Camera] | None = None,
     hardware: Mapping[int, RobotHardware] = {},
     worn: Mapping[int, int] = {},

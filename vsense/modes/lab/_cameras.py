@@ -32,12 +32,10 @@ from vsense.base.errors import VsenseError
 from vsense.base.shared import FrameBank, LabError
 from vsense.modes.lab._bodies import Body
 from vsense.modes.lab._camera_spec import Exposure, LabCameraSpec
-from vsense.modes.lab._optics import EXPOSURE_NS, sample_times_ns
+from vsense.modes.lab._optics import EXPOSURE_NS, SAMPLES, sample_times_ns
 from vsense.modes.lab._renderer import Studio
 from vsense.modes.lab.truth import TruthLog, TruthReader
 
-SAMPLES = 3
-"""Moments of the exposure that a picture is averaged over; robots move up to 0.8 px in it."""
 PREPARE_NS = 15_000_000
 """Drawing the empty arena begins so long before the trigger."""
 
@@ -60,8 +58,8 @@ class Input:
                 return True
             if not (data := os.read(self._descriptor, 4096)):
                 return False
-            *whole, self._rest = (self._rest + data).split(b"\n")
-            self._lines += whole
+            *lines, self._rest = (self._rest + data).split(b"\n")
+            self._lines += lines
 
     def lines(self) -> list[bytes]:
         """The whole lines that have come since the last call."""

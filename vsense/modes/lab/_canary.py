@@ -15,7 +15,7 @@ from collections import Counter
 from vsense.base.clock import host_ns
 from vsense.base.processes import start_module
 
-PERIOD_NS = 10_000_000
+PROBE_PERIOD_NS = 10_000_000
 
 
 class Lateness(Counter[float]):
@@ -44,7 +44,7 @@ def watch() -> Lateness:
     Ticks that were missed whole count once, with their lateness.
     """
     lateness = Lateness()
-    due_ns = host_ns() + PERIOD_NS
+    due_ns = host_ns() + PROBE_PERIOD_NS
     while True:
         wait_s = max(0, due_ns - host_ns()) / 1e9
         if select.select([sys.stdin], [], [], wait_s)[0]:
@@ -52,7 +52,7 @@ def watch() -> Lateness:
         now_ns = host_ns()
         if now_ns >= due_ns:
             lateness.note((now_ns - due_ns) / 1e6)
-            due_ns += PERIOD_NS * (1 + (now_ns - due_ns) // PERIOD_NS)
+            due_ns += PROBE_PERIOD_NS * (1 + (now_ns - due_ns) // PROBE_PERIOD_NS)
 
 
 class Canary:

@@ -22,7 +22,7 @@ from vsense.modes.lab.truth import TruthReader
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.cameras.grabber import CameraEvent
 
-READY_TIMEOUT_S = 20.0
+SCENE_TIMEOUT_S = 20.0
 """The scene of four cameras must be built within this time, that of more in so much more."""
 
 _LEAD_NS = 50_000_000
@@ -72,9 +72,9 @@ class LabGrabber:
                 with a tick, and the pictures need not wait for the next.
 
         Raises:
-            GrabberError: the process ended, or the scene was not built in `READY_TIMEOUT_S`.
+            GrabberError: the process ended, or the scene was not built in `SCENE_TIMEOUT_S`.
         """
-        self._line(READY_TIMEOUT_S * max(1.0, len(self.cameras) / 4.0))
+        self._line(SCENE_TIMEOUT_S * max(1.0, len(self.cameras) / 4.0))
         if epoch_ns is None:
             truth = TruthReader(self._truth)
             epoch_ns = (truth.newest_ns() or host_ns()) + _LEAD_NS + EXPOSURE_NS // 2
@@ -150,8 +150,8 @@ class LabGrabber:
             ready = select.select([descriptor], [], [], left_s)[0]
             received = os.read(descriptor, 65536) if ready else b""
             if received:
-                *whole, self._rest = (self._rest + received).split(b"\n")
-                self._lines.extend(whole)
+                *lines, self._rest = (self._rest + received).split(b"\n")
+                self._lines.extend(lines)
             elif self._lines:
                 return self._lines.popleft()
             elif ready:

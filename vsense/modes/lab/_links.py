@@ -30,7 +30,7 @@ TURNING_RAW = 18.25
 """What a gyroscope of `epuck_imu.h` reads around its z axis when the right wheel makes a step a
 second more than the left one, 53 mm away."""
 
-NEVER_US = 2**64 - 1
+NEVER_DUE_US = 2**64 - 1
 """Due time in C of a program that waits for its host."""
 
 
@@ -105,7 +105,7 @@ class FirmwareProgram:
         return done
 
     def due_us(self) -> int:
-        """When it is due again, `NEVER_US` if it waits for its host."""
+        """When it is due again, `NEVER_DUE_US` if it waits for its host."""
         due: int = self._due_us(self.state)
         return due
 
@@ -217,7 +217,7 @@ class Terminal:
 
     def _plan(self, now_ns: int) -> None:
         due_us = self.program.due_us()
-        if due_us == NEVER_US and not self._waiting:
+        if due_us == NEVER_DUE_US and not self._waiting:
             self.due_ns = None
         else:
             self.due_ns = min(due_us * 1000, now_ns + self._fifo_ns)
@@ -283,15 +283,15 @@ class Bus:
 
     def receive(self, now_ns: int) -> None:
         ready = {fd for fd, _ in self._ready.poll(0)}
-        for one in [one for one in self._daemon if one.fileno() in ready]:
+        for client in [client for client in self._daemon if client.fileno() in ready]:
             try:
-                request = one.recv(256)
+                request = client.recv(256)
             except ConnectionError:
                 request = b""
             if len(request) < _REQUEST.size:
-                self._hang_up(one)
+                self._hang_up(client)
             else:
-                self._transfer(one, request, now_ns)
+                self._transfer(client, request, now_ns)
         if self._listener.fileno() in ready:
             self._waiting.append(self._listener.accept()[0])
             self._waiting[-1].setblocking(False)
@@ -310,21 +310,21 @@ class Bus:
         return {"transactions": wires.transactions, "failed_transactions": wires.failed}
 
     def close(self) -> None:
-        for one in (*self._daemon, *self._waiting, self._listener):
-            one.close()
+        for sock in (*self._daemon, *self._waiting, self._listener):
+            sock.close()
         self._ready.close()
 
     def _admit(self) -> None:
         """Greets who belongs to the daemon that has the bus; if none has it, who came first."""
-        for one in [*self._waiting]:
-            if self._daemon and _peer(one) != _peer(self._daemon[0]):
+        for client in [*self._waiting]:
+            if self._daemon and _peer(client) != _peer(self._daemon[0]):
                 continue
-            self._waiting.remove(one)
-            if self._send(one, _GREETING):
-                self._daemon.append(one)
-                self._ready.register(one, select.EPOLLIN)
+            self._waiting.remove(client)
+            if self._send(client, _GREETING):
+                self._daemon.append(client)
+                self._ready.register(client, select.EPOLLIN)
             else:
-                one.close()
+                client.close()
 
     def _transfer(self, daemon: socket.socket, request: bytes, now_ns: int) -> None:
         number, address, count = _REQUEST.unpack_from(request)
@@ -362,7 +362,7 @@ class Bus:
         due_ns = self.program.due_us() * 1000
         if self._replies:
             due_ns = min(due_ns, self._replies[0][0])
-        self.due_ns = None if due_ns == NEVER_US * 1000 else due_ns
+        self.due_ns = None if due_ns == NEVER_DUE_US * 1000 else due_ns
 
 
 def make_link(name: str, path: Path) -> Link:

@@ -213,9 +213,9 @@ def sensing(run: MeasuredRun) -> dict[str, float | int | None]:
 
 def _first_lines(trace: NDArray[np.void]) -> dict[int, np.void]:
     """Each timestep's first control step that held a value."""
-    known = trace[trace["known"]]
-    timesteps, first = np.unique(known["timestep"], return_index=True)
-    return {int(timestep): known[index] for timestep, index in zip(timesteps, first)}
+    held = trace[trace["known"]]
+    timesteps, first = np.unique(held["timestep"], return_index=True)
+    return {int(timestep): held[index] for timestep, index in zip(timesteps, first)}
 
 
 def _verdict(
@@ -314,25 +314,25 @@ def swarm(
     truth: SwarmTruth, run_timesteps: NDArray[np.int64], turn: int | None
 ) -> dict[str, int | None]:
     """Robots in the cone, and lit there, at the last timestep before and after the wind's turn."""
-    inside, lit, found = truth.inside, truth.lit, dict[str, int | None]()
+    inside, lit, figures = truth.inside, truth.lit, dict[str, int | None]()
     for when, row in zip(("before", "after"), _phase_ends(run_timesteps, turn)):
         now = None if inside is None or row is None else inside[row]
-        found[f"in_cone_{when}_turn"] = None if now is None else int(now.sum())
-        found[f"lit_{when}_turn"] = None if now is None else int((now & lit[row]).sum())
-    return found
+        figures[f"in_cone_{when}_turn"] = None if now is None else int(now.sum())
+        figures[f"lit_{when}_turn"] = None if now is None else int((now & lit[row]).sum())
+    return figures
 
 
 def swarm_rows(swarm: dict[str, int | None], robots: int) -> list[tuple[str, str]]:
     """The figures of `swarm` as lines of a table; none without a cone."""
-    found = []
+    rows = []
     turned = swarm["in_cone_after_turn"] is not None
     for when in ("before", "after"):
         inside, lit = swarm[f"in_cone_{when}_turn"], swarm[f"lit_{when}_turn"]
         if inside is not None:
             moment = f"{when} the wind turned" if turned else "at the end"
             text = f"{inside} of {robots} robots in the cone {moment}, {lit} of them lit"
-            found.append(("swarm", text))
-    return found
+            rows.append(("swarm", text))
+    return rows
 
 
 def _phase_ends(

@@ -59,7 +59,7 @@ class Microcontrollers:
     def __init__(
         self, kinds: Sequence[str], watchdog: bool = False, grounded: bool = False
     ) -> None:
-        """Powers one on for each of `kinds`, of `vsense.modes.lab.hardware.KINDS`.
+        """Powers one on for each of `kinds`, of `vsense.modes.lab.hardware.BASE_KINDS`.
 
         Args:
             kinds: of each robot.
@@ -78,10 +78,10 @@ class Microcontrollers:
             for robot, kind in enumerate(kinds):
                 self.links.append(make_link(kind, Path(self._folder.name) / f"{robot}.i2c"))
         except OSError as error:
-            made = len(self.links)
+            count = len(self.links)
             self.close()
             raise LabError(
-                f"emulated robots: {made} of {len(kinds)}, then: {error.strerror or error}"
+                f"emulated robots: {count} of {len(kinds)}, then: {error.strerror or error}"
             ) from None
         except LabError:
             self.close()

@@ -23,7 +23,7 @@ from vsense.vision.cameras.camera import Camera, Image32, everywhere
 Floats = NDArray[np.float64]
 Image8 = NDArray[np.uint8]
 Window = tuple[slice, slice]
-Row = tuple[float, float, float]
+PixelRow = tuple[float, float, float]
 
 PSF_SIGMA_PX = 0.6
 """Optical point spread."""
@@ -32,6 +32,8 @@ BLUR_SIGMA_PX = float(np.hypot(PSF_SIGMA_PX, 12.0**-0.5))
 VIGNETTING = 0.35
 """Share of the light that is lost in the picture's corners."""
 EXPOSURE_NS = 10_000_000
+SAMPLES = 3
+"""Moments of the exposure that a picture is averaged over; robots move up to 0.8 px in it."""
 
 
 class RayMap:
@@ -48,7 +50,7 @@ class RayMap:
         )
 
     def affine(
-        self, window: Window, height_m: float, rows: tuple[Row, Row]
+        self, window: Window, height_m: float, rows: tuple[PixelRow, PixelRow]
     ) -> tuple[Image32, Image32]:
         """Maps the pixels of a window by an affine function of a horizontal plane at a height.
 

@@ -53,7 +53,7 @@ from vsense.base.shared import LabError, LogFile
 from vsense.config.specs import Experiment, ObjectSpec, RobotSpec
 from vsense.modes.lab._canary import Lateness
 from vsense.modes.lab._microcontrollers import ActuationLog, Microcontrollers
-from vsense.modes.lab._physics_spec import BOX, CYLINDER, POSE, PhysicsSpec, read_number
+from vsense.modes.lab._physics_spec import BOX, CYLINDER, POSE_COLUMNS, PhysicsSpec, read_number
 from vsense.modes.lab._real_sensors import NOMINAL_SENSORS, RealGround
 from vsense.modes.lab.hardware import RobotHardware, bases_of
 from vsense.modes.lab.truth import TruthWriter
@@ -127,7 +127,7 @@ class PhysicsProcess:
             raise UsageError(f"put: {line[:80]!r} makes no sense") from None
         if not 0 <= row < self._objects:
             raise UsageError(f"put: there is no object {row}")
-        pose = [read_number(said, name, "put: ") for name in POSE]
+        pose = [read_number(said, name, "put: ") for name in POSE_COLUMNS]
         self._physics.poses[len(self._physics.poses) - self._objects + row] = pose
 
     def _rebuild(self, row: int, built: list[float]) -> None:
@@ -219,7 +219,7 @@ def _leave(process: PhysicsProcess, path: Path, cpu_s: float) -> None:
     file.close()
 
 
-class FloorProcess:
+class PhysicsHandle:
     """The host's end of the physics process.
 
     Attributes:
@@ -274,13 +274,13 @@ class FloorProcess:
         Raises:
             LabError: the process has ended.
         """
-        self._tell({"put": row, "x_m": x_m, "y_m": y_m, "yaw_rad": yaw_rad})
+        self._send({"put": row, "x_m": x_m, "y_m": y_m, "yaw_rad": yaw_rad})
 
     def rebuild(self, row: int, built: RobotHardware) -> None:
         """Has another robot stand where that of a row stood; raises as `put`."""
-        self._tell({"rebuild": row, "built": built.for_physics()})
+        self._send({"rebuild": row, "built": built.for_physics()})
 
-    def _tell(self, line: Mapping[str, object]) -> None:
+    def _send(self, line: Mapping[str, object]) -> None:
         with failing_as(LabError, "the lab's physics does not listen"):
             self._stdin.write(json.dumps(line).encode() + b"\n")
             self._stdin.flush()
@@ -309,8 +309,8 @@ def _spec(
     """The process's spec; see the module."""
     boxes, cylinders = obstacles(experiment.boxes, experiment.cylinders)
     ours = [hardware[robot.tag] for robot in experiment.robots if hardware]
-    built = [one.for_physics() for one in ours]
-    sensors = [asdict(one.sensors) for one in ours if one.sensors is not None]
+    built = [body.for_physics() for body in ours]
+    sensors = [asdict(body.sensors) for body in ours if body.sensors is not None]
     return {
         "robots": [
             {"index": i, "tag": robot.tag, **_pose(robot)}

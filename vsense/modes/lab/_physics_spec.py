@@ -16,8 +16,8 @@ from vsense.base.errors import UsageError
 from vsense.modes.lab._real_sensors import SensorHardware, read_sensors
 from vsense.world.physics.motion import WheelNoise
 
-POSE = ("x_m", "y_m", "yaw_rad")
-BOX = (*POSE, "size_x_m", "size_y_m")
+POSE_COLUMNS = ("x_m", "y_m", "yaw_rad")
+BOX = (*POSE_COLUMNS, "size_x_m", "size_y_m")
 CYLINDER = ("x_m", "y_m", "radius_m")
 
 
@@ -25,7 +25,7 @@ CYLINDER = ("x_m", "y_m", "radius_m")
 class PhysicsSpec:
     """The process's spec; bodies as `Physics` takes them, robots by index.
 
-    `bases` are of `vsense.modes.lab.hardware.KINDS`; `seed` is that of the sensors' noise;
+    `bases` are of `vsense.modes.lab.hardware.BASE_KINDS`; `seed` is that of the sensors' noise;
     `watchdog` as in `Microcontrollers`.
     """
 
@@ -54,11 +54,11 @@ class PhysicsSpec:
             raise UsageError(f"spec: not JSON: {error}") from None
         if not isinstance(spec, dict):
             raise UsageError(f"spec: expected an object, not {spec!r}")
-        robots = _rows(spec, "robots", ("index", "tag", *POSE))
+        robots = _rows(spec, "robots", ("index", "tag", *POSE_COLUMNS))
         order = np.argsort(robots[:, 0])
         if not np.array_equal(robots[order, 0], np.arange(len(robots))):
-            found = [int(index) for index in robots[:, 0]]
-            raise UsageError(f"spec: robots: expected indices 0..{len(robots) - 1}, not {found}")
+            indices = [int(index) for index in robots[:, 0]]
+            raise UsageError(f"spec: robots: expected indices 0..{len(robots) - 1}, not {indices}")
         boxes = _rows(spec, "boxes", BOX)
         if (boxes[:, 3:] <= 0.0).any():
             raise UsageError("spec: boxes: expected sizes above 0")
@@ -68,7 +68,7 @@ class PhysicsSpec:
         return cls(
             robots[order, 2:],
             _bases(spec, len(robots)),
-            _rows(spec, "objects", ("tag", *POSE))[:, 1:],
+            _rows(spec, "objects", ("tag", *POSE_COLUMNS))[:, 1:],
             boxes,
             cylinders,
             _text(spec, "truth"),

@@ -21,7 +21,7 @@ from vsense.world.physics.proximity_ring import TABLE_M, TABLE_RAW
 
 Floats = NDArray[np.float64]
 
-RING, GROUND = 8, 3
+N_RING, N_GROUND = 8, 3
 BLACK_RAW, WHITE_RAW = 250.0, float(GROUND_RAW)
 GROUND_NOISE_RAW = 3.0
 """Standard deviation."""
@@ -67,7 +67,7 @@ def draw_sensors(random: np.random.Generator, share: float) -> SensorHardware:
     def off(count: int) -> Floats:
         return np.asarray(share * random.uniform(-1.0, 1.0, count))
 
-    gains, biases, black, white = off(RING), off(RING), off(GROUND), off(GROUND)
+    gains, biases, black, white = off(N_RING), off(N_RING), off(N_GROUND), off(N_GROUND)
     return SensorHardware(
         (1.0 + gains).tolist(),
         (BIAS_RAW * biases).tolist(),
@@ -77,7 +77,7 @@ def draw_sensors(random: np.random.Generator, share: float) -> SensorHardware:
 
 
 NOMINAL_SENSORS = SensorHardware(
-    (1.0,) * RING, (0.0,) * RING, (BLACK_RAW,) * GROUND, (WHITE_RAW,) * GROUND
+    (1.0,) * N_RING, (0.0,) * N_RING, (BLACK_RAW,) * N_GROUND, (WHITE_RAW,) * N_GROUND
 )
 
 
@@ -105,10 +105,10 @@ class RealGround:
 
 def read_sensors(given: Any, count: int) -> list[SensorHardware]:
     """Reads the sensors of `count` robots from JSON; UsageError says what is expected."""
-    sizes = {"gains": RING, "biases": RING, "black": GROUND, "white": GROUND}
+    sizes = {"gains": N_RING, "biases": N_RING, "black": N_GROUND, "white": N_GROUND}
     try:
-        read = [SensorHardware(**{n: [float(v) for v in one[n]] for n in sizes}) for one in given]
-        rows = [(getattr(one, n), size) for one in read for n, size in sizes.items()]
+        read = [SensorHardware(**{n: [float(v) for v in row[n]] for n in sizes}) for row in given]
+        rows = [(getattr(robot, n), size) for robot in read for n, size in sizes.items()]
         right = all(len(row) == size and np.isfinite(row).all() for row, size in rows)
     except (TypeError, KeyError, ValueError, OverflowError):
         right = False

@@ -16,7 +16,6 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from vsense.modes.lab._backdrop import Backdrop
 from vsense.modes.lab._bodies import Body, BodySprites
@@ -24,9 +23,8 @@ from vsense.modes.lab._camera_spec import LabCameraSpec
 from vsense.modes.lab._optics import Floats, Image8, RayMap, Sensor, Window, to_levels
 from vsense.modes.lab._scene import Scene
 from vsense.modes.lab._sprites import Look, SpritePainter, gather, look_of
+from vsense.modes.lab.truth import Leds
 from vsense.vision.markers.families import load_family
-
-Leds = NDArray[np.uint16]
 
 _EVERYTHING: Window = (slice(None), slice(None))
 
@@ -76,8 +74,8 @@ class CameraRenderer:
         """The bodies' sprites with these LED bits; they are kept for the next picture."""
         lit = leds.tobytes()
         if self._lit is None or self._lit[0] != lit:
-            each = zip(self._bodies, leds.tolist())
-            self._lit = lit, gather([_look_of(body, bits) for body, bits in each])
+            lit_bodies = zip(self._bodies, leds.tolist())
+            self._lit = lit, gather([_look_of(body, bits) for body, bits in lit_bodies])
         return self._lit[1]
 
 
@@ -119,7 +117,7 @@ class Studio:
             self._renderers = list(builders.map(renderer, range(len(rays))))
             # Bodies are drawn here for the first time: in the first picture it would take too long.
             dark = np.zeros(len(spec.bodies), dtype=np.uint16)
-            list(builders.map(lambda each: each.get_ready(dark), self._renderers))
+            list(builders.map(lambda renderer: renderer.get_ready(dark), self._renderers))
         self._painters = ThreadPoolExecutor(_THREADS)
         self._spec, self._family = spec, family
 

@@ -19,7 +19,7 @@ from vsense.modes.lab._microcontrollers import read_actuations
 from vsense.modes.lab._optics import vignetting
 from vsense.modes.lab._reach import drawn
 from vsense.modes.lab._swarm import read_trace
-from vsense.modes.lab.hardware import told_all
+from vsense.modes.lab.hardware import report_all
 from vsense.modes.lab.session import RunNotes, Session
 from vsense.modes.lab.truth import read_truth
 from vsense.monitor.pictures import run_figure
@@ -86,9 +86,9 @@ def _swarm_truth(
 
 def _wanted(recording: RunNotes, experiment: Experiment, steps: NDArray[np.void]) -> int:
     """The timesteps that the run had, as far as its logs go."""
-    whole = recording.ended == "time" and experiment.timesteps > 0
-    whole = whole and len(steps) == len(recording.figures.steps)
-    return experiment.timesteps if whole else int(steps["run_timestep"][-1]) + 1
+    complete = recording.ended == "time" and experiment.timesteps > 0
+    complete = complete and len(steps) == len(recording.figures.steps)
+    return experiment.timesteps if complete else int(steps["run_timestep"][-1]) + 1
 
 
 def _sensors_of(experiment: Experiment, robot: RobotSpec) -> list[str]:
@@ -134,12 +134,12 @@ def summarise(session: Session, number: int, measured: _metrics.MeasuredRun) -> 
         "cameras": len(session.cameras),
         "pace": clock.pace(),
         "light_level": recording.figures.light_level,
-        "calibration": None if session.known is None else session.known.figures,
+        "calibration": None if session.rig is None else session.rig.figures,
         **_metrics.figures(measured),
         "vision": session.tracking.figures(),
         "measures": recording.measures,
     }
-    return summary | told_all(session.robots.hardware)
+    return summary | report_all(session.robots.hardware)
 
 
 def draw(session: Session, recording: RunNotes, run: _metrics.MeasuredRun, path: Path) -> None:

@@ -143,8 +143,8 @@ def _uneven_light(grid: Grid, rng: np.random.Generator) -> Image32:
 
 Rng = np.random.Generator
 
-PAPER = 205
-INK = 22
+PAPER_GRAY = 205
+INK_GRAY = 22
 
 _SHIFT = 4
 _WORDS = ("ARENA", "EXIT", "B12", "LAB", "A4", "07", "STOP", "KEEP", "NORTH", "IN", "Q3", "TEST")
@@ -228,13 +228,13 @@ def _text(pen: _Pen, rng: Rng) -> None:
     cv2.putText(mask, word, (15, height + 15), font, 2.0, 255, 5 * weight, cv2.LINE_AA)
     metre = height_m / height
     if sheet:
-        pen.fill(_rectangle(mask.shape[1] * metre, mask.shape[0] * metre), PAPER)
+        pen.fill(_rectangle(mask.shape[1] * metre, mask.shape[0] * metre), PAPER_GRAY)
     size = np.array(mask.shape[::-1]) * metre / 2.0
     source = np.array([(0, 0), (mask.shape[1], 0), (0, mask.shape[0])], dtype=np.float32)
     corners = np.array([(-1, -1), (1, -1), (-1, 1)]) * size
     target = (pen.place(corners) / (1 << _SHIFT)).astype(np.float32)
     transform = np.asarray(cv2.getAffineTransform(source, target), dtype=np.float64)
-    _stamp(pen.floor, mask, transform, INK if sheet else 150)
+    _stamp(pen.floor, mask, transform, INK_GRAY if sheet else 150)
 
 
 def _stamp(floor: Image8, mask: Image8, transform: Floats, grey: int) -> None:
@@ -258,7 +258,7 @@ def _card(pen: _Pen, rng: Rng) -> None:
     """A white card with a dark rectangle, which is easily taken for a marker."""
     length, width = rng.uniform(0.06, 0.10), rng.uniform(0.05, 0.075)
     pen.fill(_rectangle(length, width), int(rng.integers(185, 220)))
-    pen.fill(_rectangle(length * rng.uniform(0.4, 0.7), width * rng.uniform(0.4, 0.7)), INK)
+    pen.fill(_rectangle(length * rng.uniform(0.4, 0.7), width * rng.uniform(0.4, 0.7)), INK_GRAY)
 
 
 _KINDS: tuple[Callable[[_Pen, Rng], None], ...] = (_ellipse, _triangle, _cable, _text, _card)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vsense.base.native import kernel_ffi, kernels
 from vsense.modes.lab._backdrop import Backdrop
-from vsense.modes.lab._bodies import EMISSION_DN, TEXTURE_PX_PER_M, Effect, Sprite
+from vsense.modes.lab._bodies import EMISSION_DN, SPRITE_PX_PER_M, Effect, Sprite
 from vsense.modes.lab._optics import Floats, Image8, RayMap, Sensor
 
 _MARGIN_PX = 1
@@ -75,7 +75,7 @@ class Look:
 
     sheets: NDArray[np.void]
     owner: NDArray[np.intp]
-    kept: object
+    keep_alive: object
 
 
 def look_of(sprites: Sequence[Sprite]) -> Look:
@@ -196,7 +196,7 @@ class SpritePainter:
         # Not NumPy's, whose last bit depends on the processor.
         yaw = poses[..., 2].ravel().tolist()
         turns = (np.array(list(map(f, yaw))).reshape(poses.shape[:2]) for f in (math.cos, math.sin))
-        facts = poses[..., 0], poses[..., 1], *(TEXTURE_PX_PER_M * turn for turn in turns)
+        facts = poses[..., 0], poses[..., 1], *(SPRITE_PX_PER_M * turn for turn in turns)
         for k in range(poses.shape[0]):
             through = np.where(moves, k, poses.shape[0] // 2)
             x, y, cos, sin = (fact[through, owner] for fact in facts)

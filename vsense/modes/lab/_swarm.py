@@ -280,14 +280,14 @@ def _held(
     The times are those of the judged sensor; without one the oldest reading's, so that no
     fresh sensor hides another's age.
     """
-    found = dict(item.split("=", 1) for item in text.split(",")) if sensors else {}
-    held = [found[name] for name in sensors]
+    items = dict(item.split("=", 1) for item in text.split(",")) if sensors else {}
+    held = [items[name] for name in sensors]
     if not held or "-" in held:
         return False, 0.0, 0, UNKNOWN_AGE, True
-    timed = held if judged is None else [found[judged]]
+    timed = held if judged is None else [items[judged]]
     times = [item.split("@")[1].split(":") for item in timed]
     capture, age, stale = min(times, key=lambda time: int(time[0]))
     value = 0.0
     if judged is not None:
-        (value,) = struct.unpack("<f", bytes.fromhex(found[judged].split("@")[0]))
+        (value,) = struct.unpack("<f", bytes.fromhex(items[judged].split("@")[0]))
     return True, value, int(capture), int(age), stale != "0"

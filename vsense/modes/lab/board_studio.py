@@ -23,8 +23,8 @@ from vsense.world.entities import Arena
 Floats = NDArray[np.float64]
 Image8 = NDArray[np.uint8]
 
-TEXTURE_PX_PER_M = 2500.0
-PAPER, INK = 225.0, 18.0
+BOARD_PX_PER_M = 2500.0
+PAPER_LEVEL, INK_LEVEL = 225.0, 18.0
 """Reflectances, 255 is perfectly white."""
 
 _MARGIN_M = 0.02
@@ -46,8 +46,8 @@ class BoardStudio:
         """Builds the floor, about a second; the pictures of all cameras have one size."""
         self._cameras = list(cameras)
         self._board = board
-        texture = raster(board, TEXTURE_PX_PER_M, _MARGIN_M).astype(np.float32) / 255.0
-        self._paper = np.asarray(INK + (PAPER - INK) * texture, dtype=np.float32)
+        texture = raster(board, BOARD_PX_PER_M, _MARGIN_M).astype(np.float32) / 255.0
+        self._paper = np.asarray(INK_LEVEL + (PAPER_LEVEL - INK_LEVEL) * texture, dtype=np.float32)
         self._rays = [RayMap(camera) for camera in cameras]
         scene = Scene(self._rays, seed, _LITTER)
         self._floors = [scene.floor(rays) for rays in self._rays]
@@ -113,8 +113,8 @@ class BoardStudio:
         ]
         x, y = self._on_board(rays.camera, floor[0], floor[1], pose)
         height = self._paper.shape[0]
-        u = (x + _MARGIN_M) * TEXTURE_PX_PER_M - 0.5
-        v = height - 0.5 - (y + _MARGIN_M) * TEXTURE_PX_PER_M
+        u = (x + _MARGIN_M) * BOARD_PX_PER_M - 0.5
+        v = height - 0.5 - (y + _MARGIN_M) * BOARD_PX_PER_M
         layers = [
             cv2.remap(layer, u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR)
             for layer in (self._paper, np.ones_like(self._paper))
@@ -198,8 +198,8 @@ def board_at(board: Board, middle: Floats, tilt: Floats, yaw: float) -> BoardPos
     return BoardPose(rotation, middle - rotation @ half)
 
 
-ARENA = Arena((3.0, 2.4, 1.0), (0.0, 0.0, 0.5))
-FLOOR, HELD = 16, 24
+STUDIO_ARENA = Arena((3.0, 2.4, 1.0), (0.0, 0.0, 0.5))
+ON_FLOOR, HELD_UP = 16, 24
 """Numbers of pictures on the floor and held up."""
 
 _QUALITY = 95
@@ -211,8 +211,8 @@ def write(directory: Path, board_text: str, seed: int) -> int:
     Raises:
         UsageError: the board is none, or the folder cannot be written.
     """
-    board, cameras = Board.parse(board_text), rig(ARENA)
-    plan = board_plan(cameras, board, FLOOR, HELD, seed)
+    board, cameras = Board.parse(board_text), rig(STUDIO_ARENA)
+    plan = board_plan(cameras, board, ON_FLOOR, HELD_UP, seed)
     try:
         (directory / "truth").mkdir(parents=True, exist_ok=True)
         for camera in cameras:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from vsense.base.arena import wrap_angle
 from vsense.base.shared import file_errors
-from vsense.modes.lab.board_studio import FLOOR, HELD, BoardStudio, board_plan
+from vsense.modes.lab.board_studio import HELD_UP, ON_FLOOR, BoardStudio, board_plan
 from vsense.vision.calibration.board import Board
 from vsense.vision.calibration.frame import FrameShift, turn
 from vsense.vision.calibration.session import PictureCalibration
@@ -27,11 +27,11 @@ from vsense.vision.cameras.camera import Camera
 from vsense.world.entities import Arena
 
 Floats = NDArray[np.float64]
-Tell = Callable[[str], None]
+_Say = Callable[[str], None]
 Origin = tuple[float, float, float]
 
 BOARD = "charuco:7x5:80mm:4X4_50"
-FOLDER = "cameras"
+CAMERAS_FOLDER = "cameras"
 """In the runs' folder: files as of `vsense calibrate rig`, and the true cameras in `truth`."""
 
 HUNG_M = 0.015
@@ -65,7 +65,7 @@ class CalibratedRig:
     """
 
     true: tuple[Camera, ...]
-    found: tuple[Camera, ...]
+    solved: tuple[Camera, ...]
     figures: dict[str, Any]
 
     @property
@@ -91,44 +91,44 @@ class CalibratedRig:
 
 
 def calibrate(
-    ideal: Sequence[Camera], arena: Arena, height_m: float, seed: int, folder: Path, tell: Tell
+    ideal: Sequence[Camera], arena: Arena, height_m: float, seed: int, folder: Path, say: _Say
 ) -> CalibratedRig:
-    """Hangs cameras, calibrates them, and writes `FOLDER` in a folder.
+    """Hangs cameras, calibrates them, and writes `CAMERAS_FOLDER` in a folder.
 
     Args:
         ideal: where the cameras are to be.
         arena: what they have to see.
         height_m: of the markers above the floor, for which the figures are.
         seed: of the errors, the board's poses and the noise.
-        tell: takes a line for people; does not wait.
+        say: takes a line for people; does not wait.
 
     Raises:
         CalibrationError: the pictures do not link the cameras.
         VsenseError: a file cannot be written.
     """
     true = as_hung(ideal, arena, height_m, seed)
-    output = folder / FOLDER
+    output = folder / CAMERAS_FOLDER
     with file_errors(f"calibration {output}"):
         (output / "truth").mkdir(parents=True, exist_ok=True)
         for camera in true:
             (output / "truth" / f"{camera.id}.json").write_text(camera.to_json() + "\n")
-    calibration, origin = _pictured(true, seed, tell)
+    calibration, origin = _pictured(true, seed, say)
     views = calibration.views()
-    tell("calibrating the cameras: solving")
+    say("calibrating the cameras: solving")
     solution = calibration.solve(views, "floor_*", origin)
     calibration.save(output, f"The lab's {len(true)} cameras", views, solution)
     by_name = {camera.id: camera for camera in solution.cameras}
-    found = tuple(by_name[camera.id] for camera in true)
+    solved = tuple(by_name[camera.id] for camera in true)
     figures = {
         "seed": seed,
         "views": len([view for view in solution.views if view.used]),
         "rms_px": round(solution.rms_px, 4),
         "points": len(_places(arena, height_m)),
-        **errors(true, found, arena, height_m),
+        **errors(true, solved, arena, height_m),
     }
     with file_errors(f"calibration {output}"):
         (output / "truth" / "errors.json").write_text(json.dumps(figures, indent=2) + "\n")
-    return CalibratedRig(true, found, figures)
+    return CalibratedRig(true, solved, figures)
 
 
 def as_hung(
@@ -174,12 +174,12 @@ def _hang(camera: Camera, drawn: Floats) -> Camera:
     )
 
 
-def _pictured(true: Sequence[Camera], seed: int, tell: Tell) -> tuple[PictureCalibration, Origin]:
+def _pictured(true: Sequence[Camera], seed: int, say: _Say) -> tuple[PictureCalibration, Origin]:
     """Renders a board for the cameras; and where its first pose is, as people measure that."""
     board, many = Board.parse(BOARD), max(1.0, len(true) / _USUAL)
     drawn = np.random.default_rng([seed, 12]).uniform(-1.0, 1.0, 4)
     printed = replace(board, square_m=board.square_m * (1.0 + PRINTED_SHARE * float(drawn[3])))
-    plan = board_plan(true, printed, round(FLOOR * many), round(HELD * many), seed)
+    plan = board_plan(true, printed, round(ON_FLOOR * many), round(HELD_UP * many), seed)
     studio = BoardStudio(true, printed, seed)
     sizes = {camera.id: (camera.width_px, camera.height_px) for camera in true}
     calibration = PictureCalibration(board, sizes)
@@ -187,16 +187,16 @@ def _pictured(true: Sequence[Camera], seed: int, tell: Tell) -> tuple[PictureCal
     for number, (moment, pose) in enumerate(plan, 1):
         for camera, image in studio.take(pose):
             calibration.look(camera, moment, image)
-        tell(f"calibrating the cameras: the board in {number} of {len(plan)} places")
+        say(f"calibrating the cameras: the board in {number} of {len(plan)} places")
     x, y, _ = plan[0][1].shift.tolist()
     x, y = x + LAID_M * float(drawn[0]), y + LAID_M * float(drawn[1])
     return calibration, (x, y, LAID_RAD * float(drawn[2]))
 
 
 def errors(
-    true: Sequence[Camera], found: Sequence[Camera], arena: Arena, height_m: float
+    true: Sequence[Camera], solved: Sequence[Camera], arena: Arena, height_m: float
 ) -> dict[str, float | None]:
-    """How far off a robot is for cameras that are known as `found`, all over an arena.
+    """How far off a robot is for cameras that are known as `solved`, all over an arena.
 
     Returns `position_rms_mm`, `position_worst_mm`, `heading_rms_deg` and `heading_worst_deg`, of
     every camera by itself; `shape_rms_mm`, `shape_worst_mm`: of the places when the frame as a
@@ -206,12 +206,12 @@ def errors(
     points = _places(arena, height_m)
     place = np.full((len(true), len(points), 2), np.nan)
     heading = np.full((len(true), len(points)), np.nan)
-    for number, (camera, known) in enumerate(zip(true, found)):
+    for number, (camera, calibrated) in enumerate(zip(true, solved)):
         pixels = camera.project(points)
         seen = camera.contains(pixels)
         ahead = camera.project(points[seen] + (_AHEAD_M, 0.0, 0.0))
-        place[number, seen] = here = known.to_plane(pixels[seen], height_m)
-        there = known.to_plane(ahead, height_m) - here
+        place[number, seen] = here = calibrated.to_plane(pixels[seen], height_m)
+        there = calibrated.to_plane(ahead, height_m) - here
         heading[number, seen] = wrap_angle(np.arctan2(there[:, 1], there[:, 0]))
     off = np.linalg.norm(place - points[:, :2], axis=-1)
     seen = np.isfinite(off)

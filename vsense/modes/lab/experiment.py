@@ -18,7 +18,7 @@ from vsense.modes._several import Series
 from vsense.modes.lab import _report, calibrated
 from vsense.modes.lab._camera_spec import cameras_above
 from vsense.modes.lab.calibrated import CalibratedRig
-from vsense.modes.lab.hardware import EmulatedLab, told_all
+from vsense.modes.lab.hardware import EmulatedLab, report_all
 from vsense.modes.lab.session import Session
 from vsense.modes.live.opening import StagedOptions, check_ports, say_link, say_trust
 from vsense.modes.live.session import RunSetup
@@ -68,9 +68,9 @@ def run(options: LabOptions) -> int:
     _warn(console, experiment, directory)
     with interruption() as interrupted, ControlRoom(options.room, console) as room:
         with interrupted.at_once():
-            known = calibrate_cameras(options.lab, experiment, seed, directory, console)
-        if known is not None:
-            console.say(f"camera files and report: {directory / calibrated.FOLDER}")
+            rig = calibrate_cameras(options.lab, experiment, seed, directory, console)
+        if rig is not None:
+            console.say(f"camera files and report: {directory / calibrated.CAMERAS_FOLDER}")
         robots = options.lab.robots(experiment)
         setup = RunSetup(
             experiment,
@@ -81,12 +81,12 @@ def run(options: LabOptions) -> int:
             console,
             interrupted,
             room,
-            asked.made_of(experiment, seed) | told_all(robots.hardware),
+            asked.made_of(experiment, seed) | report_all(robots.hardware),
             starts,
             options.battery,
         )
         legacy_port = options.link.legacy_port
-        session = Session(setup, directory, options.lab, robots, known, legacy_port)
+        session = Session(setup, directory, options.lab, robots, rig, legacy_port)
         return _carry_out(session, options)
 
 

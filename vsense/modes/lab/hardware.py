@@ -28,20 +28,20 @@ from vsense.world.physics.motion import AXLE_M, WHEEL_DIAMETER_MM
 
 Floats = NDArray[np.float64]
 
-KINDS = ("argos", "asercom", "gctronic", "york")
+BASE_KINDS = ("argos", "asercom", "gctronic", "york")
 """The names of `vsensed --base`."""
 
 MIXED = "mixed"
 """One kind after the other."""
 
-BASES = (*KINDS, MIXED)
+BASES = (*BASE_KINDS, MIXED)
 
 
 def bases_of(name: str, count: int) -> list[str]:
     """The kind of base of each of `count` robots; UsageError where `name` is none of `BASES`."""
     if name not in BASES:
         raise UsageError(f"no base {name!r} in the lab: expected one of {', '.join(BASES)}")
-    kinds = KINDS if name == MIXED else (name,)
+    kinds = BASE_KINDS if name == MIXED else (name,)
     return [kinds[robot % len(kinds)] for robot in range(count)]
 
 
@@ -98,7 +98,7 @@ class RobotHardware:
         """The right wheel over the left one."""
         return self.right / self.left
 
-    def told(self) -> dict[str, Any]:
+    def report(self) -> dict[str, Any]:
         """What reports and recordings say of it, by the roster's names."""
         return {
             "wheel_diameter_mm": round(self.wheel_diameter_mm, 4),
@@ -156,10 +156,10 @@ def draw_all(
     return robots | {tag: replace(robots[tag], left=_DEAD, right=_DEAD) for tag in dead}
 
 
-def told_all(robots: Mapping[int, RobotHardware]) -> dict[str, Any]:
+def report_all(robots: Mapping[int, RobotHardware]) -> dict[str, Any]:
     """The truth about drawn robots for reports and recordings: "hardware", by tag; or nothing."""
-    told = {str(tag): robot.told() for tag, robot in robots.items()}
-    return {"hardware": told} if told else {}
+    reports = {str(tag): robot.report() for tag, robot in robots.items()}
+    return {"hardware": reports} if reports else {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,18 +192,18 @@ def to_markers(poses: Floats, offsets: Floats) -> Floats:
     return np.column_stack((poses[:, 0] + arm_x, poses[:, 1] + arm_y, poses[:, 2] + offsets[:, 2]))
 
 
-HEAD = (
+WIRELESS_HEAD = (
     "Inter-| sta-|   Quality        |   Discarded packets               | Missed | WE\n"
     " face | tus | link level noise |  nwid  crypt   frag  retry   misc | beacon | 22\n"
 )
-NAME = "wlan0"
+INTERFACE = "wlan0"
 
 WEAKEST_DBM, STRONGEST_DBM = -110, -40
 """Between these the kernel makes a link quality of 0 to 70 of a signal (wext-compat.c)."""
 
-SAVES_POWER = "saves"
+POWER_SAVING = "saves"
 
-WRITTEN = re.compile(rf"(\d+)=(-\d+)(?:,(\d+(?:\.\d+)?))?(,{SAVES_POWER})?")
+WRITTEN = re.compile(rf"(\d+)=(-\d+)(?:,(\d+(?:\.\d+)?))?(,{POWER_SAVING})?")
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,23 +226,23 @@ class EmulatedRadio:
         """The file that `vsensed --radio` reads."""
         quality = min(max(self.signal_dbm, WEAKEST_DBM), STRONGEST_DBM) - WEAKEST_DBM
         row = (
-            f"{NAME:>6}: 0000  {quality:3}.  {self.signal_dbm:3}.  -256  "
+            f"{INTERFACE:>6}: 0000  {quality:3}.  {self.signal_dbm:3}.  -256  "
             f"{0:6} {0:6} {0:6} {self.retries:6} {0:6}   {0:6}\n"
         )
         rate = f"rate {round(1e6 * self.rate_mbit_s)}\n"
-        return f"{HEAD}{row}{rate}power {int(self.saves_power)}\n"
+        return f"{WIRELESS_HEAD}{row}{rate}power {int(self.saves_power)}\n"
 
 
 def read_radio(text: str) -> tuple[int, EmulatedRadio]:
     """Reads TAG=DBM[,MBIT][,saves]; ValueError says what was expected."""
-    found = WRITTEN.fullmatch(text)
-    if found is None:
-        expected = f"TAG=DBM[,MBIT_S][,{SAVES_POWER}], such as 23=-84 or 23=-61,5.5,saves"
+    match = WRITTEN.fullmatch(text)
+    if match is None:
+        expected = f"TAG=DBM[,MBIT_S][,{POWER_SAVING}], such as 23=-84 or 23=-61,5.5,saves"
         raise ValueError(f"'{text}': expected {expected}")
-    tag, signal_dbm, rate = int(found[1]), int(found[2]), float(found[3] or 54.0)
+    tag, signal_dbm, rate = int(match[1]), int(match[2]), float(match[3] or 54.0)
     if not -127 <= signal_dbm <= -1 or not 0.1 <= rate <= 2000.0:
         raise ValueError(f"'{text}': expected -127 to -1 dBm, and 0.1 to 2000 Mbit/s")
-    return tag, EmulatedRadio(signal_dbm, rate, found[4] is not None)
+    return tag, EmulatedRadio(signal_dbm, rate, match[4] is not None)
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from vsense.base.arena import Frame
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment
 from vsense.modes.lab._camera_spec import LabCameraSpec, spec_for
-from vsense.modes.lab._optics import sample_times_ns
+from vsense.modes.lab._optics import SAMPLES, sample_times_ns
 from vsense.modes.lab._renderer import Studio
 from vsense.monitor.recording.pictures import (
     PictureRecorder,
@@ -29,8 +29,6 @@ from vsense.run.environment import physics_of
 from vsense.world.physics.motion import TICK_NS
 
 TRUTH = "truth.csv"
-SAMPLES = 3
-"""Moments of the exposure that a picture is averaged over."""
 
 _LEAD_NS = 1_000_000_000
 _CRUISE_STEPS_S = (500, 950)

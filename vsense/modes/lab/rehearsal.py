@@ -17,28 +17,25 @@ from threading import Event
 from vsense.base.clock import host_ns
 from vsense.base.terminal import printable
 from vsense.config.specs import Experiment
-from vsense.modes.lab._physics_process import FloorProcess
+from vsense.modes.lab._physics_process import PhysicsHandle
 from vsense.modes.lab._swarm import Swarm
 from vsense.modes.lab.hardware import EmulatedRadio
 from vsense.modes.lab.truth import TruthReader, make_ring
 from vsense.robots import build
 from vsense.robots.link.keys import SwarmKeys
 
-Tell = Callable[[str], None]
-"""Takes a line for a person; does not wait."""
-
-CONNECT_S = 0.1
+TRACKER_CONNECT_TIMEOUT_S = 0.1
 """The longest that a timestep waits for the run's host."""
-RETRY_NS = 1_000_000_000
+TRACKER_RETRY_NS = 1_000_000_000
 ANSWER_MAX = 4096
 
 
 class LineWriter:
     """The tracker's end of `vsense/robots/link/TRACKERS.md`; connects again and again."""
 
-    def __init__(self, host: str, port: int, tell: Tell) -> None:
+    def __init__(self, host: str, port: int, say: Callable[[str], None]) -> None:
         self._address = host, port
-        self._tell = tell
+        self._say = say
         self._socket: socket.socket | None = None
         self._rest = b""
         self._try_ns = 0
@@ -72,11 +69,11 @@ class LineWriter:
     def _connect(self) -> None:
         if host_ns() < self._try_ns:
             return
-        self._try_ns = host_ns() + RETRY_NS
+        self._try_ns = host_ns() + TRACKER_RETRY_NS
         with suppress(OSError):  # nobody listens yet: the progress line says so
-            self._socket = socket.create_connection(self._address, CONNECT_S)
+            self._socket = socket.create_connection(self._address, TRACKER_CONNECT_TIMEOUT_S)
             self._socket.setblocking(False)
-            self._tell(f"the tracker is connected to {self._address[0]}, port {self._address[1]}")
+            self._say(f"the tracker is connected to {self._address[0]}, port {self._address[1]}")
 
     def _hear(self, connection: socket.socket) -> None:
         """Passes on what the host says of the lines: it answers bad ones."""
@@ -84,15 +81,15 @@ class LineWriter:
             heard = connection.recv(ANSWER_MAX)
             if not heard:
                 raise ConnectionError("it has closed the connection")
-            *whole, self._rest = (self._rest + heard).split(b"\n")
-            for line in whole:
-                self._tell(
+            *lines, self._rest = (self._rest + heard).split(b"\n")
+            for line in lines:
+                self._say(
                     f"the run says of the tracker: {printable(line.decode(errors='replace'))}"
                 )
 
     def _lose(self, reason: str) -> None:
         self.close()
-        self._tell(f"the tracker has lost the run: {reason}")
+        self._say(f"the tracker has lost the run: {reason}")
 
 
 class Rehearsal:
@@ -112,19 +109,19 @@ class Rehearsal:
         address: tuple[str, int],
         keys: SwarmKeys | None,
         tracker: LineWriter,
-        tell: Tell,
+        say: Callable[[str], None],
         radios: Mapping[int, EmulatedRadio],
     ) -> None:
         """Starts all robots of a settled experiment.
 
-        `directory`, `seed`, `base` and `watchdog` are those of `FloorProcess`, `address`, `keys`
+        `directory`, `seed`, `base` and `watchdog` are those of `PhysicsHandle`, `address`, `keys`
         and `radios` those of `Swarm`. Raises VsenseError where something of it cannot be made.
         """
         self.robots = len(experiment.robots)
         self._timestep_ns = experiment.timestep_ns
         self._tags = [robot.tag for robot in experiment.robots]
         self._tags += [thing.tag for thing in experiment.objects]
-        self._tracker, self._tell = tracker, tell
+        self._tracker, self._say = tracker, say
         daemons = {c.id: build.daemon(c.program) for c in experiment.controllers}
         with ExitStack() as stack:
             stack.callback(tracker.close)
@@ -132,7 +129,7 @@ class Rehearsal:
             stack.callback(truth.close)
             self._truth = TruthReader(truth.name)
             stack.callback(self._truth.close)
-            self._floor = FloorProcess(experiment, truth.name, seed, directory, base, watchdog)
+            self._floor = PhysicsHandle(experiment, truth.name, seed, directory, base, watchdog)
             stack.callback(self._floor.close)
             self._swarm = Swarm(*address, seed, directory / "robots", keys, radios)
             stack.callback(self._swarm.end)
@@ -140,7 +137,7 @@ class Rehearsal:
                 self._swarm.start(daemons[robot.controller], robot.tag, robot.id, base_of)
             self._stack = stack.pop_all()
 
-    def run(self, interrupted: Event, progress: Tell) -> None:
+    def run(self, interrupted: Event, progress: Callable[[str], None]) -> None:
         """Writes where everybody is, every timestep, until it is interrupted.
 
         Raises:
@@ -156,7 +153,7 @@ class Rehearsal:
             for robot, how in self._swarm.fallen():
                 alive -= 1
                 again = self._swarm.script(robot.tag)
-                self._tell(f"robot {robot.tag} ({robot.name}): its daemon {how}; again: {again}")
+                self._say(f"robot {robot.tag} ({robot.name}): its daemon {how}; again: {again}")
             run = "connected to a run" if self._tracker.connected else "waiting for a run"
             time_s = (host_ns() - began_ns) / 1e9
             progress(f"{time_s:.1f} s  {alive} of {self.robots} daemons  tracker {run}")

@@ -19,12 +19,12 @@ from vsense.modes.lab._camera_spec import robot_body, spec_for
 from vsense.modes.lab._canary import Canary
 from vsense.modes.lab._grabber import LabGrabber
 from vsense.modes.lab._metrics import TrackingTally
-from vsense.modes.lab._physics_process import FloorProcess
+from vsense.modes.lab._physics_process import PhysicsHandle
 from vsense.modes.lab._swarm import Robot, Swarm
 from vsense.modes.lab.calibrated import CalibratedRig
 from vsense.modes.lab.hardware import NOMINAL, EmulatedLab, LabRobots, to_markers
 from vsense.modes.lab.truth import TruthReader, make_ring
-from vsense.modes.live.session import PATIENCE_S, ExperimentSession, RunSetup
+from vsense.modes.live.session import ROBOT_WAIT_S, ExperimentSession, RunSetup
 from vsense.monitor.pictures.run_samples import RunSamples
 from vsense.robots import build
 from vsense.robots.link.status import RobotStatus
@@ -93,7 +93,7 @@ class Session(ExperimentSession):
         directory: Path,
         lab: EmulatedLab,
         robots: LabRobots = NOMINAL,
-        known: CalibratedRig | None = None,
+        rig: CalibratedRig | None = None,
         legacy_port: int | None = None,
     ) -> None:
         """Prepares runs in a lab.
@@ -101,7 +101,7 @@ class Session(ExperimentSession):
         Args:
             directory: exists.
             robots: what they differ in.
-            known: cameras in place of the lab's, tracked with as far as they are known.
+            rig: cameras in place of the lab's, tracked with as far as they are known.
             legacy_port: there the original's client gets the readings of a robot of the lab.
 
         Raises:
@@ -112,7 +112,7 @@ class Session(ExperimentSession):
         self.truth_log = directory / "truth.bin"
         self.recordings: list[RunNotes] = []
         self._lab = lab
-        self.known, self.robots = known, robots
+        self.rig, self.robots = rig, robots
         self._ready = False
         self.dt_ns = setup.experiment.timestep_ns
 
@@ -125,7 +125,7 @@ class Session(ExperimentSession):
         self._stack.callback(self._truth.close)
         # The cameras build their scene while everything else starts.
         hardware = self.robots.hardware
-        true = None if self.known is None else self.known.true
+        true = None if self.rig is None else self.rig.true
         where = truth.name, seed, self.truth_log, self._lab.cameras
         spec = spec_for(experiment, *where, true, hardware, self.robots.worn)
         self._markers = np.array([body.marker for body in spec.bodies])
@@ -133,12 +133,12 @@ class Session(ExperimentSession):
         self._stack.callback(grabber.close)
         self._grabber = grabber
         daemons = {c.id: build.daemon(c.program) for c in experiment.controllers}
-        self.cameras = grabber.cameras if self.known is None else list(self.known.found)
+        self.cameras = grabber.cameras if self.rig is None else list(self.rig.solved)
         self.tracking = self._track(grabber)
         self._stack.callback(self.tracking.close)
         of_base = self._lab.base, self._lab.firmware_watchdog
         floor = experiment, truth.name, seed, self.directory, *of_base
-        self.floor = FloorProcess(*floor, hardware, self.robots.black)
+        self.floor = PhysicsHandle(*floor, hardware, self.robots.black)
         self._stack.callback(self.floor.close)
         keys = self.setup.trust.keys
         place = experiment.host, port, seed, self.directory / "robots"
@@ -149,8 +149,8 @@ class Session(ExperimentSession):
             self.swarm.start(daemons[robot.controller], robot.tag, robot.id, base, settings)
         self.setup.room.recorders.watch_family(experiment.marker, self.tracking)
         scene = self._scene("lab", self.cameras, {}, self.tracking.troubles)
-        if self.known is not None:
-            scene = replace(scene, calibration=self.known.checked)
+        if self.rig is not None:
+            scene = replace(scene, calibration=self.rig.checked)
         runtime = self._open_room(self.tracking, scene, ground=Ground(self.floor.put))
         grabber.start()
         runtime.open()
@@ -175,15 +175,15 @@ class Session(ExperimentSession):
     def wait_until_ready(self) -> None:
         """Handles timesteps until every robot is connected and every tag is seen.
 
-        Later runs of a series start without those that are missing after `PATIENCE_S`.
+        Later runs of a series start without those that are missing after `ROBOT_WAIT_S`.
 
         Raises:
             LabError: before the first run a daemon has ended, or a robot or tag is still missing
                 after `READY_TIMEOUT_S`; the message names them.
-            NobodyThere: before a later run no robot is there.
+            NoRobotError: before a later run no robot is there.
         """
         if self.runner.control.run > 1:
-            self.wait_for_some(PATIENCE_S)
+            self.wait_for_some(ROBOT_WAIT_S)
             return
         try:
             readiness = self.runner.wait(READY_TIMEOUT_S)

@@ -24,7 +24,7 @@ from vsense.base.shared import LabError, LogFile, SharedBlock, file_errors
 Floats = NDArray[np.float64]
 Leds = NDArray[np.uint16]
 
-SLOTS = 256
+TICKS = 256
 """Ticks that the ring remembers."""
 
 _MAGIC = 0x31_54_55_52_54_53_56
@@ -43,7 +43,7 @@ def _record_dtype(bodies: int) -> np.dtype[np.void]:
 
 
 def _ring_size(bodies: int) -> int:
-    return _HEADER.itemsize + SLOTS * _record_dtype(bodies).itemsize
+    return _HEADER.itemsize + TICKS * _record_dtype(bodies).itemsize
 
 
 def make_ring(bodies: int) -> SharedBlock:
@@ -70,8 +70,8 @@ class TruthWriter:
             )
         header[0] = (_MAGIC, bodies)
         dtype = _record_dtype(bodies)
-        self._slots = self._block.bytes[_HEADER.itemsize :][: SLOTS * dtype.itemsize]
-        self._slots = self._slots.reshape(SLOTS, dtype.itemsize)
+        self._slots = self._block.bytes[_HEADER.itemsize :][: TICKS * dtype.itemsize]
+        self._slots = self._slots.reshape(TICKS, dtype.itemsize)
         self._slots[:] = 0
         self._bytes = np.zeros(dtype.itemsize, dtype=np.uint8)
         self._record = self._bytes.view(dtype)
@@ -86,7 +86,7 @@ class TruthWriter:
         self._sequence += 1
         self._record[0] = (self._sequence, time_ns, poses, leds, 0)
         self._record["checksum"] = zlib.crc32(self._bytes.data)
-        self._slots[self._sequence % SLOTS] = self._bytes
+        self._slots[self._sequence % TICKS] = self._bytes
 
     def close(self) -> None:
         """Releases the ring, and removes it where this writer has made it."""
@@ -105,8 +105,8 @@ class TruthReader:
             raise LabError(f"truth ring {name}: not a truth ring")
         self.bodies = int(header["bodies"])
         self._dtype = _record_dtype(self.bodies)
-        self._slots = self._block.bytes[_HEADER.itemsize :][: SLOTS * self._dtype.itemsize]
-        self._slots = self._slots.reshape(SLOTS, self._dtype.itemsize)
+        self._slots = self._block.bytes[_HEADER.itemsize :][: TICKS * self._dtype.itemsize]
+        self._slots = self._slots.reshape(TICKS, self._dtype.itemsize)
         self._times = self._slots.view(self._dtype)["time_ns"][:, 0]
 
     def newest_ns(self) -> int:
@@ -163,7 +163,7 @@ class TruthReader:
             written = times[times > 0]
             span = f"{written.min()} .. {written.max()}" if written.size else "nothing yet"
             raise LabError(f"truth ring: asked for {time_ns} ns, it holds {span}")
-        after = before if times[before] == time_ns else (before + 1) % SLOTS
+        after = before if times[before] == time_ns else (before + 1) % TICKS
         first, second = self._read(before), self._read(after)
         if first is None or second is None:
             return None
@@ -177,7 +177,7 @@ class TruthReader:
         checksum = int(record["checksum"][0])
         record["checksum"] = 0
         written = zlib.crc32(record.view(np.uint8).data) == checksum
-        return record[0] if written and record["sequence"][0] % SLOTS == slot else None
+        return record[0] if written and record["sequence"][0] % TICKS == slot else None
 
 
 def _interpolate(before: np.void, after: np.void, time_ns: int) -> tuple[Floats, Leds]:
@@ -253,5 +253,5 @@ def read_truth(path: Path) -> NDArray[np.void]:
     if magic != LOG_MAGIC:
         raise LabError(f"truth log {path}: begins with {magic!r}, expected {LOG_MAGIC!r}")
     dtype = truth_dtype(bodies)
-    whole = (len(content) - _LOG_HEADER.size) // dtype.itemsize
-    return np.frombuffer(content, dtype=dtype, count=whole, offset=_LOG_HEADER.size)
+    count = (len(content) - _LOG_HEADER.size) // dtype.itemsize
+    return np.frombuffer(content, dtype=dtype, count=count, offset=_LOG_HEADER.size)

@@ -313,14 +313,14 @@ class Runs:
     def end(self, tracking: CameraTracking) -> None:
         """Completes what the run has kept, and its figures."""
         self.ended = self.control.run
-        kept, made = self.pictures.end_run(), self.recorders.end_run()
-        made = kept if made["file"] is None else made
+        pictures, recording = self.pictures.end_run(), self.recorders.end_run()
+        recording = pictures if recording["file"] is None else recording
         summary = {
             "session": self.name,
             "run": self.control.run,
             "ended": self.control.why,
             **self.counts.summary(tracking.figures()),
-            "recording": {name: made[name] for name in ("file", "bytes", "lost_messages")},
+            "recording": {name: recording[name] for name in ("file", "bytes", "lost_messages")},
         }
         self._summaries.append(summary)
         directory, self.directory = self.directory, None
@@ -345,9 +345,9 @@ class Runs:
         if self._series is not None and several:
             self._series.write_summary(self.name, self._summaries, on_stdout)
         elif on_stdout:
-            one = self._summaries[0] if self._summaries else {}
-            told = {"experiment": self.name, "runs": self._summaries} if several else one
-            print_data(json.dumps(told, indent=2))
+            single = self._summaries[0] if self._summaries else {}
+            data = {"experiment": self.name, "runs": self._summaries} if several else single
+            print_data(json.dumps(data, indent=2))
 
     def _begin_folder(self) -> None:
         with self._lock:

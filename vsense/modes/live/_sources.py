@@ -24,8 +24,6 @@ from vsense.vision.tracking.camera_tracking import CameraTracking
 from vsense.vision.tracking.opening import open_tracking
 from vsense.vision.tracking.specs import TrackingSession
 
-Tell = Callable[[str], None]
-"""Takes a line for a person, from any thread; does not wait."""
 Expect = Callable[[Experiment], None]
 """Tells a source of an experiment's tags, from any thread; VsenseError: it can look for others
 only."""
@@ -132,7 +130,7 @@ class SteadySource:
 def open_source(
     experiment: Experiment,
     tracking: tuple[str, str] | None,
-    tell: Tell,
+    say: Callable[[str], None],
     clock: Clock = host_ns,
 ) -> SteadySource:
     """Opens what the command line or the experiment names.
@@ -141,7 +139,7 @@ def open_source(
         experiment: whose tags are looked for.
         tracking: resources file and experiment file of a tracking session; None: what the
             experiment names.
-        tell: takes what happens to cameras and trackers.
+        say: takes what happens to cameras and trackers.
         clock: the host's monotonic clock [ns].
 
     Raises:
@@ -151,20 +149,20 @@ def open_source(
     require_source(experiment, tracking)
     tracker = experiment.tracker
     if tracking is not None:
-        return _own_cameras(experiment, tracking, tell, clock)
+        return _own_cameras(experiment, tracking, say, clock)
     if isinstance(tracker, TrackerAddress):
-        return _original(experiment, tracker, tell, clock)
+        return _original(experiment, tracker, say, clock)
     assert tracker is not None
-    return _lines(experiment, tracker, tell, clock)
+    return _lines(experiment, tracker, say, clock)
 
 
 def _own_cameras(
-    experiment: Experiment, files: tuple[str, str], tell: Tell, clock: Clock
+    experiment: Experiment, files: tuple[str, str], say: Callable[[str], None], clock: Clock
 ) -> SteadySource:
     session = tracking_session.load(*files).within(experiment.arena.corners_m)
     session = replace(session, offsets=experiment.markers)
     _check_roster(experiment, session)
-    tracking = open_tracking(session, clock, tell, experiment.timestep_ns / 1e9)
+    tracking = open_tracking(session, clock, say, experiment.timestep_ns / 1e9)
     count = len(session.views)
     cameras = f"{count} camera{'s' if count > 1 else ''} of {Path(session.file).name}"
     kind = "cameras" if session.is_live else "recording"
@@ -179,24 +177,24 @@ def _check_roster(experiment: Experiment, session: TrackingSession) -> None:
     """Raises ConfigError for a tag that no tracker looks for, and none can learn of."""
     if any(view.tracker.open_roster for view in session.views):
         return
-    known = session.heights_m
+    heights_m = session.heights_m
     bodies = [(body.line, body.id, body.tag) for body in experiment.robots]
     bodies += [(body.line, body.id, body.tag) for body in experiment.objects]
     for line, name, tag in bodies:
-        if tag not in known:
-            tags = ", ".join(map(str, sorted(known)))
+        if tag not in heights_m:
+            tags = ", ".join(map(str, sorted(heights_m)))
             message = f"{name!r}: no tracker of {session.file} looks for its tag {tag}"
             raise experiment.error(line, f"{message}; they look for: {tags}")
 
 
 def _original(
-    experiment: Experiment, tracker: TrackerAddress, tell: Tell, clock: Clock
+    experiment: Experiment, tracker: TrackerAddress, say: Callable[[str], None], clock: Clock
 ) -> SteadySource:
     client = ArenaClient(
         tracker.host,
         tracker.port,
         _tags(experiment),
-        tell,
+        say,
         round(tracker.latency_s * 1e9),
         tracker.origin_m,
         clock,
@@ -217,9 +215,9 @@ def _original(
 
 
 def _lines(
-    experiment: Experiment, tracker: JsonLinesTracker, tell: Tell, clock: Clock
+    experiment: Experiment, tracker: JsonLinesTracker, say: Callable[[str], None], clock: Clock
 ) -> SteadySource:
-    listener = ArenaListener(tracker.host, tracker.port, _tags(experiment), tell, clock)
+    listener = ArenaListener(tracker.host, tracker.port, _tags(experiment), say, clock)
 
     def figures() -> dict[str, int]:
         return asdict(listener.counters) | asdict(listener.repair.counters)

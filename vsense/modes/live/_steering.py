@@ -60,7 +60,7 @@ class RunSteering:
         self._control, self._callbacks = control, callbacks
         self._changes = runtime.changes
         self._publisher = Publisher(
-            room.bus, facts, environment, runtime, control, self._others, changes=runtime.changes
+            room.bus, facts, environment, runtime, control, self._run_facts, changes=runtime.changes
         )
 
     def open(self) -> None:
@@ -101,7 +101,7 @@ class RunSteering:
         self._callbacks.leave()
         return "gives its robots back, and ends"
 
-    def _others(self) -> Data:
+    def _run_facts(self) -> Data:
         callbacks = self._callbacks
         return {
             **self._room.run_data(),

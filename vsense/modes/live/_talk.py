@@ -114,5 +114,5 @@ class Talk:
 
 def told_of(session: TrackingSession) -> str:
     """What to say of a session's calibration when it begins; "" where it was never checked."""
-    known = of_tracking(session)
-    return calibration_words(known) if known["checks"] else ""
+    checks = of_tracking(session)
+    return calibration_words(checks) if checks["checks"] else ""

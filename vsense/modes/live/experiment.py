@@ -27,7 +27,7 @@ from vsense.modes.live.opening import (
     with_tracker,
 )
 from vsense.modes.live.run import OneRun
-from vsense.modes.live.session import PATIENCE_S, RunSession, RunSetup
+from vsense.modes.live.session import ROBOT_WAIT_S, RunSession, RunSetup
 from vsense.modes.options import say_warnings
 from vsense.monitor.ui.room import ControlRoom
 from vsense.robots.link.keys import LinkTrust
@@ -90,7 +90,7 @@ def _run_leased(
         ControlRoom(options.room, log) as room,
     ):
         say_warnings(experiment, log)
-        origin.keep(directory, "run", [experiment], log.say, others=options.link.tracking or ())
+        origin.keep(directory, "run", [experiment], log.say, more_files=options.link.tracking or ())
         setup = RunSetup(
             experiment,
             seed,
@@ -196,5 +196,5 @@ class _RealRuns:
             self.log.say(f"run {number}, seed {session.environment.seed}")
         limit_s = self.options.start_after
         if limit_s is None and number > 1:
-            limit_s = PATIENCE_S
+            limit_s = ROBOT_WAIT_S
         return session.wait_for_some(limit_s)

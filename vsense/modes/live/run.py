@@ -48,7 +48,7 @@ class Portrait:
         self._every = 1
         self._timesteps: list[int] = []
         self._poses: list[NDArray[np.float64]] = []
-        self._known: list[NDArray[np.bool_]] = []
+        self._sighted: list[NDArray[np.bool_]] = []
         self._lit: list[list[bool]] = []
         self._inside: list[NDArray[np.bool_]] = []
 
@@ -66,7 +66,7 @@ class Portrait:
         rows = world.robots[: len(self._experiment.robots)]
         self._timesteps.append(run_timestep)
         self._poses.append(np.stack([rows[key] for key in ("x_m", "y_m", "yaw_rad")], axis=-1))
-        self._known.append(rows["capture_ns"] != NEVER_NS)
+        self._sighted.append(rows["capture_ns"] != NEVER_NS)
         self._lit.append([robots[robot.tag].lit for robot in self._experiment.robots])
         if self._source is not None:
             cone = world.cone(self._source)
@@ -97,11 +97,11 @@ class Portrait:
     def _thin(self) -> None:
         """Forgets every other timestep, but for those of a view and the last."""
         self._every *= 2
-        last, kept = self._timesteps[-1], self._samples.kept
-        stay = [t % self._every == 0 or t in kept or t == last for t in self._timesteps]
+        last, kept_samples = self._timesteps[-1], self._samples.kept
+        stay = [t % self._every == 0 or t in kept_samples or t == last for t in self._timesteps]
         self._timesteps = list(compress(self._timesteps, stay))
         self._poses = list(compress(self._poses, stay))
-        self._known = list(compress(self._known, stay))
+        self._sighted = list(compress(self._sighted, stay))
         self._lit = list(compress(self._lit, stay))
         self._inside = list(compress(self._inside, stay))
         self._samples.thin(stay)
@@ -111,19 +111,19 @@ class Portrait:
 
         False if no robot was ever seen; PictureError if the file cannot be written.
         """
-        known = np.array(self._known)
-        if not known.any():
+        sighted = np.array(self._sighted)
+        if not sighted.any():
             return False
         self._samples.end(world)
-        run_figure.save(self._figure(known), path, blind, subtitle)
+        run_figure.save(self._figure(sighted), path, blind, subtitle)
         return True
 
-    def _figure(self, known: NDArray[np.bool_]) -> RunFigure:
+    def _figure(self, sighted: NDArray[np.bool_]) -> RunFigure:
         """The figure of the robots that were seen at all."""
-        seen = known.any(axis=0)
+        seen = sighted.any(axis=0)
         poses = np.array(self._poses)
         # Before a robot was seen for the first time it stands where that was.
-        first = known.argmax(axis=0)
+        first = sighted.argmax(axis=0)
         for robot in np.flatnonzero(seen):
             poses[: first[robot], robot] = poses[first[robot], robot]
         return RunFigure(

@@ -17,7 +17,7 @@ from vsense.base.terminal import Console, interruption
 from vsense.config import tracking_session
 from vsense.modes.live._runs import RunPictures, begin_recording
 from vsense.modes.live._talk import Talk
-from vsense.modes.live.track import SILENCE_S, Timesteps, timesteps
+from vsense.modes.live.track import PICTURE_POLL_S, Timesteps, timesteps
 from vsense.monitor.ui.access import is_loopback
 from vsense.robots.link.trackers.server import ArenaServer
 from vsense.vision.cameras.grabber import Troubles
@@ -112,7 +112,7 @@ class Serving:
             self.server.end_run()
             return
         self._publish(tracking, first, frames)
-        while not self.server.wait_for_run(SILENCE_S):
+        while not self.server.wait_for_run(PICTURE_POLL_S):
             if self.interrupted.is_set():
                 return
         shift_ns = host_ns() - first.capture_ns

@@ -30,7 +30,7 @@ from vsense.run.changing import HANDS, Ground
 from vsense.run.control import Control, State
 from vsense.run.environment import Environment
 from vsense.run.homing.homing import Homing
-from vsense.run.homing.starts import Starts, tell_end
+from vsense.run.homing.starts import Starts, say_end
 from vsense.run.robots import (
     Readiness,
     RunBatteries,
@@ -51,11 +51,11 @@ from vsense.vision.tracking.opening import masks_px
 TROUBLES = frozenset({"doubt", "defect"})
 """Kinds of link events that somebody has to look after."""
 
-PATIENCE_S = 10.0
+ROBOT_WAIT_S = 10.0
 """In a series, every run but the first waits this long for robots, then starts without them."""
 
 
-class NobodyThere(VsenseError):
+class NoRobotError(VsenseError):
     """A run cannot begin: not one robot is there."""
 
 
@@ -85,7 +85,7 @@ class RunSetup:
     console: Console
     interrupted: Interruption
     room: ControlRoom
-    made: Mapping[str, Any] = field(default_factory=dict)
+    origin: Mapping[str, Any] = field(default_factory=dict)
     starts: Starts | None = None
     battery_v: float = 0.0
     lease: Callable[[Collection[int]], None] = lambda tags: None
@@ -188,7 +188,7 @@ class ExperimentSession(ABC):
         text = read_bytes(self.experiment.path).decode(errors="replace")
         setup, user = self.setup, user_name()
         return ExperimentFacts(
-            command, text, setup.blind, cameras, trackers, troubles, dict(setup.made), user=user
+            command, text, setup.blind, cameras, trackers, troubles, dict(setup.origin), user=user
         )
 
     def _observe(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
@@ -208,14 +208,14 @@ class ExperimentSession(ABC):
         """As `wait_patiently`, and says without whom the run starts.
 
         Raises:
-            NobodyThere: not one robot is there.
+            NoRobotError: not one robot is there.
         """
         readiness = self.wait_patiently(limit_s)
         if readiness.complete or self.setup.interrupted.is_set():
             return readiness
         missing = readiness.missing
         if not {robot.id for robot in self.experiment.robots} - set(missing):
-            raise NobodyThere(f"no robot is there; {readiness.missing_text()}")
+            raise NoRobotError(f"no robot is there; {readiness.missing_text()}")
         words = f"starting without {shorten(missing)}; {readiness.missing_text()}"
         self.setup.console.say(words, "warning")
         return readiness
@@ -231,7 +231,7 @@ class ExperimentSession(ABC):
             homing = starts.homing(self.environment.experiment, self.environment.seed)
             self.runner.home(homing)
             if homing.done or homing.spent_s:  # else somebody has ended it before it began
-                tell_end(homing, self.setup.console)
+                say_end(homing, self.setup.console)
         self._leave_out_low()
         return homing
 
@@ -309,7 +309,7 @@ class ExperimentSession(ABC):
         """Stops all robots and waits for their last telemetry; see `Runner.stop`."""
         # The words before a failure; otherwise they were told with their timestep.
         for text in self.environment.said():
-            self._tell(f"loop functions: {text}")
+            self._say(f"loop functions: {text}")
         # From here on silence is expected and not reported.
         self._over = True
         self.runner.stop()
@@ -337,9 +337,9 @@ class ExperimentSession(ABC):
 
     def _on_link_event(self, event: LinkEvent) -> None:
         if event.kind not in self.quiet:
-            self._tell(event.text, "trouble" if event.kind in TROUBLES else "info")
+            self._say(event.text, "trouble" if event.kind in TROUBLES else "info")
 
-    def _tell(self, text: str, level: Level = "info") -> None:
+    def _say(self, text: str, level: Level = "info") -> None:
         if not self._over:
             self.setup.console.say(text, level)
 
@@ -355,7 +355,7 @@ class RunSession(ExperimentSession):
         self._tracking = tracking
 
     def _open(self) -> None:
-        self.source: SteadySource = open_source(self.experiment, self._tracking, self._tell)
+        self.source: SteadySource = open_source(self.experiment, self._tracking, self._say)
         self._stack.callback(self.source.close)
         self.port = self._start_server()
         own, suspends = self.source.own, False

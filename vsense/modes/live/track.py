@@ -24,7 +24,7 @@ from vsense.modes.live.track_room import TrackRoom, name_of
 from vsense.monitor.pictures import snapshot
 from vsense.monitor.ui.access import FoxgloveAddress, WebAddress
 from vsense.monitor.ui.room import ControlRoom, RoomOptions
-from vsense.run.control import BEFORE, State
+from vsense.run.control import BEFORE_RUN, State
 from vsense.vision.cameras.grabber import Troubles
 from vsense.vision.tracking.arena_tracker import TrackerCounters
 from vsense.vision.tracking.camera_tracking import CameraTracking
@@ -33,7 +33,7 @@ from vsense.vision.tracking.specs import PlacedMarker, TrackingSession
 
 FIRST_PICTURE_NS = 15_000_000_000
 """Cameras that give nothing for this long at the beginning do not work at all."""
-SILENCE_S = 0.5
+PICTURE_POLL_S = 0.5
 """A run without pictures checks this often whether it shall end."""
 HELD_S = 0.1
 """A recording that waits, or whose run is suspended, shows its pictures this often."""
@@ -116,15 +116,15 @@ def run(options: TrackOptions) -> int:
         interrupted = stack.enter_context(interruption())
         console = Console()
         talk = Talk(console, host_ns, options.frames)
-        made = Making(options, session, console, talk, Troubles())
+        making = Making(options, session, console, talk, Troubles())
         with interrupted.at_once():
-            tracking = made.tracking()
+            tracking = making.tracking()
         stack.callback(tracking.close)
-        one = TrackingRun(made, tracking, interrupted)
+        runs = TrackingRun(making, tracking, interrupted)
         # Each run of a recording has opened it anew.
-        stack.callback(lambda: one.tracking.close())
-        one.open(stack)
-        one.run()
+        stack.callback(lambda: runs.tracking.close())
+        runs.open(stack)
+        runs.run()
         return interrupted.code if interrupted.is_set() else 0
 
 
@@ -165,19 +165,20 @@ class Making:
 class TrackingRun:
     """The command's runs, from the first picture to the summary; `tracking` is what is open."""
 
-    def __init__(self, made: Making, tracking: CameraTracking, interrupted: Interruption) -> None:
-        options, session, console, talk = made.options, made.session, made.console, made.talk
+    def __init__(self, making: Making, tracking: CameraTracking, interrupted: Interruption) -> None:
+        options, session = making.options, making.session
+        console, talk = making.console, making.talk
         self.tracking = tracking
-        self._made, self._options, self._talk = made, options, talk
+        self._making, self._options, self._talk = making, options, talk
         self._interrupted = interrupted
         self._live = session.is_live
         self._control_room = room = ControlRoom(options.room, console)
         each_run = session.record.change_root_directory_on_start
-        tell = lambda text: console.say(text, "trouble")  # noqa: E731
+        say = lambda text: console.say(text, "trouble")  # noqa: E731
         self._runs = Runs(
             name_of(session),
             room.recorders,
-            RunPictures(lambda: begin_recording(session, talk), each_run, tell),
+            RunPictures(lambda: begin_recording(session, talk), each_run, say),
             console,
             interrupted,
             stays=options.hold or (options.web is not None and session.is_live),
@@ -188,7 +189,7 @@ class TrackingRun:
         self._room = TrackRoom(
             room,
             session,
-            made.troubles,
+            making.troubles,
             self._runs,
             has_keys=options.hold or options.web is not None,
             dated=self._live or options.is_watched,
@@ -203,8 +204,8 @@ class TrackingRun:
         options, runs = self._options, self._runs
         if options.output is not None or options.is_recorded:
             runs.keep_in(options.output)
-        runs.recorders.watch_session(self._made.session, self.tracking, by_file=False)
-        if text := told_of(self._made.session):
+        runs.recorders.watch_session(self._making.session, self.tracking, by_file=False)
+        if text := told_of(self._making.session):
             self._talk.say(text)
         stack.enter_context(self._control_room)
         self._room.open()
@@ -220,7 +221,7 @@ class TrackingRun:
             self._end_run()
             runs.pictures.close()
         self._count()
-        self._talk.summary(self._missed, self._counters, self._made.troubles)
+        self._talk.summary(self._missed, self._counters, self._making.troubles)
         runs.report(options.json)
         if options.snapshot is not None:
             self._draw(options.snapshot)
@@ -245,7 +246,7 @@ class TrackingRun:
             return False
         if self._interrupted.is_set():
             return False
-        if control.state in BEFORE:
+        if control.state in BEFORE_RUN:
             control.ready()
             if (control.asked or not control.holds) and control.begin(self.tracking.start):
                 self._runs.begin(self.tracking)
@@ -281,8 +282,8 @@ class TrackingRun:
         """Opens the recording for another run, which is looked at until then."""
         self._count()
         self.tracking.close()
-        self.tracking = self._made.tracking()
-        self._runs.recorders.watch_session(self._made.session, self.tracking, by_file=False)
+        self.tracking = self._making.tracking()
+        self._runs.recorders.watch_session(self._making.session, self.tracking, by_file=False)
 
     def _count(self) -> None:
         """Adds what the present tracking has noticed, before it is closed, to that of all."""
@@ -335,9 +336,9 @@ class TrackingRun:
         if self._last is None:
             raise VsenseError(f"{path}: not drawn, because there was no picture")
         # The recording may have been opened anew since.
-        state, frames, found = self._last
+        state, frames, detections = self._last
         tracker = self.tracking.tracker
-        picture = snapshot.draw(state, frames, tracker.cameras, found, tracker.heights_m)
+        picture = snapshot.draw(state, frames, tracker.cameras, detections, tracker.heights_m)
         suffix = path.suffix.lower() if path.suffix.lower() in (".png", ".jpg") else ".png"
         with failing_as(VsenseError, f"{path}: cannot be written"):
             path.write_bytes(cv2.imencode(suffix, picture)[1].tobytes())
@@ -349,13 +350,13 @@ def next_timestep(tracking: CameraTracking) -> tuple[ArenaState, Sequence[Frame]
     The cameras are checked first: the state before has been handed on.
     """
     tracking.check_cameras()
-    return tracking.next(SILENCE_S)
+    return tracking.next(PICTURE_POLL_S)
 
 
 def timesteps(
     tracking: CameraTracking, interrupted: threading.Event, most: int | None = None
 ) -> Timesteps:
-    """Tracks until `interrupted` (within `SILENCE_S`), a recording ends or `most` are done.
+    """Tracks until `interrupted` (within `PICTURE_POLL_S`), a recording ends or `most` are done.
 
     Yields each state with its pictures.
 

@@ -30,7 +30,7 @@ from vsense.vision.tracking.opening import masks_px
 from vsense.vision.tracking.specs import TrackingSession
 from vsense.world.entities import BODY_RADIUS_M
 
-MARGIN_M = 0.3
+VIEW_MARGIN_M = 0.3
 """What is shown around the cameras' places: no file says how large the arena is."""
 
 USUAL_NAMES = ("experiment", "resources", "session")
@@ -149,7 +149,7 @@ class TrackRoom:
 
     def _facts(self) -> Data:
         session = self._session
-        found = [view.camera for view in session.views]
+        cameras = [view.camera for view in session.views]
         trackers = {view.camera.id: view.tracker.id for view in session.views}
         heights_m = sorted(session.heights_m.items())
         centre_m, size_m = _extent(session)
@@ -162,7 +162,7 @@ class TrackRoom:
             version=vsense.__version__,
             arena={"size_m": [*size_m, 1.0], "centre_m": [*centre_m, 0.5]},
             robots=[{"tag": t, "name": str(t), "height_m": h} for t, h in heights_m],
-            cameras=messages.cameras(found, trackers, masks_px(session)),
+            cameras=messages.cameras(cameras, trackers, masks_px(session)),
             calibration=of_tracking(session),
             body_radius_m=BODY_RADIUS_M,
         ).data()
@@ -181,7 +181,7 @@ def _extent(session: TrackingSession) -> tuple[tuple[float, float], tuple[float,
         for view in session.views
     ]
     low, high = np.min(np.concatenate(seen), axis=0), np.max(np.concatenate(seen), axis=0)
-    (x_m, y_m), (width_m, height_m) = (low + high) / 2.0, high - low + MARGIN_M
+    (x_m, y_m), (width_m, height_m) = (low + high) / 2.0, high - low + VIEW_MARGIN_M
     return (_cm(x_m), _cm(y_m)), (_cm(width_m), _cm(height_m))
 
 

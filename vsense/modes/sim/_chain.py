@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from vsense.base.errors import VsenseError
 from vsense.base.native import WireError, kernel_ffi, kernels, lib
-from vsense.modes.sim._record import Record, SimulatedTracker
+from vsense.modes.sim._record import SimulatedTracker, SimulationRecord
 from vsense.robots.inprocess import ProgramKernel
 from vsense.robots.program import Program
 from vsense.run.environment import Environment, Equipment
@@ -59,7 +59,7 @@ class ChainedParts(NamedTuple):
     tracker: SimulatedTracker
     environment: Environment
     programs: Programs
-    record: Record
+    record: SimulationRecord
     after: Callable[[int], Physics]
     is_watched: bool
 
@@ -81,14 +81,14 @@ class Chain:
         self.wheels, self.leds = np.zeros((robots, 2), np.int16), np.zeros(robots, np.uint16)
         self.done = 0
         self._present = np.frombuffer(parts.programs.present, dtype=np.uint32)
-        self._kept: list[Any] = []
+        self._keep_alive: list[Any] = []
         robots_of = dict(parts.programs.by_controller())
         self._banks = [
-            _ChainedBank(self._world, some, robots_of.get(some.controller))
-            for some in parts.environment.equipment
+            _ChainedBank(self._world, equipment, robots_of.get(equipment.controller))
+            for equipment in parts.environment.equipment
         ]
         self._followed: object = None
-        self.cdata = self._made(times)
+        self.cdata = self._new_chain(times)
         self._follow_world(0)
 
     def run(self, timestep: int, capture_ns: int, run_timestep: int, most: int) -> None:
@@ -147,10 +147,10 @@ class Chain:
         """The error that C has given."""
         at, number = self.cdata.at, self.cdata.failed
         if at == _SEEN:
-            names = [one.name for bank in self._banks for one in bank.acting_in_c]
+            names = [kernel.name for bank in self._banks for kernel in bank.acting_in_c]
             return ActuatorError(f"actuator {names[number]!r}: was asked for too much")
         if at == kernels.VS_SIM_EVOLVED:
-            names = [one.name for bank in self._banks for one in bank.in_c]
+            names = [kernel.name for bank in self._banks for kernel in bank.in_c]
             return SensorError(f"sensor {names[number]!r}: gave what does not fit its layout")
         return WireError(code, "robots whose run is over")
 
@@ -182,7 +182,7 @@ class Chain:
         `used` is for how many timesteps of the newest call the sensors have been read.
         """
         sim, world = self.cdata, self._world
-        qualities = [some.sensors.version for some in self._parts.environment.equipment]
+        qualities = [equipment.sensors.version for equipment in self._parts.environment.equipment]
         now = world.version, qualities, [(f.as_c(), *f.rates) for f in world.fields.values()]
         if now == self._followed:
             return
@@ -208,9 +208,9 @@ class Chain:
     def _follow_actuators(self) -> None:
         """Points to what acts, and to fields, if all actuators are C: their order counts."""
         sim, world = self.cdata, self._world
-        found = [row for bank in self._banks for row in bank.actuators()]
-        rows = [row for row in found if row is not None]
-        self._evolves_in_c = len(rows) == len(found)
+        kernels_in_c = [row for bank in self._banks for row in bank.actuators()]
+        rows = [row for row in kernels_in_c if row is not None]
+        self._evolves_in_c = len(rows) == len(kernels_in_c)
         fields = list(world.fields.values()) if self._evolves_in_c else []
         for field in fields:
             field.prepare(world.timestep_s)
@@ -233,7 +233,7 @@ class Chain:
         """Sets where a timestep takes its random numbers from; for how many they are enough."""
         sim, parts = self.cdata, self._parts
         ahead = [parts.tracker.errors(), parts.rings.noise()]
-        sim.errors, sim.noise = (pointer("double", some) for some in ahead)
+        sim.errors, sim.noise = (pointer("double", numbers) for numbers in ahead)
         self._drawn = ahead
         rows = iter(self._sensor_rows)
         for bank in self._banks:
@@ -243,24 +243,24 @@ class Chain:
         sim.kept_poses, sim.kept_leds = pointer("double", poses), pointer("uint16_t", leds)
         return min(map(len, ahead))
 
-    def _made(self, times: ChainTimes) -> Any:
+    def _new_chain(self, times: ChainTimes) -> Any:
         """Makes the `struct vs_sim`."""
-        parts, made = self._parts, kernel_ffi.new("struct vs_sim *")
-        made.physics, made.tracker = parts.physics.cdata, parts.tracker.cdata
-        made.rings = parts.rings.cdata
-        made.dt_ns, made.sense_ns, made.control_ns, made.act_ns = times
-        made.wheels, made.leds = pointer("int16_t", self.wheels), pointer("uint16_t", self.leds)
-        made.present = pointer("uint32_t", self._present)
+        parts, sim = self._parts, kernel_ffi.new("struct vs_sim *")
+        sim.physics, sim.tracker = parts.physics.cdata, parts.tracker.cdata
+        sim.rings = parts.rings.cdata
+        sim.dt_ns, sim.sense_ns, sim.control_ns, sim.act_ns = times
+        sim.wheels, sim.leds = pointer("int16_t", self.wheels), pointer("uint16_t", self.leds)
+        sim.present = pointer("uint32_t", self._present)
         self._programs = kernel_ffi.new("struct vs_sim_program[]", len(parts.programs.parts()))
         for row, (number, rows, robots) in zip(self._programs, parts.programs.parts()):
             self._set_program(row, number, rows.astype(np.uint32), _kernel(robots))
-        made.programs, made.programs_count = self._programs, len(self._programs)
-        return made
+        sim.programs, sim.programs_count = self._programs, len(self._programs)
+        return sim
 
     def _set_program(
         self, row: Any, number: int, rows: NDArray[np.uint32], program: ProgramKernel
     ) -> None:
-        self._kept += [rows, program]
+        self._keep_alive += [rows, program]
         row.number, row.robots, row.rows = number, len(rows), pointer("uint32_t", rows)
         addresses = ("step", "all", "now", "timestep", "capture_ns", "now_ns", "logged", "failed")
         for name in addresses:
@@ -301,13 +301,13 @@ class _ChainedBank:
     def follow(self, crowd: MovingBodies, used: int) -> None:
         """Takes the world as it is now; see `Chain._follow_world`."""
         self.use(used)
-        found: Sequence[SensorKernel | None] = [None] * len(self._bank.table)
+        kernels_of: Sequence[SensorKernel | None] = [None] * len(self._bank.table)
         if self._rows is not None:
             robots = self._robots = self._world.robots[self._rows[0] : self._rows[-1] + 1]
-            found = self._bank.kernels(self._world, robots)
+            kernels_of = self._bank.kernels(self._world, robots)
             self._scene = SensedScene(self._world, robots, self._rows, crowd)
-        self.in_c = [sensor for sensor in found if sensor is not None]
-        self.in_python = [number for number, sensor in enumerate(found) if sensor is None]
+        self.in_c = [sensor for sensor in kernels_of if sensor is not None]
+        self.in_python = [number for number, sensor in enumerate(kernels_of) if sensor is None]
 
     def set_rows(self, rows: Any) -> list[NDArray[np.float64]]:
         """Fills the next of the `struct vs_sim_sensor`; gives the noise to come."""
@@ -325,17 +325,17 @@ class _ChainedBank:
         """Each as a `struct vs_sim_actuator`, None where C cannot."""
         if self._rows is None:
             return [None] * len(self._actuators.table)
-        found = self._actuators.kernels(self._world, self._robots, self._reports)
-        self.acting_in_c = [one for one in found if one is not None]
+        rows = self._actuators.kernels(self._world, self._robots, self._reports)
+        self.acting_in_c = [row for row in rows if row is not None]
         return [
-            one
+            row
             and (
-                kernel_ffi.addressof(one.apply.library, one.apply.name),
-                one.apply.cdata,
+                kernel_ffi.addressof(row.apply.library, row.apply.name),
+                row.apply.cdata,
                 self._scene.cdata,
-                one.heard,
+                row.heard,
             )
-            for one in found
+            for row in rows
         ]
 
     def step(self, timestep: int) -> None:
@@ -370,7 +370,7 @@ def chained(parts: ChainedParts, times: ChainTimes) -> Chain | None:
     environment = parts.environment
     if environment.drives or times.timestep <= times.act:
         return None
-    by_id = {some.controller: some for some in environment.equipment}
+    by_id = {equipment.controller: equipment for equipment in environment.equipment}
     for controller, robots in parts.programs.by_controller():
         if list(by_id[controller].tags) != list(robots.tags) or robots.kernel() is None:
             return None

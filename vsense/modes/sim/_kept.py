@@ -43,8 +43,8 @@ class KeptRun:
             experiment = run.environment.experiment
             run.samples = RunSamples(experiment)
             run.record.keep_events(Path(job.directory) / LOGGED)
-            tell = lambda text: run.record.note_event(len(run.record.timesteps), text)  # noqa: E731
-            self._tables = RunTables(Path(job.directory), experiment.timestep_s, tell)
+            note = lambda text: run.record.note_event(len(run.record.timesteps), text)  # noqa: E731
+            self._tables = RunTables(Path(job.directory), experiment.timestep_s, note)
         if page is not None:
             from vsense.modes.sim._paced import PacedRun
 
@@ -81,8 +81,8 @@ class KeptRun:
             bus, blind = MessageBus(), self._job.setup.blind
             self._recorder = SimRecorder(bus, path, self._run.now_ns)
             changes = None if self._paced is None else self._paced.changes
-            told = bus, self._run, blind, SimState(), self._recording, changes
-            self._publisher = SimPublisher(*told)
+            arguments = bus, self._run, blind, SimState(), self._recording, changes
+            self._publisher = SimPublisher(*arguments)
 
     def _recording(self) -> dict[str, Any] | None:
         return None if self._recorder is None else self._recorder.state()

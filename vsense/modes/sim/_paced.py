@@ -24,7 +24,7 @@ from typing import Any
 
 from vsense.base.message_bus import Message, MessageBus
 from vsense.modes.sim._publishing import SimPublisher, SimState
-from vsense.modes.sim._simulation import WARM_UP, Simulation
+from vsense.modes.sim._simulation import WARM_UP_TIMESTEPS, Simulation
 from vsense.monitor.recording.form import Data
 from vsense.run.changes import Changes
 from vsense.run.changing import Change
@@ -44,7 +44,7 @@ _RATE_S = 1.0
 
 SLOWEST = 0.1
 """Times real time."""
-FASTEST = math.inf
+UNLIMITED_SPEED = math.inf
 """As fast as it goes."""
 
 FRAME_S = 0.05
@@ -121,8 +121,8 @@ class SimPace:
         begun_s, first, self._from = self._begun_s, self._from, -1
         if 0 <= first < timestep and now_s > begun_s:
             rate_hz = (timestep - first) / (now_s - begun_s)
-            known = _SHARE if self._rate_hz else 1.0
-            self._rate_hz += (rate_hz - self._rate_hz) * known
+            weight = _SHARE if self._rate_hz else 1.0
+            self._rate_hz += (rate_hz - self._rate_hz) * weight
 
 
 class PacedRun:
@@ -156,7 +156,7 @@ class PacedRun:
         self._rate_hz, self._rated = 0.0, (time.monotonic(), 0)
         bus = MessageBus()
         bus.join(self._send, lambda topic: topic not in _NOT_SENT)
-        self.changes = Changes(self.tell, locked, simulation.ground)
+        self.changes = Changes(self.say, locked, simulation.ground)
         state = SimState(run=self.run)
         self._publisher = SimPublisher(bus, simulation, blind, state, changes=self.changes)
 
@@ -181,7 +181,7 @@ class PacedRun:
         """Shows the last timestep of the run, which is over."""
         self._show(len(self._simulation.record.timesteps) - 1)
 
-    def tell(self, text: str, level: str = "info") -> None:
+    def say(self, text: str, level: str = "info") -> None:
         """Tells the page something for people."""
         self._send(Message("/event", 0, {"text": text, "level": level, "by": None}))
 
@@ -215,7 +215,7 @@ class PacedRun:
             self._ask(*value)
         elif name == "record":
             if trouble := self._record(value != 0.0):
-                self.tell(trouble, "trouble")
+                self.say(trouble, "trouble")
             self._shown = -2
 
     def _ask(self, number: int, change: Change, by: str) -> None:
@@ -232,7 +232,7 @@ class PacedRun:
     def _change(self, run_timestep: int) -> None:
         """Carries out what people want changed before a timestep; they see it at once."""
         version, environment = self.changes.version, self._simulation.environment
-        self.changes.carry_out(environment, WARM_UP + run_timestep, run_timestep)
+        self.changes.carry_out(environment, WARM_UP_TIMESTEPS + run_timestep, run_timestep)
         if self.changes.version != version:
             self._shown = -2
 
@@ -243,13 +243,13 @@ class PacedRun:
         self._shown, self._frame_s = run_timestep, time.monotonic()
         self._rate(run_timestep)
         self._publisher.observe(run_timestep)
-        told: dict[str, Any] = {
+        data: dict[str, Any] = {
             "timestep": run_timestep,
             "time_s": round(max(run_timestep, 0) * self._timestep_s, 9),
             "rate_hz": self._rate_hz,
             "recording": self._recording(),
         }
-        self._send(Message(TOLD, 0, told))
+        self._send(Message(TOLD, 0, data))
 
     def _rate(self, run_timestep: int) -> None:
         """Measures how fast it goes."""

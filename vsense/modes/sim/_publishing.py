@@ -69,9 +69,9 @@ class SimPublisher(Publisher):
         with failing_as(VsenseError, f"{experiment.path}: cannot be read"):
             text = read_bytes(experiment.path).decode(errors="replace")
         facts = ExperimentFacts(MODE, text, blind, (), {}, Troubles(), mode=MODE)
-        others = lambda: {"runs": None, "recording": recording()}  # noqa: E731
+        run_facts = lambda: {"runs": None, "recording": recording()}  # noqa: E731
         super().__init__(
-            *(bus, facts, environment, simulation, state, others, lambda: self._now_ns, changes)
+            *(bus, facts, environment, simulation, state, run_facts, lambda: self._now_ns, changes)
         )
         self._names = [robot.id for robot in experiment.robots]
         self._controllers = [robot.controller for robot in experiment.robots]
@@ -100,16 +100,16 @@ class SimPublisher(Publisher):
     def run_data(self) -> Data:
         """Gives /run: nothing is late, and no reading has an age."""
         timestep_s = self.environment.experiment.timestep_s
-        told = {"late": None, "silent_s": 0.0, "rate_hz": round(1.0 / timestep_s, 3)}
-        return {**super().run_data(), **told, "latency_ms": None}
+        data = {"late": None, "silent_s": 0.0, "rate_hz": round(1.0 / timestep_s, 3)}
+        return {**super().run_data(), **data, "latency_ms": None}
 
     def robots_data(self, robots: Mapping[int, RobotStatus]) -> Data:
         """Gives /robots, of the wheels, LEDs and controllers as they are now."""
         run, record = self._simulation, self._simulation.record
         tags, count = list(record.tags), len(record.tags)
         wheels, reports = run.wheels_steps_s, run.reports()
-        told: dict[str, list[Any]] = {name: [None] * count for name in ROBOTS}
-        told |= {
+        columns: dict[str, list[Any]] = {name: [None] * count for name in ROBOTS}
+        columns |= {
             "tag": tags,
             "name": self._names,
             "connected": [True] * count,
@@ -127,4 +127,4 @@ class SimPublisher(Publisher):
             ],
             "shown": [shown(tuple(record.showing.get(tag, {}).items())) for tag in tags],
         }
-        return told
+        return columns

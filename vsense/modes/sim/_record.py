@@ -21,7 +21,7 @@ from vsense.monitor.pictures.run_samples import RunSamples
 from vsense.monitor.recording import changes
 from vsense.monitor.recording.form import EVENTS, SHOWN
 from vsense.robots.link.status import RING_LEDS
-from vsense.robots.link.wire import Shown
+from vsense.robots.link.wire import ShownData
 from vsense.world.physics.motion import pointer
 from vsense.world.sightings import POSE_FIELDS, rows_pointer
 from vsense.world.world import World
@@ -59,11 +59,11 @@ class SimulatedTracker:
         self._states["confidence"] = 1.0
         self._states["cameras"] = 1
         self._states["seen"] = True
-        self._kept = order.astype(np.uint32), np.zeros((len(tags), 3))
+        self._keep_alive = order.astype(np.uint32), np.zeros((len(tags), 3))
         self.cdata: Any = kernel_ffi.new("struct vs_tracker *")
         self.cdata.fields, self.cdata.count = POSE_FIELDS, len(tags)
-        self.cdata.order = pointer("uint32_t", self._kept[0])
-        self.cdata.last, self.cdata.last_ns = pointer("double", self._kept[1]), -1
+        self.cdata.order = pointer("uint32_t", self._keep_alive[0])
+        self.cdata.last, self.cdata.last_ns = pointer("double", self._keep_alive[1]), -1
         self.cdata.states = rows_pointer(self._states)
 
     def update(self, poses: Floats, timestep: int, capture_ns: int) -> ArenaState:
@@ -114,7 +114,7 @@ class EventLog:
         self._file.close()
 
 
-class Record:
+class SimulationRecord:
     """A run, timestep by timestep, at the times of capture.
 
     Attributes:
@@ -164,7 +164,7 @@ class Record:
         """
         self._event_log = EventLog(path)
 
-    def note_shown(self, timestep: int, tag: int, values: Shown) -> None:
+    def note_shown(self, timestep: int, tag: int, values: ShownData) -> None:
         """Takes all values that a robot shows from a timestep on; those that change are kept."""
         before, now = self.showing.get(tag, {}), dict(values)
         self.showing[tag] = now

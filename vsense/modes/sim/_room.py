@@ -19,13 +19,13 @@ from typing import Any
 from vsense.base.clock import host_ns
 from vsense.base.message_bus import Message
 from vsense.config.specs import Experiment
-from vsense.modes.sim._paced import ANSWER, FASTEST, SLOWEST, TOLD
+from vsense.modes.sim._paced import ANSWER, SLOWEST, TOLD, UNLIMITED_SPEED
 from vsense.monitor import recording
 from vsense.monitor.recording.form import Data, RunMessage
 from vsense.monitor.ui.recorders import OFF
 from vsense.monitor.ui.room import ControlRoom, RoomCallbacks
 from vsense.robots.link.wire import Wanted
-from vsense.run.changes import MOST_WAITING, Answer
+from vsense.run.changes import MOST_WAITING, ResultCallback
 from vsense.run.changing import Change
 from vsense.run.control import DURING, SIMULATION_RULES, Control, State
 from vsense.run.orders import OrderError
@@ -69,11 +69,11 @@ class SimRoom:
             rules=SIMULATION_RULES,
         )
         self._stack, self._sending = ExitStack(), threading.Lock()
-        self._asked: dict[int, Answer] = {}
+        self._asked: dict[int, ResultCallback] = {}
         self._asking = threading.Lock()
         self._numbers = itertools.count()
         self._current: dict[str, Message] = {}
-        self._told: dict[str, Any] = {}
+        self._reported: dict[str, Any] = {}
         self._file = Path()
         self._joined, self._due_s = -1, 0.0
         self._key: tuple[object, ...] = ()
@@ -100,7 +100,7 @@ class SimRoom:
     def begin_run(self, directory: Path) -> None:
         """A run begins, whose files go to `directory`."""
         self._room.keep_in(directory)
-        self._told, self._current = {}, {}
+        self._reported, self._current = {}, {}
         self._file = directory / f"{self._experiment.name}{recording.SUFFIX}"
         self._forget_asked()
         self._forget_sent()
@@ -130,15 +130,15 @@ class SimRoom:
         return f"recording to {self._file}" if on else f"recording is off: {self._file}"
 
     def _set_speed(self, value: float) -> str:
-        speed = FASTEST if value == 0.0 else value
+        speed = UNLIMITED_SPEED if value == 0.0 else value
         if not speed >= SLOWEST:
             raise OrderError(f"speed: {value:g}, expected {SLOWEST:g} or more, or 0: no limit")
         if self.control.state in DURING:
             self._send("speed", speed)
         self.speed = speed
-        return "as fast as it goes" if speed == FASTEST else f"{speed:g} times real time"
+        return "as fast as it goes" if speed == UNLIMITED_SPEED else f"{speed:g} times real time"
 
-    def _ask(self, change: Change, by: str, answer: Answer) -> None:
+    def _ask(self, change: Change, by: str, answer: ResultCallback) -> None:
         """Has the simulation change its world, see `vsense.run.changes.Ask`."""
         with self._asking:
             if self.control.state not in DURING:
@@ -173,8 +173,8 @@ class SimRoom:
 
     @property
     def _time_s(self) -> float | None:
-        told = self._told
-        return told["time_s"] if told.get("timestep", -1) >= 0 else None
+        data = self._reported
+        return data["time_s"] if data.get("timestep", -1) >= 0 else None
 
     def _send(self, name: str, value: Any) -> None:
         """Sends an order and never waits: pages' thread and the run's end must go on."""
@@ -203,7 +203,7 @@ class SimRoom:
         # Pages have one clock, that of everything else they are told.
         message = Message(topic, host_ns(), data)
         if topic == TOLD:
-            self._told = data
+            self._reported = data
         elif topic == ANSWER:
             if answer := self._asked.pop(data["number"], None):
                 answer(data["text"], data["ok"])
@@ -212,9 +212,9 @@ class SimRoom:
         else:
             if topic not in _PASSING:
                 self._current[topic] = message
-            self._tell(message)
+            self._publish_message(message)
 
-    def _tell(self, message: Message) -> None:
+    def _publish_message(self, message: Message) -> None:
         self.bus.publish(message)
         if message.topic == "/readings":
             self._tell_readings(message)
@@ -224,43 +224,43 @@ class SimRoom:
         for row, tag in enumerate(message.data["tag"]):
             topic = f"/readings/{tag}"
             if self.bus.wants(topic):
-                one = {
+                columns = {
                     name: column[row : row + 1] if isinstance(column, list) else column
                     for name, column in message.data.items()
                 }
-                self.bus.publish(Message(topic, message.time_ns, one))
+                self.bus.publish(Message(topic, message.time_ns, columns))
 
     def _publish(self) -> None:
         """Publishes `/run`, and to newcomers everything that lasts."""
         control, now_s = self.control, time.monotonic()
-        still = control.state != State.RUNNING and self._told.get("timestep")
+        still = control.state != State.RUNNING and self._reported.get("timestep")
         key = control.state, control.run, control.by, self.speed, self.bus.joined, still
         if self._joined != self.bus.joined:
             self._joined = self.bus.joined
             for message in list(self._current.values()):
-                self._tell(message)
+                self._publish_message(message)
         if key != self._key or now_s >= self._due_s:
             self._key, self._due_s = key, now_s + _PERIOD_S
             self.bus.notify("/run", host_ns(), self._run_data)
 
     def _run_data(self) -> Data:
         """Gives /run, with what a simulation has beside it: "sim"."""
-        control, told, experiment = self.control, self._told, self._experiment
+        control, reported, experiment = self.control, self._reported, self._experiment
         running = control.state == State.RUNNING
-        rate_hz = told.get("rate_hz", 0.0) if running else 0.0
+        rate_hz = reported.get("rate_hz", 0.0) if running else 0.0
         data = RunMessage(
             state=control.state.value,
             run=control.run,
             by=control.by,
             can=[kind.value for kind in control.can],
-            timestep=told.get("timestep", -1),
-            time_s=told.get("time_s", 0.0),
+            timestep=reported.get("timestep", -1),
+            time_s=reported.get("time_s", 0.0),
             length_s=experiment.length_s or None,
             rate_hz=rate_hz,
             silent_s=0.0,
             **self._room.run_data()
-            | {"runs": None, "recording": told.get("recording") or dict(OFF)},
+            | {"runs": None, "recording": reported.get("recording") or dict(OFF)},
         ).data()
-        speed = None if self.speed == FASTEST else self.speed
+        speed = None if self.speed == UNLIMITED_SPEED else self.speed
         sim = {"speed": speed, "reached": round(rate_hz * experiment.timestep_s, 2)}
         return {**data, "sim": sim}

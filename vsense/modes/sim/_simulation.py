@@ -22,7 +22,7 @@ from vsense.base.readings import SwarmReadings
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment
 from vsense.modes.sim._chain import Chain, ChainedParts, ChainTimes, chained
-from vsense.modes.sim._record import Record, SimulatedTracker
+from vsense.modes.sim._record import SimulatedTracker, SimulationRecord
 from vsense.monitor.pictures.run_samples import RunSamples
 from vsense.robots.inprocess import ACT_NS, CONTROL_NS
 from vsense.robots.link.wire import Wanted
@@ -30,7 +30,7 @@ from vsense.robots.loop_library import FUNCTIONS, Colors, LoopLibrary
 from vsense.run.changing import Ground
 from vsense.run.cxx_loop import LoopHost
 from vsense.run.environment import Environment, physics_of
-from vsense.run.programs import LOADING, LOADING_LOOP, PROGRESS_BYTES, Programs, loading
+from vsense.run.programs import LOADING, LOADING_LOOP, RUN_PROGRESS_BYTES, Programs, loading
 from vsense.world.entities import Box, Cylinder
 from vsense.world.physics.motion import Floats, NoisyWheels, Physics, obstacles
 from vsense.world.physics.proximity_ring import ProximityRing
@@ -38,7 +38,7 @@ from vsense.world.physics.proximity_ring import ProximityRing
 EPOCH_NS = 1_000_000_000
 """The virtual clock at the first timestep; 0 stands for "never" on the wire."""
 
-WARM_UP = 3
+WARM_UP_TIMESTEPS = 3
 """Timesteps before the run: after so many fresh states wheels may turn (robot/safety.h)."""
 
 SENSE_NS = 20_000_000
@@ -46,7 +46,7 @@ SENSE_NS = 20_000_000
 is composed after 24 ms, and they measure every 10 ms."""
 
 
-MOST = 1 << 30
+MAX_TIMESTEPS = 1 << 30
 """As many timesteps as there are."""
 
 LOOP_FUNCTION = 0x10000
@@ -122,13 +122,13 @@ class Simulation:
             VsenseError: something in the experiment cannot be had.
         """
         experiment = settle(experiment, seed)
-        progress = bytearray(PROGRESS_BYTES) if progress is None else progress
+        progress = bytearray(RUN_PROGRESS_BYTES) if progress is None else progress
         # Loop functions may begin below, and ask for the timestep.
         self._timestep, self._numbers, self.chain = 0, 0, None
         self.environment = Environment(experiment, seed, blind, self._host(progress))
-        self.record = Record(experiment)
+        self.record = SimulationRecord(experiment)
         self.samples = self.observe = None
-        self.gate: Callable[[int], int] = lambda run_timestep: MOST
+        self.gate: Callable[[int], int] = lambda run_timestep: MAX_TIMESTEPS
         self._dt_ns, self._source = experiment.timestep_ns, experiment.source
         self._physics = physics_of(experiment, EPOCH_NS)
         self._rings = ProximityRing(self._physics.near, seed)
@@ -165,9 +165,9 @@ class Simulation:
             raise
 
     def _run(self) -> dict[str, float]:
-        run_timestep = -WARM_UP
+        run_timestep = -WARM_UP_TIMESTEPS
         while run_timestep < len(self.record.timesteps):
-            most = MOST if run_timestep < 0 else self.gate(run_timestep)
+            most = MAX_TIMESTEPS if run_timestep < 0 else self.gate(run_timestep)
             if most > 0:
                 run_timestep += self.go_on(run_timestep, most)
             if self.environment.finished or most == 0:
@@ -190,7 +190,7 @@ class Simulation:
 
         return Ground(put, rebuilds=True)
 
-    def go_on(self, run_timestep: int, most: int = MOST) -> int:
+    def go_on(self, run_timestep: int, most: int = MAX_TIMESTEPS) -> int:
         """Runs at least one timestep and `most` at most; says how many."""
         self._follow()
         if run_timestep == 1 and self._slip.is_quiet:
@@ -218,18 +218,18 @@ class Simulation:
             return self._physics
 
         tracker, environment = self._tracker, self.environment
-        whole = (self._physics, self._rings, tracker, environment, self._robots, self.record)
+        arguments = (self._physics, self._rings, tracker, environment, self._robots, self.record)
         is_watched = self.samples is not None or self.observe is not None
-        parts = ChainedParts(*whole, after, is_watched)
-        made = chained(parts, ChainTimes(self._dt_ns, SENSE_NS, CONTROL_NS, ACT_NS))
-        if made is not None:
-            made.wheels[:], made.leds[:] = self._driven, self._leds
-            self._driven, self._leds = made.wheels, made.leds
-        return made
+        parts = ChainedParts(*arguments, after, is_watched)
+        chain = chained(parts, ChainTimes(self._dt_ns, SENSE_NS, CONTROL_NS, ACT_NS))
+        if chain is not None:
+            chain.wheels[:], chain.leds[:] = self._driven, self._leds
+            self._driven, self._leds = chain.wheels, chain.leds
+        return chain
 
     def _break_off(self) -> None:
         """Ends the record of a run that has failed, with the last words of all."""
-        done = min(max(self._timestep - WARM_UP, 0), len(self.record.timesteps))
+        done = min(max(self._timestep - WARM_UP_TIMESTEPS, 0), len(self.record.timesteps))
         self.record.end(done)
         self._note(max(done - 1, 0))
         self._note_said(done - 1)
@@ -294,7 +294,7 @@ class Simulation:
 
     def moment(self, run_timestep: int) -> tuple[int, int]:
         """A timestep of the run counted from the beginning, and its capture time [ns]."""
-        timestep = run_timestep + WARM_UP
+        timestep = run_timestep + WARM_UP_TIMESTEPS
         return timestep, self._capture_ns(timestep)
 
     @property
@@ -314,7 +314,7 @@ class Simulation:
 
     @property
     def leds(self) -> NDArray[np.uint16]:
-        """(n,) the robots' LEDs, see `Record`."""
+        """(n,) the robots' LEDs, see `SimulationRecord`."""
         return np.asarray(self._leds)
 
     def reports(self) -> Mapping[int, bytes]:
@@ -336,10 +336,10 @@ class Simulation:
 
         def happen() -> None:
             prox_raw = self._rings.read(self._physics.bodies)
-            wanted = Wanted.RUN if timestep >= WARM_UP else Wanted.IDLE
+            wanted = Wanted.RUN if timestep >= WARM_UP_TIMESTEPS else Wanted.IDLE
             times_ns = capture_ns, capture_ns + CONTROL_NS
-            self._robots.step(wanted, WARM_UP, timestep, times_ns, readings, prox_raw)
-            self._note(timestep - WARM_UP)
+            self._robots.step(wanted, WARM_UP_TIMESTEPS, timestep, times_ns, readings, prox_raw)
+            self._note(timestep - WARM_UP_TIMESTEPS)
             act_ns = capture_ns + ACT_NS
             self._plan(act_ns, self._obey(act_ns, self._robots.reports()))
 

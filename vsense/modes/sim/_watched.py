@@ -11,10 +11,10 @@ from typing import Any
 from vsense.base.errors import Interrupted, VsenseError
 from vsense.modes.sim._room import SimRoom
 from vsense.modes.sim.outcome import Task
-from vsense.modes.sim.watch import LIMIT_S, POLL_S, Show, WorkerProcess, watch
+from vsense.modes.sim.watch import CHECK_PERIOD_S, HANG_MAX_S, Show, WorkerProcess, watch
 from vsense.run.orders import OrderError
 
-PATIENCE_S = 10.0
+SAVE_TIMEOUT_S = 10.0
 """A run that shall end may take so long for its files."""
 
 
@@ -54,7 +54,7 @@ class WatchedRuns:
         self._asked_s, self._stopped, self.failure = None, False, None
         try:
             jobs = [(task, task.job.to_line())]
-            ((_, answer),) = watch(jobs, [worker], self, show, LIMIT_S)
+            ((_, answer),) = watch(jobs, [worker], self, show, HANG_MAX_S)
             result = task.result(answer)
         except (Interrupted, VsenseError) as error:
             self.failure = error if isinstance(error, VsenseError) else None
@@ -75,7 +75,7 @@ class WatchedRuns:
             with suppress(OrderError):  # it may listen when this is called again
                 self._room.stop()
                 self._stopped = True
-        return time.monotonic() - self._asked_s > PATIENCE_S
+        return time.monotonic() - self._asked_s > SAVE_TIMEOUT_S
 
     def rest(self, idle: Callable[[], None]) -> bool:
         """Waits after a run until another one is wanted; False where a signal ends everything.
@@ -83,7 +83,7 @@ class WatchedRuns:
         `idle` is called now and then.
         """
         while not self._room.control.next_asked:
-            if self._interrupted.wait(POLL_S):
+            if self._interrupted.wait(CHECK_PERIOD_S):
                 return False
             idle()
         return not self._interrupted.is_set()

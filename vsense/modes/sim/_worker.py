@@ -41,7 +41,7 @@ from vsense.modes.sim._kept import KeptRun, prepare
 from vsense.modes.sim._simulation import Simulation
 from vsense.modes.sim.job import Job
 from vsense.robots.inprocess import declarations
-from vsense.run.programs import PROGRESS_BYTES, shared_objects
+from vsense.run.programs import RUN_PROGRESS_BYTES, shared_objects
 
 EVENTS_TOLD = 20
 """Of what controllers log so many lines come with the result; events.csv has them all."""
@@ -62,19 +62,19 @@ def simulate(job: Job, progress: Any, page: Connection | None = None) -> dict[st
     experiment = job.setup.load()
     libraries = {name: Path(path) for name, path in job.libraries.items()}
     run = Simulation(experiment, libraries, job.seed, job.setup.blind, progress)
-    kept = KeptRun(run, job, page)
+    files = KeptRun(run, job, page)
     begun_s, cpu_begun_s = time.perf_counter(), time.process_time()
     try:
         measures = run.run()
     except VsenseError:
-        kept.end()
+        files.end()
         with suppress(VsenseError):  # the first one counts
-            kept.save()
+            files.save()
         raise
     wall_s, cpu_s = time.perf_counter() - begun_s, time.process_time() - cpu_begun_s
     # Tables and recording are whole, and the page has the last timestep, whatever fails then.
-    recording = kept.end()
-    kept.save()
+    recording = files.end()
+    files.save()
     return {
         "name": experiment.name,
         "robots": len(experiment.robots),
@@ -92,8 +92,8 @@ def simulate(job: Job, progress: Any, page: Connection | None = None) -> dict[st
 def _said(run: Simulation) -> dict[str, Any]:
     """What controllers complained of and logged."""
     events = run.record.events
-    told = {"events": events[:EVENTS_TOLD], "events_in_all": len(events)}
-    return {"complaints": run.complaints(), **told}
+    events_data = {"events": events[:EVENTS_TOLD], "events_in_all": len(events)}
+    return {"complaints": run.complaints(), **events_data}
 
 
 class NotHere(VsenseError):
@@ -127,10 +127,10 @@ def settled(job: Job) -> Job:
 def _check_file(path: Path, expected: str, host: str) -> None:
     same = f"on every machine expected as it is on {host}: in a folder that they share, or copied"
     try:
-        found = fingerprint.of_file(path)
+        digest = fingerprint.of_file(path)
     except VsenseError as error:
         raise NotHere(f"{error}; {same}") from None
-    if found != expected:
+    if digest != expected:
         raise NotHere(f"{path}: is another one there; {same}")
 
 
@@ -228,7 +228,7 @@ def _listen(source: int, pid: int) -> bytes | None:
 
 def main() -> int:
     """Runs the process; see the module."""
-    progress = mmap.mmap(int(sys.argv[1]), PROGRESS_BYTES)
+    progress = mmap.mmap(int(sys.argv[1]), RUN_PROGRESS_BYTES)
     answers = os.dup(1)
     os.dup2(2, 1)
     try:

@@ -25,19 +25,19 @@ from vsense.base.terminal import Console, Interruption
 from vsense.config.specs import Experiment
 from vsense.modes.sim import fingerprint
 from vsense.modes.sim.fingerprint import Machine
-from vsense.modes.sim.job import Origin
-from vsense.modes.sim.outcome import Answer, Task
-from vsense.modes.sim.watch import LIMIT_S, POLL_S, Show, WorkerProcess, watch
+from vsense.modes.sim.job import JobOrigin
+from vsense.modes.sim.outcome import JobAnswer, Task
+from vsense.modes.sim.watch import CHECK_PERIOD_S, HANG_MAX_S, Show, WorkerProcess, watch
 
 if TYPE_CHECKING:
     from distributed import Client
 
 
-AHEAD = 1000
+JOBS_AHEAD = 1000
 """An engine is handed so many jobs at a time: more than most clusters have processors, and few
-enough to be looked at `POLL_S` after `POLL_S`."""
+enough to be looked at `CHECK_PERIOD_S` after `CHECK_PERIOD_S`."""
 
-KEPT_S = 5.0
+IDLE_PROCESS_S = 5.0
 """So long a process waits for its next job."""
 
 _NOTHING = (0, 0, 0)
@@ -67,7 +67,7 @@ class JobExecutor(Protocol):
         ...
 
 
-class Place:
+class WorkPlace:
     """Where a job is done, as its engine knows it. What engines know more is in their own."""
 
     def name(self) -> str:
@@ -90,7 +90,7 @@ class Engine:
 
     name: str
     executor: JobExecutor
-    place: Place = field(default_factory=Place)
+    place: WorkPlace = field(default_factory=WorkPlace)
 
     def simulate(
         self, tasks: Iterable[Task], interrupted: threading.Event, show: Show
@@ -98,7 +98,7 @@ class Engine:
         """Does runs; yields each task with its result when it is done.
 
         Args:
-            show: called every `POLL_S`; the processes are not here, so there are none.
+            show: called every `CHECK_PERIOD_S`; the processes are not here, so there are none.
 
         Raises:
             Interrupted: `interrupted` was set.
@@ -107,7 +107,7 @@ class Engine:
         waiting, going = enumerate(_lines(tasks)), dict[int, tuple[Task, PendingJob]]()
         try:
             while True:
-                for number, (task, line) in islice(waiting, AHEAD - len(going)):
+                for number, (task, line) in islice(waiting, JOBS_AHEAD - len(going)):
                     going[number] = task, self._submit(task, line)
                 if not going:
                     return
@@ -115,7 +115,7 @@ class Engine:
                     task, job = going.pop(number)
                     yield task, task.result(self._answer(task, job))
                 show([])
-                if interrupted.wait(POLL_S):
+                if interrupted.wait(CHECK_PERIOD_S):
                     raise Interrupted
         finally:
             for _, job in going.values():
@@ -127,9 +127,9 @@ class Engine:
         except Exception as error:
             raise self._error(task, "takes no jobs any more", error) from None
 
-    def _answer(self, task: Task, job: PendingJob) -> Answer:
+    def _answer(self, task: Task, job: PendingJob) -> JobAnswer:
         try:
-            answer: Answer = job.result()
+            answer: JobAnswer = job.result()
         except CancelledError:
             words = "has dropped it: nothing answers there any more, or somebody has cancelled it"
             raise self._error(task, words) from None
@@ -144,31 +144,31 @@ class Engine:
 
 def _lines(tasks: Iterable[Task]) -> Iterator[tuple[Task, str]]:
     """Each task with its job as it travels; raises as `of_files`."""
-    origins: dict[int, tuple[Experiment, Origin]] = {}  # an experiment that is kept keeps its id
+    origins: dict[int, tuple[Experiment, JobOrigin]] = {}  # an experiment that is kept keeps its id
     for task in tasks:
-        known = id(task.experiment)
-        if known not in origins:
-            origins[known] = task.experiment, _origin(task)
-        job = replace(task.job, libraries={}, origin=origins[known][1])
+        key = id(task.experiment)
+        if key not in origins:
+            origins[key] = task.experiment, _origin(task)
+        job = replace(task.job, libraries={}, origin=origins[key][1])
         yield task, job.to_line().decode()
 
 
-def _origin(task: Task) -> Origin:
+def _origin(task: Task) -> JobOrigin:
     cxxflags, files = os.environ.get("CXXFLAGS"), fingerprint.of_files(task)
-    return Origin(socket.gethostname(), os.getcwd(), cxxflags, files)
+    return JobOrigin(socket.gethostname(), os.getcwd(), cxxflags, files)
 
 
 class _Unwanted:
     """Is set as soon as nobody waits for a job."""
 
-    def __init__(self, place: Place) -> None:
+    def __init__(self, place: WorkPlace) -> None:
         self._place = place
 
     def is_set(self) -> bool:
         return not self._place.is_wanted()
 
 
-def do(line: str, needs: Machine, place: Place) -> Answer:
+def do(line: str, needs: Machine, place: WorkPlace) -> JobAnswer:
     """Does a job, which is a line of JSON; on a worker, in a thread of its own.
 
     `needs`: `of_machine` where the campaign was begun.
@@ -179,7 +179,7 @@ def do(line: str, needs: Machine, place: Place) -> Answer:
     process = _hire()
     try:
         job = (True, line.encode())
-        ((_, answer),) = watch([job], [process], _Unwanted(place), lambda workers: None, LIMIT_S)
+        ((_, answer),) = watch([job], [process], _Unwanted(place), lambda workers: None, HANG_MAX_S)
     except Interrupted:
         return {"refused": "nobody waits for it", "progress": _NOTHING}
     finally:
@@ -209,7 +209,7 @@ def _dismiss(process: WorkerProcess[bool]) -> None:
     if not process.is_free:
         process.close()
         return
-    timer = threading.Timer(KEPT_S, _end, [process])
+    timer = threading.Timer(IDLE_PROCESS_S, _end, [process])
     timer.daemon = True
     with _lock:
         _free[process] = timer
@@ -224,7 +224,7 @@ def _end(process: WorkerProcess[bool]) -> None:
     process.close()
 
 
-CONNECT_S = 5.0
+SCHEDULER_TIMEOUT_S = 5.0
 """A scheduler must answer within this time."""
 
 
@@ -233,7 +233,7 @@ def require_dask() -> None:
     require("--on needs", "distributed")
 
 
-class DaskPlace(Place):
+class DaskPlace(WorkPlace):
     """A worker of Dask, in the thread that does a job."""
 
     def name(self) -> str:
@@ -268,7 +268,7 @@ def connected(address: str, console: Console, interrupted: Interruption) -> Iter
         client = _connect(address)
     try:
         with interrupted.at_once():
-            _tell(client, address, console)
+            _say_size(client, address, console)
         executor = client.get_executor(pure=False)
         yield Engine(f"the Dask cluster {address}", executor, DaskPlace())
     finally:
@@ -286,11 +286,11 @@ def _connect(address: str) -> Client:
             logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         asyncio.run(_greet(address))
-        return Client(address, timeout=CONNECT_S, set_as_default=False, name="vsense")
+        return Client(address, timeout=SCHEDULER_TIMEOUT_S, set_as_default=False, name="vsense")
     except CutShort:
         raise
     except Exception as error:  # whatever is there may answer anything
-        reason = str(error) or f"silence for {CONNECT_S:g} s"
+        reason = str(error) or f"silence for {SCHEDULER_TIMEOUT_S:g} s"
         raise VsenseError(
             f"--on {address}: no Dask scheduler answers there: {reason};"
             " 'dask scheduler' starts one"
@@ -305,12 +305,12 @@ async def _greet(address: str) -> None:
     from distributed.comm.core import connect
 
     secured = Security().get_connection_args("client")
-    connecting = connect(address, timeout=CONNECT_S, **secured)
-    comm = await asyncio.wait_for(connecting, CONNECT_S + 1.0)
+    connecting = connect(address, timeout=SCHEDULER_TIMEOUT_S, **secured)
+    comm = await asyncio.wait_for(connecting, SCHEDULER_TIMEOUT_S + 1.0)
     comm.abort()
 
 
-def _tell(client: Client, address: str, console: Console) -> None:
+def _say_size(client: Client, address: str, console: Console) -> None:
     """Says how large the cluster is; raises VsenseError where workers do not fit."""
     needs = fingerprint.of_machine()
     answers: dict[str, Any]

@@ -202,10 +202,10 @@ class _SingleRun:
             libraries = libraries_of(self.experiment)
             directory = run_directory.make(self.options.experiment.output, name, seed)
         assert seed is not None and libraries is not None
-        kept = str(directory / f"{name}{SUFFIX}") if self.options.record else None
+        recording = str(directory / f"{name}{SUFFIX}") if self.options.record else None
         setups = {origin.key_of(): self.setup}
         origin.keep(directory, "sim", [self.experiment], self.console.say, setups)
-        return Job(self.setup, seed, libraries, str(directory), kept)
+        return Job(self.setup, seed, libraries, str(directory), recording)
 
     def _announce(self, job: Job) -> None:
         experiment = self.experiment
@@ -236,7 +236,7 @@ class _SingleRun:
         console, directory = self.console, Path(job.directory or ".")
         console.end_progress()
         summary = _summarise(job, result)
-        self._tell(result, directory)
+        self._say_events(result, directory)
         run_directory.write_summary(directory, summary, on_stdout)
         console.say(_table(summary))
         console.say(f"trajectories: {directory / TRAJECTORY}")
@@ -245,7 +245,7 @@ class _SingleRun:
             _say_recording(console, result["recording"])
         return summary
 
-    def _tell(self, result: dict[str, Any], directory: Path) -> None:
+    def _say_events(self, result: dict[str, Any], directory: Path) -> None:
         """Says what controllers complained of, and the first of what they logged."""
         for complaint in result["complaints"]:
             self.console.say(f"vsense: {complaint}")
@@ -256,11 +256,11 @@ class _SingleRun:
             self.console.say(f"{more} more events: {directory / LOGGED}")
 
 
-def _say_recording(console: Console, made: dict[str, Any]) -> None:
+def _say_recording(console: Console, state: dict[str, Any]) -> None:
     """Says where a run's recording is, how large, and what is wrong with it."""
-    console.say(size_line(made["file"], made["bytes"], made["seconds"]))
-    if made["trouble"]:
-        console.say(f"vsense: the recording is not whole: {made['trouble']}", "trouble")
+    console.say(size_line(state["file"], state["bytes"], state["seconds"]))
+    if state["trouble"]:
+        console.say(f"vsense: the recording is not whole: {state['trouble']}", "trouble")
 
 
 def _summarise(job: Job, result: dict[str, Any]) -> dict[str, Any]:

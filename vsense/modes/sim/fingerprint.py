@@ -112,14 +112,14 @@ def named_files(path: Path) -> list[Path]:
     quoted = _QUOTED.findall(_text(path))
     values = {html.unescape(double or single) for double, single in quoted}
     named = (path.parent / value for value in sorted(values) if value and len(value) < MAX_NAME)
-    found = dict.fromkeys([path, *(file for file in named if file.is_file())])
-    waiting = [file for file in found if file.suffix == ".py"]
+    files = dict.fromkeys([path, *(file for file in named if file.is_file())])
+    waiting = [file for file in files if file.suffix == ".py"]
     while waiting:
         file = waiting.pop()
         beside = (file.with_name(f"{name}.py") for name in _IMPORT.findall(_text(file)))
-        waiting += (more := [other for other in beside if other not in found and other.is_file()])
-        found.update(dict.fromkeys(more))
-    return list(found)
+        waiting += (more := [other for other in beside if other not in files and other.is_file()])
+        files.update(dict.fromkeys(more))
+    return list(files)
 
 
 def _text(path: Path) -> str:
@@ -155,19 +155,19 @@ def difference(expected: Machine) -> str:
 
     `expected`: `of_machine` where the campaign was begun.
     """
-    found = of_machine()
+    machine = of_machine()
     for name in VERSIONS:
-        if found[name] != expected.get(name):
-            return f"has {name} {found[name]}, expected {expected.get(name)}"
-    if found[_OWN] != expected[_OWN]:
+        if machine[name] != expected.get(name):
+            return f"has {name} {machine[name]}, expected {expected.get(name)}"
+    if machine[_OWN] != expected[_OWN]:
         return (
-            f"has other sources of vsense {__version__} ({found[_OWN]}, expected"
+            f"has other sources of vsense {__version__} ({machine[_OWN]}, expected"
             f" {expected[_OWN]}): install the same there, and start the worker again"
         )
-    others = [name for name in found if found[name] != expected.get(name)]
-    if others:
+    differing = [name for name in machine if machine[name] != expected.get(name)]
+    if differing:
         return (
-            f"computes other last digits ({', '.join(others)}): its processor or C library is of"
+            f"computes other last digits ({', '.join(differing)}): its processor or C library is of"
             " another kind, and its results would not be those of this machine"
         )
     return ""
@@ -175,11 +175,11 @@ def difference(expected: Machine) -> str:
 
 def _own_sources() -> str:
     """Digest of what vsense runs; the same in a checkout and where it is installed."""
-    found: list[tuple[str, Path, tuple[str, ...]]]
-    found = [("vsense", PACKAGE_FOLDER, (".py", ".argos", ".json"))]
-    found += [(folder.name, folder, (".c", ".cpp", ".h", ".hpp", ".txt")) for folder in _folders()]
+    trees: list[tuple[str, Path, tuple[str, ...]]]
+    trees = [("vsense", PACKAGE_FOLDER, (".py", ".argos", ".json"))]
+    trees += [(folder.name, folder, (".c", ".cpp", ".h", ".hpp", ".txt")) for folder in _folders()]
     digest = hashlib.sha256()
-    for name, folder, suffixes in found:
+    for name, folder, suffixes in trees:
         for path in sorted(p for p in folder.rglob("*") if p.suffix in suffixes):
             below = path.relative_to(folder)
             # What only the host runs is compiled, and its sources are not installed.
@@ -191,7 +191,7 @@ def _own_sources() -> str:
 Function = Callable[[NDArray[np.float64]], Any]
 
 
-def _each(function: Callable[[float], float], numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+def _map(function: Callable[[float], float], numbers: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array([function(number) for number in numbers])
 
 
@@ -212,8 +212,8 @@ def _last_digits() -> dict[str, str]:
         "matmul": lambda x: x.reshape(-1, 4) @ other[:4],
         "standard_normal": lambda x: np.random.default_rng(1).standard_normal(len(x)),
     }
-    for one in (math.sin, math.cos, math.exp, math.atan):
-        functions[f"C's {one.__name__}"] = partial(_each, one)
+    for c_function in (math.sin, math.cos, math.exp, math.atan):
+        functions[f"C's {c_function.__name__}"] = partial(_map, c_function)
     return {
         name: hashlib.sha256(np.ascontiguousarray(function(numbers)).tobytes()).hexdigest()[
             :_DIGITS

@@ -68,7 +68,7 @@ class Setup:
 
 
 @dataclass(frozen=True, slots=True)
-class Origin:
+class JobOrigin:
     """Where a job comes from that another machine shall do, and what it finds there.
 
     Attributes:
@@ -100,7 +100,7 @@ class Job:
     libraries: Mapping[str, str]
     directory: str | None = None
     recording: str | None = None
-    origin: Origin | None = None
+    origin: JobOrigin | None = None
 
     def to_line(self) -> bytes:
         """The job as one line of JSON."""
@@ -112,7 +112,7 @@ class Job:
         fields: dict[str, Any] = json.loads(line)
         setup = Setup.read(fields.pop("setup"))
         if fields["origin"] is not None:
-            fields["origin"] = Origin(**fields["origin"])
+            fields["origin"] = JobOrigin(**fields["origin"])
         return cls(setup, **fields)
 
 
@@ -147,19 +147,19 @@ class Sweep:
             values[key] = _split(key, text)
         if runs is not None and seeds is not None and len(seeds) != runs:
             raise UsageError(f"--runs {runs}: --seeds names {len(seeds)}")
-        if runs is None and seeds is None and all(len(some) == 1 for some in values.values()):
+        if runs is None and seeds is None and all(len(texts) == 1 for texts in values.values()):
             return cls(values, None)
         return cls(values, tuple(seeds) if seeds is not None else tuple(range(1, (runs or 1) + 1)))
 
     @property
     def first(self) -> dict[str, str]:
         """The first combination."""
-        return {key: some[0] for key, some in self.values.items()}
+        return {key: texts[0] for key, texts in self.values.items()}
 
     def combinations(self) -> Iterator[dict[str, str]]:
         """All combinations; the last setting changes fastest."""
-        for some in product(*self.values.values()):
-            yield dict(zip(self.values, some))
+        for texts in product(*self.values.values()):
+            yield dict(zip(self.values, texts))
 
 
 def _split(key: str, text: str) -> tuple[str, ...]:

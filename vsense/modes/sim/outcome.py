@@ -12,14 +12,14 @@ from vsense.base.errors import VsenseError
 from vsense.base.processes import describe_exit
 from vsense.config.specs import Experiment
 from vsense.modes.sim._record import EventLog
-from vsense.modes.sim._simulation import LOOP_FUNCTION, WARM_UP
+from vsense.modes.sim._simulation import LOOP_FUNCTION, WARM_UP_TIMESTEPS
 from vsense.modes.sim.job import Job
 from vsense.robots.inprocess import SimError
 from vsense.robots.loop_library import FUNCTIONS
 from vsense.run.directory import LOGGED
 from vsense.run.programs import LOADING, LOADING_LOOP, shared_objects
 
-Answer = dict[str, Any]
+JobAnswer = dict[str, Any]
 """What became of a job, as numbers and texts that travel between machines. One of
 
     {"result": {...}}                     see `vsense.modes.sim._worker.simulate`
@@ -52,7 +52,7 @@ class Task:
         """Puts the label before some words."""
         return f"{self.label}: {words}" if self.label else words
 
-    def result(self, answer: Answer) -> dict[str, Any]:
+    def result(self, answer: JobAnswer) -> dict[str, Any]:
         """Gives the result in an answer to the job: that of `vsense.modes.sim._worker.simulate`.
 
         Raises:
@@ -66,7 +66,7 @@ class Task:
         self._note(error, progress)
         raise error
 
-    def _error(self, answer: Answer, progress: tuple[int, ...]) -> VsenseError:
+    def _error(self, answer: JobAnswer, progress: tuple[int, ...]) -> VsenseError:
         if "error" in answer:
             return SimulatedRunError(self.named(answer["error"]), answer["exit_code"])
         if "refused" in answer:
@@ -82,7 +82,7 @@ class Task:
         """Adds an error to the events of the run, if they are kept."""
         if self.job.directory is None:
             return
-        time_s = round(max(progress[0] - WARM_UP, 0) * self.experiment.timestep_s, 9)
+        time_s = round(max(progress[0] - WARM_UP_TIMESTEPS, 0) * self.experiment.timestep_s, 9)
         with suppress(VsenseError):  # the first one counts
             log = EventLog(Path(self.job.directory) / LOGGED)
             log.add(time_s, str(error), "trouble")
@@ -96,11 +96,11 @@ class Task:
         """
         experiment = self.experiment
         timestep, robot, number = progress
-        if timestep < WARM_UP:
+        if timestep < WARM_UP_TIMESTEPS:
             when = "before the first timestep"
         else:
-            time_s = (timestep - WARM_UP) * experiment.timestep_s
-            when = f"in timestep {timestep - WARM_UP} (t = {time_s:g} s)"
+            time_s = (timestep - WARM_UP_TIMESTEPS) * experiment.timestep_s
+            when = f"in timestep {timestep - WARM_UP_TIMESTEPS} (t = {time_s:g} s)"
         if not robot:
             return self.named(f"outside of any controller, {when}, the simulation")
         if number >= LOADING:

@@ -15,15 +15,15 @@ from typing import Any, Generic, Protocol, TypeVar
 from vsense.base.errors import Interrupted
 from vsense.base.processes import start_module
 from vsense.base.shared import SharedBlock
-from vsense.modes.sim._simulation import WARM_UP
-from vsense.modes.sim.outcome import Answer, Task
-from vsense.run.programs import PROGRESS_BYTES
+from vsense.modes.sim._simulation import WARM_UP_TIMESTEPS
+from vsense.modes.sim.outcome import JobAnswer, Task
+from vsense.run.programs import RUN_PROGRESS_BYTES
 
-POLL_S = 0.1
+CHECK_PERIOD_S = 0.1
 """Period of the checks. Checks are counted, not time: a machine that slept, or a process that was
 stopped, is no endless loop."""
 
-LIMIT_S = 10.0
+HANG_MAX_S = 10.0
 """A controller that has not returned for so long hangs."""
 
 Named = TypeVar("Named")
@@ -44,7 +44,7 @@ class WorkerProcess(Generic[Named]):
         self.task: Named | None = None
         self._looks = 0
         self._last: tuple[int, int, int] | None = None
-        self._block = SharedBlock.anonymous("vsense-sim", PROGRESS_BYTES)
+        self._block = SharedBlock.anonymous("vsense-sim", RUN_PROGRESS_BYTES)
         descriptor = os.open(self._block.name, os.O_RDWR)
         try:
             self._process, self._jobs, self.answers = start_module(
@@ -66,7 +66,7 @@ class WorkerProcess(Generic[Named]):
             self._jobs.write(line)
             self._jobs.flush()
 
-    def receive(self) -> Answer:
+    def receive(self) -> JobAnswer:
         """Takes the answer, which has come."""
         line = self.answers.readline()
         if not line:
@@ -75,19 +75,19 @@ class WorkerProcess(Generic[Named]):
         self.task = None
         return answer
 
-    def check(self, limit_s: float) -> Answer | None:
-        """Answers for a controller that hangs for `limit_s`; is called every `POLL_S`."""
+    def check(self, limit_s: float) -> JobAnswer | None:
+        """Answers for a controller that hangs for `limit_s`; is called every `CHECK_PERIOD_S`."""
         if self.task is None:
             return None
         now = self._progress()
         self._looks = self._looks + 1 if now == self._last and now[1] else 0
         self._last = now
-        return self._answer(hung_s=limit_s) if self._looks * POLL_S >= limit_s else None
+        return self._answer(hung_s=limit_s) if self._looks * CHECK_PERIOD_S >= limit_s else None
 
     @property
     def timesteps(self) -> int:
         """Timesteps of its run that are over."""
-        return max(self._progress()[0] - WARM_UP, 0)
+        return max(self._progress()[0] - WARM_UP_TIMESTEPS, 0)
 
     @property
     def is_free(self) -> bool:
@@ -102,7 +102,7 @@ class WorkerProcess(Generic[Named]):
         self.answers.close()
         self._block.close()
 
-    def _answer(self, **members: Any) -> Answer:
+    def _answer(self, **members: Any) -> JobAnswer:
         return {**members, "progress": self._progress()}
 
     def _progress(self) -> tuple[int, int, int]:
@@ -127,12 +127,12 @@ def simulate_all(
     processes: int,
     interrupted: Flag,
     show: Show,
-    limit_s: float = LIMIT_S,
+    limit_s: float = HANG_MAX_S,
 ) -> Iterator[tuple[Task, dict[str, Any]]]:
     """Does runs in several processes; yields each task with its result as soon as it is done.
 
     Args:
-        show: called every `POLL_S` with the processes.
+        show: called every `CHECK_PERIOD_S` with the processes.
         limit_s: a controller must return within this time.
 
     Raises:
@@ -154,8 +154,8 @@ def watch(
     workers: Sequence[WorkerProcess[Named]],
     interrupted: Flag,
     show: Callable[[Sequence[WorkerProcess[Named]]], None],
-    limit_s: float = LIMIT_S,
-) -> Iterator[tuple[Named, Answer]]:
+    limit_s: float = HANG_MAX_S,
+) -> Iterator[tuple[Named, JobAnswer]]:
     """Has processes do jobs; yields each with its answer, the last one where a process is lost.
 
     Args:
@@ -173,26 +173,26 @@ def watch(
             worker.start(*job)
         looked_s = time.monotonic()
         while any(worker.task is not None for worker in workers):
-            for key, _ in selector.select(POLL_S):
+            for key, _ in selector.select(CHECK_PERIOD_S):
                 task, answer = _exchange(key.data, waiting)
                 yield task, answer
                 if "ended" in answer:
                     return
             if interrupted.is_set():
                 raise Interrupted
-            if time.monotonic() - looked_s >= POLL_S:
+            if time.monotonic() - looked_s >= CHECK_PERIOD_S:
                 looked_s = time.monotonic()
                 for worker in workers:
-                    if (found := worker.check(limit_s)) is not None:
+                    if (hung := worker.check(limit_s)) is not None:
                         assert worker.task is not None
-                        yield worker.task, found
+                        yield worker.task, hung
                         return
                 show(workers)
 
 
 def _exchange(
     worker: WorkerProcess[Named], waiting: Iterator[tuple[Named, bytes]]
-) -> tuple[Named, Answer]:
+) -> tuple[Named, JobAnswer]:
     """Takes an answer and gives the next job."""
     done, answer = worker.task, worker.receive()
     assert done is not None

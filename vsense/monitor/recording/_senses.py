@@ -12,14 +12,14 @@ import numpy as np
 
 from vsense.monitor.recording.form import Data
 from vsense.robots.link.table import Entry
-from vsense.robots.link.wire import Values
+from vsense.robots.link.wire import ReadingValues
 from vsense.run.runtime import GivenDeeds
 from vsense.world.sensors.base import layout_dtype
 
 
 def readings(
     sensors: Mapping[int, Sequence[Entry]],
-    sent: Mapping[int, Values],
+    sent: Mapping[int, ReadingValues],
     timestep: int,
     capture_ns: int,
 ) -> Data:

@@ -21,7 +21,7 @@ import cv2
 from vsense.base.arena import Frame
 from vsense.base.errors import VsenseError, failing_as
 from vsense.config.resources import DEFAULT_SPEED_M_S
-from vsense.config.tracking_session import EXPERIMENT, PICTURES_OF, RESOURCES
+from vsense.config.tracking_session import EXPERIMENT_FILE, PICTURES_OF, RESOURCES_FILE
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.tracking.mask import Mask
 from vsense.vision.tracking.specs import TrackerSpec
@@ -179,9 +179,9 @@ def write_session_files(
     """
     write_schemas(directory)
     text = resources_text(cameras, trackers)
-    (directory / RESOURCES).write_text(text, encoding="utf-8")
+    (directory / RESOURCES_FILE).write_text(text, encoding="utf-8")
     text = experiment_text(cameras, trackers, mask)
-    (directory / EXPERIMENT).write_text(text, encoding="utf-8")
+    (directory / EXPERIMENT_FILE).write_text(text, encoding="utf-8")
 
 
 def write_schemas(directory: Path) -> None:

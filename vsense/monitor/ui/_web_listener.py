@@ -23,7 +23,7 @@ from aiohttp import web
 
 from vsense.base.clock import host_ns
 from vsense.robots.link import strangers
-from vsense.robots.link.strangers import Places, RateLimit, StrangerLog, owner_of
+from vsense.robots.link.strangers import PortPlaces, RateLimit, StrangerLog, owner_of
 
 REQUEST_S = 5.0
 """A connection brings its first whole request within this time, TLS and all, or is closed."""
@@ -104,8 +104,8 @@ class WebListener:
         self.log = StrangerLog("page", tell)
         self._listening, self._make, self._tls = listening, make, tls
         self._loop = asyncio.get_running_loop()
-        self._strangers = Places[Visitor](strangers.places(STRANGERS_MAX), STRANGERS_EACH)
-        self._known = Places[Visitor](strangers.places(KNOWN_MAX), KNOWN_EACH)
+        self._strangers = PortPlaces[Visitor](strangers.places(STRANGERS_MAX), STRANGERS_EACH)
+        self._known = PortPlaces[Visitor](strangers.places(KNOWN_MAX), KNOWN_EACH)
         self._all: dict[Any, Visitor] = {}
         self._rate = RateLimit(REQUESTS_HZ, REQUESTS_BURST)
         self._resume_s: float | None = None

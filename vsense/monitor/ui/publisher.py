@@ -25,7 +25,7 @@ from vsense.monitor.ui.messages import ExperimentFacts
 from vsense.monitor.ui.tables import CameraTable, RobotTable
 from vsense.robots.link.status import RobotStatus
 from vsense.robots.link.table import Direction
-from vsense.robots.link.wire import Values
+from vsense.robots.link.wire import ReadingValues
 from vsense.run.cast import played
 from vsense.run.changes import CarriedOut, Changes
 from vsense.run.control import State
@@ -65,7 +65,7 @@ class SentReadings(Protocol):
     """Who has the newest readings of all robots: a `Runtime`."""
 
     @property
-    def readings(self) -> Mapping[int, Values]:
+    def readings(self) -> Mapping[int, ReadingValues]:
         """By tag: (payload, capture time) per sensor."""
         ...
 

@@ -14,7 +14,7 @@ from vsense.monitor.recording.form import Data
 from vsense.monitor.ui.messages import numbers
 from vsense.robots.link.status import RadioStatus, RobotStatus
 from vsense.robots.link.table import Entry
-from vsense.robots.link.wire import Shown, StopCause, Wanted
+from vsense.robots.link.wire import ShownData, StopCause, Wanted
 from vsense.run.alarms import disobeys
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.cameras.grabber import Troubles
@@ -169,7 +169,7 @@ class RobotTable:
         }
 
 
-def shown(values: Shown) -> dict[str, float | str | None]:
+def shown(values: ShownData) -> dict[str, float | str | None]:
     """A controller's shown values by name; JSON knows no number that is not finite."""
     return {
         name: None if isinstance(value, float) and not math.isfinite(value) else value

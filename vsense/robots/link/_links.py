@@ -18,7 +18,7 @@ from vsense.robots.link._session import Address, HostSession, PendingSession
 from vsense.robots.link._shared import ServerState
 from vsense.robots.link._streams import Connection
 from vsense.robots.link.status import LinkEvent
-from vsense.robots.link.strangers import Places, owner_of
+from vsense.robots.link.strangers import PortPlaces, owner_of
 from vsense.robots.link.wire import GoodbyeCause, Notice, PacketType, RefuseCode, decode_body
 
 HELLO_NS = 2_000_000_000
@@ -27,7 +27,7 @@ HELLO_NS = 2_000_000_000
 FINISH_NS = 500_000_000
 """How long a peer may take to read our last packet and to close its side."""
 
-LOST = frozenset(
+LOST_STREAM_CODES = frozenset(
     {
         *(lib.VS_ERR_TAG, lib.VS_ERR_MAGIC, lib.VS_ERR_VERSION, lib.VS_ERR_LENGTH),
         *(lib.VS_ERR_TYPE, lib.VS_ERR_SHORT),
@@ -35,7 +35,7 @@ LOST = frozenset(
 )
 """Why a packet was dropped that no robot sends: the stream is lost."""
 
-STRANGERS_MAX, STRANGERS_EACH = 64, 32
+UNGREETED_MAX, UNGREETED_EACH = 64, 32
 """Connections that have not greeted, in all and from one address; the oldest makes way for one
 more. Robots greet at once: a hundred behind one relay need few of these places at a time."""
 
@@ -46,7 +46,7 @@ GREETED_MAX, GREETED_EACH = 64, 32
 ACCEPTED_MAX = 8
 """Connections that are accepted in a row: then those that are open are heard, and few wait."""
 
-DEAF = "its packets do not follow what came in its name before: its session is renewed"
+DEAF_TEXT = "its packets do not follow what came in its name before: its session is renewed"
 
 READ, WRITE = selectors.EVENT_READ, selectors.EVENT_WRITE
 
@@ -80,9 +80,9 @@ class Connections:
         self._offered, self._opened = offered, opened
         self._all: dict[socket.socket, Connection] = {}
         self._by_tag: dict[int, Connection] = {}
-        self._strangers = Places[Connection](strangers.places(STRANGERS_MAX), STRANGERS_EACH)
+        self._strangers = PortPlaces[Connection](strangers.places(UNGREETED_MAX), UNGREETED_EACH)
         most = strangers.places(GREETED_MAX) + len(shared.roster.robots)
-        self._greeted = Places[Connection](most, GREETED_EACH)
+        self._greeted = PortPlaces[Connection](most, GREETED_EACH)
         self._listening = False
         self._finishing = False
         self._listen()
@@ -112,13 +112,13 @@ class Connections:
                 if robot.outworn:
                     self.dismiss(robot, GoodbyeCause.RENEW, robot.outworn)
                 elif robot.deaf:
-                    text = f"{robot.label}: {DEAF}"
-                    self.dismiss(robot, GoodbyeCause.RENEW, DEAF)
+                    text = f"{robot.label}: {DEAF_TEXT}"
+                    self.dismiss(robot, GoodbyeCause.RENEW, DEAF_TEXT)
                     self._shared.notify(LinkEvent("doubt", robot.tag, text, now_ns))
             elif connection.deadline_ns <= now_ns:
                 if not connection.finishing:
                     what = "show that it is a robot" if connection.pending else "greet"
-                    self._tell(connection, f"connected, but did not {what} within 2 s")
+                    self._report(connection, f"connected, but did not {what} within 2 s")
                 self._drop(connection)
         self._listen()
 
@@ -173,10 +173,10 @@ class Connections:
         if loser is not None:
             if not loser.finishing:
                 whose = f" in the name of {loser.pending.robot.label}" if loser.pending else ""
-                self._tell(loser, f"too many connections at once{whose}")
+                self._report(loser, f"too many connections at once{whose}")
             self._drop(loser)
 
-    def _tell(self, stranger: Connection, text: str) -> None:
+    def _report(self, stranger: Connection, text: str) -> None:
         origin, now_ns = stranger.origin, self._shared.clock()
         event = LinkEvent("protocol_error", None, f"{origin}: {text}", now_ns, origin)
         self._shared.notify(event)
@@ -221,7 +221,7 @@ class Connections:
                 else:
                     _, events = talker.receive(packet, None, now_ns)
             self._shared.notify_all(events)
-            if peer.fault in LOST:
+            if peer.fault in LOST_STREAM_CODES:
                 raise WireError(peer.fault, "TCP")
             return
         try:
@@ -305,7 +305,7 @@ class Connections:
             self._shared.notify(LinkEvent("protocol_error", connection.robot.tag, text, now_ns))
             self.dismiss(connection.robot, GoodbyeCause.PROTOCOL, str(error))
         elif error.code == lib.VS_ERR_MAGIC:
-            self._tell(connection, f"not a robot: {error}")
+            self._report(connection, f"not a robot: {error}")
             self._drop(connection)
         else:
             tag = connection.inbox.older_tag if error.code == lib.VS_ERR_VERSION else None
@@ -334,10 +334,10 @@ class Connections:
         robot = talker.robot if isinstance(talker, PendingSession) else talker
         with self._shared.lock:
             now_ns = self._shared.clock()
-            for each in list(self._all.values()):
-                is_its = robot is not None and each.robot is robot
-                if is_its or each is connection or (talker and each.pending is talker):
-                    self._part(each, self._shared.last_word(robot, error, now_ns), now_ns)
+            for other in list(self._all.values()):
+                is_its = robot is not None and other.robot is robot
+                if is_its or other is connection or (talker and other.pending is talker):
+                    self._part(other, self._shared.last_word(robot, error, now_ns), now_ns)
             if robot is not None:
                 robot.close()
                 robot.defects += 1

@@ -37,17 +37,17 @@ class LinkMeter:
     _was_stale: bool = False
     _radio_ns: int = -RADIO_NS
 
-    def hear(self, header: Header, told: Telemetry, sent: int, now_ns: int) -> None:
+    def hear(self, header: Header, heard: Telemetry, sent: int, now_ns: int) -> None:
         """Takes telemetry that was accepted.
 
         Args:
             sent: STATE packets that the host has sent to the robot so far.
             now_ns: when it came, host's clock.
         """
-        counts = _Counts(header.sequence, _taken(told), sent, told.overruns, told.control_step)
+        counts = _Counts(header.sequence, _taken(heard), sent, heard.overruns, heard.control_step)
         if not self._counts or self._counts[-1].session != header.session:
             # What was counted before is no part of this measurement.
-            first = counts._replace(told=header.sequence - 1)
+            first = counts._replace(sent_up=header.sequence - 1)
             self._counts.append(_Span(header.session, first))
         self._counts[-1].take(counts)
         self._arrivals_ns.append(now_ns)
@@ -55,13 +55,13 @@ class LinkMeter:
         # An echo is of the host's own clock: of what it has not sent yet there is none.
         if 0 < header.echo_ns <= now_ns:
             self._trips_ns.append(max(0, now_ns - header.echo_ns - 1000 * header.hold_us))
-        stale = told.stop_cause == StopCause.STALE
+        stale = heard.stop_cause == StopCause.STALE
         # A session's first packets have heard no three STATEs yet.
         self._stale += stale and not self._was_stale and self._counts[-1].packets > FIRST_PACKETS
         self._was_stale = stale
         if now_ns - self._radio_ns >= RADIO_NS:
             self._radio_ns = now_ns
-            self._radios.append(RadioStatus.of(told))
+            self._radios.append(RadioStatus.of(heard))
 
     def figures(self, now_ns: int) -> LinkFigures:
         """What was measured up to `now_ns`, host's clock."""
@@ -70,11 +70,11 @@ class LinkMeter:
         arrivals = np.array([*self._arrivals_ns, now_ns], np.int64)
         p50_ms, p99_ms = _percentiles(np.array(self._trips_ns, np.int64) / MS)
         packets = len(self._arrivals_ns)
-        told, received, sent, overruns, steps = map(sum, zip(*(s.counted for s in self._counts)))
+        sent_up, received, sent, overruns, steps = map(sum, zip(*(s.counted for s in self._counts)))
         return LinkFigures(
             heard_s=round((now_ns - self._arrivals_ns[0]) / 1e9, 3),
             packets=packets,
-            loss_up=_lost(packets, told),
+            loss_up=_lost(packets, sent_up),
             loss_down=_lost(received, sent),
             round_trip_p50_ms=p50_ms,
             round_trip_p99_ms=p99_ms,
@@ -117,7 +117,7 @@ FIRST_PACKETS = 10
 
 
 class _Counts(NamedTuple):
-    told: int
+    sent_up: int
     received: int
     sent: int
     overruns: int
@@ -142,19 +142,19 @@ class _Span:
         return _Counts(*(last - first for first, last in zip(self._first, self._last)))
 
 
-def _taken(told: Telemetry) -> int:
+def _taken(telemetry: Telemetry) -> int:
     """Packets that the robot took, each once."""
-    return told.received - told.old - told.foreign - told.corrupt
+    return telemetry.received - telemetry.old - telemetry.foreign - telemetry.corrupt
 
 
-def _lost(there: int, whole: int) -> float | None:
+def _lost(there: int, total: int) -> float | None:
     """A share; the few packets that are on their way count as lost."""
-    return _share(whole - there, whole)
+    return _share(total - there, total)
 
 
-def _share(part: int, whole: int) -> float | None:
+def _share(part: int, total: int) -> float | None:
     """From 0 to 1, whatever a robot says that it has counted."""
-    return round(min(max(part / whole, 0.0), 1.0), 5) if whole > 0 else None
+    return round(min(max(part / total, 0.0), 1.0), 5) if total > 0 else None
 
 
 def _percentiles(values: NDArray[np.float64]) -> tuple[float | None, float | None]:

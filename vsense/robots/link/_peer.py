@@ -20,8 +20,8 @@ from vsense.robots.link.wire import (
     Header,
     Hello,
     Notice,
+    ReadingValues,
     Telemetry,
-    Values,
     Wanted,
     Welcome,
     answer_key,
@@ -154,7 +154,7 @@ class Peer:
         orders: Orders,
         timestep: int,
         capture_ns: int,
-        values: Values,
+        values: ReadingValues,
         now_ns: int,
         log_heard: int = 0,
         goal: Goal = STAY,
@@ -181,7 +181,7 @@ class Peer:
         )
         return self._output.packet(code)
 
-    def _put_values(self, values: Values, capture_ns: int) -> None:
+    def _put_values(self, values: ReadingValues, capture_ns: int) -> None:
         if len(values) != len(self._sensors):
             raise ValueError(f"{len(values)} values for {len(self._sensors)} sensors")
         for rank, ((offset, size), (payload, value_ns)) in enumerate(zip(self._sensors, values)):
@@ -281,10 +281,10 @@ def telemetry_of(cdata: Any, payload: bytes) -> Telemetry:
     return Telemetry(**numbers, payload=payload)
 
 
-SILENCE_NS = 1_000_000_000
+LOST_AFTER_NS = 1_000_000_000
 """A robot that was not heard for this long is lost, and its tag is free for another one."""
 
-Change = tuple[EventKind, str]
+PresenceChange = tuple[EventKind, str]
 """What has changed, and how to say it."""
 
 
@@ -315,34 +315,34 @@ class Presence:
         """Whether the robot holds its tag against others: it was just heard and did not leave."""
         return not self.left and self._recent(now_ns)
 
-    def hear(self, peer: Peer, now_ns: int) -> list[Change]:
+    def hear(self, peer: Peer, now_ns: int) -> list[PresenceChange]:
         """A packet of the open session was accepted."""
         self.heard_ns = now_ns
-        changes: list[Change] = [("back", "heard again")] if self.lost else []
+        changes: list[PresenceChange] = [("back", "heard again")] if self.lost else []
         self.lost = False
         return changes + self._watch_udp(peer, now_ns)
 
-    def tick(self, peer: Peer, now_ns: int) -> list[Change]:
+    def tick(self, peer: Peer, now_ns: int) -> list[PresenceChange]:
         """Time has passed in the open session."""
         if self.lost:
             return []
         changes = self._watch_udp(peer, now_ns)
-        if now_ns - self._counted_from_ns(peer) >= SILENCE_NS:
+        if now_ns - self._counted_from_ns(peer) >= LOST_AFTER_NS:
             self.lost = True
             changes.append(("lost", "nothing heard for 1 s"))
         return changes
 
     def _recent(self, now_ns: int) -> bool:
-        return self.heard_ns is not None and now_ns - self.heard_ns < SILENCE_NS
+        return self.heard_ns is not None and now_ns - self.heard_ns < LOST_AFTER_NS
 
     def _counted_from_ns(self, peer: Peer) -> int:
         """Since when silence counts: the first second belongs to the attempt at UDP."""
         assert self.heard_ns is not None and self.since_ns is not None
         if peer.udp_heard:
             return self.heard_ns
-        return max(self.heard_ns, self.since_ns + SILENCE_NS)
+        return max(self.heard_ns, self.since_ns + LOST_AFTER_NS)
 
-    def _watch_udp(self, peer: Peer, now_ns: int) -> list[Change]:
+    def _watch_udp(self, peer: Peer, now_ns: int) -> list[PresenceChange]:
         udp = not peer.over_tcp(now_ns)
         if udp == self._udp:
             return []

@@ -36,9 +36,9 @@ GREETINGS_MAX = 1024
 """Greetings of each robot that are remembered: a nonce counts once."""
 
 TAKEN_OVER = "the same robot opened a newer session"
-DEPLOY = f"bring it one with {BRING}"
+DEPLOY_HINT = f"bring it one with {BRING}"
 DEPLOY_IT = f"bring it that with {BRING}"
-FORMER = f"start its vsensed anew, or bring it the newest with {BRING}"
+FORMER_KEY = f"start its vsensed anew, or bring it the newest with {BRING}"
 OLDER = f"runs an older vsensed: bring it this one with {BRING}"
 
 
@@ -153,19 +153,19 @@ class SessionTable:
         Raises:
             WireError: it is no valid HELLO.
         """
-        found = self._open(packet, origin, now_ns)
-        if isinstance(found, Answer):
-            return found
-        hello, refuse = found.hello, partial(self._turn_away, found, now_ns)
+        opened = self._open(packet, origin, now_ns)
+        if isinstance(opened, Answer):
+            return opened
+        hello, refuse = opened.hello, partial(self._turn_away, opened, now_ns)
         robot = self.robots.get(hello.tag)
         if robot is None:
-            known = ", ".join(map(str, sorted(self.robots))) or "none"
-            text = f"tag {hello.tag} is not in this experiment; expected: {known}"
+            tags = ", ".join(map(str, sorted(self.robots))) or "none"
+            text = f"tag {hello.tag} is not in this experiment; expected: {tags}"
             return refuse(RefuseCode.TAG_UNKNOWN, text)
         if self._was_heard(hello):
             text = f"{robot.label}: somebody at {origin} repeats a greeting of it: not answered"
             return Answer(None, b"", LinkEvent("refused", hello.tag, text, now_ns, origin))
-        if robot.taken_from(hello.uid, found.key is not None, now_ns):
+        if robot.taken_from(hello.uid, opened.key is not None, now_ns):
             return refuse(RefuseCode.TAG_IN_USE, _taken(hello.tag))
         size = len(self._expected[hello.tag].params.encode())
         if hello.params_room < size:
@@ -179,10 +179,10 @@ class SessionTable:
             way_out = "" if expected.exact else ": see vsense robot deploy"
             text = f"{robot.name} {robot.refused}{way_out}"
             return refuse(RefuseCode.CONTROLLER, text)
-        notes = [self._key_note(found.key)]
+        notes = [self._key_note(opened.key)]
         if wanted is not None and not runs.is_same(wanted):
             notes.append(f"{runs}; the file's is {wanted}")
-        greeting = replace(found, note="; ".join(filter(None, notes)))
+        greeting = replace(opened, note="; ".join(filter(None, notes)))
         run, welcome = self.orders.run, self._welcome(hello.tag)
         pending, answer = robot.offer(self._number(), greeting, welcome, run, now_ns)
         self._pending[pending.peer.session] = pending
@@ -229,15 +229,15 @@ class SessionTable:
                 continue
             assert isinstance(hello, Hello)
             if number is None and not self._trust.insecure:
-                text = f"has no key, and this host takes no robot without one: {DEPLOY}"
+                text = f"has no key, and this host takes no robot without one: {DEPLOY_HINT}"
                 return self._doubted(packet, hello, text, origin, now_ns)
             if self._trust.is_former(hello.uid, number):
-                text = f"has its former key {number}, but was brought a newer one: {FORMER}"
+                text = f"has its former key {number}, but was brought a newer one: {FORMER_KEY}"
                 return self._doubted(packet, hello, text, origin, now_ns)
             return Greeting(packet, header, hello, root, number, origin)
         hello = believed(packet)
         if hello.capabilities & lib.VS_CAPABLE_KEYED:
-            text = f"has another key than this host's: {DEPLOY}"
+            text = f"has another key than this host's: {DEPLOY_HINT}"
             if self._trust.keys is None:
                 text = "has a key, and this host has none: give it the swarm's with --key FILE"
             return self._doubted(packet, hello, text, origin, now_ns)
@@ -272,7 +272,7 @@ class SessionTable:
         keys = self._trust.keys
         if number is None or keys is None or number == keys.newest:
             return ""
-        return f"it has key {number}, the newest is {keys.newest}: {DEPLOY}"
+        return f"it has key {number}, the newest is {keys.newest}: {DEPLOY_HINT}"
 
     def _doubted(self, packet: bytes, hello: Hello, text: str, origin: str, now_ns: int) -> Answer:
         """Turns away who may be a robot without the right key, and says so for it."""
@@ -290,8 +290,8 @@ class SessionTable:
         """Whether a robot runs what it must not."""
         if not expected.exact:
             return self._is_anothers(runs, wanted, expected.strict)
-        told = {tag: ToldProgram(*robot.runs) for tag, robot in self.robots.items() if robot.open}
-        fellows = [told[t] for t, r in self._expected.items() if t in told and r.program == wanted]
+        live = {tag: ToldProgram(*robot.runs) for tag, robot in self.robots.items() if robot.open}
+        fellows = [live[t] for t, r in self._expected.items() if t in live and r.program == wanted]
         return not any(runs.is_same(program) for program in (wanted, *fellows))
 
     def _is_anothers(self, runs: ToldProgram, wanted: ToldProgram, strict: bool) -> bool:
@@ -300,10 +300,10 @@ class SessionTable:
         Where all robots have one controller, it may be an older or a newer one, or the user's own
         under another name: its table is for whatever runs there.
         """
-        known = {robot.program for robot in self._expected.values() if robot.program is not None}
-        if (len(known) < 2 and not strict) or runs.is_same(wanted):
+        programs = {robot.program for robot in self._expected.values() if robot.program is not None}
+        if (len(programs) < 2 and not strict) or runs.is_same(wanted):
             return False
-        other = any(runs.is_same(program) for program in known)
+        other = any(runs.is_same(program) for program in programs)
         return other or bool(wanted.name and runs.name != wanted.name)
 
     def refuse(
@@ -320,8 +320,8 @@ class SessionTable:
 
         The answer to a whole `hello` is tagged for it alone, with what `root` gives.
         """
-        told = f"refused a robot from {origin}: {text}"
-        event = LinkEvent("refused", tag, told, now_ns, origin)
+        message = f"refused a robot from {origin}: {text}"
+        event = LinkEvent("refused", tag, message, now_ns, origin)
         header = Header(PacketType.REFUSE, send_ns=now_ns)
         key = answer_key(root, hello) if hello else root
         return Answer(None, encode(header, Notice(code, cut_text(text)), key), event)

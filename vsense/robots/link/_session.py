@@ -11,7 +11,7 @@ from typing import Any
 
 from vsense.base.native import lib
 from vsense.robots.link._meter import LinkMeter
-from vsense.robots.link._peer import Change, Greeting, Orders, Peer, Presence
+from vsense.robots.link._peer import Greeting, Orders, Peer, Presence, PresenceChange
 from vsense.robots.link.status import (
     EventKind,
     LinkEvent,
@@ -28,15 +28,15 @@ from vsense.robots.link.wire import (
     Hello,
     Notice,
     PacketType,
+    ReadingValues,
     Telemetry,
-    Values,
     Welcome,
 )
 
 HEARTBEAT_NS = 50_000_000
 """A STATE leaves at least this often."""
 
-REPEAT_NS = 10_000_000
+STOP_REPEAT_NS = 10_000_000
 """Distance between the three STATE packets that say STOP."""
 
 STOP_PACKETS = 3
@@ -116,7 +116,7 @@ class HostSession:
         self._timestep = 0
         self._capture_ns, self._goal = 0, STAY
         self._sizes = [size for _, _, size in table.of_direction(Direction.SENSOR)]
-        self._values: Values = []
+        self._values: ReadingValues = []
         self.forget()
 
     @property
@@ -218,9 +218,9 @@ class HostSession:
 
     def broke(self, reason: str, now_ns: int) -> list[LinkEvent]:
         """Ends the session because its connection ended; `lost` unless reported already."""
-        known = self._presence.lost
+        reported = self._presence.lost
         self.close()
-        return [] if known else [self._event("lost", f"its connection {reason}", now_ns)]
+        return [] if reported else [self._event("lost", f"its connection {reason}", now_ns)]
 
     def left(self, notice: Notice, now_ns: int) -> LinkEvent:
         """Ends the session because the robot said goodbye; its tag is free at once."""
@@ -229,7 +229,7 @@ class HostSession:
         return self._event("goodbye", f"says goodbye: {notice.text or 'no reason given'}", now_ns)
 
     def hold(
-        self, timestep: int, capture_ns: int, values: Values | None, goal: Goal = STAY
+        self, timestep: int, capture_ns: int, values: ReadingValues | None, goal: Goal = STAY
     ) -> None:
         """Takes the newest readings, to be repeated until the next ones.
 
@@ -254,7 +254,7 @@ class HostSession:
     def repeat_stop(self, now_ns: int) -> None:
         """Has two more STATE packets leave soon after the one that said STOP at now_ns."""
         self._repeats = STOP_PACKETS - 1
-        self.due_ns = self._repeat_ns = now_ns + REPEAT_NS
+        self.due_ns = self._repeat_ns = now_ns + STOP_REPEAT_NS
 
     def first_state(self, pending: PendingSession, orders: Orders, now_ns: int) -> bytes:
         """The STATE that follows the WELCOME of a session that was offered."""
@@ -276,7 +276,7 @@ class HostSession:
         # A STATE that leaves in between is no repetition of STOP.
         if self._repeats and sent_ns >= self._repeat_ns:
             self._repeats -= 1
-            self._repeat_ns = sent_ns + REPEAT_NS
+            self._repeat_ns = sent_ns + STOP_REPEAT_NS
         self.due_ns = self._repeat_ns if self._repeats else sent_ns + HEARTBEAT_NS
 
     def by_tcp(self, now_ns: int) -> bool:
@@ -315,7 +315,7 @@ class HostSession:
             if source == self.copied:
                 self.copied = self.address
             self.address, self.due_ns = source, now_ns
-        events += self._told(self._presence.hear(self.peer, now_ns), now_ns)
+        events += self._events(self._presence.hear(self.peer, now_ns), now_ns)
         for text in self._log.add(telemetry.log_number, telemetry.log):
             events.append(self._event("log", text, now_ns))
         return events
@@ -361,9 +361,9 @@ class HostSession:
 
     def tick(self, now_ns: int) -> list[LinkEvent]:
         """Gives what has changed only because time has passed."""
-        return self._told(self._presence.tick(self.peer, now_ns), now_ns) if self.open else []
+        return self._events(self._presence.tick(self.peer, now_ns), now_ns) if self.open else []
 
-    def _told(self, changes: list[Change], now_ns: int) -> list[LinkEvent]:
+    def _events(self, changes: list[PresenceChange], now_ns: int) -> list[LinkEvent]:
         return [self._event(kind, text, now_ns) for kind, text in changes]
 
     def _event(self, kind: EventKind, text: str, now_ns: int) -> LinkEvent:

@@ -28,13 +28,13 @@ def cause_of(error: Exception) -> str:
     frames = traceback.extract_tb(error.__traceback__)
     ours = [frame for frame in frames if PACKAGE_FOLDER in Path(frame.filename).parents]
     text = " ".join(str(error).split())[:CAUSE_MAX].encode("ascii", "backslashreplace").decode()
-    told = ": ".join(filter(None, (type(error).__name__, text)))
+    message = ": ".join(filter(None, (type(error).__name__, text)))
     if not frames:
-        return told
+        return message
     place = (ours or list(frames))[-1]
     path = Path(place.filename)
     name = path.relative_to(PACKAGE_FOLDER.parent) if ours else path.name
-    return f"{told} ({name}:{place.lineno}, {place.name})"
+    return f"{message} ({name}:{place.lineno}, {place.name})"
 
 
 @dataclass(frozen=True, slots=True)

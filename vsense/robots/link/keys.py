@@ -30,8 +30,8 @@ from vsense.base.files import check_private, replace_text
 from vsense.robots.link.wire import PUBLISHED
 
 SWARM_KEY_BYTES = 32
-NAME = "swarm.key"
-MOST_BYTES = 16_384
+KEY_FILE_NAME = "swarm.key"
+MAX_KEY_FILE_BYTES = 16_384
 """A file of keys is never larger."""
 
 _PERSON = b"vs-robot"
@@ -119,14 +119,14 @@ def default_path() -> Path:
     """
     base = os.environ.get("XDG_CONFIG_HOME") or ""
     folder = Path(base) if os.path.isabs(base) else Path.home() / ".config"
-    own = folder / "vsense" / NAME
+    own = folder / "vsense" / KEY_FILE_NAME
     try:
         lab = sharing.lab()
     except sharing.NotMember:
         return own
-    if lab is None or (own.exists() and not (lab.path / NAME).exists()):
+    if lab is None or (own.exists() and not (lab.path / KEY_FILE_NAME).exists()):
         return own
-    return lab.path / NAME
+    return lab.path / KEY_FILE_NAME
 
 
 def read(path: Path) -> SwarmKeys:
@@ -140,12 +140,12 @@ def read(path: Path) -> SwarmKeys:
     for line, text in enumerate(read_private(path, 0o640).splitlines(), 1):
         if not text.strip() or text.lstrip().startswith("#"):
             continue
-        found = _LINE.fullmatch(text.strip())
-        if found is None or int(found[1]) in numbers:
+        match = _LINE.fullmatch(text.strip())
+        if match is None or int(match[1]) in numbers:
             # Its words may be a key's: they are not repeated.
             expected = "expected a number that no other line has, =, and 64 hexadecimal digits"
             raise ConfigError(str(path), line, expected)
-        numbers[int(found[1])] = bytes.fromhex(found[2])
+        numbers[int(match[1])] = bytes.fromhex(match[2])
     if not numbers:
         raise VsenseError(f"{path}: holds no key")
     return SwarmKeys(numbers)
@@ -177,9 +177,9 @@ def follow(path: Path) -> SwarmKeys:
         ConfigError: a line is wrong.
     """
     with changing(path):
-        known = read(path).followed() if path.exists() else make()
-        write(path, known)
-    return known
+        keys = read(path).followed() if path.exists() else make()
+        write(path, keys)
+    return keys
 
 
 def write(path: Path, keys: SwarmKeys) -> None:
@@ -230,7 +230,7 @@ def read_private(path: Path, mode: int) -> str:
         raise VsenseError(f"{path}: is no file")
     with os.fdopen(opened, "rb") as file:
         check_private(file, path, "it", mode, mode)
-        data = file.read(MOST_BYTES + 1)
-    if len(data) > MOST_BYTES or not data.isascii():
-        raise VsenseError(f"{path}: expected a text of at most {MOST_BYTES} bytes")
+        data = file.read(MAX_KEY_FILE_BYTES + 1)
+    if len(data) > MAX_KEY_FILE_BYTES or not data.isascii():
+        raise VsenseError(f"{path}: expected a text of at most {MAX_KEY_FILE_BYTES} bytes")
     return data.decode("ascii")

@@ -24,7 +24,7 @@ from vsense.robots.link._shared import ServerState
 from vsense.robots.link.status import LinkError, LinkEvent
 from vsense.robots.link.wire import GoodbyeCause, session_of
 
-BACKLOG = 512
+TCP_BACKLOG = 512
 """Connections that the kernel keeps until they are accepted; whoever finds no place there tries
 again after a second."""
 
@@ -112,11 +112,11 @@ def _resolve(host: str) -> tuple[int, tuple[Any, ...]]:
     """Family and socket address of a host name; the address's second item is the port."""
     try:
         kind, flags = socket.SOCK_STREAM, socket.AI_PASSIVE
-        found = socket.getaddrinfo(host or None, 0, type=kind, flags=flags)
+        addresses = socket.getaddrinfo(host or None, 0, type=kind, flags=flags)
     except (OSError, UnicodeError) as error:
         text = getattr(error, "strerror", None) or "not a host name"
         raise LinkError(f"cannot listen on '{host}': {text}") from error
-    return int(found[0][0]), tuple(found[0][4])
+    return int(addresses[0][0]), tuple(addresses[0][4])
 
 
 def _open(family: int, kind: int, address: tuple[Any, ...], port: int) -> socket.socket:
@@ -132,7 +132,7 @@ def _open(family: int, kind: int, address: tuple[Any, ...], port: int) -> socket
             opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         opened.bind((address[0], port, *address[2:]))
         if kind == socket.SOCK_STREAM:
-            opened.listen(BACKLOG)
+            opened.listen(TCP_BACKLOG)
     except OSError as error:
         opened.close()
         reason = _REASONS.get(error.errno or 0, f"cannot be used: {error.strerror}")
@@ -151,7 +151,7 @@ TOGETHER_NS = 5_000_000
 """What is due so soon leaves at once: a swarm's heartbeats then need few looks at all robots, where
 each of 100 would need one of its own."""
 
-IDLE_NS = 250_000_000
+SELECT_TIMEOUT_NS = 250_000_000
 """Longest wait in the selector: deadlines of connections are kept to this accuracy."""
 
 
@@ -160,12 +160,12 @@ class ServerThread:
 
     Attributes:
         strays: datagrams that belong to no open session, by reason.
-        hushed: no STATE leaves any more; everything else goes on.
+        silent: no STATE leaves any more; everything else goes on.
     """
 
     def __init__(self, shared: ServerState, ports: Ports) -> None:
         self.strays: Counter[str] = Counter()
-        self.hushed = False
+        self.silent = False
         self._shared = shared
         self._ports = ports
         self._due_ns = 0
@@ -193,7 +193,7 @@ class ServerThread:
             self.wake()
 
     def _send(self, robot: HostSession, now_ns: int, surely: bool) -> None:
-        if self.hushed:
+        if self.silent:
             robot.plan(now_ns)
             return
         packet = robot.state(self._shared.roster.orders.of(robot.tag), now_ns)
@@ -234,7 +234,7 @@ class ServerThread:
 
     def turn(self) -> None:
         """Waits for a socket or the next deadline, and does all that is due."""
-        wait_ns = min(max(self._due_ns - self._shared.clock(), 0), IDLE_NS)
+        wait_ns = min(max(self._due_ns - self._shared.clock(), 0), SELECT_TIMEOUT_NS)
         for key, mask in self._selector.select(real_s(wait_ns / 1e9)):
             key.data(mask)
         while self._failed:
@@ -259,12 +259,12 @@ class ServerThread:
         """Closes every socket."""
         self._links.close()
         self._selector.close()
-        for each in (self._ports.tcp, self._ports.udp, self._waker):
-            each.close()
+        for handle in (self._ports.tcp, self._ports.udp, self._waker):
+            handle.close()
 
     def _offered(self, pending: PendingSession) -> bytes:
         """The first STATE, which follows the WELCOME; b"": none leaves any more."""
-        if self.hushed:
+        if self.silent:
             return b""
         orders = self._shared.roster.orders.of(pending.robot.tag)
         return pending.robot.first_state(pending, orders, self._shared.clock())
@@ -329,7 +329,7 @@ class ServerThread:
     def _keep_time(self) -> None:
         """Sends what is due now or soon, notices silence, and finds the next deadline."""
         now_ns = self._shared.clock()
-        due_ns = now_ns + IDLE_NS
+        due_ns = now_ns + SELECT_TIMEOUT_NS
         for robot in self._shared.roster.robots.values():
             try:
                 due_ns = min(due_ns, self._keep_time_of(robot, now_ns, due_ns))

@@ -28,7 +28,7 @@ from vsense.robots.link.status import (
     RobotStatus,
 )
 from vsense.robots.link.table import STAY, ExpectedRobot, Goal
-from vsense.robots.link.wire import GoodbyeCause, Values, Wanted
+from vsense.robots.link.wire import GoodbyeCause, ReadingValues, Wanted
 
 __all__ = ["LinkError", "LinkEvent", "RobotStatus", "VirtualSensorServer"]
 
@@ -37,7 +37,7 @@ MOVING = frozenset({Wanted.RUN, Wanted.HOME})
 
 NO_GOALS: Mapping[int, Goal] = {}
 
-JOIN_S = 5.0
+JOIN_TIMEOUT_S = 5.0
 """How long `close` waits for the thread; it needs half a second at most."""
 
 
@@ -104,7 +104,7 @@ class VirtualSensorServer:
         self,
         timestep: int,
         capture_ns: int,
-        values: Mapping[int, Values],
+        values: Mapping[int, ReadingValues],
         goals: Mapping[int, Goal] = NO_GOALS,
     ) -> int:
         """Sends the readings of a timestep to every robot, now and without waiting for any.
@@ -191,25 +191,25 @@ class VirtualSensorServer:
         self._throttle.expect(expected.keys())
         network.part(gone, "another robot plays its part")
 
-    def hush(self, hushed: bool = True) -> None:
+    def silence(self, silent: bool = True) -> None:
         """Sends no STATE any more, or again, so that telemetry can catch up.
 
         To be called after STOP: to the robots it is the silence of a dead host. Raises LinkError as
         `publish` does.
         """
-        self._running().hushed = hushed
+        self._running().silent = silent
 
     def robots(self) -> dict[int, RobotStatus]:
         """A snapshot of every expected robot, by tag."""
-        found = {}
+        statuses = {}
         for tag, robot in self._roster.robots.items():
             with self._lock:
                 status = robot.status(self._clock())
                 orders = self._roster.orders
                 wanted, is_held = orders.of(tag).wanted, tag in orders.held
                 ordered_ns = max(self._ordered_ns, self._held_ns.get(tag, 0))
-            found[tag] = replace(status, wanted=wanted, ordered_ns=ordered_ns, held=is_held)
-        return found
+            statuses[tag] = replace(status, wanted=wanted, ordered_ns=ordered_ns, held=is_held)
+        return statuses
 
     def measure(self) -> None:
         """Begins to measure the links of all robots, from now on."""
@@ -230,14 +230,14 @@ class VirtualSensorServer:
         A robot is missing before its first report, without a session, and `status.LIFE_NS` after
         its newest control step.
         """
-        found = {}
+        by_tag = {}
         with self._lock:
             run, now_ns = self._roster.orders.run, self._clock()
             for tag, robot in self._roster.robots.items():
                 report = robot.reporter.report(run, now_ns)
                 if report is not None:
-                    found[tag] = report
-        return found
+                    by_tag[tag] = report
+        return by_tag
 
     def strays(self) -> dict[str, int]:
         """Datagrams that belonged to no session, by the reason's name in C."""
@@ -251,7 +251,7 @@ class VirtualSensorServer:
             return
         self._goodbye = (cause, text)
         self._network.end()
-        self._thread.join(JOIN_S)
+        self._thread.join(JOIN_TIMEOUT_S)
 
     def _order(self, orders: Orders) -> None:
         """Sets what every robot shall do; the lock is held."""

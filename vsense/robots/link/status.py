@@ -109,13 +109,13 @@ class RadioStatus:
     power_saving: bool | None = None
 
     @classmethod
-    def of(cls, told: Telemetry) -> RadioStatus:
+    def of(cls, telemetry: Telemetry) -> RadioStatus:
         """What a robot's telemetry tells."""
         return cls(
-            told.signal_dbm or None,
-            told.bit_rate / 10 or None,
-            None if told.retries == NEVER_US else told.retries,
-            None if told.power_saving == lib.VS_UNKNOWN else bool(told.power_saving),
+            telemetry.signal_dbm or None,
+            telemetry.bit_rate / 10 or None,
+            None if telemetry.retries == NEVER_US else telemetry.retries,
+            None if telemetry.power_saving == lib.VS_UNKNOWN else bool(telemetry.power_saving),
         )
 
 
@@ -138,7 +138,7 @@ EventKind = Literal[
 RING_LEDS = 0xFF
 """Bits of `Telemetry.leds`: the red ring."""
 
-REPEAT_NS = 10_000_000_000
+EVENT_REPEAT_NS = 10_000_000_000
 """The same refusal or protocol error is reported again only after this long."""
 
 LINES_OF_STRANGERS, LINES_OF_ROBOT = 8, 2
@@ -247,7 +247,7 @@ THROTTLED: dict[str, str] = {
 
 
 class EventThrottle:
-    """Passes events on; of refusals, protocol errors, doubts, defects only a few in `REPEAT_NS`.
+    """Passes events on; only a few refusals, protocol errors, doubts, defects in `EVENT_REPEAT_NS`.
 
     A refused robot tries again every second, and anybody can send garbage: such events would hide
     the others. The same text is told once in that time. Of different ones each expected robot has
@@ -267,9 +267,9 @@ class EventThrottle:
     ) -> None:
         self._on_event = on_event
         self._expected = frozenset(expected)
-        self._told: dict[tuple[int | None, EventKind, str], int] = {}
+        self._sent: dict[tuple[int | None, EventKind, str], int] = {}
         self._now_ns = 0
-        self._log = StrangerLog(port, self._tell)
+        self._log = StrangerLog(port, self._report)
 
     def expect(self, tags: Collection[int]) -> None:
         """Other robots are the experiment's from now on."""
@@ -285,8 +285,8 @@ class EventThrottle:
         of = event.tag if event.tag in self._expected else None
         key = (of, event.kind, event.text)
         most = LINES_OF_STRANGERS if of is None else LINES_OF_ROBOT
-        if key not in self._told and sum(other[0] == of for other in self._told) < most:
-            self._told[key] = now_ns
+        if key not in self._sent and sum(other[0] == of for other in self._sent) < most:
+            self._sent[key] = now_ns
             self._on_event(event)
         elif of is None:
             self._log.count(event.origin or "somebody", deed, now_ns)
@@ -294,10 +294,10 @@ class EventThrottle:
     def tick(self, now_ns: int) -> None:
         """Forgets what was told long ago, and tells what was counted; to be called often."""
         self._now_ns = now_ns
-        self._told = {k: told for k, told in self._told.items() if now_ns - told < REPEAT_NS}
+        self._sent = {k: ns for k, ns in self._sent.items() if now_ns - ns < EVENT_REPEAT_NS}
         self._log.tick(now_ns)
 
-    def _tell(self, text: str) -> None:
+    def _report(self, text: str) -> None:
         self._on_event(LinkEvent("protocol_error", None, text, self._now_ns))
 
 

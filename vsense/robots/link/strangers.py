@@ -17,7 +17,7 @@ from collections import Counter
 from collections.abc import Callable, Hashable, Iterator
 from typing import Generic, TypeVar
 
-PERIOD_NS = 10_000_000_000
+SUMMARY_PERIOD_NS = 10_000_000_000
 """What is counted is told once in this time."""
 
 LINES_MAX = 20
@@ -32,7 +32,7 @@ DELAY_MAX_S = 2.0
 PREFIX_BITS = 64
 """One host of IPv6 has all addresses that begin with the same bits."""
 
-Item = TypeVar("Item", bound=Hashable)
+PlaceHolder = TypeVar("PlaceHolder", bound=Hashable)
 
 
 class StrangerLog:
@@ -40,14 +40,14 @@ class StrangerLog:
 
     Args:
         port: its name for people, such as "port 4050".
-        tell: takes a line for a person; must not wait.
+        say: takes a line for a person; must not wait.
     """
 
-    def __init__(self, port: str, tell: Callable[[str], None]) -> None:
+    def __init__(self, port: str, say: Callable[[str], None]) -> None:
         self._port = port
-        self._tell = tell
+        self._say = say
         self._until_ns = self._lines = 0
-        self._told: set[str] = set()
+        self._reported: set[str] = set()
         self._deeds: Counter[str] = Counter()
         self._origins: Counter[str] = Counter()
 
@@ -57,12 +57,12 @@ class StrangerLog:
         `deed` is one of a few fixed phrases, never a text of the stranger's.
         """
         self.tick(now_ns)
-        if deed in self._told:
+        if deed in self._reported:
             self.count(origin, deed, now_ns)
             return
         self._begin(now_ns)
-        self._told.add(deed)
-        self._tell(f"{self._port}: {origin}: {deed}")
+        self._reported.add(deed)
+        self._say(f"{self._port}: {origin}: {deed}")
 
     def say(self, origin: str, text: str, deed: str, now_ns: int) -> None:
         """Tells something in its own words, `LINES_MAX` times in a period; then it is counted."""
@@ -72,7 +72,7 @@ class StrangerLog:
             return
         self._begin(now_ns)
         self._lines += 1
-        self._tell(text)
+        self._say(text)
 
     def count(self, origin: str, deed: str, now_ns: int) -> None:
         """As `note`, of something that was told already, in other words perhaps."""
@@ -87,29 +87,29 @@ class StrangerLog:
         if not self._until_ns or now_ns < self._until_ns:
             return
         if not self._deeds:
-            self._told.clear()
+            self._reported.clear()
             self._until_ns = self._lines = 0
             return
         deeds = ", ".join(f"{deed} ({count})" for deed, count in self._deeds.most_common())
-        self._tell(
+        self._say(
             f"{self._port}: {self._deeds.total()} more from {self._sources()} in the last"
-            f" {PERIOD_NS // 10**9} s: {deeds}"
+            f" {SUMMARY_PERIOD_NS // 10**9} s: {deeds}"
         )
         self._deeds.clear()
         self._origins.clear()
-        self._until_ns = now_ns + PERIOD_NS
+        self._until_ns = now_ns + SUMMARY_PERIOD_NS
 
     def _begin(self, now_ns: int) -> None:
-        self._until_ns = self._until_ns or now_ns + PERIOD_NS
+        self._until_ns = self._until_ns or now_ns + SUMMARY_PERIOD_NS
 
     def _sources(self) -> str:
-        (origin, _), others = self._origins.most_common(1)[0], len(self._origins) - 1
-        if not others:
+        (origin, _), more = self._origins.most_common(1)[0], len(self._origins) - 1
+        if not more:
             return origin
-        return f"{origin} and {others} other address{'es' if others > 1 else ''}"
+        return f"{origin} and {more} other address{'es' if more > 1 else ''}"
 
 
-class Places(Generic[Item]):
+class PortPlaces(Generic[PlaceHolder]):
     """The places of a port: limited in all and for each owner, usually an address.
 
     Args:
@@ -119,20 +119,20 @@ class Places(Generic[Item]):
 
     def __init__(self, most: int, most_each: int) -> None:
         self._most, self._most_each = most, min(most, most_each)
-        self._owners: dict[Item, Hashable] = {}
+        self._owners: dict[PlaceHolder, Hashable] = {}
         self._counts: Counter[Hashable] = Counter()
 
     def __len__(self) -> int:
         return len(self._owners)
 
-    def __iter__(self) -> Iterator[Item]:
+    def __iter__(self) -> Iterator[PlaceHolder]:
         """All that have a place, who has waited longest first."""
         return iter(list(self._owners))
 
-    def __contains__(self, item: Item) -> bool:
+    def __contains__(self, item: PlaceHolder) -> bool:
         return item in self._owners
 
-    def add(self, item: Item, owner: Hashable) -> Item | None:
+    def add(self, item: PlaceHolder, owner: Hashable) -> PlaceHolder | None:
         """Gives a place; returns who has lost its own to it, if anybody has.
 
         It is the one that has waited longest: of the same owner, or if all places are taken, of the
@@ -149,12 +149,12 @@ class Places(Generic[Item]):
         self._counts[owner] += 1
         return loser
 
-    def renew(self, item: Item) -> None:
+    def renew(self, item: PlaceHolder) -> None:
         """Counts one that has a place as the newest."""
         if item in self._owners:
             self._owners[item] = self._owners.pop(item)
 
-    def remove(self, item: Item) -> None:
+    def remove(self, item: PlaceHolder) -> None:
         """Frees a place; nothing happens where it has none."""
         if item not in self._owners:
             return
@@ -163,7 +163,7 @@ class Places(Generic[Item]):
         if not self._counts[owner]:
             del self._counts[owner]
 
-    def _oldest(self, owner: Hashable) -> Item:
+    def _oldest(self, owner: Hashable) -> PlaceHolder:
         return next(item for item, other in self._owners.items() if other == owner)
 
 
@@ -178,7 +178,7 @@ class RateLimit:
     def delay_s(self, owner: Hashable, now_s: float) -> float:
         """Counts one more; gives how long it has to wait."""
         if len(self._until_s) >= ADDRESSES_MAX:
-            self._until_s = {one: until for one, until in self._until_s.items() if until > now_s}
+            self._until_s = {key: until for key, until in self._until_s.items() if until > now_s}
         until_s = max(self._until_s.get(owner, 0.0), now_s) + self._period_s
         until_s = min(until_s, now_s + self._burst_s + DELAY_MAX_S)
         self._until_s[owner] = until_s
@@ -188,30 +188,30 @@ class RateLimit:
 def owner_of(address: str) -> str:
     """Whom an address counts for: one of IPv6 for its network, as each host has many."""
     try:
-        found = ipaddress.ip_address(address.partition("%")[0])
+        ip = ipaddress.ip_address(address.partition("%")[0])
     except ValueError:
         return address
-    if isinstance(found, ipaddress.IPv4Address):
-        return str(found)
-    if found.ipv4_mapped is not None:
-        return str(found.ipv4_mapped)
-    return str(ipaddress.ip_network((found, PREFIX_BITS), strict=False))
+    if isinstance(ip, ipaddress.IPv4Address):
+        return str(ip)
+    if ip.ipv4_mapped is not None:
+        return str(ip.ipv4_mapped)
+    return str(ipaddress.ip_network((ip, PREFIX_BITS), strict=False))
 
 
-MOST = 65_536
+MAX_DESCRIPTORS = 65_536
 """No higher limit is asked for: programs that close every descriptor that they could have, among
 those that this one starts, take long with the billion that some systems allow."""
 
-ROBOTS = 100
+ROBOT_DESCRIPTORS = 100
 """Kept for robots."""
 
-OWN = 96
+OWN_DESCRIPTORS = 96
 """Kept for cameras, recordings, logs and pipes."""
 
-STRANGERS = 512
+STRANGER_DESCRIPTORS = 512
 """More than what all ports together give to strangers and to pages, where nothing is scarce."""
 
-LEAST = 4
+MIN_PLACES = 4
 """Places that every port has, however low the limit is."""
 
 PAUSE_S = 0.25
@@ -222,7 +222,7 @@ listener would be ready for ever."""
 def raise_limit() -> int:
     """Raises the limit of this process as far as it may; gives it."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    wanted = MOST if hard == resource.RLIM_INFINITY else min(hard, MOST)
+    wanted = MAX_DESCRIPTORS if hard == resource.RLIM_INFINITY else min(hard, MAX_DESCRIPTORS)
     if soft != resource.RLIM_INFINITY and soft < wanted:
         resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
     return limit()
@@ -231,23 +231,23 @@ def raise_limit() -> int:
 def limit() -> int:
     """How many descriptors this process may have."""
     soft = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
-    return MOST if soft == resource.RLIM_INFINITY else soft
+    return MAX_DESCRIPTORS if soft == resource.RLIM_INFINITY else soft
 
 
 def places(wanted: int) -> int:
     """How many of the `wanted` connections a port may give to strangers or pages.
 
-    All of them, unless the limit is low: then their share, and at least `LEAST`.
+    All of them, unless the limit is low: then their share, and at least `MIN_PLACES`.
     """
-    share = (limit() - ROBOTS - OWN) / STRANGERS
-    return wanted if share >= 1.0 else max(min(LEAST, wanted), int(wanted * share))
+    share = (limit() - ROBOT_DESCRIPTORS - OWN_DESCRIPTORS) / STRANGER_DESCRIPTORS
+    return wanted if share >= 1.0 else max(min(MIN_PLACES, wanted), int(wanted * share))
 
 
 def shortage() -> str:
     """What to say where the limit is low, "" where it is not."""
-    if places(STRANGERS) == STRANGERS:
+    if places(STRANGER_DESCRIPTORS) == STRANGER_DESCRIPTORS:
         return ""
     return (
         f"this process may open {limit()} files only: fewer pages and unknown peers at a time;"
-        f" 'ulimit -n {ROBOTS + OWN + STRANGERS}' mends that"
+        f" 'ulimit -n {ROBOT_DESCRIPTORS + OWN_DESCRIPTORS + STRANGER_DESCRIPTORS}' mends that"
     )

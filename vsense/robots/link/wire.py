@@ -22,10 +22,10 @@ PUBLISHED = bytes(ffi.buffer(lib.vs_key_published, lib.VS_KEY_SIZE))
 NEVER_US: int = lib.VS_NEVER_US
 """Age of a value that was never measured."""
 
-Values = Sequence[tuple[bytes, int]]
+ReadingValues = Sequence[tuple[bytes, int]]
 """One robot's readings in the table's order: payload, capture time (ns, host's; < 0: never)."""
 
-Shown = tuple[tuple[str, float | str], ...]
+ShownData = tuple[tuple[str, float | str], ...]
 """What a controller shows: names, each with a number or a text."""
 
 
@@ -196,7 +196,7 @@ class Telemetry:
     log_number: int = 0
     payload: bytes = b""
     log: str = ""
-    shown: Shown = ()
+    shown: ShownData = ()
 
 
 HELLO_NUMBERS = ("started", "uptime_s", "tag", "capabilities", "params_room")
@@ -310,8 +310,8 @@ def encode(header: Header, message: Hello | Welcome | Notice, key: bytes = PUBLI
         WireError: a field of the message is outside its range.
     """
     out = Output(PACKET_MAX)
-    head, kept = header_to(header), ffi.from_buffer("uint8_t[]", key)
-    head.key = kept
+    head, key_buffer = header_to(header), ffi.from_buffer("uint8_t[]", key)
+    head.key = key_buffer
     if isinstance(message, Notice):
         notice = ffi.new("struct vs_notice *", {"code": message.code})
         put_text(notice.text, message.text)
@@ -348,9 +348,9 @@ def decode_body(header: Header, body: bytes) -> Hello | Welcome | Notice:
     if header.type == PacketType.HELLO:
         hello = ffi.new("struct vs_hello *")
         check(lib.vs_decode_hello(body, len(body), hello), "HELLO")
-        known: dict[str, Any] = {n: text_of(getattr(hello, n)) for n in HELLO_TEXTS}
-        known |= {n: getattr(hello, n) for n in HELLO_NUMBERS}
-        return Hello(**known, uid=bytes(hello.uid), nonce=bytes(hello.nonce))
+        values: dict[str, Any] = {n: text_of(getattr(hello, n)) for n in HELLO_TEXTS}
+        values |= {n: getattr(hello, n) for n in HELLO_NUMBERS}
+        return Hello(**values, uid=bytes(hello.uid), nonce=bytes(hello.nonce))
     if header.type == PacketType.WELCOME:
         welcome = ffi.new("struct vs_welcome *")
         check(lib.vs_decode_welcome(body, len(body), welcome), "WELCOME")
@@ -376,7 +376,7 @@ def put_text(cdata: Any, text: str) -> None:
     ffi.memmove(cdata, data + b"\0", len(data) + 1)
 
 
-def shown_of(block: bytes) -> Shown:
+def shown_of(block: bytes) -> ShownData:
     """Reads a block of shown values (`vs_shown.h`).
 
     Raises:

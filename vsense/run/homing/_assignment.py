@@ -78,17 +78,17 @@ def bottleneck(costs: Floats) -> list[int]:
         return []
     finite = costs[np.isfinite(costs)]
     never = (float(finite.max()) if len(finite) else 0.0) * (columns + 1) + 1.0
-    known = np.where(np.isfinite(costs), costs, never)
-    steps = np.unique(known)
+    bounded = np.where(np.isfinite(costs), costs, never)
+    steps = np.unique(bounded)
     low, high = 0, len(steps) - 1
     while low < high:
         middle = (low + high) // 2
-        if _matches(known <= steps[middle]):
+        if _matches(bounded <= steps[middle]):
             high = middle
         else:
             low = middle + 1
     # Far above any sum of allowed costs, so that none of the others is ever chosen.
-    return _least_sum(np.where(known <= steps[low], known, (never + 1.0) * (rows + 1)))
+    return _least_sum(np.where(bounded <= steps[low], bounded, (never + 1.0) * (rows + 1)))
 
 
 def _matches(allowed: NDArray[np.bool_]) -> bool:

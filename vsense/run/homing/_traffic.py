@@ -25,7 +25,7 @@ COLLISION_STEPS = 4
 """A collision within so many predicted steps (1 s) is ruled out."""
 COLLISION_COST_M = 1.0
 """Cost of a later collision, as a length of path; it falls linearly to 0 at the horizon."""
-CLEARANCE_M, CLEARANCE_COST_M = 0.03, 0.1
+TRAFFIC_CLEARANCE_M, CLEARANCE_COST_M = 0.03, 0.1
 """Wanted clearance, and the cost of having none. Near a target with less clearance, that one is
 wanted."""
 HYSTERESIS = 0.1
@@ -145,7 +145,7 @@ def _clearance_m(traffic: Traffic, robot: int, floor: DrivingFloor) -> float:
     away = np.hypot(*(traffic.poses[:, :2] - target).T) - traffic.apart_m[robot]
     away[robot] = math.inf
     wall_m = float(floor.clearance_m(target)) - float(traffic.room_m[robot])
-    return max(0.001, min(CLEARANCE_M, wall_m, float(away.min())))
+    return max(0.001, min(TRAFFIC_CLEARANCE_M, wall_m, float(away.min())))
 
 
 def _contact_costs(gaps: Floats, clearance_m: float) -> Floats:
@@ -155,5 +155,5 @@ def _contact_costs(gaps: Floats, clearance_m: float) -> Floats:
     nearest = gaps.min(axis=1)
     soon = gaps[:, :COLLISION_STEPS].min(axis=1)
     collision = COLLISION_COST_M * (HORIZON_STEPS - first) / HORIZON_STEPS
-    clearance = CLEARANCE_COST_M * np.clip((clearance_m - nearest) / CLEARANCE_M, 0.0, 1.0)
+    clearance = CLEARANCE_COST_M * np.clip((clearance_m - nearest) / TRAFFIC_CLEARANCE_M, 0.0, 1.0)
     return np.asarray(np.where(first < COLLISION_STEPS, 1e3 - soon, collision + clearance))

@@ -20,12 +20,12 @@ from vsense.world.physics.motion import obstacles
 Floats = NDArray[np.float64]
 Point = tuple[float, float]
 
-CELL_M = 0.04
-"""Side of a cell of the grid; larger where an arena would have more than `MOST_CELLS`."""
-MOST_CELLS = 20_000
+GRID_CELL_M = 0.04
+"""Side of a cell of the grid; larger where an arena would have more than `MAX_GRID_CELLS`."""
+MAX_GRID_CELLS = 20_000
 SAMPLE_M = 0.01
 """Distance of the points at which a straight path is checked."""
-CLEARANCE_M = 0.06
+WALL_CLEARANCE_M = 0.06
 """Additional clearance from walls that paths have where there is room."""
 NO_DISCS: Floats = np.zeros((0, 3))
 
@@ -45,7 +45,7 @@ class DrivingFloor:
         self._centre = np.array(arena.centre_m[:2])
         self._half = np.array(arena.size_m[:2]) / 2.0
         area_m2 = float(np.prod(self._half)) * 4.0
-        self._cell_m = max(CELL_M, math.sqrt(area_m2 / MOST_CELLS))
+        self._cell_m = max(GRID_CELL_M, math.sqrt(area_m2 / MAX_GRID_CELLS))
 
     @classmethod
     def of(cls, experiment: Experiment, virtual_walls: bool = False) -> DrivingFloor:
@@ -101,9 +101,9 @@ class DrivingFloor:
         line = np.array(start) + share * (np.array(end) - np.array(start))
         free = self.clearance_m(line, discs)
         needed = np.full(count, room_m)
-        for one in (0, -1):
-            near = np.abs(share[:, 0] - share[one, 0]) * length_m < 2.0 * BODY_RADIUS_M
-            needed[near] = np.minimum(needed[near], free[one])
+        for index in (0, -1):
+            near = np.abs(share[:, 0] - share[index, 0]) * length_m < 2.0 * BODY_RADIUS_M
+            needed[near] = np.minimum(needed[near], free[index])
         return bool((free >= needed - 1e-9).all())
 
     def way(
@@ -139,7 +139,7 @@ class DrivingFloor:
         free = self.clearance_m(places, discs)
         if not (free >= room_m).any():
             return None
-        toll = 1.0 + np.clip((room_m + CLEARANCE_M - free) / CLEARANCE_M, 0.0, 1.0)
+        toll = 1.0 + np.clip((room_m + WALL_CLEARANCE_M - free) / WALL_CLEARANCE_M, 0.0, 1.0)
         toll[free < room_m] = math.inf
         ends = [
             np.unravel_index(

@@ -83,7 +83,7 @@ class Homing:
         self._assigned_for: frozenset[int] | None = None
         self._hindered_ns = dict[int, int]()
         self._round = 0
-        self._others = dict[int, Traveller]()
+        self._bystanders = dict[int, Traveller]()
         self._headings, self._driven = np.zeros(len(homes)), np.zeros(len(homes))
         self._rank = dict.fromkeys(homes, 0)
 
@@ -123,7 +123,7 @@ class Homing:
     def _all(self) -> list[Traveller]:
         """The robots, then whatever else bears a marker and stands in their way: tagged objects,
         robots that do not play."""
-        return [*self.robots.values(), *self._others.values()]
+        return [*self.robots.values(), *self._bystanders.values()]
 
     @property
     def spent_s(self) -> float:
@@ -162,9 +162,9 @@ class Homing:
             *(rows[name].tolist() for name in ("tag", "x_m", "y_m", "yaw_rad"))
         ):
             pose = Pose(x_m, y_m, yaw_rad)
-            robot = self.robots.get(tag) or self._others.get(tag)
+            robot = self.robots.get(tag) or self._bystanders.get(tag)
             if robot is None:
-                robot = self._others[tag] = Traveller(tag, "", pose, pose, given_up=True)
+                robot = self._bystanders[tag] = Traveller(tag, "", pose, pose, given_up=True)
                 self._headings, self._driven = (
                     np.append(done, 0.0) for done in (self._headings, self._driven)
                 )
@@ -216,7 +216,7 @@ class Homing:
         if standing == self._assigned_for:
             return
         self._assigned_for = standing
-        stand = {*standing, *self._others}
+        stand = {*standing, *self._bystanders}
         fixed = [r for r in self._all if r.tag in stand and r.pose is not None]
         places = {r.tag: r.pose for r in self.robots.values() if r.pose and r.tag not in standing}
         homes = {robot.tag: robot.own for robot in self.robots.values()}
@@ -229,19 +229,19 @@ class Homing:
     def _way_m(self, fixed: list[Traveller]) -> Way:
         """The length of paths around walls; infinite to a home on which a robot stands."""
         taken = [r.pose for r in fixed if r.pose is not None]
-        known = dict[tuple[Pose, Pose], float]()
+        lengths_m = dict[tuple[Pose, Pose], float]()
 
         def measure(place: Pose, home: Pose) -> float:
             if any(straight_m(home, other) < MIN_SPACING_M for other in taken):
                 return math.inf
             if self._floor.is_open:
                 return straight_m(place, home)
-            if (place, home) not in known:
+            if (place, home) not in lengths_m:
                 way = self._floor.way(place[:2], home[:2], WALL_GAP_M)
                 points = [place[:2], *(way or [])]
                 length_m = sum(map(math.dist, points, points[1:]))
-                known[place, home] = length_m if way else math.inf
-            return known[place, home]
+                lengths_m[place, home] = length_m if way else math.inf
+            return lengths_m[place, home]
 
         return measure
 
@@ -339,16 +339,16 @@ class Homing:
         last = len(robot.way) == 1
         return robot.way[0], braked_m_s(robot.left_m) if last else MAX_M_S
 
-    def _plan(self, robot: Traveller, discs: Floats, anew: bool, now_ns: int) -> None:
+    def _plan(self, robot: Traveller, discs: Floats, replan: bool, now_ns: int) -> None:
         """Plans a path, unless the present one is clear."""
         assert robot.pose is not None
         here, home = robot.pose[:2], robot.home[:2]
-        if robot.way and not anew and self._floor.is_clear(here, robot.way[0], WALL_GAP_M, discs):
+        if robot.way and not replan and self._floor.is_clear(here, robot.way[0], WALL_GAP_M, discs):
             if len(robot.way) > 1 and self._floor.is_clear(here, robot.way[1], WALL_GAP_M, discs):
                 robot.way.pop(0)
             return
         way = self._floor.way(here, home, WALL_GAP_M, discs)
-        if way is None and anew:
+        if way is None and replan:
             way = self._floor.way(here, home, WALL_GAP_M, self._discs(now_ns))
         if way is None and robot.trouble is Trouble.NONE:
             robot.trouble = Trouble.BLOCKED

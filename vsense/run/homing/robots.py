@@ -23,7 +23,7 @@ STUCK_NS = 2_500_000_000
 """... in so long, while it is commanded to drive, is stuck."""
 HELD_NS = 2_000_000_000
 """A base that reports for so long that it cannot drive counts as held."""
-MOVED_M = 0.03
+HAND_MOVE_M = 0.03
 """A robot that was given up and is moved farther than this by hand drives again."""
 
 
@@ -153,7 +153,7 @@ class Traveller:
         if self.pose is None or self.left_at is None or self.trouble is not Trouble.STUCK:
             return False
         away = self.pose.x_m - self.left_at.x_m, self.pose.y_m - self.left_at.y_m
-        return math.hypot(*away) > MOVED_M
+        return math.hypot(*away) > HAND_MOVE_M
 
     def observe(self, pose: Pose, now_ns: int) -> None:
         """Takes a pose in which it was seen."""

@@ -141,7 +141,7 @@ def guide(
     return goals
 
 
-def tell(homing: Guide, console: Console) -> None:
+def say_progress(homing: Guide, console: Console) -> None:
     """Says what is new on the way, and how far they are."""
     for line in homing.news:
         console.say(line, "warning")
@@ -149,9 +149,9 @@ def tell(homing: Guide, console: Console) -> None:
     console.progress(f"{homing.doing}: {homing.progress()}")
 
 
-def tell_end(homing: Homing, console: Console) -> None:
+def say_end(homing: Homing, console: Console) -> None:
     """Says who stands at its start, and who does not, and why."""
-    tell(homing, console)
+    say_progress(homing, console)
     arrivals = homing.arrivals()
     left = [f"{a.name} ({a.trouble})" for a in arrivals if a.trouble]
     there = f"{len(arrivals) - len(left)} of {len(arrivals)} robots stand at their starts"

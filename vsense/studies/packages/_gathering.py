@@ -156,7 +156,7 @@ def _of_table(table: Path) -> FoundSeries:
         files = {f"{kept.name}/{path.name}": path for path in mine if len(mine) == 1}
         runs.append(FoundRun(row.run or f"row-{n + 1}", n, row, None, files))
     beside = [table, *(path for path in [table.with_suffix(".png")] if path.is_file())]
-    origins = origin.kept_in(folder, f"{stem}-{origin.MADE}")
+    origins = origin.kept_in(folder, f"{stem}-{origin.ARCHIVE_STEM}")
     return FoundSeries(_plain(stem), folder, table, runs, beside, origins)
 
 

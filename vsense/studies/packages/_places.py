@@ -18,7 +18,7 @@ from tomlkit.exceptions import TOMLKitError
 
 from vsense.base.errors import VsenseError
 from vsense.base.files import PACKAGE_FOLDER
-from vsense.config.experiment import SHIPPED_FOLDER, SUFFIX, shipped
+from vsense.config.experiment import ARGOS_SUFFIX, SHIPPED_FOLDER, shipped
 from vsense.modes.sim.job import Setup
 from vsense.robots.sources import source_roots
 
@@ -246,9 +246,9 @@ def shipped_file(experiment: object) -> Path | None:
     if not isinstance(experiment, str):
         return None
     name = experiment
-    if experiment.startswith(_SHIPPED) and experiment.endswith(SUFFIX):
-        name = experiment[len(_SHIPPED) : -len(SUFFIX)]
-    return SHIPPED_FOLDER / f"{name}{SUFFIX}" if name in shipped() else None
+    if experiment.startswith(_SHIPPED) and experiment.endswith(ARGOS_SUFFIX):
+        name = experiment[len(_SHIPPED) : -len(ARGOS_SUFFIX)]
+    return SHIPPED_FOLDER / f"{name}{ARGOS_SUFFIX}" if name in shipped() else None
 
 
 def is_own(experiment: object, stated: Mapping[str, Any], text: str | None = None) -> bool:

@@ -24,7 +24,7 @@ from vsense.monitor.recording.reader import Recording, open_recording
 from vsense.monitor.recording.resense import Resensing
 from vsense.monitor.recording.retrack import Retracking
 from vsense.monitor.recording.writer import RecordingWriter
-from vsense.run.directory import MEASURES, TIMESTEPS
+from vsense.run.directory import MEASURES_CSV, TIMESTEPS_CSV
 from vsense.studies.packages import _comparing
 from vsense.studies.packages._archive import PackageError
 from vsense.studies.packages._claims import Claims
@@ -186,7 +186,7 @@ class RecordedRuns:
         return replace(experiment, made=made, file_text=self._places.real(experiment.file_text))
 
     def _compare_measures(self, run: PackedRun, now: Mapping[int, Mapping[str, float]]) -> None:
-        path = self._places.package / run.folder / MEASURES
+        path = self._places.package / run.folder / MEASURES_CSV
         if not run.folder or not path.is_file():
             return
         text = path.read_text(encoding="utf-8", errors="replace")
@@ -199,7 +199,7 @@ class RecordedRuns:
             cells |= {n: row[n] for n in ("run_timestep", "time_s") if n in row and made}
             again.append(",".join(cells.values()))
         words = _comparing.tables(text, "\n".join([*again, ""]))
-        self._claims.judge(f"{run.folder}/{MEASURES}", words, f"{len(rows)} timesteps")
+        self._claims.judge(f"{run.folder}/{MEASURES_CSV}", words, f"{len(rows)} timesteps")
 
     def _compare_row(
         self, run: PackedRun, experiment: ExperimentMessage, results: Mapping[str, float]
@@ -220,7 +220,7 @@ class RecordedRuns:
         self, run: PackedRun, experiment: ExperimentMessage, before: Mapping[str, str]
     ) -> dict[str, str]:
         """The share of late timesteps, as `vsense.run.figures` counts it."""
-        path = self._places.package / run.folder / TIMESTEPS
+        path = self._places.package / run.folder / TIMESTEPS_CSV
         if not run.folder or not path.is_file() or not experiment.timestep_s:
             return {}
         with path.open(encoding="utf-8", errors="replace") as file:

@@ -195,7 +195,7 @@ class Packing:
                     self._origins[path] = name, kept
             pairs.append((str(series.folder.resolve()), f"{PACKAGE}/{series.name}"))
         for name, kept in self._origins.values():
-            users = [n for n in kept.files if not n.startswith(origin.OWN)]
+            users = [n for n in kept.files if not n.startswith(origin.PACKAGE_PREFIX)]
             named = ((f"{PACKAGE}/{name}/{n}", kept.paths[n]) for n in users)
             pairs += folders_of(named).items()
         return pairs

@@ -17,9 +17,9 @@ from vsense.config.specs import Experiment
 from vsense.modes.sim import fingerprint
 from vsense.modes.sim.job import Job
 from vsense.modes.sim.outcome import Task
-from vsense.modes.sim.watch import LIMIT_S, Flag, WorkerProcess, watch
+from vsense.modes.sim.watch import HANG_MAX_S, Flag, WorkerProcess, watch
 from vsense.monitor.recording import require
-from vsense.run.directory import LOGGED, MEASURES, SUMMARY, TIMESTEPS, TRAJECTORY
+from vsense.run.directory import LOGGED, MEASURES_CSV, SUMMARY, TIMESTEPS_CSV, TRAJECTORY
 from vsense.run.programs import shared_objects
 from vsense.studies.packages import _comparing, _figures
 from vsense.studies.packages._archive import Package, PackageError
@@ -34,7 +34,7 @@ from vsense.studies.packages._contents import (
 )
 from vsense.studies.packages._places import UNTRUSTED, PackagePlaces
 
-_FILES = (TRAJECTORY, TIMESTEPS, MEASURES, LOGGED, "shown.csv")
+_FILES = (TRAJECTORY, TIMESTEPS_CSV, MEASURES_CSV, LOGGED, "shown.csv")
 _NO_ORIGIN = "what it was made from is not in the package"
 
 
@@ -108,7 +108,7 @@ class Simulating:
         try:
             for _ in range(min(self._jobs, len(prepared))):
                 workers.append(WorkerProcess())
-            for one, answer in watch(lines, workers, self._interrupted, show, LIMIT_S):
+            for one, answer in watch(lines, workers, self._interrupted, show, HANG_MAX_S):
                 yield one, answer
                 done += 1
         finally:

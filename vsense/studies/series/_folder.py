@@ -24,7 +24,7 @@ from vsense.base.errors import UsageError, VsenseError, failing_as
 from vsense.base.files import read_text, replace_text, stamp_of
 from vsense.modes.sim.fingerprint import of_file
 from vsense.monitor.recording import SUFFIX
-from vsense.run.directory import TIMESTEPS, DirectoryError, make_new
+from vsense.run.directory import TIMESTEPS_CSV, DirectoryError, make_new
 from vsense.run.runs_csv import RUNS, RunRow, RunsFile, utc, versions
 from vsense.studies.series._order import PlannedRun
 from vsense.studies.series._plan import SeriesPlan
@@ -125,7 +125,7 @@ class SeriesFolder:
 
     def is_cut_off(self, run: PlannedRun) -> bool:
         """Whether a run of this name began, and nobody wrote down how it ended."""
-        return (self.path / run.name / TIMESTEPS).exists()
+        return (self.path / run.name / TIMESTEPS_CSV).exists()
 
     def _lock(self) -> None:
         # Without a buffer: what a full disk refuses is not written once more when it is closed.

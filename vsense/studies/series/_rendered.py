@@ -14,7 +14,7 @@ from vsense.base.terminal import Console, Interruption
 from vsense.config.specs import Pose
 from vsense.modes.lab.calibrated import CalibratedRig
 from vsense.modes.lab.experiment import calibrate_cameras, report_run
-from vsense.modes.lab.hardware import EmulatedLab, told_all
+from vsense.modes.lab.hardware import EmulatedLab, report_all
 from vsense.modes.lab.session import Session
 from vsense.modes.live.session import RunSetup
 from vsense.monitor.ui.room import ControlRoom, RoomOptions
@@ -98,7 +98,7 @@ class LabRuns:
     ) -> Session:
         robots = self._lab.robots(staged.experiment)
         origin = staged.origin(asdict(self._loader.code.absolute(Path.cwd())))
-        setup = self._setup(staged, room, origin | told_all(robots.hardware))
+        setup = self._setup(staged, room, origin | report_all(robots.hardware))
         return Session(setup, directory, self._lab, robots, known)
 
     def _setup(self, staged: StagedRun, room: ControlRoom, origin: Mapping[str, Any]) -> RunSetup:

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from vsense.base.errors import CutShort, Interrupted
 from vsense.base.terminal import Console, Interruption
-from vsense.config.experiment import SUFFIX
+from vsense.config.experiment import ARGOS_SUFFIX
 from vsense.run.runs_csv import VALID, VOID, RunRow
 from vsense.studies.series._criteria import Evidence, why_void
 from vsense.studies.series._folder import CampaignTable, SeriesFolder
@@ -143,7 +143,7 @@ class SeriesLoop:
         if self._plan.mode == "sim" or not self._folder.is_cut_off(run):
             return False
         experiment = Path(self._plan.condition(run.cell.condition).experiment).name
-        name = experiment.removesuffix(SUFFIX)
+        name = experiment.removesuffix(ARGOS_SUFFIX)
         row = RunRow(run="", mode=self._plan.mode, experiment=name, condition="")
         self._write(run, row, f"{CUT}: vsense was ended in it")
         return True

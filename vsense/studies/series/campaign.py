@@ -250,7 +250,7 @@ def _keep_origin(
     experiments = [planned.experiment for planned in known.values()]
     if not any(key.endswith(".library") for key in campaign.sweep.values):
         del experiments[1:]  # all are made from the same files
-    stem, rows = f"{path.stem}-{origin.MADE}", len(table.rows)
+    stem, rows = f"{path.stem}-{origin.ARCHIVE_STEM}", len(table.rows)
     origin.keep(path.parent, "sim", experiments, console.say, setups, (), stem, rows)
 
 

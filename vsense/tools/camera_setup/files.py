@@ -17,12 +17,12 @@ from vsense.config import resources as resources_file
 from vsense.config.resources import (
     DEFAULT_HEIGHT_M,
     DEFAULT_SPEED_M_S,
-    EXPOSURES_US,
-    GAINS,
+    EXPOSURE_RANGE_US,
+    GAIN_RANGE,
     RATES_HZ,
     SIDES_PX,
 )
-from vsense.config.tracking_session import EXPERIMENT, RESOURCES
+from vsense.config.tracking_session import EXPERIMENT_FILE, RESOURCES_FILE
 from vsense.monitor.recording import pictures
 from vsense.vision.cameras.discovery import RATE_HZ, V4L2, FoundCamera, find
 from vsense.vision.cameras.source import (
@@ -242,8 +242,8 @@ def grabber(id: str, camera: FoundCamera, trigger: str, rate_hz: float) -> str:
         if genicam:
             rows[-1] |= {"offset_x": 0, "offset_y": 0}
     rows.append({"frame_rate": rate_hz})
-    rows[-1] |= {"exposure_time_abs": _within(details.exposure_us, EXPOSURES_US)}
-    rows[-1] |= {"gain_raw": _within(details.gain, GAINS)}
+    rows[-1] |= {"exposure_time_abs": _within(details.exposure_us, EXPOSURE_RANGE_US)}
+    rows[-1] |= {"gain_raw": _within(details.gain, GAIN_RANGE)}
     if genicam:
         usable = [name for name in PIXEL_FORMATS if name in details.formats]
         rows.append({"trigger": trigger, "pixel_format": usable[0] if usable else None})
@@ -259,7 +259,10 @@ def write(directory: Path, cameras: Sequence[FoundCamera], tags: Sequence[int]) 
     """Writes both files and the schemas for editors; returns the files. Raises OSError."""
     directory.mkdir(parents=True, exist_ok=True)
     pictures.write_schemas(directory)
-    texts = {RESOURCES: resources_text(cameras, tags), EXPERIMENT: experiment_text(cameras)}
+    texts = {
+        RESOURCES_FILE: resources_text(cameras, tags),
+        EXPERIMENT_FILE: experiment_text(cameras),
+    }
     for name, text in texts.items():
         (directory / name).write_text(text, encoding="utf-8")
     return [directory / name for name in texts]
@@ -318,7 +321,7 @@ def init(directory: Path, force: bool) -> int:
         UsageError: A file exists already.
         VsenseError: There is no camera, or a file cannot be written.
     """
-    there = [name for name in (RESOURCES, EXPERIMENT) if (directory / name).exists()]
+    there = [name for name in (RESOURCES_FILE, EXPERIMENT_FILE) if (directory / name).exists()]
     if there and not force:
         raise UsageError(f"{directory / there[0]}: is there already; --force writes over it")
     cameras, missing = find()
@@ -345,8 +348,8 @@ def _next(directory: Path, ids: list[str]) -> list[str]:
     step = "" if directory == Path() else f"  cd {directory}\n"
     return [
         f"{cameras}: {', '.join(ids)}. What comes next:",
-        f"{step}  vsense cameras tune {ids[0]} --resources {RESOURCES} --sweep",
-        f"  vsense cameras shoot {RESOURCES} --board {BOARD} -o shoot",
+        f"{step}  vsense cameras tune {ids[0]} --resources {RESOURCES_FILE} --sweep",
+        f"  vsense cameras shoot {RESOURCES_FILE} --board {BOARD} -o shoot",
         f"  vsense calibrate rig --board {BOARD} --pictures shoot --floor 'floor_*' -o cameras",
-        f"and then: vsense track {RESOURCES} {EXPERIMENT}",
+        f"and then: vsense track {RESOURCES_FILE} {EXPERIMENT_FILE}",
     ]

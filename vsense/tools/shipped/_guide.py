@@ -16,7 +16,7 @@ from pathlib import Path
 from vsense.base.xml.element import Element
 from vsense.base.xml.parsing import parse
 from vsense.config.devices import ACTUATORS, SENSORS, factories
-from vsense.config.sentences import known, places
+from vsense.config.sentences import explanations, places
 from vsense.robots.build import source_tree
 
 _PARAGRAPH = "\n\n"
@@ -131,7 +131,7 @@ def _meaning(element: Element, parent: str) -> str:
         return "Settings for the loop functions, too."
     if element.name == "vs:sensor":
         return f"A sensor of your own: `{element.peek('file')}`."
-    said = (known().get((place, "")) for place in places(parent, element.name))
+    said = (explanations().get((place, "")) for place in places(parent, element.name))
     if sentence := next(filter(None, said), ""):
         return _sentence(sentence)
     if parent in (SENSORS, ACTUATORS) and element.name in factories(parent):

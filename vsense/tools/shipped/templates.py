@@ -14,15 +14,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vsense.base.errors import UsageError, failing_as, instead
-from vsense.config.experiment import SHIPPED_FOLDER, SUFFIX, shipped
+from vsense.config.experiment import ARGOS_SUFFIX, SHIPPED_FOLDER, shipped
 from vsense.robots.build import BuildError, source_tree
-from vsense.robots.sources import NAME_MAX
+from vsense.robots.sources import MAX_NAME_BYTES
 from vsense.tools.shipped import _guide
 
 TEMPLATE = "start"
 """The template that is made to begin with: the smallest experiment that has everything."""
 
-_NAME = re.compile(rf"[A-Za-z][A-Za-z0-9_-]{{0,{NAME_MAX - 1}}}")
+_NAME = re.compile(rf"[A-Za-z][A-Za-z0-9_-]{{0,{MAX_NAME_BYTES - 1}}}")
 
 _SENSOR = """
         <!-- A sensor of your own, {file}: how many others are within reach [m]. -->
@@ -88,7 +88,7 @@ def _checked(folder: Path) -> str:
     if not _NAME.fullmatch(name):
         raise UsageError(
             f"{name or str(folder)!r}: expected a name of letters, digits, - and _, at most"
-            f" {NAME_MAX}, a letter first"
+            f" {MAX_NAME_BYTES}, a letter first"
         )
     if name in shipped() or name in source_tree().controllers():
         raise UsageError(f"{name!r} is the name of what comes with vsense: choose another one")
@@ -102,7 +102,7 @@ def _checked(folder: Path) -> str:
 def _read(source: str) -> _Template:
     folder = SHIPPED_FOLDER
     folder = folder / TEMPLATE if source == TEMPLATE else folder
-    argos = (folder / f"{source}{SUFFIX}").read_text(encoding="utf-8")
+    argos = (folder / f"{source}{ARGOS_SUFFIX}").read_text(encoding="utf-8")
     controllers = source_tree().controllers() | {f"{TEMPLATE}.c": folder / f"{TEMPLATE}.c"}
     named = re.findall(r'<\w+_controller [^>]*?library="([^"]+)"', argos)
     return _Template(argos, folder, {library: controllers[library] for library in named})
@@ -112,7 +112,7 @@ def _renamed(template: _Template, source: str, name: str) -> dict[str, str]:
     """The texts of the new files by their names, the experiment's first."""
     argos = template.argos
     single = len(template.controllers) == 1
-    files = {f"{source}{SUFFIX}": f"{name}{SUFFIX}"}
+    files = {f"{source}{ARGOS_SUFFIX}": f"{name}{ARGOS_SUFFIX}"}
     texts = {}
     for library, path in template.controllers.items():
         stem = name if single else path.stem
@@ -125,7 +125,7 @@ def _renamed(template: _Template, source: str, name: str) -> dict[str, str]:
     for python in re.findall(r'<loop_functions library="([^"]+)"', argos):
         files[python] = f"{name}.py"
         texts[f"{name}.py"] = (template.folder / python).read_text(encoding="utf-8")
-    texts = {f"{name}{SUFFIX}": argos, **texts}
+    texts = {f"{name}{ARGOS_SUFFIX}": argos, **texts}
     return {file: _reworded(text, files, source, name) for file, text in texts.items()}
 
 
@@ -136,7 +136,7 @@ def _reworded(text: str, files: Mapping[str, str], source: str, name: str) -> st
     )
     text = called.sub(lambda match: files[match[1]], text)
     command = re.compile(rf"\b(vsense (?:sim|lab|run)) {re.escape(source)}(?![\w.-])")
-    return command.sub(rf"\1 {name}{SUFFIX}", text)
+    return command.sub(rf"\1 {name}{ARGOS_SUFFIX}", text)
 
 
 def _with_sensor(texts: Mapping[str, str], name: str) -> dict[str, str]:
@@ -146,7 +146,7 @@ def _with_sensor(texts: Mapping[str, str], name: str) -> dict[str, str]:
     mounted = _SENSOR.format(file=file)
     files = {
         key: re.sub(r"(\n)( *</sensors>)", lambda end: f"{mounted}{end[2]}", text)
-        if key.endswith(SUFFIX)
+        if key.endswith(ARGOS_SUFFIX)
         else _reading(text)
         if key.endswith(".c")
         else text

@@ -26,9 +26,9 @@ class Crowd:
 
     def read(self, world: World, robots: Robots) -> NDArray[Any]:
         """One row of numbers for each of `robots`."""
-        others = world.robots[world.robots["seen"]]
-        east_m = others["x_m"] - robots["x_m"][:, None]
-        north_m = others["y_m"] - robots["y_m"][:, None]
+        seen = world.robots[world.robots["seen"]]
+        east_m = seen["x_m"] - robots["x_m"][:, None]
+        north_m = seen["y_m"] - robots["y_m"][:, None]
         near = np.hypot(east_m, north_m) < self.reach_m
         return np.asarray(near.sum(axis=1, keepdims=True) - 1)  # without oneself
 

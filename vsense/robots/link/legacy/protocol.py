@@ -18,10 +18,10 @@ from dataclasses import dataclass
 from vsense.robots.link.status import LinkError
 from vsense.robots.link.table import Direction, Entry
 
-DEFAULT_PORT = 4050
+LEGACY_PORT = 4050
 
-START = struct.pack(">I", 1)
-END = struct.pack(">I", 0)
+START_MESSAGE = struct.pack(">I", 1)
+END_MESSAGE = struct.pack(">I", 0)
 
 MAX_MANTISSA = float(2**63 - 2)
 """ARGoS's largest SInt64 less one; as a double it is 2^63."""
@@ -55,7 +55,7 @@ class LegacySensor:
         return len(self.picks) * (REAL_SIZE if self.reals else 1)
 
 
-SENSORS = {
+LEGACY_SENSORS = {
     "ground": LegacySensor(1, (0, 1, 2)),
     "light": LegacySensor(2, tuple(range(8))),
     "gps": LegacySensor(3, (0, 1, 2)),
@@ -93,16 +93,16 @@ class Translation:
         sensors = [e for e in entries if e.direction == Direction.SENSOR]
         self._rows: list[tuple[int, LegacySensor, struct.Struct]] = []
         for index, entry in enumerate(sensors):
-            known = SENSORS.get(entry.name)
-            if known is not None:
-                self._rows.append((index, known, _numbers(entry, known)))
-        self.unknown = [entry.name for entry in sensors if entry.name not in SENSORS]
+            sensor = LEGACY_SENSORS.get(entry.name)
+            if sensor is not None:
+                self._rows.append((index, sensor, _numbers(entry, sensor)))
+        self.unknown = [entry.name for entry in sensors if entry.name not in LEGACY_SENSORS]
         if not self._rows:
             raise LinkError(
                 f"robots with the original client know none of this experiment's virtual sensors:"
                 f" {', '.join(self.unknown) or 'it has none'}"
             )
-        rows = b"".join(_ROW.pack(known.id, known.size) for _, known, _ in self._rows)
+        rows = b"".join(_ROW.pack(sensor.id, sensor.size) for _, sensor, _ in self._rows)
         self.table = _LENGTH.pack(len(rows)) + rows
 
     def payloads(self, values: Sequence[tuple[bytes, int]]) -> dict[int, bytes]:
@@ -111,15 +111,15 @@ class Translation:
         `values` are (value as on our wire, capture time) in the table's order; a time below 0
         means that it was never measured. What is no number cannot be said either.
         """
-        found = {}
-        for index, known, numbers in self._rows:
+        by_number = {}
+        for index, sensor, numbers in self._rows:
             value, capture_ns = values[index]
             if capture_ns >= 0:
                 ours = numbers.unpack_from(value)
-                picked = [ours[pick] for pick in known.picks]
+                picked = [ours[pick] for pick in sensor.picks]
                 if all(map(math.isfinite, picked)):
-                    found[known.id] = _payload(known, picked)
-        return found
+                    by_number[sensor.id] = _payload(sensor, picked)
+        return by_number
 
 
 def translations(entries: Mapping[int, Sequence[Entry]]) -> dict[int, Translation]:
@@ -129,13 +129,13 @@ def translations(entries: Mapping[int, Sequence[Entry]]) -> dict[int, Translatio
         LinkError: that is all of them, or see `Translation`.
     """
     tables = {tag: tuple(rows) for tag, rows in entries.items()}
-    known = {tag: rows for tag, rows in tables.items() if any(map(_is_known, rows))}
-    made = {rows: Translation(rows) for rows in (known or tables).values()}
-    return {tag: made[rows] for tag, rows in known.items()}
+    served = {tag: rows for tag, rows in tables.items() if any(map(_is_known, rows))}
+    translated = {rows: Translation(rows) for rows in (served or tables).values()}
+    return {tag: translated[rows] for tag, rows in served.items()}
 
 
 def _is_known(entry: Entry) -> bool:
-    return entry.direction == Direction.SENSOR and entry.name in SENSORS
+    return entry.direction == Direction.SENSOR and entry.name in LEGACY_SENSORS
 
 
 def update(payloads: Iterable[tuple[int, bytes]]) -> bytes:
@@ -144,20 +144,20 @@ def update(payloads: Iterable[tuple[int, bytes]]) -> bytes:
     return _LENGTH.pack(len(body)) + body if body else b""
 
 
-def _numbers(entry: Entry, known: LegacySensor) -> struct.Struct:
+def _numbers(entry: Entry, sensor: LegacySensor) -> struct.Struct:
     match = _LAYOUT.fullmatch(entry.layout)
     assert match is not None, "the table has checked it"
     count = int(match[1] or 1)
-    if count <= max(known.picks):
+    if count <= max(sensor.picks):
         raise LinkError(
-            f"robots with the original client expect {len(known.picks)} numbers of the sensor"
+            f"robots with the original client expect {len(sensor.picks)} numbers of the sensor"
             f" {entry.name!r}, this experiment's gives {count}"
         )
     return struct.Struct(f"<{count}{_TYPES[match[2]]}")
 
 
-def _payload(known: LegacySensor, numbers: Sequence[float]) -> bytes:
-    if known.reals:
+def _payload(sensor: LegacySensor, numbers: Sequence[float]) -> bytes:
+    if sensor.reals:
         return b"".join(map(encode_real, numbers))
     return bytes(min(max(int(number), 0), 255) for number in numbers)
 
@@ -176,13 +176,13 @@ class LegacyRobot:
         self._running = False
         self._ended = False
         self._newest: Mapping[int, bytes] = {}
-        self._told: dict[int, bytes] = {}
+        self._sent: dict[int, bytes] = {}
 
     def start(self) -> None:
         """The experiment starts, or has started before this robot came."""
         if not self._running and not self._ended:
             self._running = True
-            self._out += START
+            self._out += START_MESSAGE
 
     def end(self) -> None:
         """The experiment ends: nothing follows, as the original's robots expect nothing more."""
@@ -204,12 +204,12 @@ class LegacyRobot:
         differs from what this robot was sent last; the end comes after the newest readings.
         """
         if not self._out and self._running:
-            changed = {k: p for k, p in self._newest.items() if self._told.get(k) != p}
+            changed = {k: p for k, p in self._newest.items() if self._sent.get(k) != p}
             self._out = update(changed.items())
-            self._told |= changed
+            self._sent |= changed
             self.updates += bool(changed)
             if self._ended and not changed:
-                self._running, self._out = False, END
+                self._running, self._out = False, END_MESSAGE
         return self._out
 
     def wrote(self, count: int) -> None:
@@ -278,13 +278,13 @@ class LegacySwarm:
         if octet in self._numbers:
             name = self._numbers[octet][1]
             return f"{name} has none of the virtual sensors that the original client knows"
-        known = ", ".join(map(str, sorted(self._numbers))) or "none"
-        return f"no robot's number is {octet}; expected: {known}"
+        numbers = ", ".join(map(str, sorted(self._numbers))) or "none"
+        return f"no robot's number is {octet}; expected: {numbers}"
 
     @property
     def unknown(self) -> tuple[str, ...]:
         """Names of virtual sensors that the original's robots do not know, each once."""
-        every = (name for some in self.translations.values() for name in some.unknown)
+        every = (name for translation in self.translations.values() for name in translation.unknown)
         return tuple(dict.fromkeys(every))
 
 
@@ -297,19 +297,19 @@ def by_octet(robots: Mapping[int, tuple[str, int]]) -> dict[int, tuple[int, str]
     Raises:
         LinkError: two have the same number, or none has one.
     """
-    found: dict[int, tuple[int, str]] = {}
+    by_number: dict[int, tuple[int, str]] = {}
     for tag, (name, number) in robots.items():
         if not 1 <= number <= OCTET_MAX:
             continue
-        if number in found:
+        if number in by_number:
             raise LinkError(
-                f"{found[number][1]} and {name} have the same number {number}: with the original"
-                f" client a robot is known by it, the last octet of its address"
+                f"{by_number[number][1]} and {name} have the same number {number}: with the"
+                " original client a robot is known by it, the last octet of its address"
             )
-        found[number] = (tag, name)
-    if not found:
+        by_number[number] = (tag, name)
+    if not by_number:
         raise LinkError(
             "no robot's id ends with the last octet of an address (NAME_TAG_OCTET, such as"
             " epuck_23_30): so robots with the original client are known"
         )
-    return found
+    return by_number

@@ -18,15 +18,15 @@ from vsense.robots.link._listening import Client, ListeningServer
 from vsense.robots.link.legacy.protocol import LegacyRobot, LegacySwarm
 from vsense.robots.link.server import NO_GOALS, VirtualSensorServer
 from vsense.robots.link.status import EventKind, EventThrottle, LinkEvent, RobotStatus
-from vsense.robots.link.strangers import PERIOD_NS
+from vsense.robots.link.strangers import SUMMARY_PERIOD_NS
 from vsense.robots.link.table import Goal
-from vsense.robots.link.wire import GoodbyeCause, Values, Wanted
+from vsense.robots.link.wire import GoodbyeCause, ReadingValues, Wanted
 
-STUCK_NS = 5_000_000_000
+LEGACY_WRITE_TIMEOUT_NS = 5_000_000_000
 """A robot that takes nothing of what waits for it for this long is gone."""
 
 COMES_MAX = 6
-"""A robot that connects more often than that in `PERIOD_NS` keeps the connection that it has."""
+"""A robot that connects more often than that in `SUMMARY_PERIOD_NS` keeps its connection."""
 
 _KEEPALIVE = (1, 3)
 
@@ -35,7 +35,7 @@ class _Connection(Client):
     def __init__(
         self, sock: socket.socket, origin: str, octet: int, robot: LegacyRobot, now_ns: int
     ) -> None:
-        super().__init__(sock, robot, STUCK_NS, _KEEPALIVE, now_ns)
+        super().__init__(sock, robot, LEGACY_WRITE_TIMEOUT_NS, _KEEPALIVE, now_ns)
         self.octet = octet
         self.origin = origin
         self.robot = robot
@@ -63,7 +63,7 @@ class LegacyServer(ListeningServer):
         self._connections: dict[int, _Connection] = {}
         self._came: dict[int, list[int]] = {}
 
-    def publish(self, values: Mapping[int, Values], first: bool = False) -> None:
+    def publish(self, values: Mapping[int, ReadingValues], first: bool = False) -> None:
         """Sends every robot what has changed in its readings, by tag, and waits for none.
 
         With the `first` ones the experiment starts, also for robots that come later.
@@ -122,7 +122,7 @@ class LegacyServer(ListeningServer):
             self._throttle.notify(LinkEvent("refused", None, text, self._clock(), origin))
             return
         text = f"robot {robot.tag} ({robot.name}): connected with the original client"
-        self._tell("connected", robot.tag, text)
+        self._notify("connected", robot.tag, text)
 
     def _why_not(self, octet: int, origin: str) -> str:
         """Why nobody who comes from there is let in, "" where that is a robot; the lock is held."""
@@ -132,9 +132,9 @@ class LegacyServer(ListeningServer):
         if before is not None and before.origin != origin:
             return f"{before.robot.name} is connected, from {before.origin}"
         now_ns = self._clock()
-        recent = [at for at in self._came.get(octet, ()) if now_ns - at < PERIOD_NS]
+        recent = [at for at in self._came.get(octet, ()) if now_ns - at < SUMMARY_PERIOD_NS]
         if len(recent) >= COMES_MAX:
-            return f"it came {COMES_MAX} times in the last {PERIOD_NS // 10**9} s"
+            return f"it came {COMES_MAX} times in the last {SUMMARY_PERIOD_NS // 10**9} s"
         self._came[octet] = [*recent, now_ns]
         return ""
 
@@ -170,20 +170,20 @@ class LegacyServer(ListeningServer):
         self._dismiss(connection)
         if why:
             robot = connection.robot
-            self._tell("lost", robot.tag, f"robot {robot.tag} ({robot.name}): {why}")
+            self._notify("lost", robot.tag, f"robot {robot.tag} ({robot.name}): {why}")
 
-    def _tell(self, kind: EventKind, tag: int | None, text: str) -> None:
+    def _notify(self, kind: EventKind, tag: int | None, text: str) -> None:
         self._throttle.notify(LinkEvent(kind, tag, text, self._clock()))
 
     def _say(self, text: str) -> None:
-        self._tell("protocol_error", None, text)
+        self._notify("protocol_error", None, text)
 
     def _unsent(self) -> bool:
         with self._lock:
             return any(c.robot.pending for c in self._connections.values())
 
 
-CONTROLLER = "original client"
+LEGACY_CONTROLLER = "original client"
 
 
 class MixedServer(VirtualSensorServer):
@@ -227,7 +227,7 @@ class MixedServer(VirtualSensorServer):
         self,
         timestep: int,
         capture_ns: int,
-        values: Mapping[int, Values],
+        values: Mapping[int, ReadingValues],
         goals: Mapping[int, Goal] = NO_GOALS,
     ) -> int:
         """See `VirtualSensorServer.publish`; robots with the original's client drive nowhere."""
@@ -260,10 +260,10 @@ class MixedServer(VirtualSensorServer):
 
     def robots(self) -> dict[int, RobotStatus]:
         """See `VirtualSensorServer.robots`."""
-        found = super().robots()
+        statuses = super().robots()
         for tag in self._legacy.robots() if self._legacy is not None else ():
-            found[tag] = replace(found[tag], connected=True, controller=CONTROLLER)
-        return found
+            statuses[tag] = replace(statuses[tag], connected=True, controller=LEGACY_CONTROLLER)
+        return statuses
 
     def close(
         self, cause: GoodbyeCause = GoodbyeCause.END, text: str = "the host has ended"

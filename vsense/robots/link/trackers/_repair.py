@@ -93,7 +93,7 @@ class Repair:
         unlisted = [report for report in reports if report.tag not in self._tags]
         seen = set()
         for tag in self._tags & groups.keys():
-            believed = self._one(tag, groups[tag], capture_ns)
+            believed = self._choose(tag, groups[tag], capture_ns)
             if believed is not None:
                 self._see(tag, believed, capture_ns, REPAIRED if tag in duplicates else 1.0)
                 seen.add(tag)
@@ -116,7 +116,7 @@ class Repair:
             ),
         )
 
-    def _one(self, tag: int, reports: list[TrackerReport], now_ns: int) -> TrackerReport | None:
+    def _choose(self, tag: int, reports: list[TrackerReport], now_ns: int) -> TrackerReport | None:
         """The report to believe; of several only one that alone can be reached."""
         if len(reports) == 1:
             return reports[0]
@@ -194,13 +194,13 @@ class TrackerLink:
 
     Args:
         name: the tracker, in messages after "tracker".
-        tell: takes a line for a person; must not wait.
+        say: takes a line for a person; must not wait.
         clock: the host's monotonic clock [ns].
     """
 
-    def __init__(self, name: str, tell: Callable[[str], None], clock: Callable[[], int]) -> None:
+    def __init__(self, name: str, say: Callable[[str], None], clock: Callable[[], int]) -> None:
         self.name = name
-        self._tell = tell
+        self._say = say
         self._clock = clock
         self._busy = threading.Lock()
         self._closed = False

@@ -27,7 +27,7 @@ from vsense.robots.link.trackers.protocol import (
     encode_command,
 )
 
-PERIOD_NS = 100_000_000
+STATE_DT_NS = 100_000_000
 """Between two ONE_SHOTs: the original's timestep."""
 JUMP_MAX = 100_000
 """Timesteps that a tracker can have left out."""
@@ -86,7 +86,7 @@ class ArenaDialog:
             )
         if self._streaming or self._asked or now_ns < self._due_ns:
             return None
-        self._asked, self._due_ns = True, now_ns + PERIOD_NS
+        self._asked, self._due_ns = True, now_ns + STATE_DT_NS
         return TrackerCommand.ONE_SHOT
 
     def receive(self, data: bytes, now_ns: int) -> ArenaState | None:
@@ -123,16 +123,16 @@ class ArenaDialog:
         """How many timesteps have passed since the last state."""
         if not self._streaming:
             return 1
-        known, self._theirs = self._theirs, theirs
-        if known is None or theirs < known:
+        last, self._theirs = self._theirs, theirs
+        if last is None or theirs < last:
             # A new run counts from 0: only the clock knows.
-            return max(1, round((now_ns - self.repair.capture_ns) / PERIOD_NS))
-        if theirs - known > JUMP_MAX:
-            raise LinkError(f"an arena state of timestep {theirs} after {known}")
-        return theirs - known
+            return max(1, round((now_ns - self.repair.capture_ns) / STATE_DT_NS))
+        if theirs - last > JUMP_MAX:
+            raise LinkError(f"an arena state of timestep {theirs} after {last}")
+        return theirs - last
 
 
-RETRY_NS = 500_000_000
+REDIAL_NS = 500_000_000
 """Between two attempts to connect."""
 
 _CHUNK = 65_536
@@ -149,7 +149,7 @@ class ArenaClient(TrackerLink):
         host, port: of the tracker.
         tags, latency_ns, origin_m: see `ArenaDialog`. The protocol does not say the latency, so it
             has to be measured and given.
-        tell, clock: see `TrackerLink`.
+        say, clock: see `TrackerLink`.
 
     Raises:
         LinkError: the host is not known.
@@ -160,13 +160,13 @@ class ArenaClient(TrackerLink):
         host: str,
         port: int,
         tags: Collection[int],
-        tell: Callable[[str], None],
+        say: Callable[[str], None],
         latency_ns: int = 0,
         origin_m: tuple[float, float] = (0.0, 0.0),
         clock: Callable[[], int] = host_ns,
     ) -> None:
         self._family, self._address = _find(host, port)
-        super().__init__(f"{host}:{port}", tell, clock)
+        super().__init__(f"{host}:{port}", say, clock)
         self.connections = 0
         self._dialog = ArenaDialog(tags, latency_ns, origin_m)
         self.expect = self._dialog.repair.expect
@@ -218,7 +218,7 @@ class ArenaClient(TrackerLink):
         due_ns = self._dialog.due_ns if self._connected else None
         if self._sock is None:
             due_ns = self._dial_ns
-        return now_ns + RETRY_NS if due_ns is None else due_ns
+        return now_ns + REDIAL_NS if due_ns is None else due_ns
 
     def _dial(self, now_ns: int) -> None:
         sock = socket.socket(self._family, socket.SOCK_STREAM)
@@ -246,7 +246,7 @@ class ArenaClient(TrackerLink):
         self._connected, self._lost_told = True, False
         self._dialog.connected(self._clock())
         self.connections += 1
-        self._tell(f"tracker {self.name}: connected")
+        self._say(f"tracker {self.name}: connected")
 
     def _read(self, sock: socket.socket) -> ArenaState | None:
         try:
@@ -265,10 +265,10 @@ class ArenaClient(TrackerLink):
     def _lose(self, reason: str) -> None:
         """Closes the connection; reports that once until there is a new one."""
         self._hang_up()
-        self._dial_ns = self._clock() + RETRY_NS
+        self._dial_ns = self._clock() + REDIAL_NS
         if not self._lost_told:
             self._lost_told = True
-            self._tell(f"tracker {self.name}: {reason}; trying again every {RETRY_NS / 1e9:g} s")
+            self._say(f"tracker {self.name}: {reason}; trying again every {REDIAL_NS / 1e9:g} s")
 
     def _hang_up(self) -> None:
         sock, self._sock = self._sock, None
@@ -279,8 +279,8 @@ class ArenaClient(TrackerLink):
 
 def _find(host: str, port: int) -> tuple[socket.AddressFamily, tuple[Any, ...]]:
     try:
-        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+        addresses = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
     except (OSError, UnicodeError) as error:
         text = getattr(error, "strerror", None) or "not a host name"
         raise LinkError(f"tracker {host}:{port}: {text}") from error
-    return found[0][0], found[0][4]
+    return addresses[0][0], addresses[0][4]

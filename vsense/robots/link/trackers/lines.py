@@ -19,7 +19,7 @@ from vsense.base.clock import host_ns
 from vsense.robots.link import strangers
 from vsense.robots.link.network import listen
 from vsense.robots.link.status import LinkError
-from vsense.robots.link.strangers import Places, StrangerLog, owner_of
+from vsense.robots.link.strangers import PortPlaces, StrangerLog, owner_of
 from vsense.robots.link.trackers._repair import Repair, StateCounters, TrackerLink
 from vsense.robots.link.trackers.protocol import ROBOTS_MAX, TrackerReport
 
@@ -53,16 +53,16 @@ def parse(text: bytes) -> Line:
         raise LinkError(f"no JSON: {error}") from None
     if not isinstance(values, dict):
         raise LinkError("expected one object with timestep, capture_ns and robots")
-    capture_ns = _whole(values, "capture_ns", "")
+    capture_ns = _integer(values, "capture_ns", "")
     robots = values.get("robots")
     if not isinstance(robots, list) or len(robots) > ROBOTS_MAX:
         raise LinkError(f"robots is {_show(robots)}, expected a list of at most {ROBOTS_MAX}")
-    found = (_robot(robot, f"robots[{place}]") for place, robot in enumerate(robots))
+    reports = (_robot(robot, f"robots[{place}]") for place, robot in enumerate(robots))
     return Line(
-        timestep=_whole(values, "timestep", ""),
+        timestep=_integer(values, "timestep", ""),
         capture_ns=capture_ns,
-        send_ns=_whole(values, "send_ns", "") if "send_ns" in values else capture_ns,
-        robots=tuple(report for report in found if report is not None),
+        send_ns=_integer(values, "send_ns", "") if "send_ns" in values else capture_ns,
+        robots=tuple(report for report in reports if report is not None),
     )
 
 
@@ -73,13 +73,13 @@ def _robot(value: object, where: str) -> TrackerReport | None:
     seen = value.get("seen", True)
     if not isinstance(seen, bool):
         raise LinkError(f"{where}.seen is {_show(seen)}, expected true or false")
-    tag = _whole(value, "tag", f"{where}.")
+    tag = _integer(value, "tag", f"{where}.")
     x_m, y_m = (_real(value, name, f"{where}.") for name in ("x_m", "y_m"))
     turn = _real(value, "yaw_rad", f"{where}.")
     return TrackerReport(tag, x_m, y_m, math.pi - (math.pi - turn) % math.tau) if seen else None
 
 
-def _whole(values: dict[str, Any], name: str, where: str) -> int:
+def _integer(values: dict[str, Any], name: str, where: str) -> int:
     value = values.get(name)
     if type(value) is not int or not 0 <= value <= _WHOLE_MAX:
         raise LinkError(f"{where}{name} is {_show(value)}, expected a whole number from 0")
@@ -110,16 +110,16 @@ class LineInbox:
 
     def feed(self, data: bytes) -> list[tuple[int, bytes | None]]:
         """Takes bytes in; gives the whole lines with their numbers, from 1; None: too long."""
-        found: list[tuple[int, bytes | None]] = []
+        lines: list[tuple[int, bytes | None]] = []
         *ended, rest = data.split(b"\n")
         for part in ended:
             self._number += 1
             self._grow(part)
-            found.append((self._number, None if self._skipping else bytes(self._bytes)))
+            lines.append((self._number, None if self._skipping else bytes(self._bytes)))
             self._bytes.clear()
             self._skipping = False
         self._grow(rest)
-        return found
+        return lines
 
     def _grow(self, part: bytes) -> None:
         if len(self._bytes) + len(part) > LINE_MAX:
@@ -146,7 +146,7 @@ class SenderClock:
         return min(line.capture_ns + self._offset_ns, arrived_ns)
 
 
-SILENCE_NS = 1_000_000_000
+TRACKER_SILENCE_NS = 1_000_000_000
 """A tracker that writes no valid line for this long has to make room for another."""
 CANDIDATES_MAX, CANDIDATES_EACH = 8, 4
 """Connections without a valid line, in all and from one address; the oldest makes way for one
@@ -188,7 +188,7 @@ class ArenaListener(TrackerLink):
         host: name or address of the interface to listen on.
         port: its number; 0 takes any that is free.
         tags: the tags of the experiment.
-        tell, clock: see `TrackerLink`.
+        say, clock: see `TrackerLink`.
 
     Raises:
         LinkError: the host is unknown, or the port is taken.
@@ -199,16 +199,16 @@ class ArenaListener(TrackerLink):
         host: str,
         port: int,
         tags: Collection[int],
-        tell: Callable[[str], None],
+        say: Callable[[str], None],
         clock: Callable[[], int] = host_ns,
     ) -> None:
         self._listener, self.port = listen(host, port)
-        super().__init__(f"on port {self.port}", tell, clock)
+        super().__init__(f"on port {self.port}", say, clock)
         self.counters = ListenerCounters()
         self.repair = Repair(tags)
         self._tracker: _Tracker | None = None
-        self._candidates = Places[_Tracker](CANDIDATES_MAX, CANDIDATES_EACH)
-        self._strangers = StrangerLog(f"port {self.port}", tell)
+        self._candidates = PortPlaces[_Tracker](CANDIDATES_MAX, CANDIDATES_EACH)
+        self._strangers = StrangerLog(f"port {self.port}", say)
         self._resume_ns = 0
 
     def start(self) -> None:
@@ -267,7 +267,7 @@ class ArenaListener(TrackerLink):
 
     def _is_written(self, now_ns: int) -> bool:
         """Whether a tracker writes, whose place no other gets."""
-        return self._tracker is not None and now_ns - self._tracker.heard_ns < SILENCE_NS
+        return self._tracker is not None and now_ns - self._tracker.heard_ns < TRACKER_SILENCE_NS
 
     def _refuse(self, candidate: _Tracker) -> None:
         assert self._tracker is not None
@@ -317,7 +317,7 @@ class ArenaListener(TrackerLink):
             self._candidates.remove(tracker)
             self._tracker = tracker
             self.counters.connections += 1
-            self._say(tracker, ": connected")
+            self._say_of(tracker, ": connected")
         tracker.heard_ns = now_ns
         return True
 
@@ -345,7 +345,7 @@ class ArenaListener(TrackerLink):
         _answer(tracker.sock, {"line": number, "error": error})
         if tracker.bad <= TOLD_MAX:
             more = " (more of this is only counted)" if tracker.bad == TOLD_MAX else ""
-            self._say(tracker, f": line {number}: {error}{more}")
+            self._say_of(tracker, f": line {number}: {error}{more}")
 
     def _let_go(self, tracker: _Tracker, reason: str) -> None:
         tracker.sock.close()
@@ -353,9 +353,9 @@ class ArenaListener(TrackerLink):
         if tracker is self._tracker:
             self._tracker = None
         if reason:
-            self._say(tracker, reason)
+            self._say_of(tracker, reason)
 
-    def _say(self, tracker: _Tracker, text: str) -> None:
+    def _say_of(self, tracker: _Tracker, text: str) -> None:
         """Tells something of a tracker; whoever reaches the port can be one."""
         text, deed = f"tracker on {tracker.origin}{text}", "connections and bad lines"
         self._strangers.say(tracker.origin, text, deed, self._clock())

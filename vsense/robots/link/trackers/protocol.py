@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from vsense.robots.link.status import LinkError
 
-DEFAULT_PORT = 4040
+TRACKER_PORT = 4040
 """Of the original tracking server. Source: iridia.md section 1a."""
 
 ROBOTS_MAX = 1024
@@ -100,18 +100,18 @@ def decode_state(body: bytes) -> tuple[int, list[TrackerReport]]:
     if len(tokens) > 1 + _TOKENS * ROBOTS_MAX:
         count = len(tokens) // _TOKENS
         raise LinkError(f"an arena state of {count} robots, expected at most {ROBOTS_MAX}")
-    timestep = _whole(tokens[0], "timestep")
+    timestep = _integer(tokens[0], "timestep")
     robots = []
     for at in range(1, len(tokens), _TOKENS):
         # The coordinates in the tracker's pictures are not used.
-        tag = _whole(tokens[at], "tag")
+        tag = _integer(tokens[at], "tag")
         x_m, y_m = (_real(tokens[at + k], "place", _PLACE_MAX_M) for k in (4, 5))
         turn = math.radians(_real(tokens[at + 6], "angle", 1e6))
         robots.append(TrackerReport(tag, x_m, y_m, math.pi - (math.pi - turn) % math.tau))
     return timestep, robots
 
 
-def _whole(token: str, name: str) -> int:
+def _integer(token: str, name: str) -> int:
     if not (token.isascii() and token.isdigit() and len(token) <= 10 and int(token) <= _TAG_MAX):
         raise LinkError(f"an arena state with {name} {token[:40]!r}, expected a whole number")
     return int(token)
@@ -142,13 +142,13 @@ class StateInbox:
             LinkError: a length that no arena state has; the stream is lost.
         """
         self._bytes += data
-        whole = []
+        states = []
         while len(self._bytes) >= _LENGTH.size:
             (length,) = _LENGTH.unpack_from(self._bytes)
             if length > STATE_MAX:
                 raise LinkError(f"an arena state of {length} bytes, expected at most {STATE_MAX}")
             if len(self._bytes) < _LENGTH.size + length:
                 break
-            whole.append(bytes(self._bytes[_LENGTH.size : _LENGTH.size + length]))
+            states.append(bytes(self._bytes[_LENGTH.size : _LENGTH.size + length]))
             del self._bytes[: _LENGTH.size + length]
-        return whole
+        return states

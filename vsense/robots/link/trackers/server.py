@@ -22,7 +22,7 @@ from vsense.base.arena import ArenaState
 from vsense.base.clock import host_ns
 from vsense.robots.link._listening import Client, ListeningServer
 from vsense.robots.link._streams import Outbox
-from vsense.robots.link.strangers import Places, owner_of
+from vsense.robots.link.strangers import PortPlaces, owner_of
 from vsense.robots.link.trackers.protocol import COMMAND_SIZE, END, TrackerCommand, encode_state
 
 Locate = Callable[[NDArray[np.void]], NDArray[np.float64]]
@@ -45,7 +45,7 @@ class ArenaSession:
         refused: why the conversation must end, "" while it can go on.
     """
 
-    def __init__(self, locate: Locate, tell: Callable[[str], None]) -> None:
+    def __init__(self, locate: Locate, say: Callable[[str], None]) -> None:
         self.outbox = Outbox()
         self.running = False
         self.timestep = 0
@@ -53,7 +53,7 @@ class ArenaSession:
         self.superseded = 0
         self.refused = ""
         self._locate = locate
-        self._tell = tell
+        self._notify = say
         self._bytes = bytearray()
         self._asked = 0
         self._wrong = 0
@@ -96,17 +96,17 @@ class ArenaSession:
             self._one_shot(newest)
         elif number == TrackerCommand.START_EXPERIMENT:
             if self.running:
-                self._tell("START_EXPERIMENT in a run: the run goes on")
+                self._notify("START_EXPERIMENT in a run: the run goes on")
                 return
             self.running, self.timestep, self._first, self.superseded = True, 0, None, 0
             self.runs += 1
-            self._tell("the run has started")
+            self._notify("the run has started")
         elif number == TrackerCommand.STOP_EXPERIMENT:
             if self.running:
                 self._stop()
         else:
             self._wrong += 1
-            self._tell(f"command {number} is not known, expected 0, 1 or 2; it is ignored")
+            self._notify(f"command {number} is not known, expected 0, 1 or 2; it is ignored")
             if self._wrong >= WRONG_MAX:
                 self.refused = "sends too many unknown commands to be a client"
 
@@ -126,7 +126,7 @@ class ArenaSession:
 
     def _stop(self) -> None:
         lost = f", {self.superseded} of them too fast for the client" if self.superseded else ""
-        self._tell(f"the run has ended after {self.timestep} timesteps{lost}")
+        self._notify(f"the run has ended after {self.timestep} timesteps{lost}")
         self.running, self.timestep = False, 0
         self.outbox.drop_state()
 
@@ -134,9 +134,9 @@ class ArenaSession:
         return encode_state(self.timestep, state.robots, self._locate(state.robots))
 
 
-STUCK_NS = 10_000_000_000
+WRITE_MAX_NS = 10_000_000_000
 """A client that takes nothing of what waits for it for this long is gone."""
-SILENT_NS = 5_000_000_000
+IDLE_MAX_NS = 5_000_000_000
 """A client that is in no run and asks for nothing for this long makes way for one that waits."""
 WAITING_MAX_CLIENTS, WAITING_EACH = 8, 2
 """Clients that wait, in all and from one address; the oldest makes way for one more."""
@@ -146,7 +146,7 @@ _KEEPALIVE = (5, 2)
 
 class _Served(Client):
     def __init__(self, sock: socket.socket, origin: str, session: ArenaSession, now_ns: int):
-        super().__init__(sock, session.outbox, STUCK_NS, _KEEPALIVE, now_ns)
+        super().__init__(sock, session.outbox, WRITE_MAX_NS, _KEEPALIVE, now_ns)
         self.origin = origin
         self.session = session
         self.heard_ns = now_ns
@@ -161,7 +161,7 @@ class _Waiting:
 class ArenaServer(ListeningServer):
     """Serves arena states; its methods may be called by any thread.
 
-    `locate` gives robots' poses in the pictures. `tell` takes a line for a person; it must not
+    `locate` gives robots' poses in the pictures. `say` takes a line for a person; it must not
     wait, nor call the server. The rest is as for `ListeningServer`.
     """
 
@@ -170,16 +170,16 @@ class ArenaServer(ListeningServer):
         host: str,
         port: int,
         locate: Locate,
-        tell: Callable[[str], None],
+        say: Callable[[str], None],
         clock: Callable[[], int] = host_ns,
     ) -> None:
         super().__init__("the arena tracking server", host, port, clock)
         self._locate = locate
-        self._tell = tell
+        self._notify = say
         self._change = threading.Condition(self._lock)
         self._newest: ArenaState | None = None
         self._client: _Served | None = None
-        self._waiting = Places[_Waiting](WAITING_MAX_CLIENTS, WAITING_EACH)
+        self._waiting = PortPlaces[_Waiting](WAITING_MAX_CLIENTS, WAITING_EACH)
 
     def publish(self, state: ArenaState) -> None:
         """Makes a state the newest and sends it to a client in a run; never waits for one.
@@ -306,7 +306,7 @@ class ArenaServer(ListeningServer):
     def _settle(self) -> None:
         client, now_ns = self._client, self._clock()
         if client is not None:
-            idle = not client.session.running and now_ns - client.heard_ns >= SILENT_NS
+            idle = not client.session.running and now_ns - client.heard_ns >= IDLE_MAX_NS
             lost = "asks for nothing, and another one waits" if idle and self._waiting else ""
             lost = lost or client.write(now_ns)
             if lost:
@@ -323,7 +323,7 @@ class ArenaServer(ListeningServer):
             waiting.sock.close()
 
     def _say(self, text: str) -> None:
-        self._tell(text)
+        self._notify(text)
 
     def _say_of(self, origin: str, text: str) -> None:
         """Tells something of a client; whoever reaches the port can be one. The lock is held."""
