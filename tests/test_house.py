@@ -524,8 +524,8 @@ def test_formats_are_those_that_design_md_tells() -> None:
     table = text.partition("| format | number | older ones |")[2].partition("\n\n")[0]
     rows = dict(re.findall(r"^\| (\S+).*? \| ([\d.]+)", table, re.M))
     assert rows["wire"] == str(lib.VS_VERSION)
-    assert rows["recording"] == ".".join(map(str, form.FORMAT))
-    assert rows["package"] == str(_contents.FORMAT)
+    assert rows["recording"] == ".".join(map(str, form.RECORDING_FORMAT))
+    assert rows["package"] == str(_contents.PACKAGE_FORMAT)
     assert rows["`made.zip`,"] == str(origin.FORMAT)
     assert rows["`.argos`"] == parsing.NAMESPACE.rpartition(":")[2]
     assert rows["truth"] == truth.LOG_MAGIC.decode()[-1]

@@ -108,10 +108,10 @@ def _retrack(
 ) -> RetrackComparison | None:
     session = None if options.session is None else tracking_session.load(*options.session)
 
-    def change(made: dict[str, Any]) -> dict[str, Any]:
+    def change(setup: dict[str, Any]) -> dict[str, Any]:
         if session is not None:
-            made = {**of_session(session), "versions": made["versions"]}
-        return change_settings(made, options.settings)
+            setup = {**of_session(session), "versions": setup["versions"]}
+        return change_settings(setup, options.settings)
 
     tracking = Retracking(opened, change)
     for number, _ in enumerate(tracking.states(), 1):
