@@ -22,10 +22,10 @@ from vsense.config.experiment import SHIPPED_FOLDER, SUFFIX, shipped
 from vsense.modes.sim.job import Setup
 from vsense.robots.sources import source_roots
 
-PACKAGE_PREFIX, VSENSE_PREFIX = "@package", "@vsense"
+PACKAGE_MARK, VSENSE_MARK = "@package", "@vsense"
 """Where a package is unpacked, and where vsense is: what paths in a package begin with."""
 
-OWN_FOLDERS = {f"{VSENSE_PREFIX}/experiments": SHIPPED_FOLDER, VSENSE_PREFIX: PACKAGE_FOLDER}
+OWN_FOLDERS = {f"{VSENSE_MARK}/experiments": SHIPPED_FOLDER, VSENSE_MARK: PACKAGE_FOLDER}
 """Where what a package calls vsense's own is: the names outlive the layout of the folders."""
 
 ADDRESS = "192.0.2.1"
@@ -69,7 +69,7 @@ class Scrubber:
         def moved(match: re.Match[str]) -> str:
             self._count("paths")
             name = self._moved[match[0]]
-            prefix = f"{PACKAGE_PREFIX}/"
+            prefix = f"{PACKAGE_MARK}/"
             if beside and name.startswith(prefix):
                 return os.path.relpath(name.removeprefix(prefix), beside)
             return name
@@ -149,7 +149,7 @@ def folders_of(paths: Iterable[tuple[str, str]]) -> dict[str, str]:
     folders: dict[str, str] = {}
     for name, path in paths:
         inside, outside = Path(name), Path(path)
-        while inside.name and inside.name != PACKAGE_PREFIX and str(outside) != "/":
+        while inside.name and inside.name != PACKAGE_MARK and str(outside) != "/":
             folders.setdefault(str(outside), inside.as_posix())
             if inside.name in ("files", "vsense"):
                 break
@@ -161,7 +161,7 @@ UNTRUSTED = (
     "it would compile and run code of the package: read it, then say --trust if you believe it"
 )
 
-_SHIPPED = f"{VSENSE_PREFIX}/experiments/"
+_SHIPPED = f"{VSENSE_MARK}/experiments/"
 _OF_FILES = ("library", "label", "path", "image", "source", "sources", "file", "include", "script")
 _FILE = re.compile(r"[/\\@~*?]|\.\.|\.[^\W\d]")
 """In a setting: a path, a pattern, or a name with the suffix of whatever language."""
@@ -185,9 +185,9 @@ class PackagePlaces:
 
     def __init__(self, package: Path, remade: Path) -> None:
         self.package, self.remade = package, remade
-        pairs = [(str(package), PACKAGE_PREFIX), (str(remade), PACKAGE_PREFIX)]
+        pairs = [(str(package), PACKAGE_MARK), (str(remade), PACKAGE_MARK)]
         pairs += [(str(path), name) for name, path in OWN_FOLDERS.items()]
-        pairs += [(str(root), VSENSE_PREFIX) for root in source_roots()]
+        pairs += [(str(root), VSENSE_MARK) for root in source_roots()]
         self.scrubber = Scrubber(pairs)
 
     def real(self, value: Any) -> Any:
@@ -195,7 +195,7 @@ class PackagePlaces:
         return _with_texts(value, self._real_text)
 
     def _real_text(self, text: str) -> str:
-        for name, path in ((PACKAGE_PREFIX, self.package), *OWN_FOLDERS.items()):
+        for name, path in ((PACKAGE_MARK, self.package), *OWN_FOLDERS.items()):
             text = text.replace(f"{name}/", f"{path}/")
         return text
 
@@ -242,7 +242,7 @@ class PackagePlaces:
 
 
 def shipped_file(experiment: object) -> Path | None:
-    """The file of a shipped experiment, by name or path from `VSENSE_PREFIX`; None: it is none."""
+    """The file of a shipped experiment, by name or path from `VSENSE_MARK`; None: it is none."""
     if not isinstance(experiment, str):
         return None
     name = experiment
@@ -258,7 +258,7 @@ def is_own(experiment: object, stated: Mapping[str, Any], text: str | None = Non
     says: never a path of the package's author.
 
     Args:
-        experiment: the name of a shipped one, or its path from `VSENSE_PREFIX`.
+        experiment: the name of a shipped one, or its path from `VSENSE_MARK`.
         stated: settings and places of code, as setups and recordings have them.
         text: what the package has as the experiment's file, where that is what is read: it has to
             be the shipped one to the last byte. None: nothing of the package's is read.

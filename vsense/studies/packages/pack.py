@@ -22,7 +22,7 @@ from vsense.studies.packages._contents import CONTENTS, PackageContents, PackedR
 from vsense.studies.packages._crate import Described, Person, Title
 from vsense.studies.packages._gathering import FoundRun, FoundSeries, gather
 from vsense.studies.packages._kinds import FileKind
-from vsense.studies.packages._places import OWN_FOLDERS, PACKAGE_PREFIX, Scrubber, folders_of
+from vsense.studies.packages._places import OWN_FOLDERS, PACKAGE_MARK, Scrubber, folders_of
 from vsense.studies.report import Questions
 
 README = "README.md"
@@ -193,10 +193,10 @@ class Packing:
                     source = origin.read(path)
                     name = f"{series.name}/sources-{origin.digest(source.files)}"
                     self._origins[path] = name, source
-            pairs.append((str(series.folder.resolve()), f"{PACKAGE_PREFIX}/{series.name}"))
+            pairs.append((str(series.folder.resolve()), f"{PACKAGE_MARK}/{series.name}"))
         for name, source in self._origins.values():
             users = [n for n in source.files if not n.startswith(origin.OWN)]
-            named = ((f"{PACKAGE_PREFIX}/{name}/{n}", source.paths[n]) for n in users)
+            named = ((f"{PACKAGE_MARK}/{name}/{n}", source.paths[n]) for n in users)
             pairs += folders_of(named).items()
         return pairs
 
