@@ -395,19 +395,19 @@ def test_functions_fit_a_screen() -> None:
 
 BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
-    "vsense in Python": (("vsense",), (".py",), 468, 93200, 400),
+    "vsense in Python": (("vsense",), (".py",), 469, 93500, 400),
     "the page": (("vsense",), (".js", ".css", ".html"), 42, 5500, 289),
     "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 238, 26600, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 32, 6800, 510),
-    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 575, 94100, 622),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 576, 94400, 622),
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 
-CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 63800, 48, 19
+CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 64000, 48, 19
 """Lines of code in `vsense/`; imports between rooms, and between folders inside of rooms."""
-DOORS_MAX, NAMES_MAX = 182, 703
+DOORS_MAX, NAMES_MAX = 182, 704
 """Modules that another room imports, and names taken from them."""
-SPLATS_MAX, OUTSIDE_MAX = 10, 213
+SPLATS_MAX, OUTSIDE_MAX = 10, 214
 """Calls `f(*(a, b))`; attributes that are assigned from outside of their object."""
 
 
@@ -524,8 +524,8 @@ def test_formats_are_those_that_design_md_tells() -> None:
     table = text.partition("| format | number | older ones |")[2].partition("\n\n")[0]
     rows = dict(re.findall(r"^\| (\S+).*? \| ([\d.]+)", table, re.M))
     assert rows["wire"] == str(lib.VS_VERSION)
-    assert rows["recording"] == ".".join(map(str, form.FORMAT))
-    assert rows["package"] == str(_contents.FORMAT)
+    assert rows["recording"] == ".".join(map(str, form.RECORDING_FORMAT))
+    assert rows["package"] == str(_contents.PACKAGE_FORMAT)
     assert rows["`made.zip`,"] == str(origin.ORIGIN_FORMAT)
     assert rows["`.argos`"] == parsing.NAMESPACE.rpartition(":")[2]
     assert rows["truth"] == truth.LOG_MAGIC.decode()[-1]

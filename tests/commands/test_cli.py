@@ -66,7 +66,7 @@ def test_every_command_is_in_one_group() -> None:
 
 
 def test_a_former_name_is_a_command_but_in_no_help(capsys: pytest.CaptureFixture[str]) -> None:
-    for former, name in commands.FORMER.items():
+    for former, name in commands.FORMER_COMMANDS.items():
         assert name in commands.COMMANDS and former not in commands.COMMANDS
         assert commands.parser([former]).parse_args([former, "x", "y"]).command == former
 
@@ -134,7 +134,7 @@ def test_a_command_that_is_gone_tells_where_it_is(capsys: pytest.CaptureFixture[
     assert cli.main(["bench", "tracking", "--json"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("vsense: there is no command 'bench'") and "scripts/bench" in line
-    assert not commands.GONE.keys() & commands.COMMANDS.keys()
+    assert not commands.REMOVED.keys() & commands.COMMANDS.keys()
 
 
 def test_names_that_may_be_meant() -> None:

@@ -12,7 +12,12 @@ import pytest
 from vsense.base.xml.element import Element
 from vsense.base.xml.parsing import parse
 from vsense.config import resources, tracking_session
-from vsense.monitor.recording.pictures import SCHEMAS, one_tracker, tag_ranges, write_session_files
+from vsense.monitor.recording.pictures import (
+    XML_SCHEMAS,
+    one_tracker,
+    tag_ranges,
+    write_session_files,
+)
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.tracking.specs import TrackerSpec
 
@@ -75,7 +80,7 @@ def test_a_schema_allows_what_the_reader_asks_for(
     assert declared(schema) == asked_for(data, tmp_path, monkeypatch)
 
 
-@pytest.mark.parametrize("schema", SCHEMAS)
+@pytest.mark.parametrize("schema", XML_SCHEMAS)
 def test_every_attribute_of_a_schema_is_explained(schema: str) -> None:
     root = ET.fromstring((package.files("vsense.config") / "schema" / schema).read_text())
     unexplained = [
@@ -113,7 +118,7 @@ def test_the_files_of_a_recording_are_read_as_they_were_written(tmp_path: Path) 
         assert dataclasses.replace(known.trackers[written.id], line=0) == written
     used = ET.parse(tmp_path / "experiment.xml").iter("camera_state_tracker")
     assert [view.get("tracker") for view in used] == ['"s"', "robots", "robots"]
-    assert sorted(p.name for p in (tmp_path / "schema").iterdir()) == sorted(SCHEMAS)
+    assert sorted(p.name for p in (tmp_path / "schema").iterdir()) == sorted(XML_SCHEMAS)
 
 
 def test_tags_are_written_as_ranges() -> None:

@@ -14,7 +14,7 @@ from vsense.commands import robot_list
 from vsense.commands.robot_list import boards_now, run_now, table
 from vsense.config import battery_history, roster
 from vsense.config.battery_history import BatteryRow, minutes_left
-from vsense.monitor.recording.form import ROBOTS
+from vsense.monitor.recording.form import ROBOT_COLUMNS
 
 ROSTER = """
 [[robot]]
@@ -52,11 +52,11 @@ def known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def row(**others: object) -> dict[str, object]:
     """A robot of /robots."""
     usual = {"connected": True, "heard_ms": 12.3, "seen": True, "sessions": 1, "trouble": ""}
-    return dict.fromkeys(ROBOTS) | usual | others
+    return dict.fromkeys(ROBOT_COLUMNS) | usual | others
 
 
 def columns(*rows: dict[str, object]) -> dict[str, list[object]]:
-    return {name: [one[name] for one in rows] for name in ROBOTS}
+    return {name: [one[name] for one in rows] for name in ROBOT_COLUMNS}
 
 
 def test_a_run_tells_who_plays_what_and_how_long_batteries_last(known: Path) -> None:

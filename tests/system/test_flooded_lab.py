@@ -26,7 +26,7 @@ pytestmark = pytest.mark.system
 
 CROWD = 1000
 TOKENS = "look=look-only-token\ncontrol=control-it-token\n"
-LIMIT_S = max(_web_listener.REQUEST_S, _web_listener.KEPT_S, HELLO_NS / 1e9) + 5.0
+LIMIT_S = max(_web_listener.REQUEST_S, _web_listener.KEEP_ALIVE_S, HELLO_NS / 1e9) + 5.0
 DESCRIPTORS = 1024
 
 
@@ -86,7 +86,7 @@ def test_strangers_on_two_ports_cost_nobody_anything(tmp_path: Path, room: None)
     begun_s = time.monotonic()
     crowd = flood(web, [b"", HALF, kept])
     crowd += flood(robots_port(lab), [b"", b"VS\2", bytes(40)])
-    most = UNGREETED_MAX + _web_listener.STRANGERS_MAX + _web_listener.KNOWN_MAX
+    most = UNGREETED_MAX + _web_listener.UNVOUCHED_MAX + _web_listener.VOUCHED_MAX
     assert descriptors(lab) <= before + most
 
     tag = int(next((lab.directory / "robots").glob("*.sh")).stem)

@@ -61,10 +61,10 @@ GROUPS = {
 }
 """All commands by what one wants to do, in the order of the help."""
 
-FORMER = {"record": "render"}
+FORMER_COMMANDS = {"record": "render"}
 """Former names of commands, which scripts may still say."""
 
-GONE = {"bench": "the benchmarks of vsense itself are in its sources: scripts/bench --help"}
+REMOVED = {"bench": "the benchmarks of vsense itself are in its sources: scripts/bench --help"}
 """Former commands, and where one finds them; this ends with vsense 0.3."""
 
 
@@ -78,8 +78,8 @@ class Parser(argparse.ArgumentParser):
         options, unknown = super().parse_known_args(args, namespace)
         if unknown:
             option = next((word.partition("=")[0] for word in unknown if word[:2] == "--"), "")
-            known = [name for name in self._option_string_actions if name[:2] == "--"]
-            self.error(f"unrecognized arguments: {' '.join(unknown)}{likely(option, known)}")
+            names = [name for name in self._option_string_actions if name[:2] == "--"]
+            self.error(f"unrecognized arguments: {' '.join(unknown)}{likely(option, names)}")
         return options, unknown
 
     def error(self, message: str) -> NoReturn:
@@ -115,36 +115,36 @@ def parser(words: Sequence[str]) -> argparse.ArgumentParser:
         words: what stands after `vsense`; the arguments of the command that they name are declared,
             and the options that they give have that command's `run`.
     """
-    whole = Parser(
+    root = Parser(
         prog="vsense",
         usage="vsense [-h] [--version] COMMAND ...",
         description="Virtual sensing for real robot swarms.",
         epilog=_grouped(),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    whole.add_argument(
+    root.add_argument(
         "--version",
         nargs=0,
         action=ShowVersion,
         help="show the versions of vsense and its libraries",
     )
-    commands = whole.add_subparsers(
+    commands = root.add_subparsers(
         prog="vsense", metavar="COMMAND", required=True, help=argparse.SUPPRESS
     )
     called = next((word for word in words if not word.startswith("-")), "")
-    if called in GONE:
-        raise UsageError(f"there is no command {called!r} any more: {GONE[called]}")
-    if called and called not in COMMANDS and called not in FORMER:
+    if called in REMOVED:
+        raise UsageError(f"there is no command {called!r} any more: {REMOVED[called]}")
+    if called and called not in COMMANDS and called not in FORMER_COMMANDS:
         raise UsageError(f"there is no command {called!r}; {instead(called, COMMANDS)}")
-    for name in (*COMMANDS, *FORMER):
+    for name in (*COMMANDS, *FORMER_COMMANDS):
         command = commands.add_parser(name, formatter_class=HelpFormatter)
         if name == called:
-            module_name, _ = COMMANDS[FORMER.get(name, name)]
+            module_name, _ = COMMANDS[FORMER_COMMANDS.get(name, name)]
             module = importlib.import_module(f"vsense.commands.{module_name}")
             command.description = module.DESCRIPTION
             module.add_arguments(command)
             command.set_defaults(run=module.run, command=name)
-    return whole
+    return root
 
 
 def _grouped() -> str:

@@ -18,7 +18,7 @@ from vsense.monitor.ui.access import FOXGLOVE_PORT, FoxgloveAddress, WebAddress
 from vsense.robots.sources import CodeOptions
 from vsense.studies.report import FORMATS
 
-Record = TypeVar("Record")
+Options = TypeVar("Options")
 
 MOST_NUMBERS = 100_000
 """A range of numbers may have so many."""
@@ -26,10 +26,10 @@ _UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
 _LENGTH = re.compile(r"([0-9]+(?:\.[0-9]*)?) *(mm|cm|m|in)")
 
 
-def parsed(read: Callable[[str], Record]) -> Callable[[str], Record]:
+def parsed(read: Callable[[str], Options]) -> Callable[[str], Options]:
     """The type of an argument that `read` reads, which raises ValueError."""
 
-    def parse(text: str) -> Record:
+    def parse(text: str) -> Options:
         try:
             return read(text)
         except ValueError as error:
@@ -76,11 +76,11 @@ def port(text: str) -> int:
 
 def length_mm(text: str, units: Sequence[str] = ("mm", "cm", "in")) -> float:
     """A length with one of some units."""
-    found = _LENGTH.fullmatch(text.strip())
-    if found is None or found[2] not in units:
-        some = " or ".join(units)
-        raise argparse.ArgumentTypeError(f"'{text}': expected a length such as 70mm, in {some}")
-    return float(found[1]) * _UNITS_MM[found[2]]
+    match = _LENGTH.fullmatch(text.strip())
+    if match is None or match[2] not in units:
+        names = " or ".join(units)
+        raise argparse.ArgumentTypeError(f"'{text}': expected a length such as 70mm, in {names}")
+    return float(match[1]) * _UNITS_MM[match[2]]
 
 
 def length_m(text: str) -> float:
@@ -141,7 +141,7 @@ def add_experiment_name(parser: argparse.ArgumentParser) -> None:
         from vsense.config.experiment import ARGOS_SUFFIX, shipped
 
         files = FilesCompleter(allowednames=[ARGOS_SUFFIX])(prefix)
-        return [*(known for known in shipped() if known.startswith(prefix)), *files]
+        return [*(name for name in shipped() if name.startswith(prefix)), *files]
 
     # Where argcomplete looks for it.
     setattr(name, "completer", complete)  # noqa: B010
@@ -202,8 +202,8 @@ _SCHEDULER = re.compile(
 
 def scheduler(text: str) -> str:
     """The address of a Dask scheduler, tcp://HOST:PORT or tls://HOST:PORT."""
-    found = _SCHEDULER.fullmatch(text)
-    if found is None or not 1 <= int(found[1]) <= 65_535:
+    match = _SCHEDULER.fullmatch(text)
+    if match is None or not 1 <= int(match[1]) <= 65_535:
         raise argparse.ArgumentTypeError(
             f"'{text}': expected the address of a Dask scheduler, such as tcp://192.168.1.5:8786"
         )
@@ -212,7 +212,7 @@ def scheduler(text: str) -> str:
 
 def numbers(text: str) -> tuple[int, ...]:
     """Whole numbers and ranges of them, each number once: 1-100 or 1,2,10-12."""
-    found: list[int] = []
+    result: list[int] = []
     for part in text.split(","):
         first, dash, last = part.partition("-")
         least = natural(first)
@@ -221,10 +221,10 @@ def numbers(text: str) -> tuple[int, ...]:
             raise argparse.ArgumentTypeError(
                 f"{part}: expected a range from low to high of at most {MOST_NUMBERS} numbers"
             )
-        found += range(least, most + 1)
-    if len(set(found)) < len(found):
+        result += range(least, most + 1)
+    if len(set(result)) < len(result):
         raise argparse.ArgumentTypeError(f"{text}: expected every number once")
-    return tuple(found)
+    return tuple(result)
 
 
 def add_link(parser: argparse.ArgumentParser) -> None:
@@ -366,10 +366,10 @@ def add_bases(parser: Any, bases: Sequence[str]) -> None:
     flag(parser, "--firmware-watchdog", text)
 
 
-def fill(kind: type[Record], options: argparse.Namespace, **others: Any) -> Record:
-    """Makes a dataclass of the options that are named as its fields; `others` are given."""
-    names = {field.name for field in fields(kind)} - others.keys()  # type: ignore[arg-type]
-    return kind(**{name: getattr(options, name) for name in names if name in options}, **others)
+def fill(kind: type[Options], options: argparse.Namespace, **given: Any) -> Options:
+    """Makes a dataclass of the options that are named as its fields, and of `given`."""
+    names = {field.name for field in fields(kind)} - given.keys()  # type: ignore[arg-type]
+    return kind(**{name: getattr(options, name) for name in names if name in options}, **given)
 
 
 def add_code(parser: argparse.ArgumentParser) -> None:

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from vsense.robots.link.keys import LinkTrust
     from vsense.run.leases import RobotLeases
 
+DEFAULT = "foraging"
+"""The experiment of links and emulated robots, where none is named."""
+
 
 def add_experiment(parser: argparse.ArgumentParser, stage: Stage) -> None:
     """Declares what all commands that run an experiment have in common."""

@@ -104,31 +104,31 @@ def robots_of(options: argparse.Namespace, experiment: Experiment) -> LabRobots:
 
     tags = [robot.tag for robot in experiment.robots]
     dead, worn = getattr(options, "dead_motors", ()), dict[int, int]()
-    for one, other in getattr(options, "swap_markers", ()):
-        worn |= {one: worn.get(other, other), other: worn.get(one, one)}
+    for tag, other in getattr(options, "swap_markers", ()):
+        worn |= {tag: worn.get(other, other), other: worn.get(tag, tag)}
     if unknown := (set(dead) | worn.keys()) - set(tags):
         there = ", ".join(map(str, tags))
         raise UsageError(f"no robot has tag {min(unknown)}; expected some of {there}")
     drawn = draw_all([*tags, *spares_for(experiment)], errors_of(options), dead)
     radios = radios_of(options, experiment) if "radio" in options else {}
-    known = _rosters.roster_of(options, found=False)
-    if known is None:
+    roster = _rosters.roster_of(options, here=False)
+    if roster is None:
         return LabRobots(drawn, worn=worn, radios=radios)
-    settings = {robot.tag: robot.calibration.settings for robot in known.robots}
-    return LabRobots(drawn, known.markers, settings, worn, radios)
+    settings = {robot.tag: robot.calibration.settings for robot in roster.robots}
+    return LabRobots(drawn, roster.markers, settings, worn, radios)
 
 
 def markers_of(options: argparse.Namespace) -> dict[int, MarkerOffset]:
     """Where markers sit on their robots, as the roster has it; raises as `rosters.roster_of`."""
-    known = _rosters.roster_of(options)
-    return {} if known is None else known.markers
+    roster = _rosters.roster_of(options)
+    return {} if roster is None else roster.markers
 
 
 def _marker(text: str) -> tuple[float, float]:
-    found = re.fullmatch(rf"({_NUMBER}),({_NUMBER})", text)
-    if found is None or float(found[1]) > 20.0 or float(found[2]) > 180.0:
+    match = re.fullmatch(rf"({_NUMBER}),({_NUMBER})", text)
+    if match is None or float(match[1]) > 20.0 or float(match[2]) > 180.0:
         raise argparse.ArgumentTypeError(f"'{text}': expected mm and degrees, such as 4,5")
-    return float(found[1]) / 1000.0, math.radians(float(found[2]))
+    return float(match[1]) / 1000.0, math.radians(float(match[2]))
 
 
 def _radio(text: str) -> tuple[int, EmulatedRadio]:

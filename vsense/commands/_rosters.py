@@ -24,9 +24,9 @@ def add_roster(parser: argparse.ArgumentParser, text: str, default: str = HERE) 
     _arguments.option(parser, "--roster", Path, "FILE", f"{text} {default}".strip())
 
 
-def roster_of(options: argparse.Namespace, found: bool = True) -> Roster | None:
+def roster_of(options: argparse.Namespace, here: bool = True) -> Roster | None:
     """Reads the roster that is meant; None: none is. Raises as `find_roster`."""
-    return roster.find_roster(options.roster, found)
+    return roster.find_roster(options.roster, here)
 
 
 def wanted_roster(options: argparse.Namespace) -> Roster:
@@ -65,10 +65,10 @@ def tag_pair(text: str) -> Pair:
         raise argparse.ArgumentTypeError(str(error)) from None
 
 
-def casting_of(options: argparse.Namespace, found: bool) -> Casting:
+def casting_of(options: argparse.Namespace, here: bool) -> Casting:
     """Who plays; raises as `roster_of`."""
     limit = getattr(options, "robots", None)
-    return Casting.of(roster_of(options, found), options.replace, limit)
+    return Casting.of(roster_of(options, here), options.replace, limit)
 
 
 def add_tags(parser: argparse.ArgumentParser) -> None:
@@ -81,7 +81,7 @@ def add_tags(parser: argparse.ArgumentParser) -> None:
 
 
 def chosen(
-    known: Roster, tags: Collection[int] | None, say: Callable[[str], None]
+    roster: Roster, tags: Collection[int] | None, say: Callable[[str], None]
 ) -> list[RosterRobot]:
     """The robots that `--tags` names, or all that are not out of order, of which the rest is told.
 
@@ -90,16 +90,16 @@ def chosen(
     """
     if tags is not None:
         for tag in tags:
-            if tag not in known.tags:
-                there = ", ".join(map(str, known.tags))
-                raise UsageError(f"--tags {tag}: {known.path} has {there}")
-        return [robot for robot in known.robots if robot.tag in tags]
-    for robot in known.robots:
+            if tag not in roster.tags:
+                there = ", ".join(map(str, roster.tags))
+                raise UsageError(f"--tags {tag}: {roster.path} has {there}")
+        return [robot for robot in roster.robots if robot.tag in tags]
+    for robot in roster.robots:
         if robot.out_of_order:
             say(f"{robot} is left out: {robot.why_not} (--tags {robot.tag} brings it in)")
-    working = [robot for robot in known.robots if not robot.out_of_order]
+    working = [robot for robot in roster.robots if not robot.out_of_order]
     if not working:
-        raise UsageError(f"{known.path}: all robots are out of order; --tags names some")
+        raise UsageError(f"{roster.path}: all robots are out of order; --tags names some")
     return working
 
 
@@ -116,15 +116,15 @@ _SETTINGS = {"run_host": "host", "battery_stop_mv": "battery-stop-mv"}
 
 
 def boards(
-    known: Roster, tags: Collection[int] | None, say: Callable[[str], None]
+    roster: Roster, tags: Collection[int] | None, say: Callable[[str], None]
 ) -> list[RobotHost]:
     """The boards of the `chosen` robots.
 
     Raises:
         UsageError: as `chosen`; or the roster does not say how one is reached.
     """
-    robots = chosen(known, tags, say)
+    robots = chosen(roster, tags, say)
     for robot in robots:
         if not robot.host:
-            raise known.error(robot, 'no host for this robot: add host = "root@ADDRESS"')
+            raise roster.error(robot, 'no host for this robot: add host = "root@ADDRESS"')
     return [board_of(robot) for robot in robots]

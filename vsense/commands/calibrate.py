@@ -196,7 +196,7 @@ def _place(text: str) -> tuple[float, float, float]:
 
 
 def _size(text: str) -> tuple[int, int]:
-    found = re.fullmatch(r"([0-9]{2,5})x([0-9]{2,5})", text)
-    if found is None:
+    match = re.fullmatch(r"([0-9]{2,5})x([0-9]{2,5})", text)
+    if match is None:
         raise argparse.ArgumentTypeError(f"'{text}': expected width x height such as 1280x720")
-    return int(found[1]), int(found[2])
+    return int(match[1]), int(match[2])

@@ -8,7 +8,7 @@ from pathlib import Path
 from vsense.base.errors import UsageError
 from vsense.base.terminal import drop_output
 from vsense.commands import _arguments
-from vsense.commands._arguments import Record
+from vsense.commands._arguments import Options
 from vsense.config.resources import EXPOSURE_RANGE_US, GAIN_RANGE, RATES_HZ, SIDES_PX
 from vsense.tools.camera_setup import files, shooting, showing, tuning
 from vsense.tools.camera_setup.shooting import ShootOptions
@@ -164,8 +164,8 @@ def run(options: argparse.Namespace) -> int:
         return 0
 
 
-def _asked(kind: type[Record], options: argparse.Namespace, **others: object) -> Record:
-    return _arguments.fill(kind, options, wanted=wanted_of(options), **others)
+def _asked(kind: type[Options], options: argparse.Namespace, **given: object) -> Options:
+    return _arguments.fill(kind, options, wanted=wanted_of(options), **given)
 
 
 def wanted_of(options: argparse.Namespace) -> Controls:

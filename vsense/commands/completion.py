@@ -60,5 +60,5 @@ def answer() -> None:
         words = typed.split()
     # The word that is being typed is no command yet.
     done = words[1:] if typed[-1:].isspace() else words[1:-1]
-    known = [word for word in done[:1] if word in commands.COMMANDS]
-    argcomplete.autocomplete(commands.parser(known), always_complete_options="long")
+    named = [word for word in done[:1] if word in commands.COMMANDS]
+    argcomplete.autocomplete(commands.parser(named), always_complete_options="long")

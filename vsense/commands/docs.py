@@ -46,6 +46,6 @@ def _list() -> str:
     every = documents.listed()
     rows = aligned([(f"  {document.name}", document.title()) for document in every])
     lines = ["vsense docs NAME prints one of these:"]
-    for group, some in groupby(zip(every, rows), key=lambda pair: pair[0].group):
-        lines += ["", group, *(row for _, row in some)]
+    for group, pairs in groupby(zip(every, rows), key=lambda pair: pair[0].group):
+        lines += ["", group, *(row for _, row in pairs)]
     return "\n".join(lines) + "\n"

@@ -26,24 +26,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Looks and says what was found; 0, or 1 where nothing can be simulated."""
-    found, installed = list(findings()), versions()
+    all_findings, installed = list(findings()), versions()
     if options.json:
-        rows = [asdict(one) for one in found]
+        rows = [asdict(finding) for finding in all_findings]
         print_data(json.dumps({"versions": installed, "findings": rows}, indent=2))
     else:
         print_data(", ".join(" ".join(pair) for pair in installed.items()))
-        print_data("\n".join(table(found)))
-    return int(any(one.state == BROKEN for one in found))
+        print_data("\n".join(table(all_findings)))
+    return int(any(finding.state == BROKEN for finding in all_findings))
 
 
-def table(found: Sequence[Finding]) -> list[str]:
+def table(all_findings: Sequence[Finding]) -> list[str]:
     """The findings as lines for people: what is lacking with its command below it."""
-    rows = aligned([(one.name, one.state, one.text) for one in found])
+    rows = aligned([(finding.name, finding.state, finding.text) for finding in all_findings])
     lines = [""]
-    for row, one in zip(rows, found):
+    for row, finding in zip(rows, all_findings):
         lines.append(row)
-        if one.mend:
-            lines.append(f"    {one.mend}")
-    lacking = sum(one.state in (LACKS, BROKEN) for one in found)
+        if finding.mend:
+            lines.append(f"    {finding.mend}")
+    lacking = sum(finding.state in (LACKS, BROKEN) for finding in all_findings)
     end = f"{lacking} things are lacking" if lacking > 1 else "one thing is lacking"
     return [*lines, "", f"{end}, see above" if lacking else "nothing is lacking"]

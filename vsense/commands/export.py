@@ -108,8 +108,8 @@ def _speed(text: str) -> float:
 
 
 def _size(text: str) -> tuple[int, int]:
-    found = re.fullmatch(r"(\d{1,5})[xX](\d{1,5})", text)
-    width, height = (int(found[1]), int(found[2])) if found else (0, 0)
+    match = re.fullmatch(r"(\d{1,5})[xX](\d{1,5})", text)
+    width, height = (int(match[1]), int(match[2])) if match else (0, 0)
     if not (320 <= width <= 3840 and 240 <= height <= 2160) or width % 2 or height % 2:
         raise argparse.ArgumentTypeError(
             f"{text!r}: expected even numbers from 320x240 to 3840x2160, such as 1280x720"

@@ -65,10 +65,10 @@ def add_cameras(group: Any) -> None:
 
 
 def _grid(text: str) -> tuple[int, int]:
-    found = re.fullmatch(r"([1-9][0-9]?)x([1-9][0-9]?)", text)
-    if found is None:
+    match = re.fullmatch(r"([1-9][0-9]?)x([1-9][0-9]?)", text)
+    if match is None:
         raise argparse.ArgumentTypeError(f"'{text}': expected columns and rows, such as 4x4")
-    return int(found[1]), int(found[2])
+    return int(match[1]), int(match[2])
 
 
 def run(options: argparse.Namespace) -> int:

@@ -39,8 +39,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Makes the files; says how to run them."""
-    made = templates.make(options.folder, options.source, options.sensor)
-    print_data("\n".join(map(str, made)))
+    files = templates.make(options.folder, options.source, options.sensor)
+    print_data("\n".join(map(str, files)))
     readme = options.folder / "README.md"
-    print(f"vsense: now: vsense sim {made[0]}    {readme} explains it all", file=sys.stderr)
+    print(f"vsense: now: vsense sim {files[0]}    {readme} explains it all", file=sys.stderr)
     return 0

@@ -175,28 +175,28 @@ def table(answer: Mapping[str, Any]) -> str:
     which = _of_series(answer["series"]) if "series" in answer else f"run {now['run']}"
     head = f"{answer['name']}{control_client.whose(answer)}: {which} is {now['state']}"
     return (
-        f"{head}, {now['time_s']:.1f}{length} s,"
-        f" timestep {now['timestep']}{late}; {now['rate_hz']:.1f} Hz{sent}{silent}{_kept(now)}\n\n"
+        f"{head}, {now['time_s']:.1f}{length} s, timestep {now['timestep']}{late};"
+        f" {now['rate_hz']:.1f} Hz{sent}{silent}{_recorded(now)}\n\n"
         f"{seen_table(rows) if answer['command'] == 'track' else robot_table(rows)}"
     )
 
 
-def _of_series(told: Mapping[str, Any]) -> str:
+def _of_series(run: Mapping[str, Any]) -> str:
     """Which run of a series by plan it is."""
-    again = f", attempt {told['attempt']}" if told["attempt"] > 1 else ""
+    attempt = f", attempt {run['attempt']}" if run["attempt"] > 1 else ""
     return (
-        f"run {told['number']} of {told['of']} of the series {told['name']} ({told['condition']},"
-        f" start {told['start']}, repetition {told['repetition']}{again})"
+        f"run {run['number']} of {run['of']} of the series {run['name']} ({run['condition']},"
+        f" start {run['start']}, repetition {run['repetition']}{attempt})"
     )
 
 
-def _kept(now: Mapping[str, Any]) -> str:
+def _recorded(now: Mapping[str, Any]) -> str:
     """Where the run is recorded, if it is."""
-    made = now.get("recording") or {}
-    trouble = f"\nrecording in trouble: {made['trouble']}" if made.get("trouble") else ""
-    if not made.get("on"):
+    recording = now.get("recording") or {}
+    trouble = f"\nrecording in trouble: {recording['trouble']}" if recording.get("trouble") else ""
+    if not recording.get("on"):
         return trouble
-    return f"\nrecording to {made['file']}, {made['bytes'] / 1e6:.1f} MB{trouble}"
+    return f"\nrecording to {recording['file']}, {recording['bytes'] / 1e6:.1f} MB{trouble}"
 
 
 def seen_table(rows: Mapping[str, list[Any]]) -> str:

@@ -26,9 +26,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _arguments.add_web(parser, ("127.0.0.1", 8080))
     _arguments.add_foxglove(parser)
     _arguments.option(parser, "--speed", float, "X", "times the real speed (default: 1)", 1.0)
-    again = parser.add_argument_group("tracking again")
-    again.add_argument("--retrack", action="store_true", help="run the tracker again and compare")
-    again.add_argument(
+    group = parser.add_argument_group("tracking again")
+    group.add_argument("--retrack", action="store_true", help="run the tracker again and compare")
+    group.add_argument(
         "--set",
         type=_arguments.setting,
         action="append",
@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="another setting of the tracker: limits.max_speed_m_s=0.3, plan.key_frame_period=5,"
         " tracker.height_m=0.05, ...; may be given again",
     )
-    again.add_argument(
+    group.add_argument(
         "--session",
         nargs=2,
         metavar=("RESOURCES", "EXPERIMENT"),
@@ -64,8 +64,8 @@ def run(options: argparse.Namespace) -> int:
     doors = {"web": _arguments.web_of(options), "foxglove": _arguments.foxglove_of(options)}
     wanted = _arguments.fill(ReplayOptions, options, **doors, settings=dict(options.set))
     with interruption() as interrupted:
-        found = replay(options.file, wanted, Console(), interrupted)
-        if found is None:
+        comparison = replay(options.file, wanted, Console(), interrupted)
+        if comparison is None:
             return interrupted.code
-    print(json.dumps(asdict(found)) if options.json else "\n".join(found.lines()))
-    return found.exit_code
+    print(json.dumps(asdict(comparison)) if options.json else "\n".join(comparison.lines()))
+    return comparison.exit_code

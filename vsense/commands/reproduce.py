@@ -44,13 +44,13 @@ def run(options: argparse.Namespace) -> int:
     wanted = ReproduceOptions(options.output, options.trust, options.check, jobs)
     with interruption() as interrupted:
         try:
-            found = reproduce(options.package, wanted, interrupted, console.say, console.progress)
+            claims = reproduce(options.package, wanted, interrupted, console.say, console.progress)
         except Interrupted:
             console.end_progress()
             return interrupted.code
     console.end_progress()
     if options.json:
-        print_data(json.dumps(found.as_json(), indent=2))
+        print_data(json.dumps(claims.as_json(), indent=2))
     else:
-        print_data("\n".join(found.lines()))
-    return found.exit_code
+        print_data("\n".join(claims.lines()))
+    return claims.exit_code

@@ -201,10 +201,10 @@ def build(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(facts[0] if options.experiment is None else facts, indent=2))
         return 0
-    for each in built:
+    for program in built:
         print(
-            f"{each.path}: {each.size} bytes for {each.target},"
-            f" controller {each.controller.name} {each.hash}"
+            f"{program.path}: {program.size} bytes for {program.target},"
+            f" controller {program.controller.name} {program.hash}"
         )
     return 0
 
@@ -222,9 +222,9 @@ def _program(options: argparse.Namespace) -> ProgramSources:
     patterns = code.patterns(stem_of(name))
     if not patterns and Path(name).is_dir():
         patterns = [name]
-    found = finding.named(patterns, Path.cwd(), name, options.label, extra)
-    program = found or source_tree().program(name)
-    if found is None and program.is_argos:
+    named = finding.named(patterns, Path.cwd(), name, options.label, extra)
+    program = named or source_tree().program(name)
+    if named is None and program.is_argos:
         program = finding.complete(program.sources, options.label, None, extra)
     return program
 
@@ -244,12 +244,12 @@ def build_programs(
 
 def deploy(options: argparse.Namespace) -> int:
     """Brings `vsensed` to the robots of a roster; prints a table of the outcomes."""
-    known = _rosters.wanted_roster(options)
-    robots = _rosters.boards(known, options.tags, Console().say)
+    roster = _rosters.wanted_roster(options)
+    robots = _rosters.boards(roster, options.tags, Console().say)
     with tempfile.TemporaryDirectory(prefix="vsense-") as folder:
-        plan, robots = _plan(options, known, robots, Path(folder))
+        plan, robots = _plan(options, roster, robots, Path(folder))
     if plan.part is Part.ALL:
-        deploying.check(plan, robots, str(known.path))
+        deploying.check(plan, robots, str(roster.path))
         if not options.insecure:
             keys = _experiments.trust_of(options).keys
             holders = key_holders.read(robot_keys.holders_of(options))
@@ -267,7 +267,7 @@ _WHAT = ("binary", "controller", "experiment", "rollback")
 
 
 def _plan(
-    options: argparse.Namespace, known: Roster, robots: list[RobotHost], folder: Path
+    options: argparse.Namespace, roster: Roster, robots: list[RobotHost], folder: Path
 ) -> tuple[Plan, list[RobotHost]]:
     """What the options say, and for whom; a daemon that is built first is built in the folder."""
     chosen = [f"--{name}" for name in _WHAT if vars(options)[name]]
@@ -286,7 +286,7 @@ def _plan(
         return replace(plan, part=Part.BACK), robots
     if options.experiment is not None:
         part = Part.DAEMON if options.host is None else Part.ALL
-        binaries = _binaries(options, known, robots, folder / "vsensed")
+        binaries = _binaries(options, roster, robots, folder / "vsensed")
         played = [robot for robot in robots if robot.destination in binaries]
         return replace(plan, binaries=binaries, part=part), played
     if options.controller is None:
@@ -298,13 +298,13 @@ def _plan(
 
 
 def _binaries(
-    options: argparse.Namespace, known: Roster, robots: Sequence[RobotHost], output: Path
+    options: argparse.Namespace, roster: Roster, robots: Sequence[RobotHost], output: Path
 ) -> dict[str, bytes]:
     """Builds what each robot runs in an experiment, by its destination.
 
     Where all of them run the same, whoever has no part in it, as a spare, is brought that, too.
     """
-    casting = Casting.of(known, options.replace)
+    casting = Casting.of(roster, options.replace)
     code = _arguments.code_of(options)
     experiment = load(options.experiment, code=code, casting=casting)
     parts = {robot.tag: robot.controller for robot in experiment.robots}
@@ -320,7 +320,7 @@ def _binaries(
     if idle:
         _say_idle(experiment, idle, driven)
     built = build_programs(experiment, set(driven.values()), options.target, output)
-    contents = {name: boards.load(each.path) for name, each in built.items()}
+    contents = {name: boards.load(program.path) for name, program in built.items()}
     return {destination: contents[name] for destination, name in driven.items()}
 
 

@@ -17,8 +17,6 @@ from vsense.modes.lab.hardware import BASES
 from vsense.modes.lab.rehearsal import LineWriter, Rehearsal
 from vsense.run import directory as run_directory
 
-DEFAULT = "foraging"
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the action's arguments."""
@@ -31,9 +29,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     text = (
         "whose robots, controllers and walls: a shipped experiment's name, or the path of a"
-        f" .argos file (default: {DEFAULT})"
+        f" .argos file (default: {_experiments.DEFAULT})"
     )
-    _arguments.option(parser, "--experiment", str, "NAME", text, DEFAULT)
+    _arguments.option(parser, "--experiment", str, "NAME", text, _experiments.DEFAULT)
     _arguments.add_code(parser)
     _rosters.add_casting(parser)
     _add_ends(parser)
@@ -65,7 +63,7 @@ def _add_ends(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Emulates robots until Ctrl-C or SIGTERM; returns 130 or 143."""
-    casting = _rosters.casting_of(options, found=True)
+    casting = _rosters.casting_of(options, here=True)
     code = _arguments.code_of(options)
     loaded = load(options.experiment, stage=Stage.LAB, code=code, casting=casting)
     if (options.robots or 0) > len(loaded.robots):
@@ -88,10 +86,10 @@ def run(options: argparse.Namespace) -> int:
         )
         setting = (options.base, options.firmware_watchdog, address, trust.keys)
         more = tracker, console.say, radios
-        with closing(Rehearsal(experiment, directory, seed, *setting, *more)) as one:
+        with closing(Rehearsal(experiment, directory, seed, *setting, *more)) as rehearsal:
             console.say(f"they connect to {host}, port {address[1]}; their tracker to port {port}")
             console.say(f"in another terminal: {_command(options, address[1], port)}")
-            one.run(interrupted, console.progress)
+            rehearsal.run(interrupted, console.progress)
         console.end_progress()
     return interrupted.code
 

@@ -63,11 +63,11 @@ def deploy_all(plan: Plan, robots: Sequence[RobotHost]) -> list[Outcome]:
     """Deploys, and shows how far it is."""
     console, done = Console(), [0]
 
-    def told(outcome: Outcome) -> None:
+    def show(outcome: Outcome) -> None:
         done[0] += 1
         console.progress(f"{done[0]} of {len(robots)}: {outcome.robot.destination}")
 
-    outcomes = deploying.deploy(plan, robots, told)
+    outcomes = deploying.deploy(plan, robots, show)
     console.end_progress()
     return outcomes
 
@@ -81,19 +81,19 @@ def renewing(plan: Plan, options: argparse.Namespace, robots: Sequence[RobotHost
     path = _experiments.key_path(options)
     if not path.exists():
         return plan
-    known, holders = swarm_keys.read(path), key_holders.read(holders_of(options))
-    older = [each for each in holders if each.key != known.newest]
-    having = {(each.destination, each.tag) for each in older}
+    store, holders = swarm_keys.read(path), key_holders.read(holders_of(options))
+    older = [holder for holder in holders if holder.key != store.newest]
+    having = {(holder.destination, holder.tag) for holder in older}
     reached = [r for r in robots if (r.destination, int(r.settings["tag"])) in having]
-    return replace(plan, keys=known, uids=key_holders.uids(older, reached)) if reached else plan
+    return replace(plan, keys=store, uids=key_holders.uids(older, reached)) if reached else plan
 
 
-def note(options: argparse.Namespace, known: SwarmKeys, outcomes: Sequence[Outcome]) -> None:
+def note(options: argparse.Namespace, store: SwarmKeys, outcomes: Sequence[Outcome]) -> None:
     """Notes to whom a key was brought, and forgets former ones that nobody needs any more."""
-    holders = key_holders.note(holders_of(options), known.newest, outcomes)
-    robots = [one.robot for one in outcomes]
-    known, forgotten = key_holders.forget(_experiments.key_path(options), known, holders, robots)
-    for line in said_of(forgotten, known):
+    holders = key_holders.note(holders_of(options), store.newest, outcomes)
+    robots = [o.robot for o in outcomes]
+    store, forgotten = key_holders.forget(_experiments.key_path(options), store, holders, robots)
+    for line in said_of(forgotten, store):
         Console().say(line)
 
 
@@ -104,13 +104,13 @@ def run(options: argparse.Namespace) -> int:
         swarm_keys.follow(path)
     if not path.exists():
         raise UsageError(f"no swarm key ({path}): --new-key makes one")
-    known = swarm_keys.read(path) if options.forget is None else _forget(path, options.forget)
-    outcomes = [] if options.roster is None else _bring(options, known)
-    holders = key_holders.note(holders_of(options), known.newest, outcomes)
-    known, forgotten = key_holders.forget(path, known, holders, [one.robot for one in outcomes])
-    facts = {**_key_facts(path, known, holders), "forgotten": forgotten}
-    text = key_table(path, known, holders, outcomes)
-    text += "".join(f"\n{line}" for line in said_of(forgotten, known))
+    store = swarm_keys.read(path) if options.forget is None else _forget(path, options.forget)
+    outcomes = [] if options.roster is None else _bring(options, store)
+    holders = key_holders.note(holders_of(options), store.newest, outcomes)
+    store, forgotten = key_holders.forget(path, store, holders, [o.robot for o in outcomes])
+    facts = {**_key_facts(path, store, holders), "forgotten": forgotten}
+    text = key_table(path, store, holders, outcomes)
+    text += "".join(f"\n{line}" for line in said_of(forgotten, store))
     print(json.dumps(facts, indent=2) if options.json else text)
     return 0 if all(outcome.ok for outcome in outcomes) else 1
 
@@ -118,22 +118,22 @@ def run(options: argparse.Namespace) -> int:
 def _forget(path: Path, number: int) -> SwarmKeys:
     """Takes a former key out of the file; gives those that are left."""
     with swarm_keys.changing(path):
-        known = swarm_keys.read(path)
-        former = sorted(known.keys.keys() - {known.newest})
+        store = swarm_keys.read(path)
+        former = sorted(store.keys.keys() - {store.newest})
         if number not in former:
             # A key that follows would get the number of the newest: who was brought that could
             # not be told from who was brought the other.
             numbers = ", ".join(map(str, former)) or "none"
             raise UsageError(
                 f"--forget: expected a key that another follows, there are: {numbers}; the newest"
-                f" is {known.newest}: --new-key makes one that follows it"
+                f" is {store.newest}: --new-key makes one that follows it"
             )
-        known = known.without(number)
-        swarm_keys.write(path, known)
-    return known
+        store = store.without(number)
+        swarm_keys.write(path, store)
+    return store
 
 
-def _bring(options: argparse.Namespace, known: SwarmKeys) -> list[Outcome]:
+def _bring(options: argparse.Namespace, store: SwarmKeys) -> list[Outcome]:
     """Brings the newest key to the robots of a list."""
     robots = _rosters.boards(_rosters.wanted_roster(options), options.tags, Console().say)
     plan = Plan(
@@ -141,49 +141,49 @@ def _bring(options: argparse.Namespace, known: SwarmKeys) -> list[Outcome]:
         force=options.force,
         ssh_options=tuple(options.ssh_option),
         part=Part.KEY,
-        keys=known,
+        keys=store,
         uids=key_holders.uids(key_holders.read(holders_of(options)), robots),
     )
     return deploy_all(plan, robots)
 
 
-def said_of(forgotten: Sequence[int], known: SwarmKeys) -> list[str]:
+def said_of(forgotten: Sequence[int], store: SwarmKeys) -> list[str]:
     """What is told where former keys were forgotten."""
     return [
-        f"key {number} is forgotten: all robots have key {known.newest}" for number in forgotten
+        f"key {number} is forgotten: all robots have key {store.newest}" for number in forgotten
     ]
 
 
 def key_table(
-    path: Path, known: SwarmKeys, holders: Sequence[Holder], outcomes: Sequence[Outcome]
+    path: Path, store: SwarmKeys, holders: Sequence[Holder], outcomes: Sequence[Outcome]
 ) -> str:
     """The swarm's keys, a row for every robot that was given one, and those with an older one."""
-    numbers = ", ".join(map(str, sorted(known.keys)))
-    lines = [f"{path}: keys {numbers}; robots are given {known.newest}"]
+    numbers = ", ".join(map(str, sorted(store.keys)))
+    lines = [f"{path}: keys {numbers}; robots are given {store.newest}"]
     if holders:
         rows = [("robot", "tag", "key", "since", "uid")]
         rows += [(h.destination, str(h.tag), str(h.key), h.since, h.uid) for h in holders]
         lines += aligned(rows)
     lines += [
-        f"{one.robot.destination}, tag {one.robot.settings['tag']}: {one.text}"
-        for one in outcomes
-        if not one.ok
+        f"{outcome.robot.destination}, tag {outcome.robot.settings['tag']}: {outcome.text}"
+        for outcome in outcomes
+        if not outcome.ok
     ]
     for holder in holders:
-        if holder.key != known.newest:
-            taken = "still takes" if holder.key in known.keys else "refuses"
+        if holder.key != store.newest:
+            taken = "still takes" if holder.key in store.keys else "refuses"
             lines.append(
                 f"robot {holder.tag} ({holder.destination}) was not reached with key"
-                f" {known.newest}: the host {taken} its key {holder.key}, until"
+                f" {store.newest}: the host {taken} its key {holder.key}, until"
                 " 'vsense robot keys --roster FILE' or 'vsense robot deploy' brings it"
             )
     return "\n".join(lines)
 
 
-def _key_facts(path: Path, known: SwarmKeys, holders: Sequence[Holder]) -> dict[str, Any]:
+def _key_facts(path: Path, store: SwarmKeys, holders: Sequence[Holder]) -> dict[str, Any]:
     return {
         "file": str(path),
-        "keys": sorted(known.keys),
-        "newest": known.newest,
+        "keys": sorted(store.keys),
+        "newest": store.newest,
         "robots": [asdict(holder) for holder in holders],
     }

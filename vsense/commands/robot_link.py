@@ -14,9 +14,6 @@ from vsense.robots.link.table import ExpectedRobot, Table
 from vsense.run import link_check
 from vsense.run.link_check import LinkLoad, judge, traffic_of
 
-DEFAULT = "foraging"
-"""Whose traffic it is where no experiment is named."""
-
 FOR_S, WAIT_S = 60.0, 10.0
 
 
@@ -34,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _arguments.option(parser, "--for", _arguments.seconds, "S", text, FOR_S)
     text = (
         "whose packets and timestep: a shipped experiment's name, or the path of a .argos"
-        f" file (default: {DEFAULT})"
+        f" file (default: {_experiments.DEFAULT})"
     )
     _arguments.option(parser, "--experiment", str, "NAME", text)
     _arguments.add_code(parser)
@@ -87,11 +84,11 @@ def run(options: argparse.Namespace) -> int:
         console.say(f"vsense: interrupted after {lasted_s:.1f} s: what was measured until then")
     verdicts = [judge(robots_now[tag], figures[tag], experiment.timestep_s) for tag in robots]
     facts = {"experiment": experiment.name, "timestep_s": experiment.timestep_s}
-    told = link_check.as_json(verdicts, facts | {"duration_s": round(lasted_s, 3)})
-    print_data(json.dumps(told, indent=2) if options.json else link_check.table(verdicts))
+    report = link_check.as_json(verdicts, facts | {"duration_s": round(lasted_s, 3)})
+    print_data(json.dumps(report, indent=2) if options.json else link_check.table(verdicts))
     if interrupted.is_set():
         return interrupted.code
-    return 0 if told["holds"] else 1
+    return 0 if report["holds"] else 1
 
 
 def _announce(
@@ -113,9 +110,9 @@ def _experiment(options: argparse.Namespace) -> Experiment:
     if options.experiment is None:
         if options.replace:
             raise UsageError("--replace: expected --experiment, whose parts they play")
-        return load(DEFAULT, stage=Stage.RUN, code=code)
+        return load(_experiments.DEFAULT, stage=Stage.RUN, code=code)
     chosen, options.robots = options.robots, None  # it is no number of robots
-    casting = _rosters.casting_of(options, found=True)
+    casting = _rosters.casting_of(options, here=True)
     options.robots = chosen
     return load(options.experiment, stage=Stage.RUN, code=code, casting=casting)
 
@@ -135,11 +132,11 @@ def _robots(options: argparse.Namespace, experiment: Experiment) -> dict[int, Ex
                 there = ", ".join(map(str, own))
                 raise UsageError(f"robot {tag}: {experiment.file} has {there}")
         return {tag: ExpectedRobot(*own[tag]) for tag in wanted}
-    known = _rosters.roster_of(options)
-    names = {} if known is None else {robot.tag: robot.name for robot in known.robots}
+    roster = _rosters.roster_of(options)
+    names = {} if roster is None else {robot.tag: robot.name for robot in roster.robots}
     wanted = options.robots
-    if wanted is None and known is not None:
-        wanted = [robot.tag for robot in known.robots if robot.is_ready]
+    if wanted is None and roster is not None:
+        wanted = [robot.tag for robot in roster.robots if robot.is_ready]
     if not wanted:
         raise UsageError(
             "which robots? expected TAGS such as 23,30-34, --experiment NAME, or a roster:"

@@ -69,23 +69,23 @@ def run(options: argparse.Namespace) -> int:
 
 def status(options: argparse.Namespace) -> int:
     """Prints the robots of the running experiment, or with `--roster` those of a roster."""
-    known = _rosters.roster_of(options, found=False)
-    if known is None:
+    roster = _rosters.roster_of(options, here=False)
+    if roster is None:
         return orders.robots(options)
     runs = control_client.alive()
     if options.process is None and not runs:
-        now = boards_now(known)
+        now = boards_now(roster)
     else:
         now = run_now(control_client.ask({"ask": "status"}, options.process)["robots"])
-    return _print(known, now, options.json)
+    return _print(roster, now, options.json)
 
 
-def _print(known: Roster, now: Mapping[int, RobotNow] | None, as_json: bool) -> int:
-    history = battery_history.read(battery_history.history_of(known.path))
+def _print(roster: Roster, now: Mapping[int, RobotNow] | None, as_json: bool) -> int:
+    history = battery_history.read(battery_history.history_of(roster.path))
     if as_json:
-        print_data(json.dumps([_facts(robot, history, now) for robot in known.robots], indent=2))
+        print_data(json.dumps([_facts(robot, history, now) for robot in roster.robots], indent=2))
     else:
-        print_data(table(known, history, now))
+        print_data(table(roster, history, now))
     return 0
 
 
@@ -101,18 +101,18 @@ def _now(row: Mapping[str, Any]) -> RobotNow:
     there = link if row["connected"] else "link lost" if row["sessions"] else "not connected"
     millivolts, trouble = row["battery_mv"], str(row["trouble"] or "")
     volts = millivolts / 1e3 if millivolts else None
-    told = trouble if row["connected"] or not trouble.startswith(("not conn", "link lost")) else ""
-    return RobotNow(f"{there}{seen}", str(row["name"]), volts, told, row)
+    words = trouble if row["connected"] or not trouble.startswith(("not conn", "link lost")) else ""
+    return RobotNow(f"{there}{seen}", str(row["name"]), volts, words, row)
 
 
 def boards_now(
-    known: Roster, call: Callable[[Sequence[str]], tuple[int, str]] | None = None
+    roster: Roster, call: Callable[[Sequence[str]], tuple[int, str]] | None = None
 ) -> dict[int, RobotNow]:
     """Asks all boards at once whether they are there, and whether vsensed runs on them.
 
     `call` runs a command, and gives its exit code and what it said; None: as a process.
     """
-    asked = [robot for robot in known.robots if robot.host]
+    asked = [robot for robot in roster.robots if robot.host]
     words = "pidof vsensed >/dev/null && echo runs || echo stands"
 
     def ask(robot: RosterRobot) -> RobotNow:
@@ -141,7 +141,7 @@ def _call(command: Sequence[str]) -> tuple[int, str]:
 
 
 def table(
-    known: Roster, history: Sequence[BatteryRow], now: Mapping[int, RobotNow] | None = None
+    roster: Roster, history: Sequence[BatteryRow], now: Mapping[int, RobotNow] | None = None
 ) -> str:
     """A line for each robot: whether it plays, what was measured of it, and its battery.
 
@@ -151,7 +151,7 @@ def table(
     more = () if now is None else ("part", "now", "battery now", "lasts")
     head = ("tag", "name", *more, "host", "base", "calibrated", "marker", "battery", "")
     rows: list[tuple[str, ...]] = [head]
-    for robot in known.robots:
+    for robot in roster.robots:
         calibration, marker = robot.calibration, robot.marker
         is_now = None if now is None else now.get(robot.tag, _ABSENT)
         rows.append(
@@ -167,8 +167,8 @@ def table(
                 "; ".join(filter(None, (robot.why_not.removeprefix("a "), _trouble(is_now)))),
             )
         )
-    ready = sum(robot.is_ready for robot in known.robots)
-    return "\n".join([*aligned(rows), f"{ready} of {len(known.robots)} robots can be taken"])
+    ready = sum(robot.is_ready for robot in roster.robots)
+    return "\n".join([*aligned(rows), f"{ready} of {len(roster.robots)} robots can be taken"])
 
 
 _ABSENT = RobotNow("-")
@@ -211,7 +211,7 @@ def _facts(
     battery = battery_history.last(history).get(robot.tag)
     is_now = None if now is None else now.get(robot.tag, _ABSENT)
     minutes = _minutes(is_now, robot, history)
-    told = {} if is_now is None else {
+    now_facts = {} if is_now is None else {
         "now": {
             "text": is_now.text,
             "part": is_now.part or None,
@@ -234,5 +234,5 @@ def _facts(
         "battery": None
         if battery is None
         else {name: getattr(battery, name) for name in battery_history.BATTERY_COLUMNS},
-        **told,
+        **now_facts,
     }

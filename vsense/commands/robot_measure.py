@@ -114,18 +114,18 @@ def _add_sensors(parser: Any) -> None:
 
 def calibrate(options: argparse.Namespace) -> int:
     """Calibrates all robots that can be; see `measuring.calibrate`."""
-    with _measuring(options, _rosters.roster_of(options, found=False)) as wanted:
+    with _measuring(options, _rosters.roster_of(options, here=False)) as wanted:
         return measuring.calibrate(wanted, _arguments.fill(SensorOptions, options))
 
 
 def check(options: argparse.Namespace) -> int:
     """Checks all robots; see `measuring.check`."""
-    with _measuring(options, _rosters.roster_of(options, found=not options.lab)) as wanted:
+    with _measuring(options, _rosters.roster_of(options, here=not options.lab)) as wanted:
         return measuring.check(wanted, options.wiggle)
 
 
 @contextmanager
-def _measuring(options: argparse.Namespace, known: Roster | None) -> Iterator[MeasuringOptions]:
+def _measuring(options: argparse.Namespace, roster: Roster | None) -> Iterator[MeasuringOptions]:
     """Reads what the options name, and takes the robots.
 
     Raises:
@@ -133,7 +133,7 @@ def _measuring(options: argparse.Namespace, known: Roster | None) -> Iterator[Me
         LeasedError: another run has some of the robots.
     """
     stage = Stage.LAB if options.lab else Stage.RUN
-    casting = Casting.of(known, limit=options.robots)
+    casting = Casting.of(roster, limit=options.robots)
     experiment = first_robots(
         load(options.experiment, stage=stage, casting=casting), options.robots
     )
@@ -154,7 +154,7 @@ def _measuring(options: argparse.Namespace, known: Roster | None) -> Iterator[Me
             trust=LinkTrust(keys.make()) if options.lab else _experiments.trust_of(options),
             tracking=options.tracking,
             lab=_lab_of(options, experiment) if options.lab else None,
-            roster_file=known,
+            roster_file=roster,
             web=_arguments.web_of(options),
             wait_s=options.wait,
             output=options.output,
@@ -177,7 +177,7 @@ def _sensors(text: str) -> tuple[str, ...]:
 
 
 def _point(text: str) -> tuple[float, float]:
-    found = re.fullmatch(_PAIR, text)
-    if found is None:
+    match = re.fullmatch(_PAIR, text)
+    if match is None:
         raise argparse.ArgumentTypeError(f"'{text}': expected x and y in m, such as 0.5,-0.8")
-    return float(found[1]), float(found[2])
+    return float(match[1]), float(match[2])

@@ -88,7 +88,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def options_of(
-    options: argparse.Namespace, mode: str | None, output: Path | None, **others: Any
+    options: argparse.Namespace, mode: str | None, output: Path | None, **given: Any
 ) -> SeriesOptions:
     """Returns what `add_making` declares, and the others of `vsense series`."""
     # Every run is a series' and begins by itself.
@@ -105,5 +105,5 @@ def options_of(
         lab=lab.lab_of(options),
         link=_arguments.fill(LinkOptions, options),
         bringer=None if options.no_deploy else partial(series_robots.bringer, options),
-        **{"limit": None, **others},
+        **{"limit": None, **given},
     )

@@ -58,14 +58,14 @@ def bringer(
         with tempfile.TemporaryDirectory(prefix="vsense-") as folder:
             output = Path(folder) / "vsensed"
             built = build_programs(experiment, set(drives.values()), options.target, output)
-            contents = {name: boards.load(each.path) for name, each in built.items()}
+            contents = {name: boards.load(program.path) for name, program in built.items()}
         binaries = {robots[tag].destination: contents[name] for tag, name in drives.items()}
         targets = [robots[tag] for tag in drives]
         plan = robot_keys.renewing(replace(how, binaries=binaries), options, targets)
         outcomes = robot_keys.deploy_all(plan, targets)
         if plan.keys is not None:
             robot_keys.note(options, plan.keys, outcomes)
-        failed = [one for one in outcomes if not one.ok]
+        failed = [outcome for outcome in outcomes if not outcome.ok]
         console.say(
             f"{len(outcomes) - len(failed)} of {len(outcomes)} robots have their controller"
         )

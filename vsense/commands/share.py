@@ -86,5 +86,5 @@ def table(facts: dict[str, Any]) -> str:
         f"{facts['folder']}: group '{facts['group']}': {', '.join(facts['members']) or 'nobody'}"
     ]
     runs = facts["runs"]
-    lines += [f"{leases.robots(one['robots'])} in use: {one['lease']}" for one in runs]
+    lines += [f"{leases.robots(row['robots'])} in use: {row['lease']}" for row in runs]
     return "\n".join(lines if runs else [*lines, "no run has robots"])

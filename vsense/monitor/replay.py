@@ -112,10 +112,10 @@ def _retrack(
     console: Console,
     interrupted: Interruption,
 ) -> RetrackComparison | None:
-    def change(made: dict[str, Any]) -> dict[str, Any]:
+    def change(setup: dict[str, Any]) -> dict[str, Any]:
         if session is not None:
-            made = {**of_session(session), "versions": made["versions"]}
-        return change_settings(made, settings)
+            setup = {**of_session(session), "versions": setup["versions"]}
+        return change_settings(setup, settings)
 
     tracking = Retracking(opened, change)
     for number, _ in enumerate(tracking.states(), 1):

@@ -75,7 +75,7 @@ def test_the_cameras_are_looked_at_once_per_second_and_at_the_end(
     environment = Environment(stage.experiment, seed=1)
     camera = Camera.looking_down("above", 0.0, 0.0, 2.0, 120.0, (320, 240))
     portrait = Portrait(stage.experiment, [camera])
-    portrait._samples.moment, portrait._samples.kept = 20, range(17, 20)
+    portrait._samples.moment, portrait._samples.timesteps = 20, range(17, 20)
     (tag,) = (robot.tag for robot in stage.experiment.robots)
     image = np.random.default_rng(0).integers(80, 120, (240, 320)).astype(np.uint8)
     kept = portrait._cameras.pictures

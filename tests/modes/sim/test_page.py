@@ -29,7 +29,7 @@ from vsense.modes.sim._watched import WatchedRuns
 from vsense.modes.sim._worker import simulate
 from vsense.modes.sim.job import Job, Setup
 from vsense.modes.sim.outcome import Task, libraries_of
-from vsense.monitor.recording.form import ROBOTS, RecordingError
+from vsense.monitor.recording.form import ROBOT_COLUMNS, RecordingError
 from vsense.monitor.recording.reader import open_recording
 from vsense.monitor.ui.access import WebAddress
 from vsense.monitor.ui.room import ControlRoom, RoomOptions
@@ -290,7 +290,7 @@ def test_a_recording_holds_every_timestep_as_it_was(recorded: tuple[Path, Path])
     # The tracker's errors are far below a millimetre.
     assert np.abs(np.array(places) - run["poses"][:, :, :2]).max() < 5e-4
     assert len(told["/readings"]) == len(told["/robots"]) == 120
-    assert {*ROBOTS, "actuators", "shown"} == {*told["/robots"][0].data}
+    assert {*ROBOT_COLUMNS, "actuators", "shown"} == {*told["/robots"][0].data}
     ends = [message.data["measures"] for message in told["/signals"]]
     rows = [{name: float(row[name]) for name in ends[0]} for row in measured]
     assert rows == ends and len(rows) == 120

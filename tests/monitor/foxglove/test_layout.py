@@ -68,9 +68,9 @@ def test_panels_are_as_the_sdk_writes_them() -> None:
         assert series.keys() <= keys(layouts.PlotSeries(value=""))
     settings = {
         _schemas.SCENE: layouts.BaseRendererSceneUpdateTopicSettings(),
-        _schemas.GRID: layouts.BaseRendererGridTopicSettings(),
-        _schemas.POSES: layouts.BaseRendererPosesTopicSettings(),
-        _schemas.CALIBRATION: layouts.BaseRendererCameraTopicSettings(),
+        _schemas.GRID_SCHEMA: layouts.BaseRendererGridTopicSettings(),
+        _schemas.POSES_SCHEMA: layouts.BaseRendererPosesTopicSettings(),
+        _schemas.CALIBRATION_SCHEMA: layouts.BaseRendererCameraTopicSettings(),
     }
     for topic, config in arena["topics"].items():
         assert config.keys() <= keys(settings[schema_of(topic)]), topic

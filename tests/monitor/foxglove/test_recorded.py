@@ -78,8 +78,8 @@ def test_what_is_recorded_is_the_sdks(recorded: Path) -> None:
                 title = json.loads(schema.data).pop("title")
                 assert title == schema.name
     assert {s.name for s in known.values()} >= {
-        *(_schemas.SCENE, _schemas.FRAMES, _schemas.POSES, _schemas.ANNOTATIONS),
-        *(_schemas.CALIBRATION, _schemas.IMAGE),
+        *(_schemas.SCENE, _schemas.FRAMES, _schemas.POSES_SCHEMA, _schemas.ANNOTATIONS_SCHEMA),
+        *(_schemas.CALIBRATION_SCHEMA, _schemas.IMAGE),
     }
 
 

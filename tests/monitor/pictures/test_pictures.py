@@ -15,7 +15,7 @@ from vsense.base.canvas import SCALE, Canvas
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment
 from vsense.monitor.pictures import _arena_view, run_figure
-from vsense.monitor.pictures._arena_view import WIDTH_PX
+from vsense.monitor.pictures._arena_view import VIEW_PX
 from vsense.monitor.pictures._scene import DARK, LIT, VIRTUAL, ArenaMoment
 from vsense.monitor.pictures._world_snapshot import take_snapshot
 from vsense.monitor.pictures.run_figure import Chart, ChartSeries
@@ -58,7 +58,7 @@ def draw(experiment: Experiment, world: World, lit: tuple[bool, bool] = (False, 
 def colour_at(image: object, experiment: Experiment, x_m: float, y_m: float) -> np.ndarray:
     """Mean colour (BGR) of a few pixels around a place of the arena."""
     picture = np.asarray(image, np.float64)
-    zoom = WIDTH_PX * SCALE / experiment.arena.size_m[0]
+    zoom = VIEW_PX * SCALE / experiment.arena.size_m[0]
     column = round(picture.shape[1] / 2 + x_m * zoom)
     row = round(picture.shape[0] / 2 - y_m * zoom)
     return picture[row - 2 : row + 3, column - 2 : column + 3].mean(axis=(0, 1))

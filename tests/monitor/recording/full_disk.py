@@ -16,7 +16,7 @@ from pathlib import Path
 from vsense.base.clock import host_ns
 from vsense.base.message_bus import Message, MessageBus
 from vsense.monitor.recording._recorder import Recorder
-from vsense.monitor.recording._waiting import Bounds
+from vsense.monitor.recording._waiting import WaitingBounds
 
 LIMIT_BYTES = 100_000
 PATIENCE_S = 60.0
@@ -32,7 +32,7 @@ class Run:
             lambda message: self.events.append(message.data["level"]),
             lambda topic: topic == "/event",
         )
-        self.recorder = Recorder(self.bus, path, bounds=Bounds(message_bytes=200_000))
+        self.recorder = Recorder(self.bus, path, bounds=WaitingBounds(message_bytes=200_000))
         self.count = 0
 
     def until(self, done: Callable[[], bool]) -> None:

@@ -13,7 +13,7 @@ from vsense.base.errors import UsageError
 from vsense.base.message_bus import Message
 from vsense.monitor import recording
 from vsense.monitor.recording.export import TRAJECTORIES, export_csv
-from vsense.monitor.recording.form import EVENTS, ROBOTS, RecordingError
+from vsense.monitor.recording.form import EVENTS, ROBOT_COLUMNS, RecordingError
 from vsense.monitor.recording.reader import open_recording
 
 STEP_NS = 100_000_000
@@ -48,7 +48,7 @@ def messages() -> list[Message]:
         "values": [[[0.1, 0.2, 0.3], [1.0, 2.0]], [[0.4], [3.0, 4.0]]],
         "captured_ns": [[900_000_000, -1], [1_000_000_000, 1_000_000_000]],
     }
-    robots = {name: [None, None] for name in ROBOTS} | {
+    robots = {name: [None, None] for name in ROBOT_COLUMNS} | {
         "tag": [3, 7],
         "name": ["a", "b, the second"],
         "connected": [True, False],
@@ -130,7 +130,7 @@ def test_tables_hold_what_was_recorded(file: Path, tmp_path: Path) -> None:
         ["0.1", "1", "7", "0.4", "", "", "0.0", "3.0", "4.0", "0.0"],
     ]  # fmt: skip
     head, first, second, *_ = rows(folder / "robots.csv")
-    assert head == ["time_s", *ROBOTS]
+    assert head == ["time_s", *ROBOT_COLUMNS]
     assert second[:4] == ["0.1", "7", "b, the second", "0"] and second[-1] == "x"
     assert rows(folder / "shown.csv") == [
         ["time_s", "tag", "name", "value"],

@@ -80,7 +80,7 @@ def test_another_change_gives_other_readings_from_there_on(
     done: list[int] = []
 
     def edit(message: Message) -> Message:
-        if message.topic == form.ORDERS and change in message.data["change"] and not done:
+        if message.topic == form.ORDERS_TOPIC and change in message.data["change"] and not done:
             done.append(message.data["run_timestep"])
             other = {**message.data["change"], change: 0.07}
             return Message(message.topic, message.time_ns, {**message.data, "change": other})
@@ -97,7 +97,7 @@ def test_another_change_gives_other_readings_from_there_on(
         (form.DEEDS, 0, "does not begin with its run"),
         (form.DEEDS, 12, "lacks a timestep after 12"),
         ("/arena", 12, "lacks a timestep after 12"),
-        (form.ORDERS, 1, "lacks a timestep after"),
+        (form.ORDERS_TOPIC, 1, "lacks a timestep after"),
         ("/experiment", 0, "does not begin with its run"),
     ],
 )

@@ -20,7 +20,7 @@ from vsense.base.files import PACKAGE_FOLDER
 from vsense.base.message_bus import Message, MessageBus
 from vsense.monitor.recording import size_line, writer
 from vsense.monitor.recording._recorder import Recorder
-from vsense.monitor.recording._waiting import Bounds
+from vsense.monitor.recording._waiting import WaitingBounds
 from vsense.monitor.recording.form import ExperimentMessage, RecordingError, RunMessage, schema
 from vsense.monitor.recording.reader import open_recording
 
@@ -179,7 +179,7 @@ def test_switched_off_it_says_what_is_missing_and_asks_for_news(tmp_path: Path) 
 
 def test_pictures_are_left_out_first(tmp_path: Path) -> None:
     bus = MessageBus()
-    bounds = Bounds(picture_bytes=10, message_bytes=1 << 20)
+    bounds = WaitingBounds(picture_bytes=10, message_bytes=1 << 20)
     recorder = Recorder(bus, tmp_path / "run.mcap", pictures=True, bounds=bounds)
     recorder.pictures([picture(1), picture(1, "right")])
     bus.publish(Message("/run", 1, {}))
@@ -278,7 +278,7 @@ def test_what_a_minute_costs_is_told_once_it_is_known(tmp_path: Path) -> None:
         heard.set()
 
     path = tmp_path / "run.mcap"
-    recorder = Recorder(bus, path, tell=tell, clock=lambda: now_ns[0])
+    recorder = Recorder(bus, path, say=tell, clock=lambda: now_ns[0])
     bus.publish(Message("/event", BEGIN_NS, {"text": "x" * 300}))
     now_ns[0] += 20_000_000_000
     assert heard.wait(30.0)

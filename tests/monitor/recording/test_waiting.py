@@ -10,9 +10,9 @@ import pytest
 from tests.monitor.recording.conftest import picture
 from vsense.base.message_bus import Message, MessageBus
 from vsense.monitor.recording._recorder import Recorder
-from vsense.monitor.recording._waiting import Bounds, Item, Waiting, WaitingPicture
+from vsense.monitor.recording._waiting import Waiting, WaitingBounds, WaitingItem, WaitingPicture
 
-BOUNDS = Bounds(message_bytes=10, picture_bytes=10, message_ns=100, picture_ns=50)
+BOUNDS = WaitingBounds(message_bytes=10, picture_bytes=10, message_ns=100, picture_ns=50)
 
 
 def message(number: int) -> Message:
@@ -23,7 +23,7 @@ def image(number: int) -> WaitingPicture:
     return WaitingPicture(picture(number), number, number, 1)
 
 
-def everything(waiting: Waiting) -> list[Item]:
+def everything(waiting: Waiting) -> list[WaitingItem]:
     found = []
     while (item := waiting.pop(0.0)) is not None:
         found.append(item)

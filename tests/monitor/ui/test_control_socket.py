@@ -22,8 +22,8 @@ from vsense.base.errors import UsageError
 from vsense.monitor.ui import control_client as terminal
 from vsense.monitor.ui import control_socket
 from vsense.monitor.ui.control_socket import (
-    TIMEOUT_S,
-    TRACKER,
+    TERMINAL_TIMEOUT_S,
+    TRACKER_SUFFIX,
     ControlSocket,
     ControlSocketError,
     folder,
@@ -171,7 +171,7 @@ def test_a_reader_that_has_left_is_one_line(
         assert capsys.readouterr().err == "vsense: standard output: Broken pipe\n"
 
 
-@pytest.mark.parametrize("kind", ["", TRACKER])
+@pytest.mark.parametrize("kind", ["", TRACKER_SUFFIX])
 def test_a_process_that_says_nonsense_is_named_by_its_number(place: Path, kind: str) -> None:
     folder()
     with socket.socket(socket.AF_UNIX) as other:
@@ -235,7 +235,7 @@ def test_nonsense_is_answered_and_harms_nobody(
 
 
 def test_whoever_says_nothing_keeps_nobody_waiting(bell: ControlSocket) -> None:
-    assert TIMEOUT_S > 0
+    assert TERMINAL_TIMEOUT_S > 0
     with socket.socket(socket.AF_UNIX) as silent:
         silent.connect(str(bell.path))
         assert terminal.ask({"ask": "status"})["name"] == "wander"
@@ -342,7 +342,7 @@ def test_a_tracker_is_found_where_no_experiment_runs_and_is_never_in_its_way(
     made = {"on": True, "file": "/runs/y/run-1/lab.mcap", "bytes": 3_000_000, "trouble": "No space"}
     run = {**STATUS["run"], "late": None, "recording": made}
     tracked = {"name": "lab", "command": "track", "directory": None, "run": run, "robots": rows}
-    tracker = ControlSocket(lambda: tracked, desk.give, TRACKER)
+    tracker = ControlSocket(lambda: tracked, desk.give, TRACKER_SUFFIX)
     assert cli.main(["status"]) == 0
     shown = capsys.readouterr().out
     assert "lab: run 2 is paused" in shown and "late" not in shown

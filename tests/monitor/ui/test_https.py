@@ -176,7 +176,7 @@ def test_handshakes_that_lead_to_nothing_end(
         sock.sendall(sent)
     answer = curl("--insecure", f"https://localhost:{page.port}/{page.query}")
     assert answer.startswith("HTTP/1.1 200")
-    assert sum(not is_closed(sock) for sock in crowd) <= _web_listener.STRANGERS_EACH
+    assert sum(not is_closed(sock) for sock in crowd) <= _web_listener.UNVOUCHED_PER_ADDRESS
     for sock in crowd:
         sock.settimeout(PATIENCE_S)
         assert b"HTTP" not in read_rest(sock)

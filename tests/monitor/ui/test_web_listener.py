@@ -31,9 +31,7 @@ class Port:
         self.puppet = Puppet()
         self.told: list[str] = []
         tell = self.told.append
-        self.server = WebServer(
-            self.puppet.bus, self.puppet.give, "127.0.0.1", 0, TOKENS, tell=tell
-        )
+        self.server = WebServer(self.puppet.bus, self.puppet.give, "127.0.0.1", 0, TOKENS, say=tell)
         self.url = self.server.start().control
         self.opened: list[socket.socket] = []
 
@@ -75,7 +73,7 @@ def port() -> Iterator[Port]:
 @pytest.fixture
 def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(_web_listener, "REQUEST_S", 0.6)
-    monkeypatch.setattr(_web_listener, "KEPT_S", 0.6)
+    monkeypatch.setattr(_web_listener, "KEEP_ALIVE_S", 0.6)
 
 
 @pytest.mark.parametrize("sent", [b"", HALF, b"\r\n" * 20, b"GET"])
@@ -109,14 +107,14 @@ def test_a_flood_from_one_address_ends_itself(port: Port) -> None:
     flood = [port.connect((b"", HALF)[n % 2]) for n in range(300)]
     assert port.answers()
     open_now = sum(not is_closed(sock) for sock in flood)
-    assert open_now <= _web_listener.STRANGERS_EACH
+    assert open_now <= _web_listener.UNVOUCHED_PER_ADDRESS
     assert port.told == ["page: 127.0.0.1: too many connections at once"]
 
 
 def test_a_flood_from_many_addresses(port: Port) -> None:
     flood = [port.connect(b"", f"127.0.{n % 4}.{2 + n // 4}") for n in range(400)]
     assert port.answers()
-    assert sum(not is_closed(sock) for sock in flood) <= _web_listener.STRANGERS_MAX
+    assert sum(not is_closed(sock) for sock in flood) <= _web_listener.UNVOUCHED_MAX
     assert len(port.told) == 1
 
 
@@ -185,7 +183,7 @@ def test_without_descriptors_it_waits_and_goes_on(
         told: list[str] = []
         monkeypatch.setattr(site, "listen", lambda host, port: (listening, number))
         puppet = Puppet()
-        server = WebServer(puppet.bus, puppet.give, "127.0.0.1", 0, TOKENS, tell=told.append)
+        server = WebServer(puppet.bus, puppet.give, "127.0.0.1", 0, TOKENS, say=told.append)
         try:
             with urllib.request.urlopen(server.start().control, timeout=PATIENCE_S) as answer:
                 assert answer.status == 200

@@ -61,7 +61,7 @@ def test_another_file_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize("text", ["", "{}", "[]", '{"missions": [{}], "name": "x"}'])
 def test_what_is_no_definition_is_told(tmp_path: Path, text: str) -> None:
     shutil.copytree(_definition.NEWEST, tmp_path / "v1")
-    (tmp_path / "v1" / _definition.FILE).write_text(text)
+    (tmp_path / "v1" / _definition.DEFINITION_FILE).write_text(text)
     with pytest.raises(VsenseError, match="is no definition of a benchmark"):
         _definition.load(tmp_path / "v1")
     assert json.loads(_definition.load().file.read_text())["name"] == "vsense-benchmark 1"

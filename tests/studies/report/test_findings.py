@@ -24,13 +24,12 @@ from tests.studies.report.runs import (
     write_cut_off,
 )
 from vsense.base.message_bus import Message
+from vsense.monitor.recording import IN_CONE, LIT_IN_CONE
 from vsense.monitor.recording.form import RecordingError
 from vsense.studies.report._findings import Findings, as_json, read_findings
 from vsense.studies.report._flow import FINE, LOST, STOPPED, UNSEEN, Strips
 from vsense.studies.report._gather import (
-    CELL_M,
-    IN_CONE,
-    LIT_IN_CONE,
+    MAP_CELL_M,
     MOST_POINTS,
     Gatherer,
     RobotTrack,
@@ -131,7 +130,7 @@ def test_latency(found: Findings) -> None:
 def test_occupancy_and_objects(found: Findings) -> None:
     tracks = found.gathered.tracks
     assert sum(tracks.cells.values()) == 19 + 7
-    assert tracks.cells[round(0.5 / CELL_M), -2] == 7
+    assert tracks.cells[round(0.5 / MAP_CELL_M), -2] == 7
     assert tracks.objects_m.keys() == {POLLUTER, STRANGER}
     assert tracks.of.keys() == {DRIVER, BLINKER}
 

@@ -15,7 +15,7 @@ from tests.studies.report.runs import messages, write
 from vsense import cli
 from vsense.base.errors import UsageError, VsenseError
 from vsense.studies.report import _plot, lacking
-from vsense.studies.report.report import PAGE, make_report
+from vsense.studies.report.report import REPORT_PAGE, make_report
 
 ANOTHER_PROCESS = """
 import importlib, pkgutil, sys
@@ -141,10 +141,10 @@ def test_without_matplotlib_there_is_all_but_charts(
     command = ["report", str(recording), str(recording), "-o", str(folder), "--style", "ggplot"]
     assert cli.main(command) == 0
     out, err = capsys.readouterr()
-    assert out == f"{folder / PAGE}: 0 charts beside it\n"
+    assert out == f"{folder / REPORT_PAGE}: 0 charts beside it\n"
     assert err.count(lacking()) == 1
-    assert [path.name for path in folder.iterdir()] == [PAGE]
-    text = (folder / PAGE).read_text()
+    assert [path.name for path in folder.iterdir()] == [REPORT_PAGE]
+    text = (folder / REPORT_PAGE).read_text()
     assert "pip install &#x27;matplotlib&gt;=3.8&#x27;" in text and "<img" not in text
     assert re.search("<b>Table 1. Runs of hand.</b>.*<td>driver</td>", text, re.DOTALL)
 

@@ -18,7 +18,7 @@ from tests.studies.report.runs import BLINKER, Reader, messages, write, write_cu
 from vsense import cli
 from vsense.base.message_bus import Message
 from vsense.monitor.recording.form import RecordingError
-from vsense.studies.report.report import PAGE, make_report
+from vsense.studies.report.report import REPORT_PAGE, make_report
 
 TOPICS = sorted({message.topic for message in messages()})
 PICTURES = ("ways", "occupancy", "measures", "robots", "latency", "latency-over-time")
@@ -28,11 +28,11 @@ pytestmark = pytest.mark.usefixtures("coarse")
 def test_the_page_holds_every_section(tmp_path: Path) -> None:
     folder = tmp_path / "report"
     made = make_report([write(tmp_path / "run.mcap", messages())], folder)
-    assert made.files[0] == folder / PAGE
+    assert made.files[0] == folder / REPORT_PAGE
     assert {path.stem for path in made.files[1:]} == set(PICTURES)
     for path in made.files[1:]:
         assert cv2.imread(str(path)) is not None
-    text = (folder / PAGE).read_text()
+    text = (folder / REPORT_PAGE).read_text()
     read = Reader(text)
     assert read.headings == [
         "hand, lab, sighted, seed 1", "Measures", "Robots", "Loss and gaps", "Events",
@@ -51,7 +51,7 @@ def test_several_runs_are_compared(tmp_path: Path) -> None:
     ]
     paths.append(write(tmp_path / "other.mcap", messages(name="other")))
     made = make_report(paths, tmp_path / "report")
-    text = (tmp_path / "report" / PAGE).read_text()
+    text = (tmp_path / "report" / REPORT_PAGE).read_text()
     read = Reader(text)
     assert read.headings[:4] == [
         "4 runs compared",
@@ -78,20 +78,20 @@ def test_the_command_prints_json(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert cli.main(["report", str(path), "--json"]) == 0
     out, err = capsys.readouterr()
     told = json.loads(out)
-    assert told["files"][0] == str(tmp_path / "run-report" / PAGE)
+    assert told["files"][0] == str(tmp_path / "run-report" / REPORT_PAGE)
     assert told["recordings"][0]["complete"] is False and told["comparison"] == []
     assert f"{path} was cut off: its last second may be missing" in err
-    assert "was cut off" in (tmp_path / "run-report" / PAGE).read_text()
+    assert "was cut off" in (tmp_path / "run-report" / REPORT_PAGE).read_text()
 
 
 def test_nothing_is_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = write(tmp_path / "run.mcap", messages())
     folder = tmp_path / "report"
     assert cli.main(["report", str(path), "-o", str(folder)]) == 0
-    before = (folder / PAGE).read_bytes()
+    before = (folder / REPORT_PAGE).read_bytes()
     assert cli.main(["report", str(path), "-o", str(folder)]) == 2
     assert f"{folder}: is there already" in capsys.readouterr().err
-    assert (folder / PAGE).read_bytes() == before
+    assert (folder / REPORT_PAGE).read_bytes() == before
     assert cli.main(["report", str(path), "-o", str(path)]) == 2
 
 
@@ -110,7 +110,7 @@ def test_bad_files_are_one_clear_line(tmp_path: Path, content: bytes | None) -> 
 def test_a_recording_may_lack_a_topic(tmp_path: Path, lacking: str) -> None:
     sent = [message for message in messages() if message.topic != lacking]
     make_report([write(tmp_path / "run.mcap", sent)], tmp_path / "report")
-    Reader((tmp_path / "report" / PAGE).read_text())
+    Reader((tmp_path / "report" / REPORT_PAGE).read_text())
 
 
 def test_a_world_that_people_changed_is_told(tmp_path: Path) -> None:
@@ -128,7 +128,7 @@ def test_a_world_that_people_changed_is_told(tmp_path: Path) -> None:
     paths = [write(tmp_path / "a.mcap", changed), write(tmp_path / "b.mcap", [*sent, last])]
     made = make_report(paths, tmp_path / "report")
     assert [run["changes"] for run in made.as_json()["recordings"]] == [1, 0]
-    text = (tmp_path / "report" / PAGE).read_text()
+    text = (tmp_path / "report" / REPORT_PAGE).read_text()
     assert text.count("changed by hand while it ran, 1 in all") == 1
     assert text.count("world changed by hand") == 1
 
@@ -138,7 +138,7 @@ def test_a_recording_may_hold_one_topic(tmp_path: Path, only: str) -> None:
     sent = [message for message in messages() if message.topic == only]
     paths = [write(tmp_path / f"{place}.mcap", sent) for place in range(2)]
     make_report(paths, tmp_path / "report")
-    text = (tmp_path / "report" / PAGE).read_text()
+    text = (tmp_path / "report" / REPORT_PAGE).read_text()
     assert "Not in this recording: " in text
     Reader(text)
 

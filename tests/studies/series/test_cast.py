@@ -59,7 +59,7 @@ def test_spares_play_in_every_condition_until_there_are_none(tmp_path: Path) -> 
     assert cast.put_in_for({61: "was lost", third: "was lost"}) == [third]
     assert cast.tags == {first, 62, third}
     assert "there is no spare for it" in said.getvalue()
-    for planned in cast.known.values():
+    for planned in cast.by_condition.values():
         assert [robot.tag for robot in planned.experiment.robots] == [first, 62, third]
 
 
@@ -71,33 +71,33 @@ def test_a_spare_plays_where_conditions_have_different_robots(tmp_path: Path) ->
     known = roster.read(tmp_path / "robots.toml")
     loader = PlanLoader(read(path), casting=Casting.of(known))
     cast = SeriesCast(loader.load_all(), Console(io.StringIO()))
-    mine, others = ([r.tag for r in cast.known[name].experiment.robots] for name in "ab")
+    mine, others = ([r.tag for r in cast.by_condition[name].experiment.robots] for name in "ab")
     assert mine[-1] not in others
     assert cast.put_in_for({mine[-1]: "was lost"}) == []
     assert cast.tags == {61, *mine[:-1], *others}
     # Whom people put in while a run of b waits leaves the spare of a in its part.
-    b = cast.known["b"].experiment.casting
+    b = cast.by_condition["b"].experiment.casting
     cast.follow("b", replace(b, replaced=(*b.replaced, (others[-1], 62))))
     assert cast.tags == {61, 62, *mine[:-1], *others} - {others[-1]}
 
 
 def test_people_may_move_a_spare_on_in_any_order(tmp_path: Path) -> None:
     cast, _, (first, second, third) = cast_of(tmp_path)
-    first_casting = cast.known["a"].experiment.casting
+    first_casting = cast.by_condition["a"].experiment.casting
     cast.follow("a", replace(first_casting, replaced=((first, 61), (second, 62))))
     # While one run waits: second is repaired, then 62 takes over from 61.
-    second_casting = cast.known["a"].experiment.casting
+    second_casting = cast.by_condition["a"].experiment.casting
     cast.follow("a", replace(second_casting, replaced=((first, 62),)))
     assert cast.tags == {62, second, third}
-    assert all(p.experiment.casting.replaced == ((first, 62),) for p in cast.known.values())
+    assert all(p.experiment.casting.replaced == ((first, 62),) for p in cast.by_condition.values())
     # Two robots exchange their parts.
     cast.follow("a", replace(second_casting, replaced=((second, third), (third, second))))
-    assert [r.tag for r in cast.known["b"].experiment.robots] == [first, third, second]
+    assert [r.tag for r in cast.by_condition["b"].experiment.robots] == [first, third, second]
 
 
 def test_nobody_plays_two_parts(tmp_path: Path) -> None:
     cast, _, (first, second, _third) = cast_of(tmp_path)
-    casting = cast.known["a"].experiment.casting
+    casting = cast.by_condition["a"].experiment.casting
     with pytest.raises(UsageError):
         cast.follow("a", replace(casting, replaced=((first, 61), (second, 61))))
 
@@ -106,7 +106,7 @@ def test_a_run_knows_who_cannot_begin(tmp_path: Path) -> None:
     cast, _, (first, second, third) = cast_of(tmp_path)
     plan = read(tmp_path / "plan.toml")
     run = pending(plan, [])[0]
-    staged = StagedRun.of(plan, run, cast.known[run.cell.condition])
+    staged = StagedRun.of(plan, run, cast.by_condition[run.cell.condition])
     names = {robot.tag: robot.id for robot in staged.experiment.robots}
     there = Readiness.of(names, {}, {first, second}, {first}, {})
     assert staged.missing(there) == {second: "is not seen", third: "is not connected"}
@@ -116,7 +116,7 @@ def test_a_run_knows_who_cannot_begin(tmp_path: Path) -> None:
         for tag, mv in volts.items()
     }
     assert staged.low(told) == {first: "has 3.40 V left, and drove home"}
-    without = StagedRun.of(plan, run, cast.known[run.cell.condition], [second])
+    without = StagedRun.of(plan, run, cast.by_condition[run.cell.condition], [second])
     assert [robot.tag for robot in without.experiment.robots] == [first, third]
     before = {r.tag: r.pose for r in staged.experiment.robots}
     assert {r.tag: r.pose for r in without.experiment.robots} == {

@@ -273,7 +273,7 @@ class Session(ExperimentSession):
                 for step, _ in timesteps:
                     self._judge(step, notes.tracking)
                     samples.add(step.run_timestep, world)
-                    if step.run_timestep in samples.kept:
+                    if step.run_timestep in samples.timesteps:
                         pictures[step.run_timestep] = copy_frames(step.frames)
                     observe(step)
         finally:

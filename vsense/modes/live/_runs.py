@@ -20,7 +20,7 @@ from vsense.base.errors import VsenseError, failing_as
 from vsense.base.terminal import Console, print_data
 from vsense.modes._several import Series
 from vsense.modes.live._talk import Talk
-from vsense.monitor.recording import SUFFIX
+from vsense.monitor.recording import MCAP
 from vsense.monitor.recording.form import Data
 from vsense.monitor.recording.pictures import (
     BackgroundRecorder,
@@ -361,7 +361,7 @@ class Runs:
             self.keep_in(None)
         assert self._series is not None
         self.directory = self._series.directory(self.control.run)
-        self.recorders.begin_run(self.directory / f"{self.name}{SUFFIX}")
+        self.recorders.begin_run(self.directory / f"{self.name}{MCAP}")
 
     def _switch(self, on: bool) -> str:
         """Carries out RECORD, of all that was recorded from the beginning; else of an MCAP file."""

@@ -17,7 +17,7 @@ from vsense.config.specs import Experiment
 from vsense.modes.live.session import RunSession
 from vsense.monitor.pictures import run_figure
 from vsense.monitor.pictures.run_figure import RunCameras, RunFigure, RunPictureError
-from vsense.monitor.pictures.run_samples import SPARE, RunSamples
+from vsense.monitor.pictures.run_samples import SPARE_TIMESTEPS, RunSamples
 from vsense.robots.link.status import RobotStatus
 from vsense.run import directory as run_directory
 from vsense.run import figures
@@ -61,7 +61,7 @@ class Portrait:
     ) -> None:
         """Adds a timestep, the links' statuses by tag, and the pictures; `world` is up to date."""
         self._look(run_timestep, frames)
-        if run_timestep % self._every and run_timestep not in self._samples.kept:
+        if run_timestep % self._every and run_timestep not in self._samples.timesteps:
             return
         rows = world.robots[: len(self._experiment.robots)]
         self._timesteps.append(run_timestep)
@@ -84,12 +84,12 @@ class Portrait:
         """
         second = max(round(self._experiment.ticks_per_second), 1)
         last = self._experiment.timesteps - 1
-        is_kept = run_timestep in self._samples.kept
+        is_kept = run_timestep in self._samples.timesteps
         if not frames or not (
-            is_kept or run_timestep % second == 0 or last - SPARE < run_timestep <= last
+            is_kept or run_timestep % second == 0 or last - SPARE_TIMESTEPS < run_timestep <= last
         ):
             return
-        if self._newest not in self._samples.kept:
+        if self._newest not in self._samples.timesteps:
             self._cameras.drop(self._newest)
         self._newest = run_timestep
         self._cameras.keep(run_timestep, frames)
@@ -97,8 +97,8 @@ class Portrait:
     def _thin(self) -> None:
         """Forgets every other timestep, but for those of a view and the last."""
         self._every *= 2
-        last, kept_samples = self._timesteps[-1], self._samples.kept
-        stay = [t % self._every == 0 or t in kept_samples or t == last for t in self._timesteps]
+        last, kept = self._timesteps[-1], self._samples.timesteps
+        stay = [t % self._every == 0 or t in kept or t == last for t in self._timesteps]
         self._timesteps = list(compress(self._timesteps, stay))
         self._poses = list(compress(self._poses, stay))
         self._sighted = list(compress(self._sighted, stay))

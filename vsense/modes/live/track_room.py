@@ -19,8 +19,8 @@ from vsense.base.sharing import user_name
 from vsense.modes.live._runs import Runs
 from vsense.monitor.recording.form import Data, ExperimentMessage, RunMessage
 from vsense.monitor.ui import keyboard, messages
-from vsense.monitor.ui.control_socket import TRACKER
-from vsense.monitor.ui.publisher import SECOND_NS, WINDOW, Rates, silence_s
+from vsense.monitor.ui.control_socket import TRACKER_SUFFIX
+from vsense.monitor.ui.publisher import RATE_TIMESTEPS, SECOND_NS, Rates, silence_s
 from vsense.monitor.ui.room import ControlRoom, RoomCallbacks
 from vsense.monitor.ui.tables import CameraTable
 from vsense.run.orders import Order, OrderError
@@ -66,7 +66,7 @@ class TrackRoom:
         self._room, self._bus = room, room.bus
         self._session = session
         self._board = CameraTable([view.camera for view in session.views], troubles)
-        self._rates = Rates(WINDOW)
+        self._rates = Rates(RATE_TIMESTEPS)
         self._joined, self._due_ns = -1, 0
         self._published: object = None
         self._state: ArenaState | None = None
@@ -80,7 +80,7 @@ class TrackRoom:
             self._room.open(RoomCallbacks(refuse))
         else:
             give = runs.control.give
-            self._room.open(RoomCallbacks(give, self.status, kind=TRACKER, keys=keys))
+            self._room.open(RoomCallbacks(give, self.status, kind=TRACKER_SUFFIX, keys=keys))
 
     def update(self, state: ArenaState, frames: Sequence[Frame]) -> None:
         """Publishes what is new after a timestep; messages are made only if they are wanted."""

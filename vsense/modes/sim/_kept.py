@@ -11,7 +11,7 @@ from vsense.base.message_bus import MessageBus
 from vsense.modes.sim._simulation import Simulation
 from vsense.modes.sim.job import Job
 from vsense.monitor.pictures.run_samples import RunSamples
-from vsense.monitor.recording import SUFFIX
+from vsense.monitor.recording import MCAP
 from vsense.run.directory import LOGGED, TRAJECTORY, RunTables
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ class KeptRun:
 
     def _switch(self, on: bool) -> str:
         """Records from now on, or no more; gives why not, "" where it worked."""
-        path = Path(self._job.directory or ".") / f"{self._run.environment.experiment.name}{SUFFIX}"
+        path = Path(self._job.directory or ".") / f"{self._run.environment.experiment.name}{MCAP}"
         try:
             self._record(on, path)
         except VsenseError as error:

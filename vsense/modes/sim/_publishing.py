@@ -14,7 +14,7 @@ from vsense.base.errors import VsenseError, failing_as
 from vsense.base.files import read_bytes
 from vsense.base.message_bus import MessageBus
 from vsense.modes.sim._simulation import EPOCH_NS, Simulation
-from vsense.monitor.recording.form import ROBOTS, Data
+from vsense.monitor.recording.form import ROBOT_COLUMNS, Data
 from vsense.monitor.ui import messages
 from vsense.monitor.ui.messages import ExperimentFacts
 from vsense.monitor.ui.publisher import Publisher
@@ -108,7 +108,7 @@ class SimPublisher(Publisher):
         run, record = self._simulation, self._simulation.record
         tags, count = list(record.tags), len(record.tags)
         wheels, reports = run.wheels_steps_s, run.reports()
-        columns: dict[str, list[Any]] = {name: [None] * count for name in ROBOTS}
+        columns: dict[str, list[Any]] = {name: [None] * count for name in ROBOT_COLUMNS}
         columns |= {
             "tag": tags,
             "name": self._names,

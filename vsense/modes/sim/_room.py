@@ -101,7 +101,7 @@ class SimRoom:
         """A run begins, whose files go to `directory`."""
         self._room.keep_in(directory)
         self._reported, self._current = {}, {}
-        self._file = directory / f"{self._experiment.name}{recording.SUFFIX}"
+        self._file = directory / f"{self._experiment.name}{recording.MCAP}"
         self._forget_asked()
         self._forget_sent()
         holds, locked = self.control.holds, self._room.locked

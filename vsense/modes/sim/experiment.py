@@ -18,7 +18,7 @@ from vsense.modes.sim.job import Job, Setup
 from vsense.modes.sim.outcome import Task, libraries_of
 from vsense.modes.sim.watch import Show, WorkerProcess, simulate_all
 from vsense.monitor import recording
-from vsense.monitor.recording import SUFFIX, size_line
+from vsense.monitor.recording import MCAP, size_line
 from vsense.run import directory as run_directory
 from vsense.run.directory import LOGGED, TRAJECTORY
 from vsense.run.environment import MOST_SEED
@@ -202,7 +202,7 @@ class _SingleRun:
             libraries = libraries_of(self.experiment)
             directory = run_directory.make(self.options.experiment.output, name, seed)
         assert seed is not None and libraries is not None
-        recording = str(directory / f"{name}{SUFFIX}") if self.options.record else None
+        recording = str(directory / f"{name}{MCAP}") if self.options.record else None
         setups = {origin.key_of(): self.setup}
         origin.keep(directory, "sim", [self.experiment], self.console.say, setups)
         return Job(self.setup, seed, libraries, str(directory), recording)

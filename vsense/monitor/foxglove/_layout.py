@@ -10,12 +10,9 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from typing import Any
 
 from vsense.monitor.foxglove import _schemas, channels
-from vsense.monitor.foxglove._shapes import ARENA
-
-Data = dict[str, Any]
+from vsense.monitor.foxglove._shapes import ARENA_FRAME, Data
 
 LAB_CAMERAS = ("cam_0_0", "cam_0_1", "cam_1_0", "cam_1_1")
 """Of `vsense lab`, unless a camera file says otherwise."""
@@ -41,9 +38,9 @@ def layout(
     return {"version": 1, "content": _split("row", columns)}
 
 
-def as_text(made: Data) -> str:
+def as_text(data: Data) -> str:
     """A layout as the text of its file."""
-    return json.dumps(made, indent=2) + "\n"
+    return json.dumps(data, indent=2) + "\n"
 
 
 def _item(proportion: float, content: Data) -> Data:
@@ -64,18 +61,18 @@ def _scene(fields: Sequence[str]) -> Data:
     return {
         **{
             topic: dict(_VISIBLE)
-            for topic in (channels.WORLD, channels.ROBOTS, channels.LEDS, channels.CONES)
+            for topic in (channels.WORLD, channels.ROBOTS_TOPIC, channels.LED_TOPIC, channels.CONES)
         },
-        channels.FLOOR: {**_VISIBLE, "colorMode": "rgba-fields"},
+        channels.FLOOR_MAP: {**_VISIBLE, "colorMode": "rgba-fields"},
         **{
-            f"{channels.FIELD}{field}": {**_VISIBLE, **grid, "minValue": 0, "maxValue": 255}
+            f"{channels.FIELD_TOPIC}{field}": {**_VISIBLE, **grid, "minValue": 0, "maxValue": 255}
             for field in fields
         },
     }
 
 
 def _arena(cameras: Sequence[str], fields: Sequence[str], size_m: float) -> Data:
-    lenses = {f"{channels.CALIBRATION}{camera}": {"visible": False} for camera in cameras}
+    lenses = {f"{channels.CALIBRATION_TOPIC}{camera}": {"visible": False} for camera in cameras}
     poses = {channels.POSES: {"visible": False, "type": "arrow"}}
     view = {
         "distance": round(1.5 * size_m, 2),
@@ -92,8 +89,8 @@ def _arena(cameras: Sequence[str], fields: Sequence[str], size_m: float) -> Data
     config = {
         "cameraState": view,
         "followMode": "follow-none",
-        "followTf": ARENA,
-        "fixedFrame": ARENA,
+        "followTf": ARENA_FRAME,
+        "fixedFrame": ARENA_FRAME,
         "scene": {"transforms": {"visible": False}},
         "topics": {**_scene(fields), **poses, **lenses},
     }
@@ -116,7 +113,7 @@ def _picture(camera: str) -> Data:
     mode = {
         "imageTopic": f"{channels.PICTURE}{camera}",
         "imageSchemaName": _schemas.IMAGE,
-        "calibrationTopic": f"{channels.CALIBRATION}{camera}",
+        "calibrationTopic": f"{channels.CALIBRATION_TOPIC}{camera}",
         "annotations": {f"{channels.ANNOTATIONS}{camera}": dict(_VISIBLE)},
     }
     # What is only virtual, over the picture: the robots themselves are in it.
@@ -126,7 +123,7 @@ def _picture(camera: str) -> Data:
 
 def _plots() -> Data:
     measures = {
-        "value": f"{channels.MEASURES}.values",
+        "value": f"{channels.MEASURES_TOPIC}.values",
         "enabled": True,
         "timestampMethod": "receiveTime",
         "dynamicLabelField": "label",
@@ -146,7 +143,7 @@ _TIME_AXIS = {"xAxisVal": "timestamp"}
 
 
 def _log() -> Data:
-    return _panel("Log", "log", {"topicToRender": channels.LOG, "minLogLevel": 1})
+    return _panel("Log", "log", {"topicToRender": channels.LOG_TOPIC, "minLogLevel": 1})
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.monitor.foxglove import _shapes
-from vsense.monitor.foxglove._shapes import ARENA, Data, Rgba
+from vsense.monitor.foxglove._shapes import ARENA_FRAME, Data, Rgba
 from vsense.vision.cameras.camera import Camera
 from vsense.world.entities import BODY_RADIUS_M
 
@@ -69,7 +69,7 @@ def frame(camera: Camera, utc_ns: int) -> Data:
     """Where the camera's optical frame is in the arena."""
     to_arena = np.reshape(camera.rotation, (3, 3)).T
     turn, name = _shapes.matrix_turn(to_arena), _shapes.camera_frame(camera.id)
-    return _shapes.transform(utc_ns, ARENA, name, camera.position_m, turn)
+    return _shapes.transform(utc_ns, ARENA_FRAME, name, camera.position_m, turn)
 
 
 def marks(
@@ -92,13 +92,13 @@ def marks(
     centres = (np.column_stack((images["x_px"], images["y_px"])) + 0.5) * size
     arms = _arms(camera, images, np.array([heights_m.get(tag, 0.0) for tag in tags])) * size
     radii = np.hypot(arms[:, 0], arms[:, 1])
-    made = _shapes.stamp(utc_ns)
+    stamp = _shapes.stamp(utc_ns)
     return {
-        "timestamp": made,
-        "circles": [_circle(made, *each) for each in zip(centres, radii)],
-        "points": [_headings(made, centres, centres + arms)],
+        "timestamp": stamp,
+        "circles": [_circle(stamp, *circle) for circle in zip(centres, radii)],
+        "points": [_headings(stamp, centres, centres + arms)],
         "texts": [
-            _label(made, centre, radius, names.get(tag, str(tag)))
+            _label(stamp, centre, radius, names.get(tag, str(tag)))
             for tag, centre, radius in zip(tags, centres, radii)
         ],
     }
@@ -115,9 +115,9 @@ def _arms(
     return camera.project(edges) - camera.project(middles)
 
 
-def _circle(made: Data, centre: NDArray[np.float64], radius_px: float) -> Data:
+def _circle(stamp: Data, centre: NDArray[np.float64], radius_px: float) -> Data:
     return {
-        "timestamp": made,
+        "timestamp": stamp,
         "position": _pixel(centre),
         "diameter": round(2.0 * float(radius_px), _DECIMALS),
         "thickness": _WIDTH_PX,
@@ -126,10 +126,10 @@ def _circle(made: Data, centre: NDArray[np.float64], radius_px: float) -> Data:
     }
 
 
-def _headings(made: Data, centres: NDArray[np.float64], ends: NDArray[np.float64]) -> Data:
+def _headings(stamp: Data, centres: NDArray[np.float64], ends: NDArray[np.float64]) -> Data:
     points = np.stack((centres, ends), axis=1).reshape(-1, 2)
     return {
-        "timestamp": made,
+        "timestamp": stamp,
         "type": _LINES,
         "points": [_pixel(point) for point in points],
         "outline_color": _shapes.color(_RING),
@@ -139,10 +139,10 @@ def _headings(made: Data, centres: NDArray[np.float64], ends: NDArray[np.float64
     }
 
 
-def _label(made: Data, centre: NDArray[np.float64], radius_px: float, text: str) -> Data:
+def _label(stamp: Data, centre: NDArray[np.float64], radius_px: float, text: str) -> Data:
     """A text right above the circle, beginning at its middle."""
     return {
-        "timestamp": made,
+        "timestamp": stamp,
         "position": _pixel(centre - (0.0, float(radius_px))),
         "text": text,
         "font_size": max(round(2.0 * _FONT_SHARE * float(radius_px), 1), 8.0),

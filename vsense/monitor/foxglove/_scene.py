@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from vsense.monitor.foxglove import _shapes
-from vsense.monitor.foxglove._shapes import ARENA, Data, Rgba
+from vsense.monitor.foxglove._shapes import ARENA_FRAME, Data, Rgba
 from vsense.world.entities import BODY_HEIGHT_M, BODY_RADIUS_M
 
 _WALL: Rgba = (0.55, 0.55, 0.58, 1.0)
@@ -51,7 +51,7 @@ def world(data: Mapping[str, Any], arena: Mapping[str, Any] | None, utc_ns: int)
 
     `arena` is that of `/experiment`, None: it is not known.
     """
-    found = [] if arena is None else [_edge(arena, utc_ns)]
+    entities = [] if arena is None else [_edge(arena, utc_ns)]
     floor = data.get("floor")
     # White is what a floor is without paint: it would only dazzle.
     if isinstance(floor, dict) and floor.get("png") is None and min(floor["color"][:3]) < 255:
@@ -59,18 +59,18 @@ def world(data: Mapping[str, Any], arena: Mapping[str, Any] | None, utc_ns: int)
         slab = _shapes.cube(
             (x_m, y_m, -_LAYER_M), (width, depth, _LAYER_M), _shapes.from_bytes(floor["color"])
         )
-        found.append(_shapes.entity(utc_ns, ARENA, "floor", cubes=[slab]))
+        entities.append(_shapes.entity(utc_ns, ARENA_FRAME, "floor", cubes=[slab]))
     for thing in data["entities"]:
         make = _THINGS.get(thing["kind"])
         if make is not None:
-            found.append(_shapes.entity(utc_ns, ARENA, str(thing["id"]), **make(thing)))
-    return _shapes.scene(utc_ns, found)
+            entities.append(_shapes.entity(utc_ns, ARENA_FRAME, str(thing["id"]), **make(thing)))
+    return _shapes.scene(utc_ns, entities)
 
 
 def _edge(arena: Mapping[str, Any], utc_ns: int) -> Data:
     (width, depth), (x_m, y_m) = arena["size_m"][:2], arena["centre_m"][:2]
     corners = [(x_m + i * width / 2, y_m + j * depth / 2, 0.0) for i, j in _CORNERS]
-    return _shapes.entity(utc_ns, ARENA, "arena", lines=[_shapes.line(corners, _EDGE)])
+    return _shapes.entity(utc_ns, ARENA_FRAME, "arena", lines=[_shapes.line(corners, _EDGE)])
 
 
 _CORNERS = ((-1, -1), (1, -1), (1, 1), (-1, 1))
@@ -100,11 +100,11 @@ def _lamps(thing: Mapping[str, Any], yaw_rad: float) -> list[Data]:
     """The LEDs on a box or cylinder: each an offset in its frame, and a colour."""
     cosine, sine = math.cos(yaw_rad), math.sin(yaw_rad)
     x_m, y_m, z_m = thing["position_m"]
-    found = []
+    spheres = []
     for (dx, dy, dz), rgb in thing.get("leds") or ():
         place = (x_m + cosine * dx - sine * dy, y_m + sine * dx + cosine * dy, z_m + dz)
-        found.append(_shapes.sphere(place, _LED_M, _shapes.from_bytes(rgb)))
-    return found
+        spheres.append(_shapes.sphere(place, _LED_M, _shapes.from_bytes(rgb)))
+    return spheres
 
 
 def _light(thing: Mapping[str, Any]) -> Pieces:
@@ -138,11 +138,11 @@ def _robot(thing: Mapping[str, Any]) -> Pieces:
 _THINGS = {"box": _box, "cylinder": _cylinder, "light": _light, "zone": _zone, "robot": _robot}
 
 
-def _name(thing: Mapping[str, Any], place: _shapes.Point) -> Data:
+def _name(thing: Mapping[str, Any], place: _shapes.Coordinates) -> Data:
     return _shapes.label(place, str(thing["id"]), _TEXT)
 
 
-def _heading(middle: _shapes.Point, yaw_rad: float) -> Data:
+def _heading(middle: _shapes.Coordinates, yaw_rad: float) -> Data:
     """An arrow from the middle of a body's top to its edge."""
     return _shapes.arrow(middle, yaw_rad, BODY_RADIUS_M, _HEADING)
 
@@ -160,7 +160,7 @@ def robots(
     `height_m` where the marker is, by tag.
     """
     things = frozenset(objects)
-    found = []
+    entities = []
     for tag, is_seen in seen.items():
         rgba = (_OBJECT if tag in things else _BODY) if is_seen else _UNSEEN
         top_m = height_m.get(tag) or BODY_HEIGHT_M
@@ -169,8 +169,8 @@ def robots(
             "arrows": [_heading((0.0, 0.0, top_m), 0.0)],
             "texts": [_shapes.label((0.0, 0.0, 1.5 * top_m), names.get(tag, str(tag)), _TEXT)],
         }
-        found.append(_shapes.entity(utc_ns, _shapes.robot_frame(tag), f"robot {tag}", **pieces))
-    return _shapes.scene(utc_ns, found)
+        entities.append(_shapes.entity(utc_ns, _shapes.robot_frame(tag), f"robot {tag}", **pieces))
+    return _shapes.scene(utc_ns, entities)
 
 
 def leds(lit: Mapping[int, int], virtual: Mapping[int, Sequence[float]], utc_ns: int) -> Data:
@@ -178,7 +178,7 @@ def leds(lit: Mapping[int, int], virtual: Mapping[int, Sequence[float]], utc_ns:
 
     Bits 0 to 7 are the ring, clockwise from the front, 8 the body, 9 the front.
     """
-    found = []
+    entities = []
     for tag in sorted({*lit, *virtual}):
         bits, balls = lit.get(tag, 0), []
         for number in range(_RING):
@@ -195,21 +195,21 @@ def leds(lit: Mapping[int, int], virtual: Mapping[int, Sequence[float]], utc_ns:
             balls.append(_shapes.sphere((0.0, 0.0, BODY_HEIGHT_M), 2.0 * _LED_M, rgba))
         if balls:
             frame = _shapes.robot_frame(tag)
-            found.append(_shapes.entity(utc_ns, frame, f"LEDs of {tag}", spheres=balls))
-    return _shapes.scene(utc_ns, found)
+            entities.append(_shapes.entity(utc_ns, frame, f"LEDs of {tag}", spheres=balls))
+    return _shapes.scene(utc_ns, entities)
 
 
 def cones(data: Sequence[Mapping[str, Any]], utc_ns: int) -> Data:
     """The scene of the pollution's cones, which are convex, on the floor."""
-    found = []
+    entities = []
     for number, cone in enumerate(data):
         points = [(x, y, 3.0 * _LAYER_M) for x, y in zip(cone["x_m"], cone["y_m"])]
         pieces = {
             "lines": [_shapes.line(points, _CONE, width_px=3.0)],
             "triangles": [_shapes.fan(points, (*_CONE[:3], 0.25))],
         }
-        found.append(_shapes.entity(utc_ns, ARENA, f"cone {number}", **pieces))
-    return _shapes.scene(utc_ns, found)
+        entities.append(_shapes.entity(utc_ns, ARENA_FRAME, f"cone {number}", **pieces))
+    return _shapes.scene(utc_ns, entities)
 
 
 def field(data: Mapping[str, Any], utc_ns: int) -> Data:
@@ -257,10 +257,12 @@ def floor(data: Mapping[str, Any], utc_ns: int) -> Data | None:
     }
 
 
-def _grid(corner: _shapes.Point, columns: int, cell: _shapes.Point, utc_ns: int) -> Data:
+def _grid(
+    corner: _shapes.Coordinates, columns: int, cell: _shapes.Coordinates, utc_ns: int
+) -> Data:
     return {
         "timestamp": _shapes.stamp(utc_ns),
-        "frame_id": ARENA,
+        "frame_id": ARENA_FRAME,
         "pose": _shapes.pose(corner),
         "column_count": columns,
         # Unrounded: over a hundred columns the error would be seen.

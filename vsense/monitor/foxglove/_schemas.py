@@ -12,31 +12,31 @@ from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
-Schema = dict[str, Any]
+JsonSchema = dict[str, Any]
 
 
-def _object(*optional: str, **properties: Schema) -> Schema:
+def _object(*optional: str, **properties: JsonSchema) -> JsonSchema:
     """An object that has all `properties`; those named in `optional` may be missing."""
     required = [name for name in properties if name not in optional]
     return {"type": "object", "properties": properties, "required": required}
 
 
-def _list(items: Schema, count: int | None = None) -> Schema:
+def _list(items: JsonSchema, count: int | None = None) -> JsonSchema:
     """A list; of `count` items, where it is given."""
     bounds = {} if count is None else {"minItems": count, "maxItems": count}
     return {"type": "array", "items": items, **bounds}
 
 
-def _one_of(*numbers: int) -> Schema:
+def _one_of(*numbers: int) -> JsonSchema:
     return {"oneOf": [{"const": number} for number in numbers]}
 
 
 _NUMBER, _TEXT, _YES = ({"type": name} for name in ("number", "string", "boolean"))
-_WHOLE = {"type": "integer", "minimum": 0}
-_NSEC = {**_WHOLE, "maximum": 999_999_999}
+_UNSIGNED = {"type": "integer", "minimum": 0}
+_NSEC = {**_UNSIGNED, "maximum": 999_999_999}
 _BYTES = {"type": "string", "contentEncoding": "base64"}
-_TIME: Schema = {"type": "object", "properties": {"sec": _WHOLE, "nsec": _NSEC}}
-_SPAN: Schema = {"type": "object", "properties": {"sec": {"type": "integer"}, "nsec": _NSEC}}
+_TIME: JsonSchema = {"type": "object", "properties": {"sec": _UNSIGNED, "nsec": _NSEC}}
+_SPAN: JsonSchema = {"type": "object", "properties": {"sec": {"type": "integer"}, "nsec": _NSEC}}
 _XY = _object(x=_NUMBER, y=_NUMBER)
 _XYZ = _object(x=_NUMBER, y=_NUMBER, z=_NUMBER)
 _TURN = _object(x=_NUMBER, y=_NUMBER, z=_NUMBER, w=_NUMBER)
@@ -54,10 +54,10 @@ _CYLINDER = _object(
 )  # fmt: skip
 _LINE = _object(
     type=_one_of(0, 1, 2), pose=_POSE, thickness=_NUMBER, scale_invariant=_YES,
-    points=_list(_XYZ), color=_COLOR, colors=_list(_COLOR), indices=_list(_WHOLE),
+    points=_list(_XYZ), color=_COLOR, colors=_list(_COLOR), indices=_list(_UNSIGNED),
 )  # fmt: skip
 _TRIANGLES = _object(
-    pose=_POSE, points=_list(_XYZ), color=_COLOR, colors=_list(_COLOR), indices=_list(_WHOLE)
+    pose=_POSE, points=_list(_XYZ), color=_COLOR, colors=_list(_COLOR), indices=_list(_UNSIGNED)
 )
 _LABEL = _object(
     pose=_POSE, billboard=_YES, font_size=_NUMBER, scale_invariant=_YES, color=_COLOR, text=_TEXT
@@ -88,36 +88,36 @@ _NOTE = _object(
     "metadata", timestamp=_TIME, position=_XY, text=_TEXT, font_size=_NUMBER, text_color=_COLOR,
     background_color=_COLOR, metadata=_PAIRS,
 )  # fmt: skip
-_CELL = _object(name=_TEXT, offset=_WHOLE, type=_one_of(*range(9)))
+_CELL = _object(name=_TEXT, offset=_UNSIGNED, type=_one_of(*range(9)))
 
-SCENE, FRAMES, POSES = "foxglove.SceneUpdate", "foxglove.FrameTransforms", "foxglove.PosesInFrame"
-ANNOTATIONS, CALIBRATION = "foxglove.ImageAnnotations", "foxglove.CameraCalibration"
-MEASURES = "vsense.measures"
+SCENE, FRAMES = "foxglove.SceneUpdate", "foxglove.FrameTransforms"
+ANNOTATIONS_SCHEMA, CALIBRATION_SCHEMA = "foxglove.ImageAnnotations", "foxglove.CameraCalibration"
+POSES_SCHEMA, MEASURES_SCHEMA = "foxglove.PosesInFrame", "vsense.measures"
 """Our own, as plots take it: a curve for each label, whatever an experiment measures."""
-IMAGE, GRID, LOG = "foxglove.CompressedImage", "foxglove.Grid", "foxglove.Log"
+IMAGE, GRID_SCHEMA, LOG_SCHEMA = "foxglove.CompressedImage", "foxglove.Grid", "foxglove.Log"
 
-SCHEMAS: Mapping[str, Schema] = {
+SCHEMAS: Mapping[str, JsonSchema] = {
     SCENE: _object(deletions=_list(_DELETION), entities=_list(_ENTITY)),
     FRAMES: _object(transforms=_list(_TRANSFORM)),
-    POSES: _object(timestamp=_TIME, frame_id=_TEXT, poses=_list(_POSE)),
-    ANNOTATIONS: _object(
+    POSES_SCHEMA: _object(timestamp=_TIME, frame_id=_TEXT, poses=_list(_POSE)),
+    ANNOTATIONS_SCHEMA: _object(
         "timestamp", "metadata", timestamp=_TIME, circles=_list(_CIRCLE), points=_list(_POINTS),
         texts=_list(_NOTE), metadata=_PAIRS,
     ),
-    CALIBRATION: _object(
-        timestamp=_TIME, frame_id=_TEXT, width=_WHOLE, height=_WHOLE, distortion_model=_TEXT,
+    CALIBRATION_SCHEMA: _object(
+        timestamp=_TIME, frame_id=_TEXT, width=_UNSIGNED, height=_UNSIGNED, distortion_model=_TEXT,
         D=_list(_NUMBER), K=_list(_NUMBER, 9), R=_list(_NUMBER, 9), P=_list(_NUMBER, 12),
     ),
     IMAGE: _object(timestamp=_TIME, frame_id=_TEXT, data=_BYTES, format=_TEXT),
-    GRID: _object(
-        timestamp=_TIME, frame_id=_TEXT, pose=_POSE, column_count=_WHOLE, cell_size=_XY,
-        row_stride=_WHOLE, cell_stride=_WHOLE, fields=_list(_CELL), data=_BYTES,
+    GRID_SCHEMA: _object(
+        timestamp=_TIME, frame_id=_TEXT, pose=_POSE, column_count=_UNSIGNED, cell_size=_XY,
+        row_stride=_UNSIGNED, cell_stride=_UNSIGNED, fields=_list(_CELL), data=_BYTES,
     ),
-    LOG: _object(
+    LOG_SCHEMA: _object(
         timestamp=_TIME, level=_one_of(*range(6)), message=_TEXT, name=_TEXT, file=_TEXT,
-        line=_WHOLE,
+        line=_UNSIGNED,
     ),
-    MEASURES: _object(values=_list(_object(label=_TEXT, value=_NUMBER))),
+    MEASURES_SCHEMA: _object(values=_list(_object(label=_TEXT, value=_NUMBER))),
 }  # fmt: skip
 """What a message of each schema holds, by the schema's name."""
 

@@ -15,9 +15,10 @@ from numpy.typing import ArrayLike
 
 Data = dict[str, Any]
 Rgba = tuple[float, float, float, float]
-Point = Sequence[float]
+Coordinates = Sequence[float]
 
-ARENA = "arena"
+PICTURE = "/picture/"
+ARENA_FRAME = "arena"
 """The root of all frames: the arena frame, floor at z = 0."""
 
 _SECOND_NS = 1_000_000_000
@@ -43,12 +44,12 @@ def stamp(utc_ns: int) -> Data:
     return {"sec": sec, "nsec": nsec}
 
 
-def xy(point: Point) -> Data:
+def xy(point: Coordinates) -> Data:
     """The first two numbers of a point."""
     return {"x": round(float(point[0]), _METRES), "y": round(float(point[1]), _METRES)}
 
 
-def xyz(point: Point) -> Data:
+def xyz(point: Coordinates) -> Data:
     """A point or vector of three numbers."""
     x, y, z = point
     return dict(zip("xyz", (round(float(v), _METRES) for v in (x, y, z))))
@@ -82,11 +83,11 @@ def matrix_turn(matrix: ArrayLike) -> Data:
         wxyz[0] = m[k, j] - m[j, k]
         wxyz[1 + i] = 1.0 + m[i, i] - m[j, j] - m[k, k]
         wxyz[1 + j], wxyz[1 + k] = m[j, i] + m[i, j], m[k, i] + m[i, k]
-    whole = np.array(wxyz) / math.copysign(float(np.linalg.norm(wxyz)), wxyz[0])
-    return dict(zip("wxyz", (round(float(v), _TURNS) for v in whole)))
+    unit = np.array(wxyz) / math.copysign(float(np.linalg.norm(wxyz)), wxyz[0])
+    return dict(zip("wxyz", (round(float(v), _TURNS) for v in unit)))
 
 
-def pose(point: Point = (0.0, 0.0, 0.0), yaw_rad: float = 0.0) -> Data:
+def pose(point: Coordinates = (0.0, 0.0, 0.0), yaw_rad: float = 0.0) -> Data:
     """A position and a turn about z."""
     return {"position": xyz(point), "orientation": yaw_turn(yaw_rad)}
 
@@ -102,7 +103,7 @@ def from_bytes(rgb: Sequence[float], opacity: float = 1.0) -> Rgba:
     return red, green, blue, opacity
 
 
-def transform(utc_ns: int, parent: str, child: str, point: Point, turn: Data) -> Data:
+def transform(utc_ns: int, parent: str, child: str, point: Coordinates, turn: Data) -> Data:
     """Where the frame `child` is in `parent`."""
     return {
         "timestamp": stamp(utc_ns),
@@ -113,17 +114,17 @@ def transform(utc_ns: int, parent: str, child: str, point: Point, turn: Data) ->
     }
 
 
-def cube(middle: Point, size: Point, rgba: Rgba, yaw_rad: float = 0.0) -> Data:
+def cube(middle: Coordinates, size: Coordinates, rgba: Rgba, yaw_rad: float = 0.0) -> Data:
     """A box; `size` is its extent along its own x, y and z. A sphere has the same fields."""
     return {"pose": pose(middle, yaw_rad), "size": xyz(size), "color": color(rgba)}
 
 
-def sphere(middle: Point, diameter_m: float, rgba: Rgba) -> Data:
+def sphere(middle: Coordinates, diameter_m: float, rgba: Rgba) -> Data:
     """A ball."""
     return cube(middle, (diameter_m,) * 3, rgba)
 
 
-def cylinder(base: Point, radius_m: float, height_m: float, rgba: Rgba) -> Data:
+def cylinder(base: Coordinates, radius_m: float, height_m: float, rgba: Rgba) -> Data:
     """An upright cylinder; `base` is the middle of its lower face."""
     middle = (base[0], base[1], base[2] + height_m / 2.0)
     size = (2.0 * radius_m, 2.0 * radius_m, height_m)
@@ -131,7 +132,7 @@ def cylinder(base: Point, radius_m: float, height_m: float, rgba: Rgba) -> Data:
     return {**solid, "bottom_scale": 1.0, "top_scale": 1.0}
 
 
-def arrow(tail: Point, yaw_rad: float, length_m: float, rgba: Rgba) -> Data:
+def arrow(tail: Coordinates, yaw_rad: float, length_m: float, rgba: Rgba) -> Data:
     """A horizontal arrow, whose head is its last third."""
     return {
         "pose": pose(tail, yaw_rad),
@@ -147,7 +148,9 @@ LOOP, SEGMENTS = 1, 2
 """Kinds of lines: closed through all points, or one for each two points."""
 
 
-def line(points: Iterable[Point], rgba: Rgba, kind: int = LOOP, width_px: float = 2.0) -> Data:
+def line(
+    points: Iterable[Coordinates], rgba: Rgba, kind: int = LOOP, width_px: float = 2.0
+) -> Data:
     """Lines of a width in pixels of the screen."""
     return {
         "type": kind,
@@ -161,10 +164,10 @@ def line(points: Iterable[Point], rgba: Rgba, kind: int = LOOP, width_px: float 
     }
 
 
-def fan(points: Sequence[Point], rgba: Rgba) -> Data:
+def fan(points: Sequence[Coordinates], rgba: Rgba) -> Data:
     """A convex area, as triangles from its first corner."""
     first = points[0]
-    corners = [one for pair in pairwise(points[1:]) for one in (first, *pair)]
+    corners = [corner for pair in pairwise(points[1:]) for corner in (first, *pair)]
     return {
         "pose": pose(),
         "points": [xyz(point) for point in corners],
@@ -174,7 +177,7 @@ def fan(points: Sequence[Point], rgba: Rgba) -> Data:
     }
 
 
-def label(point: Point, text: str, rgba: Rgba, size_px: float = 14.0) -> Data:
+def label(point: Coordinates, text: str, rgba: Rgba, size_px: float = 14.0) -> Data:
     """A text that faces the viewer, with a height in pixels of the screen."""
     return {
         "pose": pose(point),

@@ -17,28 +17,31 @@ import cv2
 from vsense.base.message_bus import Message
 from vsense.monitor.foxglove import _pictures, _scene, _schemas, _shapes
 from vsense.monitor.foxglove._pictures import ShownScale
-from vsense.monitor.foxglove._shapes import ARENA, Data
+from vsense.monitor.foxglove._shapes import ARENA_FRAME, Data
 from vsense.vision.cameras.camera import Camera, CameraError
 
-PICTURE = "/picture/"
+PICTURE = _shapes.PICTURE
 TF, TF_CAMERAS, POSES = "/tf", "/tf_static", "/poses"
-WORLD, ROBOTS, LEDS, CONES = "/scene/world", "/scene/robots", "/scene/leds", "/scene/cones"
-FLOOR, FIELD, LOG = "/floor", "/field/", "/log"
-CALIBRATION, ANNOTATIONS = "/calibration/", "/annotations/"
-MEASURES = "/measures"
+WORLD, CONES = "/scene/world", "/scene/cones"
+ROBOTS_TOPIC, LED_TOPIC = "/scene/robots", "/scene/leds"
+FLOOR_MAP, FIELD_TOPIC, LOG_TOPIC = "/floor", "/field/", "/log"
+CALIBRATION_TOPIC, ANNOTATIONS = "/calibration/", "/annotations/"
+MEASURES_TOPIC = "/measures"
 
 _SCHEMAS = {
-    TF: _schemas.FRAMES, TF_CAMERAS: _schemas.FRAMES, POSES: _schemas.POSES, WORLD: _schemas.SCENE,
-    ROBOTS: _schemas.SCENE, LEDS: _schemas.SCENE, CONES: _schemas.SCENE, FLOOR: _schemas.GRID,
-    FIELD: _schemas.GRID, LOG: _schemas.LOG, CALIBRATION: _schemas.CALIBRATION,
-    ANNOTATIONS: _schemas.ANNOTATIONS, MEASURES: _schemas.MEASURES,
+    TF: _schemas.FRAMES, TF_CAMERAS: _schemas.FRAMES, POSES: _schemas.POSES_SCHEMA,
+    WORLD: _schemas.SCENE, ROBOTS_TOPIC: _schemas.SCENE, LED_TOPIC: _schemas.SCENE,
+    CONES: _schemas.SCENE, FLOOR_MAP: _schemas.GRID_SCHEMA, FIELD_TOPIC: _schemas.GRID_SCHEMA,
+    LOG_TOPIC: _schemas.LOG_SCHEMA, CALIBRATION_TOPIC: _schemas.CALIBRATION_SCHEMA,
+    ANNOTATIONS: _schemas.ANNOTATIONS_SCHEMA, MEASURES_TOPIC: _schemas.MEASURES_SCHEMA,
 }  # fmt: skip
 
 _SOURCES: Mapping[str, frozenset[str]] = {
-    topic: frozenset(found)
-    for topic, found in {
-        TF: {"/arena"}, POSES: {"/arena"}, ROBOTS: {"/arena"}, LEDS: {"/robots", "/signals"},
-        CONES: {"/signals"}, MEASURES: {"/signals"}, FIELD: {"/fields"}, ANNOTATIONS: {"/arena"},
+    topic: frozenset(sources)
+    for topic, sources in {
+        TF: {"/arena"}, POSES: {"/arena"}, ROBOTS_TOPIC: {"/arena"}, CONES: {"/signals"},
+        LED_TOPIC: {"/robots", "/signals"}, MEASURES_TOPIC: {"/signals"},
+        FIELD_TOPIC: {"/fields"}, ANNOTATIONS: {"/arena"},
     }.items()
 }  # fmt: skip
 
@@ -74,10 +77,10 @@ def schema_of(topic: str) -> str:
 def sources_of(topic: str) -> frozenset[str]:
     """The topics of ours, beside `LASTING`, that a derived topic is made from."""
     family = topic if topic in _SOURCES else topic[: topic.find("/", 1) + 1]
-    found = _SOURCES.get(family, frozenset())
-    if family in (ANNOTATIONS, CALIBRATION):  # a picture says at which scale it is shown
-        found |= {PICTURE + topic.removeprefix(family)}
-    return found
+    sources = _SOURCES.get(family, frozenset())
+    if family in (ANNOTATIONS, CALIBRATION_TOPIC):  # a picture says at which scale it is shown
+        sources |= {PICTURE + topic.removeprefix(family)}
+    return sources
 
 
 class Channels:
@@ -109,7 +112,7 @@ class Channels:
         self._lit: dict[int, int] = {}
         self._colors: dict[int, Sequence[float]] = {}
         self._virtual: list[Mapping[str, Any]] = []
-        self._told: dict[str, object] = {}
+        self._sent: dict[str, object] = {}
         self._makers: Mapping[str, Callable[[Message], Iterator[Derived]]] = {
             "/experiment": self._of_experiment,
             "/world": self._of_world,
@@ -124,7 +127,7 @@ class Channels:
     def topics(self) -> list[str]:
         """The derived topics that are known to come: of the experiment's cameras, and of all."""
         own = [topic for topic in _SCHEMAS if not topic.endswith("/")]
-        named = [family + c for c in self._cameras for family in (CALIBRATION, ANNOTATIONS)]
+        named = [family + c for c in self._cameras for family in (CALIBRATION_TOPIC, ANNOTATIONS)]
         return own + named
 
     def convert(self, message: Message) -> list[Derived]:
@@ -141,27 +144,27 @@ class Channels:
 
     def forget(self) -> None:
         """Makes everything anew: who looks has dropped what was told, as after a jump in time."""
-        self._told.clear()
+        self._sent.clear()
 
-    def _made(self, topic: str, message: Message, data: Data) -> Derived:
+    def _derived_message(self, topic: str, message: Message, data: Data) -> Derived:
         return Derived(topic, schema_of(topic), message.time_ns, data)
 
     def _if_new(
         self, topic: str, key: object, message: Message, make: Callable[[int], Data | None]
     ) -> Iterator[Derived]:
         """Makes a message where it is wanted and `key`, all that is in it, is another."""
-        if self._wants(topic) and self._told.get(topic) != key:
-            self._told[topic] = key
+        if self._wants(topic) and self._sent.get(topic) != key:
+            self._sent[topic] = key
             data = make(message.time_ns + self._shift_ns)
             if data is not None:
-                yield self._made(topic, message, data)
+                yield self._derived_message(topic, message, data)
 
     def _of_experiment(self, message: Message) -> Iterator[Derived]:
         data = message.data
         robots, objects = list(data.get("robots") or ()), list(data.get("objects") or ())
-        self._names = {int(one["tag"]): str(one["name"]) for one in robots + objects}
-        self._heights_m = {int(one["tag"]): float(one["height_m"]) for one in robots}
-        self._objects = tuple(int(one["tag"]) for one in objects)
+        self._names = {int(row["tag"]): str(row["name"]) for row in robots + objects}
+        self._heights_m = {int(row["tag"]): float(row["height_m"]) for row in robots}
+        self._objects = tuple(int(row["tag"]) for row in objects)
         self._arena = data.get("arena")
         models = [camera["model"] for camera in data.get("cameras") or ()]
         self._cameras = {c.id: c for c in (Camera.from_json(json.dumps(m)) for m in models)}
@@ -173,7 +176,7 @@ class Channels:
         utc_ns = message.time_ns + self._shift_ns
         if self._cameras:
             frames = [_pictures.frame(camera, utc_ns) for camera in self._cameras.values()]
-            yield self._made(TF_CAMERAS, message, {"transforms": frames})
+            yield self._derived_message(TF_CAMERAS, message, {"transforms": frames})
         for name in self._cameras:
             yield self._lens(name, message)
 
@@ -181,7 +184,7 @@ class Channels:
         shown = self._shown.get(camera, ShownScale())
         utc_ns = message.time_ns + self._shift_ns
         data = _pictures.calibration(self._cameras[camera], shown, utc_ns)
-        return self._made(CALIBRATION + camera, message, data)
+        return self._derived_message(CALIBRATION_TOPIC + camera, message, data)
 
     def _of_picture(self, message: Message) -> Iterator[Derived]:
         camera = message.topic.removeprefix(PICTURE)
@@ -196,10 +199,10 @@ class Channels:
         self._virtual = [thing for thing in entities if thing["kind"] == "robot"]
         if self._wants(WORLD):
             utc_ns = message.time_ns + self._shift_ns
-            yield self._made(WORLD, message, _scene.world(data, self._arena, utc_ns))
+            yield self._derived_message(WORLD, message, _scene.world(data, self._arena, utc_ns))
         floor = data.get("floor") or {}
         key = [floor.get(name) for name in ("png", "size_m", "centre_m")]
-        yield from self._if_new(FLOOR, key, message, lambda utc_ns: _scene.floor(floor, utc_ns))
+        yield from self._if_new(FLOOR_MAP, key, message, lambda utc_ns: _scene.floor(floor, utc_ns))
 
     def _of_arena(self, message: Message) -> Iterator[Derived]:
         robots, utc_ns = message.data["robots"], message.time_ns + self._shift_ns
@@ -207,17 +210,17 @@ class Channels:
         if self._wants(TF):
             virtual = [(r["tag"], r["x_m"], r["y_m"], r["yaw_rad"]) for r in self._virtual]
             frames = [_transform(utc_ns, *row) for row in (*zip(*columns), *virtual)]
-            yield self._made(TF, message, {"transforms": frames})
+            yield self._derived_message(TF, message, {"transforms": frames})
         if self._wants(POSES):
             poses = [_shapes.pose((x, y, 0.0), yaw) for _, x, y, yaw in zip(*columns)]
-            data = {"timestamp": _shapes.stamp(utc_ns), "frame_id": ARENA, "poses": poses}
-            yield self._made(POSES, message, data)
+            data = {"timestamp": _shapes.stamp(utc_ns), "frame_id": ARENA_FRAME, "poses": poses}
+            yield self._derived_message(POSES, message, data)
         seen = {int(tag): bool(now) for tag, now in zip(robots["tag"], robots["seen"])}
         heights_m = self._heights_of(seen)
-        known = self._names, self._objects, heights_m
+        labels = self._names, self._objects, heights_m
         yield from self._if_new(
-            *(ROBOTS, (seen, *known), message),
-            lambda utc_ns: _scene.robots(seen, *known, utc_ns),
+            *(ROBOTS_TOPIC, (seen, *labels), message),
+            lambda utc_ns: _scene.robots(seen, *labels, utc_ns),
         )
         yield from self._of_images(message)
 
@@ -239,16 +242,16 @@ class Channels:
                 *(self._cameras[camera], own, self._names, self._heights_of(own["tag"])),
                 *(self._shown.get(camera, ShownScale()), message.time_ns + self._shift_ns),
             )
-            yield self._made(topic, message, data)
+            yield self._derived_message(topic, message, data)
 
     def _of_signals(self, message: Message) -> Iterator[Derived]:
         leds, cones = message.data["leds"], message.data["cones"]
         self._colors = {int(tag): rgb for tag, rgb in zip(leds["tag"], leds["color"])}
         yield from self._of_leds(message)
         measures = message.data["measures"]
-        if measures and self._wants(MEASURES):
+        if measures and self._wants(MEASURES_TOPIC):
             values = [{"label": n, "value": v} for n, v in measures.items() if v is not None]
-            yield self._made(MEASURES, message, {"values": values})
+            yield self._derived_message(MEASURES_TOPIC, message, {"values": values})
         yield from self._if_new(CONES, cones, message, lambda utc_ns: _scene.cones(cones, utc_ns))
 
     def _of_robots(self, message: Message) -> Iterator[Derived]:
@@ -259,14 +262,14 @@ class Channels:
     def _of_leds(self, message: Message) -> Iterator[Derived]:
         lit, colors = self._lit, self._colors
         make = lambda utc_ns: _scene.leds(lit, colors, utc_ns)  # noqa: E731
-        yield from self._if_new(LEDS, (lit, colors), message, make)
+        yield from self._if_new(LED_TOPIC, (lit, colors), message, make)
 
     def _of_fields(self, message: Message) -> Iterator[Derived]:
         for field in message.data["fields"]:
-            topic = FIELD + str(field["id"])
+            topic = FIELD_TOPIC + str(field["id"])
             if self._wants(topic):
                 data = _scene.field(field, message.time_ns + self._shift_ns)
-                yield self._made(topic, message, data)
+                yield self._derived_message(topic, message, data)
 
     def _of_event(self, message: Message) -> Iterator[Derived]:
         data = message.data
@@ -279,9 +282,9 @@ class Channels:
     def _line(self, message: Message, level: int, text: str, name: str) -> Derived:
         stamp = _shapes.stamp(message.time_ns + self._shift_ns)
         data = {"timestamp": stamp, "level": level, "message": text, "name": name}
-        return self._made(LOG, message, {**data, "file": "", "line": 0})
+        return self._derived_message(LOG_TOPIC, message, {**data, "file": "", "line": 0})
 
 
 def _transform(utc_ns: int, tag: int, x_m: float, y_m: float, yaw_rad: float) -> Data:
     frame, turn = _shapes.robot_frame(tag), _shapes.yaw_turn(yaw_rad)
-    return _shapes.transform(utc_ns, ARENA, frame, (x_m, y_m, 0.0), turn)
+    return _shapes.transform(utc_ns, ARENA_FRAME, frame, (x_m, y_m, 0.0), turn)

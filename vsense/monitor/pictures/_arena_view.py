@@ -12,7 +12,7 @@ from vsense.base.canvas import INK, MUTED, SCALE, Canvas, Colour, Floats, Image
 from vsense.monitor.pictures._projections import FromAbove, upright
 from vsense.monitor.pictures._scene import ArenaMoment, draw_ground, draw_scene
 
-WIDTH_PX = 900
+VIEW_PX = 900
 """Width of a view; its height follows from the arena."""
 
 _PAPER = 247
@@ -22,7 +22,7 @@ _GRID_M = 0.5
 _MOST_LINES = 100
 
 
-def draw(scene: ArenaMoment, width_px: int = WIDTH_PX, scale: int = SCALE) -> Image:
+def draw(scene: ArenaMoment, width_px: int = VIEW_PX, scale: int = SCALE) -> Image:
     """Draws a moment, (h, w, 3) BGR, `scale` times as large as it will be shown."""
     snapshot = scene.snapshot
     size_m = np.array(snapshot.arena.size_m[:2])

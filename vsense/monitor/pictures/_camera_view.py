@@ -76,7 +76,7 @@ def draw(
     return canvas.image
 
 
-class CameraGrid:
+class CameraPanels:
     """The pictures of cameras side by side as they hang, from timestep to timestep.
 
     Args:
@@ -113,7 +113,7 @@ class CameraGrid:
         All mappings are by the camera's id, which is also its title where there is no other.
         """
         scale = self._scale
-        whole = np.full((self.size_px[1] * scale, self.size_px[0] * scale, 3), paper, np.uint8)
+        grid = np.full((self.size_px[1] * scale, self.size_px[0] * scale, 3), paper, np.uint8)
         top = 0
         for row, row_px in zip(self._rows, self._heights):
             left = 0
@@ -122,10 +122,10 @@ class CameraGrid:
                 levels = self._levels_of(camera.id, picture)
                 title = (titles or {}).get(camera.id, camera.id)
                 panel = draw(moments[camera.id], picture, view, levels, title, scale)
-                whole[top : top + panel.shape[0], left : left + panel.shape[1]] = panel
+                grid[top : top + panel.shape[0], left : left + panel.shape[1]] = panel
                 left += panel.shape[1] + _GAP_PX * scale
             top += (row_px + _GAP_PX) * scale
-        return whole
+        return grid
 
     def _levels_of(self, camera: str, picture: Image | None) -> Levels:
         """Of a camera's first picture, for all of them: each one's own would flicker."""

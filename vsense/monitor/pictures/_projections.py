@@ -137,11 +137,11 @@ class ThroughLens:
                 return [self._bent(self._path(plane))]
         pieces: list[list[Floats]] = [[]]
         for start, end in pairwise(seen):
-            kept = self._visible(start, end)
-            if kept is None:
+            visible = self._visible(start, end)
+            if visible is None:
                 pieces.append([])
                 continue
-            first, last = kept
+            first, last = visible
             if pieces[-1] and not np.array_equal(pieces[-1][-1][-1], first):
                 pieces.append([])
             pieces[-1].append(self._path(np.stack((first, last))))

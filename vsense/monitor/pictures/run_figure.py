@@ -19,8 +19,8 @@ from vsense.base.canvas import GRID, INK, MUTED, SCALE, Canvas, Colour, Floats, 
 from vsense.base.errors import VsenseError
 from vsense.config.specs import Experiment
 from vsense.monitor.pictures import _arena_view
-from vsense.monitor.pictures._arena_view import WIDTH_PX
-from vsense.monitor.pictures._camera_view import CameraGrid
+from vsense.monitor.pictures._arena_view import VIEW_PX
+from vsense.monitor.pictures._camera_view import CameraPanels
 from vsense.monitor.pictures._scene import CONE, DARK, LIT, ArenaMoment
 from vsense.monitor.pictures._stitch import Shade, TopView
 from vsense.monitor.pictures._world_snapshot import WorldSnapshot
@@ -33,7 +33,7 @@ TRAIL_S = 6.0
 
 MOST_CHARTS = 3
 
-MARGIN, HEAD, CAPTION, FOOT = 40, 116, 96, 64
+MARGIN, TITLE_PX, CAPTION, FOOT = 40, 116, 96, 64
 """Widths and heights around the pictures [px]."""
 
 _COLOURS: tuple[Colour, ...] = (DARK, (60, 140, 60), (150, 60, 140))
@@ -93,20 +93,20 @@ def draw(run: RunFigure, heading: str, subtitle: str) -> Image:
     moments, curves = _moments(run), charts(run)
     panels = [_arena_view.draw(scene) for scene, _ in moments]
     height = panels[0].shape[0] // SCALE
-    width = MARGIN + (WIDTH_PX + MARGIN) * len(panels)
+    width = MARGIN + (VIEW_PX + MARGIN) * len(panels)
     rows = [grid for _, grid in moments if grid is not None]
     grids_px = max((grid.shape[0] // SCALE + MARGIN for grid in rows), default=0)
-    grids_top = HEAD + height + CAPTION - (MARGIN // 2 if rows else 0)
-    chart_top = HEAD + height + CAPTION + grids_px
+    grids_top = TITLE_PX + height + CAPTION - (MARGIN // 2 if rows else 0)
+    chart_top = TITLE_PX + height + CAPTION + grids_px
     total = chart_top + (CHART_PX + FOOT if curves else 0)
     canvas = Canvas(width, total)
     canvas.text(heading, MARGIN, 50, INK, 1.0)
     canvas.text(subtitle, MARGIN, 78, MUTED, 0.52)
     for index, ((scene, grid), panel) in enumerate(zip(moments, panels, strict=True)):
-        left = MARGIN + (WIDTH_PX + MARGIN) * index
-        canvas.place(panel, left, HEAD)
-        canvas.text(scene.title, left, HEAD + height + 28, INK, 0.6)
-        canvas.text(scene.note, left, HEAD + height + 52, LIT, 0.52)
+        left = MARGIN + (VIEW_PX + MARGIN) * index
+        canvas.place(panel, left, TITLE_PX)
+        canvas.text(scene.title, left, TITLE_PX + height + 28, INK, 0.6)
+        canvas.text(scene.note, left, TITLE_PX + height + 52, LIT, 0.52)
         if grid is not None:
             canvas.place(grid, left, grids_top)
     room = (width - MARGIN) / max(len(curves), 1)
@@ -146,8 +146,8 @@ def _moment(
     scene = _scene(run, shown, words, snapshot.within(part))
     if cameras is None or seen is None:
         return scene, None
-    view = cameras.top_view(seen, part, WIDTH_PX)
-    grid = cameras.grid(seen, replace(scene, trails=np.empty(0)), WIDTH_PX)
+    view = cameras.top_view(seen, part, VIEW_PX)
+    grid = cameras.grid(seen, replace(scene, trails=np.empty(0)), VIEW_PX)
     return replace(scene, view=view), grid
 
 
@@ -191,7 +191,7 @@ def charts(run: RunFigure) -> list[Chart]:
     """The robots in the cone over time, and every measure of the experiment."""
     last = int(run.run_timesteps[-1]) + 1
     time_s = np.append(run.run_timesteps, last) * run.experiment.timestep_s
-    found = []
+    drawn = []
     if run.inside is not None:
         counts = run.inside.sum(axis=1), (run.inside & run.lit).sum(axis=1)
         series = [
@@ -200,14 +200,14 @@ def charts(run: RunFigure) -> list[Chart]:
         ]
         turn_s = (run.turn or 0) * run.experiment.timestep_s
         marks = [] if run.turn is None else [(turn_s, "the wind turns")]
-        found.append(Chart("robots", time_s, series, float(run.poses.shape[1]), marks))
+        drawn.append(Chart("robots", time_s, series, float(run.poses.shape[1]), marks))
     for (name, values), colour in zip(run.samples.measures().items(), _COLOURS):
-        found.append(Chart(spoken(name), time_s, [ChartSeries("", values, colour)], 0.0))
-    return found[:MOST_CHARTS]
+        drawn.append(Chart(spoken(name), time_s, [ChartSeries("", values, colour)], 0.0))
+    return drawn[:MOST_CHARTS]
 
 
 CHART_PX = 300
-TEXT = 0.45
+LABEL = 0.45
 _LEFT = 48
 """Room for the numbers on the left."""
 
@@ -248,7 +248,7 @@ def draw_chart(canvas: Canvas, chart: Chart, left: float, top: float, width: flo
         if 0.0 < time_s < chart.time_s[-1]:
             x = axis.at(time_s, 0.0)[0]
             canvas.lines(np.array([[x, top - 8], [x, axis.bottom]]), MUTED)
-            canvas.text(words, x + 8, top - 2, MUTED, TEXT)
+            canvas.text(words, x + 8, top - 2, MUTED, LABEL)
     ends = []
     for series in chart.series:
         times = np.repeat(chart.time_s, 2)[1:-1]
@@ -284,13 +284,13 @@ class _Axis:
             y = self.at(0.0, value)[1]
             canvas.lines(np.array([[self.left, y], [self.right, y]]), GRID)
             label = f"{value:g}"
-            canvas.text(label, self.left - 10 - width_of(label, TEXT), y + 5, MUTED, TEXT)
+            canvas.text(label, self.left - 10 - width_of(label, LABEL), y + 5, MUTED, LABEL)
         for time_s in ticks(0.0, self._end_s, 4 + round((self.right - self.left) / 400)):
             x = self.at(time_s, 0.0)[0]
             canvas.lines(np.array([[x, self.bottom], [x, self.bottom + 6]]), MUTED)
             label = f"{time_s:g} s"
-            canvas.text(label, x - width_of(label, TEXT) / 2, self.bottom + 24, MUTED, TEXT)
-        canvas.text(unit, left, self._top - 14, MUTED, TEXT)
+            canvas.text(label, x - width_of(label, LABEL) / 2, self.bottom + 24, MUTED, LABEL)
+        canvas.text(unit, left, self._top - 14, MUTED, LABEL)
 
 
 def _line_names(canvas: Canvas, ends: list[tuple[float, str, Colour]], x: float) -> None:
@@ -333,8 +333,8 @@ class RunCameras:
 
     def keep(self, timestep: int, frames: Sequence[Frame]) -> None:
         """Copies pictures, so that their memory returns to the cameras."""
-        known = {camera.id for camera in self._cameras}
-        copied = {f.camera: f.image.copy() for f in frames if f.camera in known}
+        ids = {camera.id for camera in self._cameras}
+        copied = {f.camera: f.image.copy() for f in frames if f.camera in ids}
         if copied:
             self.pictures[timestep] = copied
 
@@ -344,8 +344,8 @@ class RunCameras:
 
     def newest(self, timestep: int, reach: int) -> int | None:
         """The newest timestep with pictures up to this one, at most `reach` before it."""
-        found = [t for t in self.pictures if timestep - reach <= t <= timestep]
-        return max(found, default=None)
+        timesteps = [t for t in self.pictures if timestep - reach <= t <= timestep]
+        return max(timesteps, default=None)
 
     def top_view(self, timestep: int, part: Arena, width_px: int) -> Image | None:
         """The cameras' view of a part of the arena from above; None: there is none."""
@@ -361,5 +361,5 @@ class RunCameras:
         if not pictures:
             return None
         middle = np.array(moment.snapshot.arena.centre_m[:2])
-        shown = CameraGrid(self._cameras, width_px, middle, SCALE)
+        shown = CameraPanels(self._cameras, width_px, middle, SCALE)
         return shown.draw({c.id: moment for c in self._cameras}, pictures, _PAPER)

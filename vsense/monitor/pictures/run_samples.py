@@ -13,7 +13,7 @@ from vsense.config.specs import Experiment
 from vsense.monitor.pictures._world_snapshot import WorldSnapshot, take_snapshot
 from vsense.world.world import World
 
-SPARE = 3
+SPARE_TIMESTEPS = 3
 """Timesteps kept before a moment, because the host may miss the very last one."""
 
 
@@ -23,7 +23,7 @@ class RunSamples:
     Attributes:
         moment: The run's timestep at whose end the first view is taken: the wind's turn, or
             half-time; None for a run without length.
-        kept: Timesteps of the run whose pictures are kept for that view.
+        timesteps: Those of the run whose pictures are kept for that view.
         snapshots: The world at some timesteps of the run.
         shares: What was left of the first pollutant source, at every sampled timestep.
     """
@@ -31,8 +31,8 @@ class RunSamples:
     def __init__(self, experiment: Experiment) -> None:
         self._experiment = experiment
         self.moment = experiment.turn_timestep or experiment.timesteps // 2 or None
-        self.kept = range(
-            0 if self.moment is None else max(self.moment - SPARE, 0), self.moment or 0
+        self.timesteps = range(
+            0 if self.moment is None else max(self.moment - SPARE_TIMESTEPS, 0), self.moment or 0
         )
         self.snapshots: dict[int, WorldSnapshot] = {}
         self.shares = array("d")
@@ -49,7 +49,7 @@ class RunSamples:
             series.append(world.results.get(name, 0.0))
         source = self._experiment.source
         self.shares.append(1.0 if source is None else world.stock.share(source))
-        if run_timestep in self.kept:
+        if run_timestep in self.timesteps:
             self.snapshots[run_timestep] = take_snapshot(world, self._experiment)
 
     def thin(self, stay: Sequence[bool]) -> None:

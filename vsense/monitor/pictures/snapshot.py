@@ -39,20 +39,20 @@ def draw(
     state: ArenaState,
     frames: Sequence[Frame],
     cameras: Sequence[Camera],
-    found: Mapping[str, NDArray[np.void]],
+    detections: Mapping[str, NDArray[np.void]],
     heights_m: Mapping[int, float],
 ) -> Image:
     """Draws one arena state and the pictures that it was made of.
 
-    `found` are the cameras' DETECTION arrays, `heights_m` the heights of the tags' markers above
-    the floor.
+    `detections` are the cameras' DETECTION arrays, `heights_m` the heights of the tags' markers
+    above the floor.
 
     Returns:
         (h, w, 3) uint8 BGR: the cameras as they hang above the arena, +y up.
     """
     images = {frame.camera: frame.image for frame in frames}
     panels = [
-        [_panel(images.get(c.id), c, state, found.get(c.id), heights_m) for c in row]
+        [_panel(images.get(c.id), c, state, detections.get(c.id), heights_m) for c in row]
         for row in as_they_hang(cameras)
     ]
     widest = max(sum(p.shape[1] + _MARGIN for p in row) for row in panels)
@@ -64,7 +64,7 @@ def draw(
         left = _MARGIN
         for camera, panel in zip(row, row_panels):
             canvas[top : top + panel.shape[0], left : left + panel.shape[1]] = panel
-            caption = _caption(camera, found.get(camera.id))
+            caption = _caption(camera, detections.get(camera.id))
             _text(canvas, caption, (left, top + panel.shape[0] + 26), INK, 0.6)
             left += panel.shape[1] + _MARGIN
         top += height
@@ -155,7 +155,7 @@ class _Pen:
         rim = place_m + _RING_M * np.stack((np.cos(turn), np.sin(turn), 0.0 * turn), axis=-1)
         ahead = np.array((math.cos(yaw_rad), math.sin(yaw_rad), 0.0))
         ends = place_m + np.outer((_RING_M, _ARROW_M, 0.0, -_ARROW_M), ahead)
-        spots = [found[0] for found in map(self._view.spot, ends) if found is not None]
+        spots = [spot[0] for spot in map(self._view.spot, ends) if spot is not None]
         if len(spots) < len(ends):
             return
         for piece in self._view.line(rim, closed=True):

@@ -14,9 +14,11 @@ def require() -> None:
     errors.require("recordings need", "mcap", "zstandard")
 
 
-SUFFIX = ".mcap"
-LEAST_S = 5.0
+MCAP = ".mcap"
+MEASURED_FROM_S = 5.0
 """A shorter recording does not tell what a minute costs."""
+IN_CONE, LIT_IN_CONE = "robots_in_cone", "lit_in_cone"
+"""Measures that are counted afterwards, where the run of a pollutant did not count them."""
 
 
 def files_of(path: Path) -> list[Path]:
@@ -27,29 +29,28 @@ def files_of(path: Path) -> list[Path]:
     """
     if not path.is_dir():
         return [path]
-    found = sorted([*path.glob(f"*{SUFFIX}"), *path.glob(f"*/*{SUFFIX}")])
-    if not found:
+    files = sorted([*path.glob(f"*{MCAP}"), *path.glob(f"*/*{MCAP}")])
+    if not files:
         raise errors.UsageError(
-            f"{path}: holds no recording ({SUFFIX}):"
-            " sim, lab, run and track make them with --record"
+            f"{path}: holds no recording ({MCAP}): sim, lab, run and track make them with --record"
         )
-    return found
+    return files
 
 
 def file_of(path: Path) -> Path:
     """The one recording that a path means; raises as `files_of`, and where there are several."""
-    found = files_of(path)
-    if len(found) > 1:
+    files = files_of(path)
+    if len(files) > 1:
         raise errors.UsageError(
-            f"{path}: holds {len(found)} recordings, such as {found[0]}: say which"
+            f"{path}: holds {len(files)} recordings, such as {files[0]}: say which"
         )
-    return found[0]
+    return files[0]
 
 
 def size_line(path: Path | str, size: int, duration_s: float) -> str:
     """Says where a recording is, how large [byte], and unless it is short what a minute costs."""
     words = f"recording: {path}, {megabytes(size)}"
-    if duration_s < LEAST_S:
+    if duration_s < MEASURED_FROM_S:
         return words
     return f"{words}, {megabytes(60.0 * size / duration_s)} a minute"
 
@@ -69,9 +70,9 @@ def changes(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[tuple[str
     ]
 
 
-def calibration_words(known: Mapping[str, Any]) -> str:
+def calibration_words(calibration: Mapping[str, Any]) -> str:
     """What a recording has of its calibration, for people; "" where there is nothing to tell."""
-    checks, stale = known.get("checks"), known.get("stale")
+    checks, stale = calibration.get("checks"), calibration.get("stale")
     if not isinstance(checks, Sequence) or not isinstance(stale, Sequence):
         return ""
     if not checks:
@@ -85,7 +86,7 @@ def calibration_words(known: Mapping[str, Any]) -> str:
     if names:
         has = "has" if len(names) == 1 else "have"
         return f"{text}; but {', '.join(names)} {has} changed since: check again"
-    unchecked = known.get("unchecked") or []
+    unchecked = calibration.get("unchecked") or []
     if unchecked:
         return f"{text}; not of {', '.join(map(str, unchecked))}"
     return text

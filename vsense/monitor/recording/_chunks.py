@@ -44,7 +44,7 @@ class DamagedError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Kept:
+class Topic:
     """A channel, as far as messages need it: topic, and whether it keeps blobs.
 
     `derived`: its messages follow from others, and are for other tools.
@@ -111,17 +111,17 @@ def _decompress(chunk: Chunk, size: int) -> bytes:
     raise DamagedError(f"compression {chunk.compression[:20]!r} is not known")
 
 
-def channel(record: bytes | memoryview) -> tuple[int, Kept]:
+def channel(record: bytes | memoryview) -> tuple[int, Topic]:
     """Reads a channel: its number, and what messages need of it."""
     try:
-        found = Channel.read(stream(record))
+        entry = Channel.read(stream(record))
     except FAULTS as error:
         raise DamagedError(str(error)) from None
-    marks = found.metadata
-    return found.id, Kept(found.topic, form.BLOB in marks, form.DERIVED in marks)
+    marks = entry.metadata
+    return entry.id, Topic(entry.topic, form.BLOB in marks, form.DERIVED in marks)
 
 
-def walk(record: bytes, channels: dict[int, Kept]) -> Iterator[Raw]:
+def walk(record: bytes, channels: dict[int, Topic]) -> Iterator[Raw]:
     """Gives a chunk's messages, from its content; adds to `channels` what it declares."""
     most = _FEW_RECORDS + _RECORDS_PER_BYTE * len(record)
     for count, (opcode, _, content) in enumerate(records(_unpack(record))):
@@ -133,8 +133,8 @@ def walk(record: bytes, channels: dict[int, Kept]) -> Iterator[Raw]:
             number, _, log_ns, _ = _MESSAGE.unpack_from(content)
             yield Raw(number, log_ns, content[_MESSAGE.size :])
         elif opcode == Opcode.CHANNEL:
-            number, kept = channel(content)
-            channels[number] = kept
+            number, info = channel(content)
+            channels[number] = info
 
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -170,7 +170,7 @@ class Contents:
 
     head: Head
     places: list[ChunkPlace]
-    channels: dict[int, Kept] = field(default_factory=dict)
+    channels: dict[int, Topic] = field(default_factory=dict)
     complete: bool = False
 
 
@@ -251,25 +251,25 @@ def _read_index(file: BinaryIO, size: int, name: str) -> Contents | None:
     if footer.summary_crc not in (0, checked):
         return None
     places: list[ChunkPlace] = []
-    found: dict[str, dict[str, str]] = {}
-    channels: dict[int, Kept] = {}
+    metadata: dict[str, dict[str, str]] = {}
+    channels: dict[int, Topic] = {}
     read = 0
     for opcode, _, content in records(memoryview(summary)):
         if opcode == Opcode.CHANNEL:
-            number, kept = channel(content)
-            channels[number] = kept
+            number, info = channel(content)
+            channels[number] = info
         elif opcode == Opcode.CHUNK_INDEX:
             places.append(_indexed(ChunkIndex.read(stream(content)), begin))
         elif opcode == Opcode.METADATA_INDEX:
             index = MetadataIndex.read(stream(content))
-            read += _read_metadata(file, index.offset, begin, found)
+            read += _read_metadata(file, index.offset, begin, metadata)
             if read > size:
                 raise DamagedError("metadata that is named twice")
     places.sort(key=lambda place: place.offset)
     # A chunk that is named twice, or inside of another one, would be read as often.
     if any(a.offset + a.length > b.offset for a, b in pairwise(places)):
         raise DamagedError("chunks that overlap")
-    return Contents(_head(found, name), places, channels, True)
+    return Contents(_head(metadata, name), places, channels, True)
 
 
 def _indexed(index: ChunkIndex, end: int) -> ChunkPlace:
@@ -280,19 +280,19 @@ def _indexed(index: ChunkIndex, end: int) -> ChunkPlace:
     return ChunkPlace(at, length, index.message_start_time, index.message_end_time, numbers)
 
 
-def _read_metadata(file: BinaryIO, offset: int, end: int, found: dict[str, dict[str, str]]) -> int:
-    """Reads the record there into `found`; gives its length [byte]."""
+def _read_metadata(file: BinaryIO, offset: int, end: int, named: dict[str, dict[str, str]]) -> int:
+    """Reads the record there into `entries`; gives its length [byte]."""
     opcode, at, length = next(_heads(file, offset, end), (0, 0, 0))
     if opcode == Opcode.METADATA and length <= _MAX_RECORD:
         metadata = Metadata.read(stream(_content(file, at, length)))
-        found[metadata.name] = metadata.metadata
+        named[metadata.name] = metadata.metadata
     return length
 
 
 def _walk(file: BinaryIO, size: int, name: str, first: int) -> Contents:
     """Walks through a recording without index."""
     places: list[ChunkPlace] = []
-    found: dict[str, dict[str, str]] = {}
+    records: dict[str, dict[str, str]] = {}
     for opcode, at, length in _heads(file, first, size):
         if opcode == Opcode.CHUNK and _TIMES.size <= length <= MAX_CHUNK_BYTES:
             begin_ns, end_ns = _TIMES.unpack(_content(file, at, _TIMES.size))
@@ -302,13 +302,13 @@ def _walk(file: BinaryIO, size: int, name: str, first: int) -> Contents:
                 metadata = Metadata.read(stream(_content(file, at, length)))
             except _FAULTS:
                 continue
-            found[metadata.name] = metadata.metadata
+            records[metadata.name] = metadata.metadata
         elif opcode in (Opcode.DATA_END, Opcode.FOOTER):
             break
-    return Contents(_head(found, name), places)
+    return Contents(_head(records, name), places)
 
 
-def _head(found: Mapping[str, Mapping[str, str]], name: str) -> Head:
-    if form.HEAD not in found:
+def _head(records: Mapping[str, Mapping[str, str]], name: str) -> Head:
+    if form.HEAD_RECORD not in records:
         raise RecordingError(f"{name}: ends within its head, or its head is damaged")
-    return Head.from_metadata(found[form.HEAD], name)
+    return Head.from_metadata(records[form.HEAD_RECORD], name)

@@ -11,13 +11,14 @@ import numpy as np
 
 from vsense.base.canvas import INK, MUTED, Canvas, Colour, Image, width_of
 from vsense.monitor.pictures import _arena_view
-from vsense.monitor.pictures._camera_view import CameraGrid, shape_of
+from vsense.monitor.pictures._camera_view import CameraPanels, shape_of
 from vsense.monitor.pictures._scene import CONE, DARK, LIT
 from vsense.monitor.pictures.run_figure import spoken
-from vsense.monitor.recording._scenes import IN_CONE, LIT_IN_CONE, RecordedScenes
+from vsense.monitor.recording import IN_CONE, LIT_IN_CONE
+from vsense.monitor.recording._scenes import RecordedScenes
 from vsense.vision.cameras.camera import Camera
 
-PAD, HEAD = 16, 52
+PAD_PX, HEAD_PX = 16, 52
 _STRIP, _COLUMN, _HIGHEST = 92, 260, 200
 _PAPER: Colour = (242, 239, 236)
 _CARD: Colour = (255, 255, 255)
@@ -48,31 +49,31 @@ def arrange(
 
     The measures stand below or on the right, where they leave more room for the panels.
     """
-    width, height = size[0] - 2 * PAD, size[1] - HEAD - PAD
-    gaps = PAD * (len(shapes) - 1)
+    width, height = size[0] - 2 * PAD_PX, size[1] - HEAD_PX - PAD_PX
+    gaps = PAD_PX * (len(shapes) - 1)
     across, down = width - gaps, height
     if not measures:
         panel = min(down, across / sum(shapes))
         return _side_by_side(shapes, panel, (size[0], height)), Panel(0, 0, 0, 0)
-    below = min(down - _STRIP - PAD, across / sum(shapes))
-    beside = min(down, (across - _COLUMN - PAD) / sum(shapes))
+    below = min(down - _STRIP - PAD_PX, across / sum(shapes))
+    beside = min(down, (across - _COLUMN - PAD_PX) / sum(shapes))
     if below >= beside:
         panels = _side_by_side(shapes, below, (size[0], round(below)))
-        top = HEAD + round(below) + PAD
-        return panels, Panel(PAD, top, width, size[1] - top - PAD)
-    panels = _side_by_side(shapes, beside, (size[0] - _COLUMN - PAD, height))
-    return panels, Panel(size[0] - PAD - _COLUMN, HEAD, _COLUMN, height)
+        top = HEAD_PX + round(below) + PAD_PX
+        return panels, Panel(PAD_PX, top, width, size[1] - top - PAD_PX)
+    panels = _side_by_side(shapes, beside, (size[0] - _COLUMN - PAD_PX, height))
+    return panels, Panel(size[0] - PAD_PX - _COLUMN, HEAD_PX, _COLUMN, height)
 
 
 def _side_by_side(shapes: Sequence[float], height: float, room: tuple[int, int]) -> list[Panel]:
     height = max(height, 8.0)
     widths = [max(int(shape * height), 8) for shape in shapes]
-    left = (room[0] - sum(widths) - PAD * (len(shapes) - 1)) // 2
-    top = HEAD + max((room[1] - int(height)) // 2, 0)
+    left = (room[0] - sum(widths) - PAD_PX * (len(shapes) - 1)) // 2
+    top = HEAD_PX + max((room[1] - int(height)) // 2, 0)
     places = []
     for width in widths:
         places.append(Panel(left, top, width, int(height)))
-        left += width + PAD
+        left += width + PAD_PX
     return places
 
 
@@ -104,7 +105,7 @@ class Film:
         self._cameras_at = places[-1] if cameras else None
         middle = np.array(scenes.arena.centre_m[:2])
         if self._cameras_at is not None:
-            self._grid = CameraGrid(cameras, self._cameras_at.width, middle)
+            self._grid = CameraPanels(cameras, self._cameras_at.width, middle)
 
     def frame(self, pictures: Mapping[str, RecordedPicture], now_ns: int) -> Image:
         """Draws the newest moment, and the cameras' pictures each with its own."""
@@ -122,13 +123,13 @@ class Film:
 
     def _head(self, canvas: Canvas) -> None:
         scenes = self._scenes
-        canvas.text(scenes.name, PAD, 36, INK, 0.9)
+        canvas.text(scenes.name, PAD_PX, 36, INK, 0.9)
         if scenes.state not in ("", "running"):
-            left = PAD + width_of(scenes.name, 0.9, 1) + 24
+            left = PAD_PX + width_of(scenes.name, 0.9, 1) + 24
             colour = _RED if scenes.state == "emergency" else MUTED
             canvas.text(scenes.state, left, 36, colour, 0.6)
         clock = "-:--.-" if scenes.time_s is None else clock_text(scenes.time_s)
-        canvas.text(clock, self._size[0] - PAD - width_of(clock, 0.9, 1), 36, INK, 0.9)
+        canvas.text(clock, self._size[0] - PAD_PX - width_of(clock, 0.9, 1), 36, INK, 0.9)
 
     def _seen(self, pictures: Mapping[str, RecordedPicture], now_ns: int) -> Image | None:
         """The cameras' newest pictures; where that is not new, its title says how old it is."""
@@ -157,18 +158,18 @@ class Film:
     def _measures(self, canvas: Canvas) -> None:
         """Draws each measure's value, and its line so far."""
         at = self._measures_at
-        told = list(self._scenes.measures.items())[:_MOST_MEASURES]
-        if at.height == 0 or not told:
+        measures = list(self._scenes.measures.items())[:_MOST_MEASURES]
+        if at.height == 0 or not measures:
             return
         beside = at.height > at.width
-        each = ((at.height if beside else at.width) - PAD * (len(told) - 1)) // len(told)
-        each = min(each, _HIGHEST) if beside else each
-        for number, (name, (times, values)) in enumerate(told):
-            ahead = number * (each + PAD)
+        size = ((at.height if beside else at.width) - PAD_PX * (len(measures) - 1)) // len(measures)
+        size = min(size, _HIGHEST) if beside else size
+        for number, (name, (times, values)) in enumerate(measures):
+            ahead = number * (size + PAD_PX)
             box = (
-                Panel(at.x, at.y + ahead, at.width, each)
+                Panel(at.x, at.y + ahead, at.width, size)
                 if beside
-                else Panel(at.x + ahead, at.y, each, at.height)
+                else Panel(at.x + ahead, at.y, size, at.height)
             )
             colour = _OWN_LINES.get(name, _LINES[number % len(_LINES)])
             _measure(canvas, box, name, times, values, colour)

@@ -13,10 +13,10 @@ from vsense.monitor.recording import form
 from vsense.monitor.recording.reader import Recording, read_gap
 from vsense.run.orders import Order, OrderError, OrderKind
 
-SLOWEST, FASTEST = 0.1, 100.0
+SLOWEST_REPLAY, FASTEST_REPLAY = 0.1, 100.0
 RUN_NS = 250_000_000
 """`/run` is published this often while the recording plays."""
-IDLE_NS = 1_000_000_000
+IDLE_PERIOD_NS = 1_000_000_000
 """And this often while it does not."""
 PICTURE_NS = 250_000_000
 """Each camera's pictures are published this far apart, as in a run."""
@@ -54,7 +54,7 @@ class Player:
         self._next: Message | None = None
         self._current: dict[str, Message] = {}
         self._joined = bus.joined
-        self._told_ns = 0
+        self._published_ns = 0
         self._shown_ns: dict[str, int] = {}
         self._thread: threading.Thread | None = None
 
@@ -98,15 +98,15 @@ class Player:
         if seeking:
             self._begin_at(position_ns)
             # First: who follows the time knows that what comes now is of another.
-            self._tell_run(now_ns)
+            self._publish_run(now_ns)
         if seeking or self._bus.joined != self._joined:
-            self._tell_all()
+            self._publish_all()
             changed = True
-        wait_ns = self._publish_due(position_ns) if playing else IDLE_NS
-        told_ns = now_ns - self._told_ns
-        period_ns = RUN_NS if playing else IDLE_NS
-        if changed or told_ns >= period_ns:
-            self._tell_run(now_ns)
+        wait_ns = self._publish_due(position_ns) if playing else IDLE_PERIOD_NS
+        age_ns = now_ns - self._published_ns
+        period_ns = RUN_NS if playing else IDLE_PERIOD_NS
+        if changed or age_ns >= period_ns:
+            self._publish_run(now_ns)
         return min(wait_ns, period_ns)
 
     def _run(self) -> None:
@@ -134,8 +134,8 @@ class Player:
         return f"plays from {position_ns / 1e9:.1f} s" if on else "paused"
 
     def _set_speed(self, speed: float) -> str:
-        if not SLOWEST <= speed <= FASTEST:
-            raise OrderError(f"speed: {speed:g}, expected {SLOWEST:g} to {FASTEST:g}")
+        if not SLOWEST_REPLAY <= speed <= FASTEST_REPLAY:
+            raise OrderError(f"speed: {speed:g}, expected {SLOWEST_REPLAY:g} to {FASTEST_REPLAY:g}")
         self._anchor(self._position_ns())
         self._speed = speed
         return f"plays at {speed:g} times the real speed"
@@ -162,7 +162,7 @@ class Player:
     def _is_lasting(self, topic: str) -> bool:
         if topic.startswith(form.PICTURE):
             return self._bus.wants(topic)
-        return topic not in _PASSING and topic != form.TRACKER
+        return topic not in _PASSING and topic != form.TRACKER_TOPIC
 
     def _wants(self, topic: str) -> bool:
         """Whether a message is to be decoded."""
@@ -174,7 +174,7 @@ class Player:
             if not self._bus.wants(topic):
                 return False
             self._shown_ns[topic] = now_ns
-        return topic != form.TRACKER
+        return topic != form.TRACKER_TOPIC
 
     def _publish_due(self, position_ns: int) -> int:
         """Publishes up to a place; gives the time until the next message [ns]."""
@@ -211,7 +211,7 @@ class Player:
         if topic not in _PASSING:
             self._current[topic] = message
         if topic == "/run":
-            return self._tell_run(self._clock())
+            return self._publish_run(self._clock())
         if topic == "/experiment":
             message = Message(topic, message.time_ns, {**data, "mode": "replay"})
         self._bus.publish(message)
@@ -224,8 +224,8 @@ class Player:
         for row, tag in enumerate(columns.get("tag", ())):
             topic = f"/readings/{tag}"
             if self._bus.wants(topic):
-                one = {name: column[row : row + 1] for name, column in columns.items()}
-                self._bus.publish(Message(topic, message.time_ns, {**message.data, **one}))
+                reading = {name: column[row : row + 1] for name, column in columns.items()}
+                self._bus.publish(Message(topic, message.time_ns, {**message.data, **reading}))
 
     def _publish_gap(self, message: Message) -> None:
         """Publishes what is missing here as an event."""
@@ -235,16 +235,16 @@ class Player:
             text = f"here {length_s:.1f} s are not recorded whole: {gap.why}"
             self._bus.event(text, "warning", message.time_ns)
 
-    def _tell_all(self) -> None:
+    def _publish_all(self) -> None:
         """Publishes everything that lasts, for a new listener."""
         self._joined = self._bus.joined
         for message in list(self._current.values()):
             if message.topic != "/run":
                 self._publish(message)
 
-    def _tell_run(self, now_ns: int) -> None:
+    def _publish_run(self, now_ns: int) -> None:
         """Publishes `/run` as recorded, with where the replay is."""
-        self._told_ns = now_ns
+        self._published_ns = now_ns
         with self._orders:
             replay: dict[str, Any] = {
                 "position_s": self._position_ns() / 1e9,

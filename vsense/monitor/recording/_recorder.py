@@ -25,12 +25,12 @@ from vsense.base.message_bus import Listener, Message, MessageBus
 from vsense.base.terminal import Level
 from vsense.monitor.foxglove.channels import Channels
 from vsense.monitor.recording import form, megabytes
-from vsense.monitor.recording._waiting import Bounds, Item, Waiting, WaitingPicture
+from vsense.monitor.recording._waiting import Waiting, WaitingBounds, WaitingItem, WaitingPicture
 from vsense.monitor.recording.writer import FLUSH_S, RecordingWriter, gap_message
 from vsense.vision.tracking import recorded_tracker
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 
-RETRY_S = 1.0
+WRITE_RETRY_S = 1.0
 FORETELL_S = 10.0
 """After so long it is known what a minute costs."""
 _CLOSE_S = 30.0
@@ -52,7 +52,7 @@ class Recorder:
         bus: what it carries is recorded; trouble with the disk is published there.
         path: of a new file.
         pictures: whether pictures that are given to `pictures` are kept.
-        tell: takes a line for people and its level, from any thread, and publishes it; None: the
+        say: takes a line for people and its level, from any thread, and publishes it; None: the
             bus takes it.
         bounds: how much may wait.
         clock: the host's monotonic clock [ns].
@@ -66,15 +66,15 @@ class Recorder:
         bus: MessageBus,
         path: Path,
         pictures: bool = False,
-        tell: Callable[[str, Level], None] | None = None,
-        bounds: Bounds | None = None,
+        say: Callable[[str, Level], None] | None = None,
+        bounds: WaitingBounds | None = None,
         clock: Callable[[], int] = host_ns,
     ) -> None:
         self.path = path
-        self._bus, self._teller = bus, tell
+        self._bus, self._say = bus, say
         self._keeps_pictures = pictures
         self._clock = clock
-        self._waiting = Waiting(bounds or Bounds())
+        self._waiting = Waiting(bounds or WaitingBounds())
         utc_shift_ns = time.time_ns() - clock()
         self._writer = RecordingWriter(path, clock(), utc_shift_ns)
         self._channels: Channels | None = Channels(utc_shift_ns, full_size=pictures)
@@ -112,18 +112,18 @@ class Recorder:
         if not wanted or not frames or self._closing.is_set():
             return
         now_ns = self._clock()
-        kept: list[Item] = []
+        items: list[WaitingItem] = []
         sizes: list[int] = []
         if not self._has_memory and tracker is not None and self._tracker is not None:
             data = {"made": self._tracker, "memory": recorded_tracker.freeze(tracker)}
-            kept.append(Message(form.TRACKER, now_ns, data))
+            items.append(Message(form.TRACKER_TOPIC, now_ns, data))
             sizes.append(_FIRST_SIZE)
         for frame in frames:
             copy = replace(frame, image=frame.image.copy())
-            kept.append(WaitingPicture(copy, now_ns, self._updates, len(frames)))
+            items.append(WaitingPicture(copy, now_ns, self._updates, len(frames)))
             sizes.append(frame.image.nbytes)
         self._updates += 1
-        self._has_memory = self._waiting.put(kept, sizes, now_ns)
+        self._has_memory = self._waiting.put(items, sizes, now_ns)
 
     def pause(self) -> None:
         """Stops recording until `resume`; can be called again."""
@@ -185,7 +185,7 @@ class Recorder:
             self._record()
         except Exception as error:
             self._trouble = f"recording has failed: {error!r}"
-            self._tell(f"recording has failed: {self.path}: {error!r}")
+            self._report(f"recording has failed: {self.path}: {error!r}")
             self.pause()
 
     def _record(self) -> None:
@@ -197,7 +197,7 @@ class Recorder:
             if time.monotonic() >= due_s or self._writer.is_full:
                 due_s = time.monotonic() + FLUSH_S
                 # However long the disk is full.
-                while not self._flush() and not self._closing.wait(RETRY_S):
+                while not self._flush() and not self._closing.wait(WRITE_RETRY_S):
                     pass
                 self._say_how()
         self._finish()
@@ -210,14 +210,14 @@ class Recorder:
             with suppress(OSError):
                 free = shutil.disk_usage(self.path.parent).free
                 cost = megabytes(60.0 * size / seconds)
-                self._tell(f"recording: about {cost} a minute; {megabytes(free)} free", "info")
+                self._report(f"recording: about {cost} a minute; {megabytes(free)} free", "info")
         if self._waiting.lost and not self._said_lost:
             self._said_lost = True
-            self._tell(
+            self._report(
                 "the recording cannot keep up: pictures and messages are left out", "warning"
             )
 
-    def _add(self, item: Item) -> None:
+    def _add(self, item: WaitingItem) -> None:
         """Encodes one item into the present chunk."""
         topic = (
             f"{form.PICTURE}{item.frame.camera}" if isinstance(item, WaitingPicture) else item.topic
@@ -230,7 +230,7 @@ class Recorder:
             self._waiting.lost += 1
             if topic not in self._unfit:
                 self._unfit.add(topic)
-                self._tell(f"messages {topic} cannot be recorded: {error}")
+                self._report(f"messages {topic} cannot be recorded: {error}")
 
     def _derive(self, message: Message) -> None:
         """Adds what other tools show of a message; a fault in that ends it, and nothing else."""
@@ -241,7 +241,7 @@ class Recorder:
                 self._writer.add_derived(derived)
         except Exception as error:
             self._channels = None
-            self._tell(f"the recording goes on without what is for Foxglove: {error!r}")
+            self._report(f"the recording goes on without what is for Foxglove: {error!r}")
 
     def _flush(self) -> bool:
         """Brings the chunk to the disk; gives whether the disk took it."""
@@ -251,7 +251,7 @@ class Recorder:
             if self._trouble is None:
                 self._said_lost = True
                 self._trouble = self._waiting.why = str(error.strerror)
-                self._tell(
+                self._report(
                     f"recording is suspended: {self.path} cannot be written: {error.strerror};"
                     " the run goes on without it, and so does the recording as soon as it can"
                 )
@@ -259,7 +259,7 @@ class Recorder:
         if self._trouble is not None:
             self._trouble, self._waiting.why = None, Waiting.KEEP_UP
             self._rejoin()
-            self._tell(f"recording goes on: {self.path} can be written again", "info")
+            self._report(f"recording goes on: {self.path} can be written again", "info")
         return True
 
     def _finish(self) -> None:
@@ -273,7 +273,7 @@ class Recorder:
             self._writer.close()
         except OSError as error:
             self._trouble = str(error.strerror)
-            self._tell(f"the end of the recording is missing: {self.path}: {error.strerror}")
+            self._report(f"the end of the recording is missing: {self.path}: {error.strerror}")
 
     def _rejoin(self) -> None:
         """Joins the bus anew: publishers repeat for a new listener what changes rarely."""
@@ -282,11 +282,11 @@ class Recorder:
                 self._bus.leave(self._listener)
                 self._listener = self._bus.join(self.receive, form.is_recorded)
 
-    def _tell(self, text: str, level: Level = "trouble") -> None:
-        if self._teller is None:
+    def _report(self, text: str, level: Level = "trouble") -> None:
+        if self._say is None:
             self._bus.event(text, level, self._clock())
         else:
-            self._teller(text, level)
+            self._say(text, level)
 
 
 def _encoded(picture: WaitingPicture, topic: str) -> Message:

@@ -21,6 +21,7 @@ from vsense.base.canvas import Floats
 from vsense.base.message_bus import Message
 from vsense.monitor.pictures._scene import ArenaMoment, Senses
 from vsense.monitor.pictures._world_snapshot import WorldSnapshot, floor_raster, grid, make_snapshot
+from vsense.monitor.recording import IN_CONE, LIT_IN_CONE
 from vsense.monitor.recording.form import ExperimentMessage
 from vsense.world.entities import (
     BODY_HEIGHT_M,
@@ -36,17 +37,14 @@ from vsense.world.entities import (
 )
 from vsense.world.fields import Floor
 
-ODD = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError, WorldError)
+DAMAGED = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError, WorldError)
 """What a damaged message raises."""
-
-IN_CONE, LIT_IN_CONE = "robots_in_cone", "lit_in_cone"
-"""Measures that are counted here where there is a pollutant and the run did not count them."""
 
 _KINDS: dict[str, type[Entity]] = {
     "box": Box, "cylinder": Cylinder, "light": Light, "zone": Zone, "robot": VirtualRobot,
 }  # fmt: skip
 _RING_LEDS = 0xFF
-_KEPT = 150
+_STATES_MAX = 150
 """Arena states that a picture may belong to: pictures come later than their states."""
 _TRAIL = 40
 _MOST_M = 1e4
@@ -92,7 +90,7 @@ class RecordedScenes:
         self._readings: Mapping[str, Any] = {}
         self._peaks: dict[str, float] = {}
         self._trails: deque[dict[int, tuple[float, float]]] = deque(maxlen=_TRAIL)
-        self._states: deque[_State] = deque(maxlen=_KEPT)
+        self._states: deque[_State] = deque(maxlen=_STATES_MAX)
         self._takers = {
             "/world": self._world, "/fields": self._spread, "/signals": self._signal,
             "/readings": self._read, "/robots": self._status, "/run": self._run,
@@ -106,7 +104,7 @@ class RecordedScenes:
 
     def take(self, message: Message) -> None:
         """Takes one message, in the order of the recording."""
-        with suppress(*ODD):
+        with suppress(*DAMAGED):
             self._takers[message.topic](message.data)
 
     def moment(self) -> ArenaMoment | None:
@@ -125,7 +123,7 @@ class RecordedScenes:
         self._floor = floor_raster(floor.with_zones(zones), self.arena)
 
     def _spread(self, data: Mapping[str, Any]) -> None:
-        self._fields = [_field(each, self.arena) for each in data["fields"]]
+        self._fields = [_field(row, self.arena) for row in data["fields"]]
 
     def _status(self, data: Mapping[str, Any]) -> None:
         self._leds = dict(zip(data["tag"], data["leds"], strict=True))
@@ -207,9 +205,9 @@ class RecordedScenes:
         return np.array(ways[::-1], np.float64).reshape(len(ways), len(tags), 2)
 
     def _snapshot(self, tags: list[int]) -> WorldSnapshot:
-        told = self._signals
-        cones = [np.stack((c["x_m"], c["y_m"]), axis=-1) for c in told.get("cones") or []]
-        leds = told.get("leds") or {"tag": [], "color": []}
+        signals = self._signals
+        cones = [np.stack((c["x_m"], c["y_m"]), axis=-1) for c in signals.get("cones") or []]
+        leds = signals.get("leds") or {"tag": [], "color": []}
         colours = dict(zip(leds["tag"], leds["color"], strict=True))
         moving = [e for e in self._entities if isinstance(e, VirtualRobot)]
         return make_snapshot(
@@ -224,9 +222,9 @@ class RecordedScenes:
 
     def _count(self, moment: ArenaMoment) -> None:
         """Counts the robots in the cones, and those that are lit there."""
-        told = self._signals.get("measures") or {}
+        measures = self._signals.get("measures") or {}
         cones = moment.snapshot.cones
-        if self.time_s is None or not cones or IN_CONE in told:
+        if self.time_s is None or not cones or IN_CONE in measures:
             return
         inside = np.zeros(len(moment.poses), bool)
         for cone in cones:
@@ -247,8 +245,8 @@ class RecordedScenes:
             for sensor, read in zip(sensors, given, strict=True):
                 angles = sensor.get("angles_rad")
                 if angles:
-                    told = [pair for pair in zip(angles, read) if None not in pair]
-                    ways, values = np.array(told, np.float64).reshape(-1, 2).T
+                    pairs = [pair for pair in zip(angles, read) if None not in pair]
+                    ways, values = np.array(pairs, np.float64).reshape(-1, 2).T
                     rays.append((ways, np.abs(values / self._peak(sensor, read))))
                 elif len(read) <= 3:
                     words.append(_words(sensor, read))
@@ -257,23 +255,23 @@ class RecordedScenes:
     def _peak(self, sensor: Mapping[str, Any], read: list[float | None]) -> float:
         """The sensor's greatest reading so far; None is a reading that is no number."""
         name = str(sensor["name"])
-        told = (abs(float(value)) for value in read if value is not None)
-        peak = max((self._peaks.get(name, 1e-9), *told))
+        sizes = (abs(float(value)) for value in read if value is not None)
+        peak = max((self._peaks.get(name, 1e-9), *sizes))
         self._peaks[name] = peak
         return peak
 
 
 def _words(sensor: Mapping[str, Any], read: list[float | None]) -> str:
     unit = f" {sensor['unit']}" if sensor.get("unit") else ""
-    told = ", ".join("-" if value is None else f"{value:.3g}" for value in read)
-    return f"{sensor['name']} {told}{unit}"
+    numbers = ", ".join("-" if value is None else f"{value:.3g}" for value in read)
+    return f"{sensor['name']} {numbers}{unit}"
 
 
-def _arena_of(told: Mapping[str, Any]) -> Arena:
+def _arena_of(data: Mapping[str, Any]) -> Arena:
     try:
-        size_x, size_y, size_z = (float(value) for value in told["size_m"])
-        x, y, z = (float(value) for value in told["centre_m"])
-    except ODD:
+        size_x, size_y, size_z = (float(value) for value in data["size_m"])
+        x, y, z = (float(value) for value in data["centre_m"])
+    except DAMAGED:
         raise ValueError("it has no arena") from None
     fits = all(0.0 < size <= _MOST_M for size in (size_x, size_y))
     if not fits or not all(math.isfinite(value) for value in (x, y, z, size_z)):
@@ -281,44 +279,44 @@ def _arena_of(told: Mapping[str, Any]) -> Arena:
     return Arena((size_x, size_y, size_z), (x, y, z))
 
 
-def _entity(told: Mapping[str, Any]) -> Entity | None:
+def _entity(data: Mapping[str, Any]) -> Entity | None:
     """A virtual thing; None for one of a kind that is not known, or damaged."""
-    with suppress(*ODD):
-        kind: Any = _KINDS[told["kind"]]
-        known = {field.name for field in fields_of(kind)}
-        values = {n: tuple(v) if isinstance(v, list) else v for n, v in told.items() if n in known}
+    with suppress(*DAMAGED):
+        kind: Any = _KINDS[data["kind"]]
+        names = {field.name for field in fields_of(kind)}
+        values = {n: tuple(v) if isinstance(v, list) else v for n, v in data.items() if n in names}
         if "leds" in values:
             values["leds"] = tuple(Led(tuple(at), tuple(color)) for at, color in values["leds"])
-        made: Entity = kind(**values)
-        return made
+        entity: Entity = kind(**values)
+        return entity
     return None
 
 
-def _floor(told: Mapping[str, Any] | None) -> Floor:
+def _floor(floor: Mapping[str, Any] | None) -> Floor:
     """The floor; a plain white one where it is not told."""
-    with suppress(*ODD):
-        if told is not None:
+    with suppress(*DAMAGED):
+        if floor is not None:
             image = None
-            if told.get("png"):
-                data = np.frombuffer(base64.b64decode(told["png"]), np.uint8)
+            if floor.get("png"):
+                data = np.frombuffer(base64.b64decode(floor["png"]), np.uint8)
                 read: Any = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
                 order = [2, 1, 0, 3][: read.shape[2]]
                 image = np.ascontiguousarray(read[..., order])
-            size, centre, color = (tuple(told[n]) for n in ("size_m", "centre_m", "color"))
+            size, centre, color = (tuple(floor[n]) for n in ("size_m", "centre_m", "color"))
             return Floor(image, size, centre, color)
     return Floor()
 
 
-def _field(told: Mapping[str, Any], arena: Arena) -> Floats:
+def _field(data: Mapping[str, Any], arena: Arena) -> Floats:
     """A field over the arena, as shares of its highest concentration."""
-    shape = int(told["rows"]), int(told["columns"])
-    levels = np.frombuffer(base64.b64decode(told["levels"]), np.uint8).reshape(shape)
+    shape = int(data["rows"]), int(data["columns"])
+    levels = np.frombuffer(base64.b64decode(data["levels"]), np.uint8).reshape(shape)
     points, size = grid(arena)
     # Row 0 of the levels lies at the lowest y; a cell's value is that of its middle.
-    cells = (points - np.array(told["corner_m"])) / float(told["cell_m"]) - 0.5
+    cells = (points - np.array(data["corner_m"])) / float(data["cell_m"]) - 0.5
     across, down = (cells[:, k].reshape(size).astype(np.float32) for k in (0, 1))
-    found = cv2.remap(levels, across, down, cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE)
-    return np.asarray(found, np.float64) / 255.0
+    sampled = cv2.remap(levels, across, down, cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE)
+    return np.asarray(sampled, np.float64) / 255.0
 
 
 def _within(triangle: Floats, points: Floats) -> Any:

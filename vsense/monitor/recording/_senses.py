@@ -43,7 +43,7 @@ def readings(
     }
 
 
-def deeds(given: GivenDeeds, timestep: int, run_timestep: int) -> Data:
+def reported(given: GivenDeeds, timestep: int, run_timestep: int) -> Data:
     """Gives /deeds: bytes as they came, in hexadecimal digits; "" where nobody is known to send."""
     tags = list(given.reports)
     return {
@@ -57,8 +57,8 @@ def deeds(given: GivenDeeds, timestep: int, run_timestep: int) -> Data:
     }
 
 
-def given_deeds(data: Mapping[str, object]) -> GivenDeeds:
-    """Reads what `deeds` gives; KeyError, TypeError or ValueError where it is damaged."""
+def given_reports(data: Mapping[str, object]) -> GivenDeeds:
+    """Reads what `reported` gives; KeyError, TypeError or ValueError where it is damaged."""
     rows = list(zip(*(_column(data, name) for name in ("tag", "report", "sender")), strict=True))
     count, orders = data["count"], data["orders"]
     if not isinstance(count, int) or not isinstance(orders, int):

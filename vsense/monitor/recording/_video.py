@@ -16,13 +16,13 @@ from vsense.base.errors import instead
 from vsense.base.message_bus import Message
 from vsense.monitor.recording import form
 from vsense.monitor.recording._film import Film, RecordedPicture
-from vsense.monitor.recording._scenes import ODD, RecordedScenes
+from vsense.monitor.recording._scenes import DAMAGED, RecordedScenes
 from vsense.monitor.recording._video_file import open_video
 from vsense.monitor.recording.form import ExperimentMessage, RecordingError
 from vsense.monitor.recording.reader import Recording
 from vsense.vision.cameras.camera import Camera, CameraError
 
-ARENA, BOTH, CAMERAS = "arena", "both", "cameras"
+ARENA_VIEW, BOTH, CAMERAS_VIEW = "arena", "both", "cameras"
 MOST_FPS = 30.0
 _USUAL_FPS = 10.0
 _BEFORE_S = 5.0
@@ -66,12 +66,12 @@ class Video:
 
     def __init__(self, recording: Recording, plan: VideoPlan) -> None:
         self._recording, self._plan, self._name = recording, plan, str(recording.path)
-        told = recording.experiment
+        data = recording.experiment
         try:
-            self._scenes = RecordedScenes(told, plan.robot)
+            self._scenes = RecordedScenes(data, plan.robot)
         except ValueError as error:
             raise RecordingError(f"{self._name}: cannot be drawn: {error}") from None
-        facts = ExperimentMessage.read(told)
+        facts = ExperimentMessage.read(data)
         self._check_robot(facts)
         self._arena, self._cameras = self._shown(facts)
         usual = 1.0 / facts.timestep_s if facts.timestep_s else self._rate_hz()
@@ -80,10 +80,10 @@ class Video:
         self.frames = max(int((to_s - self._from_s) / plan.speed * self.fps + 1e-6), 1)
         self._shots = {camera.id: form.PICTURE + camera.id for camera in self._cameras}
 
-    def write(self, path: Path, tell: Callable[[int], None], stopped: Callable[[], bool]) -> bool:
+    def write(self, path: Path, report: Callable[[int], None], stopped: Callable[[], bool]) -> bool:
         """Writes the video; false where it was stopped, and then nothing is left of it.
 
-        `tell` is called with the number of frames so far.
+        `progress` is called with the number of frames so far.
 
         Raises:
             RecordingError: the file is there already, or cannot be written.
@@ -93,7 +93,7 @@ class Video:
                 if stopped():
                     return False
                 file.add(frame)
-                tell(number)
+                report(number)
             if file.frames < self.frames:
                 return False
             file.finish()
@@ -140,30 +140,30 @@ class Video:
 
     def _check_robot(self, facts: ExperimentMessage) -> None:
         robot = self._plan.robot
-        tags = [str(each.get("tag")) for each in facts.robots]
+        tags = [str(row.get("tag")) for row in facts.robots]
         if robot is not None and str(robot) not in tags:
             raise RecordingError(f"{self._name}: has no robot {robot}; {instead(str(robot), tags)}")
 
     def _shown(self, facts: ExperimentMessage) -> tuple[bool, Sequence[Camera]]:
         """Whether the arena is shown, and which cameras."""
-        known = {camera.id: camera for camera in map(_camera, facts.cameras) if camera is not None}
+        cameras = {c.id: c for c in map(_camera, facts.cameras) if c is not None}
         view = self._plan.view
-        if view == ARENA:
+        if view == ARENA_VIEW:
             return True, []
-        if view not in (None, BOTH, CAMERAS) and view not in known:
-            views = [ARENA, *known, *([CAMERAS, BOTH] if known else [])]
+        if view not in (None, BOTH, CAMERAS_VIEW) and view not in cameras:
+            views = [ARENA_VIEW, *cameras, *([CAMERAS_VIEW, BOTH] if cameras else [])]
             raise RecordingError(f"--view {view}: {instead(str(view), views)}")
-        recorded = {camera for camera in known if self._has_pictures(camera)}
-        wanted = set(known) if view in (None, BOTH, CAMERAS) else {str(view)}
-        found = [known[name] for name in known if name in wanted & recorded]
-        if not found and view is None:
+        recorded = {camera for camera in cameras if self._has_pictures(camera)}
+        wanted = set(cameras) if view in (None, BOTH, CAMERAS_VIEW) else {str(view)}
+        chosen = [cameras[name] for name in cameras if name in wanted & recorded]
+        if not chosen and view is None:
             return True, []
-        if not found:
+        if not chosen:
             raise RecordingError(
                 f"{self._name}: holds no pictures of {'the cameras' if len(wanted) != 1 else view}:"
                 " --record-images (record_image of vsense run) keeps them; expected --view arena"
             )
-        return view in (None, BOTH), found
+        return view in (None, BOTH), chosen
 
     def _has_pictures(self, camera: str) -> bool:
         return bool(self._recording.newest({form.PICTURE + camera}))
@@ -212,8 +212,8 @@ class _Ahead:
 
 def _capture_ns(message: Message) -> int:
     """When a picture was taken; it was written later."""
-    told = message.data.get("capture_ns")
-    return told if isinstance(told, int) else message.time_ns
+    reported = message.data.get("capture_ns")
+    return reported if isinstance(reported, int) else message.time_ns
 
 
 def _decoded(message: Message | None) -> RecordedPicture | None:
@@ -227,9 +227,9 @@ def _decoded(message: Message | None) -> RecordedPicture | None:
     return None if image is None else (_capture_ns(message), np.asarray(image, np.uint8))
 
 
-def _camera(told: Any) -> Camera | None:
+def _camera(data: Any) -> Camera | None:
     """A camera of `/experiment`; None: it is damaged, or of another tracker."""
     try:
-        return Camera.from_json(json.dumps(told["model"]))
-    except (*ODD, CameraError):
+        return Camera.from_json(json.dumps(data["model"]))
+    except (*DAMAGED, CameraError):
         return None

@@ -18,12 +18,12 @@ from vsense.base.canvas import Image
 from vsense.base.errors import failing_as
 from vsense.monitor.recording.form import RecordingError
 
-SUFFIXES = (".webm", ".webp", ".mp4")
+VIDEO_SUFFIXES = (".webm", ".webp", ".mp4")
 _CODECS = {".webm": ("VP80", "VP90"), ".mp4": ("avc1",)}
 """VP8 is written three times as fast as VP9, and every browser plays both."""
 _LEAST_FREE_BYTES = 4 << 20
 _LOOK_EVERY = 10
-MOST_BYTES = 1 << 30
+MOST_FRAME_BYTES = 1 << 30
 """Of an animated picture's frames, which wait in memory."""
 
 
@@ -93,7 +93,7 @@ class _Film(VideoFile):
                 cv2.VideoWriter(str(self._part), cv2.VideoWriter.fourcc(*code), fps, size)
                 for code in _CODECS[path.suffix.lower()]
             )
-            self._writer = next((made for made in tries if made.isOpened()), None)
+            self._writer = next((writer for writer in tries if writer.isOpened()), None)
         if self._writer is None:
             self._part.unlink(missing_ok=True)
             kind = "H.264" if path.suffix.lower() == ".mp4" else "VP8 and VP9"
@@ -116,13 +116,13 @@ class _Film(VideoFile):
     def _check(self) -> None:
         with _quietly():
             film = cv2.VideoCapture(str(self._part))
-            found = 0
+            count = 0
             while film.isOpened() and film.grab():
-                found += 1
+                count += 1
             film.release()
-        if found < self.frames:
+        if count < self.frames:
             raise RecordingError(
-                f"{self.path}: cannot be written: only {found} of {self.frames} frames are on the"
+                f"{self.path}: cannot be written: only {count} of {self.frames} frames are on the"
                 " disk; is it full?"
             )
 
@@ -140,7 +140,7 @@ class _Moving(VideoFile):
 
     def _write(self, frame: Image) -> None:
         self._size += frame.nbytes
-        if self._size > MOST_BYTES:
+        if self._size > MOST_FRAME_BYTES:
             raise RecordingError(
                 f"{self.path}: an animated picture of more than {self.frames} frames of this size"
                 " is more than memory should hold; expected a smaller --size, a shorter time, or"
@@ -161,8 +161,8 @@ class _Moving(VideoFile):
                 str(self._part), moving, [cv2.IMWRITE_WEBP_QUALITY, self._QUALITY]
             )
         with failing_as(RecordingError, f"{self.path}: cannot be written"):
-            whole = done and _is_whole_webp(self._part)
-        if not whole:
+            complete = done and _is_whole_webp(self._part)
+        if not complete:
             raise RecordingError(
                 f"{self.path}: cannot be written: OpenCV made only a part of it; is the disk full?"
             )
@@ -178,8 +178,8 @@ def _is_whole_webp(path: Path) -> bool:
 def open_video(path: Path, fps: float, size: tuple[int, int]) -> VideoFile:
     """Begins a file for frames of `size` (width, height), both even; its kind is in its name."""
     suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise RecordingError(f"{path}: expected a name that ends in {', '.join(SUFFIXES)}")
+    if suffix not in VIDEO_SUFFIXES:
+        raise RecordingError(f"{path}: expected a name that ends in {', '.join(VIDEO_SUFFIXES)}")
     return _Moving(path, fps) if suffix == ".webp" else _Film(path, fps, size)
 
 
@@ -187,7 +187,7 @@ def open_video(path: Path, fps: float, size: tuple[int, int]) -> VideoFile:
 def _quietly() -> Iterator[None]:
     """Drops what OpenCV's FFmpeg says on standard error: what does not work is said by us."""
     try:
-        kept = os.dup(2)
+        saved = os.dup(2)
     except OSError:
         yield
         return
@@ -196,6 +196,6 @@ def _quietly() -> Iterator[None]:
         os.dup2(drop, 2)
         yield
     finally:
-        os.dup2(kept, 2)
-        os.close(kept)
+        os.dup2(saved, 2)
+        os.close(saved)
         os.close(drop)

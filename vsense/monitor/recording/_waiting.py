@@ -26,7 +26,7 @@ class WaitingPicture:
     pictures: int
 
 
-Item = Message | WaitingPicture
+WaitingItem = Message | WaitingPicture
 
 _MESSAGES, _PICTURES = "messages", "pictures"
 _SMALL = 200
@@ -34,7 +34,7 @@ _SMALL = 200
 
 
 @dataclass(frozen=True, slots=True)
-class Bounds:
+class WaitingBounds:
     """How much may wait: bytes, and the age of the oldest; pictures are left out first."""
 
     message_bytes: int = 16 << 20
@@ -55,14 +55,14 @@ class _Gap:
 class _Queue:
     """What of one kind waits: item, size, and when it was put."""
 
-    items: deque[tuple[Item, int, int]] = field(default_factory=deque)
+    items: deque[tuple[WaitingItem, int, int]] = field(default_factory=deque)
     bytes: int = 0
 
-    def append(self, item: Item, size: int, now_ns: int) -> None:
+    def append(self, item: WaitingItem, size: int, now_ns: int) -> None:
         self.items.append((item, size, now_ns))
         self.bytes += size
 
-    def pop(self) -> Item:
+    def pop(self) -> WaitingItem:
         item, size, _ = self.items.popleft()
         self.bytes -= size
         return item
@@ -78,7 +78,7 @@ class Waiting:
 
     KEEP_UP = "it could not be written as fast as it came"
 
-    def __init__(self, bounds: Bounds) -> None:
+    def __init__(self, bounds: WaitingBounds) -> None:
         self.lost = 0
         self.why = self.KEEP_UP
         self._bounds = bounds
@@ -86,7 +86,7 @@ class Waiting:
         self._gaps: dict[str, _Gap] = {}
         self._changed = threading.Condition()
 
-    def put(self, items: Sequence[Item], sizes: Sequence[int], now_ns: int) -> bool:
+    def put(self, items: Sequence[WaitingItem], sizes: Sequence[int], now_ns: int) -> bool:
         """Puts items of about `sizes` bytes, all or none; with a picture all wait as pictures do.
 
         Gives whether there was room; where not, a `/gap` precedes the next that finds room.
@@ -108,7 +108,7 @@ class Waiting:
             self._queues[_MESSAGES].append(message, _SMALL, message.time_ns)
             self._changed.notify()
 
-    def pop(self, timeout_s: float) -> Item | None:
+    def pop(self, timeout_s: float) -> WaitingItem | None:
         """Takes the oldest message, or picture, or nothing where nothing comes in `timeout_s`."""
         with self._changed:
             if timeout_s > 0.0 and not any(queue.items for queue in self._queues.values()):

@@ -16,10 +16,10 @@ from vsense.base.message_bus import Message
 from vsense.base.terminal import Console, Interruption
 from vsense.monitor import recording
 from vsense.monitor.recording import changes, form
-from vsense.monitor.recording.form import EVENTS, ROBOTS, SHOWN, ExperimentMessage, RecordingError
+from vsense.monitor.recording.form import EVENTS, SHOWN, ExperimentMessage, RecordingError
 from vsense.monitor.recording.reader import Recording, open_recording, read_gap
 
-Row = list[Any]
+Cells = list[Any]
 
 _POSES = ("x_m", "y_m", "yaw_rad", "speed_m_s", "age_ns", "confidence", "cameras", "seen")
 _SPREADS = (0, 1, 2, 4, 5, 8)
@@ -178,7 +178,7 @@ def export_csv(recording: Recording, folder: Path) -> dict[str, int]:
 class _Export:
     """One export; damaged messages are left out."""
 
-    def __init__(self, recording: Recording, write: Mapping[str, Callable[[Row], Any]]) -> None:
+    def __init__(self, recording: Recording, write: Mapping[str, Callable[[Cells], Any]]) -> None:
         self._recording = recording
         self._write = write
         self._rows = dict.fromkeys(TABLES, 0)
@@ -192,13 +192,13 @@ class _Export:
     def write(self) -> dict[str, int]:
         write = self._write
         write["trajectories"](list(TRAJECTORIES))
-        write["robots"](["time_s", *ROBOTS])
+        write["robots"](["time_s", *form.ROBOT_COLUMNS])
         write["events"](list(EVENTS))
         write["shown"](list(SHOWN))
         write["measures"](["time_s", "timestep", *self._measures])
         names = [[f"{s}_{n}" for n in range(k)] + [f"{s}_age_s"] for s, k in self._columns.items()]
-        write["readings"](["time_s", "timestep", "tag", *(n for each in names for n in each)])
-        rows: dict[str, list[tuple[str, Callable[[Message], Iterable[Row]]]]] = {
+        write["readings"](["time_s", "timestep", "tag", *(n for columns in names for n in columns)])
+        rows: dict[str, list[tuple[str, Callable[[Message], Iterable[Cells]]]]] = {
             "/arena": [("trajectories", _poses)],
             "/readings": [("readings", self._readings)],
             "/robots": [("robots", _robots), ("shown", self._changes)],
@@ -210,12 +210,12 @@ class _Export:
             time_s = round((message.time_ns - self._recording.begin_ns) / 1e9, 9)
             for table, make in rows[message.topic]:
                 try:
-                    made = [[time_s, *row] for row in make(message)]
+                    lines = [[time_s, *row] for row in make(message)]
                 except (KeyError, TypeError, ValueError, IndexError, AttributeError):
                     continue
-                for row in made:
+                for row in lines:
                     write[table](row)
-                self._rows[table] += len(made)
+                self._rows[table] += len(lines)
         return self._rows
 
     def _measure_names(self) -> list[str]:
@@ -227,22 +227,22 @@ class _Export:
                 names |= dict.fromkeys(measures)
         return list(names)
 
-    def _measure(self, message: Message) -> Iterable[Row]:
+    def _measure(self, message: Message) -> Iterable[Cells]:
         measures = message.data["measures"]
         if measures:
             yield [message.data["timestep"], *(measures.get(name) for name in self._measures)]
 
-    def _changes(self, message: Message) -> Iterable[Row]:
+    def _changes(self, message: Message) -> Iterable[Cells]:
         """What controllers show, where it changes."""
         for tag, values in zip(message.data["tag"], message.data.get("shown") or []):
             before, self._shown[tag] = self._shown.get(tag, {}), values
             yield from ([tag, name, value] for name, value in changes(before, values))
 
-    def _readings(self, message: Message) -> Iterable[Row]:
+    def _readings(self, message: Message) -> Iterable[Cells]:
         data = message.data
         for tag, values, taken in zip(data["tag"], data["values"], data["captured_ns"]):
             own = [name for name, _ in self._sensors[self._controller_of.get(tag, 0)]]
-            row: Row = [data["timestep"], tag]
+            row: Cells = [data["timestep"], tag]
             for name, count in self._columns.items():
                 place = own.index(name) if name in own else None
                 numbers, taken_ns = ([], -1) if place is None else (values[place], taken[place])
@@ -257,8 +257,8 @@ Sensors = list[tuple[str, int]]
 
 def _sensors_of(controller: Any) -> Sensors:
     sensors = controller.get("sensors") if isinstance(controller, dict) else None
-    found = sensors if isinstance(sensors, list) else []
-    return [(str(s["name"]), int(s["count"])) for s in found if _is_sensor(s)]
+    rows = sensors if isinstance(sensors, list) else []
+    return [(str(s["name"]), int(s["count"])) for s in rows if _is_sensor(s)]
 
 
 def _columns(controllers: Iterable[Sensors]) -> dict[str, int]:
@@ -273,7 +273,7 @@ def _is_sensor(sensor: Any) -> bool:
     return isinstance(sensor, dict) and "name" in sensor and isinstance(sensor.get("count"), int)
 
 
-def _poses(message: Message) -> Iterable[Row]:
+def _poses(message: Message) -> Iterable[Cells]:
     data, robots = message.data, message.data["robots"]
     head = [data["timestep"], data.get("run_timestep")]
     columns = zip(robots["tag"], robots["covariance"], *(robots[name] for name in _POSES))
@@ -282,17 +282,17 @@ def _poses(message: Message) -> Iterable[Row]:
         yield [*head, tag, *map(_cell, values), *spreads]
 
 
-def _robots(message: Message) -> Iterable[Row]:
-    columns = [message.data.get(name) or [] for name in ROBOTS]
+def _robots(message: Message) -> Iterable[Cells]:
+    columns = [message.data.get(name) or [] for name in form.ROBOT_COLUMNS]
     for row in range(len(columns[0])):
         yield [_cell(column[row]) if row < len(column) else None for column in columns]
 
 
-def _event(message: Message) -> Iterable[Row]:
+def _event(message: Message) -> Iterable[Cells]:
     yield [message.data.get("level"), message.data.get("by"), message.data["text"]]
 
 
-def _gap(message: Message) -> Iterable[Row]:
+def _gap(message: Message) -> Iterable[Cells]:
     gap = read_gap(message.data)
     if gap is not None:
         length_s = (gap.to_ns - gap.from_ns) / 1e9

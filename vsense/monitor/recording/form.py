@@ -23,25 +23,25 @@ from vsense.base.message_bus import Message
 from vsense.monitor.foxglove import _schemas, _shapes
 
 PROFILE = "vsense"
-FORMAT = (1, 2)
+RECORDING_FORMAT = (1, 2)
 """Of what is written: the first number rises when an older vsense can no longer read it."""
 
 _MOST_NS = 1 << 63
 """More than any clock shows."""
 
-HEAD = "vsense"
+HEAD_RECORD = "vsense"
 """Name of the metadata record that every recording begins with."""
-EXPERIMENT = "experiment"
+EXPERIMENT_RECORD = "experiment"
 """Name of the metadata record with the experiment's file, for other tools."""
 
 BLOB, DERIVED = "blob", "derived"
 """In a channel's metadata: its messages hold bytes beside their data; they follow from others, for
 other tools."""
 
-PICTURE = "/picture/"
+PICTURE = _shapes.PICTURE
 GAP = "/gap"
-TRACKER = "/tracker"
-DEEDS, ORDERS, SETTINGS, PARTS = "/deeds", "/orders", "/settings", "/parts"
+TRACKER_TOPIC = "/tracker"
+DEEDS, ORDERS_TOPIC, SETTINGS_TOPIC, PARTS = "/deeds", "/orders", "/settings", "/parts"
 NOT_RECORDED = (PICTURE, "/readings/", "/you", "/answer")
 """Live pictures are scaled and lossy, one robot's readings are in `/readings` already, the rest is
 between the server and one page."""
@@ -68,20 +68,20 @@ class Head:
     def as_metadata(self) -> dict[str, str]:
         """The head as MCAP keeps it: text by name."""
         return {
-            "format": ".".join(map(str, FORMAT)),
+            "format": ".".join(map(str, RECORDING_FORMAT)),
             **{name: str(value) for name, value in asdict(self).items()},
         }
 
     @classmethod
     def from_metadata(cls, values: Mapping[str, str], file: str) -> Head:
         """Reads the head; RecordingError if it is of another format, or damaged."""
-        found = values.get("format", "")
+        file_format = values.get("format", "")
         version = values.get("version", "?")
         try:
-            if int(found.split(".")[0]) != FORMAT[0]:
+            if int(file_format.split(".")[0]) != RECORDING_FORMAT[0]:
                 raise RecordingError(
-                    f"{file}: is a recording of format {found}, written by vsense {version};"
-                    f" this vsense reads format {FORMAT[0]}"
+                    f"{file}: is a recording of format {file_format}, written by vsense {version};"
+                    f" this vsense reads format {RECORDING_FORMAT[0]}"
                 )
             head = cls(version, int(values["begin_ns"]), int(values["utc_shift_ns"]))
             if max(abs(head.begin_ns), abs(head.utc_shift_ns)) > _MOST_NS:
@@ -106,8 +106,8 @@ def encode(message: Message, utc_shift_ns: int) -> bytes:
     data = encode_data(message.data)
     if not has_blob(message):
         return data
-    told = message.data.get("capture_ns")
-    capture_ns = int(told) if isinstance(told, (int, np.integer)) else message.time_ns
+    reported = message.data.get("capture_ns")
+    capture_ns = int(reported) if isinstance(reported, (int, np.integer)) else message.time_ns
     sec, nsec = divmod(max(capture_ns + utc_shift_ns, 0), 1_000_000_000)
     picture = {
         "timestamp": {"sec": sec, "nsec": nsec},
@@ -187,15 +187,15 @@ def without_nan(value: Any) -> Any:
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, Mapping):
-        return {key: without_nan(each) for key, each in value.items()}
+        return {key: without_nan(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [without_nan(each) for each in value]
+        return [without_nan(item) for item in value]
     return value
 
 
 Data = dict[str, Any]
-Fields = Mapping[str, Any]
-Kind = TypeVar("Kind", bound="_Message")
+Schemas = Mapping[str, Any]
+MessageKind = TypeVar("MessageKind", bound="_Message")
 
 _INTEGER, _NUMBER, _TEXT, _YES = (
     {"type": name} for name in ("integer", "number", "string", "boolean")
@@ -227,14 +227,14 @@ class _Message:
         return {f.name: _KINDS[str(f.type).split(" ")[0].split("[")[0]] for f in fields(cls)}  # type: ignore[arg-type]
 
     @classmethod
-    def read(cls: type[Kind], data: Mapping[str, Any]) -> Kind:
+    def read(cls: type[MessageKind], data: Mapping[str, Any]) -> MessageKind:
         """Reads a message of any version; what is missing or of another type has its default."""
-        found = {}
+        values = {}
         for name, (_, types) in cls.kinds().items():
             value = data.get(name)
             if isinstance(value, types) and (bool in types or not isinstance(value, bool)):
-                found[name] = value
-        return cls(**found)
+                values[name] = value
+        return cls(**values)
 
     def data(self) -> Data:
         """The message's data."""
@@ -272,8 +272,8 @@ class ExperimentMessage(_Message):
         """
         rows = enumerate(row for row in self.controllers if isinstance(row, dict))
         tags = ((n, row.get("tags")) for n, row in rows)
-        some = ((n, each) for n, each in tags if isinstance(each, list))
-        return {tag: n for n, each in some for tag in each if isinstance(tag, int)}
+        groups = ((n, members) for n, members in tags if isinstance(members, list))
+        return {tag: n for n, members in groups for tag in members if isinstance(tag, int)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -304,11 +304,11 @@ def _columns(*names: str) -> dict[str, Any]:
     return {"type": "object", "properties": dict.fromkeys(names, _COLUMN)}
 
 
-def _schema_of(kind: type[_Message]) -> Fields:
+def _schema_of(kind: type[_Message]) -> Schemas:
     return {name: schema for name, (schema, _) in kind.kinds().items()}
 
 
-ROBOTS = (
+ROBOT_COLUMNS = (
     "tag", "name", "connected", "heard_ms", "udp", "pose_age_ms", "seen", "doubt", "state",
     "stop_cause", "battery_mv", "battery_low", "leds", "left_steps_s", "right_steps_s",
     "base_errors", "base_resets", "overruns", "guard_restarts", "signal_dbm", "bit_rate_mbit_s",
@@ -325,7 +325,7 @@ SHOWN = ("time_s", "tag", "name", "value")
 """Columns of the tables events.csv and shown.csv."""
 
 
-_TOPICS: dict[str, tuple[str, Fields]] = {
+_TOPICS: dict[str, tuple[str, Schemas]] = {
     "/experiment": (
         "What the run is: arena, robots, controllers, cameras, and the experiment's file.",
         _schema_of(ExperimentMessage),
@@ -353,12 +353,12 @@ _TOPICS: dict[str, tuple[str, Fields]] = {
         {"timestep": _INTEGER, "run_timestep": _INTEGER, "count": _INTEGER, "orders": _INTEGER,
          "tag": _COLUMN, "report": _COLUMN, "sender": _COLUMN},
     ),
-    ORDERS: (
+    ORDERS_TOPIC: (
         "Something that people changed in the world, and before which timestep.",
         {"timestep": _INTEGER, "run_timestep": _INTEGER, "by": _TEXT, "change": _OBJECT,
          "text": _TEXT},
     ),
-    SETTINGS: (
+    SETTINGS_TOPIC: (
         "What can be changed in the world, and how it is.",
         {"locked": _YES, "sensors": _COLUMN, "fields": _COLUMN, "params": _OBJECT},
     ),
@@ -366,7 +366,7 @@ _TOPICS: dict[str, tuple[str, Fields]] = {
         "Which robot plays which part of the experiment, in columns; `part` is the file's tag.",
         {"run": _INTEGER, "timestep": _INTEGER, **dict.fromkeys(PART_COLUMNS, _COLUMN)},
     ),
-    "/robots": ("What is known of every robot, in columns.", dict.fromkeys(ROBOTS, _COLUMN)),
+    "/robots": ("What is known of every robot, in columns.", dict.fromkeys(ROBOT_COLUMNS, _COLUMN)),
     "/cameras": ("How the cameras are.", {"cameras": _COLUMN}),
     "/event": ("Something that people were told.", {"text": _TEXT, "level": _TEXT, "by": _TEXT}),
     GAP: (
@@ -374,14 +374,14 @@ _TOPICS: dict[str, tuple[str, Fields]] = {
         {"from_ns": _INTEGER, "to_ns": _INTEGER, "messages": _INTEGER, "pictures": _INTEGER,
          "why": _TEXT},
     ),
-    TRACKER: (
+    TRACKER_TOPIC: (
         "What the tracker is made from, and what it remembered before the next picture.",
         {"made": _OBJECT, "memory": _OBJECT},
     ),
 }  # fmt: skip
 
 
-RUN_TOPICS = tuple(topic for topic in _TOPICS if topic not in (GAP, TRACKER))
+RUN_TOPICS = tuple(topic for topic in _TOPICS if topic not in (GAP, TRACKER_TOPIC))
 """Those of the topics that a run tells whoever listens."""
 
 
@@ -389,9 +389,9 @@ def schema(topic: str, blob: bool) -> tuple[str, bytes]:
     """Gives name and JSON schema of a channel; with blobs Foxglove takes them for pictures."""
     if blob:
         name, text = _schemas.IMAGE, "A picture; `vsense` is the message's own data."
-        known: Fields = {"timestamp": _TIME, "frame_id": _TEXT, "data": _BYTES, "format": _TEXT}
+        fields: Schemas = {"timestamp": _TIME, "frame_id": _TEXT, "data": _BYTES, "format": _TEXT}
     else:
         name = f"vsense{topic.replace('/', '.')}"
-        text, known = _TOPICS.get(topic, ("", {}))
-    whole = {"title": name, "description": text, "type": "object", "properties": known}
-    return name, json.dumps(whole).encode()
+        text, fields = _TOPICS.get(topic, ("", {}))
+    document = {"title": name, "description": text, "type": "object", "properties": fields}
+    return name, json.dumps(document).encode()

@@ -23,11 +23,11 @@ _CHUNK_NS = 1_000_000_000
 
 
 def export_foxglove(
-    recording: Recording, path: Path, tell: Callable[[float], None] = lambda share: None
+    recording: Recording, path: Path, progress: Callable[[float], None] = lambda share: None
 ) -> dict[str, int]:
     """Writes a recording for Foxglove to `path`, and its layout beside it.
 
-    `tell` is given the share that is done, from 0 to 1, now and then. What is damaged is left out.
+    `progress` takes the share that is done, from 0 to 1, now and then. Damaged parts are left out.
 
     Returns:
         The two files' sizes in bytes, by their paths.
@@ -42,25 +42,25 @@ def export_foxglove(
     writer = RecordingWriter(path, recording.begin_ns, recording.utc_shift_ns)
     try:
         with failing_as(RecordingError, f"{path}: cannot be written"):
-            copy_messages(recording, writer, tell)
+            copy_messages(recording, writer, progress)
         with failing_as(RecordingError, f"{beside}: cannot be written"):
             beside.write_text(as_text(_layout(recording)), encoding="utf-8")
     except BaseException:
         path.unlink(missing_ok=True)
         beside.unlink(missing_ok=True)
         raise
-    return {str(one): one.stat().st_size for one in (path, beside)}
+    return {str(file): file.stat().st_size for file in (path, beside)}
 
 
 def copy_messages(
     recording: Recording,
     writer: RecordingWriter,
-    tell: Callable[[float], None] = lambda share: None,
+    progress: Callable[[float], None] = lambda share: None,
     change: Callable[[Message], Message | None] = lambda message: message,
 ) -> None:
     """Adds every message and what follows from it, and closes the writer.
 
-    `tell`: see `export_foxglove`; `change` gives what is written in place of a message, None:
+    `progress`: see `export_foxglove`; `change` gives what is written in place of a message, None:
     nothing. OSError if the disk does not take it.
     """
     pictures = recording.newest(lambda topic: topic.startswith(PICTURE))
@@ -69,8 +69,8 @@ def copy_messages(
     begun_ns = recording.begin_ns
     length_ns = max(1e9 * recording.duration_s, 1.0)
     try:
-        for found in recording.messages():
-            message = change(found)
+        for original in recording.messages():
+            message = change(original)
             if message is None:
                 continue
             writer.add(message)
@@ -79,7 +79,7 @@ def copy_messages(
             if writer.is_full or message.time_ns - begun_ns >= _CHUNK_NS:
                 begun_ns = message.time_ns
                 writer.flush()
-                tell(min((message.time_ns - recording.begin_ns) / length_ns, 1.0))
+                progress(min((message.time_ns - recording.begin_ns) / length_ns, 1.0))
     finally:
         # The file is closed even where its end cannot be written.
         writer.close()
@@ -88,14 +88,12 @@ def copy_messages(
 def _layout(recording: Recording) -> dict[str, Any]:
     """The layout for the recording's cameras, fields and arena."""
     experiment = ExperimentMessage.read(recording.experiment)
-    cameras = [
-        str(one["id"]) for one in experiment.cameras if isinstance(one, dict) and "id" in one
-    ]
+    cameras = [str(c["id"]) for c in experiment.cameras if isinstance(c, dict) and "id" in c]
     fields: list[str] = []
     sizes: list[float] = []
     with suppress(KeyError, TypeError, ValueError):
         newest = recording.newest({"/fields"})
-        fields = [str(one["id"]) for one in newest["/fields"].data["fields"]]
+        fields = [str(row["id"]) for row in newest["/fields"].data["fields"]]
     with suppress(KeyError, TypeError, ValueError):
         sizes = [float(side) for side in (experiment.arena or {})["size_m"][:2]]
     return layout(cameras, fields, max(sizes, default=3.0))

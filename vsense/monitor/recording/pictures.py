@@ -155,7 +155,7 @@ class BackgroundRecorder:
 
 
 _TAGS_WIDTH = 80
-SCHEMAS = ("resources.xsd", "experiment.xsd")
+XML_SCHEMAS = ("resources.xsd", "experiment.xsd")
 
 
 def one_tracker(
@@ -187,7 +187,7 @@ def write_session_files(
 def write_schemas(directory: Path) -> None:
     """Writes the schemas of both files into `directory / "schema"`, for editors."""
     (directory / "schema").mkdir(exist_ok=True)
-    for name in SCHEMAS:
+    for name in XML_SCHEMAS:
         schema = (resources.files("vsense.config") / "schema" / name).read_text(encoding="utf-8")
         (directory / "schema" / name).write_text(schema, encoding="utf-8")
 
@@ -267,7 +267,7 @@ def tracker_lines(spec: TrackerSpec) -> list[str]:
         # Its path is relative to another file's folder.
         family = str(Path(family).resolve())
     usual_m = Counter(heights_m.values()).most_common(1)[0][0]
-    others = sorted({height for height in heights_m.values() if height != usual_m})
+    other_heights_m = sorted({height for height in heights_m.values() if height != usual_m})
     heading = f' heading="{spec.heading_deg:g}"' if spec.heading_deg else ""
     tags = f"\n{' ' * 19}".join(textwrap.wrap(tag_ranges(heights_m), _TAGS_WIDTH))
     closed = "" if spec.open_roster else ' roster="closed"'
@@ -276,11 +276,11 @@ def tracker_lines(spec: TrackerSpec) -> list[str]:
         f' robot_height="{usual_m:g}"\n             max_speed="{spec.max_speed_m_s:g}"{closed}\n'
         f'             tags="{tags}"'
     )
-    if not others:
+    if not other_heights_m:
         return [f"{tracker} />"]
     rows = [
         f'      <robots tags="{tag_ranges(t for t, h in heights_m.items() if h == height)}"'
         f' robot_height="{height:g}" />'
-        for height in others
+        for height in other_heights_m
     ]
     return [f"{tracker}>", *rows, "    </tracker>"]

@@ -11,7 +11,7 @@ from vsense.base.errors import failing_as
 from vsense.base.files import open_bytes
 from vsense.base.message_bus import Message
 from vsense.monitor.recording import _chunks, form
-from vsense.monitor.recording._chunks import ChunkPlace, Contents, DamagedError, Kept, Raw, scan
+from vsense.monitor.recording._chunks import ChunkPlace, Contents, DamagedError, Raw, Topic, scan
 from vsense.monitor.recording.form import RecordingError
 
 Choice = Collection[str] | Callable[[str], bool] | None
@@ -113,15 +113,15 @@ class Recording:
         """Gives the newest message of each topic that was there; before `before_s`, or of all."""
         wanted = _test(topics)
         end_ns = None if before_s is None else self.begin_ns + round(1e9 * before_s)
-        found: dict[str, Message] = {}
+        messages: dict[str, Message] = {}
         self._learn()
         for place in reversed(self._places):
             if end_ns is not None and place.begin_ns - self.utc_shift_ns >= end_ns:
                 continue
-            still = lambda topic: wanted(topic) and topic not in found  # noqa: B023, E731
+            still = lambda topic: wanted(topic) and topic not in messages  # noqa: B023, E731
             if self._may_hold(place, still):
-                found |= self._newest_in(place, still, end_ns)
-        return found
+                messages |= self._newest_in(place, still, end_ns)
+        return messages
 
     def _learn(self) -> None:
         """Finds all channels where there is no index: a chunk may use an earlier one's."""
@@ -136,10 +136,10 @@ class Recording:
     ) -> dict[str, Message]:
         raws: dict[str, Raw] = {}
         for raw in self._unpack(place):
-            kept = self._channels.get(raw.channel)
+            info = self._channels.get(raw.channel)
             early = end_ns is None or raw.log_ns - self.utc_shift_ns < end_ns
-            if early and kept is not None and _is_ours(kept, wanted):
-                raws[kept.topic] = raw
+            if early and info is not None and _is_ours(info, wanted):
+                raws[info.topic] = raw
         messages = (self._decode(place, raw, wanted) for raw in raws.values())
         return {message.topic: message for message in messages if message is not None}
 
@@ -168,12 +168,12 @@ class Recording:
         self._inside[place.offset] = frozenset(inside)
 
     def _decode(self, place: ChunkPlace, raw: Raw, wanted: Callable[[str], bool]) -> Message | None:
-        kept = self._channels.get(raw.channel)
-        if kept is None or not _is_ours(kept, wanted):
+        info = self._channels.get(raw.channel)
+        if info is None or not _is_ours(info, wanted):
             return None
         try:
             time_ns = raw.log_ns - self.utc_shift_ns
-            return form.decode(kept.topic, time_ns, kept.blob, bytes(raw.data))
+            return form.decode(info.topic, time_ns, info.blob, bytes(raw.data))
         except (ValueError, TypeError, KeyError, RecursionError):
             self.damaged.add(place.offset)
             return None
@@ -195,7 +195,7 @@ def open_recording(path: Path) -> Recording:
             raise
 
 
-def _is_ours(channel: Kept, wanted: Callable[[str], bool]) -> bool:
+def _is_ours(channel: Topic, wanted: Callable[[str], bool]) -> bool:
     """Whether a channel has messages of the run itself, and of a wanted topic."""
     return not channel.derived and wanted(channel.topic)
 

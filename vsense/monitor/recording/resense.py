@@ -33,7 +33,7 @@ from vsense.robots.sources import CodeOptions
 from vsense.run.changing import Change, Ground, carry_out
 from vsense.run.environment import Environment
 
-_TOPICS = frozenset(("/experiment", "/arena", "/readings", form.DEEDS, form.ORDERS))
+_TOPICS = frozenset(("/experiment", "/arena", "/readings", form.DEEDS, form.ORDERS_TOPIC))
 _WAITING = 500
 """Timesteps of which not everything has come yet."""
 
@@ -112,7 +112,7 @@ class Resensing:
         self,
         recording: Recording,
         path: Path | None = None,
-        change: Callable[[ExperimentMessage], ExperimentMessage] = lambda told: told,
+        change: Callable[[ExperimentMessage], ExperimentMessage] = lambda message: message,
     ) -> None:
         self.comparison = ResenseComparison()
         self._recording = recording
@@ -158,59 +158,59 @@ class Resensing:
         data = message.data
         if message.topic == "/experiment":
             self._begin(self._change(ExperimentMessage.read(data)))
-        elif message.topic == form.ORDERS:
+        elif message.topic == form.ORDERS_TOPIC:
             self._orders.append(data)
         elif message.topic == form.DEEDS:
             return self._step(data)
         else:
-            kept = self._states if message.topic == "/arena" else self._readings
-            kept[data["timestep"]] = data
-            if len(kept) > _WAITING:  # the world was held
-                del kept[next(iter(kept))]
+            waiting = self._states if message.topic == "/arena" else self._readings
+            waiting[data["timestep"]] = data
+            if len(waiting) > _WAITING:  # the world was held
+                del waiting[next(iter(waiting))]
         return None
 
-    def _begin(self, told: ExperimentMessage) -> None:
+    def _begin(self, message: ExperimentMessage) -> None:
         """Makes the first world, and another one where somebody was put in before the run."""
-        casting = (told.made or {}).get("casting")
+        casting = (message.made or {}).get("casting")
         if self._environment is None or casting != self._casting:
-            self._environment, self._casting = self._made(told), casting
+            self._environment, self._casting = self._make_environment(message), casting
             self._count = self._changes = 0
             self._orders.clear()
 
-    def _made(self, told: ExperimentMessage) -> Environment:
+    def _make_environment(self, message: ExperimentMessage) -> Environment:
         """The virtual world as it was before the first timestep."""
-        made = told.made
-        if not made or told.seed is None:
+        setup = message.made
+        if not setup or message.seed is None:
             raise self._error("does not say how its experiment was read: an older vsense made it")
-        if told.version != vsense.__version__:
-            self.comparison.versions = told.version, vsense.__version__
-        experiment = self._experiment(told.file_text, made)
-        return Environment(experiment, told.seed, bool(told.blind))
+        if message.version != vsense.__version__:
+            self.comparison.versions = message.version, vsense.__version__
+        experiment = self._experiment(message.file_text, setup)
+        return Environment(experiment, message.seed, bool(message.blind))
 
-    def _experiment(self, text: str, made: Mapping[str, Any]) -> Experiment:
-        path, stage = self._path or Path(made["path"]), Stage(made["stage"])
+    def _experiment(self, text: str, setup: Mapping[str, Any]) -> Experiment:
+        path, stage = self._path or Path(setup["path"]), Stage(setup["stage"])
         if not path.is_absolute() and self._path is None:
             # No recording of ours has one: it would be whatever the current folder holds.
             raise self._error(
                 f"says that its experiment is {str(path)!r}: say where with --experiment FILE"
             )
-        how = made["length_s"], made["settings"], stage, made["virtual_devices"]
+        how = setup["length_s"], setup["settings"], stage, setup["virtual_devices"]
         try:
-            code = CodeOptions(**made.get("code", {}))  # older recordings have none
-            casting = Casting.read(made.get("casting", {}))
+            code = CodeOptions(**setup.get("code", {}))  # older recordings have none
+            casting = Casting.read(setup.get("casting", {}))
             experiment = read(text.encode(), path.name, path, *how, code, casting)
-            experiment = first_robots(experiment, made["robots"])
-            places = StartPlaces.read({"poses": made.get("poses", ()), "seed": made["seed"]})
+            experiment = first_robots(experiment, setup["robots"])
+            places = StartPlaces.read({"poses": setup.get("poses", ()), "seed": setup["seed"]})
             experiment = places.put(experiment)
         except VsenseError as error:
             hint = "" if self._path else "; say where its file is with --experiment FILE"
             raise self._error(f"its experiment cannot be read again: {error}{hint}") from None
-        return settle(experiment, made["seed"], real=stage is not Stage.RUN)
+        return settle(experiment, setup["seed"], real=stage is not Stage.RUN)
 
-    def _step(self, deeds: Mapping[str, Any]) -> int:
+    def _step(self, data: Mapping[str, Any]) -> int:
         """Makes a timestep of the world again, and compares its readings."""
-        given, timestep = _senses.given_deeds(deeds), deeds["timestep"]
-        run_timestep: int = deeds["run_timestep"]
+        given, timestep = _senses.given_reports(data), data["timestep"]
+        run_timestep: int = data["run_timestep"]
         state, readings = self._states.pop(timestep, None), self._readings.pop(timestep, None)
         environment, done = self._environment, self._count
         if environment is None or given.count != done or state is None or readings is None:
@@ -249,11 +249,11 @@ class Resensing:
                 if json.dumps(pair[0]) != json.dumps(pair[1]):
                     self._differ(FirstDifference(run_timestep, tag, entry.name, *pair))
 
-    def _differ(self, found: FirstDifference) -> None:
+    def _differ(self, difference: FirstDifference) -> None:
         comparison = self.comparison
         comparison.different += 1
-        comparison.sensors[found.sensor] = comparison.sensors.get(found.sensor, 0) + 1
-        comparison.first = comparison.first or found
+        comparison.sensors[difference.sensor] = comparison.sensors.get(difference.sensor, 0) + 1
+        comparison.first = comparison.first or difference
 
     def _missing(self, done: int) -> RecordingError:
         if not done:

@@ -149,7 +149,7 @@ class Retracking:
         self._recording = recording
         self._change = change
         self._tracking: CameraTracking | None = None
-        self._made: dict[str, Any] | None = None
+        self._setup: dict[str, Any] | None = None
         self._pictures = _RecordedPictures()
         self._now: dict[int, dict[str, Any]] = {}
         self._before: dict[int, Mapping[str, Any]] = {}
@@ -163,7 +163,7 @@ class Retracking:
         """
         try:
             for message in self._recording.messages(_needed):
-                if message.topic == form.TRACKER:
+                if message.topic == form.TRACKER_TOPIC:
                     self._begin(message)
                 elif message.topic == "/arena":
                     # By capture time: a run numbers its timesteps itself.
@@ -186,22 +186,22 @@ class Retracking:
 
     def _begin(self, message: Message) -> None:
         """Makes the tracker; after a gap, restores the memory that it had then."""
-        made = dict(message.data["made"])
-        changed = self._change(made)
+        setup = dict(message.data["made"])
+        changed = self._change(setup)
         self._pictures.close()
         if self._tracking is None:
             now = recorded_tracker.versions()
-            then = {name: str(made["versions"].get(name)) for name in now}
+            then = {name: str(setup["versions"].get(name)) for name in now}
             self.comparison.versions = {n: (then[n], now[n]) for n in now if then[n] != now[n]}
         else:
             self.comparison.gaps += 1
-        if self._tracking is None or changed != self._made:
+        if self._tracking is None or changed != self._setup:
             if self._tracking is not None:
                 self._tracking.close()
             tracker = recorded_tracker.make(changed)
             self._tracking = CameraTracking(self._pictures, tracker, lambda line: None)
-            self._made = changed
-        if changed == made:
+            self._setup = changed
+        if changed == setup:
             recorded_tracker.restore(self._tracking.tracker, message.data["memory"])
 
     def _track(self, message: Message) -> Iterator[ArenaState]:
@@ -226,7 +226,7 @@ class Retracking:
 
 
 def _needed(topic: str) -> bool:
-    return topic in (form.TRACKER, "/arena") or topic.startswith(form.PICTURE)
+    return topic in (form.TRACKER_TOPIC, "/arena") or topic.startswith(form.PICTURE)
 
 
 def _frame(message: Message) -> Frame:

@@ -161,7 +161,9 @@ class RecordingWriter:
         # The library has no other place for it; without it only memory is lost.
         vars(self._mcap)["_Writer__chunk_indices"] = ChunkIndices()
         self._mcap.start(form.PROFILE, f"vsense {__version__}")
-        self._mcap.add_metadata(form.HEAD, Head(__version__, begin_ns, utc_shift_ns).as_metadata())
+        self._mcap.add_metadata(
+            form.HEAD_RECORD, Head(__version__, begin_ns, utc_shift_ns).as_metadata()
+        )
         self._channels: dict[tuple[str, bool | str], int] = {}
         self._schemas: dict[tuple[str, bytes], int] = {}
         self._experiment: dict[str, str] = {}
@@ -239,10 +241,10 @@ class RecordingWriter:
 
     def _declare(self, topic: str, schema: str, text: Encoded, marks: dict[str, str]) -> int:
         """Makes a channel, and its schema where it is the first that has it."""
-        known = schema, text
-        if known not in self._schemas:
-            self._schemas[known] = self._mcap.register_schema(schema, "jsonschema", text)
-        return self._mcap.register_channel(topic, "json", self._schemas[known], marks)
+        key = schema, text
+        if key not in self._schemas:
+            self._schemas[key] = self._mcap.register_schema(schema, "jsonschema", text)
+        return self._mcap.register_channel(topic, "json", self._schemas[key], marks)
 
     def _keep_experiment(self, message: Message) -> None:
         """Writes the experiment's facts for other tools."""
@@ -250,7 +252,7 @@ class RecordingWriter:
         values = {key: str(message.data[key]) for key in wanted if key in message.data}
         if values != self._experiment:
             self._experiment = values
-            self._mcap.add_metadata(form.EXPERIMENT, values)
+            self._mcap.add_metadata(form.EXPERIMENT_RECORD, values)
 
 
 def gap_message(

@@ -109,14 +109,14 @@ def _make(path: Path) -> None:
     descriptor, name = tempfile.mkstemp(dir=path.parent)
     try:
         with open(descriptor, "wb") as file:
-            file.write(_made())
+            file.write(_generate())
         with suppress(FileExistsError):
             os.link(name, path)
     finally:
         os.unlink(name)
 
 
-def _made() -> bytes:
+def _generate() -> bytes:
     """A new key, and a certificate that it signs itself, as PEM."""
     from cryptography import x509
     from cryptography.hazmat.primitives import hashes, serialization
@@ -133,7 +133,7 @@ def _made() -> bytes:
     names += [x509.IPAddress(ipaddress.ip_address(a)) for a in addresses if _is_address(a)]
     now = datetime.datetime.now(datetime.timezone.utc)
     day = datetime.timedelta(days=1)
-    made = (
+    certificate = (
         x509.CertificateBuilder()
         .subject_name(name)
         .issuer_name(name)
@@ -151,7 +151,7 @@ def _made() -> bytes:
         serialization.PrivateFormat.PKCS8,
         serialization.NoEncryption(),
     )
-    return secret + made.public_bytes(serialization.Encoding.PEM)
+    return secret + certificate.public_bytes(serialization.Encoding.PEM)
 
 
 def _is_address(text: str) -> bool:

@@ -35,7 +35,7 @@ from foxglove.websocket import (
 from vsense.base.message_bus import Message
 from vsense.monitor.foxglove import _schemas
 from vsense.monitor.foxglove.channels import (
-    FIELD,
+    FIELD_TOPIC,
     LASTING,
     PICTURE,
     Channels,
@@ -44,7 +44,7 @@ from vsense.monitor.foxglove.channels import (
 )
 from vsense.monitor.recording import form
 
-BACKLOG = 32
+MESSAGE_BACKLOG = 32
 """Messages that wait for one client; then its oldest go."""
 MEMORY_BYTES, DESCRIPTORS = 2 << 30, 256
 """What the process may take: what has more clients than that ends, and the run goes on."""
@@ -91,8 +91,8 @@ class FoxgloveClients(ServerListener):
     def take_new(self) -> set[int]:
         """The channels that were subscribed to since the last call."""
         with self._lock:
-            found, self._new = self._new, set()
-        return found
+            new, self._new = self._new, set()
+        return new
 
     def on_playback_control_request(
         self, playback_control_request: PlaybackControlRequest
@@ -133,11 +133,11 @@ class ParentLink:
 
     def messages(self, wait_s: float) -> list[Message]:
         """What has come; waits for the first. EOFError: the parent has ended."""
-        found = []
+        messages = []
         while self._connection.poll(wait_s):
-            found.append(self._connection.recv())
+            messages.append(self._connection.recv())
             wait_s = 0.0
-        return found
+        return messages
 
 
 class FoxgloveService:
@@ -160,11 +160,11 @@ class FoxgloveService:
             playback_time_range=(
                 (spec.begin_ns or 0, spec.end_ns or 0) if replayed and spec.steered else None
             ),
-            message_backlog_size=BACKLOG,
+            message_backlog_size=MESSAGE_BACKLOG,
         )
         self.port = self._server.port
         self._channels: dict[str, foxglove.Channel] = {}
-        self._kept: dict[str, tuple[int, bytes]] = {}
+        self._latest: dict[str, tuple[int, bytes]] = {}
         self._derive = Channels(spec.utc_shift_ns, self._is_wanted)
         self._wanted: frozenset[str] = frozenset()
         self._clock_ns = 0
@@ -177,7 +177,7 @@ class FoxgloveService:
         while True:
             for message in self._link.messages(_WAIT_S):
                 self._take(message)
-            self._tell_newcomers()
+            self._send_to_newcomers()
             wanted = self._sources()
             if wanted != self._wanted:
                 self._wanted = wanted
@@ -189,8 +189,8 @@ class FoxgloveService:
         if topic == "/run" and self._is_replay:
             self._follow(data.get("replay") or {})
         if topic == "/fields":
-            for one in data["fields"]:
-                self._open(f"{FIELD}{one['id']}", *_derived(FIELD))
+            for field in data["fields"]:
+                self._open(f"{FIELD_TOPIC}{field['id']}", *_derived(FIELD_TOPIC))
         channel = self._channels.get(topic)
         utc_ns = max(message.time_ns + self._spec.utc_shift_ns, 0)
         if channel is not None and (topic in LASTING or channel.has_sinks()):
@@ -206,20 +206,20 @@ class FoxgloveService:
 
     def _follow(self, replay: dict[str, Any]) -> None:
         """Tells clients where the replay is, and when it plays, pauses or jumps."""
-        told, begin_ns = self._clients, self._spec.begin_ns or 0
+        clients, begin_ns = self._clients, self._spec.begin_ns or 0
         position_ns = begin_ns + round(1e9 * float(replay.get("position_s", 0.0)))
         playing, speed = bool(replay.get("playing")), float(replay.get("speed", 1.0))
         ahead_s = (position_ns - self._clock_ns) / 1e9
         jumped = ahead_s < 0.0 or ahead_s > _JUMP_S * max(speed, 1.0)
-        changed = (told.playing, told.speed) != (playing, speed)
-        told.playing, told.speed, told.position_ns = playing, speed, position_ns
+        changed = (clients.playing, clients.speed) != (playing, speed)
+        clients.playing, clients.speed, clients.position_ns = playing, speed, position_ns
         if jumped:
             self._derive.forget()
-            self._kept.clear()
+            self._latest.clear()
             if not self._spec.steered and self._clock_ns:
                 self._server.clear_session()
         if self._spec.steered and (changed or jumped):
-            self._server.broadcast_playback_state(told.state(jumped))
+            self._server.broadcast_playback_state(clients.state(jumped))
         if position_ns != self._clock_ns:
             self._clock_ns = position_ns
             self._server.broadcast_time(position_ns)
@@ -237,13 +237,13 @@ class FoxgloveService:
             self._open(topic, *_derived(topic))
 
     def _log(self, topic: str, utc_ns: int, data: bytes) -> None:
-        self._kept[topic] = utc_ns, data
+        self._latest[topic] = utc_ns, data
         self._channels[topic].log(data, log_time=utc_ns)
 
-    def _tell_newcomers(self) -> None:
+    def _send_to_newcomers(self) -> None:
         """Repeats the newest message of channels that somebody has just subscribed to."""
         new = self._clients.take_new()
-        for topic, (utc_ns, data) in self._kept.items():
+        for topic, (utc_ns, data) in self._latest.items():
             if new and self._channels[topic].id() in new:
                 self._channels[topic].log(data, log_time=utc_ns)
 
@@ -254,13 +254,13 @@ class FoxgloveService:
 
     def _sources(self) -> frozenset[str]:
         """The topics of ours that somebody needs now."""
-        found = set(LASTING)
+        topics = set(LASTING)
         for topic, channel in self._channels.items():
             if channel.has_sinks():
-                found |= {topic, *sources_of(topic)}
-        if not any(topic.startswith(FIELD) for topic in self._channels):
-            found.add("/fields")  # to know which there are
-        return frozenset(found)
+                topics |= {topic, *sources_of(topic)}
+        if not any(topic.startswith(FIELD_TOPIC) for topic in self._channels):
+            topics.add("/fields")  # to know which there are
+        return frozenset(topics)
 
 
 def _derived(topic: str) -> tuple[str, bytes]:

@@ -41,19 +41,19 @@ class FoxgloveError(VsenseError):
     """Foxglove cannot be served."""
 
 
-def check_foxglove(address: FoxgloveAddress | None, others: Collection[int | None] = ()) -> None:
+def check_foxglove(address: FoxgloveAddress | None, taken: Collection[int | None] = ()) -> None:
     """Refuses what cannot be served, before anything is started; None: nothing is asked for.
 
-    `others` are the run's other ports.
+    `taken_ports` are the run's other ports.
 
     Raises:
-        UsageError: the package is missing, or the port is one of `others`.
+        UsageError: the package is missing, or the port is one of `taken_ports`.
         VsenseError: another program has the port, or the host is unknown.
     """
     if address is None:
         return
     errors.require("--foxglove needs", "foxglove")
-    if address.port and address.port in others:
+    if address.port and address.port in taken:
         raise UsageError(
             f"--foxglove: {address.port} is a port for robots or the page, too: give it another,"
             f" such as --foxglove {address.port + 1}"

@@ -22,7 +22,7 @@ from vsense.base.clock import host_ns
 from vsense.base.errors import VsenseError
 from vsense.base.message_bus import Listener, Message, MessageBus
 from vsense.config.casting import Pair
-from vsense.monitor.recording.form import PARTS, PICTURE, SETTINGS, without_nan
+from vsense.monitor.recording.form import PARTS, PICTURE, SETTINGS_TOPIC, without_nan
 from vsense.monitor.ui._sentences import ChangeReadError, read
 from vsense.monitor.ui.access import Rights
 from vsense.robots.link.strangers import RateLimit
@@ -30,7 +30,7 @@ from vsense.run.changes import Ask
 from vsense.run.changing import Change
 from vsense.run.orders import Give, Order, OrderKind
 
-KEPT = 64
+FRAMES_MAX = 64
 """Frames that are kept for other viewers of the same message."""
 
 
@@ -38,19 +38,19 @@ class Frames:
     """Makes frames, each once for all viewers. The web server's thread only."""
 
     def __init__(self) -> None:
-        self._made: OrderedDict[int, tuple[Message, str | bytes]] = OrderedDict()
+        self._encoded: OrderedDict[int, tuple[Message, str | bytes]] = OrderedDict()
 
     def frame(self, message: Message) -> str | bytes:
         """Text, or bytes where the message has a blob."""
         # Messages cannot be hashed; while one is kept here, no other has its id.
-        kept = self._made.get(id(message))
-        if kept is not None:
-            return kept[1]
-        made = _frame(message)
-        self._made[id(message)] = (message, made)
-        if len(self._made) > KEPT:
-            self._made.popitem(last=False)
-        return made
+        cached = self._encoded.get(id(message))
+        if cached is not None:
+            return cached[1]
+        encoded = _frame(message)
+        self._encoded[id(message)] = (message, encoded)
+        if len(self._encoded) > FRAMES_MAX:
+            self._encoded.popitem(last=False)
+        return encoded
 
 
 def _frame(message: Message) -> str | bytes:
@@ -71,7 +71,7 @@ UNDERWAY_MAX = 48
 """Frames on their way to a page that reports what it got. The rest waits here, where newer ones
 replace it, and not in the buffers of two operating systems."""
 
-IDLE = frozenset({"/experiment", "/run", "/event", "/robots", PARTS, SETTINGS})
+IDLE = frozenset({"/experiment", "/run", "/event", "/robots", PARTS, SETTINGS_TOPIC})
 """What a hidden page, or one without refresh, still shows."""
 LIVE = IDLE | {"/arena", "/world", "/signals", "/fields", "/cameras"}
 
@@ -171,10 +171,10 @@ class WebClient:
 
         When it begins again it has missed changes that are published once: it joins the bus anew.
         """
-        again = on and self._topics is IDLE
+        resumed = on and self._topics is IDLE
         self._topics = LIVE if on else IDLE
         self._choose()
-        if again and self._listener is not None:
+        if resumed and self._listener is not None:
             self.leave()
             self._listener = self._bus.join(self.receive, self.wants)
 
@@ -269,8 +269,8 @@ class WebClients:
 
     def _about(self, viewer: WebClient) -> Message:
         control = self._viewers[viewer] is Rights.CONTROL
-        told = {"viewer": viewer.name, "control": control, "viewers": self.viewers}
-        return Message("/you", 0, told)
+        data = {"viewer": viewer.name, "control": control, "viewers": self.viewers}
+        return Message("/you", 0, data)
 
     async def _send(self, socket: web.WebSocketResponse, viewer: WebClient) -> None:
         """Sends messages to a page, as fast as the page takes them."""

@@ -10,9 +10,9 @@ from vsense.run.changing import Change
 from vsense.run.orders import OrderKind, read_pair
 
 PICTURES_MAX = 256
-NAME_MAX = 200
+CAMERA_NAME_MAX = 200
 LOOKS_MAX = 16
-FAR = 2**53
+INTEGER_MAX = 2**53
 """Greater whole numbers are not exact in JavaScript."""
 
 
@@ -42,7 +42,7 @@ def read(text: str) -> tuple[str, Any]:
 def _order(said: dict[str, Any]) -> tuple[OrderKind, float, tuple[int, int]]:
     value = said.get("value", 0)
     plain = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not plain or not abs(value) < FAR:
+    if not plain or not abs(value) < INTEGER_MAX:
         raise ValueError(f"an order's value is not {value!r:.40}")
     pair = read_pair(said.get("pair", [0, 0]))
     try:
@@ -58,8 +58,8 @@ def _change(said: dict[str, Any]) -> Change:
         raise ChangeReadError(str(error)) from None
 
 
-def _whole(value: Any, what: str) -> int:
-    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < FAR:
+def _integer(value: Any, what: str) -> int:
+    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < INTEGER_MAX:
         raise ValueError(f"not a {what}: {value!r:.40}")
     return value
 
@@ -74,7 +74,7 @@ def _pictures(said: dict[str, Any]) -> tuple[str, ...]:
     cameras = said["pictures"]
     if not isinstance(cameras, list) or len(cameras) > PICTURES_MAX:
         raise ValueError("pictures is a list of camera ids")
-    if not all(isinstance(camera, str) and len(camera) <= NAME_MAX for camera in cameras):
+    if not all(isinstance(camera, str) and len(camera) <= CAMERA_NAME_MAX for camera in cameras):
         raise ValueError("pictures is a list of camera ids")
     return tuple(cameras)
 
@@ -84,7 +84,7 @@ def _tags(said: dict[str, Any]) -> tuple[int, ...]:
     tags = wanted if isinstance(wanted, list) else [] if wanted is None else [wanted]
     if len(tags) > LOOKS_MAX:
         raise ValueError(f"a page looks at {LOOKS_MAX} robots at most")
-    return tuple(_whole(tag, "tag") for tag in tags)
+    return tuple(_integer(tag, "tag") for tag in tags)
 
 
 _READERS: dict[str, Callable[[dict[str, Any]], Any]] = {
@@ -93,5 +93,5 @@ _READERS: dict[str, Callable[[dict[str, Any]], Any]] = {
     "look": _tags,
     "refresh": _refresh,
     "pictures": _pictures,
-    "got": lambda said: _whole(said["got"], "number of frames"),
+    "got": lambda said: _integer(said["got"], "number of frames"),
 }

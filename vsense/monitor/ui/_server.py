@@ -21,7 +21,7 @@ from vsense.base.clock import host_ns
 from vsense.base.errors import UsageError, VsenseError
 from vsense.base.message_bus import MessageBus
 from vsense.monitor.ui._page_clients import WebClients
-from vsense.monitor.ui._web_listener import HttpLogger, Seats, WebListener
+from vsense.monitor.ui._web_listener import HttpLogger, PagePlaces, WebListener
 from vsense.monitor.ui.access import (
     AccessControl,
     Forbidden,
@@ -36,7 +36,7 @@ from vsense.robots.link.status import LinkError
 from vsense.run.changes import Ask
 from vsense.run.orders import Give
 
-PAGE = Path(__file__).parent / "page"
+PAGE_FOLDER = Path(__file__).parent / "page"
 VIEWERS_MAX = 64
 """Open at once: a browser that opens pages in a loop must not use up the machine."""
 _FILE = re.compile(r"[a-z0-9_]+\.(?:js|css|svg)")
@@ -72,7 +72,7 @@ class Site:
         self._access = AccessControl(host, port, tokens, tls is not None)
         self._tls = tls
         self.clients = WebClients(bus, give, ask)
-        self._seats = Seats(VIEWERS_MAX)
+        self._places = PagePlaces(VIEWERS_MAX)
         self._listener: WebListener
         self._runner: web.AppRunner
         self._app = web.Application(middlewares=[self._guard], client_max_size=4096)
@@ -82,14 +82,14 @@ class Site:
         self._app.router.add_get("/{name}", self._file)
         self._app.on_response_prepare.append(_protect)
 
-    async def open(self, listening: socket.socket, tell: Callable[[str], None]) -> None:
-        """Begins to serve on a listening socket; `tell` takes what strangers do."""
+    async def open(self, listening: socket.socket, say: Callable[[str], None]) -> None:
+        """Begins to serve on a listening socket; `say` takes what strangers do."""
         self._runner = web.AppRunner(
             *(self._app,), access_log=None, shutdown_timeout=1.0, logger=HttpLogger(self._fault)
         )
         await self._runner.setup()
         assert self._runner.server is not None
-        self._listener = WebListener(listening, self._runner.server, self._tls, tell)
+        self._listener = WebListener(listening, self._runner.server, self._tls, say)
         asyncio.get_running_loop().set_exception_handler(
             lambda _, context: self._fault("the page", context.get("exception"))
         )
@@ -134,7 +134,7 @@ class Site:
             return _refusal(
                 "this token is not the right one" if given else "this page needs a token", True
             )
-        file = PAGE / ("screen.html" if request.path == "/screen" else "index.html")
+        file = PAGE_FOLDER / ("screen.html" if request.path == "/screen" else "index.html")
         answer = web.Response(body=file.read_bytes(), content_type="text/html")
         answer.charset = "utf-8"
         token = request.query.get("token")
@@ -156,7 +156,7 @@ class Site:
         assert request.transport is not None
         peer, server = (request.transport.get_extra_info(n)[:2] for n in ("peername", "sockname"))
         self._access.check_account(peer, server)
-        with self._seats.taken(request, rights is Rights.CONTROL) as full:
+        with self._places.taken(request, rights is Rights.CONTROL) as full:
             if full:
                 return _refusal(full, status=503)
             self._listener.seat(request)
@@ -164,7 +164,7 @@ class Site:
 
     async def _file(self, request: web.Request) -> web.StreamResponse:
         name = request.match_info["name"]
-        path = PAGE / name
+        path = PAGE_FOLDER / name
         if _FILE.fullmatch(name) is None or not path.is_file():
             return _refusal(f"there is no '{name:.80}' here", status=404)
         answer = web.Response(body=path.read_bytes(), content_type=_TYPES[path.suffix])
@@ -179,8 +179,8 @@ async def _protect(request: web.Request, response: web.StreamResponse) -> None:
 
 def _refusal(reason: str, token: bool = False, status: int = 403) -> web.Response:
     """A page that says why not, with a form for a token where one would help."""
-    form = (PAGE / "token_form.html").read_text(encoding="utf-8") if token else ""
-    page = (PAGE / "refusal.html").read_text(encoding="utf-8")
+    form = (PAGE_FOLDER / "token_form.html").read_text(encoding="utf-8") if token else ""
+    page = (PAGE_FOLDER / "refusal.html").read_text(encoding="utf-8")
     words = html.escape(reason[:1].upper() + reason[1:])
     text = page.replace("{reason}", words).replace("{form}", form)
     return web.Response(text=text, status=status, content_type="text/html")
@@ -208,7 +208,7 @@ class WebServer:
         port: port to listen on; 0 takes any free one. Nothing is opened before `start`.
         tokens: what viewers must show. Without, all on this machine may control; on an address
             that others reach two are drawn, see `start`.
-        tell: takes a line about strangers, from the server's thread; must not wait. By default it
+        say: takes a line about strangers, from the server's thread; must not wait. By default it
             is an event on the bus.
         tls: how to speak HTTPS; None: plain HTTP.
         ask: takes changes of the world; None: there can be none.
@@ -224,7 +224,7 @@ class WebServer:
         host: str,
         port: int,
         tokens: Tokens | None = None,
-        tell: Callable[[str], None] | None = None,
+        say: Callable[[str], None] | None = None,
         tls: ssl.SSLContext | None = None,
         ask: Ask | None = None,
     ) -> None:
@@ -233,7 +233,7 @@ class WebServer:
         self._bus = bus
         self._give = give
         self._host = host
-        self._tell = tell or (lambda text: bus.event(text, "warning", host_ns()))
+        self._say = say or (lambda text: bus.event(text, "warning", host_ns()))
         self._tls, self._ask = tls, ask
         self.port = port
         self.tokens = make_tokens() if tokens is None and not is_loopback(host) else tokens
@@ -289,7 +289,7 @@ class WebServer:
             site = Site(
                 *(self._bus, self._give, self._host, self.port, self.tokens, self._tls, self._ask)
             )
-            await site.open(listening, self._tell)
+            await site.open(listening, self._say)
         except BaseException as failure:
             # `start` waits for a server: it must not wait for ever.
             self._failure = failure

@@ -27,12 +27,12 @@ from vsense.robots.link.strangers import PortPlaces, RateLimit, StrangerLog, own
 
 REQUEST_S = 5.0
 """A connection brings its first whole request within this time, TLS and all, or is closed."""
-KEPT_S = 10.0
+KEEP_ALIVE_S = 10.0
 """And every other request within this time after the answer to the one before."""
-STRANGERS_MAX, STRANGERS_EACH = 128, 32
+UNVOUCHED_MAX, UNVOUCHED_PER_ADDRESS = 128, 32
 """Connections of strangers at a time, in all and from one address; the oldest makes way for one
 more."""
-KNOWN_MAX, KNOWN_EACH = 128, 64
+VOUCHED_MAX, VOUCHED_PER_ADDRESS = 128, 64
 """Likewise of those that have shown a token: a browser keeps six for a page, a relay has many."""
 
 REQUESTS_HZ, REQUESTS_BURST = 200.0, 400
@@ -91,7 +91,7 @@ class WebListener:
         listening: the listening socket, which does not block.
         make: makes aiohttp's end of a connection.
         tls: how to speak TLS; None: plain HTTP.
-        tell: takes a line for a person; must not wait.
+        say: takes a line for a person; must not wait.
     """
 
     def __init__(
@@ -99,13 +99,15 @@ class WebListener:
         listening: socket.socket,
         make: Callable[[], Any],
         tls: ssl.SSLContext | None,
-        tell: Callable[[str], None],
+        say: Callable[[str], None],
     ) -> None:
-        self.log = StrangerLog("page", tell)
+        self.log = StrangerLog("page", say)
         self._listening, self._make, self._tls = listening, make, tls
         self._loop = asyncio.get_running_loop()
-        self._strangers = PortPlaces[Visitor](strangers.places(STRANGERS_MAX), STRANGERS_EACH)
-        self._known = PortPlaces[Visitor](strangers.places(KNOWN_MAX), KNOWN_EACH)
+        self._strangers = PortPlaces[Visitor](
+            strangers.places(UNVOUCHED_MAX), UNVOUCHED_PER_ADDRESS
+        )
+        self._vouched = PortPlaces[Visitor](strangers.places(VOUCHED_MAX), VOUCHED_PER_ADDRESS)
         self._all: dict[Any, Visitor] = {}
         self._rate = RateLimit(REQUESTS_HZ, REQUESTS_BURST)
         self._resume_s: float | None = None
@@ -117,7 +119,7 @@ class WebListener:
         self._sweeping.cancel()
         self._loop.remove_reader(self._listening)
         self._listening.close()
-        opening = [one.opening for one in self._all.values() if one.opening is not None]
+        opening = [visitor.opening for visitor in self._all.values() if visitor.opening is not None]
         for visitor in list(self._all.values()):
             visitor.end()
         await asyncio.gather(self._sweeping, *opening, return_exceptions=True)
@@ -134,9 +136,9 @@ class WebListener:
         """A request is answered."""
         visitor = self._all.get(request.protocol)
         if visitor is not None:
-            visitor.due_s = self._loop.time() + KEPT_S
+            visitor.due_s = self._loop.time() + KEEP_ALIVE_S
             self._strangers.renew(visitor)
-            self._known.renew(visitor)
+            self._vouched.renew(visitor)
 
     async def pace(self, request: web.Request, is_known: bool) -> None:
         """Waits where too many requests come."""
@@ -150,14 +152,14 @@ class WebListener:
         visitor = self._all.get(request.protocol)
         if visitor is not None and visitor in self._strangers:
             self._strangers.remove(visitor)
-            self._make_way(self._known.add(visitor, visitor.owner))
+            self._make_way(self._vouched.add(visitor, visitor.owner))
 
     def seat(self, request: web.Request) -> None:
         """A request becomes a page, which counts among the pages only."""
         visitor = self._all.get(request.protocol)
         if visitor is not None:
             self._strangers.remove(visitor)
-            self._known.remove(visitor)
+            self._vouched.remove(visitor)
 
     def refuse_token(self, request: web.Request) -> None:
         """Somebody has tried a token that is wrong."""
@@ -250,22 +252,22 @@ class WebListener:
 
     def _is_familiar(self, owner: str) -> bool:
         """Whether others of an address are no strangers: browsers connect before they ask."""
-        each = (one for one in self._all.values() if one.owner == owner)
-        return any(one not in self._strangers for one in each)
+        visitors = (visitor for visitor in self._all.values() if visitor.owner == owner)
+        return any(visitor not in self._strangers for visitor in visitors)
 
     def _forget(self, visitor: Visitor) -> None:
         self._all.pop(visitor.protocol, None)
         self._strangers.remove(visitor)
-        self._known.remove(visitor)
+        self._vouched.remove(visitor)
 
 
 LOOKERS_MAX = 0.75
 """Share of the pages' places that lookers may take: the others are for those who may control."""
-LOOKERS_EACH = 0.5
+LOOKERS_PER_ADDRESS = 0.5
 """And that lookers on one address may take."""
 
 
-class Seats:
+class PagePlaces:
     """The places of pages, of which there are `most`."""
 
     def __init__(self, most: int) -> None:
@@ -292,13 +294,13 @@ class Seats:
 
     def _why_not(self, owner: str, control: bool) -> str:
         lookers = max(1, int(self._most * LOOKERS_MAX))
-        each = max(1, int(self._most * LOOKERS_EACH))
+        per_address = max(1, int(self._most * LOOKERS_PER_ADDRESS))
         if self._taken >= self._most:
             return f"{self._most} pages are open already: close one"
         if not control and self._lookers.total() >= lookers:
             return f"{lookers} pages that only look are open already: close one"
-        if not control and self._lookers[owner] >= each:
-            return f"{each} pages that only look are open on your address already: close one"
+        if not control and self._lookers[owner] >= per_address:
+            return f"{per_address} pages that only look are open on your address already: close one"
         return ""
 
 

@@ -119,22 +119,22 @@ def read_tokens(path: Path) -> Tokens:
         raise VsenseError(f"{path}: cannot read the tokens: {error.strerror}") from error
     except UnicodeError as error:
         raise VsenseError(f"{path}: cannot read the tokens: not a text file") from error
-    found: dict[str, str] = {}
+    tokens: dict[str, str] = {}
     for number, line in enumerate(lines, start=1):
         text = line.strip()
         if text and not text.startswith("#"):
             name, token = _token(text, str(path), number)
-            if name in found:
+            if name in tokens:
                 raise ConfigError(str(path), number, f"a second '{name}=' line")
-            found[name] = token
+            tokens[name] = token
     for name in _NAMES:
-        if name not in found:
+        if name not in tokens:
             raise VsenseError(f"{path}: no line '{name}=...': both tokens are needed")
-    if found["look"] == found["control"]:
+    if tokens["look"] == tokens["control"]:
         raise VsenseError(
             f"{path}: look and control are the same token: whoever looks would control"
         )
-    return Tokens(found["look"], found["control"])
+    return Tokens(tokens["look"], tokens["control"])
 
 
 def _token(text: str, file: str, line: int) -> tuple[str, str]:
@@ -184,10 +184,10 @@ class AccessControl:
         Addresses cannot be rebound as names can, so any is accepted where other machines may come.
         """
         name = _name(headers.get("Host", ""))
-        known = name == self._host or is_loopback(name)
-        if not self._local and not known:
-            known = _address(name) is not None or name in _own_names()
-        if not known:
+        is_accepted = name == self._host or is_loopback(name)
+        if not self._local and not is_accepted:
+            is_accepted = _address(name) is not None or name in _own_names()
+        if not is_accepted:
             raise Forbidden(
                 f"this server is not '{name}': open it by the address that vsense printed"
             )

@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, Any
 from vsense.base.errors import UsageError, VsenseError
 from vsense.base.sharing import user_name
 from vsense.base.terminal import Console, aligned
-from vsense.monitor.ui.control_socket import TRACKER, folders
+from vsense.monitor.ui.control_socket import TRACKER_SUFFIX, folders
 
 if TYPE_CHECKING:
     from vsense.run.leases import Lease
 
-PATIENCE_S = 5.0
+ANSWER_TIMEOUT_S = 5.0
 _MOST_BYTES = 1 << 24
 BRIEF_S = 0.5
 """For who is asked what it is, while somebody wants to stop it."""
@@ -94,12 +94,12 @@ def alive(kind: str = "") -> dict[int, Path]:
 
 
 def _find(process: int | None, all_too: bool = False) -> Path:
-    (trackers, reasons), (experiments, _) = _sockets(TRACKER), _sockets()
-    found = {**trackers, **experiments}
-    if process in found:
-        return found[process]
+    (trackers, reasons), (experiments, _) = _sockets(TRACKER_SUFFIX), _sockets()
+    processes = {**trackers, **experiments}
+    if process in processes:
+        return processes[process]
     # What moves no robot is never in the way of an order that shall stop some.
-    there = alive() or alive(TRACKER)
+    there = alive() or alive(TRACKER_SUFFIX)
     if process is not None:
         raise UsageError(
             "\n".join([f"process {process} runs no experiment; {_running(there)}", *reasons])
@@ -112,11 +112,11 @@ def _find(process: int | None, all_too: bool = False) -> Path:
     return next(iter(there.values()))
 
 
-def _running(found: Mapping[int, Path]) -> str:
+def _running(processes: Mapping[int, Path]) -> str:
     """What runs, one line each, so that everybody knows which is his."""
-    if not found:
+    if not processes:
         return "no experiment runs"
-    rows = [describe(number, path) for number, path in sorted(found.items())]
+    rows = [describe(number, path) for number, path in sorted(processes.items())]
     return "\n".join([f"{len(rows)} experiments run:", *(f"  {row}" for row in aligned(rows))])
 
 
@@ -136,7 +136,7 @@ def describe(number: int, path: Path) -> tuple[str, ...]:
 def _is_alive(path: Path) -> bool:
     """Whether anybody listens; what a killed process left is taken away."""
     with socket.socket(socket.AF_UNIX) as line:
-        line.settimeout(PATIENCE_S)
+        line.settimeout(ANSWER_TIMEOUT_S)
         try:
             line.connect(str(path))
             return True
@@ -148,13 +148,13 @@ def _is_alive(path: Path) -> bool:
     return False
 
 
-def exchange(path: Path, question: bytes, patience_s: float = PATIENCE_S) -> dict[str, Any]:
+def exchange(path: Path, question: bytes, timeout_s: float = ANSWER_TIMEOUT_S) -> dict[str, Any]:
     """Sends one line to a process and gives its answer; OSError, ValueError where there is none."""
     with socket.socket(socket.AF_UNIX) as line:
-        line.settimeout(patience_s)
+        line.settimeout(timeout_s)
         line.connect(str(path))
         line.sendall(question)
-        data, end_s = b"", time.monotonic() + patience_s
+        data, end_s = b"", time.monotonic() + timeout_s
         while chunk := line.recv(65536):
             data += chunk
             # Of one that only goes on talking nobody waits for the end.

@@ -28,13 +28,13 @@ from vsense.base.errors import VsenseError, failing_as
 from vsense.base.terminal import printable
 from vsense.run.orders import Give, Order, OrderError, OrderKind, read_pair
 
-TRACKER = ".track"
+TRACKER_SUFFIX = ".track"
 """In the name of a tracker's socket, behind the process number: nothing there moves a robot."""
 
-TIMEOUT_S = 5.0
+TERMINAL_TIMEOUT_S = 5.0
 """A terminal that says nothing for this long is disconnected."""
 
-MOST_BYTES = 4096
+MOST_SENTENCE_BYTES = 4096
 
 BY_MAX = 40
 """Characters of what a program says that it is."""
@@ -60,8 +60,8 @@ def folder() -> Path:
     place = Path(base) / "vsense" if base else Path(tempfile.gettempdir()) / f"vsense-{os.getuid()}"
     with failing_as(ControlSocketError, str(place)):
         place.mkdir(mode=0o700, parents=True, exist_ok=True)
-        found = place.lstat()
-    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o077:
+        status = place.lstat()
+    if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid() or status.st_mode & 0o077:
         raise ControlSocketError(f"{place}: others may enter it: remove it, and start again")
     return place
 
@@ -73,12 +73,12 @@ def folders() -> tuple[list[Path], list[str]]:
     """
     reason, shared = _shared()
     reasons = [reason] if reason else []
-    found = [] if shared is None else [shared]
+    paths = [] if shared is None else [shared]
     try:
-        found.insert(0, folder())
+        paths.insert(0, folder())
     except ControlSocketError as error:
         reasons.insert(0, str(error))
-    return found, reasons
+    return paths, reasons
 
 
 def _shared() -> tuple[str, Path | None]:
@@ -124,12 +124,12 @@ class ControlSocket:
         control = self
 
         class Handler(socketserver.StreamRequestHandler):
-            timeout = TIMEOUT_S
+            timeout = TERMINAL_TIMEOUT_S
 
             def handle(self) -> None:
                 # A terminal that hangs up in the middle wants no answer.
                 with suppress(OSError):
-                    line = self.rfile.readline(MOST_BYTES)
+                    line = self.rfile.readline(MOST_SENTENCE_BYTES)
                     uid = _uid_of(self.request)
                     self.wfile.write(json.dumps(control.answer(line, uid)).encode() + b"\n")
 
@@ -166,8 +166,8 @@ class ControlSocket:
                 said = self._hand_over(by, asked.get("force") is True)
             else:
                 said = self._give(_order(asked, by))
-            others = uid not in (None, os.getuid())
-            return {"text": said, **({"user": sharing.user_name()} if others else {})}
+            is_other_user = uid not in (None, os.getuid())
+            return {"text": said, **({"user": sharing.user_name()} if is_other_user else {})}
         except VsenseError as error:
             return {"error": str(error)}
         except (ValueError, KeyError, AttributeError, TypeError, OverflowError, RecursionError):
@@ -186,8 +186,8 @@ def _set_mode(path: Path, mode: int) -> None:
     """Of a socket of ours: a member who puts a link in its place opens none of our files."""
     opened = os.open(path, os.O_PATH | os.O_NOFOLLOW | os.O_CLOEXEC)
     try:
-        found = os.fstat(opened)
-        if not stat.S_ISSOCK(found.st_mode) or found.st_uid != os.getuid():
+        status = os.fstat(opened)
+        if not stat.S_ISSOCK(status.st_mode) or status.st_uid != os.getuid():
             raise OSError(errno.EPERM, "is not the socket that was just made")
         os.chmod(f"/proc/self/fd/{opened}", mode)
     finally:
@@ -196,5 +196,5 @@ def _set_mode(path: Path, mode: int) -> None:
 
 def _uid_of(line: socket.socket) -> int:
     """Which account is at the other end."""
-    found = line.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER.size)
-    return int(_PEER.unpack(found)[1])
+    credentials = line.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER.size)
+    return int(_PEER.unpack(credentials)[1])

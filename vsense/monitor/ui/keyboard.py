@@ -41,9 +41,9 @@ def usable() -> bool:
 class Keyboard:
     """Reads keys of the terminal on a thread of its own, without Enter."""
 
-    def __init__(self, give: Give, tell: Callable[[str], None]) -> None:
+    def __init__(self, give: Give, say: Callable[[str], None]) -> None:
         self._give = give
-        self._tell = tell
+        self._say = say
         self._descriptor = sys.stdin.fileno()
         self._before = termios.tcgetattr(self._descriptor)
         tty.setcbreak(self._descriptor)
@@ -81,4 +81,4 @@ class Keyboard:
             try:
                 self._give(Order(kind, "keyboard"))
             except VsenseError as error:
-                self._tell(str(error))
+                self._say(str(error))

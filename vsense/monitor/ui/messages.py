@@ -29,14 +29,14 @@ from vsense.world.fields import Field, Floor
 from vsense.world.sensors.base import VirtualSensor, layout_dtype
 from vsense.world.world import World
 
-KINDS = {
+ENTITY_KINDS = {
     "Box": "box", "Cylinder": "cylinder", "Light": "light", "Zone": "zone", "VirtualRobot": "robot",
 }  # fmt: skip
 
-MOST_CELLS = 160
+MOST_FIELD_CELLS = 160
 """A field is shown with at most so many columns and rows."""
 
-MOST_PIXELS = 1024
+MOST_FLOOR_PX = 1024
 """A floor's picture is shown with at most so many columns and rows."""
 
 
@@ -48,11 +48,11 @@ def world(world: World) -> Data:
 
 def entity(thing: Entity) -> Data:
     """One entity: its kind and its fields."""
-    found: Data = {"kind": KINDS[type(thing).__name__]}
+    data: Data = {"kind": ENTITY_KINDS[type(thing).__name__]}
     for field in fields_of(thing):
         value = getattr(thing, field.name)
-        found[field.name] = list(value) if isinstance(value, tuple) else value
-    return found
+        data[field.name] = list(value) if isinstance(value, tuple) else value
+    return data
 
 
 def floor_data(floor: Floor) -> Data:
@@ -60,7 +60,7 @@ def floor_data(floor: Floor) -> Data:
     png = None
     if floor.image is not None:
         image = floor.image
-        step = -(-max(image.shape[:2]) // MOST_PIXELS)
+        step = -(-max(image.shape[:2]) // MOST_FLOOR_PX)
         order = [2, 1, 0, 3][: image.shape[2]]
         encoded = cv2.imencode(".png", image[::step, ::step, order])[1]
         png = base64.b64encode(encoded.tobytes()).decode()
@@ -92,7 +92,7 @@ def fields(grids: Iterable[Field]) -> Data:
 
 def _field(grid: Field) -> Data:
     rows, cols = grid.concentration.shape
-    step = -(-max(rows, cols) // MOST_CELLS)
+    step = -(-max(rows, cols) // MOST_FIELD_CELLS)
     shown = grid.concentration[::step, ::step]
     peak = float(shown.max())
     levels = np.round(shown * (255.0 / peak)) if peak > 0.0 else np.zeros(shown.shape)
@@ -109,13 +109,13 @@ def _field(grid: Field) -> Data:
 
 def numbers(entries: Sequence[Entry], payload: bytes) -> list[list[float]]:
     """A robot's actuators as numbers, one list for each."""
-    found, begin = [], 0
+    columns, begin = [], 0
     for entry in entries:
         count, kind = layout_dtype(entry.layout)
         end = begin + count * kind.itemsize
-        found.append(np.frombuffer(payload[begin:end], kind).tolist())
+        columns.append(np.frombuffer(payload[begin:end], kind).tolist())
         begin = end
-    return found
+    return columns
 
 
 def finite(value: float) -> float | None:
@@ -171,7 +171,7 @@ def experiment(facts: ExperimentFacts, environment: Environment) -> Data:
         blind=facts.blind,
         version=vsense.__version__,
         file_text=facts.file_text,
-        made=_made(facts, spec),
+        made=_setup_of(facts, spec),
         timestep_s=spec.timestep_s,
         length_s=spec.length_s or None,
         arena={"size_m": list(arena.size_m), "centre_m": list(arena.centre_m)},
@@ -196,7 +196,7 @@ def parts(rows: Sequence[Data], run: int, timestep: int) -> Data:
     }
 
 
-def _made(facts: ExperimentFacts, spec: Experiment) -> Data:
+def _setup_of(facts: ExperimentFacts, spec: Experiment) -> Data:
     """How the experiment was read; with who plays, where that does not follow from its file."""
     casting = spec.casting
     if not facts.made or not (casting.roster or casting.replaced):
@@ -230,7 +230,7 @@ def _sensor(sensor: VirtualSensor) -> Data:
 
 
 def cameras(
-    found: Sequence[Camera], trackers: dict[str, str], masks: Mapping[str, object] | None = None
+    models: Sequence[Camera], trackers: dict[str, str], masks: Mapping[str, object] | None = None
 ) -> list[Data]:
     """Gives the cameras with their places in a grid as seen from above, +y up.
 
@@ -248,6 +248,6 @@ def cameras(
             "model": json.loads(camera.to_json()),
             **({"mask_px": masks[camera.id]} if masks else {}),
         }
-        for row, line in enumerate(as_they_hang(found))
+        for row, line in enumerate(as_they_hang(models))
         for column, camera in enumerate(line)
     ]

@@ -18,8 +18,8 @@ import numpy as np
 from vsense.base.arena import ArenaState, Frame, arena_data
 from vsense.base.clock import host_ns, pace
 from vsense.base.message_bus import Message, MessageBus
-from vsense.monitor.recording import _senses
-from vsense.monitor.recording.form import DEEDS, ORDERS, PARTS, PICTURE, SETTINGS, Data, RunMessage
+from vsense.monitor.recording import _senses, form
+from vsense.monitor.recording.form import PARTS, PICTURE, SETTINGS_TOPIC, Data, RunMessage
 from vsense.monitor.ui import messages
 from vsense.monitor.ui.messages import ExperimentFacts
 from vsense.monitor.ui.tables import CameraTable, RobotTable
@@ -35,7 +35,7 @@ from vsense.run.runtime import Step
 
 SECOND_NS = 1_000_000_000
 FIELDS_NS = SECOND_NS // 2
-WINDOW = 100
+RATE_TIMESTEPS = 100
 """Timesteps that rates and latencies are taken from."""
 
 
@@ -103,7 +103,7 @@ class Publisher:
         environment: the present run's virtual world.
         runtime: has the readings that the robots were sent.
         control: has the state of the run.
-        others: gives the rest of /run: runs, text, recording, disk_free_bytes, doubts.
+        room_data: gives the rest of /run: runs, text, recording, disk_free_bytes, doubts.
         clock: host's monotonic clock [ns].
         changes: of the world, by people; None: there can be none.
     """
@@ -115,7 +115,7 @@ class Publisher:
         environment: Environment,
         runtime: SentReadings,
         control: RunState,
-        others: Callable[[], Data],
+        room_data: Callable[[], Data],
         clock: Callable[[], int] = host_ns,
         changes: Changes | None = None,
     ) -> None:
@@ -126,13 +126,13 @@ class Publisher:
         self._bus, self._common = bus, facts
         self._runtime = runtime
         self._control = control
-        self._others = others
+        self._room_data = room_data
         self._clock = clock
         self._equip(environment)
         self._cameras = CameraTable(facts.cameras, facts.troubles)
         self._state: ArenaState | None = None
-        self._rates = Rates(WINDOW)
-        self._told: dict[str, object] = {}
+        self._rates = Rates(RATE_TIMESTEPS)
+        self._published: dict[str, object] = {}
         self._due_ns = self._fields_due_ns = self._late = 0
         self._run_timestep = self._joined = -1
 
@@ -149,27 +149,27 @@ class Publisher:
         now_ns = self._clock()
         newcomers, self._joined = self._bus.joined != self._joined, self._bus.joined
         if newcomers:
-            self._told.clear()
+            self._published.clear()
             self._due_ns = self._fields_due_ns = 0
         facts = lambda: messages.experiment(self._common, self.environment)  # noqa: E731
-        self._tell_once("/experiment", self._control.run, facts, now_ns)
+        self._if_new("/experiment", self._control.run, facts, now_ns)
         changes = self._changes
         if changes is not None:
             settings = lambda: changes.settings(self.environment)  # noqa: E731
-            self._tell_once(SETTINGS, (self._control.run, changes.version), settings, now_ns)
+            self._if_new(SETTINGS_TOPIC, (self._control.run, changes.version), settings, now_ns)
         uids = tuple(robot.uid for robot in robots.values())
         numbers = self._control.run, self._run_timestep
         cast = self.environment.experiment
         parts = lambda: messages.parts(played(cast, robots), *numbers)  # noqa: E731
-        self._tell_once(PARTS, (self._control.run, tuple(robots), uids), parts, now_ns)
+        self._if_new(PARTS, (self._control.run, tuple(robots), uids), parts, now_ns)
         if step is not None:
-            self._tell_step(step, now_ns)
+            self._publish_step(step, now_ns)
         if now_ns >= self._due_ns:
             self._bus.notify("/cameras", now_ns, lambda: self._cameras.data(now_ns))
-        self._tell_run(now_ns)
+        self._publish_run(now_ns)
         self._bus.notify("/robots", now_ns, lambda: self.robots_data(robots))
 
-    def _tell_step(self, step: Step, now_ns: int) -> None:
+    def _publish_step(self, step: Step, now_ns: int) -> None:
         self._state = step.state
         self._robots.see(step.state)
         self._cameras.see(step.frames)
@@ -181,34 +181,34 @@ class Publisher:
             self._run_timestep = step.run_timestep
         world = self.environment.world
         self._bus.notify("/arena", step.capture_ns, lambda: _arena(step))
-        self._tell_once("/world", world.version, lambda: messages.world(world), now_ns)
+        self._if_new("/world", world.version, lambda: messages.world(world), now_ns)
         self._bus.notify("/signals", step.capture_ns, lambda: messages.signals(world))
         if world.fields and now_ns >= self._fields_due_ns:
             self._fields_due_ns = now_ns + FIELDS_NS
             self._bus.notify("/fields", now_ns, lambda: messages.fields(world.fields.values()))
-        self._tell_readings(step)
+        self._publish_readings(step)
         given = step.given
         if given is not None:
             numbers = step.timestep, step.run_timestep
-            self._bus.notify(DEEDS, step.sent_ns, lambda: _senses.deeds(given, *numbers))
+            self._bus.notify(form.DEEDS, step.sent_ns, lambda: _senses.reported(given, *numbers))
 
     def _note(self, done: CarriedOut) -> None:
         """Publishes a change of the world."""
-        self._bus.notify(ORDERS, self._clock(), done.data)
+        self._bus.notify(form.ORDERS_TOPIC, self._clock(), done.data)
 
-    def _tell_readings(self, step: Step) -> None:
+    def _publish_readings(self, step: Step) -> None:
         sent = self._runtime.readings
 
-        def tell(topic: str, tags: Sequence[int]) -> None:
+        def publish(topic: str, tags: Sequence[int]) -> None:
             def data() -> Data:
                 chosen = {tag: sent[tag] for tag in tags}
                 return _senses.readings(self._sensors, chosen, step.timestep, step.capture_ns)
 
             self._bus.notify(topic, step.sent_ns, data)
 
-        tell("/readings", list(sent))
+        publish("/readings", list(sent))
         for tag in sent:
-            tell(f"/readings/{tag}", [tag])
+            publish(f"/readings/{tag}", [tag])
 
     def robots_data(self, robots: Mapping[int, RobotStatus]) -> Data:
         """Gives /robots, from the status of every robot by tag; any thread."""
@@ -218,13 +218,13 @@ class Publisher:
         """Goes on with other robots in the parts."""
         self.environment = environment
         self._equip(environment)
-        self._told.clear()
+        self._published.clear()
 
     def begin_run(self, environment: Environment) -> None:
         """Prepares for the next run."""
         self.environment = environment
         self._run_timestep, self._late = -1, 0
-        self._told.clear()
+        self._published.clear()
 
     @property
     def time_s(self) -> float | None:
@@ -249,25 +249,23 @@ class Publisher:
             late=self._late,
             silent_s=None if newest_ns is None else silence_s(now_ns - newest_ns),
             **self._rates.data(),
-            **self._others(),
+            **self._room_data(),
         ).data()
 
-    def _tell_run(self, now_ns: int) -> None:
+    def _publish_run(self, now_ns: int) -> None:
         control = self._control
         key = (control.state, control.run, control.by, control.can)
-        if self._told.get("/run") == key and now_ns < self._due_ns:
+        if self._published.get("/run") == key and now_ns < self._due_ns:
             return
-        self._told["/run"] = key
+        self._published["/run"] = key
         # Pages wait for it by the wall's clock, of which a slow lab's second is many.
         self._due_ns = now_ns + round(SECOND_NS * pace())
         self._bus.notify("/run", now_ns, self.run_data)
 
-    def _tell_once(
-        self, topic: str, version: object, make: Callable[[], Data], now_ns: int
-    ) -> None:
+    def _if_new(self, topic: str, version: object, make: Callable[[], Data], now_ns: int) -> None:
         """Publishes what changes rarely: when it has changed, or for a new listener."""
-        if self._told.get(topic) != version and self._bus.wants(topic):
-            self._told[topic] = version
+        if self._published.get(topic) != version and self._bus.wants(topic):
+            self._published[topic] = version
             self._bus.publish(Message(topic, now_ns, make()))
 
 
@@ -283,7 +281,7 @@ def silence_s(age_ns: int) -> float:
 PICTURE_PERIOD_NS = 250_000_000
 """Of each camera's pictures."""
 
-WIDTH_PX = 640
+PICTURE_PX = 640
 """Greatest width of a picture."""
 
 JPEG_QUALITY = 70
@@ -337,7 +335,7 @@ class PreviewEncoder:
 def picture(frame: Frame) -> Message:
     """Makes the message with a small picture."""
     height, width = frame.image.shape
-    scale = min(1.0, WIDTH_PX / width)
+    scale = min(1.0, PICTURE_PX / width)
     size = (round(width * scale), round(height * scale))
     small = cv2.resize(frame.image, size, interpolation=cv2.INTER_AREA)
     blob = cv2.imencode(".jpg", small, (cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY))[1].tobytes()

@@ -70,14 +70,14 @@ class Recorders:
         self._say(f"completing the recording {recorder.path}")
         seconds = recorder.seconds
         recorder.close()
-        made = recorder.state()
-        self._say(recording.size_line(recorder.path, made["bytes"], seconds))
-        if made["lost_messages"]:
+        state = recorder.state()
+        self._say(recording.size_line(recorder.path, state["bytes"], seconds))
+        if state["lost_messages"]:
             self._trouble(
-                f"the recording lacks {made['lost_messages']} messages and pictures: the disk was"
+                f"the recording lacks {state['lost_messages']} messages and pictures: the disk was"
                 " too slow or full; vsense report shows when"
             )
-        return made
+        return state
 
     @property
     def wanted(self) -> bool:
@@ -176,7 +176,7 @@ class Recorders:
         recorder = self._recorder
         return dict(OFF) if recorder is None else recorder.state()
 
-    def _tell(self, text: str, level: Level) -> None:
+    def _report(self, text: str, level: Level) -> None:
         """Takes what a recorder says; any thread."""
         (self._trouble if level == "trouble" else self._say)(text)
 
@@ -193,7 +193,7 @@ class Recorders:
             recording.require()
             from vsense.monitor.recording._recorder import Recorder
 
-            recorder = Recorder(self._bus, self._path, self._pictures, self._tell)
+            recorder = Recorder(self._bus, self._path, self._pictures, self._report)
         except VsenseError as error:
             self._trouble(f"run not recorded: {error}")
             return False

@@ -19,7 +19,7 @@ from vsense.run.alarms import disobeys
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.cameras.grabber import Troubles
 
-SILENT_NS = 1_000_000_000
+CAMERA_LOST_NS = 1_000_000_000
 """A camera without a picture for this long is lost, whatever else is known of it."""
 
 
@@ -31,7 +31,7 @@ class CameraTable:
         self._troubles = troubles
         self._pictures: Counter[str] = Counter()
         self._newest_ns: dict[str, int] = {}
-        self._told_ns: int | None = None
+        self._reported_ns: int | None = None
 
     def see(self, frames: Sequence[Frame]) -> None:
         """Counts the pictures of a timestep."""
@@ -41,8 +41,8 @@ class CameraTable:
 
     def data(self, now_ns: int) -> Data:
         """Gives /cameras; rates count from the last call."""
-        told_ns, self._told_ns = self._told_ns, now_ns
-        span_s = None if told_ns is None else (now_ns - told_ns) / 1e9
+        reported_ns, self._reported_ns = self._reported_ns, now_ns
+        span_s = None if reported_ns is None else (now_ns - reported_ns) / 1e9
         pictures, self._pictures = self._pictures, Counter()
         return {"cameras": [self._camera(id, pictures[id], span_s, now_ns) for id in self._cameras]}
 
@@ -50,7 +50,7 @@ class CameraTable:
         present = [event for (camera, _), event in self._troubles.present.items() if camera == id]
         silent_ns = now_ns - self._newest_ns.get(id, now_ns)
         state, text = "ok", ""
-        if silent_ns > SILENT_NS:
+        if silent_ns > CAMERA_LOST_NS:
             state, text = "lost", f"no picture for {silent_ns / 1e9:.1f} s"
         elif present:
             state, text = present[-1].kind, present[-1].text
@@ -63,7 +63,7 @@ class CameraTable:
         }
 
 
-UNSEEN_NS = 1_000_000_000
+ROBOT_UNSEEN_NS = 1_000_000_000
 """A robot may be hidden for a moment; longer is trouble."""
 
 CAUSES = {
@@ -137,35 +137,35 @@ class RobotTable:
         row["trouble"] = (
             disobeys(link, now_ns)
             or link.refused
-            or _trouble(row, seen_ns is None or now_ns - seen_ns > UNSEEN_NS)
+            or _trouble(row, seen_ns is None or now_ns - seen_ns > ROBOT_UNSEEN_NS)
         )
         return row
 
     def _telemetry(self, link: RobotStatus) -> dict[str, Any]:
-        told = link.telemetry
-        if told is None:
-            return dict.fromkeys(_TOLD) | {
+        telemetry = link.telemetry
+        if telemetry is None:
+            return dict.fromkeys(_TELEMETRY) | {
                 "state": "idle",
                 "stop_cause": "",
                 "leds": 0,
                 "shown": {},
             }
-        known = told.battery_low != lib.VS_UNKNOWN
+        has_level = telemetry.battery_low != lib.VS_UNKNOWN
         return {
-            "state": _STATES.get(told.state, str(told.state)),
-            "stop_cause": CAUSES.get(told.stop_cause, f"cause {told.stop_cause}"),  # type: ignore[call-overload]
-            "battery_mv": told.battery_mv or None,
-            "battery_low": bool(told.battery_low) if known else None,
-            "leds": told.leds,
-            "left_steps_s": told.left_steps_s,
-            "right_steps_s": told.right_steps_s,
-            "base_errors": told.base_errors,
-            "base_resets": told.base_resets,
-            "overruns": told.overruns,
-            "guard_restarts": told.guard_restarts,
-            **asdict(RadioStatus.of(told)),
-            "actuators": numbers(self._actuators[link.tag], told.payload),
-            "shown": shown(told.shown),
+            "state": _STATES.get(telemetry.state, str(telemetry.state)),
+            "stop_cause": CAUSES.get(telemetry.stop_cause, f"cause {telemetry.stop_cause}"),  # type: ignore[call-overload]
+            "battery_mv": telemetry.battery_mv or None,
+            "battery_low": bool(telemetry.battery_low) if has_level else None,
+            "leds": telemetry.leds,
+            "left_steps_s": telemetry.left_steps_s,
+            "right_steps_s": telemetry.right_steps_s,
+            "base_errors": telemetry.base_errors,
+            "base_resets": telemetry.base_resets,
+            "overruns": telemetry.overruns,
+            "guard_restarts": telemetry.guard_restarts,
+            **asdict(RadioStatus.of(telemetry)),
+            "actuators": numbers(self._actuators[link.tag], telemetry.payload),
+            "shown": shown(telemetry.shown),
         }
 
 
@@ -179,7 +179,7 @@ def shown(values: ShownData) -> dict[str, float | str | None]:
 
 _STATES = {state.value: state.name.lower() for state in Wanted} | {Wanted.HOME.value: "homing"}
 
-_TOLD = (
+_TELEMETRY = (
     *("state", "stop_cause", "battery_mv", "battery_low", "leds", "left_steps_s"),
     *("right_steps_s", "base_errors", "base_resets", "overruns", "guard_restarts", "actuators"),
     *("signal_dbm", "bit_rate_mbit_s", "retries", "power_saving", "shown"),

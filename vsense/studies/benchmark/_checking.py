@@ -38,11 +38,11 @@ def check(path: Path, progress: Progress) -> Claims:
         VsenseError: the missions of this vsense cannot be loaded.
     """
     path, result = read(path)
-    known, claims = definition.load(), Claims()
-    differences = list(_definition(known, path.parent, result))
-    claims.judge("definition", differences, f"{known.name}, {known.sha256[:16]}…")
+    current, claims = definition.load(), Claims()
+    differences = list(_definition(current, path.parent, result))
+    claims.judge("definition", differences, f"{current.name}, {current.sha256[:16]}…")
     if not differences:
-        _check_runs(_benchmark(known, path.parent, result), result, claims, progress)
+        _check_runs(_benchmark(current, path.parent, result), result, claims, progress)
     return claims
 
 
@@ -65,14 +65,14 @@ def as_json(claims: Claims) -> dict[str, Any]:
     return {"holds": not claims.of("differs"), "checked": checked}
 
 
-def _definition(known: Definition, folder: Path, result: Mapping[str, Any]) -> Iterator[str]:
+def _definition(current: Definition, folder: Path, result: Mapping[str, Any]) -> Iterator[str]:
     """In what the missions were not those of the definition, which this vsense has, too."""
-    if result.get("definition_sha256") != known.sha256:
+    if result.get("definition_sha256") != current.sha256:
         yield (
             f"the result is of {result['benchmark']} {result.get('definition_sha256')}, this vsense"
-            f" has {known.name} {known.sha256}: check it with the vsense that made it"
+            f" has {current.name} {current.sha256}: check it with the vsense that made it"
         )
-    for name, expected in {**known.digests, definition.FILE: known.sha256}.items():
+    for name, expected in {**current.digests, definition.DEFINITION_FILE: current.sha256}.items():
         copy = folder / DEFINITION / name
         try:
             if digest(copy) != expected:
@@ -81,14 +81,14 @@ def _definition(known: Definition, folder: Path, result: Mapping[str, Any]) -> I
             yield str(error)
 
 
-def _benchmark(known: Definition, folder: Path, result: Mapping[str, Any]) -> Benchmark:
+def _benchmark(current: Definition, folder: Path, result: Mapping[str, Any]) -> Benchmark:
     """What the result says that it is, with this vsense's missions."""
     quick, robots = result.get("quick") is True, result.get("robots")
-    plan = plans.read(known.plan(quick), "sim")
-    if not quick and isinstance(robots, int) and robots != known.robots:
+    plan = plans.read(current.plan(quick), "sim")
+    if not quick and isinstance(robots, int) and robots != current.robots:
         plan = replace(plan, count=robots)
     loaded = PlanLoader(plan).load_all()
-    return Benchmark(known, replace(plan, mode=str(result["mode"])), loaded, folder, quick)
+    return Benchmark(current, replace(plan, mode=str(result["mode"])), loaded, folder, quick)
 
 
 def _check_runs(
@@ -116,8 +116,8 @@ def _check_runs(
         claims.judge("figures", "runs are missing", "not computed")
         return
     progress("measuring the lab")
-    again = figures(benchmark.definition, rows, runs, None)
-    claims.judge("figures", list(_figures(result, again)), "computed again from the runs")
+    recomputed = figures(benchmark.definition, rows, runs, None)
+    claims.judge("figures", list(_figures(result, recomputed)), "computed again from the runs")
 
 
 def _rows(rows: Sequence[RunRow], result: Mapping[str, Any]) -> Iterator[str]:
@@ -140,14 +140,14 @@ def _files(runs: Sequence[RunEvidence], result: Mapping[str, Any]) -> Iterator[s
     """Files of runs that are not as they were."""
     before = {run.get("run"): run.get("files") for run in result["runs"] if isinstance(run, dict)}
     for run in runs:
-        known = before.get(run.row.run)
+        digests = before.get(run.row.run)
         for name, sha256 in run.files.items():
-            if not isinstance(known, dict) or known.get(name) != sha256:
+            if not isinstance(digests, dict) or digests.get(name) != sha256:
                 yield f"{name}: has changed since the result was made"
 
 
-def _figures(result: Mapping[str, Any], again: Mapping[str, Any]) -> Iterator[str]:
-    for name, value in again.items():
+def _figures(result: Mapping[str, Any], recomputed: Mapping[str, Any]) -> Iterator[str]:
+    for name, value in recomputed.items():
         if name == "noise":  # the roster's are measured before, and follow from no run
             value = {**value, "roster": (result.get(name) or {}).get("roster")}
         yield from _comparing.figures(name, result.get(name), value, _SAME)

@@ -17,7 +17,7 @@ from vsense.studies.report import Questions
 from vsense.studies.report.study import _words
 from vsense.studies.report.study._results import StudyResult, as_json, results_of
 
-BY = ("series",)
+COMPARED_COLUMNS = ("series",)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +56,8 @@ class ComparedLabs:
         """The labs' own figures that one of them has: what, and that of each lab."""
         pairs = zip(*(own_figures(result) for result in self.results))
         return [
-            (key, one, other)
-            for (key, one, first), (_, other, second) in pairs
+            (key, left, right)
+            for (key, left, first), (_, right, second) in pairs
             if (first, second) != (None, None)
         ]
 
@@ -67,8 +67,8 @@ class ComparedLabs:
         for study in self.studies:
             yield ""
             yield f"{study.study.title}: {study.counts}"
-            for found in study.measures:
-                yield from (f"  {text}" for text in _words.sentences(study, found))
+            for measure in study.measures:
+                yield from (f"  {text}" for text in _words.sentences(study, measure))
 
 
 def compare(paths: Sequence[Path], independent: bool, tests: bool) -> ComparedLabs:
@@ -78,8 +78,8 @@ def compare(paths: Sequence[Path], independent: bool, tests: bool) -> ComparedLa
         UsageError: one cannot be read, or they cannot be compared; the message says why.
     """
     (path, first), (other_path, second) = (read(path) for path in paths)
-    known = _definition.load()
-    if wrong := _incomparable(first, second) or _unknown(known.sha256, first):
+    definition = _definition.load()
+    if wrong := _incomparable(first, second) or _unknown(definition.sha256, first):
         raise UsageError(f"{path} and {other_path} cannot be compared: {wrong}")
     names = _names((path, other_path), (first, second))
     rows: list[RunRow] = []
@@ -91,10 +91,10 @@ def compare(paths: Sequence[Path], independent: bool, tests: bool) -> ComparedLa
         # A condition's name says which mission it is; who ran it is what differs.
         rows += [replace(row, series=name, mode="", experiment="") for row in own]
     asked = Questions(
-        by=BY,
+        by=COMPARED_COLUMNS,
         independent=independent,
-        margins={m.measure: m.margin for m in known.missions},
-        only=[m.measure for m in known.missions],
+        margins={m.measure: m.margin for m in definition.missions},
+        only=[m.measure for m in definition.missions],
         tests=tests,
     )
     return ComparedLabs(names, (first, second), results_of(rows, asked), asked)
@@ -107,8 +107,8 @@ def _incomparable(first: Mapping[str, Any], second: Mapping[str, Any]) -> str:
     if first.get("definition_sha256") != second.get("definition_sha256"):
         return f"their definitions differ ({first['benchmark']}, {second['benchmark']})"
     if first.get("deviations") != second.get("deviations"):
-        each = ("; ".join(one.get("deviations") or ["none"]) for one in (first, second))
-        return f"they deviate from the definition in different ways ({', '.join(each)})"
+        texts = ("; ".join(result.get("deviations") or ["none"]) for result in (first, second))
+        return f"they deviate from the definition in different ways ({', '.join(texts)})"
     return ""
 
 
@@ -120,11 +120,11 @@ def _unknown(sha256: str, result: Mapping[str, Any]) -> str:
 
 def _names(paths: Sequence[Path], results: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
     """What the labs are called; with the mode, and where that is the same their folder, too."""
-    first, second = (f"{one.get('site') or 'unnamed'} ({one['mode']})" for one in results)
+    first, second = (f"{result.get('site') or 'unnamed'} ({result['mode']})" for result in results)
     if first != second:
         return first, second
-    one, other = (path.resolve().parent.name for path in paths)
-    names = f"{first} {one}", f"{second} {other}"
+    left, right = (path.resolve().parent.name for path in paths)
+    names = f"{first} {left}", f"{second} {right}"
     return names if names[0] != names[1] else (f"{first} first", f"{second} second")
 
 
@@ -134,7 +134,7 @@ def own_figures(result: Mapping[str, Any]) -> Iterator[tuple[str, str, float | N
     checks = ((result.get("accuracy") or {}).get("calibration") or {}).get("checks") or [{}]
     stations = latency.get("stations") or {}
     noise = result.get("noise") or {}
-    standing = {one["what"]: one["sigma"] for one in noise.get("standing", ())}
+    standing = {row["what"]: row["sigma"] for row in noise.get("standing", ())}
     values: dict[str, float | None] = {
         "exposure to readings sent, median [ms]": stations.get("capture_to_sent_ms", {}).get("p50"),
         "exposure to readings sent, p99 [ms]": stations.get("capture_to_sent_ms", {}).get("p99"),

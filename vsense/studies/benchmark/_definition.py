@@ -16,8 +16,8 @@ from vsense.base.errors import VsenseError, failing_as
 from vsense.base.files import PACKAGE_FOLDER, parse_json, read_text
 from vsense.studies.packages._archive import digest_of
 
-FILE = "definition.json"
-PLAN, QUICK = "plan.toml", "quick.toml"
+DEFINITION_FILE = "definition.json"
+FULL_PLAN, QUICK = "plan.toml", "quick.toml"
 NEWEST = PACKAGE_FOLDER / "config" / "missions" / "v1"
 BLIND = " blind"
 """What a mission's control condition is called after the mission."""
@@ -67,12 +67,12 @@ class Definition:
 
     def plan(self, quick: bool = False) -> Path:
         """The plan of its runs, or of a first look."""
-        return self.folder / (QUICK if quick else PLAN)
+        return self.folder / (QUICK if quick else FULL_PLAN)
 
     @property
     def file(self) -> Path:
         """The one whose digest is the definition's."""
-        return self.folder / FILE
+        return self.folder / DEFINITION_FILE
 
     @property
     def measures(self) -> dict[str, Mission]:
@@ -99,7 +99,7 @@ def digest(path: Path) -> str:
 
 def load(folder: Path = NEWEST) -> Definition:
     """Reads a definition; VsenseError if it cannot be read."""
-    path = folder / FILE
+    path = folder / DEFINITION_FILE
     sha256 = digest(path)
     try:
         data: Any = parse_json(read_text(path))

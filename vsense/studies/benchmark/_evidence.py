@@ -16,7 +16,7 @@ from typing import Any
 from vsense.base.errors import VsenseError
 from vsense.base.files import parse_json, read_text
 from vsense.config.specs import Experiment
-from vsense.monitor.recording import SUFFIX, form
+from vsense.monitor.recording import MCAP, form
 from vsense.monitor.recording.form import RecordingError
 from vsense.monitor.recording.reader import Recording, open_recording
 from vsense.monitor.recording.resense import arena_state
@@ -46,8 +46,8 @@ def recount(recording: Recording, experiment: Experiment, seed: int) -> dict[str
     environment: Environment | None = None
     newest = -1
     try:
-        for message in recording.messages({"/experiment", "/arena", form.ORDERS}):
-            if message.topic == form.ORDERS:
+        for message in recording.messages({"/experiment", "/arena", form.ORDERS_TOPIC}):
+            if message.topic == form.ORDERS_TOPIC:
                 raise RecordingError(f"{path}: somebody changed the world while the run went on")
             if message.topic == "/experiment":
                 environment = environment or _environment_of(
@@ -156,22 +156,22 @@ def _differs(row: RunRow, cell: Cell, mode: str) -> str:
 
 
 def evidence_of(
-    folder: Path, plan: SeriesPlan, known: Mapping[str, PlannedExperiment], row: RunRow
+    folder: Path, plan: SeriesPlan, by_condition: Mapping[str, PlannedExperiment], row: RunRow
 ) -> RunEvidence:
-    """Reads what a valid run has left; `known` is what each condition runs.
+    """Reads what a valid run has left; `by_condition` is what each condition runs.
 
     Raises:
         VsenseError: something is missing, damaged, or not of this run.
     """
-    if row.condition not in known or row.start not in {start.name for start in plan.starts}:
+    if row.condition not in by_condition or row.start not in {start.name for start in plan.starts}:
         raise VsenseError(f"{row.run}: {row.condition}, {row.start} is not in the plan")
     place = folder / row.run
-    paths = sorted(place.glob(f"*{SUFFIX}"))
+    paths = sorted(place.glob(f"*{MCAP}"))
     if len(paths) != 1:
         raise VsenseError(f"{place}: {len(paths)} recordings, expected one")
     summary = _summary(place / SUMMARY) if row.mode != "sim" else {}
     files = [paths[0], *([place / SUMMARY] if summary else [])]
-    experiment = plan.start(row.start).places.settled(known[row.condition].experiment)
+    experiment = plan.start(row.start).places.settled(by_condition[row.condition].experiment)
     with open_recording(paths[0]) as recording:
         _require_kind(recording, row)
         measures = recount(recording, experiment, row.seed or 0)

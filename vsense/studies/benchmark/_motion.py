@@ -41,7 +41,7 @@ from vsense.world.physics.motion import AXLE_M, STEP_M, motor_speed
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-BESIDE_M = 2.0 * BODY_RADIUS_M + 0.03
+HINDERED_M = 2.0 * BODY_RADIUS_M + 0.03
 """Who has another robot so near may be held or pushed by it."""
 AT_WALL_M = BODY_RADIUS_M + 0.05
 """Who is so near to the arena's border may be held by a wall, which is 2 cm thick."""
@@ -218,7 +218,7 @@ def _free(poses: Floats, arena: Mapping[str, Any]) -> Flags:
     places = poses[..., :2]
     apart = np.linalg.norm(places[:, :, None] - places[:, None], axis=-1)
     apart[:, range(poses.shape[1]), range(poses.shape[1])] = np.inf
-    alone = ~(apart < BESIDE_M).any(axis=2) & np.isfinite(places).all(axis=2)
+    alone = ~(apart < HINDERED_M).any(axis=2) & np.isfinite(places).all(axis=2)
     if not arena:
         return np.asarray(alone)
     half = np.array(arena["size_m"][:2]) / 2.0 - AT_WALL_M
@@ -228,7 +228,7 @@ def _free(poses: Floats, arena: Mapping[str, Any]) -> Flags:
 
 SHIFTS_S = np.arange(-100, 301, 10) / 1e3
 """Shifts that are tried."""
-FEWEST = 50
+FEWEST_STEPS = 50
 """Numbers that a spread or a fit needs."""
 _TURNED = 0.1
 """Who turns less than by this share of its way shows nothing of its axle."""
@@ -283,7 +283,7 @@ def _shift(run: RunMotion) -> float | None:
             [_nominal_ways(run, row, shift_s).mean(axis=1) for row in range(len(run.tags))], -1
         )
         here = good & np.isfinite(ways)
-        if here.sum() < FEWEST or not np.any(ways[here]):
+        if here.sum() < FEWEST_STEPS or not np.any(ways[here]):
             return None
         factor = np.sum(ways[here] * forward[here]) / np.sum(ways[here] ** 2)
         costs.append(float(np.abs(forward[here] - factor * ways[here]).mean()))
@@ -314,20 +314,20 @@ def robots_of(runs: Sequence[RunMotion], shift_s: float) -> list[IdentifiedRobot
 
 def _robot(tag: int, table: Floats) -> IdentifiedRobot | None:
     """Fits one robot: (k, 4) nominal left and right [m], forward [m], turn [rad]."""
-    if len(table) < FEWEST:
+    if len(table) < FEWEST_STEPS:
         return None
     ways, forward, turn = table[:, :2], table[:, 2], table[:, 3]
     (left_turn, right_turn), turn_residuals = _fit(ways * (-1.0, 1.0), turn)
     turned = float(np.abs(ways[:, 1] - ways[:, 0]).mean())
-    known = turned > _TURNED * float(np.abs(ways).mean()) and left_turn > 0.0
-    ratio = right_turn / left_turn if known else 1.0
+    has_turned = turned > _TURNED * float(np.abs(ways).mean()) and left_turn > 0.0
+    ratio = right_turn / left_turn if has_turned else 1.0
     (left,), forward_residuals = _fit((ways @ (0.5, 0.5 * ratio))[:, None], forward)
     return IdentifiedRobot(
         tag=tag,
         steps=len(table),
         way_over_told=left * (1.0 + ratio) / 2.0,
-        right_over_left=ratio if known else None,
-        axle_over_nominal=left / (left_turn * AXLE_M) if known else None,
+        right_over_left=ratio if has_turned else None,
+        axle_over_nominal=left / (left_turn * AXLE_M) if has_turned else None,
         forward_noise_mm=1e3 * spread(forward_residuals),
         turn_noise_deg=math.degrees(spread(turn_residuals)),
     )
@@ -335,12 +335,12 @@ def _robot(tag: int, table: Floats) -> IdentifiedRobot | None:
 
 def _fit(columns: Floats, target: Floats) -> tuple[list[float], Floats]:
     """Least squares of (k, c) columns, again without outliers; and all that is left over, (k,)."""
-    kept = np.ones(len(columns), bool)
+    inliers = np.ones(len(columns), bool)
     for _ in range(_ROUNDS):
-        solution = np.linalg.lstsq(columns[kept], target[kept], rcond=None)[0]
+        solution = np.linalg.lstsq(columns[inliers], target[inliers], rcond=None)[0]
         residuals = target - columns @ solution
-        limit = _OUTLIER * spread(residuals[kept])
-        kept = np.abs(residuals) <= max(limit, 1e-12)
+        limit = _OUTLIER * spread(residuals[inliers])
+        inliers = np.abs(residuals) <= max(limit, 1e-12)
     return [float(value) for value in solution], residuals
 
 
@@ -360,7 +360,7 @@ def standing_noise(runs: Iterable[RunMotion]) -> list[StandingNoise]:
     for (name, unit), parts in values_of.items():
         values = np.concatenate(parts)
         values = values[np.isfinite(values)]
-        if len(values) >= FEWEST:
+        if len(values) >= FEWEST_STEPS:
             sigma = spread(values) / math.sqrt(6.0)
             noise.append(StandingNoise(name, unit, sigma, len(values)))
     return noise

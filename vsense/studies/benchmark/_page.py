@@ -15,7 +15,7 @@ from vsense.studies.benchmark._comparing import ComparedLabs
 from vsense.studies.report import Questions, _plot, can_draw, lacking, lacking_tests
 from vsense.studies.report._markup import DASH, Counter, document, figure_of, note, share_of, tiles
 from vsense.studies.report._plot import Drawing
-from vsense.studies.report.report import PAGE, Charts, require_empty
+from vsense.studies.report.report import REPORT_PAGE, Charts, require_empty
 from vsense.studies.report.study import _section
 from vsense.studies.report.study._results import StudyResult
 
@@ -69,7 +69,7 @@ def _wheels_chart(robots: Sequence[Mapping[str, Any]]) -> Drawing:
     return Drawing("wheels", "Wheels, as the runs show them", caption, figure, wide=True)
 
 
-FOLDER = "report"
+REPORT_FOLDER = "report"
 """In the folder of the runs."""
 
 
@@ -80,19 +80,19 @@ def write(result: Mapping[str, Any], studies: Sequence[StudyResult], folder: Pat
     """
     with failing_as(RecordingError, f"{folder}: cannot be written"):
         folder.mkdir(parents=True, exist_ok=True)
-        kept = Charts(folder, "png" if can_draw() else "")
+        charts = Charts(folder, "png" if can_draw() else "")
         counter = Counter()
         asked = Questions(tests=not lacking_tests())
         with _plot.styled() if can_draw() else nullcontext():
-            parts = [*_notes(result), _head(result), _latency(result, kept, counter)]
-            parts += [_poses(result, counter), _wheels(result, kept, counter)]
-            parts += [_missions(result, counter), *_studies(studies, kept, counter, asked)]
+            parts = [*_notes(result), _head(result), _latency(result, charts, counter)]
+            parts += [_poses(result, counter), _wheels(result, charts, counter)]
+            parts += [_missions(result, counter), *_studies(studies, charts, counter, asked)]
         title = f"{result['benchmark']}: {result['site']} ({result['mode']})"
         lead = (
             "What three fixed missions say of a lab. Medians of runs are of runs, percentiles of"
             f" latencies are of the worst run. Definition {result['definition_sha256']}."
         )
-        return _finish(folder, document(title, lead, "".join(parts), "benchmark"), kept)
+        return _finish(folder, document(title, lead, "".join(parts), "benchmark"), charts)
 
 
 def write_comparison(comparison: ComparedLabs, folder: Path) -> list[Path]:
@@ -100,9 +100,9 @@ def write_comparison(comparison: ComparedLabs, folder: Path) -> list[Path]:
     require_empty(folder)
     with failing_as(RecordingError, f"{folder}: cannot be written"):
         folder.mkdir(parents=True, exist_ok=True)
-        kept, counter = Charts(folder, "png" if can_draw() else ""), Counter()
+        charts, counter = Charts(folder, "png" if can_draw() else ""), Counter()
         with _plot.styled() if can_draw() else nullcontext():
-            parts = _studies(comparison.studies, kept, counter, comparison.asked)
+            parts = _studies(comparison.studies, charts, counter, comparison.asked)
         caption = f"{DASH}: not known. What these are, the page of the benchmark says."
         rows = [list(row) for row in comparison.rows()]
         table = counter.table("Both labs", caption, ("", *comparison.names), rows)
@@ -110,13 +110,13 @@ def write_comparison(comparison: ComparedLabs, folder: Path) -> list[Path]:
             f"{comparison.results[0]['benchmark']}: {comparison.names[0]} and {comparison.names[1]}"
         )
         lead = "Runs of two labs with the same missions, starts and seeds, and the labs themselves."
-        return _finish(folder, document(title, lead, "".join([table, *parts]), "benchmark"), kept)
+        return _finish(folder, document(title, lead, "".join([table, *parts]), "benchmark"), charts)
 
 
-def _finish(folder: Path, text: str, kept: Charts) -> list[Path]:
-    path = folder / PAGE
+def _finish(folder: Path, text: str, charts: Charts) -> list[Path]:
+    path = folder / REPORT_PAGE
     path.write_text(text, encoding="utf-8", errors="replace")
-    return [path, *kept.files]
+    return [path, *charts.files]
 
 
 def _notes(result: Mapping[str, Any]) -> list[str]:
@@ -144,7 +144,7 @@ def _head(result: Mapping[str, Any]) -> str:
     )
 
 
-def _latency(result: Mapping[str, Any], kept: Charts, counter: Counter) -> str:
+def _latency(result: Mapping[str, Any], charts: Charts, counter: Counter) -> str:
     title = "<h2 class=first>Latency</h2>\n"
     latency = result["latency"]
     if latency is None:
@@ -159,9 +159,9 @@ def _latency(result: Mapping[str, Any], kept: Charts, counter: Counter) -> str:
     )
     heads = ("", "median [ms]", "99 % [ms]", "greatest [ms]")
     late = _share(latency["late_share_mean"]), _share(latency["late_share_worst"])
-    figures = counter.figures(kept.keep("", [_latency_chart(latency["stations"])]))
+    figures = counter.figures(charts.keep("", [_latency_chart(latency["stations"])]))
     return (
-        f"{title}{figures if kept.form else ''}"
+        f"{title}{figures if charts.form else ''}"
         f"{counter.table('Latency', caption, heads, rows)}"
         f"<p>Timesteps late or left out: {late[0]} of all, {late[1]} in the worst run.</p>\n"
     )
@@ -190,8 +190,8 @@ def _poses(result: Mapping[str, Any], counter: Counter) -> str:
     elif result["mode"] == "run":
         words.append("The calibration was never checked: how true poses are, nobody knows.")
     standing = [
-        [one["what"], figure_of(one["sigma"]), one["unit"] or DASH, str(one["samples"])]
-        for one in result["noise"]["standing"]
+        [row["what"], figure_of(row["sigma"]), row["unit"] or DASH, str(row["samples"])]
+        for row in result["noise"]["standing"]
     ]
     caption = (
         "Standard deviation from one timestep to the next, of poses and of virtual sensors'"
@@ -203,7 +203,7 @@ def _poses(result: Mapping[str, Any], counter: Counter) -> str:
     return f"<h2>Poses and readings</h2>\n<p>{escape(' '.join(words))}</p>\n{table}"
 
 
-def _wheels(result: Mapping[str, Any], kept: Charts, counter: Counter) -> str:
+def _wheels(result: Mapping[str, Any], charts: Charts, counter: Counter) -> str:
     robots, roster = result["noise"]["robots"], result["noise"]["roster"]
     rows = [
         [
@@ -226,7 +226,7 @@ def _wheels(result: Mapping[str, Any], kept: Charts, counter: Counter) -> str:
         " timestep to the next; noise: what is left over in a timestep. Measured before: by vsense"
         " robot calibrate, in the roster; robots correct their wheels by it."
     )
-    figures = counter.figures(kept.keep("", [_wheels_chart(robots)])) if kept.form else ""
+    figures = counter.figures(charts.keep("", [_wheels_chart(robots)])) if charts.form else ""
     return f"<h2>Wheels</h2>\n{figures}{counter.table('Wheels', caption, heads, rows, texts=(7,))}"
 
 
@@ -253,11 +253,11 @@ def _missions(result: Mapping[str, Any], counter: Counter) -> str:
 
 
 def _studies(
-    studies: Sequence[StudyResult], kept: Charts, counter: Counter, asked: Questions
+    studies: Sequence[StudyResult], charts: Charts, counter: Counter, asked: Questions
 ) -> list[str]:
     parts = []
     for place, result in enumerate(studies):
-        pictures = kept.keep("", _section.boxes(result, f"{place + 1}-"))
+        pictures = charts.keep("", _section.boxes(result, f"{place + 1}-"))
         parts.append(_section.section(result, pictures, counter, place + 1, asked.tests))
     return [*parts, _section.methods(studies, asked)]
 

@@ -57,11 +57,11 @@ def latency(runs: Sequence[RunEvidence]) -> dict[str, Any] | None:
 
 def _spread(spreads: Sequence[Mapping[str, float | None]]) -> dict[str, float]:
     """The spread of a latency over runs; empty where none has it."""
-    known = [spread for spread in spreads if spread.get("p50") is not None]
-    if not known:
+    valid = [spread for spread in spreads if spread.get("p50") is not None]
+    if not valid:
         return {}
-    worst = {name: max(float(spread[name] or 0.0) for spread in known) for name in ("p99", "max")}
-    return {"p50": median(float(spread["p50"] or 0.0) for spread in known), **worst}
+    worst = {name: max(float(spread[name] or 0.0) for spread in valid) for name in ("p99", "max")}
+    return {"p50": median(float(spread["p50"] or 0.0) for spread in valid), **worst}
 
 
 def accuracy(runs: Sequence[RunEvidence]) -> dict[str, Any]:
@@ -72,12 +72,12 @@ def accuracy(runs: Sequence[RunEvidence]) -> dict[str, Any]:
     None where nothing is known. `seen_share`: robots that were seen in a timestep.
     """
     tracked = [run.summary["tracking"] for run in runs if "tracking" in run.summary]
-    known = [run.calibration for run in runs if run.calibration]
+    calibrations = [run.calibration for run in runs if run.calibration]
     robots = [run.row.robots or 0 for run in runs]
     seen = sum(_seen(run) for run in runs)
     return {
         "truth": _against_truth(tracked) if tracked else None,
-        "calibration": known[-1] if known else None,
+        "calibration": calibrations[-1] if calibrations else None,
         "seen_share": seen / sum(robots) if sum(robots) else None,
     }
 
@@ -99,8 +99,8 @@ def _against_truth(tracked: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def _rms(values: Sequence[float | None]) -> float | None:
-    known = [value for value in values if value is not None]
-    return math.sqrt(sum(value**2 for value in known) / len(known)) if known else None
+    numbers = [value for value in values if value is not None]
+    return math.sqrt(sum(value**2 for value in numbers) / len(numbers)) if numbers else None
 
 
 def noise(runs: Sequence[RunEvidence], roster: Roster | None) -> dict[str, Any]:
@@ -112,7 +112,7 @@ def noise(runs: Sequence[RunEvidence], roster: Roster | None) -> dict[str, Any]:
     """
     motions = [run.motion for run in runs]
     shift_s = shift_of(motions)
-    known = {} if roster is None else {
+    roster_data = {} if roster is None else {
         str(robot.tag): values
         for robot in roster.robots
         if (values := {n: v for n, v in asdict(robot.calibration).items() if v})
@@ -121,7 +121,7 @@ def noise(runs: Sequence[RunEvidence], roster: Roster | None) -> dict[str, Any]:
         "told_shift_ms": None if shift_s is None else 1e3 * shift_s,
         "robots": [asdict(robot) for robot in robots_of(motions, shift_s or 0.0)],
         "standing": [asdict(noise) for noise in standing_noise(motions)],
-        "roster": known,
+        "roster": roster_data,
     }
 
 
@@ -152,13 +152,13 @@ class Benchmark:
 
     Attributes:
         folder: of the series.
-        known: what each condition runs.
+        by_condition: what each condition runs.
         quick: it is a first look only.
     """
 
     definition: Definition
     plan: SeriesPlan
-    known: Mapping[str, PlannedExperiment]
+    by_condition: Mapping[str, PlannedExperiment]
     folder: Path
     quick: bool = False
 
@@ -170,15 +170,15 @@ class Benchmark:
     @property
     def deviations(self) -> list[str]:
         """In what it is not the definition's."""
-        found = ["quick: a first look, never comparable"] if self.quick else []
+        texts = ["quick: a first look, never comparable"] if self.quick else []
         if not self.quick and self.robots != self.definition.robots:
-            found.append(f"{self.robots} robots in place of {self.definition.robots}")
-        return found
+            texts.append(f"{self.robots} robots in place of {self.definition.robots}")
+        return texts
 
     @property
     def files(self) -> dict[str, Path]:
         """The definition's files by their names."""
-        files = {path for planned in self.known.values() for path in planned.files}
+        files = {path for planned in self.by_condition.values() for path in planned.files}
         files |= {self.definition.plan(), self.definition.plan(True)}
         return {path.name: path for path in sorted(files, key=lambda path: path.name)}
 
@@ -201,7 +201,7 @@ class Benchmark:
         for number, row in enumerate(valid, 1):
             progress(f"reading the recordings: {number} of {len(valid)} ({row.run})")
             try:
-                runs.append(evidence_of(self.folder, self.plan, self.known, row))
+                runs.append(evidence_of(self.folder, self.plan, self.by_condition, row))
             except VsenseError as error:
                 errors.append(error)
         return runs, errors
@@ -257,8 +257,8 @@ def figures(
         "accuracy": accuracy(runs),
         "noise": noise(runs, roster),
         "missions": [
-            _mission(definition.measures[found.measures[0].measure], found)
-            for found in studies_of(definition, rows)
+            _mission(definition.measures[result.measures[0].measure], result)
+            for result in studies_of(definition, rows)
         ],
     }
 
@@ -271,11 +271,11 @@ def studies_of(
     return results_of(rows, asked)
 
 
-def _mission(mission: Mission, found: StudyResult) -> dict[str, Any]:
+def _mission(mission: Mission, result: StudyResult) -> dict[str, Any]:
     """The score of a mission: sighted runs, blind ones, and how far these lie apart."""
-    measured = found.measures[0]
+    measured = result.measures[0]
     arms = {}
-    for name, arm, spread in zip(("sighted", "blind"), found.study.arms, measured.spreads):
+    for name, arm, spread in zip(("sighted", "blind"), result.study.arms, measured.spreads):
         assert spread is not None, "every place of the plan has a valid run"
         arms[name] = {**asdict(spread), "void": len(arm.voids)}
         arms[name]["quartiles"] = list(spread.quartiles)

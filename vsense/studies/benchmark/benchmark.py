@@ -21,7 +21,7 @@ from vsense.studies.series import _plan as plans
 from vsense.studies.series._plan import SeriesPlan
 from vsense.studies.series.run import PlannedSeries, SeriesOptions
 
-FEWEST = 5
+FEWEST_ROBOTS = 5
 """Robots without which the missions are others."""
 MEASURED = {
     "sim": "wheels; scores of missions. Latency and accuracy are ideal here: a baseline",
@@ -76,32 +76,34 @@ class PlannedBenchmark:
             VsenseError: something cannot be loaded, or is not as the definition has it.
         """
         self._options = options
-        self._known = known = _definition.load()
-        plan = _plan(options, known)
-        self._roster = _require_robots(options, plan, known)
+        self._definition = definition = _definition.load()
+        plan = _plan(options, definition)
+        self._roster = _require_robots(options, plan, definition)
         path = options.output or Path(f"{plan.name}-{plan.mode}")
         how = replace(options.series, output=path, limit=options.robots, command="benchmark")
         self._series = PlannedSeries(plan, how)
         if plan.mode != "run":
             self._series.silence()  # of the tags that its robots are given
-        self._benchmark = Benchmark(known, plan, self._series.known, path, options.quick)
-        known.require(self._benchmark.files.values())
+        self._benchmark = Benchmark(
+            definition, plan, self._series.by_condition, path, options.quick
+        )
+        definition.require(self._benchmark.files.values())
 
     def described(self) -> BenchmarkAnswer:
         """What is measured with which missions, and the runs that follow."""
-        benchmark, known, forecast = self._benchmark, self._known, self._series.forecast()
+        benchmark, definition, forecast = self._benchmark, self._definition, self._series.forecast()
         facts = {
-            "benchmark": known.name,
-            "definition_sha256": known.sha256,
+            "benchmark": definition.name,
+            "definition_sha256": definition.sha256,
             "robots": benchmark.robots,
             "deviations": benchmark.deviations,
-            "missions": [asdict(mission) for mission in known.missions],
+            "missions": [asdict(mission) for mission in definition.missions],
         }
         rows = [("mission", "score of a run", "unit", "better")]
-        rows += [(m.name, spoken(m.measure), m.unit, m.better) for m in known.missions]
+        rows += [(m.name, spoken(m.measure), m.unit, m.better) for m in definition.missions]
         words = "; ".join(benchmark.deviations)
         lines = [
-            f"{known.name}, definition {known.sha256}{f' ({words})' if words else ''}",
+            f"{definition.name}, definition {definition.sha256}{f' ({words})' if words else ''}",
             f"{benchmark.robots} robots; of the same runs: {MEASURED[benchmark.plan.mode]}",
             "",
             *aligned(rows, left=4),
@@ -119,7 +121,7 @@ class PlannedBenchmark:
         """
         console = Console()
         for words in self._benchmark.deviations:
-            console.say(f"{self._known.name}: {words}", "warning")
+            console.say(f"{self._definition.name}: {words}", "warning")
         return self._series.carry_out() or self._finish(console)
 
     def _finish(self, console: Console) -> BenchmarkAnswer:
@@ -132,7 +134,7 @@ class PlannedBenchmark:
             console.progress("drawing the report")
             tests = not lacking_tests()
             studies = _result.studies_of(benchmark.definition, benchmark.rows(), tests)
-            report, *_ = _page.write(facts, studies, benchmark.folder / _page.FOLDER)
+            report, *_ = _page.write(facts, studies, benchmark.folder / _page.REPORT_FOLDER)
             console.end_progress()
         console.say(f"result: {path}")
         console.say(f"report: {report}")
@@ -180,32 +182,32 @@ def compare(
     return BenchmarkAnswer(compared.as_json(), list(compared.lines()))
 
 
-def _plan(options: BenchmarkOptions, known: Definition) -> SeriesPlan:
+def _plan(options: BenchmarkOptions, definition: Definition) -> SeriesPlan:
     """The plan of the runs, with as many robots as were asked for."""
-    plan, count = plans.read(known.plan(options.quick), options.mode), options.robots
-    if count is None or count == known.robots:
+    plan, count = plans.read(definition.plan(options.quick), options.mode), options.robots
+    if count is None or count == definition.robots:
         return plan
     if options.quick:
         raise UsageError("--robots: --quick has four")
-    if not FEWEST <= count <= known.robots:
-        raise UsageError(f"--robots {count}: expected {FEWEST} to {known.robots}")
+    if not FEWEST_ROBOTS <= count <= definition.robots:
+        raise UsageError(f"--robots {count}: expected {FEWEST_ROBOTS} to {definition.robots}")
     return replace(plan, count=count)
 
 
 def _require_robots(
-    options: BenchmarkOptions, plan: SeriesPlan, known: Definition
+    options: BenchmarkOptions, plan: SeriesPlan, definition: Definition
 ) -> Roster | None:
     """Reads the roster; UsageError where a real lab has too few robots, before anything starts."""
     path, real = options.series.roster, plan.mode == "run"
     roster = require_roster(path) if real else find_roster(path, here=False)
     if roster is None:
         return None
-    count = known.robots if plan.count is None else plan.count
+    count = definition.robots if plan.count is None else plan.count
     ready = sum(robot.is_ready for robot in roster.robots)
     if ready < count:
-        fewer = f"; --robots {ready} makes it with these" if ready >= FEWEST else ""
-        others = [f"{robot} is {robot.why_not}" for robot in roster.robots if robot.why_not]
-        left = f" ({', '.join(others)})" if others else ""
+        fewer = f"; --robots {ready} makes it with these" if ready >= FEWEST_ROBOTS else ""
+        unready = [f"{robot} is {robot.why_not}" for robot in roster.robots if robot.why_not]
+        left = f" ({', '.join(unready)})" if unready else ""
         raise UsageError(
             f"{roster.path} has {ready} robots that can play{left}, the missions want"
             f" {count}{fewer if not options.quick else ''}"

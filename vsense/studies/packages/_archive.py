@@ -40,7 +40,7 @@ _BROKEN = (
 
 Entries = Mapping[str, bytes | Path]
 """A package's files by name: bytes, or where they are."""
-Tell = Callable[[str, float], None]
+EntryProgress = Callable[[str, float], None]
 
 
 class PackageError(VsenseError):
@@ -99,7 +99,7 @@ def manifest_of(digests: Mapping[str, str]) -> bytes:
     return "".join(f"{digests[name]}  {name}\n" for name in sorted(digests)).encode()
 
 
-def write(path: Path, entries: Entries, tell: Tell = lambda name, share: None) -> None:
+def write(path: Path, entries: Entries, progress: EntryProgress = lambda name, share: None) -> None:
     """Writes a package; the same entries give the same bytes.
 
     Raises:
@@ -112,7 +112,7 @@ def write(path: Path, entries: Entries, tell: Tell = lambda name, share: None) -
                 raise PackageError(f"{path}: is there already; expected a new file")
             with zipfile.ZipFile(part, "x", strict_timestamps=True) as archive:
                 for number, name in enumerate(sorted(entries)):
-                    tell(name, number / len(entries))
+                    progress(name, number / len(entries))
                     _add(archive, name, entries[name])
             part.rename(path)
     finally:
@@ -188,7 +188,7 @@ class Package:
         except (OSError, *_BROKEN) as error:
             raise DamagedPackage(self.path, [f"{name} ({error})"]) from None
 
-    def verify(self, tell: Tell = lambda name, share: None) -> None:
+    def verify(self, progress: EntryProgress = lambda name, share: None) -> None:
         """Compares every file with its checksum; DamagedPackage names all that are others."""
         problems = []
         names = set(self.names)
@@ -196,13 +196,13 @@ class Package:
         problems += [f"{name} is missing" for name in missing]
         problems += [f"{name} was added" for name in self.names if name not in self._digests]
         for number, name in enumerate(self.names):
-            tell(name, number / len(self.names))
+            progress(name, number / len(self.names))
             if name in self._digests and (what := self._differs(name)):
                 problems.append(f"{name} {what}")
         if problems:
             raise DamagedPackage(self.path, problems)
 
-    def unpack(self, folder: Path, tell: Tell = lambda name, share: None) -> None:
+    def unpack(self, folder: Path, progress: EntryProgress = lambda name, share: None) -> None:
         """Writes all files into a folder, which is made, or empty; PackageError if it is not."""
         with failing_as(PackageError, f"{folder}: cannot be written"):
             folder.mkdir(parents=True, exist_ok=True)
@@ -211,7 +211,7 @@ class Package:
             if shutil.disk_usage(folder).free < self.size:
                 raise PackageError(f"{folder}: has no room for {self.size >> 20} MB")
             for number, name in enumerate((*self.names, MANIFEST)):
-                tell(name, number / (len(self.names) + 1))
+                progress(name, number / (len(self.names) + 1))
                 target = folder / name
                 target.parent.mkdir(parents=True, exist_ok=True)
                 with self._zip.open(name) as file, target.open("xb") as into:

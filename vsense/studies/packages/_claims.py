@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from vsense.base.errors import VsenseError
-from vsense.studies.packages._comparing import DAMAGED
+from vsense.studies.packages._comparing import DAMAGED_FILE
 
 ClaimVerdict = Literal["same", "differs", "cannot"]
 
@@ -65,9 +65,9 @@ class Claims:
 
     def judge(self, thing: str, differences: Sequence[str] | str, words: str = "") -> None:
         """Adds a claim, which is the same where there are no differences."""
-        each = (differences,) if isinstance(differences, str) else tuple(differences)
-        each = tuple(filter(None, each))
-        self.claims.append(Claim(thing, "differs" if each else "same", words, each))
+        texts = (differences,) if isinstance(differences, str) else tuple(differences)
+        texts = tuple(filter(None, texts))
+        self.claims.append(Claim(thing, "differs" if texts else "same", words, texts))
 
     @contextmanager
     def attempt(self, thing: str, public: Callable[[object], str] = str) -> Iterator[None]:
@@ -78,7 +78,7 @@ class Claims:
         """
         try:
             yield
-        except (VsenseError, *DAMAGED) as error:
+        except (VsenseError, *DAMAGED_FILE) as error:
             self.cannot(thing, public(error))
 
     def of(self, verdict: ClaimVerdict) -> Sequence[Claim]:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from vsense.base.message_bus import Message
 from vsense.studies.packages._places import Scrubber
 
-DAMAGED = (
+DAMAGED_FILE = (
     *(KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError, EOFError),
     *(OSError, csv.Error, zipfile.BadZipFile, zlib.error, cv2.error),
 )
@@ -47,7 +47,7 @@ def files(before: Path, now: Path, scrubber: Scrubber) -> str:
             return arrays(before, now)
         if kind == ".png":
             return pictures(old, new)
-    except DAMAGED as error:
+    except DAMAGED_FILE as error:
         return f"it is damaged: {error!r}"
     return f"other bytes ({len(old)} before, now {len(new)})"
 
@@ -81,8 +81,8 @@ def arrays(before: Path, now: Path) -> str:
     with np.load(before, allow_pickle=False) as old, np.load(now, allow_pickle=False) as new:
         if set(old.files) != set(new.files):
             return f"other arrays: {sorted(set(old.files) ^ set(new.files))}"
-        found = [words for name in old.files if (words := _array(name, old[name], new[name]))]
-    return "; ".join(found) or "other bytes with the same arrays"
+        differing = [words for name in old.files if (words := _array(name, old[name], new[name]))]
+    return "; ".join(differing) or "other bytes with the same arrays"
 
 
 def _array(name: str, old: NDArray[Any], new: NDArray[Any]) -> str:
@@ -118,7 +118,7 @@ def recordings(before: Path, now: Path) -> str:
     from vsense.monitor.recording.reader import open_recording  # needs the extra `record`
 
     with open_recording(before) as old, open_recording(now) as new:
-        pairs = zip_longest(_told(old.messages()), _told(new.messages()))
+        pairs = zip_longest(_reported(old.messages()), _reported(new.messages()))
         for number, (was, is_) in enumerate(pairs):
             if was is None or is_ is None:
                 return f"it has {'fewer' if is_ is None else 'more'} messages than {number}"
@@ -132,13 +132,13 @@ def recordings(before: Path, now: Path) -> str:
 
 def cells(before: dict[str, str], now: dict[str, str]) -> str:
     """Compares cells of a row by their columns; those of `now` only."""
-    found = [
+    differing = [
         f"{name}: {shown(before.get(name, ''))} before, now {shown(value)}"
         f"{_by(before.get(name, ''), value)}"
         for name, value in now.items()
         if before.get(name, "") != value
     ]
-    return "; ".join(found)
+    return "; ".join(differing)
 
 
 def figures(name: str, before: Any, now: Any, share: float = 0.0) -> Iterator[str]:
@@ -180,7 +180,7 @@ def _apart(before: str, now: str) -> float:
     return apart if math.isfinite(apart) else 0.0
 
 
-def _told(messages: Iterator[Message]) -> Iterator[Message]:
+def _reported(messages: Iterator[Message]) -> Iterator[Message]:
     return (message for message in messages if message.topic not in _OF_THE_CLOCK)
 
 
@@ -193,5 +193,5 @@ def row_of(path: Path, number: int) -> dict[str, str]:
     """A row of a table by its columns; empty: there is none. Raises one of `DAMAGED`."""
     with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
         rows: Sequence[dict[str, str]] = [row for row in csv.DictReader(file) if any(row.values())]
-    found = rows[number] if number < len(rows) else {}
-    return {str(name): value or "" for name, value in found.items() if name is not None}
+    cells = rows[number] if number < len(rows) else {}
+    return {str(name): value or "" for name, value in cells.items() if name is not None}

@@ -16,9 +16,9 @@ CONTENTS = "vsense-package.json"
 MOST_CONTENTS = 4 << 20
 """Bytes of that file: some 5,000 runs."""
 NO_RECORDING = "there is no recording of it"
-FORMAT = 1
+PACKAGE_FORMAT = 1
 """Rises when an older vsense can no longer reproduce what is written."""
-MADE = "made.json"
+SETUP_FILE = "made.json"
 """In a folder of sources: setups by key, and what machine it was."""
 
 
@@ -73,7 +73,7 @@ class PackageContents:
 
     def to_bytes(self) -> bytes:
         """As the package has it."""
-        return f"{json.dumps({'format': FORMAT, **asdict(self)}, indent=1)}\n".encode()
+        return f"{json.dumps({'format': PACKAGE_FORMAT, **asdict(self)}, indent=1)}\n".encode()
 
     @classmethod
     def read(cls, data: bytes, names: Sequence[str]) -> PackageContents:
@@ -87,8 +87,8 @@ class PackageContents:
         """
         try:
             data_ = parse_json(data.decode())
-            if data_.pop("format") != FORMAT:
-                raise ValueError(f"another format than {FORMAT}: another vsense made it")
+            if data_.pop("format") != PACKAGE_FORMAT:
+                raise ValueError(f"another format than {PACKAGE_FORMAT}: another vsense made it")
             runs = [
                 PackedRun(**{**run, "recordings": tuple(run["recordings"])})
                 for run in data_.pop("runs")

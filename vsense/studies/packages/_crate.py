@@ -24,13 +24,13 @@ _OWN_TERMS = {"sha256": "https://schema.org/sha256"}
 """Which the context of RO-Crate 1.1 does not have yet."""
 _NO_LICENSE = "#no-license"
 _ORCID = "https://orcid.org/"
-_OTHERS = {
+_LIBRARIES = {
     "NumPy": "https://numpy.org/",
     "OpenCV": "https://opencv.org/",
     "Python": "https://www.python.org/",
 }
 
-Entity = dict[str, Any]
+CrateEntity = dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,13 +76,13 @@ def person(text: str) -> Person:
     Raises:
         ValueError: it is neither, or the iD is not one; the message says what was expected.
     """
-    found = re.fullmatch(r"\s*([^<>]*[^<>\s])\s*(?:<([^<>]*)>)?\s*", text)
-    if found is None or not found[1].isprintable():
+    match = re.fullmatch(r"\s*([^<>]*[^<>\s])\s*(?:<([^<>]*)>)?\s*", text)
+    if match is None or not match[1].isprintable():
         raise ValueError(f"expected NAME or 'NAME <ORCID>', got {text[:60]!r}")
-    orcid = (found[2] or "").strip().removeprefix(_ORCID)
+    orcid = (match[2] or "").strip().removeprefix(_ORCID)
     if orcid and not _is_orcid(orcid):
         raise ValueError(f"{orcid[:40]!r} is no ORCID iD, such as 0000-0002-1825-0097")
-    return Person(found[1], orcid)
+    return Person(match[1], orcid)
 
 
 def _is_orcid(text: str) -> bool:
@@ -108,25 +108,25 @@ def describe(
     title: Title,
     files: Sequence[Described],
     origins: Mapping[str, origin.RunOrigin],
-    found: Sequence[FoundSeries],
+    all_series: Sequence[FoundSeries],
 ) -> bytes:
     """The description.
 
     Args:
         files: all of the package but this and the manifest.
         origins: what runs were made from, by its folder in the package.
-        found: the runs.
+        all_series: the runs.
     """
     if not files:
         raise UsageError("a package needs a file")
     software = _software(origins)
-    actions = [_action(title, series, files, software) for series in found]
+    actions = [_action(title, series, files, software) for series in all_series]
     graph = [
         _descriptor(),
         _root(title, files, actions),
         *_people(title),
         _license(title),
-        *(_file(each) for each in files),
+        *(_file(file) for file in files),
         *software,
         *actions,
     ]
@@ -134,13 +134,13 @@ def describe(
     return f"{text}\n".encode()
 
 
-def _refs(ids: Sequence[str]) -> Entity | list[Entity]:
+def _refs(ids: Sequence[str]) -> CrateEntity | list[CrateEntity]:
     """Links to entities; a single one stands by itself, as RO-Crate 1.1 wants it."""
     links = [{"@id": id} for id in ids]
     return links[0] if len(links) == 1 else links
 
 
-def _ids(entities: Sequence[Entity]) -> list[str]:
+def _ids(entities: Sequence[CrateEntity]) -> list[str]:
     return [entity["@id"] for entity in entities]
 
 
@@ -149,7 +149,7 @@ def _id(name: str) -> str:
     return quote(name, safe="/")
 
 
-def _descriptor() -> Entity:
+def _descriptor() -> CrateEntity:
     return {
         "@id": METADATA,
         "@type": "CreativeWork",
@@ -158,27 +158,27 @@ def _descriptor() -> Entity:
     }
 
 
-def _root(title: Title, files: Sequence[Described], actions: Sequence[Entity]) -> Entity:
-    root: Entity = {
+def _root(title: Title, files: Sequence[Described], actions: Sequence[CrateEntity]) -> CrateEntity:
+    root: CrateEntity = {
         "@id": "./",
         "@type": "Dataset",
         "name": title.name,
         "description": title.about,
         "datePublished": title.date,
         "license": {"@id": title.license or _NO_LICENSE},
-        "hasPart": _refs([_id(each.name) for each in files]),
+        "hasPart": _refs([_id(file.name) for file in files]),
         "mentions": _refs(_ids(actions)),
     }
     if title.authors:
-        root["author"] = _refs([one.id for one in title.authors])
+        root["author"] = _refs([author.id for author in title.authors])
     return root
 
 
-def _people(title: Title) -> list[Entity]:
-    return [{"@id": one.id, "@type": "Person", "name": one.name} for one in title.authors]
+def _people(title: Title) -> list[CrateEntity]:
+    return [{"@id": author.id, "@type": "Person", "name": author.name} for author in title.authors]
 
 
-def _license(title: Title) -> Entity:
+def _license(title: Title) -> CrateEntity:
     if not title.license:
         words = "Nobody has said what others may do with this package."
         return {
@@ -193,7 +193,7 @@ def _license(title: Title) -> Entity:
     return {**kind, "name": name, "description": about}
 
 
-def _file(file: Described) -> Entity:
+def _file(file: Described) -> CrateEntity:
     return {
         "@id": _id(file.name),
         "@type": "File",
@@ -205,68 +205,68 @@ def _file(file: Described) -> Entity:
     }
 
 
-def _software(origins: Mapping[str, origin.RunOrigin]) -> list[Entity]:
-    found: dict[str, Entity] = {}
-    for kept in origins.values():
+def _software(origins: Mapping[str, origin.RunOrigin]) -> list[CrateEntity]:
+    programs: dict[str, CrateEntity] = {}
+    for source in origins.values():
         needs = []
-        for name, address in _OTHERS.items():
-            if version := kept.about.get(name) or kept.machine.get(name):
+        for name, address in _LIBRARIES.items():
+            if version := source.about.get(name) or source.machine.get(name):
                 needs.append(_program(name, version, address))
-        if compiler := kept.about.get("compiler"):
+        if compiler := source.about.get("compiler"):
             needs.append(_program("C compiler", compiler, ""))
-        own = _program("vsense", kept.machine.get("vsense", ""), "")
+        own = _program("vsense", source.machine.get("vsense", ""), "")
         own["description"] = "Virtual sensing for real robot swarms, and its simulation."
         own["softwareRequirements"] = _refs(_ids(needs))
-        if system := kept.about.get("system"):
+        if system := source.about.get("system"):
             own["operatingSystem"] = system
-        found |= {each["@id"]: each for each in needs}
-        found.setdefault(own["@id"], own)
-    return list(found.values())
+        programs |= {program["@id"]: program for program in needs}
+        programs.setdefault(own["@id"], own)
+    return list(programs.values())
 
 
-def _program(name: str, version: str, address: str) -> Entity:
-    made: Entity = {
+def _program(name: str, version: str, address: str) -> CrateEntity:
+    entity: CrateEntity = {
         "@id": f"#{quote(f'{name} {version}'.strip())}",
         "@type": "SoftwareApplication",
         "name": name,
         "softwareVersion": version,
     }
-    return {**made, "url": address} if address else made
+    return {**entity, "url": address} if address else entity
 
 
 def _action(
     title: Title,
     series: FoundSeries,
     files: Sequence[Described],
-    software: Sequence[Entity],
-) -> Entity:
+    software: Sequence[CrateEntity],
+) -> CrateEntity:
     """How the files of a series came to be."""
-    inside = [each.name for each in files if each.name.startswith(f"{series.name}/")]
+    inside = [file.name for file in files if file.name.startswith(f"{series.name}/")]
     sources = [name for name in inside if name.split("/")[1].startswith("sources-")]
     modes = sorted({run.facts.mode for run in series.runs})
     began = sorted(filter(None, (run.facts.began for run in series.runs)))
     experiments = sorted({run.facts.experiment for run in series.runs})
-    action: Entity = {
+    action: CrateEntity = {
         "@id": f"#made-{quote(series.name)}",
         "@type": "CreateAction",
         "name": f"{len(series.runs)} runs of {', '.join(experiments)} ({', '.join(modes)})",
         "description": f"The runs of {series.name}, made with vsense {', '.join(modes)}.",
         "object": _refs([_id(name) for name in sources]),
         "result": _refs([_id(name) for name in inside if name not in sources]),
-        "instrument": _refs(_ids([each for each in software if each["name"] == "vsense"])),
+        "instrument": _refs(_ids([program for program in software if program["name"] == "vsense"])),
     }
     action = {name: value for name, value in action.items() if value}
     if began:
         action["startTime"] = began[0]
     if title.authors:
-        action["agent"] = _refs([one.id for one in title.authors])
+        action["agent"] = _refs([author.id for author in title.authors])
     return action
 
 
-def readme(name: str, contents: PackageContents, found: Sequence[FoundSeries]) -> str:
+def readme(name: str, contents: PackageContents, all_series: Sequence[FoundSeries]) -> str:
     """A package in words, for whoever opens it without vsense."""
     lines = [f"# {name}", "", "Runs of robot swarms, packed by vsense. In it:", ""]
-    for series in found:
+    for series in all_series:
         modes = ", ".join(sorted({run.facts.mode for run in series.runs}))
         lines.append(f"* `{series.name}/`: {len(series.runs)} runs ({modes})")
     if contents.report:

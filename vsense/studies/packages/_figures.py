@@ -17,7 +17,7 @@ from vsense.monitor.recording import require
 from vsense.studies.packages._archive import PackageError
 from vsense.studies.report import Questions, can_draw, lacking, lacking_tests
 
-REPORT = "report"
+REPORT_PREFIX = "report"
 """The folder of the report."""
 FIGURES = "report.json"
 """In it: the figures as numbers."""
@@ -48,7 +48,7 @@ def make(
     from vsense.studies.report.report import make_report  # needs the extra `record`
 
     with _own_style():
-        made = make_report(
+        written = make_report(
             [root / name for name in files],
             into,
             lambda path, share: show(f"{path.name} {100 * share:.0f} %"),
@@ -59,10 +59,10 @@ def make(
         )
     path = into / FIGURES
     with failing_as(PackageError, f"{into}: cannot be written"):
-        path.write_text(f"{json.dumps(made.as_json(), indent=1)}\n", encoding="utf-8")
-        for file in (path, *(f for f in made.files if f.suffix in (".html", ".svg"))):
+        path.write_text(f"{json.dumps(written.as_json(), indent=1)}\n", encoding="utf-8")
+        for file in (path, *(f for f in written.files if f.suffix in (".html", ".svg"))):
             file.write_text(_without(file.read_text(encoding="utf-8"), root, into), "utf-8")
-    return [*made.files, path]
+    return [*written.files, path]
 
 
 def cannot() -> str:
@@ -94,7 +94,7 @@ def from_data(data: Mapping[str, Any]) -> Questions:
 
 
 def _without(text: str, root: Path, into: Path) -> str:
-    for folder, name in ((into, f"{REPORT}/"), (root, "")):
+    for folder, name in ((into, f"{REPORT_PREFIX}/"), (root, "")):
         for way in (json.dumps(f"{folder}/")[1:-1], html.escape(f"{folder}/"), f"{folder}/"):
             text = text.replace(way, name)
     return text

@@ -13,7 +13,7 @@ from typing import Any
 from vsense.base.errors import UsageError, failing_as
 from vsense.base.files import read_text
 from vsense.modes import origin
-from vsense.monitor.recording import SUFFIX
+from vsense.monitor.recording import MCAP
 from vsense.run.directory import SERIES, SUMMARY
 from vsense.run.runs_csv import RUNS, RunRow, read_runs
 from vsense.studies.packages._archive import PackageError
@@ -42,16 +42,16 @@ class FoundRun:
     @property
     def recordings(self) -> list[Path]:
         """Its recordings."""
-        there = [] if self.folder is None else sorted(self.folder.glob(f"*{SUFFIX}"))
-        return [*there, *(path for path in self.files.values() if path.suffix == SUFFIX)]
+        there = [] if self.folder is None else sorted(self.folder.glob(f"*{MCAP}"))
+        return [*there, *(path for path in self.files.values() if path.suffix == MCAP)]
 
-    def key_in(self, made: origin.RunOrigin) -> str:
+    def key_in(self, run_origin: origin.RunOrigin) -> str:
         """The key of a simulated run's setup; "": it has none."""
         row = self.facts
         keys = [origin.key_of(row.condition, row.start), origin.key_of(row.condition)]
         if self.row is None:
             keys.append(origin.key_of())
-        return next((key for key in keys if key in made.setups), "")
+        return next((key for key in keys if key in run_origin.setups), "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,13 +75,13 @@ class FoundSeries:
 
     def origin_of(self, run: FoundRun) -> Path | None:
         """What a run was made from, None: nobody kept it."""
-        found = [path for begin, path in self.origins if begin <= (run.row or 0)]
-        return found[-1] if found else None
+        paths = [path for begin, path in self.origins if begin <= (run.row or 0)]
+        return paths[-1] if paths else None
 
     def is_of_other(self, path: Path, run: FoundRun) -> bool:
         """Whether a file is in the folder of another run."""
-        others = {other.folder for other in self.runs} - {run.folder, None}
-        return any(path.is_relative_to(other) for other in others if other is not None)
+        folders = {other.folder for other in self.runs} - {run.folder, None}
+        return any(path.is_relative_to(other) for other in folders if other is not None)
 
 
 def gather(paths: Sequence[Path]) -> list[FoundSeries]:
@@ -91,21 +91,21 @@ def gather(paths: Sequence[Path]) -> list[FoundSeries]:
         UsageError: one is neither a table of runs, nor a folder of runs; or is there twice.
         PackageError: something cannot be read.
     """
-    found: list[FoundSeries] = []
+    gathered: list[FoundSeries] = []
     taken: dict[str, Path] = {}
     for path in paths:
         with failing_as(PackageError, f"{path}: cannot be read"):
-            one = _of_table(path) if path.suffix == ".csv" else _of_folder(path)
-        place = (one.table or one.folder).resolve()
+            series = _of_table(path) if path.suffix == ".csv" else _of_folder(path)
+        place = (series.table or series.folder).resolve()
         if place in taken.values():
             raise UsageError(f"{path}: is named twice")
-        name = one.name
+        name = series.name
         number = 2
         while name in taken or name == "report":
-            name, number = f"{one.name}-{number}", number + 1
+            name, number = f"{series.name}-{number}", number + 1
         taken[name] = place
-        found.append(replace(one, name=name))
-    return found
+        gathered.append(replace(series, name=name))
+    return gathered
 
 
 def _of_folder(folder: Path) -> FoundSeries:
@@ -125,15 +125,15 @@ def _of_folder(folder: Path) -> FoundSeries:
     if not folders:
         raise UsageError(f"{folder}: holds no runs: neither {RUNS} nor {SUMMARY}")
     runs = []
-    for one in folders:
-        facts = _row(one)
-        label = name if one == folder else one.name
-        runs.append(FoundRun(_plain(label), None, facts, one, {}))
-    found = FoundSeries(name, folder, None, runs, files, origins)
+    for run_folder in folders:
+        facts = _row(run_folder)
+        label = name if run_folder == folder else run_folder.name
+        runs.append(FoundRun(_plain(label), None, facts, run_folder, {}))
+    series = FoundSeries(name, folder, None, runs, files, origins)
     if origins or len(folders) < 1:
-        return found
+        return series
     # Runs of a folder that have each kept their own.
-    own = [kept for one in folders for kept in origin.kept_in(one)]
+    own = [record for run_folder in folders for record in origin.kept_in(run_folder)]
     return FoundSeries(name, folder, None, runs, files, own[:1])
 
 
@@ -144,16 +144,16 @@ def _of_table(table: Path) -> FoundSeries:
     if table.name == RUNS:
         return _of_folder(table.parent)
     folder, stem = table.parent, table.stem
-    kept = folder / f"{stem}-recordings"
+    recordings = folder / f"{stem}-recordings"
     by_seed: dict[str, list[Path]] = {}
-    for path in sorted(kept.glob(f"*{SUFFIX}")) if kept.is_dir() else ():
+    for path in sorted(recordings.glob(f"*{MCAP}")) if recordings.is_dir() else ():
         number = re.search(r"seed(\d+)$", path.stem)
         by_seed.setdefault(number[1] if number else "", []).append(path)
     runs = []
     for n, row in enumerate(read_runs(table)):
         mine = by_seed.get(str(row.seed), [])
         # Of several settings each has its own: which one, only the rows' order tells.
-        files = {f"{kept.name}/{path.name}": path for path in mine if len(mine) == 1}
+        files = {f"{recordings.name}/{path.name}": path for path in mine if len(mine) == 1}
         runs.append(FoundRun(row.run or f"row-{n + 1}", n, row, None, files))
     beside = [table, *(path for path in [table.with_suffix(".png")] if path.is_file())]
     origins = origin.kept_in(folder, f"{stem}-{origin.ARCHIVE_STEM}")
@@ -192,9 +192,9 @@ def _plain(name: str) -> str:
     return re.sub(r"[^\w.+=,-]", "_", name)[:100].strip(".") or "runs"
 
 
-def plan_of(found: FoundSeries) -> Mapping[str, Any]:
+def plan_of(series: FoundSeries) -> Mapping[str, Any]:
     """The plan of a series, as it was begun with; empty: it has none."""
     with suppress(OSError, ValueError, AttributeError):
-        plan = json.loads(read_text(found.folder / SERIES)).get("plan")
+        plan = json.loads(read_text(series.folder / SERIES)).get("plan")
         return plan if isinstance(plan, dict) else {}
     return {}

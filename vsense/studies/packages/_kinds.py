@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
-CSV, JSON, TEXT, PNG = "text/csv", "application/json", "text/plain", "image/png"
+CSV, JSON, PLAIN_TEXT, PNG = "text/csv", "application/json", "text/plain", "image/png"
 BINARY, XML, TOML = "application/octet-stream", "application/xml", "application/toml"
 
 
@@ -47,13 +47,13 @@ _RUN = (
     FileKind("trajectory.npz", "Poses", "Where every robot was, as arrays of NumPy.", BINARY),
     FileKind("*.mcap", "Recording", "All messages of a run: poses, readings, deeds and events.",
              "application/octet-stream", "recording"),
-    FileKind("log.txt", "Log", "What was said during the run.", TEXT, "text"),
+    FileKind("log.txt", "Log", "What was said during the run.", PLAIN_TEXT, "text"),
     FileKind("*.argos", "Experiment", "The experiment as it was run.", XML, "text"),
     FileKind("truth.bin", "True poses", "Where every robot of the lab truly was.", BINARY),
     FileKind("actuations.bin", "Commands", "What the wheels of the lab's robots obeyed.", BINARY),
     FileKind("physics.json", "Emulation", "How late the emulation's clock was.", JSON, "paths"),
-    FileKind("robots/*.trace", "Control steps", "Every control step of a robot.", TEXT),
-    FileKind("cameras/report/*", "Calibration's report", "How true the cameras are.", TEXT),
+    FileKind("robots/*.trace", "Control steps", "Every control step of a robot.", PLAIN_TEXT),
+    FileKind("cameras/report/*", "Calibration's report", "How true the cameras are.", PLAIN_TEXT),
     FileKind("cameras/*.json", "Camera", "A camera's calibration.", JSON),
     FileKind("cameras/truth/*.json", "True camera", "What a rendered camera truly is.", JSON),
     FileKind("*.png", "Picture of a run", "A run, or a campaign, in one picture.", PNG),
@@ -92,9 +92,9 @@ def of_run(name: str) -> FileKind | None:
 
 def of_source(name: str) -> FileKind:
     """The kind of a file that runs were made from."""
-    found = _first(_SOURCES, name.rpartition("/")[2])
-    assert found is not None, "the last one takes all"
-    return found
+    kind = _first(_SOURCES, name.rpartition("/")[2])
+    assert kind is not None, "the last one takes all"
+    return kind
 
 
 def table(name: str) -> FileKind:
@@ -116,7 +116,7 @@ def _first(kinds: tuple[FileKind, ...], name: str) -> FileKind | None:
     return None
 
 
-REPORT: Mapping[str, tuple[str, str]] = {
+REPORT_KINDS: Mapping[str, tuple[str, str]] = {
     ".html": ("Report", "text/html"),
     ".svg": ("Figure", "image/svg+xml"),
     ".png": ("Figure", PNG),

@@ -22,10 +22,10 @@ from vsense.config.experiment import ARGOS_SUFFIX, SHIPPED_FOLDER, shipped
 from vsense.modes.sim.job import Setup
 from vsense.robots.sources import source_roots
 
-PACKAGE, VSENSE = "@package", "@vsense"
+PACKAGE_MARK, VSENSE_MARK = "@package", "@vsense"
 """Where a package is unpacked, and where vsense is: what paths in a package begin with."""
 
-OWN_FOLDERS = {f"{VSENSE}/experiments": SHIPPED_FOLDER, VSENSE: PACKAGE_FOLDER}
+OWN_FOLDERS = {f"{VSENSE_MARK}/experiments": SHIPPED_FOLDER, VSENSE_MARK: PACKAGE_FOLDER}
 """Where what a package calls vsense's own is: the names outlive the layout of the folders."""
 
 ADDRESS = "192.0.2.1"
@@ -69,7 +69,7 @@ class Scrubber:
         def moved(match: re.Match[str]) -> str:
             self._count("paths")
             name = self._moved[match[0]]
-            prefix = f"{PACKAGE}/"
+            prefix = f"{PACKAGE_MARK}/"
             if beside and name.startswith(prefix):
                 return os.path.relpath(name.removeprefix(prefix), beside)
             return name
@@ -146,22 +146,22 @@ def folders_of(paths: Iterable[tuple[str, str]]) -> dict[str, str]:
     Args:
         paths: a file's name in the package, and where it was.
     """
-    found: dict[str, str] = {}
+    folders: dict[str, str] = {}
     for name, path in paths:
         inside, outside = Path(name), Path(path)
-        while inside.name and inside.name != PACKAGE and str(outside) != "/":
-            found.setdefault(str(outside), inside.as_posix())
+        while inside.name and inside.name != PACKAGE_MARK and str(outside) != "/":
+            folders.setdefault(str(outside), inside.as_posix())
             if inside.name in ("files", "vsense"):
                 break
             inside, outside = inside.parent, outside.parent
-    return found
+    return folders
 
 
 UNTRUSTED = (
     "it would compile and run code of the package: read it, then say --trust if you believe it"
 )
 
-_SHIPPED = f"{VSENSE}/experiments/"
+_SHIPPED = f"{VSENSE_MARK}/experiments/"
 _OF_FILES = ("library", "label", "path", "image", "source", "sources", "file", "include", "script")
 _FILE = re.compile(r"[/\\@~*?]|\.\.|\.[^\W\d]")
 """In a setting: a path, a pattern, or a name with the suffix of whatever language."""
@@ -179,15 +179,15 @@ class PackagePlaces:
 
     Attributes:
         package: where it was unpacked.
-        again: where what is made again goes.
+        remade: where what is made again goes.
         scrubber: replaces these folders by what paths in a package are.
     """
 
-    def __init__(self, package: Path, again: Path) -> None:
-        self.package, self.again = package, again
-        pairs = [(str(package), PACKAGE), (str(again), PACKAGE)]
+    def __init__(self, package: Path, remade: Path) -> None:
+        self.package, self.remade = package, remade
+        pairs = [(str(package), PACKAGE_MARK), (str(remade), PACKAGE_MARK)]
         pairs += [(str(path), name) for name, path in OWN_FOLDERS.items()]
-        pairs += [(str(root), VSENSE) for root in source_roots()]
+        pairs += [(str(root), VSENSE_MARK) for root in source_roots()]
         self.scrubber = Scrubber(pairs)
 
     def real(self, value: Any) -> Any:
@@ -195,7 +195,7 @@ class PackagePlaces:
         return _with_texts(value, self._real_text)
 
     def _real_text(self, text: str) -> str:
-        for name, path in ((PACKAGE, self.package), *OWN_FOLDERS.items()):
+        for name, path in ((PACKAGE_MARK, self.package), *OWN_FOLDERS.items()):
             text = text.replace(f"{name}/", f"{path}/")
         return text
 
@@ -214,18 +214,18 @@ class PackagePlaces:
         """Words, such as of an error, with a package's paths."""
         return self.scrubber.paths(str(words))
 
-    def setup(self, told: Mapping[str, Any], trusted: bool) -> Setup:
+    def setup(self, values: Mapping[str, Any], trusted: bool) -> Setup:
         """Reads how a simulated run was set up.
 
         Raises:
             Untrusted: it names code of the package.
             VsenseError: it is damaged.
         """
-        if not trusted and not is_own(told.get("experiment"), told):
+        if not trusted and not is_own(values.get("experiment"), values):
             raise Untrusted
         try:
-            path = self.experiment_path(told.get("experiment"))
-            setup = Setup.read({**self.real(told), "experiment": str(path)})
+            path = self.experiment_path(values.get("experiment"))
+            setup = Setup.read({**self.real(values), "experiment": str(path)})
             if not all(isinstance(text, str) for pair in setup.settings.items() for text in pair):
                 raise TypeError("a setting is no text")
         except (KeyError, TypeError, ValueError, AttributeError) as error:
@@ -242,7 +242,7 @@ class PackagePlaces:
 
 
 def shipped_file(experiment: object) -> Path | None:
-    """The file of a shipped experiment, by its name or its path from `VSENSE`; None: it is none."""
+    """The file of a shipped experiment, by name or path from `VSENSE_MARK`; None: it is none."""
     if not isinstance(experiment, str):
         return None
     name = experiment
@@ -258,8 +258,8 @@ def is_own(experiment: object, stated: Mapping[str, Any], text: str | None = Non
     says: never a path of the package's author.
 
     Args:
-        experiment: the name of a shipped one, or its path from `VSENSE`.
-        told: settings and places of code, as setups and recordings have them.
+        experiment: the name of a shipped one, or its path from `VSENSE_MARK`.
+        stated: settings and places of code, as setups and recordings have them.
         text: what the package has as the experiment's file, where that is what is read: it has to
             be the shipped one to the last byte. None: nothing of the package's is read.
     """

@@ -49,7 +49,7 @@ def copy(
     into: Path,
     scrubber: Scrubber,
     pictures: bool,
-    tell: Callable[[float], None] = lambda share: None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> CopiedRecording:
     """Writes a recording as it goes into a package.
 
@@ -63,14 +63,14 @@ def copy(
     def change(message: Message) -> Message | None:
         nonlocal left_out
         topics.add(message.topic)
-        if not pictures and message.topic.startswith((form.PICTURE, form.TRACKER)):
+        if not pictures and message.topic.startswith((form.PICTURE, form.TRACKER_TOPIC)):
             left_out = True
             return None
         return _scrubbed(message, scrubber)
 
     with open_recording(path) as recording, failing_as(PackageError, f"{into}: cannot be written"):
         writer = RecordingWriter(into, recording.begin_ns, recording.utc_shift_ns)
-        copy_messages(recording, writer, tell, change)
+        copy_messages(recording, writer, progress, change)
         lacks = _lacks(recording, topics, left_out)
     return CopiedRecording(left_out, lacks)
 
@@ -91,7 +91,7 @@ def _lacks(recording: Recording, topics: Collection[str], left_out: bool) -> lis
         lacks.append("does not say how its experiment was read: readings cannot be made again")
     if left_out:
         lacks.append("its pictures were left out (--pictures): poses cannot be tracked again")
-    elif form.TRACKER not in topics:
+    elif form.TRACKER_TOPIC not in topics:
         lacks.append("has no pictures (--record-images): poses cannot be tracked again")
     return lacks
 
@@ -100,11 +100,11 @@ def _scrubbed(message: Message, scrubber: Scrubber) -> Message:
     if message.topic not in _TEXTS:
         return message
     data = dict(message.data)
-    made = data.pop("made", None)
+    setup = data.pop("made", None)
     text = data.pop("file_text", None)
     data = {**scrubber.data(data), **({"user": None} if "user" in data else {})}
-    if made is not None:
-        data["made"] = scrubber.setup(made)
+    if setup is not None:
+        data["made"] = scrubber.setup(setup)
     if isinstance(text, str):
         data["file_text"] = scrubber.text(text)
     return replace(message, data={name: data[name] for name in message.data})
@@ -131,59 +131,59 @@ class RecordedRuns:
             return
         for name in run.recordings:
             path, public = self._places.package / name, partial(self._public, name)
-            with self._claims.attempt(f"{name}: poses", public), open_recording(path) as recording:
-                self._track(name, recording)
-            with self._claims.attempt(f"{name}: readings", public), open_recording(path) as again:
-                self._sense(run, name, again)
+            with self._claims.attempt(f"{name}: poses", public), open_recording(path) as file:
+                self._track(name, file)
+            with self._claims.attempt(f"{name}: readings", public), open_recording(path) as file:
+                self._sense(run, name, file)
 
     def _public(self, name: str, error: object) -> str:
         return self._places.public(error).removeprefix(f"@package/{name}: ")
 
     def _track(self, name: str, recording: Recording) -> None:
-        if form.TRACKER not in recording.topics:
+        if form.TRACKER_TOPIC not in recording.topics:
             raise VsenseError("it holds no pictures of cameras of vsense's own (--record-images)")
-        tracking = Retracking(recording, lambda made: made)
+        tracking = Retracking(recording, lambda setup: setup)
         for number, _ in enumerate(tracking.states(), 1):
-            self._tell(f"{name}: tracked again, timestep {number}")
-        found = tracking.comparison
-        differs = found.equal < found.timesteps or not found.timesteps
-        words = "; ".join(found.lines())
+            self._say(f"{name}: tracked again, timestep {number}")
+        comparison = tracking.comparison
+        differs = comparison.equal < comparison.timesteps or not comparison.timesteps
+        words = "; ".join(comparison.lines())
         self._claims.judge(f"{name}: poses", words if differs else "", words)
 
     def _sense(self, run: PackedRun, name: str, recording: Recording) -> None:
         """Makes the world again, with readings, measures and the run's row."""
         experiment = ExperimentMessage.read(recording.experiment)
-        made = experiment.made
-        if not made or not isinstance(made.get("path"), str):
+        setup = experiment.made
+        if not setup or not isinstance(setup.get("path"), str):
             raise VsenseError("it does not say how its experiment was read: an older vsense")
         self._require_trust(experiment)
-        path = self._places.experiment_path(made["path"])
+        path = self._places.experiment_path(setup["path"])
         sensing = Resensing(recording, path, self._moved)
         measures: dict[int, dict[str, float]] = {}
         for run_timestep in sensing.timesteps():
-            self._tell(f"{name}: sensed again, timestep {run_timestep}")
+            self._say(f"{name}: sensed again, timestep {run_timestep}")
             if run_timestep >= 0:
                 measures[run_timestep] = sensing.measures
-        found = sensing.comparison
-        words = "; ".join(found.lines())
-        self._claims.judge(f"{name}: readings", words if found.different else "", words)
+        comparison = sensing.comparison
+        words = "; ".join(comparison.lines())
+        self._claims.judge(f"{name}: readings", words if comparison.different else "", words)
         self._compare_measures(run, measures)
         self._compare_row(run, experiment, {**sensing.measures, **sensing.end()})
 
     def _require_trust(self, experiment: ExperimentMessage) -> None:
         """Raises Untrusted unless the experiment is vsense's own, or the package is believed."""
-        made = experiment.made or {}
-        if not self._trusted and not is_own(made.get("path"), made, experiment.file_text):
+        setup = experiment.made or {}
+        if not self._trusted and not is_own(setup.get("path"), setup, experiment.file_text):
             raise Untrusted
 
     def _moved(self, experiment: ExperimentMessage) -> ExperimentMessage:
         """What a recording says of its experiment, with the paths of here; a recording may say
         something else of it later, and Untrusted is raised for each."""
         self._require_trust(experiment)
-        made = self._places.real(dict(experiment.made or {}))
-        code = made.get("code")
+        setup = self._places.real(dict(experiment.made or {}))
+        code = setup.get("code")
         self._places.make_folders(code.get("includes", ()) if isinstance(code, dict) else ())
-        return replace(experiment, made=made, file_text=self._places.real(experiment.file_text))
+        return replace(experiment, made=setup, file_text=self._places.real(experiment.file_text))
 
     def _compare_measures(self, run: PackedRun, now: Mapping[int, Mapping[str, float]]) -> None:
         path = self._places.package / run.folder / MEASURES_CSV
@@ -191,14 +191,14 @@ class RecordedRuns:
             return
         text = path.read_text(encoding="utf-8", errors="replace")
         rows = list(csv.DictReader(text.splitlines()))
-        again = [text.partition("\n")[0]]
+        lines = [text.partition("\n")[0]]
         for row in rows:
             step = int(row["run_timestep"]) if row["run_timestep"].isdigit() else -1
-            made = now.get(step, {})
-            cells = {n: "" if made.get(n) is None else f"{made[n]:.12g}" for n in row}
-            cells |= {n: row[n] for n in ("run_timestep", "time_s") if n in row and made}
-            again.append(",".join(cells.values()))
-        words = _comparing.tables(text, "\n".join([*again, ""]))
+            measures = now.get(step, {})
+            cells = {n: "" if measures.get(n) is None else f"{measures[n]:.12g}" for n in row}
+            cells |= {n: row[n] for n in ("run_timestep", "time_s") if n in row and measures}
+            lines.append(",".join(cells.values()))
+        words = _comparing.tables(text, "\n".join([*lines, ""]))
         self._claims.judge(f"{run.folder}/{MEASURES_CSV}", words, f"{len(rows)} timesteps")
 
     def _compare_row(
@@ -234,7 +234,7 @@ class RecordedRuns:
         late = sum(span > dt_ns for span in spans) + wanted - len(rows)
         return {"late": f"{late / wanted:.12g}"} if wanted else {}
 
-    def _tell(self, text: str) -> None:
+    def _say(self, text: str) -> None:
         self._show(text)
         if self._interrupted.is_set():
             raise Interrupted

@@ -13,7 +13,7 @@ from vsense import __version__
 from vsense.base.errors import UsageError, VsenseError, failing_as
 from vsense.base.files import read_bytes
 from vsense.modes import origin
-from vsense.monitor.recording import SUFFIX, megabytes, require
+from vsense.monitor.recording import MCAP, megabytes, require
 from vsense.run.runs_csv import utc
 from vsense.studies.packages import _archive, _crate, _figures, _kinds
 from vsense.studies.packages import _contents as contents
@@ -22,7 +22,7 @@ from vsense.studies.packages._contents import CONTENTS, PackageContents, PackedR
 from vsense.studies.packages._crate import Described, Person, Title
 from vsense.studies.packages._gathering import FoundRun, FoundSeries, gather
 from vsense.studies.packages._kinds import FileKind
-from vsense.studies.packages._places import OWN_FOLDERS, PACKAGE, Scrubber, folders_of
+from vsense.studies.packages._places import OWN_FOLDERS, PACKAGE_MARK, Scrubber, folders_of
 from vsense.studies.report import Questions
 
 README = "README.md"
@@ -124,9 +124,9 @@ def pack(
     target = options.target(paths[0])
     if target.exists():
         raise PackageError(f"{target}: is there already; expected a new file")
-    found = gather(paths)
+    all_series = gather(paths)
     with TemporaryDirectory(prefix="vsense-pack-") as folder:
-        packing = Packing(Path(folder), options, found, show)
+        packing = Packing(Path(folder), options, all_series, show)
         packing.add_all()
         _archive.write(target, packing.entries, lambda name, share: show(f"writing {name}"))
         return packing.result(target)
@@ -139,25 +139,25 @@ class Packing:
         self,
         stage: Path,
         options: PackOptions,
-        found: Sequence[FoundSeries],
+        all_series: Sequence[FoundSeries],
         show: Callable[[str], None],
     ) -> None:
         self.entries: dict[str, bytes | Path] = {}
-        self._stage, self._options, self._found, self._show = stage, options, found, show
+        self._stage, self._options, self._series, self._show = stage, options, all_series, show
         self._origins: dict[Path, tuple[str, origin.RunOrigin]] = {}
         self._described: list[Described] = []
         self._lacks: list[str] = []
         self._out: dict[str, int] = {}
         self._pictures_bytes = 0
         self._runs: list[PackedRun] = []
-        self._title = _title(options, found)
+        self._title = _title(options, all_series)
         self._scrubber = Scrubber(self._moved())
 
     def add_all(self) -> None:
         """Adds everything."""
-        for path, (name, kept) in self._origins.items():
-            self._add_origin(path, name, kept)
-        for series in self._found:
+        for path, (name, source) in self._origins.items():
+            self._add_origin(path, name, source)
+        for series in self._series:
             self._add_series(series)
         report = self._add_report()
         counts = {**self._scrubber.counts, **self._out}
@@ -170,7 +170,7 @@ class Packing:
             counts,
         )
         self._put(CONTENTS, contents.to_bytes(), "Contents", "What vsense reproduces.", _kinds.JSON)
-        text = _crate.readme(self._title.name, contents, self._found)
+        text = _crate.readme(self._title.name, contents, self._series)
         self._put(README, text.encode(), "Read me", "What this is.", "text/markdown")
         self._describe()
 
@@ -187,32 +187,32 @@ class Packing:
     def _moved(self) -> list[tuple[str, str]]:
         """Paths, and what they are in the package; reads what runs were made from."""
         pairs = [(str(path), name) for name, path in OWN_FOLDERS.items()]
-        for series in self._found:
+        for series in self._series:
             for _, path in series.origins:
                 if path not in self._origins:
-                    kept = origin.read(path)
-                    name = f"{series.name}/sources-{origin.digest(kept.files)}"
-                    self._origins[path] = name, kept
-            pairs.append((str(series.folder.resolve()), f"{PACKAGE}/{series.name}"))
-        for name, kept in self._origins.values():
-            users = [n for n in kept.files if not n.startswith(origin.PACKAGE_PREFIX)]
-            named = ((f"{PACKAGE}/{name}/{n}", kept.paths[n]) for n in users)
+                    source = origin.read(path)
+                    name = f"{series.name}/sources-{origin.digest(source.files)}"
+                    self._origins[path] = name, source
+            pairs.append((str(series.folder.resolve()), f"{PACKAGE_MARK}/{series.name}"))
+        for name, source in self._origins.values():
+            users = [n for n in source.files if not n.startswith(origin.PACKAGE_PREFIX)]
+            named = ((f"{PACKAGE_MARK}/{name}/{n}", source.paths[n]) for n in users)
             pairs += folders_of(named).items()
         return pairs
 
-    def _add_origin(self, path: Path, name: str, kept: origin.RunOrigin) -> None:
-        for file, data in kept.files.items():
+    def _add_origin(self, path: Path, name: str, source: origin.RunOrigin) -> None:
+        for file, data in source.files.items():
             packed_name = f"{name}/{file}"
             self._add(packed_name, data, _kinds.of_source(file), packed_name.rpartition("/")[0])
         facts = {
-            "mode": kept.mode,
-            "machine": dict(kept.machine),
-            "about": dict(kept.about),
-            "setups": self._scrubber.setup(dict(kept.setups)),
+            "mode": source.mode,
+            "machine": dict(source.machine),
+            "about": dict(source.about),
+            "setups": self._scrubber.setup(dict(source.setups)),
         }
         text = f"{json.dumps(facts, indent=1)}\n".encode()
         about = "How runs were set up, and by which versions and machine."
-        self._put(f"{name}/{contents.MADE}", text, "Set-up", about, _kinds.JSON)
+        self._put(f"{name}/{contents.SETUP_FILE}", text, "Set-up", about, _kinds.JSON)
 
     def _add_series(self, series: FoundSeries) -> None:
         folders = {run.folder for run in series.runs}
@@ -235,8 +235,8 @@ class Packing:
         for name, path in run.files.items():
             self._add(f"{series.name}/{name}", path, _kind(name), "")
         recordings = [self._name(series, run, path) for path in run.recordings]
-        kept = series.origin_of(run)
-        name, made = self._origins[kept] if kept is not None else ("", None)
+        origin_path = series.origin_of(run)
+        name, source = self._origins[origin_path] if origin_path is not None else ("", None)
         packed = PackedRun(
             series=series.name,
             name=run.name,
@@ -246,13 +246,13 @@ class Packing:
             row=run.row,
             folder=where,
             sources=name,
-            key="" if made is None else run.key_in(made),
+            key="" if source is None else run.key_in(source),
             recordings=tuple(name for name in recordings if name in self.entries),
         )
         self._runs.append(packed)
         if run.facts.mode != "sim" and not packed.recordings:
             self._lacks.append(f"{packed.title}: no recording (--record)")
-        if run.facts.mode == "sim" and made is not None and not packed.key:
+        if run.facts.mode == "sim" and source is not None and not packed.key:
             self._lacks.append(f"{packed.title}: its settings were not kept")
 
     def _place(self, series: FoundSeries, run: FoundRun) -> str:
@@ -317,10 +317,10 @@ class Packing:
         require()
         from vsense.studies.packages import _recordings as recordings
 
-        into = self._stage / f"{len(self.entries)}{SUFFIX}"
+        into = self._stage / f"{len(self.entries)}{MCAP}"
         pictures = self._options.pictures
-        tell = lambda share: self._show(f"copying {path}: {100 * share:.0f} %")  # noqa: E731
-        copied = recordings.copy(path, into, self._scrubber, pictures, tell)
+        progress = lambda share: self._show(f"copying {path}: {100 * share:.0f} %")  # noqa: E731
+        copied = recordings.copy(path, into, self._scrubber, pictures, progress)
         if copied.left_out:
             self._leave_out("recordings' pictures (--pictures)")
             self._pictures_bytes += path.stat().st_size - into.stat().st_size
@@ -347,14 +347,14 @@ class Packing:
                 path.write_bytes(source)
         try:
             show = lambda text: self._show(f"report: {text}")  # noqa: E731
-            made = _figures.make(root, files, asked, self._stage / _figures.REPORT, show)
+            drawn = _figures.make(root, files, asked, self._stage / _figures.REPORT_PREFIX, show)
         except VsenseError as error:
             self._lacks.append(f"report: {error}".replace(f"{root}/", ""))
             return []
-        for path in made:
-            name, media = _kinds.REPORT.get(path.suffix, ("Figure", _kinds.BINARY))
+        for path in drawn:
+            name, media = _kinds.REPORT_KINDS.get(path.suffix, ("Figure", _kinds.BINARY))
             about = "Made of the package's own tables and recordings."
-            self._put(f"{_figures.REPORT}/{path.name}", path, name, about, media)
+            self._put(f"{_figures.REPORT_PREFIX}/{path.name}", path, name, about, media)
         return files
 
     def _describe(self) -> None:
@@ -362,7 +362,7 @@ class Packing:
         described = [
             replace(d, sha256=sums[d.name][0], size=sums[d.name][1]) for d in self._described
         ]
-        data = _crate.describe(self._title, described, dict(self._origins.values()), self._found)
+        data = _crate.describe(self._title, described, dict(self._origins.values()), self._series)
         self.entries[_crate.METADATA] = data
         digests = {name: sum for name, (sum, _) in sums.items()}
         digests[_crate.METADATA] = _archive.digest_of(data)[0]
@@ -376,14 +376,14 @@ class Packing:
         self._out[what] = self._out.get(what, 0) + 1
 
 
-def _title(options: PackOptions, found: Sequence[FoundSeries]) -> Title:
+def _title(options: PackOptions, all_series: Sequence[FoundSeries]) -> Title:
     """What is said of the package, as far as nobody says it: names and numbers of its runs."""
-    names = ", ".join(series.name for series in found)
-    facts = [run.facts for series in found for run in series.runs]
+    names = ", ".join(series.name for series in all_series)
+    facts = [run.facts for series in all_series for run in series.runs]
     experiments = ", ".join(sorted({row.experiment for row in facts if row.experiment}))
     about = f"{len(facts)} runs of {experiments}, with all that they were made from."
     began = max((row.began for row in facts), default="")
-    files = [path for series in found for path in (series.table, *series.files) if path]
+    files = [path for series in all_series for path in (series.table, *series.files) if path]
     newest_s = max((path.stat().st_mtime for path in files), default=0.0)
     date = options.date or (began or utc(newest_s))[:10]
     return Title(options.name or names, options.about or about, options.authors,

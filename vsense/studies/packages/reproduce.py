@@ -26,9 +26,9 @@ from vsense.studies.packages._archive import Package, PackageError
 from vsense.studies.packages._claims import Claims
 from vsense.studies.packages._contents import (
     CONTENTS,
-    MADE,
     MOST_CONTENTS,
     NO_RECORDING,
+    SETUP_FILE,
     PackageContents,
     PackedRun,
 )
@@ -87,7 +87,7 @@ class Simulating:
             except VsenseError as error:
                 lost = self._places.public(error)
                 claims.judge(f"{run.title}: simulation", f"it failed: {lost}")
-            except _comparing.DAMAGED as error:
+            except _comparing.DAMAGED_FILE as error:
                 claims.judge(f"{run.title}: files", f"one is damaged: {error!r}")
         for run, claims in by_run.items():  # in the order of the package
             if not claims.claims:
@@ -99,7 +99,7 @@ class Simulating:
         self, prepared: Sequence[PreparedRun]
     ) -> Iterator[tuple[PreparedRun, dict[str, Any]]]:
         workers: list[WorkerProcess[PreparedRun]] = []
-        lines = ((one, one.task.job.to_line()) for one in prepared)
+        lines = ((run, run.task.job.to_line()) for run in prepared)
         done = 0
 
         def show(busy: Sequence[WorkerProcess[PreparedRun]]) -> None:
@@ -108,8 +108,8 @@ class Simulating:
         try:
             for _ in range(min(self._jobs, len(prepared))):
                 workers.append(WorkerProcess())
-            for one, answer in watch(lines, workers, self._interrupted, show, HANG_MAX_S):
-                yield one, answer
+            for run, answer in watch(lines, workers, self._interrupted, show, HANG_MAX_S):
+                yield run, answer
                 done += 1
         finally:
             for worker in workers:
@@ -122,35 +122,35 @@ class Simulating:
             raise VsenseError("its seed is not in the package")
         setup = self._places.setup(facts, self._trusted)
         experiment = setup.load()
-        folder = self._places.again / run.folder if run.folder else None
+        folder = self._places.remade / run.folder if run.folder else None
         if folder is not None:
             folder.mkdir(parents=True, exist_ok=True)
-        kept = None
+        recording = None
         if run.recordings:
-            kept = self._places.again / run.recordings[0]
-            kept.parent.mkdir(parents=True, exist_ok=True)
+            recording = self._places.remade / run.recordings[0]
+            recording.parent.mkdir(parents=True, exist_ok=True)
         job = Job(
             setup,
             run.seed,
             self._libraries(run, experiment),
             None if folder is None or not self._has(run, TRAJECTORY) else str(folder),
-            None if kept is None else str(kept),
+            None if recording is None else str(recording),
         )
-        return PreparedRun(run, Task(job, experiment), folder or self._places.again)
+        return PreparedRun(run, Task(job, experiment), folder or self._places.remade)
 
     def _setup(self, run: PackedRun) -> Mapping[str, Any]:
         """How a run was set up; VsenseError where the package does not say."""
         if not run.sources or not run.key:
             raise VsenseError(_NO_ORIGIN)
-        path = self._places.package / run.sources / MADE
+        path = self._places.package / run.sources / SETUP_FILE
         try:
             facts = parse_json(read_text(path, most_bytes=MOST_TABLE_BYTES))
             self._note_machine(run.sources, dict(facts["machine"]))
             setup = facts["setups"][run.key]
         except (OSError, ValueError, KeyError, TypeError) as error:
-            raise VsenseError(f"{run.sources}/{MADE} is damaged: {error!r}") from None
+            raise VsenseError(f"{run.sources}/{SETUP_FILE} is damaged: {error!r}") from None
         if not isinstance(setup, dict):
-            raise VsenseError(f"{run.sources}/{MADE} is damaged: no setup")
+            raise VsenseError(f"{run.sources}/{SETUP_FILE} is damaged: no setup")
         return setup
 
     def _note_machine(self, sources: str, machine: dict[str, str]) -> None:
@@ -189,11 +189,11 @@ class Simulating:
             claims.judge(f"{run.title}: {SUMMARY}", list(differences))
         names = [*_FILES, f"{experiment.name}.png"] if simulated.task.job.directory else []
         for name in [name for name in names if self._has(run, name)]:
-            path, again = places.package / run.folder / name, simulated.folder / name
-            claims.judge(f"{run.folder}/{name}", _comparing.files(path, again, places.scrubber))
+            path, remade = places.package / run.folder / name, simulated.folder / name
+            claims.judge(f"{run.folder}/{name}", _comparing.files(path, remade, places.scrubber))
         for name in run.recordings[:1]:
-            path, again = places.package / name, places.again / name
-            claims.judge(name, _comparing.recordings(path, again))
+            path, remade = places.package / name, places.remade / name
+            claims.judge(name, _comparing.recordings(path, remade))
 
 
 def _cells(experiment: Experiment, result: Mapping[str, Any]) -> dict[str, str]:
@@ -207,7 +207,7 @@ def _cells(experiment: Experiment, result: Mapping[str, Any]) -> dict[str, str]:
     }
 
 
-_PACKAGE, _AGAIN = "package", "anew"
+_PACKAGE, _REMADE = "package", "anew"
 """Folders of what was unpacked, and of what was made again."""
 
 
@@ -261,7 +261,7 @@ def reproduce(
         with _folder(options.output) as folder:
             show(f"unpacking {package.size >> 20} MB")
             package.unpack(folder / _PACKAGE)
-            places = PackagePlaces(folder / _PACKAGE, folder / _AGAIN)
+            places = PackagePlaces(folder / _PACKAGE, folder / _REMADE)
             _make_all(contents, places, claims, options, interrupted, show)
     if any(UNTRUSTED in claim.words for claim in claims.claims):
         claims.notes.append(f"some of it was left alone: {UNTRUSTED}")
@@ -279,7 +279,7 @@ def _folder(output: Path | None) -> Iterator[Path]:
         output.mkdir(parents=True, exist_ok=True)
         if any(output.iterdir()):
             raise PackageError(f"{output}: is not empty: expected a new folder")
-        (output / _AGAIN).mkdir()
+        (output / _REMADE).mkdir()
     yield output.resolve()
 
 
@@ -293,24 +293,24 @@ def _make_all(
 ) -> None:
     if contents.version != __version__:
         claims.notes.append(f"vsense was {contents.version}, now {__version__}")
-    places.again.mkdir(exist_ok=True)
+    places.remade.mkdir(exist_ok=True)
     simulated = [run for run in contents.runs if run.mode == "sim"]
-    others = [run for run in contents.runs if run.mode != "sim"]
+    not_simulated = [run for run in contents.runs if run.mode != "sim"]
     has_recordings = any(run.recordings for run in contents.runs)
     if has_recordings:
         require()
     trusted = options.trusted
     Simulating(places, claims, trusted, options.jobs, interrupted, show).make(simulated)
     if not has_recordings:
-        for run in others:
+        for run in not_simulated:
             claims.cannot(f"{run.title}: readings and poses", NO_RECORDING)
-    elif others:
+    elif not_simulated:
         from vsense.studies.packages._recordings import (
             RecordedRuns,  # these need the extra `record`
         )
 
         recorded = RecordedRuns(places, claims, trusted, interrupted, show)
-        for run in others:
+        for run in not_simulated:
             recorded.make(run)
     if contents.report:
         _make_report(contents, places, claims, show)
@@ -320,17 +320,17 @@ def _make_report(
     contents: PackageContents, places: PackagePlaces, claims: Claims, show: Callable[[str], None]
 ) -> None:
     if missing := _figures.cannot():
-        claims.cannot(_figures.REPORT, missing)
+        claims.cannot(_figures.REPORT_PREFIX, missing)
         return
-    before, again = places.package / _figures.REPORT, places.again / _figures.REPORT
-    with claims.attempt(_figures.REPORT, places.public):
+    before, after = places.package / _figures.REPORT_PREFIX, places.remade / _figures.REPORT_PREFIX
+    with claims.attempt(_figures.REPORT_PREFIX, places.public):
         questions = _figures.from_data(contents.asked)
         files = contents.report
-        _figures.make(places.package, files, questions, again, lambda text: show(f"report: {text}"))
-        names = {path.name for folder in (before, again) for path in folder.iterdir()}
+        _figures.make(places.package, files, questions, after, lambda text: show(f"report: {text}"))
+        names = {path.name for folder in (before, after) for path in folder.iterdir()}
         for name in sorted(names):
-            thing = f"{_figures.REPORT}/{name}"
+            thing = f"{_figures.REPORT_PREFIX}/{name}"
             if not (before / name).exists():
                 claims.judge(thing, "it is not in the package")
             else:
-                claims.judge(thing, _comparing.files(before / name, again / name, places.scrubber))
+                claims.judge(thing, _comparing.files(before / name, after / name, places.scrubber))

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vsense.base.canvas import Floats
+from vsense.monitor import recording
 from vsense.monitor.pictures.run_figure import spoken
 from vsense.studies.report import _plot
 from vsense.studies.report._compare import Group, curve, measure_names, statistics
 from vsense.studies.report._findings import Findings
 from vsense.studies.report._flow import FINE, LOST, STOPPED, UNSEEN
-from vsense.studies.report._gather import IN_CONE
 from vsense.studies.report._plot import Drawing
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def measures(findings: Findings) -> Drawing | None:
     rows[-1].set_xlabel(RUN_TIME)
     figure.align_ylabels()
     caption = f"What the experiment measured in {findings.part}, a value for each timestep"
-    if findings.gathered.cones and IN_CONE in series:
+    if findings.gathered.cones and recording.IN_CONE in series:
         caption += (
             ". The report itself counted the robots in the cone, and those of them whose red LEDs"
             " were lit, from tracked poses, the cone, and telemetry, where the experiment did not"
@@ -71,9 +71,9 @@ def _gaps(axes: Axes, findings: Findings) -> None:
     """Tints the times in which nothing is known; neighbours together."""
     spans: list[tuple[float, float]] = []
     near_s = findings.run_s / _plot.MOST_PLACES
-    for one in findings.incidents:
-        if one.kind in ("not recorded", "silence"):
-            begin_s, end_s = one.from_s, findings.run_s if one.to_s is None else one.to_s
+    for gap in findings.incidents:
+        if gap.kind in ("not recorded", "silence"):
+            begin_s, end_s = (gap.from_s, findings.run_s if gap.to_s is None else gap.to_s)
             if spans and begin_s - sum(spans[-1]) < near_s:
                 begin_s, end_s = spans[-1][0], max(end_s, sum(spans.pop()))
             spans.append((begin_s, max(end_s - begin_s, 0.0)))
@@ -128,10 +128,10 @@ def _counts(findings: Findings, axes: Axes, count: int) -> None:
     _gaps(axes, findings)
     times = findings.times_s(flow.time_ns)
     seen, connected = np.array(flow.seen), np.array(flow.connected)
-    known = connected >= 0
+    valid = connected >= 0
     axes.axhline(count, color="0.5", linestyle=":", linewidth=0.8, label=f"all {count}")
-    if known.any():
-        _plot.steps(axes, times[known], connected[known], "C2", linewidth=3, label="connected")
+    if valid.any():
+        _plot.steps(axes, times[valid], connected[valid], "C2", linewidth=3, label="connected")
     _plot.steps(axes, times, seen, "C0", linewidth=1, label="seen")
     _plot.from_zero(axes, [count, *seen.tolist()])
     axes.set_ylabel("robots")

@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 
 from vsense.base.canvas import Floats
+from vsense.monitor import recording
 from vsense.monitor.pictures.run_figure import spoken
 from vsense.run.runs_csv import RunRow
-from vsense.studies.report._facts import KINDS, RECORDED
+from vsense.studies.report._facts import RECORDED, RUN_KINDS
 from vsense.studies.report._findings import Findings
-from vsense.studies.report._gather import IN_CONE, LIT_IN_CONE
 from vsense.studies.report.study._collect import TableOfRuns
 
-_ENDS = (("in_cone", IN_CONE), ("lit", LIT_IN_CONE))
+_ENDS = (("in_cone", recording.IN_CONE), ("lit", recording.LIT_IN_CONE))
 """The swarm's figures of a campaign, and the measure of a recording whose last value they are."""
 
 
@@ -52,10 +52,10 @@ def labels(tables: Sequence[CampaignRuns]) -> list[str]:
         alike.setdefault((table.experiment, table.kind, table.condition), set()).add(own)
     names = []
     for table, own in zip(tables, parts):
-        others = alike[table.experiment, table.kind, table.condition] - {own}
-        lengths = (n for n in range(1, len(own)) if all(o[-n:] != own[-n:] for o in others))
+        rest = alike[table.experiment, table.kind, table.condition] - {own}
+        lengths = (n for n in range(1, len(own)) if all(o[-n:] != own[-n:] for o in rest))
         file = Path(*own[-next(lengths, len(own)) :])
-        names.append(f"{file}, {table.condition}" if others else table.condition)
+        names.append(f"{file}, {table.condition}" if rest else table.condition)
     return names
 
 
@@ -70,7 +70,7 @@ def campaign_runs(table: TableOfRuns) -> list[CampaignRuns]:
             path=table.path,
             experiment=experiment,
             condition=condition,
-            kind=KINDS[mode],
+            kind=RUN_KINDS[mode],
             seeds=["" if row.seed is None else str(row.seed) for row in rows],
             ends=_ends(rows),
         )
@@ -150,7 +150,7 @@ class Statistics:
 
 
 _BLIND = {False: "sighted", True: "blind", None: "condition unknown"}
-_ORDER = (*KINDS.values(), RECORDED)
+_ORDER = (*RUN_KINDS.values(), RECORDED)
 
 
 def groups(runs: Sequence[Findings], tables: Sequence[CampaignRuns] = ()) -> list[Group]:
@@ -165,8 +165,8 @@ def groups(runs: Sequence[Findings], tables: Sequence[CampaignRuns] = ()) -> lis
         kinds.setdefault(name, set()).add(facts.kind)
         sorted_.setdefault((name, facts.kind, facts.blind), []).append(run)
     sorted_groups = [
-        Group(name, _words(kind, blind, len(kinds[name]) > 1), some, (), kind, blind)
-        for (name, kind, blind), some in sorted_.items()
+        Group(name, _words(kind, blind, len(kinds[name]) > 1), members, (), kind, blind)
+        for (name, kind, blind), members in sorted_.items()
     ]
     for table, label in zip(tables, labels(tables)):
         words = f"{table.kind} ({label})"
@@ -226,19 +226,19 @@ def held(times: Floats, values: Floats, grid: Floats) -> Floats:
 
 def quantities(run: Findings) -> dict[str, float]:
     """What is compared of a run as single numbers, by a name with its unit."""
-    found: dict[str, float] = {}
+    result: dict[str, float] = {}
     for name, values in run.measures.items():
-        found[f"{spoken(name)}, at the end"] = values["end"]
-        found[f"{spoken(name)}, mean over the run"] = values["mean"]
+        result[f"{spoken(name)}, at the end"] = values["end"]
+        result[f"{spoken(name)}, mean over the run"] = values["mean"]
     moved = [row for row in run.robots if row.speed_m_s is not None]
     if moved:
-        found["distance per robot [m]"] = float(np.mean([row.distance_m for row in moved]))
+        result["distance per robot [m]"] = float(np.mean([row.distance_m for row in moved]))
         speeds = [row.speed_m_s for row in moved if row.speed_m_s is not None]
-        found["speed per robot [m/s]"] = float(np.mean(speeds))
+        result["speed per robot [m/s]"] = float(np.mean(speeds))
     latency = run.latency
     if latency:
-        found["latency, median [ms]"] = latency["p50_ms"]
-    return found
+        result["latency, median [ms]"] = latency["p50_ms"]
+    return result
 
 
 def statistics(values: Sequence[float]) -> Statistics:
@@ -254,7 +254,7 @@ def table(groups_: Sequence[Group]) -> dict[str, dict[str, Statistics]]:
         for run in group.runs:
             for name, value in quantities(run).items():
                 rows.setdefault(name, {}).setdefault(group.condition, []).append(value)
-        for measure, values in ((m, v) for some in group.tables for m, v in some.ends.items()):
+        for measure, values in ((m, v) for runs in group.tables for m, v in runs.ends.items()):
             name = f"{spoken(measure)}, at the end"
             rows.setdefault(name, {}).setdefault(group.condition, []).extend(values)
     return {
@@ -279,7 +279,7 @@ def as_json(groups_: Sequence[Group]) -> list[Mapping[str, Any]]:
                 for name, columns in statistics_.items()
                 if group.condition in columns
             }
-            paths = [*(run.path for run in group.runs), *(some.path for some in group.tables)]
+            paths = [*(run.path for run in group.runs), *(runs.path for runs in group.tables)]
             files = [str(path) for path in paths]
             rows.append(
                 {

@@ -14,18 +14,18 @@ TIMESTEP_S = 0.1
 """Where a recording does not say how long a timestep is."""
 TIMESTEPS_S = 1e-3, 60.0
 """Shortest and longest timestep."""
-MOST = 1e15
+NUMBER_MAX = 1e15
 """Greater numbers are damage."""
 MOST_M = 1e4
 """Greatest distance of a place, either way."""
-LEAST_M = 0.1
+MIN_SIDE_M = 0.1
 """Smallest side of an arena."""
 MOST_ASPECT = 4.0
 """An arena that is longer than so many of its widths is not drawn as it is."""
 
 
 SIMULATION, RECORDED = "simulation", "recorded pictures"
-KINDS = {"sim": SIMULATION, "lab": "lab", "run": "real robots"}
+RUN_KINDS = {"sim": SIMULATION, "lab": "lab", "run": "real robots"}
 """Kinds of runs, by the command that made them, in the order in which they are shown. `RECORDED`: a
 run whose cameras are recordings."""
 
@@ -57,7 +57,7 @@ class Facts:
     @property
     def kind(self) -> str:
         """What kind of run it was, in words; "" unknown."""
-        return RECORDED if self.recorded else KINDS.get(self.command, "")
+        return RECORDED if self.recorded else RUN_KINDS.get(self.command, "")
 
     @property
     def simulated(self) -> bool:
@@ -95,8 +95,8 @@ def read_facts(data: Mapping[str, Any]) -> Facts:
 
 
 def number(value: Any) -> float | None:
-    """A number of at most `MOST`, or None."""
-    if isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= MOST:
+    """A number of at most `NUMBER_MAX`, or None."""
+    if isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= NUMBER_MAX:
         return float(value)
     return None
 
@@ -110,16 +110,16 @@ def clock_ns(value: Any) -> int:
 
 def entities(world: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """The entities of a `/world`."""
-    found = world.get("entities")
-    return [each for each in found if isinstance(each, dict)] if isinstance(found, list) else []
+    rows = world.get("entities")
+    return [row for row in rows if isinstance(row, dict)] if isinstance(rows, list) else []
 
 
 def numbers(values: Any, count: int) -> tuple[float, ...] | None:
     """So many finite numbers, or None."""
     if not isinstance(values, Sequence) or isinstance(values, str) or len(values) < count:
         return None
-    found = [number(value) for value in values[:count]]
-    return None if None in found else tuple(value for value in found if value is not None)
+    parsed = [number(value) for value in values[:count]]
+    return None if None in parsed else tuple(value for value in parsed if value is not None)
 
 
 def _names(rows: Sequence[Any]) -> dict[int, str]:
@@ -139,7 +139,7 @@ def _controllers(experiment: ExperimentMessage) -> dict[int, str]:
 def _arena(data: Mapping[str, Any]) -> Arena | None:
     """The arena, if it can be drawn as it is."""
     size_m, centre_m = numbers(data.get("size_m"), 2), numbers(data.get("centre_m"), 2)
-    if size_m is None or centre_m is None or not LEAST_M <= min(size_m) <= max(size_m) < MOST_M:
+    if size_m is None or centre_m is None or not MIN_SIDE_M <= min(size_m) <= max(size_m) < MOST_M:
         return None
     if max(map(abs, centre_m)) > MOST_M or max(size_m) > MOST_ASPECT * min(size_m):
         return None

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vsense.monitor.recording.form import RecordingError
 from vsense.monitor.recording.reader import Gap, Recording, open_recording
-from vsense.studies.report._flow import SILENCE_NS, Interval, LinkHealth
+from vsense.studies.report._flow import SILENCE_LIMIT_NS, Interval, LinkHealth
 from vsense.studies.report._gather import Gatherer, RobotTrack, gather
 
 Floats = NDArray[np.float64]
@@ -225,7 +225,7 @@ def _incidents(recording: Recording, gathered: Gatherer, zero_ns: int) -> list[I
     end_ns = recording.begin_ns + round(1e9 * recording.duration_s)
     newest_ns = gathered.flow.newest_ns
     over = gathered.state in ("ended", "emergency")
-    if gathered.flow.lived and not over and end_ns - newest_ns > 2 * SILENCE_NS:
+    if gathered.flow.lived and not over and end_ns - newest_ns > 2 * SILENCE_LIMIT_NS:
         words = "no arena state until the recording's end"
         intervals.append(("silence", Interval(words, newest_ns)))
     intervals += [("no link", interval) for interval in gathered.links.losses]
@@ -274,7 +274,8 @@ def as_json(findings: Findings) -> dict[str, Any]:
             for name, (total, count) in gathered.cameras.rates_hz.items()
         },
         "amiss": [
-            {name: getattr(one, name) for name in Incident.__slots__} for one in findings.incidents
+            {name: getattr(incident, name) for name in Incident.__slots__}
+            for incident in findings.incidents
         ],
         "events": len(gathered.events) + gathered.more_events,
     }

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vsense.studies.report._facts import number
 
-SILENCE_NS = 500_000_000
+SILENCE_LIMIT_NS = 500_000_000
 """A longer time without an arena state is reported."""
 MOST_INTERVALS = 1_000
 """Silences, link losses and camera troubles of a recording, listed one by one: each so many."""
@@ -71,7 +71,7 @@ class Flow:
         """Adds an arena state that is no part of the run, such as one in a pause."""
         if self.begin_ns is None:
             return
-        if capture_ns - self.newest_ns > SILENCE_NS and len(self.intervals) < MOST_INTERVALS:
+        if capture_ns - self.newest_ns > SILENCE_LIMIT_NS and len(self.intervals) < MOST_INTERVALS:
             self.intervals.append(Interval("no arena state", self.newest_ns, capture_ns))
         self.newest_ns = max(capture_ns, self.newest_ns)
 

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.message_bus import Message
-from vsense.monitor.recording.form import ORDERS, PARTS, RunMessage
+from vsense.monitor import recording
+from vsense.monitor.recording.form import ORDERS_TOPIC, PARTS, RunMessage
 from vsense.monitor.recording.reader import Recording
 from vsense.studies.report._facts import MOST_ASPECT, MOST_M, Facts, clock_ns, number, read_facts
 from vsense.studies.report._flow import FINE, UNSEEN, CameraCounts, Flow, SeenRobots, Strips
@@ -21,11 +22,11 @@ from vsense.world.entities import Arena
 
 Floats = NDArray[np.float64]
 
-CELL_M = 0.05
+MAP_CELL_M = 0.05
 """Occupancy is counted in squares of this side."""
 STILL_M = 0.005
 """Shorter moves count once they add up to this: a standing robot's pose has noise."""
-UNSEEN_NS = 1_000_000_000
+WAY_BREAK_NS = 1_000_000_000
 """A way that was not seen for longer is neither drawn nor counted."""
 MOST_POINTS = 4_000
 """A robot's way with so many points is thinned to half of them."""
@@ -50,7 +51,7 @@ class RobotTrack:
         self._spacing_m = STILL_M
         self._most = MOST_POINTS
         self._anchor: tuple[float, float] | None = None
-        self._kept: tuple[float, float] | None = None
+        self._stored: tuple[float, float] | None = None
         self._last: tuple[float, float] | None = None
         self.last_ns = 0
 
@@ -66,7 +67,7 @@ class RobotTrack:
         if self._anchor is not None:
             unseen_ns = time_ns - self.last_ns
             self.longest_unseen_s = max(self.longest_unseen_s, unseen_ns / 1e9)
-            if unseen_ns > UNSEEN_NS:
+            if unseen_ns > WAY_BREAK_NS:
                 self.lift()
             else:
                 self.followed_s += unseen_ns / 1e9
@@ -78,7 +79,7 @@ class RobotTrack:
             if step_m >= STILL_M:
                 self.distance_m += step_m
                 self._anchor = here
-        if self._kept is None or math.dist(self._kept, here) >= self._spacing_m:
+        if self._stored is None or math.dist(self._stored, here) >= self._spacing_m:
             self._keep(here)
         self._last, self.last_ns = here, time_ns
 
@@ -86,10 +87,10 @@ class RobotTrack:
         """Ends the present piece of the way: the next is not joined to it."""
         if self._last is not None:
             self._points.extend((*self._last, math.nan, math.nan))
-        self._anchor = self._kept = self._last = None
+        self._anchor = self._stored = self._last = None
 
     def _keep(self, here: tuple[float, float]) -> None:
-        self._kept = here
+        self._stored = here
         self._points.extend(here)
         if len(self._points) >= 2 * self._most:
             self._spacing_m *= 2.0
@@ -106,7 +107,7 @@ class Tracks:
         of: the ways by tag.
         objects_m: where tagged objects were last, by tag.
         states: number of arena states.
-        cells: robots' timesteps by square (column, row) of `CELL_M`; (0, 0) begins at the origin.
+        cells: robots' timesteps by square (column, row) of `MAP_CELL_M`; (0, 0) is at the origin.
         places_m: where the robots of the newest state were seen, by tag.
     """
 
@@ -138,7 +139,7 @@ class Tracks:
             self.places_m[tag] = (x_m, y_m)
             track = self.of.get(tag) or self.of.setdefault(tag, RobotTrack())
             track.add(capture_ns, x_m, y_m)
-            self.cells[math.floor(x_m / CELL_M), math.floor(y_m / CELL_M)] += 1
+            self.cells[math.floor(x_m / MAP_CELL_M), math.floor(y_m / MAP_CELL_M)] += 1
 
     def lift(self) -> None:
         """Ends all pieces: during a pause the robots' moves do not count."""
@@ -147,16 +148,14 @@ class Tracks:
 
 
 def _is_place(value: Any) -> bool:
-    known = number(value)
-    return known is not None and abs(known) < MOST_M
+    parsed = number(value)
+    return parsed is not None and abs(parsed) < MOST_M
 
 
-MOST_EVENTS = 500
-IN_CONE, LIT_IN_CONE = "robots_in_cone", "lit_in_cone"
-"""Measures that the report counts itself, where there is a pollutant: figures of chapter 5."""
+MOST_TEXTS = 500
 
-Cone = tuple[tuple[float, float], ...]
-ODD = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError)
+ConePoints = tuple[tuple[float, float], ...]
+DAMAGED_MESSAGE = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError)
 """What a damaged message raises."""
 
 
@@ -194,10 +193,10 @@ class Gatherer:
         cones: the first and the newest polluted triangle of each source.
         late: timesteps whose readings left late, as the run counted them; None unknown.
         state: the run's state at the recording's end, "" unknown.
-        events: messages for people, the first `MOST_EVENTS`.
+        events: messages for people, the first `MOST_TEXTS`.
         more_events: how many others there were.
         changes: of the world, by people, while the run went on.
-        parts: who played which part, as far as uids were told, the first `MOST_EVENTS`.
+        parts: who played which part, as far as uids were told, the first `MOST_TEXTS`.
         measures: by name, times since the run began [s] and values, (n,) each.
         latency_ns, latency_ms: capture times, and ages of pictures when the readings left, (n,).
     """
@@ -207,7 +206,7 @@ class Gatherer:
         self.ran = False
         self.odd = 0
         self.world: Mapping[str, Any] = {}
-        self.cones: dict[int, tuple[Cone, Cone]] = {}
+        self.cones: dict[int, tuple[ConePoints, ConePoints]] = {}
         self.late: int | None = None
         self.state = ""
         self.events: list[RecordedEvent] = []
@@ -225,7 +224,7 @@ class Gatherer:
             "/world": self._world,
             "/event": self._event,
             PARTS: self._parts,
-            ORDERS: self._order,
+            ORDERS_TOPIC: self._order,
         }
 
     def _begin(self) -> None:
@@ -260,7 +259,7 @@ class Gatherer:
         """Adds a message; one that is damaged is counted and left out."""
         try:
             self._takers[message.topic](message)
-        except ODD:
+        except DAMAGED_MESSAGE:
             self.odd += 1
 
     def _arena(self, message: Message) -> None:
@@ -290,7 +289,7 @@ class Gatherer:
         for tag in self.facts.robots or self.tracks.of:
             track = self.tracks.of.get(tag)
             seen_ns = track.last_ns if track is not None else self.flow.begin_ns
-            if seen_ns is not None and capture_ns - seen_ns > UNSEEN_NS:
+            if seen_ns is not None and capture_ns - seen_ns > WAY_BREAK_NS:
                 since[tag] = seen_ns
         self.strips.add(capture_ns, dict.fromkeys(since, UNSEEN), since)
 
@@ -308,15 +307,15 @@ class Gatherer:
         if self.cones:
             places = self.tracks.places_m.items()
             inside = [tag for tag, at in places if any(_holds(cone, at) for cone in cones)]
-            measures.setdefault(IN_CONE, len(inside))
+            measures.setdefault(recording.IN_CONE, len(inside))
             # The LEDs of one timestep ago: the robots report later than the world.
-            measures.setdefault(LIT_IN_CONE, sum(tag in self.links.lit for tag in inside))
+            measures.setdefault(recording.LIT_IN_CONE, sum(tag in self.links.lit for tag in inside))
         for name, value in measures.items():
-            known = number(value)
-            if known is not None:
+            parsed = number(value)
+            if parsed is not None:
                 times, values = self.measures.setdefault(str(name), (array("d"), array("d")))
                 times.append(time_s)
-                values.append(known)
+                values.append(parsed)
 
     def _readings(self, message: Message) -> None:
         if self._going and not self.facts.simulated:
@@ -345,10 +344,10 @@ class Gatherer:
         for part, name, tag, uid in zip(*columns):
             row = PlayedPart(message.time_ns, int(part), str(name), int(tag), str(uid or ""))
             if row.uid and newest.get(row.part) != (row.tag, row.uid):
-                self.parts += [row] * (len(self.parts) < MOST_EVENTS)
+                self.parts += [row] * (len(self.parts) < MOST_TEXTS)
 
     def _event(self, message: Message) -> None:
-        if len(self.events) >= MOST_EVENTS:
+        if len(self.events) >= MOST_TEXTS:
             self.more_events += 1
             return
         data = message.data
@@ -358,15 +357,15 @@ class Gatherer:
 
 def gather(recording: Recording, progress: Callable[[float], None]) -> Gatherer:
     """Reads a recording; `progress` takes now and then how many seconds of it were read."""
-    found = Gatherer(read_facts(recording.experiment))
-    for place, message in enumerate(recording.messages(found.topics)):
-        found.receive(message)
+    gatherer = Gatherer(read_facts(recording.experiment))
+    for place, message in enumerate(recording.messages(gatherer.topics)):
+        gatherer.receive(message)
         if place % 500 == 0:
             progress((message.time_ns - recording.begin_ns) / 1e9)
-    return found
+    return gatherer
 
 
-def read_cone(data: Mapping[str, Any]) -> Cone:
+def read_cone(data: Mapping[str, Any]) -> ConePoints:
     """Reads a polluted triangle; KeyError, TypeError, ValueError if it is damaged."""
     corners = tuple((float(x), float(y)) for x, y in zip(data["x_m"], data["y_m"], strict=True))
     if len(corners) != 3 or not (np.abs(corners) < MOST_M).all():
@@ -374,7 +373,7 @@ def read_cone(data: Mapping[str, Any]) -> Cone:
     return corners
 
 
-def _holds(cone: Cone, at: tuple[float, float]) -> bool:
+def _holds(cone: ConePoints, at: tuple[float, float]) -> bool:
     turns = [
         (bx - ax) * (at[1] - ay) - (by - ay) * (at[0] - ax)
         for (ax, ay), (bx, by) in zip(cone, (*cone[1:], cone[0]), strict=True)

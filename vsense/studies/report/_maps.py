@@ -13,7 +13,7 @@ import numpy as np
 from vsense.base.canvas import Floats
 from vsense.studies.report._facts import entities, number, numbers
 from vsense.studies.report._findings import Findings
-from vsense.studies.report._gather import CELL_M, ODD, Gatherer
+from vsense.studies.report._gather import DAMAGED_MESSAGE, MAP_CELL_M, Gatherer
 from vsense.studies.report._plot import Drawing, label, new_figure, setting, width_of
 from vsense.world.entities import Arena
 
@@ -29,7 +29,7 @@ NEWEST_WIDTHS = 25.0
 """If the ways are together longer than so many widths of the arena, older parts are grey."""
 MOST_TIMES = 12.0
 """If they are so many times as long, older parts are left out."""
-MOST_NAMES = 30
+MOST_TAGS = 30
 """If there are more robots, they are not named."""
 _CONE, _LAMP, _VIRTUAL, _GHOST = "#E69F00", "#F0E442", "#CC79A7", "#009E73"
 _WHITE = 1.0, 1.0, 1.0
@@ -71,7 +71,7 @@ def ways(findings: Findings) -> Drawing | None:
 
 def _caption(findings: Findings, count: int, times: float, newest_m: float) -> str:
     ends = "ring of a robot's size: where it was last seen"
-    ends += ", with its tag" if count <= MOST_NAMES else ""
+    ends += ", with its tag" if count <= MOST_TAGS else ""
     if times <= 1.0:
         shown = f"Hollow circle: where a robot was first seen; {ends}."
     else:
@@ -100,15 +100,15 @@ def _ends(axes: Axes, gathered: Gatherer, ways_: Mapping[int, Floats], first: bo
     paper, radius_m = setting("axes.facecolor"), gathered.facts.body_radius_m
     begin: dict[str, Any] = {"markersize": 4, "markeredgewidth": 0.8, "zorder": 3}
     for place, way in enumerate(ways_.values()):
-        colour, known = f"C{place}", way[np.isfinite(way).all(axis=1)]
+        colour, seen = f"C{place}", way[np.isfinite(way).all(axis=1)]
         if first:
-            axes.plot(*known[0], "o", color=paper, markeredgecolor=colour, **begin)
-        axes.plot(*(known[-1] + radius_m * _ROUND).T, color=colour, linewidth=1.4, zorder=3)
-        axes.plot(*known[-1], ".", color=colour, markersize=3, zorder=3)
+            axes.plot(*seen[0], "o", color=paper, markeredgecolor=colour, **begin)
+        axes.plot(*(seen[-1] + radius_m * _ROUND).T, color=colour, linewidth=1.4, zorder=3)
+        axes.plot(*seen[-1], ".", color=colour, markersize=3, zorder=3)
     if first:
         axes.plot([], [], "o", color=paper, markeredgecolor="0.4", label="first seen", **begin)
     axes.plot([], [], "o", color="0.4", fillstyle="none", markersize=7, label="last seen")
-    for tag, way in ways_.items() if len(ways_) <= MOST_NAMES else ():
+    for tag, way in ways_.items() if len(ways_) <= MOST_TAGS else ():
         last = way[np.isfinite(way).all(axis=1)][-1]
         # Towards the arena's middle near its right edge.
         side = -1 if last[0] - gathered.arena.centre_m[0] > 0.4 * gathered.arena.size_m[0] else 1
@@ -136,7 +136,7 @@ def occupancy(findings: Findings) -> Drawing | None:
         return None
     arena = gathered.arena
     figure, axes = _map(arena, width_of(wide=False), bar_in=0.45)
-    squares = (np.array(list(gathered.tracks.cells))[:, None] + _CORNERS + 0.5) * CELL_M
+    squares = (np.array(list(gathered.tracks.cells))[:, None] + _CORNERS + 0.5) * MAP_CELL_M
     seconds = np.array(list(gathered.tracks.cells.values())) * gathered.facts.timestep_s
     there = [_near(square, arena) for square in squares]
     norm = PowerNorm(0.5, 0.0, float(seconds.max()))
@@ -150,7 +150,7 @@ def occupancy(findings: Findings) -> Drawing | None:
         cells, ax=axes, label="time [s]", ticks=MaxNLocator(4), fraction=0.06, pad=0.02, aspect=25
     )
     caption = (
-        f"How long robots were in each square of {CELL_M * 100:.0f} cm in {findings.part}:"
+        f"How long robots were in each square of {MAP_CELL_M * 100:.0f} cm in {findings.part}:"
         f" the sum over all robots of the time in which they were seen there. White: never."
         f" Colours follow the square root of the time, so that short stays show, too."
     )
@@ -282,7 +282,7 @@ def _floor(axes: Axes, world: Mapping[str, Any]) -> None:
         size, middle = numbers(data.get("size_m"), 2), numbers(data.get("centre_m"), 2)
         raw = np.frombuffer(base64.b64decode(data["png"]), np.uint8)
         image = cv2.imdecode(raw, cv2.IMREAD_COLOR)
-    except (*ODD, binascii.Error, cv2.error):
+    except (*DAMAGED_MESSAGE, binascii.Error, cv2.error):
         return
     if image is None or size is None or min(size) <= 0.0:
         return

@@ -14,7 +14,7 @@ DASH = "–"
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
+class PageFigure:
     """A picture of the page; `width_px` is as shown, `wide` takes the page's whole width."""
 
     title: str
@@ -30,11 +30,11 @@ class Counter:
     def __init__(self) -> None:
         self._figures = self._tables = 0
 
-    def figures(self, shown: Iterable[Shown]) -> str:
+    def figures(self, shown: Iterable[PageFigure]) -> str:
         """Pictures with their captions, embedded in the page."""
         return f'<div class="figures">{"".join(map(self._figure, shown))}</div>\n'
 
-    def _figure(self, shown: Shown) -> str:
+    def _figure(self, shown: PageFigure) -> str:
         self._figures += 1
         title, data = escape(shown.title), base64.b64encode(shown.png).decode()
         return (

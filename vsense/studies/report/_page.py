@@ -10,7 +10,7 @@ from vsense.studies.report import Questions, _tables
 from vsense.studies.report._charts import few
 from vsense.studies.report._compare import Group
 from vsense.studies.report._findings import Findings
-from vsense.studies.report._markup import Counter, Shown, document, note, share_of, tiles
+from vsense.studies.report._markup import Counter, PageFigure, document, note, share_of, tiles
 from vsense.studies.report.study import _section
 from vsense.studies.report.study._results import StudyResult
 
@@ -20,7 +20,7 @@ class Chapter:
     """One recording: its findings and pictures."""
 
     findings: Findings
-    pictures: Sequence[Shown]
+    pictures: Sequence[PageFigure]
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,7 @@ class ComparedRuns:
     """The runs of one experiment: their groups, and the pictures."""
 
     groups: Sequence[Group]
-    pictures: Sequence[Shown]
+    pictures: Sequence[PageFigure]
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ class Studied:
     """
 
     asked: Questions
-    studies: Sequence[tuple[StudyResult, Sequence[Shown]]]
+    studies: Sequence[tuple[StudyResult, Sequence[PageFigure]]]
     notes: Sequence[str] = ()
 
     @property
@@ -61,7 +61,7 @@ def page(
     """
     counter = Counter()
     many = bool(comparisons) or studied is not None
-    count = sum(group.count for each in comparisons for group in each.groups)
+    count = sum(group.count for comparison in comparisons for group in comparison.groups)
     if studied is not None and not comparisons:
         count = studied.count + len(chapters)
     name = _counted(count) if many else chapters[0].findings.label
@@ -103,10 +103,10 @@ def _contents(
         titles = (result.study.title for result, _ in studied.studies)
         links += [(f"study-{place}", title) for place, title in enumerate(titles)]
         links.append(("methods", "For the methods of a paper"))
-    links += [(f"compared-{place}", _title(each.groups)) for place, each in enumerate(comparisons)]
+    links += [(f"compared-{place}", _title(part.groups)) for place, part in enumerate(comparisons)]
     links += [
-        (f"run-{place}", f"{each.findings.label} ({each.findings.path})")
-        for place, each in enumerate(chapters)
+        (f"run-{place}", f"{chapter.findings.label} ({chapter.findings.path})")
+        for place, chapter in enumerate(chapters)
     ]
     rows = "".join(f'<li><a href="#{to}">{escape(words)}</a></li>' for to, words in links)
     return f"<nav><ul>{rows}</ul></nav>\n"
@@ -198,8 +198,8 @@ def _tiles(findings: Findings) -> Iterator[tuple[str, str]]:
     if latency:
         yield "latency, median", f"{latency['p50_ms']:.3g} ms"
         yield "latency, 99 %", f"{latency['p99_ms']:.3g} ms"
-    whole = gathered.flow.lived + gathered.flow.missed
-    if whole and gathered.ran:
-        yield "timesteps missed", f"{gathered.flow.missed} of {whole}"
+    total = gathered.flow.lived + gathered.flow.missed
+    if total and gathered.ran:
+        yield "timesteps missed", f"{gathered.flow.missed} of {total}"
     if gathered.late is not None:
         yield "timesteps late", str(gathered.late)

@@ -221,11 +221,11 @@ def steps(axes: Axes, times: ArrayLike, values: ArrayLike, colour: str, **style:
     x, y = np.asarray(times, np.float64), np.asarray(values, np.float64)
     step = -(-len(x) // MOST_PLACES)
     if step > 2:
-        kept = []
+        indices = []
         for begin in range(0, len(x), step):
             part = y[begin : begin + step]
-            kept.append(np.unique([0, part.argmin(), part.argmax(), len(part) - 1]) + begin)
-        x, y = x[np.concatenate(kept)], y[np.concatenate(kept)]
+            indices.append(np.unique([0, part.argmin(), part.argmax(), len(part) - 1]) + begin)
+        x, y = x[np.concatenate(indices)], y[np.concatenate(indices)]
     axes.step(x, y, colour, where="post", **style)
 
 

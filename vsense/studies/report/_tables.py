@@ -120,9 +120,9 @@ def incidents(findings: Findings, counter: Counter) -> str:
         words += "<p>No gaps in the recording, no silences, no lost links,"
         return words + " no camera trouble.</p>\n"
     rows = []
-    for one in findings.incidents[:MOST_ROWS]:
-        length = "to the end" if one.to_s is None else f"{one.to_s - one.from_s:.1f}"
-        rows.append([one.kind, f"{one.from_s:.1f}", length, one.text])
+    for incident in findings.incidents[:MOST_ROWS]:
+        length = "to the end" if incident.to_s is None else f"{incident.to_s - incident.from_s:.1f}"
+        rows.append([incident.kind, f"{incident.from_s:.1f}", length, incident.text])
     caption = _shown(len(rows), len(findings.incidents))
     heads = ("what", "from [s]", "for [s]", "")
     return words + counter.table("Loss and gaps", caption, heads, rows, texts=(0, 3))
@@ -153,12 +153,12 @@ def statistics(groups: Sequence[Group], counter: Counter) -> str:
     for name, columns in table(groups).items():
         row = [name]
         for group in groups:
-            found = columns.get(group.condition)
-            if found is None:
+            column = columns.get(group.condition)
+            if column is None:
                 row += ["0", DASH, DASH, DASH]
             else:
-                numbers = (found.mean, found.spread, found.median)
-                row += [str(len(found.values)), *(figure_of(value) for value in numbers)]
+                numbers = (column.mean, column.spread, column.median)
+                row += [str(len(column.values)), *(figure_of(value) for value in numbers)]
         rows.append(row)
     heads = ["quantity", *(["n", "mean", "SD", "median"] * len(groups))]
     caption = "One value of each run; SD: sample standard deviation over the runs."

@@ -25,13 +25,13 @@ from vsense.studies.report import (
 from vsense.studies.report import _findings as findings
 from vsense.studies.report._compare import CampaignRuns, campaign_runs
 from vsense.studies.report._findings import Findings, read_findings
-from vsense.studies.report._markup import Shown
+from vsense.studies.report._markup import PageFigure
 from vsense.studies.report._page import Chapter, ComparedRuns, Studied, page
 from vsense.studies.report.study import _results, _section, _words
-from vsense.studies.report.study._collect import SUFFIX, TableOfRuns, files_of, read_tables
+from vsense.studies.report.study._collect import TABLE_SUFFIX, TableOfRuns, files_of, read_tables
 from vsense.studies.report.study._results import StudyResult
 
-PAGE = "report.html"
+REPORT_PAGE = "report.html"
 PAGE_PX_PER_IN = 128
 """A column of 3.5 inches takes half of the page."""
 _MAKERS: Sequence[Callable[[Findings], _plot.Drawing | None]] = (
@@ -66,15 +66,15 @@ class Report:
         """What is missing, and what is to be said of tables and of damaged recordings."""
         yield from self.missing
         yield from self.notes
-        for one in self.findings:
-            if not one.complete:
-                yield f"{one.path} was cut off: its last second may be missing"
-            if one.damaged:
-                yield f"{one.damaged} parts of {one.path} are damaged"
-            if one.only_tracked:
-                yield f"{one.path}: {one.only_tracked}"
-            if not one.gathered.ran:
-                yield f"{one.path} holds no run: all of it is shown"
+        for run in self.findings:
+            if not run.complete:
+                yield f"{run.path} was cut off: its last second may be missing"
+            if run.damaged:
+                yield f"{run.damaged} parts of {run.path} are damaged"
+            if run.only_tracked:
+                yield f"{run.path}: {run.only_tracked}"
+            if not run.gathered.ran:
+                yield f"{run.path} holds no run: all of it is shown"
 
     def in_words(self) -> str:
         """Where it is, for people."""
@@ -82,11 +82,11 @@ class Report:
 
     def as_json(self) -> dict[str, Any]:
         """The figures, for scripts."""
-        found = _compared(self.findings, self.tables)
+        groups = _compared(self.findings, self.tables)
         data: dict[str, Any] = {
             "files": [str(path) for path in self.files],
-            "recordings": [findings.as_json(one) for one in self.findings],
-            "comparison": _compare.as_json(found),
+            "recordings": [findings.as_json(run) for run in self.findings],
+            "comparison": _compare.as_json(groups),
         }
         if self.studied is not None:
             studies = [result for result, _ in self.studied.studies]
@@ -125,10 +125,10 @@ def report(paths: Sequence[Path], options: ReportOptions, console: Console) -> R
             package is missing; else as `make_report`, as which it raises what else there is.
     """
     files = [file for path in paths for file in files_of(path)]
-    if options.for_tables and not any(file.suffix == SUFFIX for file in files):
+    if options.for_tables and not any(file.suffix == TABLE_SUFFIX for file in files):
         named = ", ".join(options.for_tables)
         raise UsageError(f"{named}: tables of runs (.csv) only, and none is named")
-    if any(file.suffix != SUFFIX for file in files):
+    if any(file.suffix != TABLE_SUFFIX for file in files):
         recording.require()
     alone = files[0].with_name(f"{files[0].stem}-report")
     written = make_report(
@@ -172,14 +172,14 @@ def make_report(
         VsenseError: the charts cannot be drawn in this style.
     """
     _check(folder, sheet)
-    tables = read_tables(path for path in paths if path.suffix == SUFFIX)
+    tables = read_tables(path for path in paths if path.suffix == TABLE_SUFFIX)
     rows = [row for table in tables for row in table.rows]
     asked = replace(asked or Questions(), tests=not lacking_tests())
     studies = _results.results_of(rows, asked, show), asked
     read = [
         read_findings(path, lambda share, path=path: progress(path, share))  # type: ignore[misc]
         for path in paths
-        if path.suffix != SUFFIX
+        if path.suffix != TABLE_SUFFIX
     ]
     with failing_as(RecordingError, f"{folder}: cannot be written"), ExitStack() as stack:
         folder.mkdir(parents=True, exist_ok=True)
@@ -210,17 +210,17 @@ class Charts:
         self.folder, self.form = folder, form
         self.files: list[Path] = []
 
-    def keep(self, prefix: str, drawings: Iterable[_plot.Drawing]) -> list[Shown]:
+    def keep(self, prefix: str, drawings: Iterable[_plot.Drawing]) -> list[PageFigure]:
         """Writes charts, and gives them for the page; none without a form."""
-        return [self._keep(prefix, each) for each in drawings] if self.form else []
+        return [self._keep(prefix, drawing) for drawing in drawings] if self.form else []
 
-    def _keep(self, prefix: str, drawing: _plot.Drawing) -> Shown:
+    def _keep(self, prefix: str, drawing: _plot.Drawing) -> PageFigure:
         png = _plot.encode(drawing.figure, "png")
         path = self.folder / f"{prefix}{drawing.name}.{self.form}"
         path.write_bytes(png if self.form == "png" else _plot.encode(drawing.figure, self.form))
         self.files.append(path)
         width_px = round(drawing.figure.get_size_inches()[0] * PAGE_PX_PER_IN)
-        return Shown(drawing.title, drawing.caption, png, width_px, drawing.wide)
+        return PageFigure(drawing.title, drawing.caption, png, width_px, drawing.wide)
 
 
 def _compared(read: Sequence[Findings], tables: Sequence[TableOfRuns]) -> list[_compare.Group]:
@@ -228,53 +228,53 @@ def _compared(read: Sequence[Findings], tables: Sequence[TableOfRuns]) -> list[_
 
     A run of which both its recording and its row are here is one run, and none if it is void.
     """
-    recorded = {one.path.absolute().parent for one in read}
-    others, void = [], set[Path]()
+    recorded = {run.path.absolute().parent for run in read}
+    remaining, void = [], set[Path]()
     for table in tables:
         folder = table.path.absolute().parent
-        others.append(
+        remaining.append(
             replace(table, rows=[r for r in table.rows if folder / r.run not in recorded])
         )
         void |= {folder / row.run for row in table.rows if not row.valid}
-    read = [one for one in read if one.path.absolute().parent not in void]
-    if not read or len(read) + sum(bool(table.rows) for table in others) < 2:
+    read = [run for run in read if run.path.absolute().parent not in void]
+    if not read or len(read) + sum(bool(table.rows) for table in remaining) < 2:
         return []
-    some: list[CampaignRuns] = [runs for table in others for runs in campaign_runs(table)]
-    return _compare.groups(read, some)
+    campaigns: list[CampaignRuns] = [runs for table in remaining for runs in campaign_runs(table)]
+    return _compare.groups(read, campaigns)
 
 
 def _write(
     read: Sequence[Findings],
     tables: Sequence[TableOfRuns],
     studies: tuple[Sequence[StudyResult], Questions],
-    kept: Charts,
+    charts: Charts,
 ) -> Report:
-    studied = _studied(tables, *studies, kept) if tables else None
+    studied = _studied(tables, *studies, charts) if tables else None
     comparisons = []
     experiments = _compare.by_experiment(_compared(read, tables)).values()
     for place, members in enumerate(experiments, start=1):
         prefix = "compared-" if len(experiments) == 1 else f"compared-{place}-"
-        comparisons.append(ComparedRuns(members, kept.keep(prefix, _charts.compared(members))))
+        comparisons.append(ComparedRuns(members, charts.keep(prefix, _charts.compared(members))))
     chapters = []
-    for place, one in enumerate(read, start=1):
-        prefix = f"{place:02d}-{one.path.stem}-" if comparisons else ""
-        made = (make(one) for make in _MAKERS)
-        chapters.append(Chapter(one, kept.keep(prefix, (each for each in made if each))))
-    missing = [] if kept.form else [lacking()]
+    for place, run in enumerate(read, start=1):
+        prefix = f"{place:02d}-{run.path.stem}-" if comparisons else ""
+        figures = (make(run) for make in _MAKERS)
+        chapters.append(Chapter(run, charts.keep(prefix, (figure for figure in figures if figure))))
+    missing = [] if charts.form else [lacking()]
     missing += [lacking_tests()] if studied is not None and lacking_tests() else []
-    path = kept.folder / PAGE
+    path = charts.folder / REPORT_PAGE
     text = page(chapters, comparisons, missing, studied)
     path.write_text(text, encoding="utf-8", errors="replace")
-    return Report([path, *kept.files], read, missing, tables, studied)
+    return Report([path, *charts.files], read, missing, tables, studied)
 
 
 def _studied(
-    tables: Sequence[TableOfRuns], found: Sequence[StudyResult], asked: Questions, kept: Charts
+    tables: Sequence[TableOfRuns], results: Sequence[StudyResult], asked: Questions, charts: Charts
 ) -> Studied:
     drawn = []
-    for place, result in enumerate(found, start=1):
-        prefix = "runs-" if len(found) == 1 else f"runs-{place}-"
-        drawn.append((result, kept.keep("", _section.boxes(result, prefix))))
+    for place, result in enumerate(results, start=1):
+        prefix = "runs-" if len(results) == 1 else f"runs-{place}-"
+        drawn.append((result, charts.keep("", _section.boxes(result, prefix))))
     repeated = [table for table in tables if table.repeated]
     notes = [
         f"{table.repeated} of the runs in {table.path} are named twice, and count once."

@@ -44,7 +44,7 @@ def draw(
     `measures` are, by name, the values of the runs for every combination of `settings`; one measure
     at least.
     """
-    names = [_name(some) for some in settings]
+    names = [_name(values) for values in settings]
     if len(set(names)) < len(names):  # shortened, they may say the same
         names = [f"{number}. {name}" for number, name in enumerate(names, 1)]
     labels = [label(name) for name in names]
@@ -54,11 +54,11 @@ def draw(
     height_in = _HEAD_IN + bands * (row_in * len(labels) + _FRAME_IN)
     figure = new_figure(width_of(wide=columns > 1), height_in)
     panels = figure.subplots(bands, columns, sharey=True, squeeze=False)
-    runs = [len(some) for some in next(iter(measures.values()))]
+    runs = [len(results) for results in next(iter(measures.values()))]
     figure.suptitle(label(f"{title}: {_count(runs)} of each setting"))
     figure.supxlabel(_LEGEND, fontsize=setting("xtick.labelsize"), color="0.4")
     for axes, (name, groups) in zip(panels.flat, measures.items()):
-        _panel(axes, name, [np.asarray(some, dtype=np.float64) for some in groups])
+        _panel(axes, name, [np.asarray(results, dtype=np.float64) for results in groups])
     for axes in panels.flat[len(measures) :]:
         axes.remove()
     for axes in panels[:, 0]:
@@ -66,10 +66,10 @@ def draw(
     return figure
 
 
-def _name(some: Mapping[str, str]) -> str:
+def _name(values: Mapping[str, str]) -> str:
     """What tells a setting from others; long values, such as of a state machine, are shortened."""
     lines: list[str] = []
-    for key, value in some.items():
+    for key, value in values.items():
         words = f"{key} = {value}"
         lines += textwrap.wrap(words, _LETTERS, max_lines=_MOST_LINES, placeholder=" ...")
     return "\n".join(lines) or "as in the file"
@@ -77,8 +77,8 @@ def _name(some: Mapping[str, str]) -> str:
 
 def _count(runs: Sequence[int]) -> str:
     least, most = min(runs), max(runs)
-    each = f"{least}" if least == most else f"{least} to {most}"
-    return f"{each} {'run' if most == 1 else 'runs'}"
+    count = f"{least}" if least == most else f"{least} to {most}"
+    return f"{count} {'run' if most == 1 else 'runs'}"
 
 
 def _panel(axes: Axes, name: str, groups: Sequence[Floats]) -> None:

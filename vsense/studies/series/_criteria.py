@@ -17,7 +17,7 @@ from vsense.world.entities import BODY_RADIUS_M
 FASTEST_M_S = 0.16
 """An e-puck's wheels turn at 1000 steps/s at most, 0.129 m/s; a quarter more is left to errors."""
 
-BESIDE_M = 2.0 * BODY_RADIUS_M + 0.015
+PUSHED_M = 2.0 * BODY_RADIUS_M + 0.015
 """Who stands with another one so near may have been pushed by it."""
 
 STOPPED_NS = 500_000_000
@@ -29,10 +29,10 @@ GONE_NS = 1_000_000_000
 PAUSE_NS = 1_000_000_000
 """Where a timestep came so much later than its number says, the run was paused before it."""
 
-LOOK_NS = 1_000_000_000
+STANDING_NS = 1_000_000_000
 """How far a standing robot was moved is compared over this time: cameras drift more slowly."""
 
-Point = tuple[float, float]
+SeenPlace = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +55,7 @@ class VoidCriteria:
 
     def in_words(self) -> list[str]:
         """The criteria for people, one line each."""
-        told = {
+        sentences = {
             f"a robot is lost for {self.lost_s or 0:g} s": self.lost_s is not None,
             f"a robot is moved by hand by {self.moved_mm or 0:g} mm": self.moved_mm is not None,
             f"more than {100 * (self.late or 0):g} % of the timesteps are late": self.late
@@ -63,7 +63,7 @@ class VoidCriteria:
             "it ends before its time": self.ended_early,
             "a robot does not reach its start": self.away_from_start,
         }
-        return [words for words, holds in told.items() if holds]
+        return [words for words, holds in sentences.items() if holds]
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,10 +126,10 @@ class _Watched:
     name: str
     well_ns: int | None = None
     lost_ns: int = 0
-    place: Point | None = None
+    place: SeenPlace | None = None
     seen_ns: int = 0
     stands_ns: int | None = None
-    anchor: Point | None = None
+    anchor: SeenPlace | None = None
     anchor_ns: int = 0
     moved_m: float = 0.0
     millivolts: int = 0
@@ -166,7 +166,7 @@ class Witness:
             self._note_loss(robot, place is not None and status.connected, now_ns)
             if place is not None:
                 alone = all(
-                    math.dist(place, other) > BESIDE_M for t, other in places.items() if t != tag
+                    math.dist(place, other) > PUSHED_M for t, other in places.items() if t != tag
                 )
                 self._note_place(robot, place, now_ns, alone)
         self._newest_ns = now_ns
@@ -235,7 +235,7 @@ class Witness:
         else:
             robot.lost_ns = max(robot.lost_ns, now_ns - robot.well_ns)
 
-    def _note_place(self, robot: _Watched, place: Point, now_ns: int, alone: bool) -> None:
+    def _note_place(self, robot: _Watched, place: SeenPlace, now_ns: int, alone: bool) -> None:
         """Compares where a robot is with where it can be."""
         if robot.place is not None:
             could_m = FASTEST_M_S * (now_ns - robot.seen_ns) / 1e9
@@ -244,7 +244,7 @@ class Witness:
         stands = robot.stands_ns is not None and now_ns - robot.stands_ns >= STOPPED_NS
         if not stands or not alone:
             robot.anchor = None
-        elif robot.anchor is None or now_ns - robot.anchor_ns > LOOK_NS:
+        elif robot.anchor is None or now_ns - robot.anchor_ns > STANDING_NS:
             robot.anchor, robot.anchor_ns = place, now_ns
         else:
             robot.moved_m = max(robot.moved_m, math.dist(place, robot.anchor))

@@ -23,14 +23,11 @@ from vsense import __version__
 from vsense.base.errors import UsageError, VsenseError, failing_as
 from vsense.base.files import read_text, replace_text, stamp_of
 from vsense.modes.sim.fingerprint import of_file
-from vsense.monitor.recording import SUFFIX
-from vsense.run.directory import TIMESTEPS_CSV, DirectoryError, make_new
+from vsense.monitor.recording import MCAP
+from vsense.run.directory import SERIES, TIMESTEPS_CSV, DirectoryError, make_new
 from vsense.run.runs_csv import RUNS, RunRow, RunsFile, utc, versions
 from vsense.studies.series._order import PlannedRun
 from vsense.studies.series._plan import SeriesPlan
-
-SERIES = "series.json"
-"""What the plan said when the series began, and digests of the files that it names."""
 
 PLAN = "plan.toml"
 """A copy of the plan as it is now."""
@@ -117,7 +114,7 @@ class SeriesFolder:
 
     def recording(self, run: PlannedRun, name: str) -> Path:
         """The recording of a simulated run of an experiment's name; raises as `of_run`."""
-        return self.of_run(run) / f"{name}{SUFFIX}"
+        return self.of_run(run) / f"{name}{MCAP}"
 
     def append(self, row: RunRow) -> None:
         """Adds a run; raises as `RunsFile.append`."""
@@ -220,9 +217,9 @@ class CampaignTable:
         """The recording of a run; VsenseError if its folder cannot be made."""
         with failing_as(VsenseError, f"{self.path}: cannot be written"):
             self.path.mkdir(parents=True, exist_ok=True)
-        again = f"attempt{run.attempt}-" if run.attempt > 1 else ""
+        attempt = f"attempt{run.attempt}-" if run.attempt > 1 else ""
         stem = self._stems[run.cell.condition]
-        return self.path / f"{stem}{again}seed{run.cell.seed}{SUFFIX}"
+        return self.path / f"{stem}{attempt}seed{run.cell.seed}{MCAP}"
 
     def append(self, row: RunRow) -> None:
         """Adds a run.

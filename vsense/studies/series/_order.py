@@ -37,7 +37,7 @@ HOMING_S = 16.0
 BRINGING_S = 20.0
 """To bring another controller to all robots, at once."""
 
-Key = tuple[str, str, str]
+CellKey = tuple[str, str, str]
 """Condition, start and repetition, as runs.csv has them."""
 
 
@@ -61,7 +61,7 @@ class Cell:
     seed: int
 
     @property
-    def key(self) -> Key:
+    def key(self) -> CellKey:
         """What tells it from the others in runs.csv."""
         return self.condition, self.start, str(self.repetition or "")
 
@@ -78,16 +78,16 @@ class PlannedRun:
         """As runs.csv and its folder have it."""
         if not self.cell.block:
             return self.in_words()
-        again = f"-{self.attempt}" if self.attempt > 1 else ""
-        return f"run-{self.cell.number:03d}{again}"
+        suffix = f"-{self.attempt}" if self.attempt > 1 else ""
+        return f"run-{self.cell.number:03d}{suffix}"
 
     def in_words(self) -> str:
         """What it is, for people."""
         cell = self.cell
-        again = f", attempt {self.attempt}" if self.attempt > 1 else ""
+        attempt = f", attempt {self.attempt}" if self.attempt > 1 else ""
         if not cell.block:
-            return f"{cell.condition}, seed {cell.seed}{again}"
-        return f"{cell.condition}, start {cell.start}, repetition {cell.repetition}{again}"
+            return f"{cell.condition}, seed {cell.seed}{attempt}"
+        return f"{cell.condition}, start {cell.start}, repetition {cell.repetition}{attempt}"
 
     @property
     def label(self) -> str:
@@ -141,9 +141,9 @@ def pending(plan: SeriesPlan, rows: Sequence[RunRow]) -> list[PlannedRun]:
     return sorted(todo, key=lambda run: (run.cell.block, run.attempt, run.cell.number))
 
 
-def rows_by_cell(rows: Sequence[RunRow]) -> dict[Key, list[RunRow]]:
+def rows_by_cell(rows: Sequence[RunRow]) -> dict[CellKey, list[RunRow]]:
     """The rows of each cell."""
-    tries: dict[Key, list[RunRow]] = {}
+    tries: dict[CellKey, list[RunRow]] = {}
     for row in rows:
         tries.setdefault((row.condition, row.start, row.repetition), []).append(row)
     return tries
@@ -183,13 +183,13 @@ class Forecast:
     """What is left of a series.
 
     Attributes:
-        known: what each condition runs.
+        by_condition: what each condition runs.
         rows: the runs that were made.
         pace: of the lab's clocks.
     """
 
     plan: SeriesPlan
-    known: Mapping[str, PlannedExperiment]
+    by_condition: Mapping[str, PlannedExperiment]
     rows: Sequence[RunRow]
     pace: float = 1.0
 
@@ -258,11 +258,11 @@ class Forecast:
         return f"{clock(wall_s)} if none is void, {clock(simulated_s)} of it in runs"
 
     def _length_s(self, run: PlannedRun) -> float:
-        return self.known[run.cell.condition].experiment.length_s
+        return self.by_condition[run.cell.condition].experiment.length_s
 
     def _programs(self, run: PlannedRun) -> list[tuple[int, tuple[str, ...]]]:
         """Which sources each robot runs."""
-        experiment = self.known[run.cell.condition].experiment
+        experiment = self.by_condition[run.cell.condition].experiment
         return [
             (robot.tag, tuple(map(str, experiment.controller_of(robot).sources)))
             for robot in experiment.robots

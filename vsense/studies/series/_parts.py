@@ -69,21 +69,21 @@ class PlanLoader:
             VsenseError: one cannot be loaded, or asks for what nobody offers; the message says of
                 which line of the plan that is.
         """
-        found = {}
+        loaded = {}
         for condition in self.plan.conditions:
             try:
-                found[condition.name] = self.load(condition)
+                loaded[condition.name] = self.load(condition)
             except (ConfigError, UsageError) as error:
                 line, path = condition.line, str(self.plan.path)
                 raise ConfigError(path, line, f"{condition.name}: {error}") from None
         for start in self.plan.starts:
-            for name, planned in found.items():
+            for name, planned in loaded.items():
                 try:
                     start.places.settled(planned.experiment)
                 except (ConfigError, UsageError) as error:
                     words = f"start {start.name}, {name}: {error}"
                     raise ConfigError(str(self.plan.path), start.line, words) from None
-        return found
+        return loaded
 
     def load(self, condition: Condition) -> PlannedExperiment:
         """Loads what a condition runs."""
@@ -127,18 +127,18 @@ class SeriesCast:
     """The robots of all conditions.
 
     Attributes:
-        known: what each condition runs, with who plays now.
+        by_condition: what each condition runs, with who plays now.
     """
 
-    def __init__(self, known: Mapping[str, PlannedExperiment], console: Console) -> None:
-        self.known = dict(known)
+    def __init__(self, by_condition: Mapping[str, PlannedExperiment], console: Console) -> None:
+        self.by_condition = dict(by_condition)
         self._console = console
-        self._cast = Cast(lambda: [planned.experiment for planned in self.known.values()])
+        self._cast = Cast(lambda: [planned.experiment for planned in self.by_condition.values()])
 
     @property
     def tags(self) -> set[int]:
         """Everybody who plays in some run."""
-        return {r.tag for planned in self.known.values() for r in planned.experiment.robots}
+        return {r.tag for planned in self.by_condition.values() for r in planned.experiment.robots}
 
     def follow(self, condition: str, casting: Casting) -> None:
         """Goes on with whom people have put in while a run of a condition waited.
@@ -146,13 +146,13 @@ class SeriesCast:
         Raises:
             UsageError: an experiment cannot be played by them.
         """
-        before = dict(self.known[condition].experiment.casting.replaced)
+        before = dict(self.by_condition[condition].experiment.casting.replaced)
         after = dict(casting.replaced)
         robots = {part: after.get(part, part) for part in before | after}
         changed = {part: tag for part, tag in robots.items() if before.get(part, part) != tag}
-        for name, planned in self.known.items():
+        for name, planned in self.by_condition.items():
             experiment = recast_parts(planned.experiment, changed)
-            self.known[name] = replace(planned, experiment=experiment)
+            self.by_condition[name] = replace(planned, experiment=experiment)
 
     def put_in_for(self, gone: Mapping[int, str]) -> list[int]:
         """Puts a spare in for each of these robots, as far as there are spares, and says so.
@@ -178,6 +178,7 @@ class SeriesCast:
 
     def _recast(self, pair: Pair) -> None:
         """Has a robot play in the place of another in all conditions in which that one plays."""
-        for name, planned in self.known.items():
+        for name, planned in self.by_condition.items():
             if pair[0] in {robot.tag for robot in planned.experiment.robots}:
-                self.known[name] = replace(planned, experiment=recast(planned.experiment, pair))
+                experiment = recast(planned.experiment, pair)
+                self.by_condition[name] = replace(planned, experiment=experiment)

@@ -72,7 +72,7 @@ class RealRuns:
         directory, left_out = folder.of_run(run), set[int]()
         with RunLog(directory) as log:
             while not self._interrupted.is_set():
-                planned = self._cast.known[run.cell.condition]
+                planned = self._cast.by_condition[run.cell.condition]
                 staged = StagedRun.of(self._loader.plan, run, planned, left_out)
                 unable = self._bring(staged.experiment)
                 outcome = None

@@ -57,7 +57,7 @@ class LabRuns:
         """
         run = runs[0]
         directory = folder.of_run(run)
-        staged = StagedRun.of(self._loader.plan, run, self._cast.known[run.cell.condition])
+        staged = StagedRun.of(self._loader.plan, run, self._cast.by_condition[run.cell.condition])
         with staged.control_room(self._room, self._console) as room:
             session = self._session(staged, room, directory, self._rig(staged, folder))
             try:
@@ -94,12 +94,12 @@ class LabRuns:
         return self._rigs[key]
 
     def _session(
-        self, staged: StagedRun, room: ControlRoom, directory: Path, known: CalibratedRig | None
+        self, staged: StagedRun, room: ControlRoom, directory: Path, rig: CalibratedRig | None
     ) -> Session:
         robots = self._lab.robots(staged.experiment)
         origin = staged.origin(asdict(self._loader.code.absolute(Path.cwd())))
         setup = self._setup(staged, room, origin | report_all(robots.hardware))
-        return Session(setup, directory, self._lab, robots, known)
+        return Session(setup, directory, self._lab, robots, rig)
 
     def _setup(self, staged: StagedRun, room: ControlRoom, origin: Mapping[str, Any]) -> RunSetup:
         experiment, cell = staged.from_where(self._poses), staged.run.cell

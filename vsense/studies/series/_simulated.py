@@ -30,7 +30,7 @@ from vsense.studies.series._parts import PlannedExperiment
 from vsense.studies.series._plan import SeriesPlan
 from vsense.studies.series._series import RunOutcome, RunResult
 
-BAR_WIDTH = 24
+RUNS_BAR_WIDTH = 24
 
 Simulate = Callable[..., Iterator[tuple[Task, dict[str, Any]]]]
 """Does tasks, given `interrupted` and `show`: see `Engine.simulate`."""
@@ -71,7 +71,7 @@ class SimulatedRuns:
     """Simulates; see `RunMaker`.
 
     Args:
-        known: what each condition runs.
+        by_condition: what each condition runs.
         setup_of: what a run is made from.
         simulate: does the runs.
         record: every run has a recording.
@@ -81,7 +81,7 @@ class SimulatedRuns:
     def __init__(
         self,
         plan: SeriesPlan,
-        known: Mapping[str, PlannedExperiment],
+        by_condition: Mapping[str, PlannedExperiment],
         setup_of: Callable[[PlannedExperiment, Cell], Setup],
         simulate: Simulate,
         console: Console,
@@ -89,7 +89,7 @@ class SimulatedRuns:
         record: bool = False,
         reported: Sequence[str] = (),
     ) -> None:
-        self._plan, self._known, self._setup_of = plan, known, setup_of
+        self._plan, self._by_condition, self._setup_of = plan, by_condition, setup_of
         self._simulate, self._record = simulate, record
         self._console, self._interrupted = console, interrupted
         self._libraries: dict[str, dict[str, str]] = {}
@@ -133,7 +133,7 @@ class SimulatedRuns:
 
     def _task(self, run: PlannedRun, folder: SeriesFolder | CampaignTable) -> Task:
         name = run.cell.condition
-        planned = self._known[name]
+        planned = self._by_condition[name]
         if name not in self._libraries:
             self._libraries[name] = libraries_of(planned.experiment)
         file = str(folder.recording(run, planned.experiment.name)) if self._record else None
@@ -149,8 +149,8 @@ class SimulatedRuns:
 
     def _warn(self, condition: str, complaints: Sequence[str]) -> None:
         """Says what a run of a condition warns of, unless it was said before."""
-        for warning in (*self._known[condition].experiment.warnings, *complaints):
-            words = f"{condition}: {warning}" if len(self._known) > 1 else warning
+        for warning in (*self._by_condition[condition].experiment.warnings, *complaints):
+            words = f"{condition}: {warning}" if len(self._by_condition) > 1 else warning
             if not self._warned & {words, warning}:
                 self._warned.add(words)
                 self._console.end_progress()
@@ -191,12 +191,12 @@ def _bar(console: Console, todo: Sequence[Task], count: Callable[[], int]) -> Sh
             worker.timesteps / worker.task.experiment.timesteps for worker in workers if worker.task
         )
         share = (count() + under_way) / len(todo)
-        full = round(BAR_WIDTH * share)
+        full = round(RUNS_BAR_WIDTH * share)
         left = ""
         if share > 0.0:
             left_s = round((time.monotonic() - begun_s) * (1.0 - share) / share)
             left = f"  {left_s // 60}:{left_s % 60:02d} left"
-        bar = "#" * full + "." * (BAR_WIDTH - full)
+        bar = "#" * full + "." * (RUNS_BAR_WIDTH - full)
         console.progress(f"[{bar}] {count()} of {len(todo)} runs{left}")
 
     return show

@@ -107,8 +107,8 @@ class StagedRun:
 
     def low(self, robots: Mapping[int, RobotStatus]) -> dict[int, str]:
         """By tag, which robots have too little in their batteries for this run."""
-        found = low_batteries(robots, self.plan.robots.battery_v)
-        return {tag: f"{battery_words(volts)}, and drove home" for tag, volts in found.items()}
+        batteries = low_batteries(robots, self.plan.robots.battery_v)
+        return {tag: f"{battery_words(volts)}, and drove home" for tag, volts in batteries.items()}
 
     @property
     def starts(self) -> Starts | None:
@@ -186,8 +186,8 @@ def without(experiment: Experiment, tags: Collection[int]) -> Experiment:
         return experiment
     if polluting := {source.tag for source in experiment.sources} & set(tags):
         raise UsageError(f"{experiment.file}: robot {polluting.pop()} pollutes: not without it")
-    kept = replace(experiment, robots=tuple(r for r in experiment.robots if r.tag not in tags))
-    return replace(kept, controllers=tuple(c for c in kept.controllers if kept.driven_by(c)))
+    rest = replace(experiment, robots=tuple(r for r in experiment.robots if r.tag not in tags))
+    return replace(rest, controllers=tuple(c for c in rest.controllers if rest.driven_by(c)))
 
 
 def halt_reason(ended: str, control: Control) -> str:

@@ -24,7 +24,7 @@ from vsense.modes.sim.engine import Engine
 from vsense.modes.sim.experiment import setup_of
 from vsense.modes.sim.job import Job, Setup, Sweep
 from vsense.modes.sim.outcome import Task, libraries_of
-from vsense.monitor.recording import SUFFIX
+from vsense.monitor.recording import MCAP
 from vsense.run import asked
 from vsense.run.runs_csv import condition_of
 from vsense.studies.report import FORMATS, can_draw, lacking
@@ -180,12 +180,12 @@ def _complete(
     campaign: Campaign, simulate: Simulate, console: Console, interrupted: Interruption
 ) -> tuple[SeriesPlan, CampaignTable]:
     """Does the runs that are missing; raises as `run`."""
-    plan, known = prepare(campaign)
+    plan, by_condition = prepare(campaign)
     table = CampaignTable(campaign.output, plan)
-    reported = next(iter(known.values())).experiment.warnings  # by the command
+    reported = next(iter(by_condition.values())).experiment.warnings  # by the command
     maker = SimulatedRuns(
         plan,
-        known,
+        by_condition,
         campaign.setup_of,
         simulate,
         console,
@@ -194,7 +194,7 @@ def _complete(
         reported=reported,
     )
     loop = SeriesLoop(plan, table, lambda runs: maker.make(runs, table), console, interrupted)
-    _keep_origin(campaign, known, table, console)
+    _keep_origin(campaign, by_condition, table, console)
     if campaign.record:
         _say_unrecorded(loop, table, console)
     loop.run()
@@ -214,31 +214,31 @@ def prepare(campaign: Campaign) -> tuple[SeriesPlan, dict[str, PlannedExperiment
         VsenseError: an experiment cannot be loaded, or a controller not be built; or, unless it is
             lenient, it asks for what nobody offers or is told what it does not read.
     """
-    known = {}
+    by_condition = {}
     blind, file = campaign.setup.blind, campaign.setup.experiment
     for settings in campaign.sweep.combinations():
         experiment = replace(campaign.setup, settings=settings).load()
         if not campaign.lenient:
             asked.check(experiment)
         condition = Condition(condition_of(blind, settings), file, settings=settings, blind=blind)
-        known[condition.name] = PlannedExperiment(condition, experiment, settings)
-    first = next(iter(known.values()))
+        by_condition[condition.name] = PlannedExperiment(condition, experiment, settings)
+    first = next(iter(by_condition.values()))
     job = Job(campaign.setup_of(first), 0, libraries_of(first.experiment))
     plan = SeriesPlan(
         path=first.experiment.path,
         name=fingerprint.of_campaign(Task(job, first.experiment)),
         mode="sim",
-        conditions=tuple(planned.condition for planned in known.values()),
+        conditions=tuple(planned.condition for planned in by_condition.values()),
         starts=tuple(PlannedStart(f"seed{n}", StartPlaces(n)) for n in campaign.sweep.seeds or ()),
         seed=CAMPAIGN,
         again=_EVER,
     )
-    return plan, known
+    return plan, by_condition
 
 
 def _keep_origin(
     campaign: Campaign,
-    known: Mapping[str, PlannedExperiment],
+    by_condition: Mapping[str, PlannedExperiment],
     table: CampaignTable,
     console: Console,
 ) -> None:
@@ -246,8 +246,8 @@ def _keep_origin(
     path = table.table.path
     with failing_as(VsenseError, f"{path}: cannot be written"):
         path.parent.mkdir(parents=True, exist_ok=True)
-    setups = {origin.key_of(name): campaign.setup_of(planned) for name, planned in known.items()}
-    experiments = [planned.experiment for planned in known.values()]
+    setups = {origin.key_of(n): campaign.setup_of(p) for n, p in by_condition.items()}
+    experiments = [p.experiment for p in by_condition.values()]
     if not any(key.endswith(".library") for key in campaign.sweep.values):
         del experiments[1:]  # all are made from the same files
     stem, rows = f"{path.stem}-{origin.ARCHIVE_STEM}", len(table.rows)
@@ -255,7 +255,7 @@ def _keep_origin(
 
 
 def _say_unrecorded(loop: SeriesLoop, table: CampaignTable, console: Console) -> None:
-    count = loop.valid - sum(1 for _ in table.path.glob(f"*{SUFFIX}"))
+    count = loop.valid - sum(1 for _ in table.path.glob(f"*{MCAP}"))
     if count > 0:
         console.say(f"{count} runs that are there already have no recording, and get none")
 
@@ -276,11 +276,11 @@ def _report(campaign: Campaign, plan: SeriesPlan, table: CampaignTable, console:
         console.say(f"picture: {campaign.drawing}")
 
 
-Group = tuple[Mapping[str, str], dict[str, list[float]]]
+SettingMeasures = tuple[Mapping[str, str], dict[str, list[float]]]
 """A combination of settings, and the values of its runs by measure."""
 
 
-def _draw(campaign: Campaign, table: CampaignTable, groups: Sequence[Group]) -> None:
+def _draw(campaign: Campaign, table: CampaignTable, groups: Sequence[SettingMeasures]) -> None:
     from vsense.studies.report import _plot
     from vsense.studies.series import _comparison
 
@@ -294,7 +294,7 @@ def _draw(campaign: Campaign, table: CampaignTable, groups: Sequence[Group]) -> 
         file.write_bytes(data)
 
 
-def group(plan: SeriesPlan, table: CampaignTable) -> list[Group]:
+def group(plan: SeriesPlan, table: CampaignTable) -> list[SettingMeasures]:
     """Gathers the valid rows of every combination of settings, of all seeds."""
     groups = []
     for condition in plan.conditions:

@@ -81,7 +81,7 @@ class PlannedSeries:
 
     Attributes:
         plan: of its runs.
-        known: what each condition runs.
+        by_condition: what each condition runs.
         path: its folder.
     """
 
@@ -97,20 +97,20 @@ class PlannedSeries:
         name = f"{self.plan.name}-{self.plan.mode}"
         self.path = options.output or self.plan.path.parent / name
         self._loader = self._loader_of(options)
-        self.known: Mapping[str, PlannedExperiment] = self._loader.load_all()
+        self.by_condition: Mapping[str, PlannedExperiment] = self._loader.load_all()
 
     def forecast(self) -> Forecast:
         """What is left of the series; UsageError: the plan has changed too much."""
         allowed_changes(self.plan, self.path)
         table = self.path / RUNS
         rows = read_runs(table) if table.exists() else ()
-        return Forecast(self.plan, self.known, rows, self._options.lab.pace)
+        return Forecast(self.plan, self.by_condition, rows, self._options.lab.pace)
 
     def silence(self) -> None:
         """Has experiments warn of nothing."""
-        self.known = {
+        self.by_condition = {
             name: replace(planned, experiment=replace(planned.experiment, warnings=()))
-            for name, planned in self.known.items()
+            for name, planned in self.by_condition.items()
         }
 
     def carry_out(self) -> int:
@@ -126,7 +126,7 @@ class PlannedSeries:
         console, options = Console(), self._options
         for warning in self._warnings():
             console.say(f"vsense: {warning}")
-        files = {path for planned in self.known.values() for path in planned.files}
+        files = {path for planned in self.by_condition.values() for path in planned.files}
         if options.on is not None and self.plan.mode != "sim":
             raise UsageError("--on: simulated runs only, see --mode sim")
         makers = {"sim": self._simulated, "lab": self._rendered, "run": self._real}
@@ -139,7 +139,7 @@ class PlannedSeries:
             return self._make_all(loop, console, interrupted)
 
     def _warnings(self) -> set[str]:
-        return {text for planned in self.known.values() for text in planned.experiment.warnings}
+        return {text for p in self.by_condition.values() for text in p.experiment.warnings}
 
     def _loader_of(self, options: SeriesOptions) -> PlanLoader:
         real = self.plan.mode == "run"
@@ -160,12 +160,12 @@ class PlannedSeries:
     def _keep_origin(self, folder: SeriesFolder, console: Console) -> None:
         """Keeps what the runs are made from, as it is now."""
         plan, setups = self.plan, {}
-        for name, planned in self.known.items():
+        for name, planned in self.by_condition.items():
             for start in plan.starts if plan.mode == "sim" else ():
                 setups[origin.key_of(name, start.name)] = self._loader.setup(planned, start)
-        experiments = [planned.experiment for planned in self.known.values()]
-        others, rows = self._options.link.tracking or (), len(folder.rows)
-        origin.keep(folder.path, plan.mode, experiments, console.say, setups, others, rows=rows)
+        experiments = [planned.experiment for planned in self.by_condition.values()]
+        extra, rows = self._options.link.tracking or (), len(folder.rows)
+        origin.keep(folder.path, plan.mode, experiments, console.say, setups, extra, rows=rows)
 
     def _room(self) -> RoomOptions:
         """Every run is a series' and begins by itself; all have one address of the page."""
@@ -188,7 +188,7 @@ class PlannedSeries:
 
         return SimulatedRuns(
             self.plan,
-            self.known,
+            self.by_condition,
             setup_of,
             stack.enter_context(here),
             console,
@@ -201,8 +201,8 @@ class PlannedSeries:
         from vsense.modes.lab.experiment import set_pace
         from vsense.studies.series._rendered import LabRuns
 
-        lab, cast = self._options.lab, SeriesCast(self.known, console)
-        for planned in self.known.values():
+        lab, cast = self._options.lab, SeriesCast(self.by_condition, console)
+        for planned in self.by_condition.values():
             set_pace(lab.pace, planned.experiment.host)
         port = self._options.link.port
         return LabRuns(self._loader, cast, console, interrupted, lab, self._room(), port)
@@ -212,18 +212,18 @@ class PlannedSeries:
         from vsense.studies.series._real import RealRuns, RobotSeries, count_programs
 
         options, link = self._options, self._options.link
-        for planned in self.known.values():
+        for planned in self.by_condition.values():
             opening.require_source(planned.experiment, link.tracking)
-        first = next(iter(self.known.values())).experiment
+        first = next(iter(self.by_condition.values())).experiment
         opening.check_ports(options.room, link, first)
         real = RobotSeries(opening.trust_of(link.key, link.insecure), link, self._room())
         host, _ = link.address(first)
         lease = opening.lease_robots((), options.command, self.plan.name, host)
         if (leases := stack.enter_context(lease)) is not None:
             real = replace(real, lease=leases.take)
-        if options.bringer is not None and count_programs(self.known.values()) > 1:
+        if options.bringer is not None and count_programs(self.by_condition.values()) > 1:
             real = replace(real, bring=options.bringer(find_roster(options.roster), console))
-        cast = SeriesCast(self.known, console)
+        cast = SeriesCast(self.by_condition, console)
         return RealRuns(self._loader, cast, console, interrupted, real)
 
     def _make_all(self, loop: SeriesLoop, console: Console, interrupted: Interruption) -> int:

@@ -103,7 +103,7 @@ function ofAccess(run) {
  * @param {Trouble[]} rows */
 export function showBanner(rows) {
   const own = rows.filter((row) => row.own);
-  const [first, ...others] = rows.filter((row) => !row.own);
+  const [first, ...rest] = rows.filter((row) => !row.own);
   const box = byId("alarms");
   while (box.childElementCount > Math.min(own.length, OWN_BANNERS)) box.lastElementChild?.remove();
   own.slice(0, OWN_BANNERS).forEach((alarm, at) => {
@@ -115,7 +115,7 @@ export function showBanner(rows) {
   });
   const banner = byId("banner");
   banner.hidden = !first;
-  const more = [first?.more, ...others.map((row) => row.text)].filter(Boolean).join(" · ");
+  const more = [first?.more, ...rest.map((row) => row.text)].filter(Boolean).join(" · ");
   if (first) fill(banner, first.level, first.text, more);
 }
 

@@ -7,9 +7,9 @@ const NONE = "–";
 export function clock(seconds, digits = 1) {
   if (seconds === null || seconds === undefined) return NONE;
   const tens = 10 ** digits;
-  const whole = Math.round(Math.max(seconds, 0) * tens) / tens;
-  const minutes = Math.floor(whole / 60);
-  const rest = (whole - 60 * minutes).toFixed(digits).padStart(digits ? digits + 3 : 2, "0");
+  const rounded = Math.round(Math.max(seconds, 0) * tens) / tens;
+  const minutes = Math.floor(rounded / 60);
+  const rest = (rounded - 60 * minutes).toFixed(digits).padStart(digits ? digits + 3 : 2, "0");
   return `${minutes}:${rest}`;
 }
 

@@ -173,23 +173,23 @@ export class Ground {
   /** A field as a canvas: of a camera's whole picture, or of the field from above.
    * @param {Field} field @param {number} number its place among the fields. */
   field(field, number) {
-    let kept = this.#fields.get(field.id);
+    let layer = this.#fields.get(field.id);
     const shape = [field.corner_m, field.cell_m, field.columns, field.rows].join();
-    if (kept?.shape !== shape) {
+    if (layer?.shape !== shape) {
       const colours = FIELD_COLOURS[this.lens ? "lens" : "above"];
-      kept = { shape, levels: "", ...this.#rasterOf(field), colours: shades(colours[number % colours.length]) };
-      this.#fields.set(field.id, kept);
+      layer = { shape, levels: "", ...this.#rasterOf(field), colours: shades(colours[number % colours.length]) };
+      this.#fields.set(field.id, layer);
     }
-    if (kept.levels !== field.levels) {
-      kept.levels = field.levels;
+    if (layer.levels !== field.levels) {
+      layer.levels = field.levels;
       const levels = atob(field.levels);
-      const { raster, cells, colours } = kept;
+      const { raster, cells, colours } = layer;
       for (let at = 0; at < cells.length; at += 1) {
         raster.words[at] = cells[at] < 0 ? 0 : colours[levels.charCodeAt(cells[at])];
       }
       raster.show();
     }
-    return kept.raster.canvas;
+    return layer.raster.canvas;
   }
 
   /** @param {Field} field */

@@ -205,14 +205,14 @@ function cut(points, distance) {
   const far = points.map(distance);
   if (far.every((value) => value >= 0)) return points;
   /** @type {number[][]} */
-  const kept = [];
+  const corners = [];
   points.forEach((here, index) => {
     const other = (index + 1) % points.length;
-    if (far[index] >= 0) kept.push(here);
+    if (far[index] >= 0) corners.push(here);
     if (far[index] >= 0 !== far[other] >= 0) {
       const share = far[index] / (far[index] - far[other]);
-      kept.push(here.map((value, axis) => value + share * (points[other][axis] - value)));
+      corners.push(here.map((value, axis) => value + share * (points[other][axis] - value)));
     }
   });
-  return kept;
+  return corners;
 }

@@ -154,8 +154,8 @@ function chartOf(key, source, index) {
  * @param {(number | null | undefined)[]} values */
 function figures(values) {
   if (values.length < 3) return values.map(reading).join(", ");
-  const known = numbersIn(values);
-  return known.length ? `up to ${reading(Math.max(...known))}` : "–";
+  const numbers = numbersIn(values);
+  return numbers.length ? `up to ${reading(Math.max(...numbers))}` : "–";
 }
 
 /** @param {(number | null | undefined)[]} values @returns {number[]} */

@@ -32,8 +32,8 @@ export class Replace {
     const spares = run?.spares ?? [];
     this.line.hidden = this.selection.tag === null || !you.control || !spares.length;
     if (this.line.hidden) return;
-    const known = [...this.select.options].map((option) => Number(option.value));
-    if (known.join() !== spares.join()) {
+    const shown = [...this.select.options].map((option) => Number(option.value));
+    if (shown.join() !== spares.join()) {
       this.select.replaceChildren(...spares.map((tag) => make("option", { value: String(tag) }, `robot ${tag}`)));
     }
     const able = this.connection.open && Boolean(run?.can?.includes("replace"));

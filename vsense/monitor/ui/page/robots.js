@@ -91,13 +91,13 @@ function shownBy(robot) {
 function rowsOf(choose) {
   const lamp = make("i", { className: "lamp" });
   const name = make("span");
-  const others = COLUMNS.slice(1).map(({ style }) => make("td", { className: style }));
-  const row = make("tr", {}, make("td", {}, lamp, name), ...others);
+  const data = COLUMNS.slice(1).map(({ style }) => make("td", { className: style }));
+  const row = make("tr", {}, make("td", {}, lamp, name), ...data);
   const wordsCell = make("td", { colSpan: COLUMNS.length });
   const wordsRow = make("tr", { className: "words", hidden: true }, wordsCell);
   const body = make("tbody", {}, row, wordsRow);
   body.addEventListener("click", choose);
-  return { body, row, lamp, cells: [name, ...others], wordsRow, wordsCell };
+  return { body, row, lamp, cells: [name, ...data], wordsRow, wordsCell };
 }
 
 /** The table. */

@@ -276,7 +276,7 @@ function cornerBox(canvas, width, size, robot, radius, taken) {
   return inside.find((box) => !taken.some((other) => overlap(box, other))) ?? inside[0] ?? boxes[0];
 }
 
-/** @param {Rectangle} one @param {Rectangle} other */
-function overlap(one, other) {
-  return one.left < other.right && other.left < one.right && one.top < other.bottom && other.top < one.bottom;
+/** @param {Rectangle} a @param {Rectangle} b */
+function overlap(a, b) {
+  return a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
 }

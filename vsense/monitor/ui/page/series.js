@@ -1,6 +1,6 @@
 // Numbers over time: of the run, of a robot, of a sensor. A replay may be sought: places stay where they are.
 
-const KEPT = 2400;
+const MOST_SAMPLES = 2400;
 
 /** One or several numbers over the run's time [s]; `values` of one time are a list. */
 export class Series {
@@ -21,7 +21,7 @@ export class Series {
     const same = times[at] === time ? 1 : 0;
     times.splice(at, same, time);
     this.values.splice(at, same, values);
-    if (times.length > KEPT) this.#thin();
+    if (times.length > MOST_SAMPLES) this.#thin();
   }
 
   clear() {

@@ -3,8 +3,8 @@
 import { Series } from "./series.js";
 
 const TRAIL = 80;
-const STEPS_KEPT = 24;
-const EVENTS_KEPT = 200;
+const MOST_STEPS = 24;
+const MOST_EVENTS = 200;
 const OLD_MS = 2000;
 const PLAIN = new Set(["you", "run", "arena", "world", "signals", "fields", "robots", "cameras", "parts", "settings"]);
 
@@ -170,7 +170,7 @@ export class Store extends RunNews {
     const fresh = this.experiment?.mode === "replay" || Date.now() - this.wall(timeNs) < OLD_MS;
     const heard = this.run && fresh && this.now.timestep >= 0 ? this.now.time_s : null;
     this.events.push({ timeNs, run_s: data.time_s === undefined ? heard : data.time_s, ...data });
-    if (this.events.length > EVENTS_KEPT) this.events.shift();
+    if (this.events.length > MOST_EVENTS) this.events.shift();
   }
 
   /** @param {ArenaMessage} data */
@@ -268,7 +268,7 @@ export class Store extends RunNews {
 /** @param {Map<number, unknown>} messages by timestep. */
 function dropOldest(messages) {
   for (const timestep of messages.keys()) {
-    if (messages.size <= STEPS_KEPT) return;
+    if (messages.size <= MOST_STEPS) return;
     messages.delete(timestep);
   }
 }

@@ -74,8 +74,8 @@ const TILES = [
   {
     name: "timestep",
     show: (_, { now, experiment }) => {
-      const each = experiment?.timestep_s ? `${Math.round(1000 * experiment.timestep_s)} ms each` : "";
-      return [now.timestep < 0 ? "–" : String(now.timestep), each];
+      const pace = experiment?.timestep_s ? `${Math.round(1000 * experiment.timestep_s)} ms each` : "";
+      return [now.timestep < 0 ? "–" : String(now.timestep), pace];
     },
   },
   {

@@ -15,7 +15,7 @@ from vsense.monitor import recording
 from vsense.monitor.recording.form import RecordingError
 from vsense.run.runs_csv import COLUMNS, FORMER, RUNS, RunRow, are_columns, condition_of, read_runs
 
-SUFFIX = ".csv"
+TABLE_SUFFIX = ".csv"
 """Of tables of runs."""
 
 _FORMER_LAST = ("seed", "robots", "duration_s")
@@ -39,7 +39,7 @@ class TableOfRuns:
 def tables_in(folder: Path) -> list[Path]:
     """The tables of runs in a folder."""
     with failing_as(RecordingError, f"{folder}: cannot be read"):
-        files = (path for path in sorted(folder.glob(f"*{SUFFIX}")) if path.is_file())
+        files = (path for path in sorted(folder.glob(f"*{TABLE_SUFFIX}")) if path.is_file())
         return [path for path in files if _is_table(path)]
 
 
@@ -69,7 +69,7 @@ def read_tables(paths: Iterable[Path]) -> list[TableOfRuns]:
         RecordingError: one cannot be read.
     """
     tables: list[TableOfRuns] = []
-    known: dict[tuple[object, ...], tuple[Path, RunRow]] = {}
+    first_rows: dict[tuple[object, ...], tuple[Path, RunRow]] = {}
     for path in {path.resolve(): path for path in paths}.values():
         with failing_as(RecordingError, f"{path}: cannot be read"):
             read = read_former(path) if _is_former(path) else read_runs(path)
@@ -78,7 +78,7 @@ def read_tables(paths: Iterable[Path]) -> list[TableOfRuns]:
         rows = []
         for row in read:
             identity = (row.series, row.mode, row.experiment, row.run, row.began)
-            before = known.setdefault(identity, (path, row))
+            before = first_rows.setdefault(identity, (path, row))
             if before[1] is row:
                 rows.append(row)
             elif differing := _differing(before[1], row):
@@ -90,13 +90,13 @@ def read_tables(paths: Iterable[Path]) -> list[TableOfRuns]:
     return tables
 
 
-def _differing(one: RunRow, other: RunRow) -> str:
+def _differing(row: RunRow, other: RunRow) -> str:
     """The first column in which two rows of one run differ; "": none. A measure may be missing."""
     for name in COLUMNS:
-        if getattr(one, name) != getattr(other, name):
+        if getattr(row, name) != getattr(other, name):
             return name
-    both = one.measures.keys() & other.measures.keys()
-    return next((n for n in sorted(both) if repr(one.measures[n]) != repr(other.measures[n])), "")
+    both = row.measures.keys() & other.measures.keys()
+    return next((n for n in sorted(both) if repr(row.measures[n]) != repr(other.measures[n])), "")
 
 
 def read_former(path: Path) -> list[RunRow]:

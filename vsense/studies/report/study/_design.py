@@ -23,7 +23,7 @@ _LIGHT = 1.1
 _NO_GROUPS = ("run", "duration_s", "batteries_v", "late", "verdict", "why", "began")
 """Columns that no runs are grouped by."""
 
-Key = tuple[str, ...]
+BlockKey = tuple[str, ...]
 """What the runs of a pair, or of a block of several conditions, have in common."""
 
 
@@ -37,8 +37,8 @@ class Arm:
 
     def values(self, measure: str) -> Floats:
         """A measure of the runs that have it, (n,)."""
-        found = (run.measures.get(measure) for run in self.runs)
-        return np.array([value for value in found if value is not None and math.isfinite(value)])
+        numbers = (run.measures.get(measure) for run in self.runs)
+        return np.array([value for value in numbers if value is not None and math.isfinite(value)])
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,44 +67,44 @@ class Study:
     @property
     def measures(self) -> list[str]:
         """The measures of its valid runs that have a value, in the order of the columns."""
-        found = (n for arm in self.arms for run in arm.runs for n, v in run.measures.items())
-        return [n for n in dict.fromkeys(found) if any(len(arm.values(n)) for arm in self.arms)]
+        names = (n for arm in self.arms for run in arm.runs for n, v in run.measures.items())
+        return [n for n in dict.fromkeys(names) if any(len(arm.values(n)) for arm in self.arms)]
 
     def blocks(self, measure: str, arms: Sequence[Arm]) -> tuple[Floats, int]:
         """The values of complete blocks of some arms, (blocks, arms), and how many are not."""
         tables = []
         for arm in arms:
-            known = ((self.key(run), run.measures.get(measure)) for run in arm.runs)
-            tables.append({k: v for k, v in known if v is not None and math.isfinite(v)})
+            values = ((self.key(run), run.measures.get(measure)) for run in arm.runs)
+            tables.append({k: v for k, v in values if v is not None and math.isfinite(v)})
         # Blocks that are void in one condition are incomplete as well.
         rows = (run for arm in arms for run in (*arm.runs, *arm.voids))
         keys = list(dict.fromkeys(map(self.key, rows)))
-        whole = [[t[key] for t in tables] for key in keys if all(key in t for t in tables)]
-        return np.array(whole, np.float64).reshape(-1, len(arms)), len(keys) - len(whole)
+        complete = [[t[key] for t in tables] for key in keys if all(key in t for t in tables)]
+        return np.array(complete, np.float64).reshape(-1, len(arms)), len(keys) - len(complete)
 
-    def key(self, run: RunRow) -> Key:
+    def key(self, run: RunRow) -> BlockKey:
         """What the run has in common with its pairs."""
         return tuple(str(getattr(run, name)) for name in self.keyed)
 
     def differences(self) -> list[tuple[str, list[str]]]:
         """Columns in which runs differ beside what is compared, and their values in each arm."""
-        found = []
+        differing = []
         for name in _SHOWN:
             values = [_values_of(name, arm.runs) for arm in self.arms]
             different = {text for texts in values for text in texts}
             if name not in self.by and len(different) > 1:
-                found.append((name, [_shortened(texts) for texts in values]))
-        if "tags" in dict(found):  # other robots have other uids
-            found = [each for each in found if each[0] != "uids"]
-        return found + self._light()
+                differing.append((name, [_shortened(texts) for texts in values]))
+        if "tags" in dict(differing):  # other robots have other uids
+            differing = [row for row in differing if row[0] != "uids"]
+        return differing + self._light()
 
     def _light(self) -> list[tuple[str, list[str]]]:
         """The light of the arms, where that of one is apart from another's."""
         levels = [[r.light_level for r in a.runs if r.light_level is not None] for a in self.arms]
-        known = [each for each in levels if each]
-        if not known or max(map(min, known)) <= _LIGHT * min(map(max, known)):
+        measured = [row for row in levels if row]
+        if not measured or max(map(min, measured)) <= _LIGHT * min(map(max, measured)):
             return []
-        levels_by_arm = [list(dict.fromkeys(f"{level:g}" for level in each)) for each in levels]
+        levels_by_arm = [list(dict.fromkeys(f"{level:g}" for level in row)) for row in levels]
         return [("light_level", [_shortened(texts) for texts in levels_by_arm])]
 
 
@@ -122,15 +122,15 @@ def studies(
     """
     for name in by:
         if name not in COLUMNS or name in _NO_GROUPS:
-            known = [column for column in COLUMNS if column not in _NO_GROUPS]
-            raise UsageError(f"--by {name}: no column that groups runs; {instead(name, known)}")
+            columns = [column for column in COLUMNS if column not in _NO_GROUPS]
+            raise UsageError(f"--by {name}: no column that groups runs; {instead(name, columns)}")
     apart = [name for name in APART if name not in by]
-    sorted_: dict[Key, dict[Key, list[RunRow]]] = {}
+    sorted_: dict[BlockKey, dict[BlockKey, list[RunRow]]] = {}
     for row in rows:
         place, arm = (tuple(_text(getattr(row, n)) for n in names) for names in (apart, by))
         sorted_.setdefault(place, {}).setdefault(arm, []).append(row)
-    found = []
-    for place, members in sorted(sorted_.items(), key=lambda each: _natural(each[0])):
+    result = []
+    for place, members in sorted(sorted_.items(), key=lambda item: _natural(item[0])):
         arms = [
             Arm(
                 ", ".join(word or "unknown" for word in words),
@@ -140,8 +140,8 @@ def studies(
             for words in sorted(members, key=_natural)
         ]
         keyed, why = ((), "as was asked for") if independent else _keyed(arms, by)
-        found.append(Study(dict(zip(apart, place)), by, arms, keyed, why))
-    return found
+        result.append(Study(dict(zip(apart, place)), by, arms, keyed, why))
+    return result
 
 
 def _keyed(arms: Sequence[Arm], by: Sequence[str]) -> tuple[Sequence[str], str]:
@@ -154,10 +154,10 @@ def _keyed(arms: Sequence[Arm], by: Sequence[str]) -> tuple[Sequence[str], str]:
         return (), "not every run names its block, start or repetition"
     # Plans number their starts alike: where all conditions have runs of a series, it counts, too.
     series = [{run.series for run in arm.runs} for arm in arms]
-    if "series" not in by and all(each == series[0] for each in series):
+    if "series" not in by and all(value == series[0] for value in series):
         names = ["series", *names]
     keys = [[tuple(getattr(run, n) for n in names) for run in arm.runs] for arm in arms]
-    if any(len(set(each)) < len(each) for each in keys):
+    if any(len(set(arm_keys)) < len(arm_keys) for arm_keys in keys):
         return (), "several runs of a condition have the same block, start and repetition"
     shared = set.intersection(*map(set, keys))
     if 2 * len(shared) < max(map(len, keys)):
@@ -170,10 +170,10 @@ def _values_of(name: str, runs: Iterable[RunRow]) -> list[str]:
 
 
 def _shortened(texts: Sequence[str]) -> str:
-    known = sorted((text or "unknown" for text in texts), key=_digits)
-    if len(known) <= 3:
-        return ", ".join(known) or "no valid run"
-    return f"{len(known)} values, {known[0]} … {known[-1]}"
+    values = sorted((text or "unknown" for text in texts), key=_digits)
+    if len(values) <= 3:
+        return ", ".join(values) or "no valid run"
+    return f"{len(values)} values, {values[0]} … {values[-1]}"
 
 
 def _text(value: object) -> str:

@@ -91,9 +91,9 @@ def spread_of(values: Floats) -> Spread:
 def effect_of(first: Floats, second: Floats, paired: bool, seed: int) -> EffectSize:
     """The effect and its intervals; of pairs, pairs are drawn. One run each at least."""
     count = len(first) * len(second)
-    whole = np.ones((1, len(first))), np.ones((1, len(second)))
+    weights = np.ones((1, len(first))), np.ones((1, len(second)))
     a12_of, shift_of = _A12(first, second), _shift_of(first, second, paired)
-    a12, shift = float(a12_of(*whole)[0]), float(shift_of(*whole)[0])
+    a12, shift = float(a12_of(*weights)[0]), float(shift_of(*weights)[0])
     if _MOST_SORTED < count <= _MOST_AT_ONCE and not paired:
         shift = float(np.median(first[:, None] - second[None, :]))
     if min(len(first), len(second)) < 2:
@@ -107,7 +107,7 @@ def effect_of(first: Floats, second: Floats, paired: bool, seed: int) -> EffectS
     a12s = np.concatenate([a12_of(firsts[cut], seconds[cut]) for cut in cuts])
     shifts = np.concatenate([shift_of(firsts[cut], seconds[cut]) for cut in cuts])
     intervals = np.quantile(a12s, _INTERVAL), np.quantile(shifts, _INTERVAL)
-    (a12_low, a12_high), (shift_low, shift_high) = (map(float, each) for each in intervals)
+    (a12_low, a12_high), (shift_low, shift_high) = (map(float, interval) for interval in intervals)
     return EffectSize(a12, a12_low, a12_high, shift, shift_low, shift_high, resamples)
 
 
@@ -143,19 +143,19 @@ def _shift_of(first: Floats, second: Floats, paired: bool) -> Callable[[Floats, 
         differences = first - second
         values = (differences[i] + differences[j]) / 2.0
     else:
-        i, j = (each.ravel() for each in np.indices((len(first), len(second))))
+        i, j = (indices.ravel() for indices in np.indices((len(first), len(second))))
         values = first[i] - second[j]
     order = np.argsort(values, kind="stable")
     i, j, values = i[order], j[order], values[order]
 
     def medians(firsts: Floats, seconds: Floats) -> Floats:
-        ones, others = firsts[:, i], seconds[:, j]
+        left, right = firsts[:, i], seconds[:, j]
         # Of k copies of a pair there are k (k + 1) / 2 means with each other.
-        ways = np.where(i == j, ones * (ones + 1.0) / 2.0, ones * others) if paired else None
-        sums = np.cumsum(ones * others if ways is None else ways, axis=1)
+        ways = np.where(i == j, left * (left + 1.0) / 2.0, left * right) if paired else None
+        sums = np.cumsum(left * right if ways is None else ways, axis=1)
         count = sums[:, -1]
         middles = np.floor((count + 1.0) / 2.0), np.floor(count / 2.0) + 1.0
-        low, high = (values[(sums < each[:, None]).sum(axis=1)] for each in middles)
+        low, high = (values[(sums < middle[:, None]).sum(axis=1)] for middle in middles)
         return np.asarray((low + high) / 2.0)
 
     return medians
@@ -183,10 +183,10 @@ class _Search:
             middle = (low + high) / 2.0
             places = np.searchsorted(self._second, self._first - middle[:, None])
             upto = count - np.take_along_axis(sums, places, axis=1)
-            found = (firsts * upto).sum(axis=1)
+            counted = (firsts * upto).sum(axis=1)
             if self._paired:
-                found += (firsts * (2.0 * self._first <= middle[:, None])).sum(axis=1)
-            enough = found >= half
+                counted += (firsts * (2.0 * self._first <= middle[:, None])).sum(axis=1)
+            enough = counted >= half
             low, high = np.where(enough, low, middle), np.where(enough, middle, high)
         return np.asarray((low + high) / 2.0)
 

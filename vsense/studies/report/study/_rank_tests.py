@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 
 MOST_EXACT = 50
 """Runs of a condition up to which the rank-sum and signed-rank tests are exact, as in R."""
-FEWEST = 2
+RUNS_MIN = 2
 """Runs of a condition, or pairs, that a test needs."""
 ALPHA = 0.05
 """Where the least possible p lies above it, a test cannot find anything; for intervals, too."""
@@ -110,8 +110,8 @@ def signed_rank(first: Floats, second: Floats) -> RankTest:
     from scipy import stats
 
     name, n = "Wilcoxon signed-rank test", (len(first),)
-    if len(first) < FEWEST:
-        return RankTest(name, n, reason=f"{_count(len(first), 'pair')}, at least {FEWEST} needed")
+    if len(first) < RUNS_MIN:
+        return RankTest(name, n, reason=f"{_count(len(first), 'pair')}, at least {RUNS_MIN} needed")
     apart = (first - second)[first != second]
     if not len(apart):
         return RankTest(name, n, reason="both runs of every pair gave the same")
@@ -133,9 +133,9 @@ def friedman(table: Floats) -> RankTest:
 
     blocks, conditions = table.shape
     name, n = "Friedman test", (blocks,)
-    if blocks < FEWEST:
+    if blocks < RUNS_MIN:
         count = _count(blocks, "complete block")
-        return RankTest(name, n, reason=f"{count}, at least {FEWEST} needed")
+        return RankTest(name, n, reason=f"{count}, at least {RUNS_MIN} needed")
     ranks = stats.rankdata(table, axis=1)
     if (ranks == ranks[:, :1]).all():
         return RankTest(name, n, reason="all conditions gave the same in every block")
@@ -174,8 +174,8 @@ def equivalence(first: Floats, second: Floats, margin: float, paired: bool) -> E
 
     name = f"two one-sided {'paired t-tests' if paired else 'Welch t-tests'}"
     n = (len(first),) if paired else (len(first), len(second))
-    if min(n) < FEWEST:
-        few = f"{_count(min(n), 'pair' if paired else 'run')}, at least {FEWEST} needed"
+    if min(n) < RUNS_MIN:
+        few = f"{_count(min(n), 'pair' if paired else 'run')}, at least {RUNS_MIN} needed"
         apart = float(np.mean(first) - np.mean(second)) if min(n) else None
         return Equivalence(name, n, margin, apart, reason=few)
     difference = float(np.mean(first) - np.mean(second))
@@ -206,8 +206,8 @@ def equivalence(first: Floats, second: Floats, margin: float, paired: bool) -> E
 
 def _cannot(n: Sequence[int], values: Floats) -> str:
     """Why independent runs cannot be tested; "" where they can."""
-    if min(n) < FEWEST:
-        return f"a condition has {_count(min(n), 'run')}, at least {FEWEST} of each needed"
+    if min(n) < RUNS_MIN:
+        return f"a condition has {_count(min(n), 'run')}, at least {RUNS_MIN} of each needed"
     return "all runs gave the same" if (values == values[0]).all() else ""
 
 

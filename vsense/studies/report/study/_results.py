@@ -89,12 +89,12 @@ def results_of(
 
 
 def _require(sorted_runs: Sequence[Study], asked: Questions) -> None:
-    known = list(dict.fromkeys(name for study in sorted_runs for name in study.measures))
+    measures = list(dict.fromkeys(name for study in sorted_runs for name in study.measures))
     for option, names in (("--same", asked.margins), ("--measure", asked.only)):
         for name in names:
-            if name not in known:
+            if name not in measures:
                 raise UsageError(
-                    f"{option} {name}: no measure of these runs; {instead(name, known)}"
+                    f"{option} {name}: no measure of these runs; {instead(name, measures)}"
                 )
     labels = [arm.label for study in sorted_runs for arm in study.arms]
     if asked.against and asked.against not in labels:
@@ -139,8 +139,8 @@ def _measure(study: Study, name: str, asked: Questions) -> MeasureResult:
 def _wanted(arms: Sequence[Arm], asked: Questions) -> tuple[list[tuple[int, int]], str]:
     labels = [arm.label for arm in arms]
     if asked.against in labels:
-        one = labels.index(asked.against)
-        return [(place, one) for place in range(len(arms)) if place != one], ""
+        against = labels.index(asked.against)
+        return [(place, against) for place in range(len(arms)) if place != against], ""
     if len(arms) > MOST_ARMS:
         return [], (
             f"{len(arms)} conditions are {len(arms) * (len(arms) - 1) // 2} pairs, which are not"
@@ -166,8 +166,8 @@ def _pair(
     if len(first) and len(second):
         effect = effect_of(first, second, paired, asked.seed)
     n = (len(first),) if paired else (len(first), len(second))
-    one, other = (arms[place].label for place in pair)
-    return PairResult(one, other, n, test, effect, same)
+    label, other_label = (arms[place].label for place in pair)
+    return PairResult(label, other_label, n, test, effect, same)
 
 
 def _adjusted(pairs: Sequence[PairResult]) -> list[PairResult]:
@@ -206,7 +206,7 @@ def as_json(result: StudyResult) -> dict[str, Any]:
         "differences": {
             name: dict(zip(_labels(study), texts)) for name, texts in study.differences()
         },
-        "measures": {each.measure: _measure_json(study, each) for each in result.measures},
+        "measures": {measure.measure: _measure_json(study, measure) for measure in result.measures},
     }
 
 

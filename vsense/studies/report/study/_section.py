@@ -12,7 +12,7 @@ import numpy as np
 
 from vsense.monitor.pictures.run_figure import spoken
 from vsense.studies.report import Questions, _plot
-from vsense.studies.report._markup import DASH, Counter, Shown, note, share_of
+from vsense.studies.report._markup import DASH, Counter, PageFigure, note, share_of
 from vsense.studies.report._plot import Drawing
 from vsense.studies.report.study import _words as words
 from vsense.studies.report.study._effects import Spread
@@ -23,7 +23,7 @@ from vsense.studies.report.study._words import interval, n_of, number, p_of, sta
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-FEWEST = 5
+FEWEST_BOXED = 5
 """Runs that a box needs."""
 _MOST_UPRIGHT = 5
 """Conditions that stand side by side; more lie below each other, with their names in full."""
@@ -85,13 +85,13 @@ class _Pen:
 
     def line(self, across: Sequence[float], values: Sequence[float], **style: Any) -> None:
         """Draws a line, or dots; `across` is measured from the place."""
-        x: Sequence[float] | Floats = [self._place + each for each in across]
+        x: Sequence[float] | Floats = [self._place + offset for offset in across]
         x, y = (x, values) if self._upright else (values, x)
         self._axes.plot(x, y, **style)
 
     def area(self, across: Sequence[float], values: Sequence[float], **style: Any) -> None:
         """Fills an area."""
-        x: Sequence[float] | Floats = [self._place + each for each in across]
+        x: Sequence[float] | Floats = [self._place + offset for offset in across]
         x, y = (x, values) if self._upright else (values, x)
         self._axes.fill(x, y, **style)
 
@@ -99,7 +99,7 @@ class _Pen:
 def _arm(pen: _Pen, values: Floats, spread: Spread, colour: str) -> None:
     ink = _plot.setting("text.color")
     waist = _HALF
-    if spread.n >= FEWEST:
+    if spread.n >= FEWEST_BOXED:
         across, along, waist = _outline(spread)
         pen.area(across, along, facecolor=colour, alpha=0.18, linewidth=0)
         pen.line([*across, across[0]], [*along, along[0]], color=colour, linewidth=0.8)
@@ -120,13 +120,13 @@ def _outline(spread: Spread) -> tuple[list[float], list[float], float]:
     low, high = spread.quartiles
     under, over = spread.notch or (low, high)
     side = [(_HALF, low), (_HALF, under), (_WAIST, spread.median), (_HALF, over), (_HALF, high)]
-    whole = [*side, *((-x, y) for x, y in side[::-1])]
-    return [x for x, _ in whole], [y for _, y in whole], _WAIST
+    points = [*side, *((-x, y) for x, y in side[::-1])]
+    return [x for x, _ in points], [y for _, y in points], _WAIST
 
 
 def _folds(spread: Spread | None) -> bool:
     """Whether the notch is wider than the box, at one end at least."""
-    if spread is None or spread.notch is None or spread.n < FEWEST:
+    if spread is None or spread.notch is None or spread.n < FEWEST_BOXED:
         return False
     return spread.notch[0] < spread.quartiles[0] or spread.notch[1] > spread.quartiles[1]
 
@@ -143,7 +143,7 @@ def caption(result: StudyResult, outcome: MeasureResult) -> str:
     """What a figure shows, with the number of runs and of void ones."""
     arms = result.study.arms
     words = f"{result.study.title}. A dot is a run"
-    boxed = [s is not None and s.n >= FEWEST for s in outcome.spreads]
+    boxed = [s is not None and s.n >= FEWEST_BOXED for s in outcome.spreads]
     if any(boxed):
         words += (
             "; boxes: quartiles and median, whiskers to the last run within 1.5 interquartile"
@@ -153,7 +153,7 @@ def caption(result: StudyResult, outcome: MeasureResult) -> str:
         words += ", beyond the box where its corners fold over"
     few = [a.label for a, box in zip(arms, boxed) if not box]
     if few:
-        words += f"; line: median, no box of fewer than {FEWEST} runs ({', '.join(few)})"
+        words += f"; line: median, no box of fewer than {FEWEST_BOXED} runs ({', '.join(few)})"
     counts = [
         f"{arm.label} {len(values)} (void: {len(arm.voids)})"
         for arm, values in zip(arms, outcome.values)
@@ -161,12 +161,12 @@ def caption(result: StudyResult, outcome: MeasureResult) -> str:
     return f"{words}. n: {', '.join(counts)}. Void runs are not drawn."
 
 
-MOST_ROWS = 200
+MOST_VOID_RUNS = 200
 """Void runs that are listed."""
 
 
 def section(
-    result: StudyResult, pictures: Sequence[Shown], counter: Counter, number_: int, tests: bool
+    result: StudyResult, pictures: Sequence[PageFigure], counter: Counter, number_: int, tests: bool
 ) -> str:
     """The section of a study, which is the page's `number_`-th, from 0."""
     study = result.study
@@ -204,8 +204,8 @@ def _warnings(result: StudyResult) -> Iterator[str]:
     labels = [arm.label for arm in result.study.arms]
     for name, texts in result.study.differences():
         if len(set(texts)) > 1:
-            each = "; ".join(f"{label}: {text}" for label, text in zip(labels, texts))
-            yield note(f"The conditions differ in {name}, too: {each}.", "warning")
+            values = "; ".join(f"{label}: {text}" for label, text in zip(labels, texts))
+            yield note(f"The conditions differ in {name}, too: {values}.", "warning")
         else:
             yield note(f"Runs of one condition differ in {name}: {texts[0]}.", "warning")
     for arm in result.study.arms:
@@ -299,10 +299,10 @@ def _voids(result: StudyResult, counter: Counter) -> str:
     if not rows:
         return "<p>No run is void.</p>\n"
     caption = "They count nowhere."
-    if len(rows) > MOST_ROWS:
-        caption += f" The first {MOST_ROWS} of {len(rows)}."
+    if len(rows) > MOST_VOID_RUNS:
+        caption += f" The first {MOST_VOID_RUNS} of {len(rows)}."
     heads = ("run", "condition", "series", "why")
-    return counter.table("Void runs", caption, heads, rows[:MOST_ROWS], texts=(0, 1, 2, 3))
+    return counter.table("Void runs", caption, heads, rows[:MOST_VOID_RUNS], texts=(0, 1, 2, 3))
 
 
 def methods(results: Sequence[StudyResult], asked: Questions) -> str:

@@ -127,7 +127,7 @@ def _pair(pair: PairResult, outcome: MeasureResult) -> str:
         n = n_of(pair.n, outcome.paired)
         words += f" {test.name} ({test.method}), {n if outcome.paired else f'n = {n}'},"
         words += f" {statistic(test)}, {equals_p(test.p)}"
-        tested = sum(each.adjusted is not None for each in outcome.pairs)
+        tested = sum(compared.adjusted is not None for compared in outcome.pairs)
         if tested > 1 and pair.adjusted is not None:
             words += f", Holm-adjusted over {tested} pairs {equals_p(pair.adjusted)}"
         weak = test.least_p is not None and test.least_p > ALPHA
@@ -139,12 +139,12 @@ def _powerless(outcome: MeasureResult) -> Iterator[str]:
     """Says where no result at all could have given a small p, in any pair."""
     tests = [pair.test for pair in outcome.pairs if pair.test is not None]
     least = [test.least_p for test in tests if test.p is not None]
-    known = [p for p in least if p is not None]
-    if not known or len(known) < len(least) or min(known) * len(known) <= ALPHA:
+    values = [p for p in least if p is not None]
+    if not values or len(values) < len(least) or min(values) * len(values) <= ALPHA:
         return
-    words = " adjusted over the pairs" if len(known) > 1 else ""
+    words = " adjusted over the pairs" if len(values) > 1 else ""
     yield (
-        f"With so few runs p{words} cannot be below {p_of(min(min(known) * len(known), 1.0))},"
+        f"With so few runs p{words} cannot be below {p_of(min(min(values) * len(values), 1.0))},"
         " whatever the runs give: these tests can show no difference."
     )
 
@@ -207,9 +207,9 @@ def methods(results: Sequence[StudyResult], asked: Questions) -> str:
 
 
 def _tests_used(results: Sequence[StudyResult]) -> Iterator[str]:
-    measures = [each for result in results for each in result.measures]
-    overall = [each.overall for each in measures if each.overall and each.overall.p is not None]
-    tests = [pair.test for each in measures for pair in each.pairs]
+    measures = [m for result in results for m in result.measures]
+    overall = [m.overall for m in measures if m.overall and m.overall.p is not None]
+    tests = [pair.test for m in measures for pair in m.pairs]
     done = [test for test in tests if test is not None and test.p is not None]
     if overall:
         yield f"Three or more conditions were compared with the {_named(overall)}."
@@ -221,10 +221,10 @@ def _tests_used(results: Sequence[StudyResult]) -> Iterator[str]:
         keys = next(result.study.keyed for result in results if result.study.keyed)
         names = [name for name in keys if name != "series"]
         yield f"Runs with the same {', '.join(names)} are pairs; equal ones were left out of it."
-    most = max((sum(p.adjusted is not None for p in each.pairs) for each in measures), default=0)
+    most = max((sum(p.adjusted is not None for p in m.pairs) for m in measures), default=0)
     if most > 1:
         yield "p of pairs were adjusted by Holm's method over the pairs of a measure."
-    if done and len({each.measure for each in measures}) > 1:
+    if done and len({m.measure for m in measures}) > 1:
         yield "p were not adjusted over measures."
 
 
@@ -234,7 +234,7 @@ def _named(tests: Sequence[RankTest]) -> str:
 
 
 def _effects_used(results: Sequence[StudyResult], asked: Questions) -> Iterator[str]:
-    pairs = [pair for result in results for each in result.measures for pair in each.pairs]
+    pairs = [pair for result in results for measure in result.measures for pair in measure.pairs]
     drawn = sorted({pair.effect.resamples for pair in pairs if pair.effect} - {0})
     if any(pair.effect for pair in pairs):
         words = "Effect sizes are Vargha and Delaney's A12 and the Hodges-Lehmann shift"
@@ -249,10 +249,10 @@ def _effects_used(results: Sequence[StudyResult], asked: Questions) -> Iterator[
 
 def _claims(results: Sequence[StudyResult]) -> Iterator[str]:
     claims = [
-        (each.measure, pair.same)
+        (measure.measure, pair.same)
         for result in results
-        for each in result.measures
-        for pair in each.pairs
+        for measure in result.measures
+        for pair in measure.pairs
         if pair.same is not None
     ]
     if claims:
