@@ -262,3 +262,30 @@ def test_keys_that_members_make_at_once_are_all_kept(tmp_path: Path) -> None:
     with ThreadPoolExecutor(8) as pool:
         newest = [made.newest for made in pool.map(keys.follow, [path] * 8)]
     assert sorted(newest) == sorted(keys.read(path).keys) == list(range(1, 9))
+
+
+def test_a_board_that_says_anothers_uid_makes_nobody_a_clone(
+    file: Path, tmp_path: Path, boards: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ask("--key", str(file), "--new-key")
+    assert deploy(tmp_path, FOUR, "--key", str(file)) == 0
+    honest, liar = boards / "root@a", boards / "root@d"
+    before = (key_of(honest), (honest / "etc/vsensed.conf").read_bytes())
+    write_program(liar / "bin" / "sed", f"echo {before[0]['uid']}")
+    capsys.readouterr()
+    assert deploy(tmp_path, FOUR, "--key", str(file), "--json") == 1
+    facts = {row["robot"]: row for row in json.loads(capsys.readouterr().out)}
+    assert [name for name, row in facts.items() if not row["ok"]] == ["root@d"]
+    assert f"its uid is {before[0]['uid']}; it was given {'7' * 32}" in facts["root@d"]["text"]
+    assert (key_of(honest), (honest / "etc/vsensed.conf").read_bytes()) == before
+
+
+def test_no_key_is_left_behind_where_a_board_refuses(
+    file: Path, tmp_path: Path, boards: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ask("--key", str(file), "--new-key")
+    write_program(boards / "bin" / "sudo", "echo 'sudo: a password is required' >&2; exit 1")
+    here = set(Path("/tmp").glob("vsensed.*"))
+    assert deploy(tmp_path, "pi@a tag=1\n", "--key", str(file), "--sudo") == 1
+    assert "a password is required" in capsys.readouterr().out
+    assert set(Path("/tmp").glob("vsensed.*")) == here

@@ -56,7 +56,11 @@ SSH_TIMEOUT_S = 120.0
 _RADIO_STAYS = "stays as it is"
 """What board/vsensed.radio says of a radio whose power saving it cannot turn off."""
 
-_RECEIVE = 'd=$(mktemp -d /tmp/vsensed.XXXXXX) && tar -xf - -C "$d"'
+_RECEIVE = (
+    "d=$(mktemp -d /tmp/vsensed.XXXXXX) && trap 'rm -rf \"$d\"' EXIT && trap 'exit 1' HUP INT TERM"
+    ' && tar -xf - -C "$d"'
+)
+"""What was sent, the robot's key with it, goes away however this ends."""
 _MOST = 16
 _SSH_FAILED = 255
 
@@ -228,7 +232,7 @@ def deploy(
     if shutil.which(SSH[0]) is None:
         raise DeployError("no ssh here; install it with: sudo apt install openssh-client")
     outcomes = _serve_all(plan, robots, report)
-    clones = _clones(outcomes)
+    clones = _clones(plan, outcomes)
     if not clones or plan.part is not Part.ALL:
         return [_tell_clone(outcome) if outcome in clones else outcome for outcome in outcomes]
     # Cards that were copied, with the id that the first of them was given.
@@ -242,10 +246,13 @@ def new_uid() -> str:
     return secrets.token_hex(16)
 
 
-def _clones(outcomes: Sequence[Outcome]) -> list[Outcome]:
-    """The robots that have their uid in common with another one."""
+def _clones(plan: Plan, outcomes: Sequence[Outcome]) -> list[Outcome]:
+    """The robots that have their uid in common with another one.
+
+    Who was brought a key was given its uid with it, whatever another board says of itself.
+    """
     count = Counter(outcome.uid for outcome in outcomes)
-    return [outcome for outcome in outcomes if outcome.uid and count[outcome.uid] > 1]
+    return [o for o in outcomes if count[o.uid] > 1 and o.uid and not plan.brings_key(o.robot)]
 
 
 def _tell_clone(outcome: Outcome) -> Outcome:
@@ -335,8 +342,13 @@ class _Crew:
                 self._running.discard(process)
         outcome = _judge(robot, process.returncode, _lines(out), _lines(err))
         plan = self._plan
-        keyed = plan.brings_key(robot) and outcome.uid == plan.uids[robot.destination].hex()
-        return replace(outcome, keyed=keyed)
+        if not plan.brings_key(robot) or not outcome.uid:
+            return outcome
+        given = plan.uids[robot.destination].hex()
+        if outcome.uid == given:
+            return replace(outcome, keyed=True)
+        text = f"{outcome.text}, but it says that its uid is {outcome.uid}; it was given {given}"
+        return replace(outcome, ok=False, text=text)
 
 
 def _lines(said: bytes) -> list[str]:
