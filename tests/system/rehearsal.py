@@ -40,9 +40,9 @@ class Stage:
         words = ("robot", "link", tags, "--for", str(duration_s), "--json", "--insecure")
         return self._vsense(*words, "--port", str(self.port))
 
-    def run(self, *words: str) -> subprocess.CompletedProcess[str]:
-        """A run of foraging with them."""
-        ports = ("--tracker", f"lines:{self.lines}", "--port", str(self.port))
+    def run(self, *words: str, lines: int = 0) -> subprocess.CompletedProcess[str]:
+        """A run of foraging with them; its tracker's `lines` come to another port than theirs."""
+        ports = ("--tracker", f"lines:{lines or self.lines}", "--port", str(self.port))
         return self._vsense("run", "foraging", *ports, "--robots", "2", "--insecure", *words)
 
     def _vsense(self, *words: str) -> subprocess.CompletedProcess[str]:
