@@ -128,7 +128,7 @@ def test_trajectories_are_what_was_recorded(experiment, pollutant, tmp_path: Pat
 
 
 @pytest.mark.parametrize(
-    "name", ["modes/sim/simulation", "robots/inprocess", "modes/sim/record", "run/environment"]
+    "name", ["modes/sim/_simulation", "robots/inprocess", "modes/sim/_record", "run/environment"]
 )
 def test_what_decides_a_run_reads_no_clock(name: str) -> None:
     source = (ROOT / "vsense" / f"{name}.py").read_text()
