@@ -22,7 +22,7 @@ from vsense.monitor.recording._recorder import Recorder
 from vsense.monitor.recording.reader import open_recording
 from vsense.monitor.recording.writer import RecordingWriter
 from vsense.run.runs_csv import RunRow, RunsFile
-from vsense.studies.packages import _archive, pack
+from vsense.studies.packages import _archive, _contents
 from vsense.studies.packages._archive import MANIFEST, manifest_of
 from vsense.studies.packages._places import is_own
 
@@ -52,7 +52,7 @@ def packed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert cli.main(["series", str(folder / "walks.toml")]) == 0
     words = ["pack", str(folder / "walks-sim"), "-o", str(target), "--about", "Two walks."]
     with pytest.MonkeyPatch.context() as smaller:
-        smaller.setattr(pack, "MOST_CONTENTS", 100)
+        smaller.setattr(_contents, "MOST_CONTENTS", 100)
         assert cli.main(words) == 2 and not target.exists(), "nobody could read its contents"
     assert cli.main([*words, "--author", "Josiah Carberry <0000-0002-1825-0097>"]) == 0
     shutil.rmtree(folder / "walks-sim")

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from vsense.base.errors import VsenseError
+from vsense.base.errors import UsageError, VsenseError
 from vsense.base.files import parse_json
 from vsense.run.runs_csv import MODES
 from vsense.studies.packages._archive import wrong_name
@@ -72,8 +72,14 @@ class PackageContents:
     left_out: Mapping[str, int] = field(default_factory=dict)
 
     def to_bytes(self) -> bytes:
-        """As the package has it."""
-        return f"{json.dumps({'format': PACKAGE_FORMAT, **asdict(self)}, indent=1)}\n".encode()
+        """As the package has it; UsageError if nobody could read so much."""
+        data = f"{json.dumps({'format': PACKAGE_FORMAT, **asdict(self)}, indent=1)}\n".encode()
+        if len(data) > MOST_CONTENTS:
+            raise UsageError(
+                f"{len(self.runs)} runs are too many for one package: its contents have"
+                f" {len(data) >> 10} kB, expected at most {MOST_CONTENTS >> 10}"
+            )
+        return data
 
     @classmethod
     def read(cls, data: bytes, names: Sequence[str]) -> PackageContents:

@@ -18,12 +18,7 @@ from vsense.run.runs_csv import utc
 from vsense.studies.packages import _archive, _crate, _figures, _kinds
 from vsense.studies.packages import _contents as contents
 from vsense.studies.packages._archive import MANIFEST, PackageError
-from vsense.studies.packages._contents import (
-    CONTENTS,
-    MOST_CONTENTS,
-    PackageContents,
-    PackedRun,
-)
+from vsense.studies.packages._contents import CONTENTS, PackageContents, PackedRun
 from vsense.studies.packages._crate import Described, Person, Title
 from vsense.studies.packages._gathering import FoundRun, FoundSeries, gather
 from vsense.studies.packages._kinds import FileKind
@@ -174,13 +169,7 @@ class Packing:
             self._lacks,
             counts,
         )
-        data = contents.to_bytes()
-        if len(data) > MOST_CONTENTS:
-            raise PackageError(
-                f"{len(self._runs)} runs are too many for one package: its contents have"
-                f" {len(data) >> 20} MB, expected at most {MOST_CONTENTS >> 20}"
-            )
-        self._put(CONTENTS, data, "Contents", "What vsense reproduces.", _kinds.JSON)
+        self._put(CONTENTS, contents.to_bytes(), "Contents", "What vsense reproduces.", _kinds.JSON)
         text = _crate.readme(self._title.name, contents, self._series)
         self._put(README, text.encode(), "Read me", "What this is.", "text/markdown")
         self._describe()
