@@ -103,7 +103,7 @@ class Stage:
     def helper(self, module: str) -> int:
         """Process number of one of the lab's processes: cameras, physics_process."""
         found = [
-            p for p, words in self.lab.relatives().items() if f"vsense.modes.lab.{module}" in words
+            p for p, words in self.lab.relatives().items() if f"vsense.modes.lab._{module}" in words
         ]
         return found[0]
 

@@ -147,7 +147,7 @@ def test_killed_daemon_is_named_and_joins_again(directory: Path) -> None:
 
 @pytest.mark.paced
 @pytest.mark.parametrize(
-    ("process", "told"), [("physics_process", "physics"), ("cameras", "cameras")]
+    ("process", "told"), [("_physics_process", "physics"), ("_cameras", "cameras")]
 )
 def test_failing_process_is_named_and_the_run_reported(
     directory: Path, process: str, told: str
@@ -161,7 +161,7 @@ def test_failing_process_is_named_and_the_run_reported(
     assert lab.end() == 1
     assert f"{told} was killed by SIGKILL" in lab.said[-1]
     assert lab.relatives() == {}
-    if process == "cameras":
+    if told == "cameras":
         assert lab.summary()["timesteps"] > 0
 
 
