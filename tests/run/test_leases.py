@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import io
 import json
 import os
@@ -20,9 +19,9 @@ import pytest
 from vsense import cli
 from vsense.base.sharing import SharingError
 from vsense.base.terminal import Console
-from vsense.commands import _experiments
 from vsense.config.experiment import load
 from vsense.modes.live._steering import RunSteering, SessionCallbacks
+from vsense.modes.live.opening import lease_robots
 from vsense.monitor.ui.messages import ExperimentFacts
 from vsense.monitor.ui.room import ControlRoom, RoomOptions
 from vsense.robots.link.server import VirtualSensorServer
@@ -147,8 +146,8 @@ def test_a_run_whose_robots_another_has_is_refused_before_its_port_is_open(
 ) -> None:
     """Robots that connect to this machine alone are emulated: everybody may have his own."""
     experiment = load("aggregation")
-    options = argparse.Namespace(command="run", robots=None)
-    first = min(robot.tag for robot in experiment.robots)
+    tags = [robot.tag for robot in experiment.robots]
+    first = min(tags)
     words = [sys.executable, "-c", HOLDER, str(folder), str(first)]
     pipe = subprocess.PIPE
     with subprocess.Popen(words, stdin=pipe, stdout=pipe, text=True) as process:
@@ -160,10 +159,10 @@ def test_a_run_whose_robots_another_has_is_refused_before_its_port_is_open(
         calibrate = ["robot", "calibrate", "aggregation", "--tracking", "r.json", "s.json"]
         assert cli.main([*calibrate, "--insecure", "--host", "0.0.0.0"]) == 1
         assert capsys.readouterr().err == said, "what else moves real robots"
-        with _experiments.lease_robots(options, experiment, "127.0.0.1"):
+        with lease_robots(tags, "run", experiment.name, "127.0.0.1"):
             assert list(leases.holders(folder)) == [first]
         process.kill()
-    with _experiments.lease_robots(options, experiment, "0.0.0.0"):
+    with lease_robots(tags, "run", experiment.name, "0.0.0.0"):
         names = {path.stem for path in folder.iterdir() if path.read_text()}
         assert names == {f"robot-{robot.tag}" for robot in experiment.robots}
 

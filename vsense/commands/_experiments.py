@@ -6,21 +6,18 @@ What only the last two need, robots' links and the control room, is imported whe
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable, Mapping
-from contextlib import AbstractContextManager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vsense.base.terminal import print_data
 from vsense.commands import _arguments, _homes, _rosters
-from vsense.config.specs import Experiment, Stage
-from vsense.modes import options as options_module
+from vsense.config.specs import Stage
 from vsense.modes.options import ExperimentOptions
 
 if TYPE_CHECKING:
     from vsense.monitor.ui.room import RoomOptions
     from vsense.robots.link.keys import LinkTrust
-    from vsense.run.leases import RobotLeases
 
 DEFAULT = "foraging"
 """The experiment of links and emulated robots, where none is named."""
@@ -172,32 +169,3 @@ def is_dry(options: argparse.Namespace, asked: ExperimentOptions) -> bool:
         for text in asked.described(options.json):
             print_data(text)
     return bool(options.dry)
-
-
-def choose_seed(options: argparse.Namespace, experiment: Experiment) -> int:
-    """Gives a run's seed: the command line's, else the file's; for 0 a fresh one."""
-    return options_module.choose_seed(options.seed, experiment)
-
-
-def say_trust(trust: LinkTrust, say: Callable[[str], None]) -> None:
-    """Says where anybody could be a robot, and which former keys are still believed."""
-    from vsense.modes.live import opening
-
-    opening.say_trust(trust, say)
-
-
-def lease_tags(
-    options: argparse.Namespace, name: str, tags: Iterable[int], host: str
-) -> AbstractContextManager[RobotLeases | None]:
-    """Takes robots for the experiment of a name; see `opening.lease_robots`."""
-    from vsense.modes.live import opening
-
-    return opening.lease_robots(tags, options.command, name, host)
-
-
-def lease_robots(
-    options: argparse.Namespace, experiment: Experiment, host: str
-) -> AbstractContextManager[RobotLeases | None]:
-    """Takes an experiment's robots; see `opening.lease_robots`."""
-    tags = [robot.tag for robot in experiment.robots[: options.robots]]
-    return lease_tags(options, experiment.name, tags, host)

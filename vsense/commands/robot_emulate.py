@@ -15,6 +15,8 @@ from vsense.config.placement import settle
 from vsense.config.specs import LINES_PORT, Experiment, JsonLinesTracker, Stage
 from vsense.modes.lab.hardware import BASES
 from vsense.modes.lab.rehearsal import LineWriter, Rehearsal
+from vsense.modes.live.opening import LinkOptions
+from vsense.modes.options import choose_seed
 from vsense.run import directory as run_directory
 
 
@@ -71,10 +73,9 @@ def run(options: argparse.Namespace) -> int:
     experiment = first_robots(loaded, options.robots)
     radios = _hardware.radios_of(options, experiment)
     trust = _experiments.trust_of(options)
-    seed = _experiments.choose_seed(options, experiment)
+    seed = choose_seed(options.seed, experiment)
     experiment = settle(experiment, seed)
-    host = experiment.host if options.host is None else options.host
-    address = host, experiment.port if options.port is None else options.port
+    host, _ = address = LinkOptions(options.host, options.port).address(experiment)
     port = _lines_port(options, experiment)
     directory = run_directory.make(options.output, f"{experiment.name}-emulated", seed)
     console = Console()

@@ -57,19 +57,20 @@ def run(options: argparse.Namespace) -> int:
         0; 1 where a robot would not hold the experiment's timestep; 130 after Ctrl-C, 143 after
         SIGTERM, with what was measured by then.
     """
+    from vsense.modes.live import opening
+
     experiment = _experiment(options)
     robots = _robots(options, experiment)
-    host = experiment.host if options.host is None else options.host
-    port = experiment.port if options.port is None else options.port
-    trust = _experiments.trust_of(options)
+    address = opening.LinkOptions(options.host, options.port).address(experiment)
+    trust = opening.trust_of(options.key, options.insecure)
     console = Console()
-    _experiments.say_trust(trust, console.say)
+    opening.say_trust(trust, console.say)
     with (
         interruption() as interrupted,
-        _experiments.lease_tags(options, experiment.name, robots, host),
-        LinkLoad(robots, experiment.timestep_ns, (host, port), trust, console.say) as link,
+        opening.lease_robots(robots, options.command, experiment.name, address[0]),
+        LinkLoad(robots, experiment.timestep_ns, address, trust, console.say) as link,
     ):
-        _announce(experiment, len(robots), (host, link.port), console)
+        _announce(experiment, len(robots), (address[0], link.port), console)
         there = link.wait(options.wait, interrupted, console.progress)
         lasted_s = 0.0
         if not interrupted.is_set():

@@ -6,6 +6,7 @@ import argparse
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,9 @@ from vsense.config.placement import settle
 from vsense.config.roster import Roster
 from vsense.config.specs import Experiment, Stage
 from vsense.modes.lab.hardware import BASES
-from vsense.modes.live.opening import require_source
+from vsense.modes.live import opening
+from vsense.modes.live.opening import LinkOptions
+from vsense.modes.options import choose_seed
 from vsense.robots.link import keys
 from vsense.robots.link.keys import LinkTrust
 from vsense.tools.robot_calibration import measuring
@@ -138,23 +141,24 @@ def _measuring(options: argparse.Namespace, roster: Roster | None) -> Iterator[M
         load(options.experiment, stage=stage, casting=casting), options.robots
     )
     if not options.lab:
-        require_source(experiment, options.tracking)
+        opening.require_source(experiment, options.tracking)
     elif options.tracking is not None:
         raise UsageError("--lab has cameras of its own: expected no --tracking")
-    host = experiment.host if options.host is None else options.host
-    port = 0 if options.lab else experiment.port
-    leases = nullcontext() if options.lab else _experiments.lease_robots(options, experiment, host)
-    with leases:
-        seed = _experiments.choose_seed(options, experiment)
+    host, port = LinkOptions(options.host, options.port).address(experiment)
+    port = 0 if options.lab and options.port is None else port
+    tags = [robot.tag for robot in experiment.robots]
+    lease = partial(opening.lease_robots, tags, options.command, experiment.name, host)
+    with nullcontext() if options.lab else lease():
+        seed = choose_seed(options.seed, experiment)
         experiment = settle(experiment, seed, options.lab)
         yield MeasuringOptions(
             experiment=experiment,
             seed=seed,
-            address=(host, port if options.port is None else options.port),
+            address=(host, port),
             trust=LinkTrust(keys.make()) if options.lab else _experiments.trust_of(options),
             tracking=options.tracking,
             lab=_lab_of(options, experiment) if options.lab else None,
-            roster_file=roster,
+            roster=roster,
             web=_arguments.web_of(options),
             wait_s=options.wait,
             output=options.output,

@@ -79,7 +79,7 @@ class MeasuringOptions:
         address: interface and port that robots connect to.
         tracking: the two files of the overhead cameras; None: the experiment names its tracker.
         lab: None: the robots are real.
-        roster_file: what is known of them.
+        roster: what is known of them.
         wait_s: it begins after this time at the latest, without robots that are missing.
         output: folder for files, None: one in `runs/`.
     """
@@ -90,7 +90,7 @@ class MeasuringOptions:
     trust: LinkTrust
     tracking: tuple[str, str] | None
     lab: EmulatedSwarm | None
-    roster_file: Roster | None
+    roster: Roster | None
     web: WebAddress | None
     wait_s: float
     output: Path | None
@@ -239,7 +239,7 @@ def _results(
             swarm.fits.get(robot.tag),
             swarm.failed.get(robot.tag, cut),
             robots.hardware.get(robot.tag),
-            None if options.roster_file is None else options.roster_file.get(robot.tag),
+            None if options.roster is None else options.roster.get(robot.tag),
             *swarm.sensors_of(robot.tag, cut),
         )
         for robot in session.experiment.robots
@@ -264,17 +264,17 @@ def _keep_calibration(
         print_data(results.table(calibrated))
     if worst:
         console.say(_errors(worst))
-    file, fitted = options.roster_file, [robot for robot in calibrated if robot.fit is not None]
-    if file is None or not fitted:
+    lab, fitted = options.roster, [robot for robot in calibrated if robot.fit is not None]
+    if lab is None or not fitted:
         return
     today = time.strftime("%Y-%m-%d")
-    listed = [robot for robot in fitted if file.get(robot.tag) is not None]
-    roster.update(file.path, {robot.tag: robot.for_roster(today) for robot in listed})
+    listed = [robot for robot in fitted if lab.get(robot.tag) is not None]
+    roster.update(lab.path, {robot.tag: robot.for_roster(today) for robot in listed})
     for robot in fitted:
         if robot not in listed:
-            console.say(f"{file.path} has no robot with tag {robot.tag}: not written", "warning")
+            console.say(f"{lab.path} has no robot with tag {robot.tag}: not written", "warning")
     console.say(
-        f"written to {file.path}: {len(listed)} robots. Their markers count from the next run on;"
+        f"written to {lab.path}: {len(listed)} robots. Their markers count from the next run on;"
         f" 'vsense robot deploy' brings the wheels' factors and scales to the robots"
     )
 
@@ -355,7 +355,7 @@ def _keep_check(
         rows = [(str(r.tag), r.name, r.verdict.value, r.words) for r in checked]
         print_data("\n".join(aligned([("tag", "robot", "", ""), *rows])))
     for pair in pairs:
-        console.say(swapped(pair, options.roster_file), "warning")
+        console.say(swapped(pair, options.roster), "warning")
     good = sum(robot.verdict is Verdict.OK for robot in checked)
     console.say(f"{good} of {len(checked)} robots are as they should be; {directory / CHECK_FILE}")
 
@@ -374,15 +374,15 @@ def _as_json(robot: WiggledRobot) -> dict[str, Any]:
     }
 
 
-def swapped(pair: tuple[int, int], file: Roster | None) -> str:
+def swapped(pair: tuple[int, int], lab: Roster | None) -> str:
     """What is to be done about two robots that wear each other's markers."""
     first, second = pair
     line = f"robots {first} and {second} wear each other's markers: exchange these"
-    entries = [] if file is None else [entry for tag in pair if (entry := file.get(tag))]
-    if file is None or len(entries) < 2:
+    entries = [] if lab is None else [entry for tag in pair if (entry := lab.get(tag))]
+    if lab is None or len(entries) < 2:
         return f"{line}, or their tags in the roster, and bring them there: vsense robot deploy"
     return (
-        f"{line}, or their tags in {file.path}: tag = {second} for the robot of line"
+        f"{line}, or their tags in {lab.path}: tag = {second} for the robot of line"
         f" {entries[0].line}, tag = {first} for that of line {entries[1].line}, and then"
         f" vsense robot deploy --tags {first},{second}"
     )

@@ -18,8 +18,6 @@ from dataclasses import dataclass
 from vsense.robots.link.status import LinkError
 from vsense.robots.link.table import Direction, Entry
 
-LEGACY_PORT = 4050
-
 START_MESSAGE = struct.pack(">I", 1)
 END_MESSAGE = struct.pack(">I", 0)
 
