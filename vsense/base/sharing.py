@@ -139,7 +139,7 @@ def _check(folder: Path, status: os.stat_result) -> None:
 def _stranger(folder: Path, gid: int) -> str:
     """Why this account may not enter, and what makes it a member."""
     group, user = group_name(gid), user_name()
-    if _joined(user, gid):
+    if _joined(os.getuid(), gid):
         return (
             f"{folder} is for group '{group}', which {user} has joined since this login began:"
             " log in again"
@@ -150,11 +150,12 @@ def _stranger(folder: Path, gid: int) -> str:
     )
 
 
-def _joined(user: str, gid: int) -> bool:
+def _joined(uid: int, gid: int) -> bool:
     """Whether the system has an account in a group; without a list of all accounts: that of a
     university takes longer than anybody waits for a stop."""
     try:
-        return gid in os.getgrouplist(user, pwd.getpwuid(os.getuid()).pw_gid)
+        account = pwd.getpwuid(uid)
+        return gid in os.getgrouplist(account.pw_name, account.pw_gid)
     except (KeyError, OSError):
         return False
 
@@ -162,10 +163,10 @@ def _joined(user: str, gid: int) -> bool:
 def is_fellow(uid: int) -> bool:
     """Whether an account is in the group of the lab that this one is in."""
     try:
-        folder, account = lab(), pwd.getpwuid(uid)
-    except (SharingError, KeyError):
+        folder = lab()
+    except SharingError:
         return False
-    return folder is not None and folder.gid in os.getgrouplist(account.pw_name, account.pw_gid)
+    return folder is not None and _joined(uid, folder.gid)
 
 
 def shares(folder: Path) -> bool:

@@ -41,18 +41,17 @@ class UnseenRobots:
     """
 
     def __init__(self, names: Mapping[int, str], unseen_s: float | None) -> None:
-        self.tags: frozenset[int] = frozenset()
-        self.stood_ns: dict[int, int] = {}
-        self._names = names
         self._limit_ns = None if unseen_s is None else round(unseen_s * 1e9)
-        self._unseen_ns: dict[int, int] = {}
-        self._sightings: dict[int, int] = {}
-        self._state_ns: int | None = None
+        self.begin(names)
 
     def begin(self, names: Mapping[int, str]) -> None:
         """A run with these robots begins: nobody stands, and all may go on unseen for a while."""
-        self.tags, self.stood_ns, self._names = frozenset(), {}, names
-        self._unseen_ns, self._sightings, self._state_ns = {}, {}, None
+        self.tags: frozenset[int] = frozenset()
+        self.stood_ns: dict[int, int] = {}
+        self._names = names
+        self._unseen_ns: dict[int, int] = {}
+        self._sightings: dict[int, int] = {}
+        self._state_ns: int | None = None
 
     def update(self, state: ArenaState) -> list[str]:
         """Takes a running run's next arena state; gives a line for each robot that stands, or goes.

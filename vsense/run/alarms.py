@@ -223,8 +223,7 @@ def _words(robot: RobotStatus, what: str, now_ns: int) -> str:
     return f"{_DISOBEYS}: told to {robot.wanted.name.lower()} {since_s:.2f} s ago, {what}"
 
 
-def _alarm(robot: RobotStatus, wrong: str) -> Alarm:
-    what, _, cause = wrong.partition(": ")
+def _alarm(robot: RobotStatus, what: str, cause: str) -> Alarm:
     kind = "disobeys" if what == _DISOBEYS else "no_link"
     return Alarm(kind, f"{robot.name} {what}: lift it", f"{cause}; or switch it off")
 
@@ -270,14 +269,14 @@ class Obedience:
         lines, alarms = [], []
         for tag, robot in robots.items():
             wrong = disobeys(robot, now_ns) or self._seen(tag, robot, now_ns)
-            if wrong:
-                alarms.append(_alarm(robot, wrong))
-            if wrong and tag not in self._reported:
-                what, _, cause = wrong.partition(": ")
+            what, _, cause = wrong.partition(": ")
+            if what:
+                alarms.append(_alarm(robot, what, cause))
+            if what and tag not in self._reported:
                 lines.append(f"ROBOT {robot.name} {what}: LIFT IT ({cause})")
-                self._reported[tag] = wrong
-            elif not wrong and (before := self._reported.pop(tag, "")):
-                again = "obeys again" if before.startswith(_DISOBEYS) else "moves no more"
+                self._reported[tag] = what
+            elif not what and (before := self._reported.pop(tag, "")):
+                again = "obeys again" if before == _DISOBEYS else "moves no more"
                 lines.append(f"robot {robot.name} {again}")
         self.alarms = tuple(alarms)
         return lines

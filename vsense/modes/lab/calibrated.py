@@ -112,8 +112,9 @@ def calibrate(
         (output / "truth").mkdir(parents=True, exist_ok=True)
         for camera in true:
             (output / "truth" / f"{camera.id}.json").write_text(camera.to_json() + "\n")
-    calibration, origin = _pictured(true, seed, say)
-    views = calibration.views()
+    with PictureCalibration(Board.parse(BOARD), true) as calibration:
+        origin = _take_pictures(calibration, true, seed, say)
+        views = calibration.views()
     say("calibrating the cameras: solving")
     solution = calibration.solve(views, "floor_*", origin)
     calibration.save(output, f"The lab's {len(true)} cameras", views, solution)
@@ -174,15 +175,15 @@ def _hang(camera: Camera, drawn: Floats) -> Camera:
     )
 
 
-def _pictured(true: Sequence[Camera], seed: int, say: _Say) -> tuple[PictureCalibration, Origin]:
-    """Renders a board for the cameras; and where its first pose is, as people measure that."""
-    board, many = Board.parse(BOARD), max(1.0, len(true) / _USUAL)
+def _take_pictures(
+    calibration: PictureCalibration, true: Sequence[Camera], seed: int, say: _Say
+) -> Origin:
+    """Renders a board for the cameras; gives where its first pose is, as people measure that."""
+    board, many = calibration.board, max(1.0, len(true) / _USUAL)
     drawn = np.random.default_rng([seed, 12]).uniform(-1.0, 1.0, 4)
     printed = replace(board, square_m=board.square_m * (1.0 + PRINTED_SHARE * float(drawn[3])))
     plan = board_plan(true, printed, round(ON_FLOOR * many), round(HELD_UP * many), seed)
     studio = BoardStudio(true, printed, seed)
-    sizes = {camera.id: (camera.width_px, camera.height_px) for camera in true}
-    calibration = PictureCalibration(board, sizes)
     cv2.setNumThreads(1)
     for number, (moment, pose) in enumerate(plan, 1):
         for camera, image in studio.take(pose):
@@ -190,7 +191,7 @@ def _pictured(true: Sequence[Camera], seed: int, say: _Say) -> tuple[PictureCali
         say(f"calibrating the cameras: the board in {number} of {len(plan)} places")
     x, y, _ = plan[0][1].shift.tolist()
     x, y = x + LAID_M * float(drawn[0]), y + LAID_M * float(drawn[1])
-    return calibration, (x, y, LAID_RAD * float(drawn[2]))
+    return x, y, LAID_RAD * float(drawn[2])
 
 
 def errors(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -291,17 +291,24 @@ def save(
 
 
 class PictureCalibration:
-    """Calibrates cameras from a board's pictures as they come, as `rig` does from files."""
+    """Calibrates cameras from a board's pictures as they come, as `rig` does from files; a context
+    that forgets the pictures that wait. `board` is as it was measured."""
 
-    def __init__(self, board: Board, sizes_px: Mapping[str, tuple[int, int]]) -> None:
-        """Takes the board as it was measured, and width and height of the pictures by camera."""
-        self._board = board
-        self._sizes = dict(sorted(sizes_px.items()))
-        self._counts = dict.fromkeys(sizes_px, 0)
+    def __init__(self, board: Board, cameras: Iterable[Camera]) -> None:
+        """Takes the board as it was measured, and the cameras, of which only the size counts."""
+        self.board = board
+        self._sizes = dict(sorted((c.id, (c.width_px, c.height_px)) for c in cameras))
+        self._counts = dict.fromkeys(self._sizes, 0)
         self._looks: list[tuple[str, str, Future[Corners | None]]] = []
         self._finder = CornerFinder(board)
         # What is drawn next waits for nobody: corners are looked for beside it.
         self._looker = ThreadPoolExecutor(1)
+
+    def __enter__(self) -> PictureCalibration:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._looker.shutdown(cancel_futures=True)
 
     def look(self, camera: str, moment: str, image: Image) -> None:
         """Takes an (h, w) uint8 picture; the caller does not change it any more."""
@@ -310,7 +317,6 @@ class PictureCalibration:
 
     def views(self) -> list[View]:
         """Waits for all pictures that were taken; gives where the board's corners are in them."""
-        self._looker.shutdown()
         seen = ((camera, moment, look.result()) for camera, moment, look in self._looks)
         views = [View(camera, moment, *corners) for camera, moment, corners in seen if corners]
         return sorted(views, key=lambda view: (view.camera, view.moment))
@@ -323,13 +329,13 @@ class PictureCalibration:
         Raises CalibrationError where the pictures do not link the cameras.
         """
         shoot = BoardViews(self._sizes, views, self._counts)
-        lenses = {c.id: lens_of(c) for c in calibrate_lenses(shoot, self._board).cameras}
+        lenses = {c.id: lens_of(c) for c in calibrate_lenses(shoot, self.board).cameras}
         floor = FloorReference(flat=(flat,), origin=origin)
-        return RigSolver(Rig(shoot, self._board, floor, lenses, Trust.FREE)).solve()
+        return RigSolver(Rig(shoot, self.board, floor, lenses, Trust.FREE)).solve()
 
     def save(self, folder: Path, title: str, views: Sequence[View], solution: Solution) -> None:
         """Writes camera files and report; raises UsageError."""
-        save(folder, title, solution, self._board, views)
+        save(folder, title, solution, self.board, views)
 
 
 def cameras_of(option: str, folder: Path) -> dict[str, Camera]:
