@@ -253,11 +253,12 @@ class WebServer:
             raise VsenseError(f"web page: {error}") from error
         ready = threading.Event()
         self._thread = threading.Thread(
-            target=lambda: asyncio.run(self._serve(listening, ready)), name="web", daemon=True
+            target=self._run, args=(listening, ready), name="web", daemon=True
         )
         self._thread.start()
         ready.wait()
         if self._failure is not None:
+            self._thread = None
             raise VsenseError(f"the page cannot be served: {self._failure!r}")
         return self._addresses()
 
@@ -281,20 +282,24 @@ class WebServer:
             return Addresses(url, url)
         return Addresses(f"{url}?token={self.tokens.look}", f"{url}?token={self.tokens.control}")
 
+    def _run(self, listening: socket.socket, ready: threading.Event) -> None:
+        """The thread: a page that fails is told, and the run goes on without it."""
+        try:
+            asyncio.run(self._serve(listening, ready))
+        except Exception as failure:
+            self._failure = failure
+            if ready.is_set():
+                self._say(f"the page has failed, the run goes on without it: {failure!r}")
+        finally:
+            ready.set()  # `start` must not wait for ever
+
     async def _serve(self, listening: socket.socket, ready: threading.Event) -> None:
-        """The thread."""
         self._loop = asyncio.get_running_loop()
         self._ending = asyncio.Event()
-        try:
-            site = Site(
-                *(self._bus, self._give, self._host, self.port, self.tokens, self._tls, self._ask)
-            )
-            await site.open(listening, self._say)
-        except BaseException as failure:
-            # `start` waits for a server: it must not wait for ever.
-            self._failure = failure
-            ready.set()
-            raise
+        site = Site(
+            *(self._bus, self._give, self._host, self.port, self.tokens, self._tls, self._ask)
+        )
+        await site.open(listening, self._say)
         try:
             ready.set()
             await self._ending.wait()

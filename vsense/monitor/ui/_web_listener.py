@@ -112,6 +112,7 @@ class WebListener:
         self._rate = RateLimit(REQUESTS_HZ, REQUESTS_BURST)
         self._resume_s: float | None = None
         self._sweeping = asyncio.create_task(self._sweep_often())
+        self._sweeping.add_done_callback(self._swept)
         self._loop.add_reader(listening, self._accept)
 
     async def close(self) -> None:
@@ -238,6 +239,10 @@ class WebListener:
                 self.log.tick(host_ns())
             except Exception as error:  # a bug in one connection must not end the limits of all
                 self.fault("the page", error)
+
+    def _swept(self, sweeping: asyncio.Task[None]) -> None:
+        if not sweeping.cancelled():  # without it connections that bring nothing stay
+            self.fault("the page", sweeping.exception())
 
     def _sweep(self, now_s: float) -> None:
         """Forgets who has gone, and closes what brings nothing."""
