@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 import threading
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import IO
 
@@ -61,16 +62,19 @@ def parent_of(folder: Path) -> int:
     return int((folder / "stat").read_text().rpartition(")")[2].split()[1])
 
 
-class Lab:
-    """A running `vsense lab`; what it says on stderr can be waited for.
+class Program:
+    """A running program; what it says on stderr can be waited for."""
 
-    `module` is the program, where it is another one with the same words.
-    """
-
-    def __init__(self, directory: Path, *arguments: str, module: str = "vsense") -> None:
-        self.directory = directory
+    def __init__(
+        self,
+        command: Sequence[str],
+        cwd: Path | None = None,
+        environment: Mapping[str, str] | None = None,
+    ) -> None:
         self.process = subprocess.Popen(
-            [sys.executable, "-m", module, "lab", *arguments, "--output", str(directory)],
+            command,
+            cwd=cwd,
+            env=environment,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -112,6 +116,18 @@ class Lab:
         for reader in self._readers:
             reader.join(PATIENCE_S)
         return code
+
+
+class Lab(Program):
+    """A running `vsense lab`.
+
+    `module` is the program, where it is another one with the same words.
+    """
+
+    def __init__(self, directory: Path, *arguments: str, module: str = "vsense") -> None:
+        self.directory = directory
+        words = ["lab", *arguments, "--output", str(directory)]
+        super().__init__([sys.executable, "-m", module, *words])
 
     def summary(self) -> dict[str, object]:
         """The summary file that it left."""
