@@ -96,6 +96,13 @@ def test_what_is_wrong_is_named(
     assert value in str(refused.value)
 
 
+def test_more_zones_than_can_be_checked_in_time_are_refused(read_text: Read, example: str) -> None:
+    zones = [f'<vs:forbidden polygon="0,0 1,0 1,{n}" />' for n in range(1, 52)]
+    read_text(fenced(example, f"<vs:geofence>{''.join(zones[:50])}</vs:geofence>"))
+    with pytest.raises(ConfigError, match="at most 50"):
+        read_text(fenced(example, f"<vs:geofence>{''.join(zones)}</vs:geofence>"))
+
+
 def star(rng: np.random.Generator) -> list[tuple[float, float]]:
     """A polygon whose sides do not cross: each corner farther around the middle."""
     count = int(rng.integers(3, 12))

@@ -21,7 +21,7 @@ MAX_SPEED_M_S = MAX_SPEED_STEPS_S * STEP_M
 """What the motors of every robot can do."""
 _MIN_SPEED_M_S = 0.01
 """A robot on its way home that is slower counts as stuck."""
-_MAX_CORNERS, _MAX_TAG = 100, 65_535
+_MAX_CORNERS, _MAX_ZONES, _MAX_TAG = 100, 50, 65_535
 _MIN_DISTANCE_M, _MAX_DISTANCE_M = 0.01, 10.0
 
 
@@ -91,6 +91,8 @@ def read_geofence(
     boundary = _read_polygon(fence) if fence.has("polygon") else Polygon(arena.corners_m)
     forbidden = list[Polygon]()
     for child in fence.children("vs:forbidden"):
+        if len(forbidden) == _MAX_ZONES:
+            raise child.error(f"is zone {_MAX_ZONES + 1}, expected at most {_MAX_ZONES}")
         forbidden.append(_read_polygon(child))
         if forbidden[-1] in forbidden[:-1]:
             raise child.error("there is another one with the same corners", "polygon")
