@@ -69,7 +69,8 @@ def read(path: Path) -> list[Holder]:
 def _holder(file: str, line: int, words: list[str]) -> Holder:
     try:
         key, uid, tag, since, destination = words
-        if len(bytes.fromhex(uid)) != UID_BYTES:
+        is_plain = destination.isascii() and destination.isprintable()
+        if len(bytes.fromhex(uid)) != UID_BYTES or not is_plain:
             raise ValueError
         return Holder(int(key), uid, int(tag), since, destination)
     except ValueError:
