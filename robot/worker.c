@@ -6,6 +6,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "guard_rights.h"
 #include "random.h"
 #include "report.h"
 #include "signals.h"
@@ -311,7 +312,8 @@ static int open_net(struct vs_worker *w)
     return 2;
 }
 
-/* Opens trace, signals and base. Returns 0, or the exit status. */
+/* Opens trace, signals and base, for which another's file may need the rights of root, and gives
+ * those up. Returns 0, or the exit status. */
 static int open_files(struct vs_worker *w)
 {
     const struct vs_options *o = w->options;
@@ -329,6 +331,8 @@ static int open_files(struct vs_worker *w)
     if (err != VS_OK)
         vs_report("cannot open the base %s: %s", w->base.news,
                   err == VS_ERR_IO ? strerror(errno) : vs_strerror(err));
+    else if (vs_rights_drop() != 0)
+        vs_report("keeps all rights that it has: %s", strerror(errno));
     return err == VS_OK ? 0 : 1;
 }
 
