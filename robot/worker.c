@@ -2,7 +2,6 @@
 #include "worker.h"
 
 #include <errno.h>
-#include <fcntl.h>
 #include <string.h>
 #include <unistd.h>
 
@@ -304,16 +303,13 @@ static int open_session(struct vs_worker *w)
 
 static int open_net(struct vs_worker *w)
 {
-    const struct vs_options *o = w->options;
-
-    if (vs_net_open(&w->net, o->host, o->port) == 0)
+    if (vs_net_open(&w->net, w->options->host, w->options->port) == 0)
         return 0;
-    vs_report("--host: expected a numeric IPv4 address, got '%s'", o->host);
+    vs_report("--host: expected a numeric IPv4 address, got '%s'", w->options->host);
     return 2;
 }
 
-/* Opens trace, signals and base, for which another's file may need the rights of root, and gives
- * those up. Returns 0, or the exit status. */
+/* Opens trace, signals and base, then gives root's rights up. Returns 0, or the exit status. */
 static int open_files(struct vs_worker *w)
 {
     const struct vs_options *o = w->options;

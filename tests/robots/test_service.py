@@ -1,4 +1,4 @@
-"""What the robot's service may do: by its unit as systemd reads it, and by what the daemon drops."""
+"""What the robot's service may do: by its unit as systemd reads it, and by what it drops."""
 
 from __future__ import annotations
 
