@@ -198,7 +198,7 @@ def test_it_works_at_exactly_its_lower_bounds(tmp_path: Path) -> None:
     install = (*INSTALL, python, "install", "--no-compile")
     run(sys.executable, *install, "--editable", tree, *exactly, "pytest", "hypothesis", *PLUGINS)
     environment = clean_environment(tmp_path / "cache")
-    done = run(python, "-m", "pytest", *AT_BOUNDS, cwd=tree, env=environment)
+    done = run(python, "-m", "pytest", "-n2", *AT_BOUNDS, cwd=tree, env=environment)
     assert " passed" in done.stdout and " skipped" not in done.stdout, done.stdout[-500:]
 
 
