@@ -68,6 +68,17 @@ OPT_IN = "campaign"
 """Tests with this marker take minutes: they run where `-m campaign` asks for them."""
 
 
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leaves out, unread, the files that have no test of the one part that is asked for."""
+    part = config.option.markexpr
+    if part not in ("alone", "paced") or collection_path.suffix != ".py":
+        return None
+    place = collection_path.relative_to(config.rootpath).as_posix()
+    if place.startswith(ALONE + PACED) or f"mark.{part}" in collection_path.read_text():
+        return None
+    return True
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Puts the tests of `LONG` first, marks those of `ALONE` and `PACED`, leaves out `OPT_IN`."""
     if OPT_IN not in config.option.markexpr:

@@ -7,9 +7,11 @@ Exit codes: 0 ok, 1 failed, 2 wrong usage or input, 130 interrupted
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
+from typing import NoReturn
 
 from vsense.base.errors import VsenseError
 from vsense.base.terminal import printable_lines
@@ -20,6 +22,10 @@ COMPLETING = "_ARGCOMPLETE"
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command and gives its exit code; `arguments` are by default those of the process."""
+    if arguments is None:
+        for number in (signal.SIGTERM, signal.SIGHUP):
+            if signal.getsignal(number) == signal.SIG_DFL:  # `nohup` has SIGHUP ignored
+                signal.signal(number, _leave)
     try:
         # Imported here, so that Ctrl-C is handled while the commands load.
         from vsense import commands
@@ -46,3 +52,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("vsense: interrupted", file=sys.stderr)
         return 130
+
+
+def _leave(number: int, frame: object) -> NoReturn:
+    """Ends the process where a command does not yet, or no more, look at signals by itself."""
+    raise SystemExit(128 + number)

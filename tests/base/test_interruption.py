@@ -129,3 +129,23 @@ def test_sigterm_after_ctrl_c_leaves_a_moment_too(monkeypatch: pytest.MonkeyPatc
         with pytest.raises(CutShort) as caught, interrupted.in_time():
             threading.Event().wait(NEVER_S)
         assert caught.value.exit_code == 130
+
+
+_SIGNALLED = """\
+import os, sys
+class Signalled:
+    def find_spec(self, name, path=None, target=None):
+        if name == "vsense.commands":
+            os.kill(os.getpid(), int(sys.argv.pop()))
+sys.meta_path.insert(0, Signalled())
+from vsense.cli import main
+sys.exit(main())
+"""
+"""`vsense`, to which a signal is sent in the moment in which it begins to load its commands."""
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129)])
+def test_a_signal_while_the_commands_load_has_its_code(number: int, code: int) -> None:
+    command = [sys.executable, "-c", _SIGNALLED, "sim", "foraging", "--dry", str(int(number))]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (code, "", "")

@@ -1,0 +1,305 @@
+"""Changes one place of the code at random and asks the tests: `scripts/bench mutants`.
+
+A mutant is a comparison, an operator or a number of one line changed, in Python or in C. Each is
+put into a copy of the checkout, whose tests of that room and of the rooms that import it then run,
+nearest first, until one fails: the mutant is killed. One that no test notices is printed with its
+line and what it was changed to: a test is missing there, or nothing observable has changed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import itertools
+import os
+import queue
+import random
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from tests.rigs.places import ROOT
+
+FOLDERS = ("vsense", "c_src", "robot", "firmware_bridge")
+LIMIT_S = 240.0
+"""Tests that take longer have met an endless loop: the mutant counts as killed."""
+
+SWAPS = {
+    **{"==": "!=", "!=": "==", "<": "<=", "<=": "<", ">": ">=", ">=": ">"},
+    **{"+": "-", "-": "+", "*": "/", "/": "*", "//": "*", "%": "*"},
+    **{"and": "or", "or": "and", "&&": "||", "||": "&&", "&": "|", "|": "&", "<<": ">>"},
+    **{">>": "<<", "is not": "is", "is": "is not", "not in": "in", "in": "not in"},
+    **{"+=": "-=", "-=": "+=", "*=": "/=", "True": "False", "False": "True"},
+}
+_C_TOKEN = re.compile(
+    r"""(?P<skip>//[^\n]*|/\*.*?\*/|"(?:\\.|[^"\\\n])*"|'(?:\\.|[^'\\\n])*'|^[ \t]*\#(?:\\\n|[^\n])*
+    |->|\+\+|--|[&|^%]=|<<=|>>=)
+    |(?P<operator>(?<=\ )(?:==|!=|<=|>=|&&|\|\||<<|>>|\+=|-=|\*=|[<>+\-*/%&|])(?=\ ))
+    |(?P<number>(?<![\w.])(?:0[xX][0-9a-fA-F]+|[0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]+)?)(?=[uUlLfF]*\b))""",
+    re.X | re.S | re.M,
+)
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One change: `text[start:end]` of the file becomes `new`."""
+
+    path: str
+    line: int
+    start: int
+    end: int
+    old: str
+    new: str
+
+    def apply(self, text: str) -> str:
+        """The file's text with the change."""
+        return text[: self.start] + self.new + text[self.end :]
+
+    def __str__(self) -> str:
+        return f"{self.path}:{self.line}: {self.old} -> {self.new}"
+
+
+def mutants(path: str, text: str) -> list[Mutant]:
+    """All mutants of a file's text, in its order; `path` is relative to the checkout."""
+    spans = _python_spans(text) if path.endswith(".py") else _c_spans(text)
+    return [
+        Mutant(path, text.count("\n", 0, start) + 1, start, end, text[start:end], new)
+        for start, end, new in sorted(spans)
+    ]
+
+
+def _c_spans(text: str) -> Iterator[tuple[int, int, str]]:
+    for match in _C_TOKEN.finditer(text):
+        if match["operator"] in SWAPS:
+            yield match.start(), match.end(), SWAPS[match[0]]
+        elif match["number"]:
+            yield match.start(), match.end(), _next_number(match[0])
+
+
+def _next_number(number: str) -> str:
+    """A literal one larger, of the same kind."""
+    if number.lower().startswith("0x"):
+        return hex(int(number, 16) + 1)
+    return str(int(number) + 1) if number.isdigit() else f"({number} + 1)"
+
+
+def _python_spans(text: str) -> Iterator[tuple[int, int, str]]:
+    raw = text.encode()
+    starts = [0]
+    for line in raw.splitlines(keepends=True):
+        starts.append(starts[-1] + len(line))
+
+    def offset(line: int, column: int) -> int:
+        return len(raw[: starts[line - 1] + column].decode())
+
+    def end(node: ast.expr | ast.stmt) -> int:
+        return offset(node.end_lineno or 0, node.end_col_offset or 0)
+
+    for node in _code(ast.parse(text)):
+        if isinstance(node, ast.Constant):
+            start = offset(node.lineno, node.col_offset)
+            if isinstance(node.value, bool):
+                yield start, end(node), str(not node.value)
+            elif isinstance(node.value, int | float):
+                yield start, end(node), f"({text[start : end(node)]} + 1)"
+            continue
+        for left, right in _around(node):
+            # Between two operands there are the operator, blanks, parentheses and comments.
+            begin, between = end(left), text[end(left) : offset(right.lineno, right.col_offset)]
+            match = re.search(r"not\s+in|is\s+not|[a-z]+|[^\s\w()\\#]+", between)
+            if match and (new := SWAPS.get(" ".join(match[0].split()))):
+                yield begin + match.start(), begin + match.end(), new
+
+
+def _around(node: ast.AST) -> Iterable[tuple[ast.expr, ast.expr]]:
+    """The operands on both sides of each operator of an expression."""
+    if isinstance(node, ast.Compare):
+        operands = [node.left, *node.comparators]
+    elif isinstance(node, ast.BoolOp):
+        operands = node.values
+    elif isinstance(node, ast.BinOp):
+        operands = [node.left, node.right]
+    elif isinstance(node, ast.AugAssign):
+        operands = [node.target, node.value]
+    else:
+        return ()
+    return itertools.pairwise(operands)
+
+
+def _code(node: ast.AST) -> Iterator[ast.AST]:
+    """All that is calculated: without annotations, imports, and f-strings, whose places lie."""
+    for name, value in ast.iter_fields(node):
+        if name in ("annotation", "returns", "decorator_list"):
+            continue
+        for child in value if isinstance(value, list) else [value]:
+            left_out = ast.JoinedStr | ast.Import | ast.ImportFrom
+            if isinstance(child, ast.AST) and not isinstance(child, left_out):
+                yield child
+                yield from _code(child)
+
+
+def draw(paths: Sequence[str], count: int, seed: int) -> list[Mutant]:
+    """`count` mutants of these files, each place as likely as any other; fewer where fewer are."""
+    places = [m for path in paths for m in mutants(path, (ROOT / path).read_text("utf-8"))]
+    return random.Random(seed).sample(places, min(count, len(places)))
+
+
+def files(below: Sequence[str]) -> list[str]:
+    """The files of code below these paths, relative to the checkout."""
+    listed = subprocess.run(
+        ["git", "ls-files", "--", *below], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout.splitlines()
+    return [p for p in listed if p.startswith(FOLDERS) and p.endswith((".py", ".c"))]
+
+
+def stages_of(path: str) -> list[list[str]]:
+    """The tests that should notice a change of this file: stages of files, nearest first."""
+    if not path.endswith(".py"):
+        c_suites = ["tests/wire/test_c_suite.py", "tests/kernels/test_c_suite.py"]
+        if path.startswith(("robot/", "firmware_bridge/")):
+            return [["tests/robots/test_c_suite.py"], ["tests/robots"]]
+        if path.startswith("c_src/host/"):
+            return [["tests/kernels"], ["tests/world", "tests/vision", "tests/modes/sim"]]
+        return [[*c_suites, "tests/robots/test_c_suite.py"], ["tests/wire"], ["tests/robots"]]
+    folder, stem = Path(path).parent, Path(path).stem.strip("_")
+    module = ".".join(Path(path).with_suffix("").parts)
+    imported = re.compile(
+        rf"\b{re.escape(module)}\b|from {re.escape(module.rpartition('.')[0])} import[^\n]*"
+        rf"\b{re.escape(Path(path).stem)}\b"
+    )
+    own = Path("tests", *folder.parts[1:])
+    by_text = [
+        file.relative_to(ROOT).as_posix()
+        for file in sorted((ROOT / "tests").rglob("test_*.py"))
+        if (file.stem == f"test_{stem}" and own in file.relative_to(ROOT).parents)
+        or imported.search(file.read_text("utf-8"))
+    ]
+    importers = {
+        Path("tests", *file.relative_to(ROOT).parts[1:-1]).as_posix()
+        for file in (ROOT / "vsense").rglob("*.py")
+        if imported.search(file.read_text("utf-8"))
+    }
+    rooms = [own.as_posix(), Path(*own.parts[:2]).as_posix(), *sorted(importers)]
+    stages = [by_text, *([room] for room in dict.fromkeys(rooms) if (ROOT / room).is_dir())]
+    return [stage for stage in stages if stage and stage != ["tests"]]
+
+
+class Copy:
+    """A copy of the checkout in which one mutant after the other is tried."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        listed = subprocess.run(
+            ["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True
+        )
+        for name in listed.stdout.splitlines():
+            (root / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(ROOT / name, root / name)
+        (root / ".venv").symlink_to(ROOT / ".venv")
+        self._environment = os.environ | {"PYTHONPATH": str(root)}
+        self._build()
+
+    def survives(self, mutant: Mutant) -> bool:
+        """Whether no test notices the change. What does not compile is noticed."""
+        path = self.root / mutant.path
+        text = path.read_text("utf-8")
+        try:
+            path.write_text(mutant.apply(text), "utf-8")
+            if not mutant.path.endswith(".py") and not self._build():
+                return False
+            return all(self._passes(stage) for stage in stages_of(mutant.path))
+        finally:
+            path.write_text(text, "utf-8")
+
+    def _build(self) -> bool:
+        command = [sys.executable, "setup.py", "build_ext", "--inplace", "--force"]
+        return self._run(command, LIMIT_S) == 0
+
+    def _passes(self, stage: Sequence[str]) -> bool:
+        options = ["-x", "-q", "-p", "no:cacheprovider", "--hypothesis-seed=0"]
+        marks = ["-m", "not alone and not paced"]
+        command = [sys.executable, "-m", "pytest", *options, *marks, *stage]
+        return self._run(command, LIMIT_S) in (0, 5)  # 5: no test is there
+
+    def _run(self, command: Sequence[str], limit_s: float) -> int | None:
+        """The exit code; None after `limit_s`, and nothing that was started is left."""
+        process = subprocess.Popen(
+            command,
+            cwd=self.root,
+            env=self._environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        try:
+            return process.wait(limit_s)
+        except subprocess.TimeoutExpired:
+            return None
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+
+
+def main() -> int:
+    """Draws, tries and prints; 1 where a mutant survived."""
+    about = (__doc__ or "").partition("\n\n")[2]
+    parser = argparse.ArgumentParser(prog="scripts/bench mutants", description=about)
+    parser.add_argument("paths", nargs="*", metavar="PATH", help="files and folders (all code)")
+    parser.add_argument("--changed", action="store_true", help="files that differ from main")
+    parser.add_argument("--count", type=int, default=20, metavar="N", help="mutants (20)")
+    parser.add_argument("--seed", type=int, default=1, metavar="S", help="of the drawing (1)")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count(), metavar="N", help="at once")
+    options = parser.parse_args()
+    below = options.paths or list(FOLDERS)
+    if options.changed:
+        differing = ["git", "diff", "--name-only", "--diff-filter=d", "main", "--", *below]
+        below = subprocess.run(
+            differing, cwd=ROOT, capture_output=True, text=True, check=True
+        ).stdout.split()
+    drawn = draw(files(below) if below else [], options.count, options.seed)
+    if not drawn:
+        parser.error(f"no code to change below {' '.join(options.paths) or 'these paths'}")
+    survivors = try_all(drawn, options.jobs)
+    killed = len(drawn) - len(survivors)
+    print(f"{killed} of {len(drawn)} killed ({killed / len(drawn):.0%}), seed {options.seed}")
+    return int(bool(survivors))
+
+
+def try_all(drawn: Sequence[Mutant], jobs: int) -> list[Mutant]:
+    """Tries these mutants, `jobs` at once; prints and gives those that survive."""
+    survivors = []
+    printing = threading.Lock()
+    with tempfile.TemporaryDirectory(prefix="vsense-mutants-") as folder:
+        copies: queue.SimpleQueue[Copy] = queue.SimpleQueue()
+        for number in range(jobs):
+            copies.put(Copy(Path(folder, str(number))))
+
+        def attempt(mutant: Mutant) -> None:
+            copy = copies.get()
+            try:
+                survived = copy.survives(mutant)
+            finally:
+                copies.put(copy)
+            with printing:
+                print(f"{'SURVIVED' if survived else 'killed  '} {mutant}", flush=True)
+                if survived:
+                    survivors.append(mutant)
+
+        with ThreadPoolExecutor(jobs) as pool:
+            list(pool.map(attempt, drawn))
+    return survivors
+
+
+if __name__ == "__main__":
+    sys.exit(main())

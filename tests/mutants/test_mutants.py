@@ -1,0 +1,90 @@
+"""What `scripts/bench mutants` changes, and whether it sees what the tests see."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.mutants import mutants as mutants_module
+from tests.mutants.mutants import FOLDERS, draw, files, mutants, stages_of, try_all
+from tests.rigs.places import ROOT
+
+PYTHON = '''\
+"""1 + 1 of a docstring."""
+LIMIT: Literal[3] = 4  # 5 < 6
+def f(a: int = 1, *, b: float) -> bool:
+    é = "7 == 7", f"{8 + 8}"
+    return (a) <= b and not a is not None
+'''
+C = """\
+#define LIMIT (1 + 2) /* 3 + 4 */
+int f(int a) { // 5 < 6
+    const char *s = "7 == 7";
+    return a <= 0x0f && -a < s[1u] * 2;
+}
+"""
+
+
+def test_comparisons_operators_and_numbers_of_python() -> None:
+    assert [str(m).removeprefix("x.py:") for m in mutants("x.py", PYTHON)] == [
+        "2: 4 -> (4 + 1)",
+        "3: 1 -> (1 + 1)",
+        "5: <= -> <",
+        "5: and -> or",
+        "5: is not -> is",
+    ]
+
+
+def test_comparisons_operators_and_numbers_of_c() -> None:
+    assert [str(m).removeprefix("x.c:") for m in mutants("x.c", C)] == [
+        "4: <= -> <",
+        "4: 0x0f -> 0x10",
+        "4: && -> ||",
+        "4: < -> <=",
+        "4: 1 -> 2",
+        "4: * -> /",
+        "4: 2 -> 3",
+    ]
+
+
+def test_a_seed_draws_the_same_mutants_again_and_all_of_python_parse() -> None:
+    code = files(FOLDERS)
+    drawn = draw(code, 60, 7)
+    assert drawn == draw(code, 60, 7) != draw(code, 60, 8)
+    for mutant in drawn:
+        text = (ROOT / mutant.path).read_text("utf-8")
+        changed = mutant.apply(text)
+        assert text.splitlines()[mutant.line - 1] != changed.splitlines()[mutant.line - 1]
+        if mutant.path.endswith(".py"):
+            ast.parse(changed)
+
+
+def test_a_module_is_held_by_its_own_tests_first_and_by_those_that_import_it() -> None:
+    nearest, *rooms = stages_of("vsense/world/sensors/bank.py")
+    assert "tests/world/sensors/test_bank.py" in nearest
+    assert rooms[:2] == [["tests/world/sensors"], ["tests/world"]]
+    assert ["tests/modes/sim"] in rooms  # whose code imports it
+    assert stages_of("robot/guard.c")[0] == ["tests/robots/test_c_suite.py"]
+
+
+def test_what_no_test_notices_survives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    texts = {
+        "setup.py": "",
+        "vsense/room/thing.py": "def double(x):\n    return 2 * x\n\ndef unused():\n    return 3\n",
+        "tests/room/test_thing.py": "from vsense.room.thing import double\n\n"
+        "def test_it():\n    assert double(3) == 6\n",
+    }
+    for name, text in texts.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    (tmp_path / ".venv").mkdir()
+    for command in (["git", "init", "-q"], ["git", "add", *texts]):
+        subprocess.run(command, cwd=tmp_path, check=True)
+    monkeypatch.setattr(mutants_module, "ROOT", tmp_path)
+    drawn = sorted(draw(files(["vsense"]), 9, 1), key=lambda mutant: mutant.start)
+    assert [m.old for m in drawn] == ["2", "*", "3"]
+    assert try_all(drawn, jobs=2) == [drawn[2]]
+    assert (tmp_path / "vsense/room/thing.py").read_text() == texts["vsense/room/thing.py"]
