@@ -115,12 +115,12 @@ int vs_rights_drop(void)
 {
     struct __user_cap_header_struct head = {_LINUX_CAPABILITY_VERSION_1, 0};
     struct __user_cap_data_struct rights;
-    unsigned int number;
+    long number;
 
     for (number = 0; number < BOUNDED; number++)
         if (number >= 32 || !(KEPT >> number & 1u))
-            (void)prctl(PR_CAPBSET_DROP, (unsigned long)number, 0ul, 0ul, 0ul);
-    (void)prctl(PR_SET_NO_NEW_PRIVS, 1ul, 0ul, 0ul, 0ul);
+            (void)syscall(SYS_prctl, (long)PR_CAPBSET_DROP, number, 0L, 0L, 0L);
+    (void)syscall(SYS_prctl, (long)PR_SET_NO_NEW_PRIVS, 1L, 0L, 0L, 0L);
     if (syscall(SYS_capget, &head, &rights) != 0)
         return -1;
     rights.effective &= KEPT;

@@ -328,7 +328,7 @@ static int open_files(struct vs_worker *w)
         vs_report("cannot open the base %s: %s", w->base.news,
                   err == VS_ERR_IO ? strerror(errno) : vs_strerror(err));
     else if (vs_rights_drop() != 0)
-        vs_report("keeps all rights that it has: %s", strerror(errno));
+        vs_report("keeps all rights: %s", strerror(errno));
     return err == VS_OK ? 0 : 1;
 }
 
