@@ -72,7 +72,8 @@ LIBC = {
     "stdio", "stdlib", "string", "termios", "time", "unistd", "stdatomic", "limits", "inttypes",
     "arpa/inet", "netinet/in", "netinet/tcp", "sys/file", "sys/ioctl", "sys/socket", "sys/stat",
     "sys/syscall", "sys/time", "sys/types", "sys/wait", "sys/uio", "sys/un", "sys/sysmacros",
-    "linux/gpio", "linux/i2c", "linux/i2c-dev", "linux/watchdog", "link", "sched", "sys/mman",
+    "linux/capability", "linux/gpio", "linux/i2c", "linux/i2c-dev", "linux/watchdog", "link",
+    "sched", "sys/mman", "sys/prctl",
 }  # fmt: skip
 
 
@@ -397,9 +398,9 @@ BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
     "vsense in Python": (("vsense",), (".py",), 471, 94100, 400),
     "the page": (("vsense",), (".js", ".css", ".html"), 42, 5500, 289),
-    "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 238, 26600, 400),
+    "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 238, 26700, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 32, 6800, 510),
-    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 592, 96800, 622),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 593, 97000, 622),
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 

@@ -97,6 +97,13 @@ PROMISES: Mapping[str, Tests] = {
         ACCOUNTS,
         "base/test_sharing.py::test_a_shared_file_follows_no_link_and_has_its_mode",
     ),
+    "A controller on a robot does not become": (
+        "robots/test_service.py::test_the_daemon_keeps_the_guards_capabilities_alone",
+        "robots/test_service.py::test_systemd_calls_the_service_bounded",
+    ),
+    "No dependency has a known advisory": (
+        "packaging/test_release.py::test_it_works_at_exactly_its_lower_bounds",
+    ),
 }
 """Each row of SECURITY.md by its first words."""
 

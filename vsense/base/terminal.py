@@ -342,6 +342,12 @@ def drop_output() -> None:
 
 
 def print_data(text: str) -> None:
-    """Prints lines on standard output, at once; VsenseError if it is closed."""
+    """Prints lines on standard output, at once; VsenseError if it is closed.
+
+    A reader that has gone, such as `head`, ends nothing.
+    """
     with failing_as(VsenseError, "standard output"):
-        print(printable_lines(text), flush=True)
+        try:
+            print(printable_lines(text), flush=True)
+        except BrokenPipeError:
+            drop_output()
