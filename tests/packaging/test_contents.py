@@ -77,7 +77,8 @@ def installed(sdist: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_sdist_holds_the_tree_with_its_tests(clone: Path, sdist: Path) -> None:
     def files(tree: Path) -> set[str]:
-        return {str(path.relative_to(tree)) for path in tree.rglob("*") if path.is_file()}
+        paths = [path for path in tree.rglob("*") if path.is_file() and path.suffix != ".pyc"]
+        return {str(path.relative_to(tree)) for path in paths}
 
     made = {name for name in files(sdist) - files(clone) if ".egg-info/" not in name}
     assert made == {"PKG-INFO", "setup.cfg"}
