@@ -16,7 +16,6 @@ from typing import NamedTuple
 from vsense.base.errors import ConfigError
 from vsense.config._distribute import DistributedSpec, Distribution
 from vsense.config.casting import Casting
-from vsense.config.geofence import Geofence, arena_fence
 from vsense.config.roster_fields import MarkerOffset
 from vsense.robots.sources import ProgramSources, content
 from vsense.world.actuators.base import MountedActuator
@@ -25,8 +24,8 @@ from vsense.world.physics.motion import WheelNoise
 from vsense.world.pollution import PollutantSource
 from vsense.world.sensors.base import MountedSensor
 
-ROBOT_ID, SPEED_LIMIT = "vs:id", "vs:v_max"
-"""Parameters: a robot's own name, for a controller for ARGoS; its speed limit [m/s]."""
+ROBOT_ID = "vs:id"
+"""Parameter in which a robot with a controller for ARGoS is told its own name."""
 
 
 class Stage(Enum):
@@ -116,7 +115,6 @@ class ControllerSpec:
         devices: all that it declares.
         wheel_noise: of its robots in lab and simulation; None: they obey.
         strict: robots that run a program of another name are turned away.
-        v_max_m_s: its robots' wheels are no faster; None: as fast as they can.
     """
 
     id: str
@@ -132,7 +130,6 @@ class ControllerSpec:
     wheel_noise: WheelNoise | None = None
     argos_lines: str = ""
     strict: bool = False
-    v_max_m_s: float | None = None
 
     @property
     def program(self) -> ProgramSources:
@@ -147,8 +144,7 @@ class ControllerSpec:
 
     def params_for(self, robot: str) -> str:
         """The settings as the robot of this name is sent them."""
-        limit = "" if self.v_max_m_s is None else f"{SPEED_LIMIT}={self.v_max_m_s:.6f}\n"
-        return limit + self.params_text + (f"{ROBOT_ID}={robot}\n" if self.argos_lines else "")
+        return self.params_text + (f"{ROBOT_ID}={robot}\n" if self.argos_lines else "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -286,7 +282,6 @@ class Experiment:
         stage: what it was loaded for.
         markers: by tag, where markers sit on their robots, as far as it was measured.
         casting: who was to play the parts; `taken` are those that were taken out of a roster.
-        geofence: the file's own, None: it has none.
     """
 
     name: str
@@ -315,12 +310,6 @@ class Experiment:
     casting: Casting = Casting()  # noqa: RUF009 (frozen)
     taken: tuple[int, ...] = ()
     unseen_s: float | None = DEFAULT_UNSEEN_S
-    geofence: Geofence | None = None
-
-    @property
-    def fence(self) -> Geofence:
-        """Outside of it robots stand: the file's, or around the arena."""
-        return self.geofence or arena_fence(self.arena)
 
     @property
     def boxes(self) -> tuple[Box, ...]:

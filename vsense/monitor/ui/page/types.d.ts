@@ -220,7 +220,6 @@ interface RobotsMessage {
   hash: (string | null)[];
   expected?: (string | null)[];
   authenticated?: (boolean | null)[];
-  held?: (string | null)[];
   shown?: (Record<string, number | string | null> | null)[];
   trouble: string[];
 }
