@@ -7,7 +7,7 @@ import json
 from contextlib import suppress
 from pathlib import Path
 
-from vsense.base.terminal import Console
+from vsense.base.terminal import Console, print_data
 from vsense.commands import _arguments
 from vsense.monitor import recording
 from vsense.studies.report import Questions
@@ -101,7 +101,7 @@ def run(options: argparse.Namespace) -> int:
         options.output, options.format or "png", options.style, questions_of(options), named
     )
     written = report(options.files, how, Console())
-    print(json.dumps(written.as_json(), indent=1) if options.json else written.in_words())
+    print_data(json.dumps(written.as_json(), indent=1) if options.json else written.in_words())
     return 0
 
 
