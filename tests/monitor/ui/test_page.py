@@ -236,14 +236,10 @@ def test_the_fence_is_drawn_where_it_is(served: Serve, opened: Open) -> None:
     for x, y in [(-1.3, 0.13), (0.07, 1.0), (1.2, 0.8)]:
         assert page.value(f"{reds}({x}, {y})") >= 5, (x, y)
     assert page.value(f"{reds}(-1.36, 0.13)") == 0
-    x, y = page.value(
-        f"(r => [r.x_m, r.y_m])(vsense.arena.drawn.robots.find(r => r.tag === {tag}))"
-    )
-    dashes = [
-        page.value(f"{reds}({x} + 0.3 * Math.cos({n}), {y} + 0.3 * Math.sin({n}))")
-        for n in range(12)
-    ]
-    assert max(dashes) >= 5
+    around = f"""(({{x_m, y_m}}) => [...Array(12).keys()].map(angle =>
+      {reds}(x_m + 0.3 * Math.cos(angle), y_m + 0.3 * Math.sin(angle)))
+    )(vsense.arena.drawn.robots.find(robot => robot.tag === {tag}))"""
+    assert max(page.value(around)) >= 5
 
 
 def test_a_camera_that_is_lost_is_shown(served: Serve, opened: Open) -> None:
