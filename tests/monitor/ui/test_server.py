@@ -22,7 +22,7 @@ from vsense.base.errors import UsageError, VsenseError
 from vsense.base.message_bus import Message, MessageBus
 from vsense.monitor.ui import _sentences
 from vsense.monitor.ui import _server as site
-from vsense.monitor.ui._page_clients import LOOKING, WebClients
+from vsense.monitor.ui._page_clients import LOOKING, Frames, WebClients
 from vsense.monitor.ui._server import WebServer
 from vsense.run.changes import ResultCallback
 from vsense.run.changing import Change
@@ -498,6 +498,30 @@ def test_pages_that_vanish_are_silent(
     assert caplog.records == []
     out, err = capfd.readouterr()
     assert (out, err) == ("", "")
+
+
+def test_a_page_that_cannot_be_sent_to_is_closed_and_told(
+    served: Serve, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It would look alive, and never change."""
+    puppet, _, url = served()
+    events: list[Message] = []
+    puppet.bus.join(events.append, lambda topic: topic == "/event")
+
+    def failing(frames: object, message: Message) -> str:
+        raise KeyError(message.topic)
+
+    async def looking(client: aiohttp.ClientSession) -> None:
+        page = await ws(client, url)
+        await hear(page, "/arena")
+        with monkeypatch.context() as patched:
+            patched.setattr(Frames, "frame", failing)
+            while not page.closed:
+                await page.receive()
+        await hear(await ws(client, url), "/arena")
+        await ready(lambda: any("KeyError in" in str(event.data) for event in events))
+
+    talk(looking)
 
 
 def test_too_many_pages_are_told(served: Serve, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -251,17 +251,21 @@ class WebClients:
         self._viewers[viewer] = rights
         self._sockets.add(socket)
         self._introduce()
-        sending = asyncio.create_task(self._send(socket, viewer))
+        tasks = [asyncio.create_task(work(socket, viewer)) for work in (self._send, self._listen)]
         try:
-            await self._listen(socket, viewer)
+            # A page that is sent nothing any more is closed: it opens again by itself.
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
             viewer.leave()
             del self._viewers[viewer]
             self._sockets.discard(socket)
-            sending.cancel()
-            # Errors of a page that goes in the middle of something are no news.
-            await asyncio.gather(sending, return_exceptions=True)
+            for task in tasks:
+                task.cancel()
+            results = await asyncio.gather(*tasks, return_exceptions=True)
             self._introduce()
+        for failed in results:
+            if isinstance(failed, Exception):
+                raise failed
         return socket
 
     def _introduce(self) -> None:
@@ -288,7 +292,7 @@ class WebClients:
                 else:
                     await socket.send_bytes(frame)
             except (ConnectionError, RuntimeError):
-                return
+                return  # it goes in the middle of something: no news
 
     async def _listen(self, socket: web.WebSocketResponse, viewer: WebClient) -> None:
         """Reads a page's sentences."""
