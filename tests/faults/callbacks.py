@@ -42,7 +42,7 @@ DEADLINE_S = 60.0
 WEB = ("--web", "127.0.0.1:0")
 WORDS = {
     "sim": ("sim", "pollutant", "--speed", "5", "--duration", "20", *WEB, "--record"),
-    "lab": ("lab", "foraging", "--robots", "2", "--duration", "5", *WEB, "--record"),
+    "lab": ("lab", "foraging", "--robots", "2", "--duration", "5", "--port", "0", *WEB, "--record"),
     "run": ("run", "foraging", "--robots", "2", "--insecure", "--duration", "5", *WEB, "--record"),
     "replay": ("replay", *WEB, "--speed", "2"),
 }
