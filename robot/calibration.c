@@ -206,6 +206,10 @@ void vs_calibration_drive(const struct vs_calibration *calibration,
 
     if (!c->has_wheels)
         return;
+    if (most <= 0) { /* a limit that is no number: the robot stands */
+        command->left_steps_s = command->right_steps_s = 0;
+        return;
+    }
     for (i = 0; i < 2; i++) {
         wheels[i] = combine(c->drive[i], left, right);
         if (wheels[i] > most || -wheels[i] > most)

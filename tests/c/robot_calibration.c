@@ -276,6 +276,8 @@ static void test_one_setting_changes_nothing_else(void)
     CHECK(abs(reading.steps[0] + reading.steps[1] - before.steps[0] - before.steps[1]) <= 1);
     vs_calibration_drive(&c, &turn, 1000);
     CHECK(turn.left_steps_s == -220 && turn.right_steps_s == 220);
+    vs_calibration_drive(&c, &turn, 0);
+    CHECK(turn.left_steps_s == 0 && turn.right_steps_s == 0);
 }
 
 static void test_what_is_no_setting(void)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
 from vsense.base.errors import ConfigError
-from vsense.config.experiment import load, read
+from vsense.config.casting import Casting
+from vsense.config.experiment import SHIPPED_FOLDER, load, read
 from vsense.config.geofence import MAX_SPEED_M_S, Polygon
 from vsense.config.specs import Experiment, Stage
 
@@ -68,6 +70,7 @@ def test_a_simulation_says_that_it_holds_nobody(example: str, tmp_path) -> None:
         ('"-1,-1 1,-1 1,1 -1,1"', '""', 40, "<vs:geofence> polygon", "empty"),
         ('"-1,-1 1,-1 1,1 -1,1"', '"-1,-1 1,1 1,-1 -1,1"', 40, "<vs:geofence> polygon", "meet"),
         ('"-1,-1 1,-1 1,1 -1,1"', '"0,0 1,0 1,0 0,1"', 40, "<vs:geofence> polygon", "meet"),
+        ('"-1,-1 1,-1 1,1 -1,1"', '"0,0 1,0 0,1e-170"', 40, "<vs:geofence> polygon", "0.001 m"),
         ('"-1,-1 1,-1 1,1 -1,1"', '"0,0 1,0 2,0"', 40, "<vs:geofence> polygon", "meet"),
         ('"-1,-1 1,-1 1,1 -1,1"', '"0,0 1,0 1,nan"', 40, "<vs:geofence> polygon", "nan"),
         ('"-1,-1 1,-1 1,1 -1,1"', '"0,0 1,0 1,2000"', 40, "<vs:geofence> polygon", "2000"),
@@ -139,3 +142,14 @@ def test_stars_are_read_and_with_two_corners_exchanged_they_cross(
     notched = "0,0 3,0 3,1 2,1 2,0.5 1,0.5 1,1 0,1"  # two sides lie on one line
     for fine in (square, notched):
         read_text(fenced(example, FENCE.replace("-1,-1 1,-1 1,1 -1,1", fine)))
+
+
+def test_the_tag_of_a_robot_that_is_replaced_is_that_of_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "kept-off.argos"
+    fence = '<vs:geofence><vs:keep_off tag="31" distance="0.5" /></vs:geofence></arena>'
+    path.write_text((SHIPPED_FOLDER / "pollutant.argos").read_text().replace("</arena>", fence))
+    before = load(str(path))
+    after = load(str(path), casting=Casting(replaced=((31, 37),)))
+    assert before.fence.keep_off == after.fence.keep_off and len(after.fence.keep_off) == 1
+    (name,) = after.fence.keep_off
+    assert [robot.tag for robot in after.robots if robot.id == name] == [37]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -306,3 +307,51 @@ def test_who_leaves_and_does_not_stand_is_said_as_disobedient() -> None:
         robots, seen = stage.robots(), stage.arena_state(ms * MS)
         said += obedience.update(robots, seen, ms * MS)
     assert len(said) == 1 and "does NOT stop: LIFT IT" in said[0]
+
+
+def accused(places: Callable[[int], tuple[float, float] | None]) -> list[str]:
+    """What is said of a robot that is at these places (None: not seen) at these milliseconds."""
+    stage = Stage(replace(experiment(timesteps=20), geofence=FENCE))
+    tag, other = sorted(robot.tag for robot in stage.experiment.robots)
+    stage.connected = {tag, other}
+    standing, obedience = StandingRobots(stage.experiment), Obedience()
+    said, held_ms = [], dict[int, int]()
+    for ms in range(0, 6_000, 100):
+        place = places(ms)
+        stage.seen = {other} if place is None else {tag, other}
+        stage.places[tag] = place or MIDDLE
+        seen = stage.arena_state(ms * MS)
+        standing.update(seen)
+        held_ms = {held: held_ms.get(held, ms) for held in standing.reasons}
+        why = standing.reasons.get(tag, "")
+        wanted = Wanted.PAUSE if why else Wanted.RUN
+        ordered_ns = held_ms.get(tag, 0) * MS
+        stage.statuses[tag] = {"wanted": wanted, "held": why, "ordered_ns": ordered_ns}
+        said += obedience.update(stage.robots(), seen, ms * MS)
+        alarms = len(obedience.alarms)
+    return [*said, f"{alarms} alarms"]
+
+
+def test_who_disobeys_and_leaves_the_cameras_view_stays_an_alarm() -> None:
+    said = accused(lambda ms: (0.9 + 1.3 * ms / 1e4, 0.0) if ms < 3_000 else None)
+    assert len(said) == 2 and "does NOT stop: LIFT IT" in said[0] and said[1] == "1 alarms"
+
+
+def test_who_was_not_seen_and_is_carried_outside_is_not_accused() -> None:
+    def carried(ms: int) -> tuple[float, float] | None:
+        if ms < 500:
+            return MIDDLE
+        return None if ms < 3_000 else (1.3 - 3.0 * (ms - 3_000) / 1e4, 0.0)
+
+    assert accused(carried) == ["0 alarms"]
+
+
+def test_who_cannot_be_held_is_not_counted() -> None:
+    stage = Stage(replace(experiment(timesteps=30), geofence=FENCE))
+    original, other = sorted(robot.tag for robot in stage.experiment.robots)
+    stage.connected = stage.seen = {original, other}
+    stage.statuses, stage.places = {original: {"sessions": 0}}, {original: (1.5, 0.0)}
+    stage.runner.wait(0.0)
+    for _ in stage.runner.timesteps():
+        assert stage.held == {}
+    assert "stands" not in stage.terminal.getvalue()

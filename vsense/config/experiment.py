@@ -135,6 +135,11 @@ class _Serves(NamedTuple):
     virtual: bool
     code: CodeOptions
 
+    @property
+    def is_sim(self) -> bool:
+        """Whether it is loaded for a simulation."""
+        return self.stage is Stage.SIM
+
 
 def _read_understood(
     root: Element, path: Path, length_s: float | None, serves: _Serves, casting: Casting
@@ -149,7 +154,7 @@ def _read_understood(
     if not bodies.robots:
         raise arena.error(_no_robot(root, arena))
     cast(bodies, marker.family, casting)
-    geofence = read_geofence(arena, bodies.arena, bodies.tags, serves.stage is Stage.SIM)
+    geofence = read_geofence(arena, bodies.arena, bodies.tags, serves.is_sim, casting.replaced)
     scope = _scope(bodies, round(run.length_s * run.ticks_per_second), loop_functions)
     controllers = _read_controllers(root, bodies, scope, media, serves, geofence)
     _check_objects(bodies, scope)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import combinations
 
@@ -22,6 +23,7 @@ MAX_SPEED_M_S = MAX_SPEED_STEPS_S * STEP_M
 _MIN_SPEED_M_S = 0.01
 """A robot on its way home that is slower counts as stuck."""
 _MAX_CORNERS, _MAX_ZONES, _MAX_TAG = 100, 50, 65_535
+_MIN_SIDE_M = 0.001
 _MIN_DISTANCE_M, _MAX_DISTANCE_M = 0.01, 10.0
 
 
@@ -74,13 +76,18 @@ def arena_fence(arena: Arena) -> Geofence:
 
 
 def read_geofence(
-    element: Element, arena: Arena, tags: Mapping[str, int], simulated: bool
+    element: Element,
+    arena: Arena,
+    tags: Mapping[str, int],
+    simulated: bool,
+    replaced: Iterable[tuple[int, int]] = (),
 ) -> Geofence | None:
     """Reads the fence in `<arena>`, None: there is none.
 
     Args:
         tags: of all that wears a marker, by id.
         simulated: it is read for a simulation, where it holds nobody.
+        replaced: a tag of the file, and that of the robot which plays in its place.
 
     Raises:
         ConfigError: it is wrong.
@@ -96,7 +103,9 @@ def read_geofence(
         forbidden.append(_read_polygon(child))
         if forbidden[-1] in forbidden[:-1]:
             raise child.error("there is another one with the same corners", "polygon")
-    keep_off = _read_keep_off(fence, {tag: name for name, tag in tags.items()})
+    names = {tag: name for name, tag in tags.items()}
+    names |= {tag: names[other] for tag, other in replaced if other in names}
+    keep_off = _read_keep_off(fence, names)
     v_max_m_s = None
     if fence.has("v_max"):
         v_max_m_s = fence.number("v_max", _MIN_SPEED_M_S, MAX_SPEED_M_S, "m/s")
@@ -128,6 +137,13 @@ def _read_polygon(element: Element) -> Polygon:
             " at the corner that they share, and nowhere else",
             "polygon",
         )
+    for number, (here, there) in enumerate(zip(corners, [*corners[1:], corners[0]]), 1):
+        if math.dist(here, there) < _MIN_SIDE_M:
+            raise element.error(
+                f"the side from corner {number} ({here[0]:g},{here[1]:g}) is shorter than"
+                f" {_MIN_SIDE_M:g} m",
+                "polygon",
+            )
     return Polygon(tuple(corners))
 
 

@@ -15,13 +15,14 @@ all the same. A robot for which several rows hold stands until none does.
 | while no arena state comes at all | by itself, 0.4 s after its last fresh STATE |
 | on its way home | by the guide (`vsense.run.homing`), which moves nobody that is not seen, and leads it back inside of the fence |
 | virtual | no: it has no body |
+| with the original's client | no: it cannot be held |
 | not seen, with `unseen_s` None (`vs:unseen="drive"`) | no |
 """  # noqa: E501 (a table)
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,11 +110,14 @@ class StandingRobots:
         unseen, fenced = (cause.stood_ns.get(tag, 0) for cause in (self._unseen, self._fenced))
         return unseen / 1e9, fenced / 1e9
 
-    def update(self, state: ArenaState, homing: bool = False) -> list[str]:
+    def update(
+        self, state: ArenaState, homing: bool = False, exempt: Collection[int] = ()
+    ) -> list[str]:
         """Takes the next arena state; gives a line for each robot that stands, or goes on.
 
         A time without arena states, or in which the run is paused, counts for nobody. On the way
-        home (`homing`) robots stand only for what they keep off.
+        home (`homing`) robots stand only for what they keep off. Nothing is said of those that are
+        `exempt`, by tag: they cannot be held.
         """
         now_ns, before_ns = state.capture_ns, self._state_ns
         self._state_ns = now_ns
@@ -123,6 +127,8 @@ class StandingRobots:
         seen = set(rows["tag"].tolist())
         lines: list[str] = []
         for tag, name in self._names.items():
+            if tag in exempt:
+                continue
             self._unseen_ns[tag] = 0 if tag in seen else self._unseen_ns[tag] + elapsed_ns
             lost = self._lost(tag) if not homing else ""
             if self._unseen.update(tag, lost, tag in seen, elapsed_ns):

@@ -244,7 +244,8 @@ class Obedience:
     """Watches robots that must stand still after they ran: told to, or without a link.
 
     What people carry must not look like disobedience: a robot that the cameras have once seen
-    standing still is left to its telemetry.
+    standing still, or that was not seen for a while, is left to its telemetry. One that was seen
+    moving stays an alarm out of their sight.
 
     Attributes:
         alarms: what is wrong now.
@@ -284,14 +285,20 @@ class Obedience:
 
     def _note_orders(self, robots: Mapping[int, RobotStatus]) -> None:
         for tag, robot in robots.items():
-            if _must_stand_ns(robot) is None:
+            if robot.held == NOT_SEEN:
+                self._poses.pop(tag, None)
+                if tag not in self._moving:
+                    self._ran.discard(tag)
+            elif _must_stand_ns(robot) is None:
                 self._ran.add(tag)
                 self._moving.discard(tag)
                 self._poses.pop(tag, None)
 
     def _seen(self, tag: int, robot: RobotStatus, now_ns: int) -> str:
-        if tag not in self._moving or _must_stand_ns(robot) is None:
+        if tag not in self._moving:
             return ""
+        if robot.held == NOT_SEEN:
+            return _words(robot, "the cameras saw it move, and do not see it now", now_ns)
         if robot.wanted in _STANDING:
             return _words(robot, "the cameras see it move", now_ns)
         silent_s = (now_ns - (robot.heard_ns or 0)) / 1e9

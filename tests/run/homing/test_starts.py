@@ -20,6 +20,7 @@ from vsense.robots.link.wire import StopCause, Telemetry, Wanted
 from vsense.run.homing.floor import DrivingFloor
 from vsense.run.homing.robots import Trouble
 from vsense.run.homing.starts import Starts, hindered
+from vsense.world.entities import Arena
 from vsense.world.pollution import PollutantSource
 
 ROSTER = """
@@ -113,3 +114,13 @@ def test_who_rests_is_told_all_but_to_run(wanted: Wanted) -> None:
     resting = orders.of(23)
     assert resting.wanted == (Wanted.IDLE if wanted == Wanted.RUN else wanted)
     assert (resting.run, resting.from_timestep) == (7, 3)
+
+
+def test_boxes_along_the_border_of_an_arena_anywhere_close_nothing() -> None:
+    arena = Arena((2.0, 1.0, 1.0), (5.0, -3.0, 0.0))
+    border = [(x, -3.0, 0.0, 0.02, 1.0) for x in (4.0, 6.0)]
+    border += [(5.0, y, 0.0, 2.0, 0.02) for y in (-3.5, -2.5)]
+    assert DrivingFloor(arena, border).is_open
+    assert not DrivingFloor(arena, [*border, (5.5, -3.0, 0.0, 0.1, 0.1)]).is_open
+    assert not DrivingFloor(arena, [(5.0, -2.6, 0.0, 0.1, 0.1)]).is_open, "10 cm from it"
+    assert not DrivingFloor(arena, border, [(5.5, -3.0, 0.05)]).is_open

@@ -51,7 +51,9 @@ def of_campaign(task: Task) -> str:
     """
     setup = task.job.setup
     digest = hashlib.sha256()
-    for file in named_files(task.experiment.path):
+    programs = [controller.program for controller in task.experiment.controllers]
+    sources = [path for program in programs for path in program.sources]
+    for file in (*named_files(task.experiment.path), *sources):
         digest.update(bytes.fromhex(of_file(file)))
     words = [os.environ.get("CXXFLAGS"), setup.duration_s, setup.robots, setup.blind]
     words += [*sorted(of_files(task).values()), *setup.settings]

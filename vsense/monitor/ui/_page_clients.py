@@ -256,12 +256,12 @@ class WebClients:
             # A page that is sent nothing any more is closed: it opens again by itself.
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
-            viewer.leave()
-            del self._viewers[viewer]
-            self._sockets.discard(socket)
             for task in tasks:
                 task.cancel()
             results = await asyncio.gather(*tasks, return_exceptions=True)
+            viewer.leave()
+            del self._viewers[viewer]
+            self._sockets.discard(socket)
             self._introduce()
         for failed in results:
             if isinstance(failed, Exception):

@@ -13,6 +13,7 @@ from __future__ import annotations
 import ctypes
 import json
 import select
+import signal
 import sys
 import threading
 import weakref
@@ -140,6 +141,8 @@ def _tell(**said: object) -> None:
 
 def answer(path: Path | None) -> None:
     """Answers questions until there are none."""
+    # It ends with its standard input; an interruption is its parent's to answer.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     # Other programs of this account cannot look into this one, and it leaves no core behind.
     ctypes.CDLL(None).prctl(_SET_DUMPABLE, 0, 0, 0, 0)
     try:
