@@ -4,7 +4,10 @@ import { Brush } from "./brush.js";
 import { byId, elements, fit, penOf, press, remember, remembered, write } from "./dom.js";
 import { Ground, pictureOf } from "./ground.js";
 import { FromAbove, aspectOf } from "./projections.js";
-import { drawCones, drawFence, drawLights, drawPhysicalSolids, drawVirtualSolids, drawZones, rgb, sceneOf } from "./scene.js";
+import {
+  drawCones, drawFence, drawLights, drawPhysicalSolids,
+  drawVirtualSolids, drawZones, rgb, sceneOf,
+} from "./scene.js";
 import { drawChosenRays, drawNames, drawRobots, drawStrangers, drawTrails } from "./scene_robots.js";
 import * as theme from "./theme.js";
 

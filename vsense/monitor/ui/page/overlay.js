@@ -4,7 +4,10 @@ import { Brush } from "./brush.js";
 import { Ground } from "./ground.js";
 import { Lens } from "./lens.js";
 import { ThroughLens } from "./projections.js";
-import { drawCones, drawFence, drawLights, drawPhysicalSolids, drawVirtualSolids, drawZones, sceneOf } from "./scene.js";
+import {
+  drawCones, drawFence, drawLights, drawPhysicalSolids,
+  drawVirtualSolids, drawZones, sceneOf,
+} from "./scene.js";
 import { drawRobots, drawStrangers } from "./scene_robots.js";
 import { colours } from "./theme.js";
 

@@ -79,7 +79,8 @@ export function drawFence({ brush, store, arena, style }) {
   for (const { tag, distance_m } of fence.keep_off) {
     const row = arena?.robots.tag.indexOf(tag) ?? -1;
     const [x, y] = [arena?.robots.x_m[row], arena?.robots.y_m[row]];
-    if (typeof x === "number" && typeof y === "number") brush.dashes({ centre: [x, y], radius: distance_m }, style.fence, 1.5);
+    if (typeof x !== "number" || typeof y !== "number") continue;
+    brush.dashes({ centre: [x, y], radius: distance_m }, style.fence, 1.5);
   }
 }
 
