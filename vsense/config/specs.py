@@ -323,6 +323,12 @@ class Experiment:
         return self.geofence or arena_fence(self.arena)
 
     @property
+    def tags(self) -> dict[str, int]:
+        """Of all that wears a marker, by id."""
+        robots = {robot.id: robot.tag for robot in self.robots}
+        return robots | {thing.id: thing.tag for thing in self.objects}
+
+    @property
     def boxes(self) -> tuple[Box, ...]:
         """Boxes in the real arena without those that await a place."""
         return tuple(e for e in self.entities if isinstance(e, Box) and e.physical)

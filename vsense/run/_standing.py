@@ -87,9 +87,7 @@ class StandingRobots:
 
     def __init__(self, experiment: Experiment) -> None:
         self._names = {robot.tag: robot.id for robot in experiment.robots}
-        tags = {robot.id: robot.tag for robot in experiment.robots}
-        tags |= {thing.id: thing.tag for thing in experiment.objects}
-        self._fence = experiment.fence
+        tags, self._fence = experiment.tags, experiment.fence
         keep_off = self._fence.keep_off.items()
         # A robot that does not play has no place.
         self._keep_off = {tags[id]: (id, far_m) for id, far_m in keep_off if id in tags}

@@ -236,11 +236,10 @@ class Element:
         expected = f"{least} to {most} points 'x,y x,y' {unit}".rstrip()
         text = self.text(key, None, expected)
         pairs = [point.split(",") for point in text.split()]
-        if not least <= len(pairs) <= most or any(len(pair) != 2 for pair in pairs):
-            found = f"{shown(text)} has {len(pairs)} points"
-            if any(len(pair) != 2 for pair in pairs):
-                found = f"{shown(text)} are no points"
-            raise self.error(f"{found}, expected {expected}", key)
+        if any(len(pair) != 2 for pair in pairs):
+            raise self.error(f"{shown(text)} are no points, expected {expected}", key)
+        if not least <= len(pairs) <= most:
+            raise self.error(f"{shown(text)} has {len(pairs)} points, expected {expected}", key)
         numbers = [[self._number(key, n, -far, far, unit) for n in pair] for pair in pairs]
         return [(x, y) for x, y in numbers]
 

@@ -196,8 +196,7 @@ def _fence(facts: ExperimentFacts, spec: Experiment) -> Data:
     fence = spec.geofence
     if fence is None or facts.command == "sim":
         return {}
-    tags = {robot.id: robot.tag for robot in spec.robots}
-    tags |= {thing.id: thing.tag for thing in spec.objects}
+    tags = spec.tags
     keep_off = [
         {"tag": tags[id], "distance_m": m} for id, m in fence.keep_off.items() if id in tags
     ]
