@@ -10,7 +10,8 @@ import io
 import re
 import tokenize
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -77,16 +78,30 @@ LIBC = {
 }  # fmt: skip
 
 
-def imports(path: Path) -> set[str]:
+@cache
+def nodes(path: Path) -> Sequence[ast.AST]:
+    """The syntax tree of a Python file, which many tests walk."""
+    return list(ast.walk(ast.parse(path.read_text())))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def forgotten() -> Iterator[None]:
+    """A million nodes are not kept for the tests of other files."""
+    yield
+    nodes.cache_clear()
+
+
+@cache
+def imports(path: Path) -> frozenset[str]:
     """All modules that a Python file imports, with their full names."""
-    found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    found: set[str] = set()
+    for node in nodes(path):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: relative import"
             found |= {node.module or ""} | {f"{node.module}.{a.name}" for a in node.names}
-    return found
+    return frozenset(found)
 
 
 def includes(path: Path) -> set[str]:
@@ -94,6 +109,7 @@ def includes(path: Path) -> set[str]:
     return set(re.findall(r'^\s*#\s*include\s+[<"]([^>"]+?)(?:\.h)?[>"]', path.read_text(), re.M))
 
 
+@cache
 def links() -> dict[str, set[str]]:
     """Which modules of `vsense` each of them imports, wherever in the file that stands."""
     found = {}
@@ -227,7 +243,7 @@ def test_no_public_class_name_twice() -> None:
     defined: dict[str, list[str]] = defaultdict(list)
     for module, path in MODULES.items():
         if not module.startswith("vsense.config.experiments."):
-            for node in ast.walk(ast.parse(path.read_text())):
+            for node in nodes(path):
                 if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                     defined[node.name].append(module)
     assert "ArenaState" in defined
@@ -271,7 +287,7 @@ def called_of_c(path: Path) -> list[str]:
     What an f-string puts in stands for any word.
     """
     found = []
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in nodes(path):
         match node:
             case ast.Attribute(value=ast.Name(id="lib" | "kernels"), attr=name):
                 found.append(name)
@@ -362,7 +378,7 @@ def test_files_are_one_idea_each() -> None:
 def python_functions(path: Path) -> list[tuple[str, int]]:
     """All functions of a Python file with their length in lines."""
     kinds = (ast.FunctionDef, ast.AsyncFunctionDef)
-    found = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, kinds)]
+    found = [node for node in nodes(path) if isinstance(node, kinds)]
     return [(f.name, (f.end_lineno or 0) - f.lineno + 1) for f in found]
 
 
@@ -437,7 +453,7 @@ def code_lines(path: Path) -> int:
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
         if token.type not in (*silent, tokenize.ENDMARKER):
             held.update(range(token.start[0], token.end[0] + 1))
-    for node in ast.walk(ast.parse(text)):
+    for node in nodes(path):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
             first = node.body[0] if node.body else None
             if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant):
@@ -464,7 +480,7 @@ def test_arrows_are_few() -> None:
 def test_few_modules_and_names_are_entered_from_another_room() -> None:
     doors: set[tuple[str, str]] = set()
     for module, path in MODULES.items():
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in nodes(path):
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("vsense."):
                 for alias in node.names:
                     inside = f"{node.module}.{alias.name}"
@@ -478,7 +494,7 @@ def test_few_modules_and_names_are_entered_from_another_room() -> None:
 def test_calls_and_assignments_are_plain() -> None:
     splats = outside = 0
     for path in MODULES.values():
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in nodes(path):
             if isinstance(node, ast.Call):
                 splats += any(
                     isinstance(a, ast.Starred) and isinstance(a.value, ast.Tuple) for a in node.args
@@ -571,7 +587,7 @@ def test_texts_of_files_are_printed_in_one_place() -> None:
     found = {
         module
         for module, path in MODULES.items()
-        for node in ast.walk(ast.parse(path.read_text()))
+        for node in nodes(path)
         if isinstance(node, ast.Call)
         and isinstance(node.func, ast.Name)
         and node.func.id == "print"

@@ -198,7 +198,7 @@ def test_ctrl_c_reaches_no_compiler(tmp_path: Path, cache: Path) -> None:
         "from vsense.robots import build\n"
         "told = []\n"
         "signal.signal(signal.SIGINT, lambda *_: told.append(1))\n"
-        f"build.daemon('mine.c', build.Path({str(tmp_path)!r}))\n"
+        f"build.shared('mine.c', build.Path({str(tmp_path)!r}))\n"
         "print(told)\n"
     )
     builder = subprocess.Popen(
@@ -217,7 +217,7 @@ def test_ctrl_c_reaches_no_compiler(tmp_path: Path, cache: Path) -> None:
         print(file=word, flush=True)
         said, errors = builder.communicate(timeout=60)
     assert (builder.returncode, said) == (0, "[1]\n"), errors
-    assert len(list(cache.rglob("vsensed"))) == 1
+    assert len(list(cache.rglob("inprocess.so"))) == 1
 
 
 def test_user_without_a_home_is_told_what_to_set(monkeypatch: pytest.MonkeyPatch) -> None:

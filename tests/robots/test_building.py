@@ -147,6 +147,24 @@ def test_a_newer_zig_that_cannot_link_is_told_from_a_fault_of_the_users(
     assert not (tmp_path / "vsensed").exists()
 
 
+def test_one_file_alone_is_compiled_with_the_controllers_hash(tmp_path: Path) -> None:
+    """A compiler that keeps what it has compiled, as zig does, needs no other one again."""
+    notes = tmp_path / "notes"
+    script = f"""echo "$*" >>{notes}
+case "$*" in *-MM*) echo "it: {POLLUTANT}"; exit;; esac
+while [ "$1" != -o ]; do shift; done
+: >"$2\""""
+    program(tmp_path, "cc", script)
+    fake = Toolchain((str(tmp_path / "cc"),), small=("-Os",))
+    sources = source_tree().daemon(ProgramSources((POLLUTANT,)), plain=True)
+    digest = sources.link_daemon(fake, tmp_path / "vsensed")
+    lines = notes.read_text().splitlines()
+    hashed = [line for line in lines if f'-DVSENSED_CONTROLLER_HASH="{digest}"' in line]
+    assert len(lines) == 4 and [line.count(".c ") for line in hashed] == [1]
+    assert "/controller_hash.c " in hashed[0]
+    assert "/controller_hash.o " in lines[-1] and "/small.o " in lines[-1]
+
+
 def test_a_controller_that_does_not_build_leaves_the_old_daemon(
     tmp_path: Path, without_zig: None, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -15,11 +15,8 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
-from vsense.robots.compiling import CFLAGS, BuildError, Sources, Toolchain
+from vsense.robots.compiling import CFLAGS, HASH_PART, BuildError, Sources, Toolchain
 from vsense.robots.sources import content
-
-HASH_PART = "controller_hash"
-"""The one file of `robot/` that a controller's hash is compiled into."""
 
 
 def cache_directory() -> Path:

@@ -24,6 +24,7 @@ from pathlib import Path
 
 from vsense.base.errors import UsageError, pip_line
 from vsense.base.processes import python_module
+from vsense.robots._cache import with_parts
 from vsense.robots.build import cache_directory, source_tree
 from vsense.robots.compiling import BuildError, Toolchain, native
 from vsense.robots.sources import ProgramSources
@@ -172,6 +173,8 @@ def build(controller: str | ProgramSources, target: str, output: Path) -> Built:
     compiler = toolchain(board, cache_directory())
     sources = tree.daemon(program, plain=True)
     try:
+        if "ziglang" not in compiler.command:  # which keeps by itself what it has compiled
+            sources = with_parts(sources, compiler)
         digest = sources.link_daemon(compiler, output)
     except BuildError as error:
         raise BuildError(_explain(board, compiler, str(error))) from None

@@ -42,6 +42,9 @@ controller may want sines, and only then gets libm."""
 
 CXX_LIBRARIES = ("-Wl,--as-needed", "-lstdc++", *LIBRARIES)
 
+HASH_PART = "controller_hash"
+"""The one file of `robot/` that knows the controller's hash: compilers keep the others."""
+
 HASH_DIGITS = 12
 """Of a controller's hash so many are told: enough to tell any two apart."""
 
@@ -157,22 +160,27 @@ class Sources:
                 raise BuildError(f"cannot write {target}: it is a folder") from error
 
     def _link(self, toolchain: Toolchain, output: Path, flags: Sequence[str]) -> None:
-        """Compiles and links everything: the C in one go, small code and C++ before it."""
-        names = [str(path) for path in self.own if not toolchain.small or path.stem in self.fast]
-        if toolchain.small:
+        """Compiles and links everything: the C in one go, hash, small code and C++ before it."""
+        own, for_all = list(self.own), [flag for flag in flags if not flag.startswith("-D")]
+        for at, path in enumerate(own):
+            if path.stem == HASH_PART:
+                own[at] = output.with_name(f"{HASH_PART}.o")
+                self.compile(toolchain, path, own[at], flags)
+        seldom = [p for p in own if p.stem not in {*self.fast, HASH_PART} and toolchain.small]
+        names = [str(path) for path in own if path not in seldom]
+        if seldom:
             names.append(f"{output.with_name('small')}.o")
-            seldom = [str(path) for path in self.own if path.stem not in self.fast]
             small = replace(toolchain, flags=toolchain.small)
-            self._run(small, CFLAGS, [*flags, "-c", "-o", names[-1], *seldom])
+            self._run(small, CFLAGS, [*for_all, "-c", "-o", names[-1], *map(str, seldom)])
         if self.is_cxx:
-            names += self._objects(toolchain, output, flags)
+            names += self._objects(toolchain, output, for_all)
         else:
             names += [str(path) for path in self.program.sources]
         libraries = CXX_LIBRARIES if self.is_cxx else LIBRARIES
         if self.program.is_argos and "ziglang" not in toolchain.command:
             # What is defined in headers: in ARGoS's shared libraries the first one counts, too.
             libraries = (*libraries, "-Wl,-z,muldefs")
-        self._run(toolchain, CFLAGS, [*flags, "-s", "-o", str(output), *names, *libraries])
+        self._run(toolchain, CFLAGS, [*for_all, "-s", "-o", str(output), *names, *libraries])
 
     def _objects(self, toolchain: Toolchain, output: Path, flags: Sequence[str]) -> list[str]:
         """Compiles the program and our C++, as many files at a time as there are processors."""
@@ -190,10 +198,7 @@ class Sources:
             if cached is not None and cached.is_file():
                 return str(cached)
             self._run(compiler, language, [*after, *flags, "-c", str(source), "-o", str(target)])
-            if cached is None:
-                return str(target)
-            _keep(target, cached)
-            return str(cached)
+            return str(target if cached is None else _keep(target, cached))
 
         files = list(enumerate((*self.program.sources, *self.own_cxx)))
         with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as workers:
@@ -265,10 +270,6 @@ class Sources:
     def _our_folders(self) -> list[Path]:
         return [*self.includes, *(folder / "argos" for folder in self.includes)]
 
-    def _argos(self) -> Path:
-        """The folder of our headers for ARGoS's code."""
-        return next(path for path in self._our_folders() if (path / "headers.txt").is_file())
-
     def _check_headers(self) -> None:
         """Raises BuildError where code for ARGoS includes what nobody has."""
         if self.program.is_argos:
@@ -282,8 +283,9 @@ class Sources:
             return []
         with_runtime = not self.plain or _argos_code.needs_runtime(self.program)
         runtime = ("-fexceptions", "-funwind-tables") if with_runtime else PLAIN
+        argos = next(path for path in self._our_folders() if (path / "headers.txt").is_file())
         try:
-            folder = _argos_code.forwarding(self._argos(), self.cache)
+            folder = _argos_code.forwarding(argos, self.cache)
         except OSError as error:
             raise BuildError(f"cannot build in {self.cache}: {error.strerror}") from error
         return [*runtime, f"-I{folder}"]
@@ -333,8 +335,7 @@ class Sources:
             explain = (
                 _argos_code.explain_simulator if is_controller else _argos_code.explain_controllers
             )
-            why = explain(self.program)
-            if why:
+            if why := explain(self.program):
                 return f"the {self.what} {self.program.sources[0]} {self._does} not build: {why}"
         named = [path for path in self.program.sources if is_named(path)]
         if named:
@@ -351,7 +352,7 @@ class Sources:
         return "do" if self.what.endswith("s") else "does"
 
 
-def _keep(output: Path, cached: Path) -> None:
+def _keep(output: Path, cached: Path) -> Path:
     """Puts a compiled file into the cache, whole or not at all; it may be another file system.
 
     Raises:
@@ -364,6 +365,7 @@ def _keep(output: Path, cached: Path) -> None:
             os.replace(copy, cached)
     except OSError as error:
         raise BuildError(f"cannot keep {cached}: {error.strerror}") from error
+    return cached
 
 
 def own_cxxflags() -> list[str]:
