@@ -6,6 +6,7 @@ used as a new user would, in environments of their own with the sources gone.
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 import platform
@@ -152,6 +153,23 @@ def test_the_sdist_builds_and_tests_itself(dist: Path, tmp_path: Path) -> None:
     )
     done = run(tree / "scripts/test", *some, cwd=tree, env=environment)
     assert " passed" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("docs",), "build/docs/html/index.html\n"),
+        (("bench", "robot", "--json"), '"steps"'),
+    ],
+    ids=["docs", "bench"],
+)
+def test_scripts_work_in_a_fresh_clone(words: tuple[str, ...], says: str, tmp_path: Path) -> None:
+    tree = copy_of_sources(tmp_path / "tree")
+    environment = clean_environment(tmp_path / "cache", PYTHON=sys.executable)
+    name, *arguments = words
+    done = run(tree / "scripts" / name, *arguments, cwd=tmp_path, env=environment)
+    assert says in done.stdout
+    assert importlib.util.find_spec("pytest") and not list(tree.glob(".venv/lib/*/*/pytest"))
 
 
 def test_an_editable_install_uses_its_tree(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from tests.bench import robot as robot_bench
 from tests.conftest import require_tool, require_zig
 from tests.robots.conftest import ROOT
 from vsense import cli
+from vsense.base.errors import UsageError
 from vsense.robots import boards
 from vsense.robots.build import source_tree
 from vsense.robots.compiling import HASH_DIGITS, BuildError, Toolchain
@@ -105,7 +106,7 @@ def test_no_cross_compiler_names_both_that_there_are(
     name: str, without_zig: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(BuildError, match=r"pip install ziglang==[0-9.]+ .*apt install gcc-") as no:
+    with pytest.raises(UsageError, match=r"pip install ziglang==[0-9.]+ .*apt install gcc-") as no:
         boards.toolchain(boards.TARGETS[name], tmp_path)
     assert "\n" not in str(no.value)
 
