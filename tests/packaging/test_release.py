@@ -139,6 +139,17 @@ def test_from_the_wheel_everything_is_possible(dist: Path, minor: int, tmp_path:
     assert ROOT.as_posix() not in missing.stderr
 
 
+def test_every_command_of_every_page_runs_from_the_wheel(dist: Path, tmp_path: Path) -> None:
+    """Each page's in a folder of its own, which has only what the page takes for granted."""
+    python = environment_of(sys.executable, tmp_path / "venv")
+    wheel = f"{wheel_for(dist, platform.machine())}[all]"
+    run(sys.executable, *INSTALL, python, "install", "--no-compile", wheel)
+    environment = clean_environment(tmp_path / "cache", VSENSE_PROGRAMS=str(python.parent))
+    pages = ("-m", "pytest", "-m", "campaign", "tests/site/test_blocks.py")
+    done = run(sys.executable, *pages, cwd=ROOT, env=environment)
+    assert " passed" in done.stdout and "skipped" not in done.stdout
+
+
 def test_the_sdist_builds_and_tests_itself(dist: Path, tmp_path: Path) -> None:
     (packed,) = dist.glob("*.tar.gz")
     with tarfile.open(packed) as archive:

@@ -1,4 +1,4 @@
-"""Processes of this machine, its free ports, and a lab whose lines can be waited for."""
+"""Processes of this machine, its free ports, and commands whose lines can be waited for."""
 
 from __future__ import annotations
 
@@ -61,16 +61,16 @@ def parent_of(folder: Path) -> int:
     return int((folder / "stat").read_text().rpartition(")")[2].split()[1])
 
 
-class Lab:
-    """A running `vsense lab`; what it says on stderr can be waited for.
+class Command:
+    """A running command of `vsense`; what it says on stderr can be waited for.
 
     `module` is the program, where it is another one with the same words.
     """
 
-    def __init__(self, directory: Path, *arguments: str, module: str = "vsense") -> None:
-        self.directory = directory
+    def __init__(self, *words: str, module: str = "vsense", directory: Path | None = None) -> None:
         self.process = subprocess.Popen(
-            [sys.executable, "-m", module, "lab", *arguments, "--output", str(directory)],
+            [sys.executable, "-m", module, *words],
+            cwd=directory,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -112,6 +112,14 @@ class Lab:
         for reader in self._readers:
             reader.join(PATIENCE_S)
         return code
+
+
+class Lab(Command):
+    """A running `vsense lab`, and the folder that it leaves."""
+
+    def __init__(self, directory: Path, *arguments: str, module: str = "vsense") -> None:
+        self.directory = directory
+        super().__init__("lab", *arguments, "--output", str(directory), module=module)
 
     def summary(self) -> dict[str, object]:
         """The summary file that it left."""
