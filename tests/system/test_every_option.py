@@ -222,7 +222,7 @@ def test_files_take_all_options(folder: Path, said: Any) -> None:
     measure, base = "robots_on_spot", "mine.stop_probability=0.1"
     asked = f"--by condition --measure {measure} --same {measure}=1 --unpaired --seed 3"
     words = f"report {table} {asked} --against {base} --style ggplot --format svg -o report --json"
-    assert [m["name"] for m in said(words)["studies"][0]["measures"]] == [measure]
+    assert [*said(words)["studies"][0]["measures"]] == [measure]
     named = "--name Mine --license MIT --date 2026-01-02 --pictures --against blind"
     assert vsense(f"pack {made}/mine/kept-sim {asked} {named} -o mine.zip --json") == 0
     assert vsense("reproduce mine.zip --check --json") == 0
