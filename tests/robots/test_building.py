@@ -84,6 +84,29 @@ def test_host_build_through_the_command(
     assert len(facts["hash"]) == HASH_DIGITS
 
 
+def test_sources_and_headers_of_argos_are_named(
+    tmp_path: Path,
+    without_zig: None,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    require_tool("c++", "build-essential")
+    monkeypatch.chdir(tmp_path)
+    walk = ROOT / "tests" / "system" / "walk.cpp"
+    (tmp_path / "pace.h").write_text("#define WALK_CM_S 4.0\n")
+    text = (ROOT / "vsense/config/experiments/foraging.argos").read_text()
+    text = text.replace("foraging_controller", "walk_controller")
+    text = text.replace('library="foraging"', 'library="walk"')
+    (tmp_path / "walk.argos").write_text(text)
+    shutil.copy(ROOT / "vsense/config/experiments/foraging.py", tmp_path)
+    words = ["--sources", f"walk={walk}", "--include", ".", "--target", "host", "--json"]
+    one = ["--controller", "walk", "--label", "walk_controller"]
+    for named in (one, ["--experiment", "walk.argos"]):
+        assert cli.main(["robot", "build", *named, *words]) == 0
+        facts = json.loads(capsys.readouterr().out)
+        assert Path((facts if named is one else facts[0])["controller"]) == walk
+
+
 def test_hash_is_of_the_controller_and_its_own_headers(tmp_path: Path) -> None:
     require_tool("cc", "build-essential")
     compiler = boards.native()

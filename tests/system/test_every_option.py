@@ -206,12 +206,12 @@ def test_robots_are_checked_and_calibrated_with_all_options(folder: Path) -> Non
     words = f"robot calibrate foraging {lab} {sensors} -o calibrated --roster swarm.toml {PAGE}"
     until(words, "https://.*to-control-it")
     assert vsense("render foraging seen --frames 3 --seed 2 --format pgm") == 0
-    tracked = "--tracking seen/resources.xml seen/experiment.xml --robots 1 --wait 1"
-    for action in ("check", "calibrate"):
-        link = f"--host 127.0.0.1 --port {port}"
-        for trust in ("--key swarm.key", "--insecure"):
-            code = vsense(f"robot {action} foraging {tracked} {link} {trust} -o {action}{trust[2]}")
-            assert code == 1
+    tracked = "--tracking seen/resources.xml seen/experiment.xml --robots 1"
+    link = f"--host 127.0.0.1 --port {port}"
+    for trust in ("--key swarm.key", "--insecure"):
+        words = f"{tracked} {link} {trust} -o {trust[2]}"
+        assert vsense(f"robot check foraging {words} --wait 1") == 1
+        until(f"robot calibrate foraging {words}1 --wait 60", f"{port}")
 
 
 def test_files_take_all_options(folder: Path, said: Any) -> None:
@@ -226,7 +226,7 @@ def test_files_take_all_options(folder: Path, said: Any) -> None:
     named = "--name Mine --license MIT --date 2026-01-02 --pictures --against blind"
     assert vsense(f"pack {made}/mine/kept-sim {asked} {named} -o mine.zip --json") == 0
     assert vsense("reproduce mine.zip --check --json") == 0
-    assert vsense(f"reproduce {made}/shipped.zip -j 1 -o again --trust") in (0, 3)
+    assert vsense(f"reproduce {made}/shipped.zip -j 1 -o again --trust") in (0,)
     until(
         f"replay {recorded} --speed 2 --insecure {WATCHED}", "https://.*to-control-it", "Foxglove"
     )
@@ -234,10 +234,6 @@ def test_files_take_all_options(folder: Path, said: Any) -> None:
     assert said("markers --roster swarm.toml -o robots.pdf --json")["tags"] == [*TAGS]
     assert vsense("new other --from phototaxis") == 0 and Path("other/other.argos").exists()
     assert vsense("calibrate example shown --board charuco:7x5:80mm:4X4_50 --seed 2") == 0
-    build = f"robot build {CODE} --target host"
-    words = f"{build} --controller walk --label walk_controller -o vsensed --json"
-    assert Path(said(words)["controller"]).name == "walk.cpp"
-    assert Path(said(f"{build} --experiment walk.argos --json")[0]["controller"]).name == "walk.cpp"
 
 
 def test_pictures_are_tracked_served_and_aligned_with_all_options(folder: Path) -> None:

@@ -20,9 +20,6 @@ DESCRIPTION = (
     " robot; only photons and wheels are simulated."
 )
 
-NO_OPTION = ("host", "key", "tracking", "tracker")
-"""Of a link: the lab has robots, keys and cameras of its own."""
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
@@ -79,7 +76,8 @@ def run(options: argparse.Namespace) -> int:
     asked = _experiments.options_of(options, Stage.LAB)
     if _experiments.is_dry(options, asked):
         return 0
-    staged = _experiments.staged_of(options, *NO_OPTION)
+    # The lab has robots, keys and cameras of its own.
+    staged = _experiments.staged_of(options, "host", "key", "tracking", "tracker")
     given = {"experiment": asked, "lab": lab_of(options), **staged}
     return experiment.run(_arguments.fill(LabOptions, options, **given))
 

@@ -25,7 +25,7 @@ def install(file: Path) -> None:
 
     def note(words: list[str]) -> None:
         lines = "".join(f"{line}\n" for line in words).encode()
-        descriptor = os.open(file, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+        descriptor = os.open(file, os.O_WRONLY | os.O_APPEND)
         os.write(descriptor, lines)  # at once: many processes write
         os.close(descriptor)
 
@@ -48,7 +48,12 @@ def install(file: Path) -> None:
         return options
 
     def run(command: Any, words: list[str], options: argparse.Namespace) -> int:
-        code = int(command(options))
+        try:
+            code = int(command(options))
+        except Exception as error:
+            if getattr(error, "exit_code", 0) > 128:  # a signal has ended it
+                note(words)
+            raise
         if code != 2:
             note(words)
         return code
