@@ -3,9 +3,11 @@
 
 #include <fcntl.h>
 #include <link.h>
+#include <linux/capability.h>
 #include <sched.h>
 #include <string.h>
 #include <sys/mman.h>
+#include <sys/prctl.h>
 #include <sys/syscall.h>
 #include <unistd.h>
 
@@ -13,6 +15,8 @@
 
 #define PRIORITY 1      /* before all ordinary processes, behind the kernel's own */
 #define STACK 12288     /* [byte] more than the guard ever uses */
+#define BOUNDED 64      /* numbers of capabilities that Linux may have */
+#define KEPT (1u << CAP_IPC_LOCK | 1u << CAP_SYS_NICE | 1u << CAP_SYS_RESOURCE)
 
 long syscall(long number, ...); /* no part of POSIX, so no header shows it */
 
@@ -102,6 +106,27 @@ void vs_rights_give_back(void)
 {
     (void)set_scheduler(SCHED_OTHER, 0);
     (void)set_oom_score("0", "0");
+}
+
+/* The first version of the call knows 32 capabilities, takes the rest away, and is known to every
+ * Linux. The bound keeps a program that root starts from having all again where the kernel is
+ * older than "no new privileges", 3.5; one that is older than the bound, 2.6.25, has neither. */
+int vs_rights_drop(void)
+{
+    struct __user_cap_header_struct head = {_LINUX_CAPABILITY_VERSION_1, 0};
+    struct __user_cap_data_struct rights;
+    long number;
+
+    for (number = 0; number < BOUNDED; number++)
+        if (number >= 32 || !(KEPT >> number & 1u))
+            (void)syscall(SYS_prctl, (long)PR_CAPBSET_DROP, number, 0L, 0L, 0L);
+    (void)syscall(SYS_prctl, (long)PR_SET_NO_NEW_PRIVS, 1L, 0L, 0L, 0L);
+    if (syscall(SYS_capget, &head, &rights) != 0)
+        return -1;
+    rights.effective &= KEPT;
+    rights.permitted &= KEPT;
+    rights.inheritable &= KEPT;
+    return (int)syscall(SYS_capset, &head, &rights);
 }
 
 void vs_rights_text(unsigned int refused, char text[VS_RIGHTS_TEXT])

@@ -10,6 +10,7 @@ void vs_loop_init(struct vs_loop *loop, struct vs_session *session,
     loop->session = session;
     loop->controller = controller;
     loop->state = state;
+    loop->robot.session = session;
     loop->base_lost = 1;
     loop->hold_due = 1;
     loop->robot.base.battery_low = VS_UNKNOWN;
@@ -110,6 +111,7 @@ void vs_loop_event(struct vs_loop *loop, enum vs_event event, const struct vs_in
 {
     if (event == VS_EV_OPEN) {
         vs_safety_init(&loop->safety);
+        loop->v_max_nm_s = vs_safety_v_max_nm_s(&loop->robot);
         loop->seen_fresh_ns = 0;
         loop->telemetry_due = 1;
     }
@@ -132,6 +134,7 @@ static void begin_run(struct vs_loop *loop)
     end_run(loop);
     loop->talk_due = loop->offer != s->offer;
     vs_robot_begin(&loop->robot, s);
+    (void)vs_safety_v_max_nm_s(&loop->robot); /* it was asked for, by no controller */
     memset(loop->state, 0, loop->controller->state_size);
     loop->controller->init(loop->state, &loop->robot);
     loop->begun = 1;
@@ -140,22 +143,17 @@ static void begin_run(struct vs_loop *loop)
     loop->seed = s->seed;
 }
 
-/* Of a base that does not say: an e-puck's. */
-static int16_t max_steps_s(const struct vs_base_reading *reading)
-{
-    return reading->max_steps_s > 0 ? reading->max_steps_s : VS_ROBOT_MAX_STEPS_S;
-}
-
 /* A step of the walk home: the controller knows nothing of it, and the LEDs are off. */
 static void walk_home(struct vs_loop *loop, const struct vs_instant *now)
 {
     const struct vs_session *s = loop->session;
     uint64_t age_ns = vs_session_age_ns(s, s->capture_ns, now->session_ns);
-    int16_t most = max_steps_s(&loop->robot.base);
+    int16_t most = vs_safety_max_steps_s(&loop->robot.base, loop->v_max_nm_s);
 
     loop->timestep_new = 0;
     loop->command = loop->robot.command;
     vs_homing_steer(&loop->homing, &s->state, age_ns, now->base_ns, &loop->command);
+    vs_safety_slow(&loop->command, loop->v_max_nm_s, most);
     vs_safety_limit(&loop->command, may_move(loop, now->base_ns), most);
     vs_homing_note(&loop->homing, &loop->command, now->base_ns);
     if (loop->calibration != NULL)
@@ -166,7 +164,7 @@ static void walk_home(struct vs_loop *loop, const struct vs_instant *now)
 static void run_controller(struct vs_loop *loop, const struct vs_instant *now)
 {
     struct vs_step *step = &loop->step;
-    int16_t most = max_steps_s(&loop->robot.base);
+    int16_t most = vs_safety_max_steps_s(&loop->robot.base, loop->v_max_nm_s);
 
     begin_run(loop);
     loop->timestep_new = 0;
@@ -178,6 +176,7 @@ static void run_controller(struct vs_loop *loop, const struct vs_instant *now)
     if (loop->robot.failure[0] != '\0')
         memset(&loop->robot.command, 0, sizeof loop->robot.command);
     loop->command = loop->robot.command;
+    vs_safety_slow(&loop->command, loop->v_max_nm_s, most);
     if (loop->calibration != NULL)
         vs_calibration_drive(loop->calibration, &loop->command, most);
     vs_safety_limit(&loop->command, may_move(loop, now->base_ns), most);

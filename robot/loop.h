@@ -79,6 +79,7 @@ struct vs_loop {
     uint32_t completed;   /* control steps whose command reached the base */
     uint32_t run;         /* what init was called for */
     uint32_t offer;       /* session->offer when init was called */
+    uint32_t v_max_nm_s;  /* how fast a wheel may be in this session, see safety.h */
     uint32_t seed;
     uint32_t seen_timestep; /* of the newest STATE looked at */
     uint32_t seen_run;

@@ -10,8 +10,7 @@
 #ifndef VS_SAFETY_H
 #define VS_SAFETY_H
 
-#include "base.h"
-#include "controller.h"
+#include "robot.h"
 
 #define VS_SAFETY_SILENCE_NS 400000000u /* [ns] after the last fresh state: wheels 0 */
 #define VS_SAFETY_RESUME 3              /* fresh states in a row that end a silence */
@@ -34,5 +33,17 @@ uint64_t vs_safety_expiry_ns(const struct vs_safety *s);
 
 /* *command limited to +-max_steps_s, what the motors can do, or to speed 0 if not may_move. */
 void vs_safety_limit(struct vs_base_command *command, int may_move, int16_t max_steps_s);
+
+/* [nm/s] how fast a wheel may be by the session's parameter vs:v_max [m/s]; UINT32_MAX: there is
+ * none, 0: it is no number. */
+uint32_t vs_safety_v_max_nm_s(struct vs_robot *robot);
+
+/* [step/s] the highest speed to ask for under that limit: a base that does not tell its motors'
+ * and its step is an e-puck's. */
+int16_t vs_safety_max_steps_s(const struct vs_base_reading *base, uint32_t v_max_nm_s);
+
+/* Where there is such a limit, *command slowed down to max_steps_s, both wheels alike: it keeps to
+ * its curve. */
+void vs_safety_slow(struct vs_base_command *command, uint32_t v_max_nm_s, int16_t max_steps_s);
 
 #endif

@@ -2,10 +2,10 @@
 #include "worker.h"
 
 #include <errno.h>
-#include <fcntl.h>
 #include <string.h>
 #include <unistd.h>
 
+#include "guard_rights.h"
 #include "random.h"
 #include "report.h"
 #include "signals.h"
@@ -303,15 +303,13 @@ static int open_session(struct vs_worker *w)
 
 static int open_net(struct vs_worker *w)
 {
-    const struct vs_options *o = w->options;
-
-    if (vs_net_open(&w->net, o->host, o->port) == 0)
+    if (vs_net_open(&w->net, w->options->host, w->options->port) == 0)
         return 0;
-    vs_report("--host: expected a numeric IPv4 address, got '%s'", o->host);
+    vs_report("--host: expected a numeric IPv4 address, got '%s'", w->options->host);
     return 2;
 }
 
-/* Opens trace, signals and base. Returns 0, or the exit status. */
+/* Opens trace, signals and base, then gives root's rights up. Returns 0, or the exit status. */
 static int open_files(struct vs_worker *w)
 {
     const struct vs_options *o = w->options;
@@ -329,6 +327,8 @@ static int open_files(struct vs_worker *w)
     if (err != VS_OK)
         vs_report("cannot open the base %s: %s", w->base.news,
                   err == VS_ERR_IO ? strerror(errno) : vs_strerror(err));
+    else if (vs_rights_drop() != 0)
+        vs_report("keeps all rights: %s", strerror(errno));
     return err == VS_OK ? 0 : 1;
 }
 

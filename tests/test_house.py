@@ -72,7 +72,8 @@ LIBC = {
     "stdio", "stdlib", "string", "termios", "time", "unistd", "stdatomic", "limits", "inttypes",
     "arpa/inet", "netinet/in", "netinet/tcp", "sys/file", "sys/ioctl", "sys/socket", "sys/stat",
     "sys/syscall", "sys/time", "sys/types", "sys/wait", "sys/uio", "sys/un", "sys/sysmacros",
-    "linux/gpio", "linux/i2c", "linux/i2c-dev", "linux/watchdog", "link", "sched", "sys/mman",
+    "linux/capability", "linux/gpio", "linux/i2c", "linux/i2c-dev", "linux/watchdog", "link",
+    "sched", "sys/mman", "sys/prctl",
 }  # fmt: skip
 
 
@@ -395,17 +396,17 @@ def test_functions_fit_a_screen() -> None:
 
 BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
-    "vsense in Python": (("vsense",), (".py",), 469, 93500, 400),
+    "vsense in Python": (("vsense",), (".py",), 471, 94200, 400),
     "the page": (("vsense",), (".js", ".css", ".html"), 42, 5500, 289),
-    "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 238, 26600, 400),
+    "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 238, 26700, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 32, 6800, 510),
-    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 589, 96800, 622),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 599, 97800, 622),
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 
-CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 64000, 48, 19
+CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 64500, 48, 19
 """Lines of code in `vsense/`; imports between rooms, and between folders inside of rooms."""
-DOORS_MAX, NAMES_MAX = 182, 703
+DOORS_MAX, NAMES_MAX = 184, 709
 """Modules that another room imports, and names taken from them."""
 SPLATS_MAX, OUTSIDE_MAX = 10, 214
 """Calls `f(*(a, b))`; attributes that are assigned from outside of their object."""
@@ -546,3 +547,33 @@ def test_one_module_starts_python() -> None:
     assert found == {"vsense.base.processes", "vsense.base.errors"}, (
         "errors names the pip of this Python"
     )
+
+
+PRINTING = {
+    "vsense.base.terminal": "the one place",
+    "vsense.base.shared": "a log's own name, and the system's words",
+    "vsense.cli": "the one line of an error",
+    "vsense.modes.live.track": "arena states: numbers",
+    "vsense.modes.lab.board_studio": "a rig's, for those who develop it",
+    "vsense.monitor.foxglove._layout": "a file that is shipped",
+    "vsense.tools.camera_setup.files": "that it asks, on a terminal",
+    "vsense.vision.calibration.session": "how many pictures, on a terminal",
+    **{
+        f"vsense.{name}": "to the process that started it"
+        for name in ("modes.lab._canary", "modes.lab._physics_process", "robots.link.key_process")
+    },
+}
+"""Modules that print by themselves, and what: nothing of it comes from a file."""
+
+
+def test_texts_of_files_are_printed_in_one_place() -> None:
+    """There control characters are replaced: nobody's file speaks to the terminal."""
+    found = {
+        module
+        for module, path in MODULES.items()
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Call)
+        and isinstance(node.func, ast.Name)
+        and node.func.id == "print"
+    }
+    assert found == set(PRINTING)

@@ -30,7 +30,7 @@ from vsense.config.specs import Stage
 
 READERS = (
     "text", "number", "integer", "share", "angle", "vector", "numbers", "boolean", "choice",
-    "integers", "has",
+    "integers", "points", "has",
 )  # fmt: skip
 """The methods of `Element` that ask for an attribute."""
 
@@ -284,6 +284,8 @@ def _kind(method: str, arguments: dict[str, Any]) -> str:
             return f"whole number{bounds}"
         case "integers":
             return f"whole numbers{bounds}"
+        case "points":
+            return f"`x,y x,y x,y` [{unit}], {arguments['least']} to {arguments['most']} points"
         case "text":
             return str(arguments["expected"]).removeprefix("a ").removeprefix("an ")
     form = {"number": "number", "vector": "`x,y,z`"}.get(method) or (

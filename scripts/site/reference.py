@@ -15,7 +15,7 @@ CHAPTERS = {
     "The file": ("", "argos-configuration"),
     "The run": ("framework",),
     "Programs and loop functions": ("controllers", CONTROLLER, "loop_functions"),
-    "The arena": ("arena", "box", "cylinder", "leds", "e-puck", "vs:object"),
+    "The arena": ("arena", "box", "cylinder", "leds", "e-puck", "vs:object", "vs:geofence"),
     "Drawn places": ("distribute", "entity"),
     "Cameras, engines, media": ("vs:rig", "physics_engines", "media"),
 }

@@ -41,7 +41,7 @@ from vsense.modes.lab.hardware import HardwareErrors, LabRobots, draw_all
 from vsense.modes.lab.session import Session
 from vsense.modes.live.session import RunSetup
 from vsense.monitor.ui.room import ControlRoom, RoomOptions
-from vsense.robots.link import keys
+from vsense.robots.link.key_process import KeyProcess
 from vsense.robots.link.keys import LinkTrust
 from vsense.robots.link.status import RobotStatus
 from vsense.robots.link.table import Goal
@@ -172,7 +172,7 @@ def one_seed(
     with ControlRoom(RoomOptions(), console) as room:
         setup = RunSetup(
             *(settle(known, ELSEWHERE + seed), seed, False, (HOST, PORT)),
-            *(LinkTrust(keys.make()), console, interrupted, room),
+            *(LinkTrust(KeyProcess()), console, interrupted, room),
             starts=Starts(known),
         )
         session = FarSession(setup, directory, robots)

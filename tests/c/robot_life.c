@@ -152,7 +152,9 @@ static void check_always(struct world *w)
     uint64_t now_ns = w->now.base_ns;
     uint64_t mend_ns = w->fault_one_in ? 2 * LATE_NS + SILENT_NS + RECOVER_NS : 0;
 
-    if (turning(w) && w->homed && w->base.leds == 0) {
+    if (turning(w) && w->session.params[0] != '\0') {
+        CHECK(w->base.left_steps_s == 384); /* vs:v_max, the only parameter that is given */
+    } else if (turning(w) && w->homed && w->base.leds == 0) {
         CHECK(w->base.left_steps_s == 930 && w->base.right_steps_s == 930);
     } else if (turning(w)) {
         CHECK(w->base.left_steps_s == (w->max_steps_s > 0 ? w->max_steps_s : 1000));

@@ -171,6 +171,70 @@ static void test_home_is_no_run(void)
     CHECK(w.steps > steps && w.base.right_steps_s == -300);
 }
 
+/* The host's parameter holds for the controller and on the way home; both wheels keep their ratio. */
+static void test_speed_limit(void)
+{
+    static const char *const params[] = {"vs:v_max=0.05\n", "vs:v_max=fast\n", "vs:v_max=-1\n"};
+    struct world w;
+    size_t i;
+
+    for (i = 0; i < 3; i++) {
+        begin(&w, 5);
+        strcpy(w.session.params, params[i]);
+        open_session(&w);
+        wish(&w, VS_HOME);
+        good_host(&w, 1000 * MS);
+        CHECK(w.base.left_steps_s == (i == 0 ? 384 : 0) && w.base.right_steps_s == w.base.left_steps_s);
+        wish(&w, VS_RUN);
+        good_host(&w, 1000 * MS);
+        CHECK(w.base.left_steps_s == (i == 0 ? 384 : 0)); /* 10 kHz / 26: 0.0495 m/s */
+        CHECK(w.base.right_steps_s == (i == 0 ? -57 : 0)); /* of 2000 and -300 */
+        CHECK(vs_robot_unasked_param(&w.loop.robot, NULL) == NULL);
+    }
+}
+
+/* With a limit no wheel is faster than without, or turns the other way, nor are e-puck's motors
+ * faster than it: their speed is 10 kHz by a whole number (epuck.md 6). */
+static void test_slow_takes_motion_away_only(void)
+{
+    uint32_t random = 7;
+    int i;
+
+    for (i = 0; i < 100000; i++) {
+        struct vs_base_command before, after;
+        struct vs_base_reading base;
+        uint32_t v_max_nm_s = draw(&random, 8) ? draw(&random, 200000000) : UINT32_MAX;
+        int16_t most;
+
+        memset(&base, 0, sizeof base);
+        memset(&before, 0, sizeof before);
+        base.step_nm = draw(&random, 2) ? 125664 : 0;
+        base.max_steps_s = draw(&random, 2) ? 1100 : 0;
+        most = vs_safety_max_steps_s(&base, v_max_nm_s);
+        CHECK(most >= 0 && most <= (base.max_steps_s > 0 ? 1100 : 1000));
+        CHECK(most >= 1000 ||
+              (most + 2) * 1.11 * (base.step_nm > 0 ? 125664 : 128805) > v_max_nm_s);
+        before.left_steps_s = (int16_t)((int32_t)draw(&random, 65535) - 32767);
+        before.right_steps_s = (int16_t)((int32_t)draw(&random, 65535) - 32767);
+        after = before;
+        vs_safety_slow(&after, v_max_nm_s, most);
+        if (v_max_nm_s == UINT32_MAX) {
+            CHECK(memcmp(&after, &before, sizeof after) == 0);
+            continue;
+        }
+        CHECK(abs(after.left_steps_s) <= most && abs(after.right_steps_s) <= most);
+        CHECK(abs(after.left_steps_s) <= abs(before.left_steps_s));
+        CHECK(abs(after.right_steps_s) <= abs(before.right_steps_s));
+        CHECK((int32_t)after.left_steps_s * before.left_steps_s >= 0);
+        CHECK((int32_t)after.right_steps_s * before.right_steps_s >= 0);
+        if (abs(before.left_steps_s) <= most && abs(before.right_steps_s) <= most)
+            CHECK(after.left_steps_s == before.left_steps_s);
+        if (after.left_steps_s != 0 && most < 1000)
+            CHECK(10000.0 / (10000 / abs(after.left_steps_s)) * (base.step_nm > 0 ? 125664 : 128805) <=
+                  v_max_nm_s);
+    }
+}
+
 /* The session's clock, of any offset, passes 2^64 in mid-life. */
 static void test_random_life(uint32_t seed, uint64_t timestep_ns, uint32_t fault_one_in)
 {
@@ -336,7 +400,8 @@ int main(int argc, char *argv[])
     test_controller_lives_as_long_as_its_run();
     test_end_and_lost_guard();
     test_home_is_no_run();
-    test_home_is_no_run();
+    test_speed_limit();
+    test_slow_takes_motion_away_only();
     test_completed_steps();
     test_actuators_end_with_their_experiment();
     test_ping_delays_no_step();

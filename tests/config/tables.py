@@ -37,6 +37,7 @@ KINDS: dict[str, tuple[str, ...]] = {
     "id": FREE,
     "free": FREE,
     "any": (),
+    "polygon": ("", "abc", "1,1", "0,0 1,0", "0,0 1,0 1,nan", "0,0 1,0 1,1e308", "0,0 1,1 1,0 0,1"),
     "tags": ("", "abc", "5 6", "5 6 7 8", "5 6 x", "5 6 nan", "5 6 1e308", "5 6 65536", "5 6 -1"),
 }
 
@@ -47,7 +48,8 @@ _KEYS: dict[str, str] = {
         height vs:drop_out vs:range vs:field_of_view vs:strength white_min_x white_min_y
         white_max_x white_max_y range loss_probability vs:max_messages vs:max_blobs intensity cell
         value evaporation diffusion initial quantity max_trials base_num its_port translate_x
-        translate_y vs:tag port pixels_per_meter ats_port rab_range""",
+        translate_y vs:tag port pixels_per_meter ats_port rab_range v_max tag distance""",
+    "polygon": "polygon",
     "vector": """size center position orientation min max mean std_dev distances values grid_size
         positional_grid_size""",
     "boolean": """real_time show_rays movable vs:physical vs:virtual vs:angles vs:occlusions
@@ -85,6 +87,7 @@ OPTIONAL = {
     *_WITH_DEFAULT.split(),
     *("system method", "params alpha", "wheels speed", "loop_functions door", "open after"),
     *("vs:marker height", "vs:zone orientation", "light orientation"),
+    *("vs:geofence polygon", "vs:geofence v_max"),
 }
 """Keys with a default, and "element key"; all of our own namespace have one, too."""
 

@@ -4,7 +4,7 @@
 are called from elsewhere in which thread (`thrown.py`), and then once for each of them, with an
 exception there. A page looks on, orders a pause and goes again. Promises:
 
-* it goes on to its end, or ends in order: exit code 0 or 1, before a deadline;
+* it goes on to its end, or ends in order: exit code 0, 1 or 130, before a deadline;
 * who runs it reads what happened;
 * no process is left, and a recording opens.
 """
@@ -12,6 +12,7 @@ exception there. A page looks on, orders a pause and goes again. Promises:
 from __future__ import annotations
 
 import argparse
+import asyncio
 import json
 import os
 import re
@@ -29,7 +30,7 @@ import aiohttp
 
 from tests.faults.thrown import NAME, THROWN
 from tests.rigs.places import ROOT
-from tests.rigs.processes import descendants, is_alive
+from tests.rigs.processes import Program, descendants, is_alive
 from tests.rigs.web import talk, ws
 from tests.system.rehearsal import emulated
 from vsense.base.errors import VsenseError
@@ -38,12 +39,10 @@ from vsense.monitor.recording.reader import open_recording
 ASK_S = 15.0
 """A command that serves a page until Ctrl-C is asked to end by then."""
 DEADLINE_S = 60.0
-DURATION_S = 5
 WEB = ("--web", "127.0.0.1:0")
-LAB = ("lab", "foraging", "--robots", "2", "--duration", str(DURATION_S), *WEB, "--record")
 WORDS = {
     "sim": ("sim", "pollutant", "--speed", "5", "--duration", "20", *WEB, "--record"),
-    "lab": LAB,
+    "lab": ("lab", "foraging", "--robots", "2", "--duration", "5", *WEB, "--record"),
     "run": ("run", "foraging", "--robots", "2", "--insecure", "--duration", "5", *WEB, "--record"),
     "replay": ("replay", *WEB, "--speed", "2"),
 }
@@ -60,7 +59,7 @@ class Visitor(threading.Thread):
     def run(self) -> None:
         """One visit after the other; what is thrown at the server may end it."""
         for orders in (("pause", "start"), ()):
-            with suppress(aiohttp.ClientError, OSError, TimeoutError, TypeError):
+            with suppress(aiohttp.ClientError, OSError, asyncio.TimeoutError):
                 talk(lambda client, orders=orders: self._visit(client, orders))
 
     async def _visit(self, client: aiohttp.ClientSession, orders: Sequence[str]) -> None:
@@ -80,60 +79,48 @@ class Attempt:
 
     def __init__(self, folder: Path, words: Sequence[str], *options: str) -> None:
         command = [sys.executable, "-m", "tests.faults.thrown", *options, "--", *words]
-        environment = os.environ | {"PYTHONPATH": str(ROOT)}
-        self.said: list[str] = []
-        self._process = subprocess.Popen(
-            command,
-            cwd=folder,
-            env=environment,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            text=True,
-            start_new_session=True,
-        )
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
+        self._program = Program(command, folder, os.environ | {"PYTHONPATH": str(ROOT)})
+        self.said = self._program.said
         self.code: int | None = None
         self.left: set[int] = set()
-        self._watch()
+        try:
+            self._watch(self._program.process)
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(self._program.process.pid, signal.SIGKILL)
+            self._program.end()
 
-    def _read(self) -> None:
-        for line in self._process.stderr or ():
-            self.said.append(line)
-            if found := re.match(r"control room: (http\S+)", line):
-                Visitor(found[1])
-
-    def _watch(self) -> None:
+    def _watch(self, process: subprocess.Popen[str]) -> None:
         """Waits for the end; a page that stays open is ended as a user ends it."""
         family: set[int] = set()
         began_s = time.monotonic()
-        asked = False
+        asked = visited = False
         while (elapsed_s := time.monotonic() - began_s) < DEADLINE_S and self.code is None:
-            family |= descendants(self._process.pid)
+            family |= descendants(process.pid)
             with suppress(subprocess.TimeoutExpired):
-                self.code = self._process.wait(0.2)
-            if not asked and (elapsed_s > ASK_S or any("Ctrl-C ends" in s for s in self.said)):
+                self.code = process.wait(0.2)
+            if not visited and (page := re.search(r"control room: (http\S+)", self._text())):
+                visited = True
+                Visitor(page[1])
+            if not asked and (elapsed_s > ASK_S or "Ctrl-C ends" in self._text()):
                 asked = True
-                self._process.send_signal(signal.SIGINT)
+                process.send_signal(signal.SIGINT)
         time.sleep(0.3)
         self.left = {pid for pid in family if is_alive(pid)}
-        with suppress(ProcessLookupError):
-            os.killpg(self._process.pid, signal.SIGKILL)
-        self._process.wait()
-        self._reader.join(5.0)
+
+    def _text(self) -> str:
+        return "".join(self.said)
 
     def broken(self, folder: Path) -> list[str]:
         """The promises that it broke."""
         if not (folder / THROWN).exists():
             return ["void: not called so often"]
-        text = "".join(self.said)
         broken = []
         if self.code is None:
             broken.append(f"not ended after {DEADLINE_S:g} s")
         elif self.code not in (0, 1, 130):
             broken.append(f"exit code {self.code}")
-        if NAME not in text:
+        if NAME not in self._text():
             broken.append("not a word of it")
         if self.left:
             broken.append(f"left processes {sorted(self.left)}")
@@ -184,6 +171,8 @@ def main() -> int:
     parser.add_argument("modes", nargs="*", metavar="MODE", help=f"{', '.join(WORDS)} (all)")
     parser.add_argument("--point", default="", metavar="TEXT", help="only points with this text")
     options = parser.parse_args()
+    if unknown := set(options.modes) - set(WORDS):
+        parser.error(f"{', '.join(sorted(unknown))}: expected some of {', '.join(WORDS)}")
     failures = 0
     for mode in options.modes or WORDS:
         with tempfile.TemporaryDirectory(prefix="vsense-callbacks-") as made:

@@ -20,7 +20,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-import threading
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -155,10 +154,14 @@ def draw(paths: Sequence[str], count: int, seed: int) -> list[Mutant]:
 
 def files(below: Sequence[str]) -> list[str]:
     """The files of code below these paths, relative to the checkout."""
-    listed = subprocess.run(
-        ["git", "ls-files", "--", *below], cwd=ROOT, capture_output=True, text=True, check=True
-    ).stdout.splitlines()
+    listed = _git("ls-files", "--", *below)
     return [p for p in listed if p.startswith(FOLDERS) and p.endswith((".py", ".c"))]
+
+
+def _git(*words: str) -> list[str]:
+    """The lines that git prints of the checkout."""
+    done = subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=True)
+    return done.stdout.splitlines()
 
 
 def stages_of(path: str) -> list[list[str]]:
@@ -198,27 +201,31 @@ class Copy:
 
     def __init__(self, root: Path) -> None:
         self.root = root
-        listed = subprocess.run(
-            ["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True
-        )
-        for name in listed.stdout.splitlines():
+        for name in _git("ls-files"):
             (root / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(ROOT / name, root / name)
         (root / ".venv").symlink_to(ROOT / ".venv")
         self._environment = os.environ | {"PYTHONPATH": str(root)}
-        self._build()
+        self._build_as_it_is()
 
     def survives(self, mutant: Mutant) -> bool:
         """Whether no test notices the change. What does not compile is noticed."""
         path = self.root / mutant.path
         text = path.read_text("utf-8")
+        is_c = not mutant.path.endswith(".py")
         try:
             path.write_text(mutant.apply(text), "utf-8")
-            if not mutant.path.endswith(".py") and not self._build():
+            if is_c and not self._build():
                 return False
             return all(self._passes(stage) for stage in stages_of(mutant.path))
         finally:
             path.write_text(text, "utf-8")
+            if is_c:  # the next mutant is judged with the library as it was
+                self._build_as_it_is()
+
+    def _build_as_it_is(self) -> None:
+        if not self._build():
+            raise RuntimeError("the C library does not build without a change")
 
     def _build(self) -> bool:
         command = [sys.executable, "setup.py", "build_ext", "--inplace", "--force"]
@@ -263,10 +270,7 @@ def main() -> int:
     options = parser.parse_args()
     below = options.paths or list(FOLDERS)
     if options.changed:
-        differing = ["git", "diff", "--name-only", "--diff-filter=d", "main", "--", *below]
-        below = subprocess.run(
-            differing, cwd=ROOT, capture_output=True, text=True, check=True
-        ).stdout.split()
+        below = _git("diff", "--name-only", "--diff-filter=d", "main", "--", *below)
     drawn = draw(files(below) if below else [], options.count, options.seed)
     if not drawn:
         parser.error(f"no code to change below {' '.join(options.paths) or 'these paths'}")
@@ -278,27 +282,23 @@ def main() -> int:
 
 def try_all(drawn: Sequence[Mutant], jobs: int) -> list[Mutant]:
     """Tries these mutants, `jobs` at once; prints and gives those that survive."""
-    survivors = []
-    printing = threading.Lock()
     with tempfile.TemporaryDirectory(prefix="vsense-mutants-") as folder:
         copies: queue.SimpleQueue[Copy] = queue.SimpleQueue()
         for number in range(jobs):
             copies.put(Copy(Path(folder, str(number))))
 
-        def attempt(mutant: Mutant) -> None:
+        def survives(mutant: Mutant) -> bool:
             copy = copies.get()
             try:
                 survived = copy.survives(mutant)
             finally:
                 copies.put(copy)
-            with printing:
-                print(f"{'SURVIVED' if survived else 'killed  '} {mutant}", flush=True)
-                if survived:
-                    survivors.append(mutant)
+            print(f"{'SURVIVED' if survived else 'killed  '} {mutant}", flush=True)
+            return survived
 
         with ThreadPoolExecutor(jobs) as pool:
-            list(pool.map(attempt, drawn))
-    return survivors
+            survived = pool.map(survives, drawn)
+            return [mutant for mutant, alive in zip(drawn, survived, strict=True) if alive]
 
 
 if __name__ == "__main__":

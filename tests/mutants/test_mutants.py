@@ -70,6 +70,17 @@ def test_a_module_is_held_by_its_own_tests_first_and_by_those_that_import_it() -
     assert stages_of("robot/guard.c")[0] == ["tests/robots/test_c_suite.py"]
 
 
+def checkout(folder: Path, texts: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """A checkout of these files, in place of this one."""
+    for name, text in texts.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text)
+    (folder / ".venv").mkdir()
+    for command in (["git", "init", "-q"], ["git", "add", *texts]):
+        subprocess.run(command, cwd=folder, check=True)
+    monkeypatch.setattr(mutants_module, "ROOT", folder)
+
+
 def test_what_no_test_notices_survives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     texts = {
         "setup.py": "",
@@ -77,14 +88,34 @@ def test_what_no_test_notices_survives(tmp_path: Path, monkeypatch: pytest.Monke
         "tests/room/test_thing.py": "from vsense.room.thing import double\n\n"
         "def test_it():\n    assert double(3) == 6\n",
     }
-    for name, text in texts.items():
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).write_text(text)
-    (tmp_path / ".venv").mkdir()
-    for command in (["git", "init", "-q"], ["git", "add", *texts]):
-        subprocess.run(command, cwd=tmp_path, check=True)
-    monkeypatch.setattr(mutants_module, "ROOT", tmp_path)
+    checkout(tmp_path, texts, monkeypatch)
     drawn = sorted(draw(files(["vsense"]), 9, 1), key=lambda mutant: mutant.start)
     assert [m.old for m in drawn] == ["2", "*", "3"]
     assert try_all(drawn, jobs=2) == [drawn[2]]
     assert (tmp_path / "vsense/room/thing.py").read_text() == texts["vsense/room/thing.py"]
+
+
+def test_the_library_is_built_as_it_was_after_a_mutant_of_c(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    texts = {
+        "setup.py": "import shutil; shutil.copy('robot/thing.c', 'library')",
+        "robot/thing.c": "int thing = 1;\n",
+        "vsense/room/thing.py": "UNUSED = 3\n",
+        "tests/robots/test_c_suite.py": "def test_nothing():\n    pass\n",
+        "tests/room/test_thing.py": "def test_it():\n"
+        "    assert open('library').read() == 'int thing = 1;\\n'\n",
+    }
+    checkout(tmp_path, texts, monkeypatch)
+    drawn = sorted(draw(files(FOLDERS), 9, 1), key=lambda mutant: mutant.path)
+    assert [m.path for m in drawn] == ["robot/thing.c", "vsense/room/thing.py"]
+    assert try_all(drawn, jobs=1) == drawn
+
+
+def test_a_library_that_does_not_build_kills_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    texts = {"setup.py": "raise SystemExit(1)", "vsense/room/thing.py": "UNUSED = 3\n"}
+    checkout(tmp_path, texts, monkeypatch)
+    with pytest.raises(RuntimeError, match="does not build without a change"):
+        try_all(draw(files(["vsense"]), 1, 1), jobs=1)

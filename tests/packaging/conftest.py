@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 from pathlib import Path
 
+import tomlkit
+from packaging.requirements import Requirement
+
 from tests.rigs.places import ROOT
+
+EXTRAS = ("cluster", "completion", "foxglove", "https", "record", "report", "web")
+"""All that users can ask for but the compiler, which is pinned."""
 
 _MADE = ("__pycache__", "*.so", "*.egg-info", "build", "dist", "runs", "PKG-INFO", "setup.cfg")
 
@@ -37,6 +44,22 @@ def copy_of_sources(tree: Path) -> Path:
             (tree / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(ROOT / name, tree / name)
     return tree
+
+
+def requirements() -> list[Requirement]:
+    """What vsense needs with all EXTRAS, as pyproject.toml says it."""
+    with open(ROOT / "pyproject.toml") as file:
+        project = tomlkit.load(file).unwrap()["project"]
+    extras = project["optional-dependencies"]
+    lines = [*project["dependencies"], *(line for extra in EXTRAS for line in extras[extra])]
+    return [Requirement(line) for line in lines]
+
+
+def pins() -> list[Requirement]:
+    """The lines of scripts/constraints.txt without their hashes."""
+    text = (ROOT / "scripts/constraints.txt").read_text()
+    lines = re.findall(r"^([^#\s].*?) \\$", text, re.M)
+    return [Requirement(line) for line in lines]
 
 
 def clean_environment(cache: Path, **variables: str) -> dict[str, str]:

@@ -15,7 +15,15 @@ from pathlib import Path
 import cv2
 import pytest
 
-from tests.packaging.conftest import ROOT, clean_environment, copy_of_sources, run
+from tests.packaging.conftest import (
+    EXTRAS,
+    ROOT,
+    clean_environment,
+    copy_of_sources,
+    pins,
+    requirements,
+    run,
+)
 from vsense.base import native
 from vsense.robots.build import source_tree
 
@@ -95,8 +103,23 @@ def test_the_metadata_are_complete(metadata: Message) -> None:
     )
     named = set(re.findall(r"\[(.*)\]", of_all)[0].split(","))
     assert named == extras - {"all", "bench", "docs", "release", "test"}
-    image = (ROOT / "scripts/Containerfile").read_text()
-    assert set(re.findall(r"/src\[(.*)\]", image)[0].split(",")) <= named
+    assert named == {*EXTRAS, "robot"}
+
+
+def test_the_constraints_have_every_dependency_at_a_version_that_is_taken() -> None:
+    text = (ROOT / "scripts/constraints.txt").read_text()
+    assert "://" not in text, "no index: whoever installs has one"
+    pinned = pins()
+    assert len(pinned) > 40 and all(str(pin.specifier).startswith("==") for pin in pinned)
+    blocks = re.split(r"^(?=[^#\s])", text, flags=re.M)[1:]
+    assert len(blocks) == len(pinned)
+    assert all("--hash=sha256:" in block for block in blocks)
+    for minor in range(10, 15):
+        python = {"python_version": f"3.{minor}", "python_full_version": f"3.{minor}.0"}
+        here = {p.name: p for p in pinned if p.marker is None or p.marker.evaluate(python)}
+        for needed in requirements():
+            (version,) = here[needed.name].specifier
+            assert needed.specifier.contains(version.version), f"{needed} for 3.{minor}"
 
 
 def test_links_of_the_description_are_absolute(metadata: Message) -> None:

@@ -6,6 +6,7 @@ used as a new user would, in environments of their own with the sources gone.
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import json
 import os
@@ -21,7 +22,14 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import lack
-from tests.packaging.conftest import ROOT, clean_environment, copy_of_sources, run
+from tests.packaging.conftest import (
+    ROOT,
+    clean_environment,
+    copy_of_sources,
+    pins,
+    requirements,
+    run,
+)
 
 pytestmark = pytest.mark.campaign
 
@@ -29,6 +37,21 @@ INSTALL = ("-m", "pip", "--python")
 """Installs into another environment, with the pip of this one."""
 
 TAG = "cp310-abi3-manylinux_2_28"
+PLUGINS = ("pytest-rerunfailures", "pytest-xdist")
+AT_BOUNDS = (
+    "tests/wire",
+    "tests/config/test_roster.py",
+    "tests/commands/test_completion.py",
+    "tests/monitor/recording/test_round_trip.py",
+    "tests/monitor/recording/test_damage.py",
+    "tests/monitor/ui/test_server.py",
+    "tests/monitor/ui/test_https.py",
+    "tests/monitor/ui/test_foxglove_server.py",
+    "tests/studies/report",
+    "tests/vision/markers",
+)
+"""Tests that go through every dependency."""
+
 MACHINES = ("x86_64", "aarch64")
 
 
@@ -62,7 +85,7 @@ def program(name: str) -> Path:
 
 
 def test_an_index_would_take_them(dist: Path) -> None:
-    files = sorted(dist.iterdir())
+    files = sorted(path for path in dist.iterdir() if path.suffix != ".json")
     assert [path.suffix for path in files] == [".whl", ".whl", ".gz"]
     run(program("twine"), "check", "--strict", *files)
     run(program("check-wheel-contents"), *dist.glob("*.whl"))
@@ -181,6 +204,31 @@ def test_scripts_work_in_a_fresh_clone(words: tuple[str, ...], says: str, tmp_pa
     done = run(tree / "scripts" / name, *arguments, cwd=tmp_path, env=environment)
     assert says in done.stdout
     assert importlib.util.find_spec("pytest") and not list(tree.glob(".venv/lib/*/*/pytest"))
+
+
+def test_its_bill_of_materials_is_valid_and_has_every_file(dist: Path) -> None:
+    """By the schema that CycloneDX publishes, as its own library carries it."""
+    validation = pytest.importorskip("cyclonedx.validation.json", reason="needs the extra release")
+    schema = importlib.import_module("cyclonedx.schema").SchemaVersion
+    (bill,) = dist.glob("*.cdx.json")
+    content = json.loads(bill.read_text())
+    version = schema.from_version(content["specVersion"])
+    assert validation.JsonStrictValidator(version).validate_str(bill.read_text()) is None
+    assert content["metadata"]["component"]["name"] == "vsense"
+    parts = {(part["name"], part["version"]): part for part in content["components"]}
+    assert {(part.name, str(part.specifier)[2:]) for part in pins()} == set(parts)
+    assert all(part["externalReferences"][0]["hashes"] for part in parts.values())
+
+
+def test_it_works_at_exactly_its_lower_bounds(tmp_path: Path) -> None:
+    python = environment_of(sys.executable, tmp_path / "venv")
+    tree = copy_of_sources(tmp_path / "tree")
+    exactly = [str(needed).replace(">=", "==") for needed in requirements()]
+    install = (*INSTALL, python, "install", "--no-compile")
+    run(sys.executable, *install, "--editable", tree, *exactly, "pytest", "hypothesis", *PLUGINS)
+    environment = clean_environment(tmp_path / "cache")
+    done = run(python, "-m", "pytest", "-n2", *AT_BOUNDS, cwd=tree, env=environment)
+    assert " passed" in done.stdout and " skipped" not in done.stdout, done.stdout[-500:]
 
 
 def test_an_editable_install_uses_its_tree(tmp_path: Path) -> None:

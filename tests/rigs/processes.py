@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 import threading
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import IO
 
@@ -61,16 +62,19 @@ def parent_of(folder: Path) -> int:
     return int((folder / "stat").read_text().rpartition(")")[2].split()[1])
 
 
-class Command:
-    """A running command of `vsense`; what it says on stderr can be waited for.
+class Program:
+    """A running program; what it says on stderr can be waited for."""
 
-    `module` is the program, where it is another one with the same words.
-    """
-
-    def __init__(self, *words: str, module: str = "vsense", directory: Path | None = None) -> None:
+    def __init__(
+        self,
+        command: Sequence[str],
+        cwd: Path | None = None,
+        environment: Mapping[str, str] | None = None,
+    ) -> None:
         self.process = subprocess.Popen(
-            [sys.executable, "-m", module, *words],
-            cwd=directory,
+            command,
+            cwd=cwd,
+            env=environment,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -114,12 +118,16 @@ class Command:
         return code
 
 
-class Lab(Command):
-    """A running `vsense lab`, and the folder that it leaves."""
+class Lab(Program):
+    """A running `vsense lab`.
+
+    `module` is the program, where it is another one with the same words.
+    """
 
     def __init__(self, directory: Path, *arguments: str, module: str = "vsense") -> None:
         self.directory = directory
-        super().__init__("lab", *arguments, "--output", str(directory), module=module)
+        words = ["lab", *arguments, "--output", str(directory)]
+        super().__init__([sys.executable, "-m", module, *words])
 
     def summary(self) -> dict[str, object]:
         """The summary file that it left."""

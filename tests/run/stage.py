@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import threading
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -74,7 +74,9 @@ class Stage:
         self.terminal = io.StringIO()
         self.timestep = 0
         self.calls = self.checks = self.snapshots = 0
-        self.held: frozenset[int] = frozenset()
+        self.held: Mapping[int, str] = {}
+        self.held_from: int | None = None
+        self.places: dict[int, tuple[float, float]] = {}
         self.first: int | None = None
         self.lived = -1
         self.runner = Runner(
@@ -120,12 +122,19 @@ class Stage:
         # As `Pace` does: numbers follow the clock.
         self.timestep = (self.now_ns - 1000 * S) // DT_NS
         number = -1 if self.first is None else max(self.timestep - self.first, -1)
-        poses = np.zeros(len(self.seen), POSE)
-        poses["tag"], poses["seen"] = sorted(self.seen), True
         capture_ns = self.now_ns - 20 * MS
-        state = ArenaState(self.timestep, capture_ns, poses, len(self.seen))
+        state = self.arena_state(capture_ns)
         times = (capture_ns, self.now_ns - 10 * MS, self.now_ns - 5 * MS, self.now_ns)
         return Step(self.timestep, number, *times, state, ())
+
+    def arena_state(self, capture_ns: int) -> ArenaState:
+        """Who is seen, in the middle or at its place of `places`."""
+        poses = np.zeros(len(self.seen), POSE)
+        poses["tag"], poses["seen"] = sorted(self.seen), True
+        for row, tag in enumerate(sorted(self.seen)):
+            poses["x_m"][row], poses["y_m"][row] = self.places.get(tag, (0.0, 0.0))
+        poses["capture_ns"] = capture_ns
+        return ArenaState(self.timestep, capture_ns, poses, len(self.seen))
 
     def start(self) -> int:
         """Stands in for `Runtime.start`."""
@@ -162,9 +171,11 @@ class Stage:
         """Stands in for `VirtualSensorServer.command`."""
         self.done.append(wanted.name)
 
-    def hold_robots(self, tags: Collection[int]) -> None:
+    def hold_robots(self, reasons: Mapping[int, str]) -> None:
         """Stands in for `VirtualSensorServer.hold_robots`."""
-        self.held = frozenset(tags)
+        self.held = dict(reasons)
+        if self.held_from is None and reasons:
+            self.held_from = self.timestep
 
     def robots(self) -> dict[int, RobotStatus]:
         """Stands in for `VirtualSensorServer.robots`."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import shutil
 import signal
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,13 +16,14 @@ from typing import Any
 import pytest
 
 from tests.rigs.places import DATA, ROOT
-from tests.rigs.processes import Command, free_ports
+from tests.rigs.processes import Program, free_ports
 from tests.rigs.web import page_options
 from vsense import cli
 
 pytestmark = [pytest.mark.system, pytest.mark.paced]
 
 PAGE = "--web 127.0.0.1:0 --web-tokens tokens --web-cert page.pem --web-key page-key.pem"
+VSENSE = (sys.executable, "-m", "vsense")
 WATCHED = f"{PAGE} --foxglove 0"
 CODE = "--sources walk=walk.cpp --include inc"
 CAST = "--roster swarm.toml --replace 31=99"
@@ -86,7 +88,7 @@ def said(capsys: pytest.CaptureFixture[str]) -> Iterator[Any]:
 
 def until(line: str, *patterns: str) -> str:
     """Starts a command, waits for what it says, and ends it by Ctrl-C; gives all that it said."""
-    command = Command(*line.split())
+    command = Program([*VSENSE, *line.split()])
     for pattern in patterns:
         command.wait_for(pattern)
     command.process.send_signal(signal.SIGINT)
@@ -101,7 +103,7 @@ def test_a_lab_takes_all_its_options(folder: Path, said: Any) -> None:
         " --pace 0.9 --radio 99=-70,11 --battery 0.5 --home --home-virtual-walls --hold --locked"
     )
     words += f" --record --record-images --lenient --json -o out {WATCHED}"
-    lab = Command(*words.split())
+    lab = Program([*VSENSE, *words.split()])
     for pattern in ("https://.*to-control-it", "Foxglove: ws://"):
         lab.wait_for(pattern)
     lab.wait_for("ready to start: 2 of 2")
@@ -125,7 +127,7 @@ def test_robots_are_emulated_measured_and_run(folder: Path, said: Any) -> None:
     words = (
         f"robot emulate 2 --experiment walk.argos {CODE} {CAST} {SWARM} {link} --seed 3 -o robots"
     )
-    robots = Command(*f"{words} --tracker-port {lines}".split())
+    robots = Program([*VSENSE, *f"{words} --tracker-port {lines}".split()])
     robots.wait_for("seed 3; logs in")
     assert "--key swarm.key" in robots.wait_for("in another terminal: ")
     words = f"robot link 99,1843 --experiment walk.argos {CODE} {CAST} {link} --wait 20 --for 1"
@@ -135,7 +137,7 @@ def test_robots_are_emulated_measured_and_run(folder: Path, said: Any) -> None:
     words = f"run walk.argos --tracker lines:{lines} {link} {CODE} {CAST} --robots 2 --duration 1"
     words += " --seed 4 --blind --set sensor.noise=0 --lenient --virtual-devices"
     words += " --battery 0.5 --home-virtual-walls --hold --locked --json -o out"
-    run = Command(*f"{words} {WATCHED}".split())
+    run = Program([*VSENSE, *f"{words} {WATCHED}".split()])
     for pattern in ("https://.*to-control-it", "Foxglove: ws://", "ready to start: 2 of 2"):
         run.wait_for(pattern)
     its = f"--process {run.process.pid} --json"

@@ -87,6 +87,16 @@ def test_its_campaign_goes_on(made: Path, capsys: pytest.CaptureFixture[str]) ->
     assert len(table.read_text().splitlines()) == 7
 
 
+def test_its_campaign_of_another_controller_does_not_go_on(
+    made: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    controller, table = made / "mine" / "mine.c", made / "campaign" / "results.csv"
+    controller.write_text(f"{controller.read_text()}/* changed */\n")
+    words = ("--runs", "3", "--duration", "3", "--set", "mine.stop_probability=0.1,0.9")
+    assert cli.main(["sim", str(made / "mine" / "mine.argos"), *words, "-o", str(table)]) == 2
+    assert "a row of campaign 9a611552, this is" in capsys.readouterr().err
+
+
 def test_its_tables_are_reported_together(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
     tables = (made / "mine" / "kept-sim" / "runs.csv", made / "lab-run" / "runs.csv")
     code, _ = vsense(capsys, "report", *tables, "-o", made / "report")

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-import socket
 import subprocess
-import threading
-import time
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.rigs.processes import free_port
-from tests.system.rehearsal import TAGS, VSENSE, emulated
-from vsense.base.clock import host_ns
+from tests.system.rehearsal import TAGS, VSENSE, Curtain, emulated
 from vsense.modes.lab._microcontrollers import read_actuations
 
 pytestmark = pytest.mark.system
@@ -46,53 +42,13 @@ def test_a_run_is_rehearsed_with_emulated_robots(tmp_path: Path) -> None:
     assert len(tags) == 2 and alive == "", "no daemon is left"
 
 
-class Curtain:
-    """Passes a tracker's lines on to a port, but for a robot while it is hidden.
-
-    Args:
-        port, to: where the tracker writes to, and where its lines go.
-        tag: of the robot.
-        hidden_s: from when to when it is hidden, counted from its first line.
-
-    Attributes:
-        hidden_ns: when it was hidden first and last, host's clock.
-    """
-
-    def __init__(self, port: int, to: int, tag: int, hidden_s: tuple[float, float]) -> None:
-        self.hidden_ns: list[int] = []
-        self._to, self._tag, self._hidden_s = to, tag, hidden_s
-        self._listener = socket.create_server(("127.0.0.1", port))
-        self._thread = threading.Thread(target=self._pass, daemon=True)
-        self._thread.start()
-
-    def _pass(self) -> None:
-        with self._listener:
-            source, _ = self._listener.accept()
-        with source, source.makefile("rb") as lines, self._connected() as target:
-            begun_ns = host_ns()
-            for line in lines:
-                data, now_ns = json.loads(line), host_ns()
-                if self._hidden_s[0] <= (now_ns - begun_ns) / 1e9 < self._hidden_s[1]:
-                    data["robots"] = [r for r in data["robots"] if r["tag"] != self._tag]
-                    self.hidden_ns = [*self.hidden_ns[:1], now_ns]
-                try:
-                    target.sendall(json.dumps(data).encode() + b"\n")
-                except OSError:
-                    return  # the run has ended
-
-    def _connected(self) -> socket.socket:
-        while True:
-            try:
-                return socket.create_connection(("127.0.0.1", self._to))
-            except ConnectionRefusedError:
-                time.sleep(0.05)
-
-
 def test_a_robot_that_is_not_seen_stands_alone_and_goes_on(tmp_path: Path) -> None:
     other, hidden = TAGS
     with emulated(tmp_path) as stage:
         port = free_port()
-        curtain = Curtain(stage.lines, port, hidden, (5.0, 8.0))
+        curtain = Curtain(
+            stage.lines, port, lambda _, time_s: {hidden} if 5.0 <= time_s < 8.0 else set()
+        )
         words = ("--duration", "10", "--json", "-o", str(tmp_path / "run"))
         done = stage.run(*words, lines=port)
     assert done.returncode == 0, done.stderr

@@ -38,7 +38,8 @@ def printable(text: str) -> str:
     """Words of others, on one line, with an escape such as \\x1b for what would control a terminal.
 
     Every text from a network passes through here before somebody sees it; that of robots is checked
-    where packets are read.
+    where packets are read. So does every text that is printed, which may be of somebody's file:
+    nothing is printed but with `Console`, `print_data`, `paged` and `LiveBlock`.
     """
     return _CONTROLS.sub(lambda match: match[0].encode("unicode_escape").decode(), text)
 
@@ -46,6 +47,16 @@ def printable(text: str) -> str:
 def printable_lines(text: str) -> str:
     """As `printable`, of each line."""
     return "\n".join(map(printable, text.split("\n")))
+
+
+_JSON_ESCAPES = re.compile(r"\\(?:u(?=061c|200[ef]|202[89a-e]|206[6-9]|00[89])|[^u])")
+
+
+def printable_json(text: str) -> str:
+    """JSON in ASCII for a page, in whose texts what changes the direction is shown as an escape."""
+    if "\\u" not in text:
+        return text
+    return _JSON_ESCAPES.sub(lambda match: r"\\u" if match[0] == r"\u" else match[0], text)
 
 
 class Console:
@@ -277,16 +288,17 @@ class LiveBlock:
         if self._live:
             columns = shutil.get_terminal_size().columns
             # A line that the terminal breaks is two, and the next block would begin too low.
-            lines = [line[: columns - 1] for line in lines]
+            lines = [printable(line)[: columns - 1] for line in lines]
             if self._drawn:
                 self._stream.write(f"\x1b[{self._drawn}A\r\x1b[J")
-        self._stream.write("".join(f"{line}\n" for line in lines))
+        self._stream.write("".join(f"{printable(line)}\n" for line in lines))
         self._stream.flush()
         self._drawn = len(lines)
 
 
 def aligned(rows: Sequence[Sequence[str]], left: int | None = None) -> list[str]:
     """Aligns cells in columns, two blanks apart: `left` of them flush left, None: all."""
+    rows = [[printable(cell) for cell in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(*rows)]
     lines = []
     for row in rows:
@@ -303,7 +315,7 @@ def paged(text: str) -> None:
 
     Who reads only its begin ends nothing. VsenseError if it cannot be written.
     """
-    stream = sys.stdout or io.StringIO()
+    stream, text = sys.stdout or io.StringIO(), printable_lines(text)
     words = (os.environ.get("PAGER") or "less").split()
     fits = text.count("\n") < shutil.get_terminal_size().lines
     if not stream.isatty() or fits or not words or shutil.which(words[0]) is None:
@@ -330,6 +342,12 @@ def drop_output() -> None:
 
 
 def print_data(text: str) -> None:
-    """Prints on standard output, at once; VsenseError if it is closed."""
+    """Prints lines on standard output, at once; VsenseError if it is closed.
+
+    A reader that has gone, such as `head`, ends nothing.
+    """
     with failing_as(VsenseError, "standard output"):
-        print(text, flush=True)
+        try:
+            print(printable_lines(text), flush=True)
+        except BrokenPipeError:
+            drop_output()

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from vsense.base.errors import UsageError, instead, likely
+from vsense.base.terminal import printable_lines
 
 COMMANDS = {
     "new": ("new", "make an experiment of your own to begin with, with its files explained"),
@@ -84,7 +85,7 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Ends the program with exit code 2."""
-        self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
+        self.exit(2, f"{self.prog}: {printable_lines(message)}; see {self.prog} --help\n")
 
 
 class HelpFormatter(argparse.HelpFormatter):

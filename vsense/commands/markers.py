@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
 from vsense.base.errors import UsageError
-from vsense.base.terminal import drop_output, print_data
+from vsense.base.terminal import Console, drop_output, print_data
 from vsense.commands import _arguments
 from vsense.config import roster
 from vsense.tools.camera_setup import photographs
@@ -130,9 +129,9 @@ def _print(options: argparse.Namespace) -> int:
         print_data(json.dumps(facts))
     else:
         print_data("\n".join(str(name) for name in sheets.files))
-    print(f"vsense: tags {' '.join(map(str, sheets.tags))}", file=sys.stderr)
+    Console().say(f"vsense: tags {' '.join(map(str, sheets.tags))}")
     if sheets.scale:
-        print(f"vsense: {sheets.scale}", file=sys.stderr)
+        Console().say(f"vsense: {sheets.scale}")
     return 0
 
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
-from vsense.base.terminal import print_data
+from vsense.base.terminal import Console, print_data
 from vsense.commands import _arguments
 from vsense.tools.shipped import templates
 
@@ -42,5 +41,5 @@ def run(options: argparse.Namespace) -> int:
     files = templates.make(options.folder, options.source, options.sensor)
     print_data("\n".join(map(str, files)))
     readme = options.folder / "README.md"
-    print(f"vsense: now: vsense sim {files[0]}    {readme} explains it all", file=sys.stderr)
+    Console().say(f"vsense: now: vsense sim {files[0]}    {readme} explains it all")
     return 0

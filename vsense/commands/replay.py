@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from vsense.base.errors import UsageError
-from vsense.base.terminal import Console, interruption
+from vsense.base.terminal import Console, interruption, print_data
 from vsense.commands import _arguments
 from vsense.monitor import recording
 
@@ -67,5 +67,5 @@ def run(options: argparse.Namespace) -> int:
         comparison = replay(options.file, wanted, Console(), interrupted)
         if comparison is None:
             return interrupted.code
-    print(json.dumps(asdict(comparison)) if options.json else "\n".join(comparison.lines()))
+    print_data(json.dumps(asdict(comparison)) if options.json else "\n".join(comparison.lines()))
     return comparison.exit_code

@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from vsense.base import errors
-from vsense.base.terminal import Console
+from vsense.base.terminal import Console, print_data
 from vsense.commands import _arguments
 from vsense.monitor import recording
 from vsense.studies.report import FORMATS, Questions
@@ -117,7 +117,7 @@ def run(options: argparse.Namespace) -> int:
         options.output, options.format or "png", options.style, questions_of(options), named
     )
     written = report(options.files, how, Console())
-    print(json.dumps(written.as_json(), indent=1) if options.json else written.in_words())
+    print_data(json.dumps(written.as_json(), indent=1) if options.json else written.in_words())
     return 0
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from vsense.base.errors import UsageError
-from vsense.base.terminal import Console, aligned, patience
+from vsense.base.terminal import Console, aligned, patience, print_data
 from vsense.commands import (
     _arguments,
     _experiments,
@@ -199,10 +199,10 @@ def build(options: argparse.Namespace) -> int:
         built = list(build_programs(experiment, driving, options.target, options.output).values())
     facts = [asdict(b) | {"path": str(b.path), "controller": str(b.controller)} for b in built]
     if options.json:
-        print(json.dumps(facts[0] if options.experiment is None else facts, indent=2))
+        print_data(json.dumps(facts[0] if options.experiment is None else facts, indent=2))
         return 0
     for program in built:
-        print(
+        print_data(
             f"{program.path}: {program.size} bytes for {program.target},"
             f" controller {program.controller.name} {program.hash}"
         )
@@ -259,7 +259,9 @@ def deploy(options: argparse.Namespace) -> int:
     outcomes = robot_keys.deploy_all(plan, robots)
     if plan.keys is not None:
         robot_keys.note(options, plan.keys, outcomes)
-    print(json.dumps([_facts(o) for o in outcomes], indent=2) if options.json else table(outcomes))
+    print_data(
+        json.dumps([_facts(o) for o in outcomes], indent=2) if options.json else table(outcomes)
+    )
     return 0 if all(outcome.ok for outcome in outcomes) else 1
 
 

@@ -10,13 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from vsense.base.errors import UsageError
-from vsense.base.terminal import Console, aligned
+from vsense.base.terminal import Console, aligned, print_data
 from vsense.commands import _arguments, _experiments, _rosters
 from vsense.robots import deploying, key_holders
 from vsense.robots.deploying import Outcome, Part, Plan, RobotHost
 from vsense.robots.key_holders import Holder
 from vsense.robots.link import keys as swarm_keys
-from vsense.robots.link.keys import SwarmKeys
+from vsense.robots.link.key_process import KeyProcess
+from vsense.robots.link.keys import KeySource
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -81,14 +82,14 @@ def renewing(plan: Plan, options: argparse.Namespace, robots: Sequence[RobotHost
     path = _experiments.key_path(options)
     if not path.exists():
         return plan
-    store, holders = swarm_keys.read(path), key_holders.read(holders_of(options))
+    store, holders = KeyProcess(path), key_holders.read(holders_of(options))
     older = [holder for holder in holders if holder.key != store.newest]
     having = {(holder.destination, holder.tag) for holder in older}
     reached = [r for r in robots if (r.destination, int(r.settings["tag"])) in having]
     return replace(plan, keys=store, uids=key_holders.uids(older, reached)) if reached else plan
 
 
-def note(options: argparse.Namespace, store: SwarmKeys, outcomes: Sequence[Outcome]) -> None:
+def note(options: argparse.Namespace, store: KeySource, outcomes: Sequence[Outcome]) -> None:
     """Notes to whom a key was brought, and forgets former ones that nobody needs any more."""
     holders = key_holders.note(holders_of(options), store.newest, outcomes)
     robots = [o.robot for o in outcomes]
@@ -104,22 +105,24 @@ def run(options: argparse.Namespace) -> int:
         swarm_keys.follow(path)
     if not path.exists():
         raise UsageError(f"no swarm key ({path}): --new-key makes one")
-    store = swarm_keys.read(path) if options.forget is None else _forget(path, options.forget)
+    if options.forget is not None:
+        _forget(path, options.forget)
+    store: KeySource = KeyProcess(path)
     outcomes = [] if options.roster is None else _bring(options, store)
     holders = key_holders.note(holders_of(options), store.newest, outcomes)
     store, forgotten = key_holders.forget(path, store, holders, [o.robot for o in outcomes])
     facts = {**_key_facts(path, store, holders), "forgotten": forgotten}
     text = key_table(path, store, holders, outcomes)
     text += "".join(f"\n{line}" for line in said_of(forgotten, store))
-    print(json.dumps(facts, indent=2) if options.json else text)
+    print_data(json.dumps(facts, indent=2) if options.json else text)
     return 0 if all(outcome.ok for outcome in outcomes) else 1
 
 
-def _forget(path: Path, number: int) -> SwarmKeys:
-    """Takes a former key out of the file; gives those that are left."""
+def _forget(path: Path, number: int) -> None:
+    """Takes a former key out of the file."""
     with swarm_keys.changing(path):
         store = swarm_keys.read(path)
-        former = sorted(store.keys.keys() - {store.newest})
+        former = sorted(set(store.numbers) - {store.newest})
         if number not in former:
             # A key that follows would get the number of the newest: who was brought that could
             # not be told from who was brought the other.
@@ -128,12 +131,10 @@ def _forget(path: Path, number: int) -> SwarmKeys:
                 f"--forget: expected a key that another follows, there are: {numbers}; the newest"
                 f" is {store.newest}: --new-key makes one that follows it"
             )
-        store = store.without(number)
-        swarm_keys.write(path, store)
-    return store
+        swarm_keys.write(path, store.without(number))
 
 
-def _bring(options: argparse.Namespace, store: SwarmKeys) -> list[Outcome]:
+def _bring(options: argparse.Namespace, store: KeySource) -> list[Outcome]:
     """Brings the newest key to the robots of a list."""
     robots = _rosters.boards(_rosters.wanted_roster(options), options.tags, Console().say)
     plan = Plan(
@@ -147,7 +148,7 @@ def _bring(options: argparse.Namespace, store: SwarmKeys) -> list[Outcome]:
     return deploy_all(plan, robots)
 
 
-def said_of(forgotten: Sequence[int], store: SwarmKeys) -> list[str]:
+def said_of(forgotten: Sequence[int], store: KeySource) -> list[str]:
     """What is told where former keys were forgotten."""
     return [
         f"key {number} is forgotten: all robots have key {store.newest}" for number in forgotten
@@ -155,10 +156,10 @@ def said_of(forgotten: Sequence[int], store: SwarmKeys) -> list[str]:
 
 
 def key_table(
-    path: Path, store: SwarmKeys, holders: Sequence[Holder], outcomes: Sequence[Outcome]
+    path: Path, store: KeySource, holders: Sequence[Holder], outcomes: Sequence[Outcome]
 ) -> str:
     """The swarm's keys, a row for every robot that was given one, and those with an older one."""
-    numbers = ", ".join(map(str, sorted(store.keys)))
+    numbers = ", ".join(map(str, sorted(store.numbers)))
     lines = [f"{path}: keys {numbers}; robots are given {store.newest}"]
     if holders:
         rows = [("robot", "tag", "key", "since", "uid")]
@@ -171,7 +172,7 @@ def key_table(
     ]
     for holder in holders:
         if holder.key != store.newest:
-            taken = "still takes" if holder.key in store.keys else "refuses"
+            taken = "still takes" if holder.key in store.numbers else "refuses"
             lines.append(
                 f"robot {holder.tag} ({holder.destination}) was not reached with key"
                 f" {store.newest}: the host {taken} its key {holder.key}, until"
@@ -180,10 +181,10 @@ def key_table(
     return "\n".join(lines)
 
 
-def _key_facts(path: Path, store: SwarmKeys, holders: Sequence[Holder]) -> dict[str, Any]:
+def _key_facts(path: Path, store: KeySource, holders: Sequence[Holder]) -> dict[str, Any]:
     return {
         "file": str(path),
-        "keys": sorted(store.keys),
+        "keys": sorted(store.numbers),
         "newest": store.newest,
         "robots": [asdict(holder) for holder in holders],
     }

@@ -22,7 +22,7 @@ from vsense.modes.live import opening
 from vsense.modes.live.opening import LinkOptions
 from vsense.modes.options import choose_seed
 from vsense.monitor.ui.room import RoomOptions
-from vsense.robots.link import keys
+from vsense.robots.link.key_process import KeyProcess
 from vsense.robots.link.keys import LinkTrust
 from vsense.tools.robot_calibration import measuring
 from vsense.tools.robot_calibration.measuring import EmulatedSwarm, MeasuringOptions, SensorOptions
@@ -159,7 +159,7 @@ def _measuring(options: argparse.Namespace, roster: Roster | None) -> Iterator[M
             experiment=experiment,
             seed=seed,
             address=(host, port),
-            trust=LinkTrust(keys.make()) if options.lab else _experiments.trust_of(options),
+            trust=LinkTrust(KeyProcess()) if options.lab else _experiments.trust_of(options),
             tracking=options.tracking,
             lab=_lab_of(options, experiment) if options.lab else None,
             roster=roster,

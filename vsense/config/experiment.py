@@ -24,6 +24,7 @@ from vsense.config.argos import USING_SETTINGS
 from vsense.config.casting import Casting
 from vsense.config.devices import Devices, read_devices
 from vsense.config.devices import virtual_devices as names_of_virtual
+from vsense.config.geofence import Geofence, read_geofence
 from vsense.config.placement import overlapping
 from vsense.config.specs import (
     ControllerSpec,
@@ -148,12 +149,11 @@ def _read_understood(
     if not bodies.robots:
         raise arena.error(_no_robot(root, arena))
     cast(bodies, marker.family, casting)
+    geofence = read_geofence(arena, bodies.arena, bodies.tags, serves.stage is Stage.SIM)
     scope = _scope(bodies, round(run.length_s * run.ticks_per_second), loop_functions)
-    used = _used_controllers(root.child("controllers"), bodies)
-    controllers = _read_controllers(used, bodies, scope, media, serves)
+    controllers = _read_controllers(root, bodies, scope, media, serves, geofence)
     _check_objects(bodies, scope)
     _check_tags(bodies, marker, root.document.file)
-    _warn_of_unsensed(bodies, controllers)
     return Experiment(
         name=path.name.removesuffix(ARGOS_SUFFIX),
         file=root.document.file,
@@ -174,25 +174,31 @@ def _read_understood(
         stage=serves.stage,
         casting=casting,
         taken=tuple(bodies.taken),
+        geofence=geofence,
     )
 
 
 def _read_controllers(
-    controllers: Sequence[Element],
+    root: Element,
     bodies: ArenaContents,
     scope: Scope,
     media: Media,
     serves: _Serves,
+    geofence: Geofence | None,
 ) -> tuple[ControllerSpec, ...]:
+    controllers = _used_controllers(root.child("controllers"), bodies)
     read = [_programs.read(element, scope.folder, serves.code) for element in controllers]
     cpp = [argos.is_cpp(element, program) for element, program in zip(controllers, read)]
     settings = [_settings(controller, bodies) for controller in controllers]
     stage, virtual, _ = serves
     devices = read_devices(controllers, scope, media, settings, stage, virtual, cpp)
-    return tuple(
-        _read_controller(element, program, offered)
+    v_max_m_s = None if geofence is None else geofence.v_max_m_s
+    specs = tuple(
+        _read_controller(element, program, offered, v_max_m_s)
         for element, program, offered in zip(controllers, read, devices)
     )
+    _warn_of_unsensed(bodies, specs)
+    return specs
 
 
 def _used_controllers(section: Element, bodies: ArenaContents) -> list[Element]:
@@ -213,11 +219,11 @@ def _used_controllers(section: Element, bodies: ArenaContents) -> list[Element]:
 
 
 def _read_controller(
-    element: Element, named: tuple[str, ProgramSources], devices: Devices
+    element: Element, named: tuple[str, ProgramSources], devices: Devices, limit: float | None
 ) -> ControllerSpec:
     """Reads the parameters of a program that drives robots with these devices.
 
-    `named` is what `programs.read` has given.
+    `named` is what `programs.read` has given, `limit` the robots' highest speed [m/s].
     """
     library, program = named
     params = element.optional_child("params")
@@ -244,6 +250,7 @@ def _read_controller(
         argos_lines=argos_lines,
         devices=tuple(devices.declared),
         wheel_noise=devices.wheel_noise,
+        v_max_m_s=limit,
     )
     size = len(controller.params_for("").encode())
     if params is not None and size > lib.VS_PARAMS_MAX:

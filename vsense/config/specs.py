@@ -16,6 +16,7 @@ from typing import NamedTuple
 from vsense.base.errors import ConfigError
 from vsense.config._distribute import DistributedSpec, Distribution
 from vsense.config.casting import Casting
+from vsense.config.geofence import Geofence, arena_fence
 from vsense.config.roster_fields import MarkerOffset
 from vsense.robots.sources import ProgramSources, content
 from vsense.world.actuators.base import MountedActuator
@@ -24,8 +25,8 @@ from vsense.world.physics.motion import WheelNoise
 from vsense.world.pollution import PollutantSource
 from vsense.world.sensors.base import MountedSensor
 
-ROBOT_ID = "vs:id"
-"""Parameter in which a robot with a controller for ARGoS is told its own name."""
+ROBOT_ID, SPEED_LIMIT = "vs:id", "vs:v_max"
+"""Parameters: a robot's own name, for a controller for ARGoS; its speed limit [m/s]."""
 
 
 class Stage(Enum):
@@ -115,6 +116,7 @@ class ControllerSpec:
         devices: all that it declares.
         wheel_noise: of its robots in lab and simulation; None: they obey.
         strict: robots that run a program of another name are turned away.
+        v_max_m_s: its robots' wheels are no faster; None: as fast as they can.
     """
 
     id: str
@@ -130,6 +132,7 @@ class ControllerSpec:
     wheel_noise: WheelNoise | None = None
     argos_lines: str = ""
     strict: bool = False
+    v_max_m_s: float | None = None
 
     @property
     def program(self) -> ProgramSources:
@@ -144,7 +147,8 @@ class ControllerSpec:
 
     def params_for(self, robot: str) -> str:
         """The settings as the robot of this name is sent them."""
-        return self.params_text + (f"{ROBOT_ID}={robot}\n" if self.argos_lines else "")
+        limit = "" if self.v_max_m_s is None else f"{SPEED_LIMIT}={self.v_max_m_s:.6f}\n"
+        return limit + self.params_text + (f"{ROBOT_ID}={robot}\n" if self.argos_lines else "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -282,6 +286,7 @@ class Experiment:
         stage: what it was loaded for.
         markers: by tag, where markers sit on their robots, as far as it was measured.
         casting: who was to play the parts; `taken` are those that were taken out of a roster.
+        geofence: the file's own, None: it has none.
     """
 
     name: str
@@ -310,6 +315,12 @@ class Experiment:
     casting: Casting = Casting()  # noqa: RUF009 (frozen)
     taken: tuple[int, ...] = ()
     unseen_s: float | None = DEFAULT_UNSEEN_S
+    geofence: Geofence | None = None
+
+    @property
+    def fence(self) -> Geofence:
+        """Outside of it robots stand: the file's, or around the arena."""
+        return self.geofence or arena_fence(self.arena)
 
     @property
     def boxes(self) -> tuple[Box, ...]:

@@ -137,6 +137,28 @@ def read(path: Path) -> RunOrigin:
         raise VsenseError(f"{path}: is damaged: {error!r}") from None
 
 
+def is_of(kept: RunOrigin, experiments: Sequence[Experiment], setup: Setup) -> bool:
+    """Whether runs were made of the files that experiments are made from now, and set up as
+    `setup`, but for the values of its settings.
+
+    Of vsense's own files only the names are compared.
+
+    Raises:
+        OSError: a file cannot be read.
+    """
+    named = _named(experiments)
+    users = {name for name in named if not name.startswith(PACKAGE_PREFIX)}
+    shape = (setup.duration_s, setup.robots, setup.blind, [*setup.settings])
+    return (
+        named.keys() == kept.files.keys()
+        and all(kept.files[name] == read_bytes(named[name]) for name in users)
+        and all(
+            shape == (one["duration_s"], one["robots"], one["blind"], [*one["settings"]])
+            for one in kept.setups.values()
+        )
+    )
+
+
 def files_of(experiment: Experiment) -> list[Path]:
     """The files that an experiment is made from, as far as they can be found without a compiler;
     of vsense's own those that it names, no headers."""
@@ -177,12 +199,7 @@ def _packed(
     setups: Mapping[str, Setup],
     more_files: Iterable[Path],
 ) -> bytes:
-    candidates = dict.fromkeys([*(p for e in experiments for p in files_of(e)), *more_files])
-    for path in [path for path in candidates if path.suffix == ".xml"]:
-        candidates.update(dict.fromkeys(fingerprint.named_files(path)))
-    # Where its folder truly is, under its own name: names in an experiment are beside that.
-    paths = dict.fromkeys(Path(os.path.realpath(path.parent), path.name) for path in candidates)
-    named = _names(_public(paths))
+    named = _named(experiments, more_files)
     facts = {
         "format": ORIGIN_FORMAT,
         "mode": mode,
@@ -199,6 +216,16 @@ def _packed(
             data = read_bytes(named[name])
             archive.writestr(zipfile.ZipInfo(name, DATE), data, zipfile.ZIP_DEFLATED)
     return target.getvalue()
+
+
+def _named(experiments: Sequence[Experiment], more_files: Iterable[Path] = ()) -> dict[str, Path]:
+    """The files to keep by their names in an archive."""
+    candidates = dict.fromkeys([*(p for e in experiments for p in files_of(e)), *more_files])
+    for path in [path for path in candidates if path.suffix == ".xml"]:
+        candidates.update(dict.fromkeys(fingerprint.named_files(path)))
+    # Where its folder truly is, under its own name: names in an experiment are beside that.
+    paths = dict.fromkeys(Path(os.path.realpath(path.parent), path.name) for path in candidates)
+    return _names(_public(paths))
 
 
 def _absolute(setup: Setup) -> dict[str, Any]:

@@ -30,7 +30,7 @@ from vsense.base.errors import ConfigError, VsenseError
 from vsense.base.terminal import printable
 from vsense.robots import boards
 from vsense.robots.boards import SSH
-from vsense.robots.link.keys import SwarmKeys, robot_file
+from vsense.robots.link.keys import KeySource, robot_file
 
 _BOARD = Path(__file__).parent / "board"
 FILES = ("install.sh", "vsensed.init", "vsensed.radio", "vsensed.service")
@@ -143,7 +143,7 @@ class Plan:
     force: bool = False
     part: Part = Part.ALL
     ssh_options: tuple[str, ...] = ()
-    keys: SwarmKeys | None = None
+    keys: KeySource | None = None
     uids: Mapping[str, bytes] = field(default_factory=dict)
 
     def settings_of(self, robot: RobotHost) -> dict[str, str]:

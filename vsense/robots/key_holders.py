@@ -16,7 +16,8 @@ from vsense.base.errors import ConfigError, VsenseError
 from vsense.base.files import read_text
 from vsense.robots.deploying import Outcome, RobotHost
 from vsense.robots.link import keys as swarm_keys
-from vsense.robots.link.keys import LinkTrust, SwarmKeys, write_private
+from vsense.robots.link.key_process import KeyProcess
+from vsense.robots.link.keys import KeySource, LinkTrust, write_private
 
 UID_BYTES = 16
 _HEAD = "# Which robot has which swarm key: key, uid, tag, since, destination. By vsense robot.\n"
@@ -68,7 +69,8 @@ def read(path: Path) -> list[Holder]:
 def _holder(file: str, line: int, words: list[str]) -> Holder:
     try:
         key, uid, tag, since, destination = words
-        if len(bytes.fromhex(uid)) != UID_BYTES:
+        is_plain = destination.isascii() and destination.isprintable()
+        if len(bytes.fromhex(uid)) != UID_BYTES or not is_plain:
             raise ValueError
         return Holder(int(key), uid, int(tag), since, destination)
     except ValueError:
@@ -111,7 +113,7 @@ def note(path: Path, key: int, outcomes: Iterable[Outcome]) -> list[Holder]:
     return rows
 
 
-def trust(path: Path, keys: SwarmKeys, insecure: bool = False) -> LinkTrust:
+def trust(path: Path, keys: KeySource, insecure: bool = False) -> LinkTrust:
     """Which robots a host with these keys believes; `path` is of the file of their holders.
 
     Raises as `read`.
@@ -121,13 +123,14 @@ def trust(path: Path, keys: SwarmKeys, insecure: bool = False) -> LinkTrust:
     for holder in holders:
         uid = bytes.fromhex(holder.uid)
         brought[uid] = max(holder.key, brought.get(uid, 0))
+        keys.robot_key(uid)  # a key process remembers it: no robot will wait for it
     return LinkTrust(keys, insecure, brought, tuple(_former(keys, holders)))
 
 
-def _former(keys: SwarmKeys, holders: Iterable[Holder]) -> Iterator[str]:
+def _former(keys: KeySource, holders: Iterable[Holder]) -> Iterator[str]:
     """What is to be said of each key that is followed by another and still taken."""
     rows = list(holders)
-    for number in sorted(keys.keys.keys() - {keys.newest}):
+    for number in sorted(set(keys.numbers) - {keys.newest}):
         having = [str(holder.tag) for holder in rows if holder.key == number]
         if having:
             yield (
@@ -142,8 +145,8 @@ def _former(keys: SwarmKeys, holders: Iterable[Holder]) -> Iterator[str]:
 
 
 def forget(
-    path: Path, keys: SwarmKeys, holders: Iterable[Holder], robots: Iterable[RobotHost]
-) -> tuple[SwarmKeys, list[int]]:
+    path: Path, keys: KeySource, holders: Iterable[Holder], robots: Iterable[RobotHost]
+) -> tuple[KeySource, list[int]]:
     """Takes former keys out of their file where no robot needs them any more.
 
     That is where every robot that ever had a key, and every one of these, has the newest: a key
@@ -164,16 +167,10 @@ def forget(
     rows = list(holders)
     there = {(holder.destination, holder.tag) for holder in rows}
     all_there = all((r.destination, int(r.settings["tag"])) in there for r in robots)
-    if len(keys.keys) < 2 or not rows or not all_there:
+    if len(keys.numbers) < 2 or not rows or not all_there:
         return keys, []
     if any(holder.key != keys.newest for holder in rows):
         return keys, []
-    with swarm_keys.changing(path):
-        # Read again: somebody may have made another key since.
-        left = swarm_keys.read(path)
-        former = sorted(number for number in left.keys if number < keys.newest)
-        for number in former:
-            left = left.without(number)
-        if former:
-            swarm_keys.write(path, left)
-    return left, former
+    # Read again: somebody may have made another key since.
+    left = KeyProcess(path)
+    return left, left.drop_former(keys.newest)

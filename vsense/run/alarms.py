@@ -14,6 +14,7 @@ from vsense.base import clock
 from vsense.base.arena import ArenaState
 from vsense.robots.link.status import RobotStatus
 from vsense.robots.link.wire import StopCause, Wanted
+from vsense.run._standing import NOT_SEEN
 from vsense.run.runtime import Step
 
 SILENCE_NS = 500_000_000
@@ -230,7 +231,7 @@ def _alarm(robot: RobotStatus, what: str, cause: str) -> Alarm:
 
 def _must_stand_ns(robot: RobotStatus) -> int | None:
     """Since when a robot must stand still; None: it may move, or be moved by people."""
-    if robot.held:
+    if robot.held == NOT_SEEN:
         return None  # who was not seen may come back in somebody's hands
     if robot.wanted in _STANDING:
         return robot.ordered_ns

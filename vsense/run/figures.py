@@ -180,13 +180,13 @@ class Figures:
             "latency_ms": self._latencies(),
             "link": runner.link_figures(),
             "per_robot": [
-                self._robot(robot.tag, robot.id, runner.unseen.stood_ns.get(robot.tag, 0))
+                self._robot(robot.tag, robot.id, runner.standing.stood_s(robot.tag))
                 for robot in self._experiment.robots
             ],
             "results": dict(results),
         }
 
-    def _robot(self, tag: int, name: str, stood_ns: int) -> dict[str, Any]:
+    def _robot(self, tag: int, name: str, stood_s: tuple[float, float]) -> dict[str, Any]:
         counted, timesteps = self._robots[tag], len(self.steps)
         return {
             "name": name,
@@ -196,7 +196,8 @@ class Figures:
             "stale_share": _share(counted.stale, timesteps),
             "sessions": counted.sessions,
             "battery_mv": counted.battery_mv or None,
-            "stood_unseen_s": round(stood_ns / 1e9, 3),
+            "stood_unseen_s": round(stood_s[0], 3),
+            "stood_fenced_s": round(stood_s[1], 3),
             "longest_silence_s": round(counted.silent_ns / 1e9, 3),
             "signal_dbm": counted.signal_dbm,
             "power_saving": counted.saves_power or None,

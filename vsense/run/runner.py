@@ -19,7 +19,7 @@ from vsense.robots.link.server import VirtualSensorServer
 from vsense.robots.link.status import RobotStatus
 from vsense.robots.link.trackers.client import TrackerEnded
 from vsense.robots.link.wire import Wanted
-from vsense.run._unseen import UnseenRobots
+from vsense.run._standing import StandingRobots
 from vsense.run.alarms import SILENCE_NS, Alarm, Obedience, Overload, stands
 from vsense.run.control import DURING, HOMING, Control, State
 from vsense.run.environment import Environment
@@ -78,7 +78,7 @@ class Runner:
         reconnects: sessions that were opened in mid-run.
         robots: the status of every robot by tag in the newest timestep, when its readings had left.
         silences: times without arena states in the run.
-        unseen: the robots that no camera sees.
+        standing: the robots that stand while others run.
     """
 
     def __init__(
@@ -111,7 +111,7 @@ class Runner:
         self._heard_ns: int | None = None
         self._silent, self._run_timestep, self._end_ns, self._sessions = False, -1, 0, 0
         self._seen: frozenset[int] = frozenset()
-        self.unseen = UnseenRobots(self._robots, experiment.unseen_s)
+        self.standing = StandingRobots(experiment)
 
     @property
     def ended(self) -> str:
@@ -175,6 +175,7 @@ class Runner:
         if self._interrupted.is_set() or not control.home(partial(order, Wanted.HOME)):
             return
         self._runtime.guide = starts.guide(homing, self._server, control)
+        self.standing.begin()
         try:
             while not self._interrupted.is_set() and control.state in HOMING:
                 if homing.done and control.state == State.HOMING:
@@ -191,7 +192,7 @@ class Runner:
         self._sessions = self.counters.sessions
         if self._interrupted.is_set() or not self.control.begin(self._runtime.start):
             return
-        self.unseen.begin(self._robots)
+        self.standing.begin()
         length_ns, last = self._timesteps * self._dt_ns, self._timesteps - 1
         self._end_ns = self._clock() + length_ns
         try:
@@ -222,7 +223,7 @@ class Runner:
         if self.control.state != State.PAUSED:
             return
         self._runtime.hold()
-        self.unseen.pause()
+        self.standing.pause()
         begun_ns = self._clock()
         while self.control.state == State.PAUSED and not self._interrupted.is_set():
             if self.control.asked:
@@ -265,6 +266,7 @@ class Runner:
         counted = LinkCounters()
         counted.update(self._server.robots())
         self.counters = counted.from_here()
+        self.standing = StandingRobots(environment.experiment)
 
     def stop(self) -> None:
         """Stops all robots, and waits until their telemetry says what they received."""
@@ -298,7 +300,7 @@ class Runner:
                 self._console.say(f"virtual robot {tag}: {text}")
             for text in self._runtime.said():
                 self._console.say(f"loop functions: {text}")
-            self._hold_unseen(step.state)
+            self._hold_robots(step.state)
         robots = self.robots = self._server.robots()
         for status in self.counters.update(robots):
             self._console.say(f"robot {status.name}: its guard was replaced", "warning")
@@ -310,15 +312,14 @@ class Runner:
         self._observe(step, robots)
         return step
 
-    def _hold_unseen(self, state: ArenaState) -> None:
-        """Has robots pause that no camera sees, and go on when they are seen again."""
-        if self.control.state != State.RUNNING:
+    def _hold_robots(self, state: ArenaState) -> None:
+        """Has robots pause that may not move, and go on when they may."""
+        homing = self.control.state == State.HOMING
+        if not homing and self.control.state != State.RUNNING:
             return
-        held = self.unseen.tags
-        for line in self.unseen.update(state):
+        for line in self.standing.update(state, homing):
             self._console.say(line, "warning")
-        if self.unseen.tags != held:
-            self._server.hold_robots(self.unseen.tags)
+        self._server.hold_robots(self.standing.reasons)
 
     def _readiness(self, step: Step | None) -> Readiness:
         # A moment without an arena state changes nothing.

@@ -266,9 +266,10 @@ def row_of(
 
 
 def _note_of(robots: Sequence[Mapping[str, Any]]) -> str:
-    """Which robots stood for a while because no camera saw them."""
-    stood = [robot for robot in robots if robot.get("stood_unseen_s")]
-    return "; ".join(f"{r['name']} stood {r['stood_unseen_s']:.1f} s unseen" for r in stood)
+    """Which robots stood for a while, alone."""
+    words = {"stood_unseen_s": "unseen", "stood_fenced_s": "for the fence"}
+    stood = [(robot, key) for robot in robots for key in words if robot.get(key)]
+    return "; ".join(f"{r['name']} stood {r[key]:.1f} s {words[key]}" for r, key in stood)
 
 
 def _uids_of(rows: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -48,6 +48,7 @@ class Puppet:
         orders: all that were given, with who gave them.
         made: how the experiment was read, and of which series its run is.
         trouble: what is wrong with robots: tag -> words.
+        held: why robots stand alone: tag -> words.
         stopped: publishes no arena states any more, as a run without cameras.
         silent: publishes nothing at all.
     """
@@ -61,6 +62,7 @@ class Puppet:
         self.orders: list[Order] = []
         self.made: dict[str, Any] = {}
         self.trouble: dict[int, str] = {}
+        self.held: dict[int, str] = {}
         self.camera_trouble: dict[int, tuple[str, str]] = {}
         self.by: str | None = None
         self.recording = False
@@ -304,6 +306,7 @@ class Puppet:
             "actuators": [[[1]] for _ in tags],
             "shown": [{"state": "in the cone" if i else "searching", "n": tag / 8}
                       for i, tag in zip(inside, tags)],
+            "held": [self.held.get(tag, "") for tag in tags],
             "trouble": [self.trouble.get(tag, "") for tag in tags],
         }  # fmt: skip
 

@@ -270,7 +270,7 @@ def test_without_the_library_nothing_starts(monkeypatch: pytest.MonkeyPatch) -> 
         page_access(OPEN)
     assert re.fullmatch(
         "a page that other machines may open needs the Python package cryptography:"
-        r" .*pip install 'cryptography>=[0-9]+'; or give one with --web-cert FILE, or send the"
+        r" .*pip install 'cryptography>=[0-9.]+'; or give one with --web-cert FILE, or send the"
         " tokens unencrypted with --insecure",
         str(caught.value),
     )

@@ -209,6 +209,11 @@ def test_trouble_stands_in_the_banner_and_first_in_the_table(served: Serve, open
     page.until(f"document.querySelector('#robots tbody').innerText.includes('epuck_{tag}')")
     puppet.trouble = {}
     page.until("document.querySelector('#banner').hidden")
+    puppet.held = {tag: "not seen"}
+    row = f"[...document.querySelectorAll('#robots tr')].find((r) => r.innerText.includes('{tag}'))"
+    page.until(f"{row}.innerText.includes('stands')")
+    puppet.held = {}
+    page.until(f"{row}.innerText.includes('run')")
 
 
 def test_a_camera_that_is_lost_is_shown(served: Serve, opened: Open) -> None:

@@ -184,6 +184,24 @@ def test_trouble_is_told_in_words() -> None:
     assert rows["battery_low"][5] is None and rows["heard_ms"][2] is None
 
 
+def test_who_stands_alone_is_told_with_why() -> None:
+    room = Room("pollutant", "/robots")
+    room.join()
+    first, second, third, fourth = room.tags[:4]
+    held = {"telemetry": Telemetry(state=Wanted.PAUSE), "held": "outside of the fence"}
+    room.robots_now |= {
+        first: status(first, "a", **held),
+        second: status(second, "b", **held, connected=False, heard_ns=room.now_ns - 2 * S),
+        third: status(third, "c", **held, sessions=0),
+        fourth: status(fourth, "d"),
+    }
+    room.step()
+    rows = room.of("/robots")[-1]
+    assert rows["held"][:4] == ["outside of the fence", "", "", ""], "the original's cannot pause"
+    assert rows["trouble"][:2] == ["stands: outside of the fence", "link lost for 2.0 s"]
+    assert rows["state"][0] == "pause"
+
+
 def test_a_camera_is_told_with_what_lasts_and_what_is_missing() -> None:
     room = Room("pollutant", "/cameras")
     room.join()

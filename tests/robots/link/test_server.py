@@ -301,17 +301,20 @@ def test_who_is_held_pauses_alone_and_goes_on_in_the_same_run(
     one, two = robot(still, 1).join(), robot(still, 2).join()
     still.server.command(Wanted.RUN, 7)
     one.until(lambda: one.session.c.wanted == Wanted.RUN)
-    still.server.hold_robots({1})
+    still.server.hold_robots({1: "outside"})
     one.until(lambda: one.session.c.wanted == Wanted.PAUSE)
     two.until(lambda: two.session.c.wanted == Wanted.RUN)
     robots = still.server.robots()
     assert [(robots[tag].held, robots[tag].wanted) for tag in (1, 2)] == [
-        (True, Wanted.PAUSE),
-        (False, Wanted.RUN),
+        ("outside", Wanted.PAUSE),
+        ("", Wanted.RUN),
     ]
-    still.server.hold_robots(())
+    still.server.hold_robots({})
     one.until(lambda: one.session.c.wanted == Wanted.RUN)
-    still.server.hold_robots({1})
+    still.server.hold_robots({1: "outside"})
+    still.server.command(Wanted.HOME)
+    one.until(lambda: one.session.c.wanted == Wanted.PAUSE)
+    two.until(lambda: two.session.c.wanted == Wanted.HOME)
     still.server.command(Wanted.STOP)
     one.until(lambda: one.session.c.wanted == Wanted.STOP)
     still.server.new_run(2)

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.run.stage import status
 from vsense.config import roster
 from vsense.config.casting import Casting
 from vsense.config.experiment import load
+from vsense.config.geofence import Geofence, Polygon
 from vsense.config.specs import Experiment
 from vsense.robots.link._peer import Orders
 from vsense.robots.link.wire import StopCause, Telemetry, Wanted
+from vsense.run.homing.floor import DrivingFloor
 from vsense.run.homing.robots import Trouble
 from vsense.run.homing.starts import Starts, hindered
 from vsense.world.pollution import PollutantSource
@@ -84,8 +88,22 @@ def test_who_cannot_be_told_to_drive() -> None:
     }
     robots[4] = status(4, "epuck_4", connected=False, drives_home=True)
     robots[5] = status(5, "epuck_5")
-    held = Trouble.HELD
-    assert hindered(robots) == {2: held, 3: held, 4: Trouble.NO_LINK, 5: Trouble.TOO_OLD}
+    robots[6] = status(6, "epuck_6", drives_home=True, held="nearer than 0.5 m to cap")
+    held, old, near = Trouble.HELD, Trouble.TOO_OLD, Trouble.NEAR
+    assert hindered(robots) == {2: held, 3: held, 4: Trouble.NO_LINK, 5: old, 6: near}
+
+
+def test_ways_lead_around_forbidden_zones_and_back_inside() -> None:
+    zone = Polygon(((-0.2, -0.6), (0.2, -0.6), (0.2, 0.6), (-0.2, 0.6)))
+    border = Polygon(((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)))
+    arena = load("aggregation").arena
+    floor = DrivingFloor(arena, fence=Geofence(border, (zone,)))
+    assert not floor.is_open and not floor.is_clear((-0.5, 0.0), (0.5, 0.0), 0.05)
+    way = [(-0.5, 0.0), *(floor.way((-0.5, 0.0), (0.5, 0.0), 0.05) or ())]
+    line = np.concatenate([np.linspace(a, b, 50) for a, b in pairwise(way)])
+    assert way[-1] == (0.5, 0.0) and (zone.depth_m(line) < 0.0).all()
+    assert (border.depth_m(line) > 0.0).all()
+    assert floor.way((1.1, 0.0), (0.5, 0.0), 0.05), "who is outside drives back"
 
 
 @pytest.mark.parametrize("wanted", list(Wanted))

@@ -15,7 +15,7 @@ from vsense.base.errors import UsageError, VsenseError
 from vsense.config.placement import StartPlaces
 from vsense.modes.sim.job import Job, Setup
 from vsense.modes.sim.outcome import Task
-from vsense.run.runs_csv import COLUMNS, RunRow
+from vsense.run.runs_csv import COLUMNS, RunRow, RunsFile
 from vsense.studies.series._folder import CampaignTable
 from vsense.studies.series._order import CAMPAIGN, PlannedRun, cells, pending
 from vsense.studies.series._plan import Condition, PlannedStart, SeriesPlan
@@ -51,7 +51,7 @@ def add(table: CampaignTable, seed: int, **measures: float | None) -> None:
 
 
 def start(path: Path) -> CampaignTable:
-    return CampaignTable(path, PLAN)
+    return CampaignTable(RunsFile(path), PLAN)
 
 
 def test_its_plan_has_every_condition_at_every_seed_in_order() -> None:

@@ -197,6 +197,10 @@ def test_criteria_say_why() -> None:
         "stopped by ben before its end; not at the start: c (stuck); a lost for 5.1 s;"
         " b moved by 31 mm by hand; 2.0 % of the timesteps late"
     )
+    stood = Evidence(fenced_s={"a": 0.5, "b": 0.6, "c": 0.0})
+    assert why_void(VoidCriteria(fenced_s=0.5), stood) == "b stood 0.6 s for the fence"
+    assert why_void(VoidCriteria(fenced_s=0.0), stood).startswith("a stood 0.5 s, b stood 0.6 s")
+    assert why_void(VoidCriteria(), stood) == ""
     lenient = VoidCriteria(ended_early=False, away_from_start=False)
     assert why_void(lenient, bad) == ""
     never = Evidence("emergency stop by ben", measured=False)

@@ -229,6 +229,21 @@ class Element:
             raise self.error(f"{shown(text)} is not {expected}", key)
         return tuple(self._number(key, part, low, high, unit) for part in parts)
 
+    def points(
+        self, key: str, least: int, most: int, far: float, unit: str = ""
+    ) -> list[tuple[float, float]]:
+        """Reads `least` to `most` points 'x,y x,y', each number within [-far, far]."""
+        expected = f"{least} to {most} points 'x,y x,y' {unit}".rstrip()
+        text = self.text(key, None, expected)
+        pairs = [point.split(",") for point in text.split()]
+        if not least <= len(pairs) <= most or any(len(pair) != 2 for pair in pairs):
+            found = f"{shown(text)} has {len(pairs)} points"
+            if any(len(pair) != 2 for pair in pairs):
+                found = f"{shown(text)} are no points"
+            raise self.error(f"{found}, expected {expected}", key)
+        numbers = [[self._number(key, n, -far, far, unit) for n in pair] for pair in pairs]
+        return [(x, y) for x, y in numbers]
+
     def boolean(self, key: str, default: bool | None = None) -> bool:
         """Reads "true" or "false"."""
         fallback = None if default is None else str(default).lower()

@@ -30,6 +30,7 @@ from vsense.base import clock
 from vsense.base.clock import host_ns
 from vsense.base.errors import VsenseError
 from vsense.base.shared import FrameBank, LabError
+from vsense.base.terminal import Console
 from vsense.modes.lab._bodies import Body
 from vsense.modes.lab._camera_spec import Exposure, LabCameraSpec
 from vsense.modes.lab._optics import EXPOSURE_NS, SAMPLES, sample_times_ns
@@ -170,7 +171,7 @@ def main() -> int:
     except BrokenPipeError:
         return 0
     except VsenseError as error:
-        print(f"cameras: {error}", file=sys.stderr)
+        Console().say(f"cameras: {error}")
         return error.exit_code
     return 0
 

@@ -50,6 +50,7 @@ from vsense.base.clock import host_ns
 from vsense.base.errors import UsageError, VsenseError, failing_as
 from vsense.base.processes import describe_exit, end, read_line, start_module
 from vsense.base.shared import LabError, LogFile
+from vsense.base.terminal import Console
 from vsense.config.specs import Experiment, ObjectSpec, RobotSpec
 from vsense.modes.lab._canary import Lateness
 from vsense.modes.lab._microcontrollers import ActuationLog, Microcontrollers
@@ -206,7 +207,7 @@ def main() -> int:
         run(process, stdin, ended)
         _leave(process, spec.directory / "physics.json", time.process_time() - started_s)
     except VsenseError as error:
-        print(f"physics: {error}", file=sys.stderr)
+        Console().say(f"physics: {error}")
         return error.exit_code
     return 0
 

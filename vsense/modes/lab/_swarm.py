@@ -21,7 +21,7 @@ from vsense.base.clock import pace
 from vsense.base.processes import describe_exit, end
 from vsense.base.shared import LabError
 from vsense.modes.lab.hardware import EmulatedRadio
-from vsense.robots.link.keys import SwarmKeys, robot_file, write_private
+from vsense.robots.link.keys import KeySource, robot_file, write_private
 
 CLOCK_OFFSET_NS = 3_600_000_000_000
 """Every robot's clock is off by up to an hour ..."""
@@ -73,7 +73,7 @@ class Swarm:
         port: int,
         seed: int,
         directory: Path,
-        keys: SwarmKeys | None,
+        keys: KeySource | None,
         radios: Mapping[int, EmulatedRadio] = _NO_RADIOS,
     ) -> None:
         """Prepares an empty swarm; traces, logs and start scripts go into `directory`.

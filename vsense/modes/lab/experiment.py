@@ -25,8 +25,8 @@ from vsense.modes.live.session import RunSetup
 from vsense.modes.options import say_warnings
 from vsense.monitor.pictures.run_figure import spoken
 from vsense.monitor.ui.room import ControlRoom
-from vsense.robots.link import keys
-from vsense.robots.link.keys import LinkTrust
+from vsense.robots.link.key_process import KeyProcess
+from vsense.robots.link.keys import INSECURE, LinkTrust
 from vsense.run import directory as run_directory
 from vsense.run.runs_csv import RunRows
 from vsense.run.runtime import Step
@@ -112,7 +112,7 @@ def _carry_out(session: Session, options: LabOptions) -> int:
 
 
 def _trust(options: LabOptions, console: Console) -> LinkTrust:
-    trust = keys.INSECURE if options.link.insecure else LinkTrust(keys.make())
+    trust = INSECURE if options.link.insecure else LinkTrust(KeyProcess())
     say_trust(trust, console.say)
     return trust
 

@@ -22,7 +22,7 @@ from vsense.modes.lab._swarm import Swarm
 from vsense.modes.lab.hardware import EmulatedRadio
 from vsense.modes.lab.truth import TruthReader, make_ring
 from vsense.robots import build
-from vsense.robots.link.keys import SwarmKeys
+from vsense.robots.link.keys import KeySource
 
 TRACKER_CONNECT_TIMEOUT_S = 0.1
 """The longest that a timestep waits for the run's host."""
@@ -107,7 +107,7 @@ class Rehearsal:
         base: str,
         watchdog: bool,
         address: tuple[str, int],
-        keys: SwarmKeys | None,
+        keys: KeySource | None,
         tracker: LineWriter,
         say: Callable[[str], None],
         radios: Mapping[int, EmulatedRadio],

@@ -18,6 +18,7 @@ from vsense.monitor.ui.control_socket import folder
 from vsense.monitor.ui.room import RoomOptions
 from vsense.robots import key_holders
 from vsense.robots.link import keys, network
+from vsense.robots.link.key_process import KeyProcess
 from vsense.robots.link.keys import LinkTrust
 from vsense.robots.link.legacy.server import MixedServer
 from vsense.robots.link.server import VirtualSensorServer
@@ -185,7 +186,7 @@ def trust_of(path: Path | None, insecure: bool) -> LinkTrust:
             f"no swarm key ({file}): 'vsense robot keys --new-key' makes it, 'vsense robot deploy'"
             " brings each robot its own; or go on without keys: --insecure"
         )
-    return key_holders.trust(key_holders.file_of(file), keys.read(file), insecure)
+    return key_holders.trust(key_holders.file_of(file), KeyProcess(file), insecure)
 
 
 def say_trust(trust: LinkTrust, say: Callable[[str], None]) -> None:

@@ -108,7 +108,9 @@ class SimPublisher(Publisher):
         run, record = self._simulation, self._simulation.record
         tags, count = list(record.tags), len(record.tags)
         wheels, reports = run.wheels_steps_s, run.reports()
-        columns: dict[str, list[Any]] = {name: [None] * count for name in ROBOT_COLUMNS}
+        # Nothing holds a simulated robot: its recordings are as before there was a fence.
+        names = (name for name in ROBOT_COLUMNS if name != "held")
+        columns: dict[str, list[Any]] = {name: [None] * count for name in names}
         columns |= {
             "tag": tags,
             "name": self._names,

@@ -36,6 +36,7 @@ from typing import Any
 
 from vsense.base.errors import VsenseError
 from vsense.base.processes import read_line
+from vsense.base.terminal import Console
 from vsense.modes.sim import fingerprint
 from vsense.modes.sim._kept import KeptRun, prepare
 from vsense.modes.sim._simulation import Simulation
@@ -234,7 +235,7 @@ def main() -> int:
     try:
         declarations()
     except VsenseError as error:
-        print(f"vsense sim: {error}", file=sys.stderr)
+        Console().say(f"vsense sim: {error}")
         return error.exit_code
     page = Connection(int(sys.argv[2])) if len(sys.argv) > 2 else None
     Worker(progress, answers, page).work()

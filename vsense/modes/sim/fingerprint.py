@@ -28,7 +28,6 @@ from vsense.base.files import PACKAGE_FOLDER
 from vsense.modes.sim.outcome import Task
 from vsense.robots import build
 from vsense.robots.compiling import native
-from vsense.run.programs import loop_object
 
 MAX_NAME = 256
 """[byte] Longer texts are no file names, and the system refuses to look for them."""
@@ -36,12 +35,16 @@ MAX_NAME = 256
 _DIGITS = 12
 
 
-def of_campaign(task: Task) -> str:
-    """What all runs of a campaign have in common, as 8 hexadecimal digits.
+NAME_DIGITS = 10
+"""Of a campaign's name. Those of vsense 0.1 have 8; see `campaign._name_before`."""
 
-    That is the experiment's file with the files it names, the programs, the length, the robots,
-    whether they are blind, vsense itself, and which settings vary; not their values and the seeds,
-    of which more may come.
+
+def of_campaign(task: Task) -> str:
+    """What all runs of a campaign have in common, as `NAME_DIGITS` hexadecimal digits.
+
+    That is the experiment's file with the files it names, the programs with their headers, the
+    length, the robots, whether they are blind, vsense's version, and which settings vary; not their
+    values and the seeds, of which more may come.
 
     Raises:
         VsenseError: a file cannot be read.
@@ -50,13 +53,10 @@ def of_campaign(task: Task) -> str:
     digest = hashlib.sha256()
     for file in named_files(task.experiment.path):
         digest.update(bytes.fromhex(of_file(file)))
-    built = [Path(library).parent.name for library in task.job.libraries.values()]
-    loop_functions = loop_object(task.experiment)
-    if loop_functions is not None:
-        built.append(loop_functions.parent.name)
-    words = [*built, setup.duration_s, setup.robots, setup.blind, *setup.settings]
+    words = [os.environ.get("CXXFLAGS"), setup.duration_s, setup.robots, setup.blind]
+    words += [*sorted(of_files(task).values()), *setup.settings]
     digest.update(json.dumps([__version__, *words]).encode())
-    return digest.hexdigest()[:8]
+    return digest.hexdigest()[:NAME_DIGITS]
 
 
 def of_file(path: Path) -> str:

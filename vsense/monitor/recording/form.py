@@ -313,7 +313,7 @@ ROBOT_COLUMNS = (
     "stop_cause", "battery_mv", "battery_low", "leds", "left_steps_s", "right_steps_s",
     "base_errors", "base_resets", "overruns", "guard_restarts", "signal_dbm", "bit_rate_mbit_s",
     "retries", "power_saving", "sessions", "version", "controller",
-    "hash", "expected", "authenticated", "trouble",
+    "hash", "expected", "authenticated", "held", "trouble",
 )  # fmt: skip
 """Columns of `/robots`; beside them `actuators`, a list of lists for each robot, and `shown`, an
 object for each."""

@@ -21,6 +21,7 @@ from aiohttp import WSMsgType, web
 from vsense.base.clock import host_ns
 from vsense.base.errors import VsenseError
 from vsense.base.message_bus import Listener, Message, MessageBus
+from vsense.base.terminal import printable_json
 from vsense.config.casting import Pair
 from vsense.monitor.recording.form import PARTS, PICTURE, SETTINGS_TOPIC, without_nan
 from vsense.monitor.ui._sentences import ChangeReadError, read
@@ -59,6 +60,7 @@ def _frame(message: Message) -> str | bytes:
         text = json.dumps(head, separators=(",", ":"), allow_nan=False)
     except ValueError:
         text = json.dumps(without_nan(head), separators=(",", ":"))
+    text = printable_json(text)
     if not message.blob:
         return text
     encoded = text.encode()

@@ -132,6 +132,8 @@ class RobotTable:
             "hash": link.hash,
             "expected": self._controllers[link.tag],
             "authenticated": link.key is not None if link.connected else None,
+            # The original's client has no session, and cannot be paused.
+            "held": link.held if link.connected and link.sessions else "",
         }
         row |= self._telemetry(link)
         row["trouble"] = (
@@ -199,6 +201,8 @@ def _trouble(row: Mapping[str, Any], unseen: bool) -> str:
         return str(row["doubt"])
     if row["stop_cause"]:
         return f"stopped: {row['stop_cause']}"
+    if row["held"]:
+        return f"stands: {row['held']}"
     if unseen:
         age_ms = row["pose_age_ms"]
         return "never seen" if age_ms is None else f"not seen for {age_ms / 1e3:.1f} s"

@@ -7,7 +7,8 @@ distinguishes them. A robot that was just welcomed may try UDP for a second befo
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from vsense.base.native import ffi, lib
@@ -39,21 +40,22 @@ class Orders:
     """What the host wants of all robots, repeated in every STATE.
 
     `run` is the run's number, which never goes down. With RUN, `from_timestep` is the first
-    timestep in which the robots run; those of `resting` stand meanwhile, and those of `held` as in
-    a pause: they go on in the same run.
+    timestep in which the robots run; those of `resting` stand meanwhile. Those of `held`, which has
+    why by tag, stand as in a pause, with HOME, too: they go on in the same run.
     """
 
     run: int = 1
     wanted: Wanted = Wanted.IDLE
     from_timestep: int = 0
     resting: frozenset[int] = frozenset()
-    held: frozenset[int] = frozenset()
+    held: Mapping[int, str] = field(default_factory=dict)
 
     def of(self, tag: int) -> Orders:
         """What the robot with a tag is told."""
-        if self.wanted != Wanted.RUN or tag not in self.resting | self.held:
-            return self
-        return replace(self, wanted=Wanted.IDLE if tag in self.resting else Wanted.PAUSE)
+        if self.wanted == Wanted.RUN and tag in self.resting:
+            return replace(self, wanted=Wanted.IDLE)
+        stands = self.wanted in (Wanted.RUN, Wanted.HOME) and tag in self.held
+        return replace(self, wanted=Wanted.PAUSE) if stands else self
 
 
 SEQUENCE_RESERVE = 1000

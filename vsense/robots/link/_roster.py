@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
+from vsense.base.errors import VsenseError
 from vsense.base.native import WireError, lib
 from vsense.robots.link._peer import Greeting, Orders
 from vsense.robots.link._session import Address, HostSession, PendingSession
@@ -220,7 +221,14 @@ class SessionTable:
 
     def _open(self, packet: bytes, origin: str, now_ns: int) -> Greeting | Answer:
         """Finds out what a HELLO was tagged with, and whether such a robot is taken."""
-        for number, root in self._trust.roots(uid_of(packet)):
+        uid = uid_of(packet)
+        try:
+            roots = tuple(self._trust.roots(uid))
+        except VsenseError as error:  # of the process with the keys; the robot will ask again
+            tag = believed(packet).tag
+            event = LinkEvent("refused", tag, f"robot {tag}: {error}: not answered", now_ns, origin)
+            return Answer(None, b"", event)
+        for number, root in roots:
             try:
                 header, hello = decode(packet, root)
             except WireError as error:

@@ -19,10 +19,11 @@ import os
 import re
 import secrets
 import stat
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Protocol
 
 from vsense.base import sharing
 from vsense.base.errors import ConfigError, VsenseError
@@ -39,21 +40,48 @@ _LINE = re.compile(r"([1-9][0-9]{0,5})\s*=\s*([0-9a-fA-F]{64})")
 _HEAD = "# Swarm keys of vsense. Whoever reads them can be every robot, and the host.\n"
 
 
-@dataclass(frozen=True, slots=True)
-class SwarmKeys:
-    """The swarm's keys by number; what they are is never shown."""
+class KeySource(Protocol):
+    """What robots' keys are made from: a `KeyProcess`, where users' code may run beside it."""
 
-    keys: Mapping[int, bytes] = field(repr=False)
+    @property
+    def numbers(self) -> Sequence[int]:
+        """Of the swarm's keys, the newest first."""
 
     @property
     def newest(self) -> int:
         """Number of the key that robots are given now."""
-        return max(self.keys)
 
     def robot_key(self, uid: bytes, number: int | None = None) -> bytes:
         """A robot's own key, made of the newest swarm key or of that with a number."""
+
+    def roots(self, uid: bytes) -> Sequence[tuple[int, bytes]]:
+        """All keys that a robot may have, each with the number of its swarm key, newest first."""
+
+
+@dataclass(frozen=True, slots=True)
+class SwarmKeys:
+    """The swarm's keys by number; what they are is never shown. A `KeySource`."""
+
+    keys: Mapping[int, bytes] = field(repr=False)
+
+    @property
+    def numbers(self) -> Sequence[int]:
+        """See `KeySource`."""
+        return sorted(self.keys, reverse=True)
+
+    @property
+    def newest(self) -> int:
+        """See `KeySource`."""
+        return max(self.keys)
+
+    def robot_key(self, uid: bytes, number: int | None = None) -> bytes:
+        """See `KeySource`."""
         swarm = self.keys[self.newest if number is None else number]
         return hashlib.blake2s(uid, digest_size=16, key=swarm, person=_PERSON).digest()
+
+    def roots(self, uid: bytes) -> Sequence[tuple[int, bytes]]:
+        """See `KeySource`."""
+        return [(number, self.robot_key(uid, number)) for number in self.numbers]
 
     def followed(self) -> SwarmKeys:
         """These, and a new one."""
@@ -86,7 +114,7 @@ class LinkTrust:
         notes: what people should know of the keys when a run begins.
     """
 
-    keys: SwarmKeys | None
+    keys: KeySource | None
     insecure: bool = False
     brought: Mapping[bytes, int] = field(default_factory=dict, repr=False)
     notes: tuple[str, ...] = ()
@@ -97,8 +125,7 @@ class LinkTrust:
         Each has the number of its swarm key; None is that of a robot without a key.
         """
         if self.keys is not None:
-            for number in sorted(self.keys.keys, reverse=True):
-                yield number, self.keys.robot_key(uid, number)
+            yield from self.keys.roots(uid)
         yield None, PUBLISHED
 
     def is_former(self, uid: bytes, number: int | None) -> bool:
@@ -182,6 +209,21 @@ def follow(path: Path) -> SwarmKeys:
     return keys
 
 
+def drop_former(path: Path, newest: int) -> tuple[SwarmKeys, list[int]]:
+    """Takes the keys before one out of a file; gives those that are left, and their numbers.
+
+    Raises as `follow`.
+    """
+    with changing(path):
+        left = read(path)
+        former = sorted(number for number in left.keys if number < newest)
+        for number in former:
+            left = left.without(number)
+        if former:
+            write(path, left)
+    return left, former
+
+
 def write(path: Path, keys: SwarmKeys) -> None:
     """Writes such a file whole, for its owner alone; a group that could read it still can.
 
@@ -190,8 +232,7 @@ def write(path: Path, keys: SwarmKeys) -> None:
     Raises:
         VsenseError: it cannot be written.
     """
-    numbers = sorted(keys.keys, reverse=True)
-    text = _HEAD + "".join(f"{number} = {keys.keys[number].hex()}\n" for number in numbers)
+    text = _HEAD + "".join(f"{number} = {keys.keys[number].hex()}\n" for number in keys.numbers)
     try:
         had = stat.S_IMODE(path.stat().st_mode) & 0o640 if path.exists() else 0o600
         write_private(path, text, mode_in(path.parent) | had)

@@ -154,17 +154,18 @@ class VirtualSensorServer:
         with self._lock:
             self._roster.orders = replace(self._roster.orders, resting=frozenset(tags))
 
-    def hold_robots(self, tags: Collection[int]) -> None:
-        """Has robots with these tags pause while others run, and nobody else; it leaves at once.
+    def hold_robots(self, reasons: Mapping[int, str]) -> None:
+        """Has robots pause while others run or drive home, and nobody else; it leaves at once.
 
-        Until the next run. Raises LinkError as `publish` does.
+        `reasons` says why, by tag. Until the next run. Raises LinkError as `publish` does.
         """
         network = self._running()
         with self._lock:
-            held, now_ns = frozenset(tags), self._clock()
-            self._held_ns = {tag: self._held_ns.get(tag, now_ns) for tag in held}
-            self._roster.orders = replace(self._roster.orders, held=held)
-        self._send_orders(network)
+            before, now_ns = self._roster.orders.held, self._clock()
+            self._held_ns = {tag: self._held_ns.get(tag, now_ns) for tag in reasons}
+            self._roster.orders = replace(self._roster.orders, held=dict(reasons))
+        if before.keys() != reasons.keys():
+            self._send_orders(network)
 
     def new_run(self, seed: int) -> int:
         """Begins a new run, all robots idle, no reading measured yet; returns its number.
@@ -206,9 +207,9 @@ class VirtualSensorServer:
             with self._lock:
                 status = robot.status(self._clock())
                 orders = self._roster.orders
-                wanted, is_held = orders.of(tag).wanted, tag in orders.held
+                wanted, held = orders.of(tag).wanted, orders.held.get(tag, "")
                 ordered_ns = max(self._ordered_ns, self._held_ns.get(tag, 0))
-            statuses[tag] = replace(status, wanted=wanted, ordered_ns=ordered_ns, held=is_held)
+            statuses[tag] = replace(status, wanted=wanted, ordered_ns=ordered_ns, held=held)
         return statuses
 
     def measure(self) -> None:

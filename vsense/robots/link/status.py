@@ -203,7 +203,7 @@ class RobotStatus:
         drives_home: it can drive home; an older daemon cannot.
         wanted: what the host wants of it.
         ordered_ns: since when it may move, or is to stand still, host's clock.
-        held: it alone pauses: no camera sees it.
+        held: why it alone pauses, in words; "": it does not.
         defects: how often a bug in vsense has ended its session.
     """
 
@@ -230,7 +230,7 @@ class RobotStatus:
     drives_home: bool = False
     wanted: Wanted = Wanted.IDLE
     ordered_ns: int = 0
-    held: bool = False
+    held: str = ""
     defects: int = 0
 
     @property

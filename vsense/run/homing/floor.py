@@ -1,7 +1,7 @@
 """The floor that robots drive home over: how far points are from what stands there, and ways.
 
-Walls are boxes and posts of the experiment, and the arena's border; robots that cannot move are
-discs that come and go. Ways are found on a grid and pulled straight.
+Walls are boxes and posts of the experiment, the arena's border and the fence; robots that cannot
+move are discs that come and go. Ways are found on a grid and pulled straight.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vsense.config.geofence import Geofence
 from vsense.config.specs import Experiment
 from vsense.world.entities import BODY_RADIUS_M, Arena, Box, Cylinder
 from vsense.world.physics.motion import obstacles
@@ -37,9 +38,17 @@ class DrivingFloor:
         arena: its border is a wall.
         boxes: (b, 5) x_m, y_m, yaw_rad, size_x_m, size_y_m.
         posts: (c, 3) x_m, y_m, radius_m.
+        fence: robots keep inside of it; None: the arena's border is all.
     """
 
-    def __init__(self, arena: Arena, boxes: ArrayLike = (), posts: ArrayLike = ()) -> None:
+    def __init__(
+        self,
+        arena: Arena,
+        boxes: ArrayLike = (),
+        posts: ArrayLike = (),
+        fence: Geofence | None = None,
+    ) -> None:
+        self._fence = fence
         self._boxes = np.asarray(boxes, dtype=np.float64).reshape(-1, 5)
         self._posts = np.asarray(posts, dtype=np.float64).reshape(-1, 3)
         self._centre = np.array(arena.centre_m[:2])
@@ -56,12 +65,12 @@ class DrivingFloor:
         if virtual_walls:
             boxes = [e for e in experiment.entities if isinstance(e, Box)]
             posts = [e for e in experiment.entities if isinstance(e, Cylinder)]
-        return cls(experiment.arena, *obstacles(boxes, posts))
+        return cls(experiment.arena, *obstacles(boxes, posts), fence=experiment.geofence)
 
     @property
     def is_open(self) -> bool:
         """Whether nothing stands between any two places but robots."""
-        return not self._inner().any() and not len(self._posts)
+        return not self._inner().any() and not len(self._posts) and self._fence is None
 
     def _inner(self) -> NDArray[np.bool_]:
         """Which boxes are no walls along the arena's border."""
@@ -76,9 +85,11 @@ class DrivingFloor:
             discs: (k, 3) x_m, y_m, radius_m of what stands there beside the walls.
 
         Returns:
-            (...) in m, negative inside of something and outside of the arena.
+            (...) in m, negative inside of something and outside of arena or fence.
         """
         free = (self._half - np.abs(points - self._centre)).min(axis=-1)
+        if self._fence is not None:
+            free = np.minimum(free, self._fence.depth_m(points))
         for x_m, y_m, yaw_rad, size_x_m, size_y_m in self._boxes:
             x, y = points[..., 0] - x_m, points[..., 1] - y_m
             cosine, sine = math.cos(yaw_rad), math.sin(yaw_rad)

@@ -35,6 +35,7 @@ class Trouble(str, Enum):
     HELD = "its base or battery does not let it drive"
     TOO_OLD = "cannot drive home: deploy"
     UNSEEN = "not seen"
+    NEAR = "too near to what it keeps off"
     STUCK = "stuck"
     BLOCKED = "blocked"
     LATE = "not there in time"

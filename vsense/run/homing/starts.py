@@ -119,6 +119,8 @@ def hindered(robots: Mapping[int, RobotStatus]) -> dict[int, Trouble]:
             troubles[tag] = Trouble.TOO_OLD
         elif robot.telemetry is not None and robot.telemetry.stop_cause in _HELD:
             troubles[tag] = Trouble.HELD
+        elif robot.held:
+            troubles[tag] = Trouble.NEAR
     return troubles
 
 

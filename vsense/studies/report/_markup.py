@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from html import escape
 
 from vsense import __version__
+from vsense.base.terminal import printable_lines
 
 DASH = "–"
 """An unknown value."""
@@ -78,7 +79,7 @@ class Counter:
 
 def document(title: str, lead: str, body: str, command: str) -> str:
     """A whole page; `body` is HTML, `lead` and `title` are text, `command` made it."""
-    return (
+    page = (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}'
         f' – vsense {escape(command)}</title>\n<meta name="viewport"'
         ' content="width=device-width, initial-scale=1">\n'
@@ -87,6 +88,7 @@ def document(title: str, lead: str, body: str, command: str) -> str:
         f'<footer class="soft">Made by vsense {escape(__version__)},'
         f" <code>vsense {escape(command)}</code>.</footer></body></html>\n"
     )
+    return printable_lines(page)  # what a table or recording of somebody says is in it
 
 
 def tiles(values: Iterable[tuple[str, str]]) -> str:

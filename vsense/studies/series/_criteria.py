@@ -42,6 +42,7 @@ class VoidCriteria:
     Attributes:
         lost_s: a robot was not seen, or had no link, for longer than this.
         moved_mm: somebody moved a robot by more than this: it stood, or jumped.
+        fenced_s: a robot stood for the fence for longer than this.
         late: more than this share of the timesteps was late or left out, 0..1.
         ended_early: the run ended before its length was over.
         away_from_start: a robot that plays did not reach its start.
@@ -49,6 +50,7 @@ class VoidCriteria:
 
     lost_s: float | None = None
     moved_mm: float | None = None
+    fenced_s: float | None = None
     late: float | None = None
     ended_early: bool = True
     away_from_start: bool = True
@@ -58,6 +60,8 @@ class VoidCriteria:
         sentences = {
             f"a robot is lost for {self.lost_s or 0:g} s": self.lost_s is not None,
             f"a robot is moved by hand by {self.moved_mm or 0:g} mm": self.moved_mm is not None,
+            f"a robot stands for the fence for more than {self.fenced_s or 0:g} s": self.fenced_s
+            is not None,
             f"more than {100 * (self.late or 0):g} % of the timesteps are late": self.late
             is not None,
             "it ends before its time": self.ended_early,
@@ -75,6 +79,7 @@ class Evidence:
         late: share of timesteps that were late or left out; None: not known.
         lost_s: by robot's name, the longest time that it was lost.
         moved_mm: by robot's name, the farthest that somebody moved it.
+        fenced_s: by robot's name, how long it stood for the fence.
         away: names of robots that were not at their starts, with why.
         measured: it had a timestep at least.
     """
@@ -84,6 +89,7 @@ class Evidence:
     lost_s: Mapping[str, float] = field(default_factory=dict)
     moved_mm: Mapping[str, float] = field(default_factory=dict)
     away: tuple[str, ...] = ()
+    fenced_s: Mapping[str, float] = field(default_factory=dict)
     measured: bool = True
 
 
@@ -104,6 +110,9 @@ def why_void(criteria: VoidCriteria, evidence: Evidence) -> str:
             f"{n} moved by {mm:.0f} mm" for n, mm in evidence.moved_mm.items() if mm > limit_mm
         ]
         reasons += [f"{shorten(moved)} by hand"] if moved else []
+    if (limit_s := criteria.fenced_s) is not None:
+        fenced = [f"{n} stood {s:.1f} s" for n, s in evidence.fenced_s.items() if s > limit_s]
+        reasons += [f"{shorten(fenced)} for the fence"] if fenced else []
     if criteria.late is not None and (evidence.late or 0.0) > criteria.late:
         reasons.append(f"{100 * (evidence.late or 0.0):.1f} % of the timesteps late")
     return "; ".join(reasons)

@@ -182,20 +182,16 @@ class CampaignTable:
     plan_changes: Sequence[str] = ()
     changed: Sequence[str] = ()
 
-    def __init__(self, table: Path, plan: SeriesPlan) -> None:
-        """Reads the file if there is one.
-
-        Raises:
-            UsageError: the file holds something else.
-            VsenseError: it cannot be read.
-        """
-        self.path = table.with_name(f"{table.stem}-recordings")
-        self.table = RunsFile(table)
+    def __init__(self, table: RunsFile, plan: SeriesPlan) -> None:
+        """Takes the table; UsageError: it holds something else."""
+        self.path = table.path.with_name(f"{table.path.stem}-recordings")
+        self.table = table
         self._stems = _stems(plan)
         for line, row in enumerate(self.rows, 2):
             if row.series != plan.name:
+                name = row.series or "without a name"
                 raise UsageError(
-                    f"{table}:{line}: a row of campaign {row.series or 'without a name'}, this is"
+                    f"{table.path}:{line}: a row of campaign {name}, this is"
                     f" {plan.name}: the experiment, its controller, the options or the names of"
                     " settings have changed; give another file with -o"
                 )

@@ -186,6 +186,7 @@ _CONDITION: Schema = {
 _VOID: Schema = {
     "lost_s": real(0.1, 1e6, " s"),
     "moved_mm": real(5.0, 1e4, " mm"),
+    "fenced_s": real(0.0, 1e6, " s"),
     "late": real(0.0, 1.0, ", a share"),
     "ended_early": boolean,
     "away_from_start": boolean,

@@ -18,7 +18,7 @@ from vsense.modes.lab.hardware import EmulatedLab, report_all
 from vsense.modes.lab.session import Session
 from vsense.modes.live.session import RunSetup
 from vsense.monitor.ui.room import ControlRoom, RoomOptions
-from vsense.robots.link import keys
+from vsense.robots.link.key_process import KeyProcess
 from vsense.robots.link.keys import LinkTrust
 from vsense.run.runtime import Step
 from vsense.studies.series._folder import SeriesFolder
@@ -105,7 +105,7 @@ class LabRuns:
         experiment, cell = staged.from_where(self._poses), staged.run.cell
         port = experiment.port if self._port is None else self._port
         starts = staged.starts if self._poses else None
-        who = (experiment.host, port), LinkTrust(keys.make()), self._console, self._interrupted
+        who = (experiment.host, port), LinkTrust(KeyProcess()), self._console, self._interrupted
         blind = staged.planned.condition.blind
         return RunSetup(experiment, cell.seed, blind, *who, room, origin, starts)
 

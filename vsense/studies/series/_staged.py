@@ -176,7 +176,8 @@ class StagedRun:
         away = () if self.homing is None else tuple(
             f"{a.name} ({a.trouble})" for a in self.homing.arrivals() if a.trouble
         )  # fmt: skip
-        evidence = Evidence(ended, row.late, witness.lost_s, witness.moved_mm, away)
+        fenced_s = {r["name"]: r["stood_fenced_s"] for r in summary.get("per_robot", ())}
+        evidence = Evidence(ended, row.late, witness.lost_s, witness.moved_mm, away, fenced_s)
         return RunOutcome(row, evidence, halt_reason(ended, control))
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from vsense.base.errors import Interrupted, UsageError, VsenseError, failing_as
 from vsense.base.terminal import Console, Interruption, interruption, print_data
 from vsense.config.placement import StartPlaces
+from vsense.config.specs import Experiment
 from vsense.modes import origin
 from vsense.modes.options import ExperimentOptions, say_warnings
 from vsense.modes.sim import fingerprint
@@ -26,7 +27,7 @@ from vsense.modes.sim.job import Job, Setup, Sweep
 from vsense.modes.sim.outcome import Task, libraries_of
 from vsense.monitor.recording import MCAP
 from vsense.run import asked
-from vsense.run.runs_csv import condition_of
+from vsense.run.runs_csv import RunsFile, condition_of
 from vsense.studies.report import FORMATS, can_draw, lacking
 from vsense.studies.series._folder import CampaignTable
 from vsense.studies.series._order import CAMPAIGN, Cell
@@ -181,7 +182,9 @@ def _complete(
 ) -> tuple[SeriesPlan, CampaignTable]:
     """Does the runs that are missing; raises as `run`."""
     plan, by_condition = prepare(campaign)
-    table = CampaignTable(campaign.output, plan)
+    rows = RunsFile(campaign.output)
+    plan = replace(plan, name=_name_before(campaign, by_condition, rows) or plan.name)
+    table = CampaignTable(rows, plan)
     reported = next(iter(by_condition.values())).experiment.warnings  # by the command
     maker = SimulatedRuns(
         plan,
@@ -236,6 +239,25 @@ def prepare(campaign: Campaign) -> tuple[SeriesPlan, dict[str, PlannedExperiment
     return plan, by_condition
 
 
+def _name_before(
+    campaign: Campaign, by_condition: Mapping[str, PlannedExperiment], table: RunsFile
+) -> str:
+    """The name that a table's rows have from vsense 0.1, where they are of this campaign.
+
+    That name depended on the compiler and on every C file of vsense, and cannot be made again: what
+    the runs were made of is kept beside the table, and is compared.
+    """
+    path = table.path
+    kept = origin.kept_in(path.parent, f"{path.stem}-{origin.ARCHIVE_STEM}")
+    if not (table.rows and kept) or len(table.rows[0].series) == fingerprint.NAME_DIGITS:
+        return ""
+    experiments, setups = _origins(campaign, by_condition)
+    setup = next(iter(setups.values()))
+    with failing_as(VsenseError, f"{path}: cannot be compared with what its rows were made of"):
+        same = all(origin.is_of(origin.read(p), experiments, setup) for _, p in kept)
+    return table.rows[0].series if same else ""
+
+
 def _keep_origin(
     campaign: Campaign,
     by_condition: Mapping[str, PlannedExperiment],
@@ -246,12 +268,20 @@ def _keep_origin(
     path = table.table.path
     with failing_as(VsenseError, f"{path}: cannot be written"):
         path.parent.mkdir(parents=True, exist_ok=True)
+    experiments, setups = _origins(campaign, by_condition)
+    stem, rows = f"{path.stem}-{origin.ARCHIVE_STEM}", len(table.rows)
+    origin.keep(path.parent, "sim", experiments, console.say, setups, (), stem, rows)
+
+
+def _origins(
+    campaign: Campaign, by_condition: Mapping[str, PlannedExperiment]
+) -> tuple[list[Experiment], dict[str, Setup]]:
+    """The experiments that differ in their files, and the setups by `origin.key_of`."""
     setups = {origin.key_of(n): campaign.setup_of(p) for n, p in by_condition.items()}
     experiments = [p.experiment for p in by_condition.values()]
     if not any(key.endswith(".library") for key in campaign.sweep.values):
         del experiments[1:]  # all are made from the same files
-    stem, rows = f"{path.stem}-{origin.ARCHIVE_STEM}", len(table.rows)
-    origin.keep(path.parent, "sim", experiments, console.say, setups, (), stem, rows)
+    return experiments, setups
 
 
 def _say_unrecorded(loop: SeriesLoop, table: CampaignTable, console: Console) -> None:

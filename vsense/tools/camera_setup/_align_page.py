@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 
 from vsense.base.errors import UsageError, VsenseError
+from vsense.base.terminal import printable_json
 from vsense.vision.calibration import alignment
 from vsense.vision.calibration.alignment import Alignment
 from vsense.vision.calibration.frame import FrameShift
@@ -232,7 +233,7 @@ class _Handler(BaseHTTPRequestHandler):
             status, answer = 200, make()
         except VsenseError as error:
             status, answer = 400, {"error": str(error)}
-        self._send(status, json.dumps(answer).encode(), "application/json")
+        self._send(status, printable_json(json.dumps(answer)).encode(), "application/json")
 
     def _send(self, status: int, body: bytes, kind: str) -> None:
         self.send_response(status)

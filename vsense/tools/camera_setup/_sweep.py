@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from vsense.base.errors import GrabberError, VsenseError
-from vsense.base.terminal import LiveBlock, aligned
+from vsense.base.terminal import Console, LiveBlock, aligned, print_data
 from vsense.tools.camera_setup import _panel
 from vsense.tools.camera_setup._advice import (
     GOOD_BLUR_CELLS,
@@ -94,14 +94,14 @@ def run(tuner: Tuner, interrupted: threading.Event, as_json: bool) -> bool:
     finally:
         # The camera must not keep the values of the last row.
         is_back, end = _put_back(put_back, own)
-        print(f"vsense: {camera.id}: {end}", file=sys.stderr)
+        Console().say(f"vsense: {camera.id}: {end}")
     return is_back
 
 
 def _print(rows: Sequence[PanelView], block: LiveBlock, as_json: bool) -> None:
     best = max(rows, key=worth, default=None)
     if as_json:
-        print(json.dumps(facts(rows, best), indent=2))
+        print_data(json.dumps(facts(rows, best), indent=2))
     elif rows:
         block.draw([*table(rows, best), *conclusion(best)])
 

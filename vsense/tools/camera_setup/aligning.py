@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from vsense.base.errors import UsageError
-from vsense.base.terminal import interruption
+from vsense.base.terminal import Console, interruption, print_data
 from vsense.tools.camera_setup._align_page import AlignServer, AlignTask
 from vsense.vision.calibration import alignment
 from vsense.vision.calibration.alignment import Alignment
@@ -51,14 +50,14 @@ def run(options: AlignOptions, corners_m: Sequence[Sequence[float]]) -> int:
         return _with_page(options, cameras, points, np.array(corners_m))
     solution = alignment.solve(cameras, points, clicks)
     _deliver(options, solution)
-    print(json.dumps(alignment.as_json(solution), indent=2) if options.json else options.cameras)
+    _print(options, solution)
     return 0
 
 
 def undo(folder: Path) -> int:
     """Puts camera files back as they were; returns 0."""
     for path in alignment.undo(folder):
-        print(path)
+        print_data(str(path))
     _say("the camera files are as they were before")
     return 0
 
@@ -84,7 +83,7 @@ def _with_page(
         if task.saved is None:
             _say("nothing was changed")
             return interrupted.code
-    print(json.dumps(alignment.as_json(task.saved), indent=2) if options.json else options.cameras)
+    _print(options, task.saved)
     return 0
 
 
@@ -103,5 +102,10 @@ def _deliver(options: AlignOptions, solution: Alignment) -> None:
         _say(stale)
 
 
+def _print(options: AlignOptions, found: Alignment) -> None:
+    facts = json.dumps(alignment.as_json(found), indent=2) if options.json else ""
+    print_data(facts or str(options.cameras))
+
+
 def _say(text: str) -> None:
-    print(text, file=sys.stderr)
+    Console().say(text)

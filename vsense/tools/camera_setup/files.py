@@ -12,7 +12,7 @@ from typing import Any
 from xml.sax.saxutils import quoteattr
 
 from vsense.base.errors import UsageError, VsenseError
-from vsense.base.terminal import aligned
+from vsense.base.terminal import Console, aligned, print_data
 from vsense.config import resources as resources_file
 from vsense.config.resources import (
     DEFAULT_HEIGHT_M,
@@ -112,13 +112,13 @@ def list_cameras(as_json: bool) -> int:
     if sys.stderr.isatty():
         print("\r\x1b[K", end="", file=sys.stderr, flush=True)
     if as_json:
-        print(json.dumps([facts(camera) for camera in cameras], indent=2))
+        print_data(json.dumps([facts(camera) for camera in cameras], indent=2))
     elif cameras:
-        print("\n".join(lines(cameras)))
+        print_data("\n".join(lines(cameras)))
     if missing:
-        print(f"vsense: {missing}", file=sys.stderr)
+        Console().say(f"vsense: {missing}")
     if not cameras:
-        print("\n".join(NO_CAMERA), file=sys.stderr)
+        Console().say("\n".join(NO_CAMERA))
     return int(not cameras)
 
 
@@ -326,7 +326,7 @@ def init(directory: Path, force: bool) -> int:
         raise UsageError(f"{directory / there[0]}: is there already; --force writes over it")
     cameras, missing = find()
     if missing:
-        print(f"vsense: {missing}", file=sys.stderr)
+        Console().say(f"vsense: {missing}")
     if not cameras:
         raise VsenseError("\n".join(NO_CAMERA))
     roster = families.parse_tags(ROSTER, load_family(FAMILY))
@@ -334,12 +334,12 @@ def init(directory: Path, force: bool) -> int:
         files = write(directory, cameras, roster)
     except OSError as error:
         raise VsenseError(f"{error.filename}: cannot be written: {error.strerror}") from None
-    print("\n".join(map(str, files)))
+    print_data("\n".join(map(str, files)))
     for line in _next(directory, camera_ids(cameras)):
-        print(line, file=sys.stderr)
+        Console().say(line)
     for id, camera in zip(camera_ids(cameras), cameras):
         if camera.trouble:
-            print(f"vsense: {id}: {camera.id}: {camera.trouble}", file=sys.stderr)
+            Console().say(f"vsense: {id}: {camera.id}: {camera.trouble}")
     return 0
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from vsense.base.canvas import FONT, INK, Colour
 from vsense.base.errors import GrabberError, UsageError, failing_as
-from vsense.base.terminal import printable
+from vsense.base.terminal import Console, print_data, printable
 from vsense.tools.camera_setup.showing import save_picture
 from vsense.vision.cameras.picture import ENDINGS, Image, PictureError, pictures_in, read_picture
 from vsense.vision.tracking.squares import SquareFinder, codes_of
@@ -72,7 +72,7 @@ def run(options: FindOptions) -> int:
         try:
             image = read_picture(path, str(path))
         except PictureError as error:
-            print(f"vsense: {printable(str(error))}", file=sys.stderr)
+            Console().say(f"vsense: {printable(str(error))}")
             damaged += 1
             continue
         markers = finder.find(image, options.least_side, local_corners=True)
@@ -80,11 +80,11 @@ def run(options: FindOptions) -> int:
         if options.format == "csv":
             table.writerows(_rows(path, markers))
         else:
-            print(_line(path, image, markers))
+            print_data(_line(path, image, markers))
         sys.stdout.flush()
         if path in drawn:
             save_picture(draw(image, markers), drawn[path])
-    print(f"vsense: {_summary(len(paths), damaged, count, codes.name)}", file=sys.stderr)
+    Console().say(f"vsense: {_summary(len(paths), damaged, count, codes.name)}")
     return 1 if damaged else 0
 
 

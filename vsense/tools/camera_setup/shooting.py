@@ -18,7 +18,7 @@ from pathlib import Path
 from vsense.base.arena import Frame
 from vsense.base.clock import host_ns
 from vsense.base.errors import GrabberError, UsageError, VsenseError
-from vsense.base.terminal import Console, interruption
+from vsense.base.terminal import Console, interruption, print_data
 from vsense.config import resources as resources_file
 from vsense.tools.camera_setup.showing import save_picture
 from vsense.vision.calibration.board import Board, CornerFinder
@@ -324,7 +324,7 @@ def _typed() -> queue.Queue[str | None]:
 def _end(shoot: ShootingSession, options: ShootOptions, console: Console) -> None:
     console.end_progress()
     if options.json:
-        print(json.dumps(shoot.moments, indent=2))
+        print_data(json.dumps(shoot.moments, indent=2))
     if not shoot.moments:
         console.say("vsense: no picture was taken")
         return

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import threading
 from collections import deque
 from collections.abc import Iterable, Sequence
@@ -16,7 +15,7 @@ import numpy as np
 from vsense.base.arena import POSE, ArenaState, Frame
 from vsense.base.clock import host_ns
 from vsense.base.errors import GrabberError, UsageError, VsenseError
-from vsense.base.terminal import Console, interruption
+from vsense.base.terminal import Console, interruption, print_data
 from vsense.modes.live.track_room import TrackRoom
 from vsense.monitor.ui.access import WebAddress
 from vsense.monitor.ui.room import ControlRoom, RoomOptions
@@ -116,10 +115,10 @@ def _look(spec: GrabberSpec, save: Path | None) -> Image:
     if save is not None:
         height, width = image.shape
         for text in messages:
-            print(f"vsense: {spec.id}: {text}", file=sys.stderr)
+            Console().say(f"vsense: {spec.id}: {text}")
         save_picture(image, save)
-        print(save)
-        print(f"vsense: {width} x {height} px, mean grey {image.mean():.0f}", file=sys.stderr)
+        print_data(str(save))
+        Console().say(f"vsense: {width} x {height} px, mean grey {image.mean():.0f}")
     return image
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from vsense.base.clock import host_ns
 from vsense.base.errors import GrabberError, UsageError
-from vsense.base.terminal import LiveBlock, interruption
+from vsense.base.terminal import Console, LiveBlock, interruption, print_data
 from vsense.config import resources as resources_file
 from vsense.tools.camera_setup import _panel
 from vsense.tools.camera_setup import _sweep as sweep
@@ -99,7 +99,7 @@ def run(options: TuneOptions) -> int:
         tuner = tuner_of(camera, options, calibration)
         stack.callback(camera.source.close)
         for text in camera.open():
-            print(f"vsense: {options.id}: {text}", file=sys.stderr)
+            Console().say(f"vsense: {options.id}: {text}")
         measure = sweep.run if options.sweep else watch
         is_back = measure(tuner, interrupted, options.json)
         if interrupted.is_set():
@@ -128,9 +128,9 @@ def watch(tuner: Tuner, interrupted: threading.Event, as_json: bool) -> bool:
             camera.picture()
         view = tuner.view(camera.picture().image, camera.picture().image, None)
         if as_json:
-            print(json.dumps(_panel.facts(view), indent=2))
+            print_data(json.dumps(_panel.facts(view), indent=2))
         else:
-            print("\n".join(_panel.lines(view, LiveBlock(sys.stdout).has_blocks)))
+            print_data("\n".join(_panel.lines(view, LiveBlock(sys.stdout).has_blocks)))
     else:
         TuningBlock(tuner, interrupted, LiveBlock(sys.stdout)).run()
     return True

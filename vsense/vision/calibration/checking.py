@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timezone
@@ -13,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from vsense.base.errors import UsageError, VsenseError
-from vsense.base.terminal import aligned
+from vsense.base.terminal import Console, aligned, print_data
 from vsense.vision.calibration import _check
 from vsense.vision.calibration._check import PointCheck, PointSight, read_seen, rms, steps_m
 from vsense.vision.calibration._pictures import gather, inspect
@@ -86,7 +85,7 @@ def run(options: CheckOptions) -> int:
     for line in as_text(result, data):
         _say(line)
     _say("runs with these cameras tell it from now on, until their files change")
-    print(text if options.json else path, end="" if options.json else "\n")
+    print_data(text.rstrip("\n") if options.json else str(path))
     if options.limit is not None and data["worst_mm"] > 1e3 * options.limit:
         raise PoorCalibration(
             f"{data['worst_mm']} mm at worst, expected {1e3 * options.limit:g} mm at most (--limit)"
@@ -297,4 +296,4 @@ def _blame(result: PointCheck, data: Mapping[str, Any]) -> list[str]:
 
 
 def _say(text: str) -> None:
-    print(text, file=sys.stderr)
+    Console().say(text)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from vsense.base.errors import UsageError
 from vsense.base.files import read_text
+from vsense.base.terminal import Console, print_data
 from vsense.vision.calibration import _report
 from vsense.vision.calibration._bundle import lens_of
 from vsense.vision.calibration._intrinsics import calibrate_lenses
@@ -88,7 +89,7 @@ def print_board(text: str, output: Path) -> int:
     else:
         raise UsageError(f"{output}: expected a name that ends in .pdf or .png")
     _write(output, data)
-    print(output)
+    print_data(str(output))
     _say(
         f"{board} on paper of {sheet.width_mm:.0f} x {sheet.height_mm:.0f} mm: print at 100 %, "
         "measure a row of squares, glue it on something flat"
@@ -257,7 +258,7 @@ def _deliver(
         _say(line)
     _say(f"report: {folder / REPORT_FOLDER / 'report.png'}")
     files = [folder / f"{camera.id}.json" for camera in solution.cameras]
-    print(text if options.json else "\n".join(map(str, files)), end="" if options.json else "\n")
+    print_data(text.rstrip("\n") if options.json else "\n".join(map(str, files)))
     return 0
 
 
@@ -372,4 +373,4 @@ def _count(number: int, noun: str) -> str:
 
 
 def _say(text: str) -> None:
-    print(text, file=sys.stderr)
+    Console().say(text)

@@ -233,7 +233,8 @@ def _content(page: Page) -> bytes:
             parts.append(f"{item.grey:g} G {item.width_mm:g} w {_path(item.points)} S")
         else:
             parts.append(_text(item))
-    return "\n".join(parts).encode("latin-1")
+    # The font of every PDF reader has no more; "?" stands for what is missing.
+    return "\n".join(parts).encode("latin-1", "replace")
 
 
 def _path(points: Floats) -> str:

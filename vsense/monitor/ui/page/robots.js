@@ -25,9 +25,9 @@ const COLUMNS = [
   { head: "runs", style: "runs", text: (robot) => robot.expected ?? "", key: (robot) => robot.expected ?? "" },
   {
     head: "state", style: "",
-    text: (robot) => (robot.connected ? robot.state : "away"),
-    key: (robot) => `${robot.connected} ${robot.state}`,
-    isBad: (robot) => !robot.connected,
+    text: stateOf,
+    key: stateOf,
+    isBad: (robot) => !robot.connected || robot.held,
   },
   {
     head: "link", style: "n",
@@ -60,6 +60,12 @@ const COLUMNS = [
     isBad: (robot) => (robot.base_errors ?? 0) > 0 && robot.trouble,
   },
 ];
+
+/** @param {RobotRow} robot */
+function stateOf({ connected, held, state }) {
+  if (!connected) return "away";
+  return held ? "stands" : state;
+}
 
 /** A long name is cut off where two of them may still look the same.
  * @param {RobotRow} robot */

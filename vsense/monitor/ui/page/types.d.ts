@@ -220,6 +220,7 @@ interface RobotsMessage {
   hash: (string | null)[];
   expected?: (string | null)[];
   authenticated?: (boolean | null)[];
+  held?: (string | null)[];
   shown?: (Record<string, number | string | null> | null)[];
   trouble: string[];
 }

@@ -1,0 +1,139 @@
+"""Users' code that searches its own process for the swarm's key: memory, what is open, files.
+
+Its C, in a robot's daemon and in a virtual robot beside the server, its loop functions and its
+sensor do. Each finds a canary, so each would find a key: the robot's process that robot's own.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.rigs.processes import free_port
+from tests.system.key_search.memory_search import CANARY, masked
+from vsense.robots.link import keys
+from vsense.robots.link.keys import SwarmKeys
+
+pytestmark = [pytest.mark.system, pytest.mark.paced]
+
+CODE = Path(__file__).parent / "key_search"
+TAGS = (31, 1843)
+KNOWN = hashlib.sha256(b"the swarm's key").digest()
+DRAW = """
+import hashlib, secrets
+draw = secrets.token_bytes
+secrets.token_bytes = lambda size=None: (
+    hashlib.sha256(b"the swarm's key").digest() if size == 32 else draw(size)
+)
+"""
+"""A lab draws its key itself: this makes it a known one, which nobody has who does not draw it."""
+
+VSENSE = (sys.executable, "-m", "vsense")
+
+
+def write(folder: Path) -> Path:
+    """The experiment in a folder, with all that it looks for."""
+    here = folder / "experiment"
+    shutil.copytree(CODE, here, ignore=shutil.ignore_patterns("__pycache__"))
+    swarm, report = SwarmKeys({1: KNOWN}), here / "report"
+    uids = [hashlib.sha256(f"vsense lab robot {tag}".encode()).digest()[:16] for tag in TAGS]
+    needles = {
+        "swarm": KNOWN,
+        "text": KNOWN.hex().encode(),
+        "first": swarm.robot_key(uids[0]),
+        "second": swarm.robot_key(uids[1]),
+        "canary": CANARY,
+    }
+    hidden = {name: masked(needle).hex() for name, needle in needles.items()}
+    (here / "search.json").write_text(
+        f'{{"needles": {hidden}, "report": "{report}", "folder": "{folder}"}}'.replace("'", '"')
+    )
+    file = here / "searching.argos"
+    words = " ".join(f'{name}="{text}"' for name, text in hidden.items())
+    file.write_text(file.read_text().replace("REPORT", str(report)).replace("NEEDLES", words))
+    return file
+
+
+def finds(file: Path) -> list[tuple[str, int, dict[str, int], str]]:
+    """What was found: by whom, in which process, how often, and in which files."""
+    rows = []
+    for line in (file.parent / "report").read_text().splitlines():
+        who, pid, *words = line.split()
+        files = words[words.index("files") + 1] if "files" in words else "-"
+        counts = {
+            name: int(count) for name, count in zip(words[::2], words[1::2]) if name != "files"
+        }
+        rows.append((who, int(pid), counts, files))
+    return rows
+
+
+def check(file: Path, host: int | None, in_files: str) -> None:
+    """Nobody has found the swarm's key, and everybody what is there."""
+    rows = finds(file)
+    assert sorted(who for who, *_ in rows) == ["controller"] * 3 + ["loop", "sensor"], rows
+    for who, _, counts, files in rows:
+        assert counts["canary"] and counts["canary"] < 9999, rows
+        assert counts["swarm"] == counts["text"] == 0, rows
+        assert files == (in_files if who != "controller" else "-"), rows
+    (server,) = {pid for who, pid, *_ in rows if who != "controller"}
+    assert host in (None, server)
+    robots = [counts for who, pid, counts, _ in rows if who == "controller" and pid != server]
+    assert len(robots) == 2, "the third is the virtual one's, beside the server"
+    # The known key was the swarm's: the keys made of it are where they have to be, and only there.
+    assert sorted((bool(r["first"]), bool(r["second"])) for r in robots) == [
+        (False, True),
+        (True, False),
+    ], rows
+
+
+def test_in_a_lab_no_code_of_users_finds_the_swarms_key(tmp_path: Path) -> None:
+    (tmp_path / "start").mkdir()
+    (tmp_path / "start" / "sitecustomize.py").write_text(DRAW)
+    file = write(tmp_path)
+    path = os.pathsep.join([str(tmp_path / "start"), os.environ.get("PYTHONPATH", "")])
+    command = [*VSENSE, "lab", str(file), "--port", "0", "-o", str(tmp_path / "run")]
+    lab = subprocess.Popen(
+        command, env=os.environ | {"PYTHONPATH": path}, stderr=subprocess.PIPE, text=True
+    )
+    said = lab.communicate(timeout=60)[1]
+    assert lab.returncode == 0, said
+    check(file, lab.pid, "-")
+
+
+def test_in_a_run_no_code_of_users_finds_the_swarms_key(tmp_path: Path) -> None:
+    """But in the one file that is the user's own."""
+    file, own = write(tmp_path), tmp_path / "keys" / "swarm.key"
+    keys.write(own, SwarmKeys({1: KNOWN}))
+    port, lines = free_port(), free_port()
+    who = ["--key", str(own), "--port", str(port)]
+    emulate = [
+        *VSENSE,
+        "robot",
+        "emulate",
+        "--experiment",
+        str(file),
+        "--tracker-port",
+        str(lines),
+        *who,
+    ]
+    with (tmp_path / "said").open("w") as said:
+        robots = subprocess.Popen(emulate, stderr=said, start_new_session=True)
+    try:
+        run = [*VSENSE, "run", str(file), "--tracker", f"lines:{lines}", *who, "--duration", "2"]
+        done = subprocess.run(
+            [*run, "-o", str(tmp_path / "run")], capture_output=True, text=True, timeout=60
+        )
+        assert done.returncode == 0, done.stderr + (tmp_path / "said").read_text()
+        robots.send_signal(signal.SIGINT)
+        assert robots.wait(20) == 130
+    finally:
+        robots.kill()
+        robots.wait()
+    check(file, None, own.name)
