@@ -397,10 +397,10 @@ def test_functions_fit_a_screen() -> None:
 BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
     "vsense in Python": (("vsense",), (".py",), 471, 94200, 400),
-    "the page": (("vsense",), (".js", ".css", ".html"), 42, 5500, 289),
+    "the page": (("vsense",), (".js", ".css", ".html"), 42, 5600, 289),
     "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 238, 26700, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 32, 6800, 510),
-    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 599, 97800, 622),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 599, 97900, 622),
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.mutants import mutants as mutants_module
-from tests.mutants.mutants import FOLDERS, draw, files, mutants, stages_of, try_all
+from tests.mutants.mutants import FOLDERS, Verdict, draw, files, mutants, stages_of, try_all
 from tests.rigs.places import ROOT
 
 PYTHON = '''\
@@ -91,7 +91,7 @@ def test_what_no_test_notices_survives(tmp_path: Path, monkeypatch: pytest.Monke
     checkout(tmp_path, texts, monkeypatch)
     drawn = sorted(draw(files(["vsense"]), 9, 1), key=lambda mutant: mutant.start)
     assert [m.old for m in drawn] == ["2", "*", "3"]
-    assert try_all(drawn, jobs=2) == [drawn[2]]
+    assert try_all(drawn, jobs=2) == [Verdict.KILLED, Verdict.KILLED, Verdict.SURVIVED]
     assert (tmp_path / "vsense/room/thing.py").read_text() == texts["vsense/room/thing.py"]
 
 
@@ -109,7 +109,7 @@ def test_the_library_is_built_as_it_was_after_a_mutant_of_c(
     checkout(tmp_path, texts, monkeypatch)
     drawn = sorted(draw(files(FOLDERS), 9, 1), key=lambda mutant: mutant.path)
     assert [m.path for m in drawn] == ["robot/thing.c", "vsense/room/thing.py"]
-    assert try_all(drawn, jobs=1) == drawn
+    assert try_all(drawn, jobs=1) == [Verdict.SURVIVED, Verdict.SURVIVED]
 
 
 def test_a_library_that_does_not_build_kills_nothing(
@@ -119,3 +119,15 @@ def test_a_library_that_does_not_build_kills_nothing(
     checkout(tmp_path, texts, monkeypatch)
     with pytest.raises(RuntimeError, match="does not build without a change"):
         try_all(draw(files(["vsense"]), 1, 1), jobs=1)
+
+
+def test_a_test_that_fails_without_a_change_kills_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    texts = {
+        "setup.py": "",
+        "vsense/room/thing.py": "def double(x):\n    return 2 * x\n",
+        "tests/room/test_thing.py": "def test_it():\n    assert 1 == 2\n",
+    }
+    checkout(tmp_path, texts, monkeypatch)
+    assert try_all(draw(files(["vsense"]), 2, 1), jobs=1) == [Verdict.UNJUDGED] * 2

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from tests.rigs.places import ROOT
-from vsense.config.experiment import first_robots, load
-from vsense.config.specs import Experiment
+from vsense.config.experiment import SHIPPED_FOLDER, first_robots, load
+from vsense.config.specs import Experiment, Stage
 from vsense.modes.sim._simulation import Simulation
 from vsense.robots.inprocess import ACT_NS
 from vsense.world.entities import BODY_RADIUS_M, Box, Cylinder
@@ -134,3 +134,17 @@ def test_what_decides_a_run_reads_no_clock(name: str) -> None:
     source = (ROOT / "vsense" / f"{name}.py").read_text()
     clocks = r"time|datetime|random|vsense\.base\.clock|vsense\.base import .*clock"
     assert not re.search(rf"^\s*(import|from) ({clocks})\b", source, re.M)
+
+
+def test_no_robot_is_faster_than_the_file_allows(pollutant, tmp_path: Path) -> None:
+    fence = '<vs:geofence v_max="0.05" /></arena>'
+    path = tmp_path / "slow.argos"
+    path.write_text((SHIPPED_FOLDER / "pollutant.argos").read_text().replace("</arena>", fence))
+    speeds_m_s = []
+    for name in ("pollutant", str(path)):
+        run = lived(load(name, SHORT_S, stage=Stage.SIM), pollutant)
+        own = run.record.poses[:, : len(run.record.tags), :2]
+        speeds_m_s.append(np.linalg.norm(np.diff(own, axis=0), axis=-1).max() / 0.1)
+    assert speeds_m_s[0] > 0.07
+    # The e-puck's motors take the next lower step; bodies that are pushed move by 0.1 mm more.
+    assert 0.04 < speeds_m_s[1] <= 0.05 + 1e-3

@@ -46,6 +46,7 @@ class Puppet:
         bus: where it publishes.
         state: that of the run.
         orders: all that were given, with who gave them.
+        fence: of the experiment, see MESSAGES.md; None: it has none.
         made: how the experiment was read, and of which series its run is.
         trouble: what is wrong with robots: tag -> words.
         held: why robots stand alone: tag -> words.
@@ -61,6 +62,7 @@ class Puppet:
         self.state = "ended" if mode == "replay" else "ready"
         self.orders: list[Order] = []
         self.made: dict[str, Any] = {}
+        self.fence: dict[str, Any] | None = None
         self.trouble: dict[int, str] = {}
         self.held: dict[int, str] = {}
         self.camera_trouble: dict[int, tuple[str, str]] = {}
@@ -163,6 +165,8 @@ class Puppet:
         if self._known != self.bus.joined:
             self._known = self.bus.joined
             experiment = play.experiment(self.swarm, self.cameras, self.mode)
+            if self.fence is not None:
+                experiment["arena"] |= {"fence": self.fence}
             self.publish("/experiment", experiment | {"made": self.made})
             self.publish("/world", self.world)
             self.publish("/settings", self.settings())

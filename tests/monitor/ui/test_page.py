@@ -216,6 +216,32 @@ def test_trouble_stands_in_the_banner_and_first_in_the_table(served: Serve, open
     page.until(f"{row}.innerText.includes('run')")
 
 
+def test_the_fence_is_drawn_where_it_is(served: Serve, opened: Open) -> None:
+    puppet = running()
+    tag = puppet.swarm.tags[0]
+    puppet.fence = {
+        "boundary": [(-1.3, -1.0), (1.3, -1.0), (1.3, 1.0), (-1.3, 1.0)],
+        "forbidden": [[(0.9, 0.7), (1.2, 0.7), (1.2, 0.9)]],
+        "keep_off": [{"tag": tag, "distance_m": 0.3}],
+    }
+    _, _, url = served(puppet)
+    page = opened(url)
+    page.until("vsense.arena.drawn.robots.length === 16")
+    reds = """((x, y) => {
+      const { view, canvas } = vsense.arena;
+      const [left, top] = view.spot([x, y, 0]).map(Math.round);
+      const pixels = canvas.getContext("2d").getImageData(left - 2, top - 2, 5, 5).data;
+      return pixels.filter((red, at) => at % 4 === 0 && red > pixels[at + 1] + 60).length;
+    })"""
+    for x, y in [(-1.3, 0.13), (0.07, 1.0), (1.2, 0.8)]:
+        assert page.value(f"{reds}({x}, {y})") >= 5, (x, y)
+    assert page.value(f"{reds}(-1.36, 0.13)") == 0
+    around = f"""(({{x_m, y_m}}) => [...Array(12).keys()].map(angle =>
+      {reds}(x_m + 0.3 * Math.cos(angle), y_m + 0.3 * Math.sin(angle)))
+    )(vsense.arena.drawn.robots.find(robot => robot.tag === {tag}))"""
+    assert max(page.value(around)) >= 5
+
+
 def test_a_camera_that_is_lost_is_shown(served: Serve, opened: Open) -> None:
     puppet, _, url = served(running())
     page = opened(url)

@@ -6,6 +6,8 @@ import base64
 import json
 import time
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +17,8 @@ from tests.run.stage import status
 from tests.world.sensors.scenes import arena_state
 from vsense.base.arena import ArenaState, Frame
 from vsense.base.message_bus import Message, MessageBus
-from vsense.config.experiment import load
+from vsense.config.experiment import SHIPPED_FOLDER, load
+from vsense.monitor.ui import messages
 from vsense.monitor.ui.messages import ExperimentFacts
 from vsense.monitor.ui.publisher import PreviewEncoder, Publisher
 from vsense.robots.link.status import RobotStatus
@@ -269,3 +272,20 @@ def test_pictures_are_made_for_who_looks_and_a_few_per_second() -> None:
     assert {message.topic for message in told} == {"/picture/cam"}
     data = told[0].data
     assert (data["width_px"], data["scale"], told[0].blob[:2]) == (1600, 0.4, b"\xff\xd8")
+
+
+def test_the_fence_of_the_file_is_told_where_robots_stand_for_it(tmp_path: Path) -> None:
+    path = tmp_path / "fenced.argos"
+    fence = """<vs:geofence polygon="-1,-1 1,-1 1,1"><vs:forbidden polygon="0,0 0.5,0 0.5,0.5" />
+      <vs:keep_off tag="52447" distance="0.5" /></vs:geofence></arena>"""
+    path.write_text((SHIPPED_FOLDER / "pollutant.argos").read_text().replace("</arena>", fence))
+    environment = Environment(load(str(path)), seed=1)
+    facts = ExperimentFacts("run", "", False, [CAMERA], {}, Troubles())
+    assert messages.experiment(facts, environment)["arena"]["fence"] == {
+        "boundary": ((-1, -1), (1, -1), (1, 1)),
+        "forbidden": [((0, 0), (0.5, 0), (0.5, 0.5))],
+        "keep_off": [{"tag": 52447, "distance_m": 0.5}],
+    }
+    simulated = messages.experiment(replace(facts, command="sim"), environment)["arena"]
+    unfenced = messages.experiment(facts, Environment(load("pollutant"), seed=1))["arena"]
+    assert simulated == unfenced == {"size_m": [3, 2.4, 1], "centre_m": [0, 0, 0.5]}

@@ -174,7 +174,11 @@ def experiment(facts: ExperimentFacts, environment: Environment) -> Data:
         made=_setup_of(facts, spec),
         timestep_s=spec.timestep_s,
         length_s=spec.length_s or None,
-        arena={"size_m": list(arena.size_m), "centre_m": list(arena.centre_m)},
+        arena={
+            "size_m": list(arena.size_m),
+            "centre_m": list(arena.centre_m),
+            **_fence(facts, spec),
+        },
         robots=[
             {"tag": robot.tag, "name": robot.id, "height_m": spec.marker.height_m}
             for robot in spec.robots
@@ -185,6 +189,25 @@ def experiment(facts: ExperimentFacts, environment: Environment) -> Data:
         calibration=facts.calibration,
         body_radius_m=BODY_RADIUS_M,
     ).data()
+
+
+def _fence(facts: ExperimentFacts, spec: Experiment) -> Data:
+    """The fence that the experiment's file names, where robots stand for it."""
+    fence = spec.geofence
+    if fence is None or facts.command == "sim":
+        return {}
+    tags = {robot.id: robot.tag for robot in spec.robots}
+    tags |= {thing.id: thing.tag for thing in spec.objects}
+    keep_off = [
+        {"tag": tags[id], "distance_m": m} for id, m in fence.keep_off.items() if id in tags
+    ]
+    return {
+        "fence": {
+            "boundary": fence.boundary.corners,
+            "forbidden": [polygon.corners for polygon in fence.forbidden],
+            "keep_off": keep_off,
+        }
+    }
 
 
 def parts(rows: Sequence[Data], run: int, timestep: int) -> Data:

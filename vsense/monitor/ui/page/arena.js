@@ -4,7 +4,7 @@ import { Brush } from "./brush.js";
 import { byId, elements, fit, penOf, press, remember, remembered, write } from "./dom.js";
 import { Ground, pictureOf } from "./ground.js";
 import { FromAbove, aspectOf } from "./projections.js";
-import { drawCones, drawLights, drawPhysicalSolids, drawVirtualSolids, drawZones, rgb, sceneOf } from "./scene.js";
+import { drawCones, drawFence, drawLights, drawPhysicalSolids, drawVirtualSolids, drawZones, rgb, sceneOf } from "./scene.js";
 import { drawChosenRays, drawNames, drawRobots, drawStrangers, drawTrails } from "./scene_robots.js";
 import * as theme from "./theme.js";
 
@@ -109,6 +109,7 @@ export class Arena {
     drawLights(scene);
     if (this.layers.trails) drawTrails(scene);
     if (this.layers.rays) drawChosenRays(scene);
+    drawFence(scene);
     drawStrangers(scene);
     const robots = drawRobots(scene);
     if (this.layers.names) drawNames(scene, robots);

@@ -4,7 +4,7 @@ import { Brush } from "./brush.js";
 import { Ground } from "./ground.js";
 import { Lens } from "./lens.js";
 import { ThroughLens } from "./projections.js";
-import { drawCones, drawLights, drawPhysicalSolids, drawVirtualSolids, drawZones, sceneOf } from "./scene.js";
+import { drawCones, drawFence, drawLights, drawPhysicalSolids, drawVirtualSolids, drawZones, sceneOf } from "./scene.js";
 import { drawRobots, drawStrangers } from "./scene_robots.js";
 import { colours } from "./theme.js";
 
@@ -39,6 +39,7 @@ export class Overlay {
     drawPhysicalSolids(scene);
     drawVirtualSolids(scene);
     drawLights(scene);
+    drawFence(scene);
     drawStrangers(scene);
     drawRobots(scene);
     pen.restore();

@@ -11,12 +11,12 @@ const GLOW = [[0.3, 0.12], [0.18, 0.16], [0.09, 0.3]];
 /** Colours and strengths upon the panel's ground and upon a camera's picture. */
 export const STYLES = {
   above: (/** @type {Record<string, string>} */ colours) => ({
-    zone: colours.muted, virtual: colours.virtual, stranger: colours.stranger, lit: colours.lit,
+    zone: colours.muted, fence: colours.red, virtual: colours.virtual, stranger: colours.stranger, lit: colours.lit,
     rays: [colours.ray, colours.ray2, colours.ray3],
     coneFill: 0.26, coneSource: 3, solidFill: 0.32, ringGlow: 0.28, rayAlpha: 0.85,
   }),
   lens: () => ({
-    zone: "#c8ced6", virtual: "#b984e0", stranger: "#3cc4ae", lit: "#ff4d48",
+    zone: "#c8ced6", fence: "#ff6b66", virtual: "#b984e0", stranger: "#3cc4ae", lit: "#ff4d48",
     rays: ["#4fd0e0", "#e48ad2", "#e0c24a"],
     coneFill: 0.28, coneSource: 2.5, solidFill: 0.35, ringGlow: 0.3, rayAlpha: 0.9,
   }),
@@ -63,6 +63,23 @@ export function drawZones(scene) {
     if (zone.color) brush.fill(outlineOf(zone), 0, colour, 0.28);
     brush.dashes(outlineOf(zone), colour, 1.3);
     drawLabel(scene, zone.id, [zone.x_m, zone.y_m, 0]);
+  }
+}
+
+/** Where no robot may be: beyond the border, in forbidden zones, and around what they keep off.
+ * @param {Scene} scene */
+export function drawFence({ brush, store, arena, style }) {
+  const fence = store.experiment?.arena.fence;
+  if (!fence) return;
+  brush.outline({ corners: fence.boundary }, 0, style.fence, 2);
+  for (const corners of fence.forbidden) {
+    brush.fill({ corners }, 0, style.fence, 0.14);
+    brush.outline({ corners }, 0, style.fence, 1.5);
+  }
+  for (const { tag, distance_m } of fence.keep_off) {
+    const row = arena?.robots.tag.indexOf(tag) ?? -1;
+    const [x, y] = [arena?.robots.x_m[row], arena?.robots.y_m[row]];
+    if (typeof x === "number" && typeof y === "number") brush.dashes({ centre: [x, y], radius: distance_m }, style.fence, 1.5);
   }
 }
 

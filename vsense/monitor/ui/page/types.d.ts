@@ -15,13 +15,19 @@ interface ExperimentMessage {
   blind: boolean;
   timestep_s: number;
   length_s: number | null;
-  arena: { size_m: Vector; centre_m: Vector };
+  arena: { size_m: Vector; centre_m: Vector; fence?: Fence };
   robots: { tag: number; name: string; height_m: number }[];
   objects: { tag: number; name: string }[];
   controllers: Controller[];
   cameras: CameraDescription[];
   body_radius_m: number;
   made: { series?: PlannedRun } | null;
+}
+
+interface Fence {
+  boundary: Point[];
+  forbidden: Point[][];
+  keep_off: { tag: number; distance_m: number }[];
 }
 
 interface Controller {
