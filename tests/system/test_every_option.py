@@ -10,6 +10,7 @@ import shutil
 import signal
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -86,14 +87,27 @@ def said(capsys: pytest.CaptureFixture[str]) -> Iterator[Any]:
     yield run
 
 
-def until(line: str, *patterns: str) -> str:
-    """Starts a command, waits for what it says, and ends it by Ctrl-C; gives all that it said."""
+@contextmanager
+def running(line: str) -> Iterator[Program]:
+    """A command that runs; it ends with the block, also where the test has failed."""
     command = Program([*VSENSE, *line.split()])
-    for pattern in patterns:
-        command.wait_for(pattern)
-    command.process.send_signal(signal.SIGINT)
-    assert command.end() == 130, "".join(command.said)
-    return "".join(command.said)
+    try:
+        yield command
+        if command.process.poll() is None:
+            command.process.send_signal(signal.SIGINT)
+        assert command.end() in (0, 130), "".join(command.said)
+    finally:
+        if command.process.poll() is None:
+            command.process.kill()  # its own processes end with it: tests/system/test_kills.py
+            command.process.wait()
+
+
+def until(line: str, *patterns: str) -> None:
+    """Starts a command, waits for what it says, and ends it by Ctrl-C."""
+    with running(line) as command:
+        for pattern in patterns:
+            command.wait_for(pattern)
+        assert command.process.poll() is None, "".join(command.said)
 
 
 def test_a_lab_takes_all_its_options(folder: Path, said: Any) -> None:
@@ -103,20 +117,16 @@ def test_a_lab_takes_all_its_options(folder: Path, said: Any) -> None:
         " --pace 0.9 --radio 99=-70,11 --battery 0.5 --home --home-virtual-walls --hold --locked"
     )
     words += f" --record --record-images --lenient --json -o out {WATCHED}"
-    lab = Program([*VSENSE, *words.split()])
-    for pattern in ("https://.*to-control-it", "Foxglove: ws://"):
-        lab.wait_for(pattern)
-    lab.wait_for("ready to start: 2 of 2")
-    its = f"--process {lab.process.pid} --json"
-    assert said(f"status {its}")["robots"]["tag"] == PLAYING
-    assert said(f"robot status {its}")["signal_dbm"] == [-70, None]
-    assert said(f"start {its}")["text"]
-    lab.wait_for(r"timestep \d")
-    for order in ("pause", "start", "stop --emergency", "reset"):
-        assert said(f"{order} {its}")["text"]
-    assert vsense(f"handover --force {its}") in (0, 2)
-    lab.process.send_signal(signal.SIGINT)
-    assert lab.end() in (0, 130), "".join(lab.said)
+    with running(words) as lab:
+        for pattern in ("https://.*to-control-it", "Foxglove: ws://", "ready to start: 2 of 2"):
+            lab.wait_for(pattern)
+        its = f"--process {lab.process.pid} --json"
+        assert said(f"status {its}")["robots"]["tag"] == PLAYING
+        assert said(f"robot status {its}")["signal_dbm"] == [-70, None]
+        assert said(f"start {its}")["text"]
+        lab.wait_for(r"timestep \d")
+        for order in ("pause", "start", "stop --emergency", "reset"):
+            assert said(f"{order} {its}")["text"]
     made = json.loads(next(Path("out").rglob("summary.json")).read_text())
     assert (made["seed"], made["blind"]) == (5, True)
 
@@ -127,31 +137,27 @@ def test_robots_are_emulated_measured_and_run(folder: Path, said: Any) -> None:
     words = (
         f"robot emulate 2 --experiment walk.argos {CODE} {CAST} {SWARM} {link} --seed 3 -o robots"
     )
-    robots = Program([*VSENSE, *f"{words} --tracker-port {lines}".split()])
-    robots.wait_for("seed 3; logs in")
-    assert "--key swarm.key" in robots.wait_for("in another terminal: ")
-    words = f"robot link 99,1843 --experiment walk.argos {CODE} {CAST} {link} --wait 20 --for 1"
-    measured = said(f"{words} --json")
-    assert (measured["experiment"], len(measured["robots"])) == ("walk", 2)
-    link = link.replace("127.0.0.1", "0.0.0.0")  # where others' robots could be, too
-    words = f"run walk.argos --tracker lines:{lines} {link} {CODE} {CAST} --robots 2 --duration 1"
-    words += " --seed 4 --blind --set sensor.noise=0 --lenient --virtual-devices"
-    words += " --battery 0.5 --home-virtual-walls --hold --locked --json -o out"
-    run = Program([*VSENSE, *f"{words} {WATCHED}".split()])
-    for pattern in ("https://.*to-control-it", "Foxglove: ws://", "ready to start: 2 of 2"):
-        run.wait_for(pattern)
-    its = f"--process {run.process.pid} --json"
-    for order in ("replace 1843=31", "replace 31=1843"):
-        assert said(f"{order} {its}")["text"]
-    run.wait_for("ready to start: 2 of 2")
-    assert said(f"start {its}")["text"]
-    run.wait_for("the run is over|run 1 is over|has ended|1 s of")
-    assert vsense(f"handover {its} --force") == 0
-    assert run.end() in (0, 130), "".join(run.said)
+    with running(f"{words} --tracker-port {lines}") as robots:
+        robots.wait_for("seed 3; logs in")
+        assert "--key swarm.key" in robots.wait_for("in another terminal: ")
+        words = f"robot link 99,1843 --experiment walk.argos {CODE} {CAST} {link} --wait 20"
+        measured = said(f"{words} --for 1 --json")
+        assert (measured["experiment"], len(measured["robots"])) == ("walk", 2)
+        link = link.replace("127.0.0.1", "0.0.0.0")  # where others' robots could be, too
+        words = f"run walk.argos --tracker lines:{lines} {link} {CODE} {CAST} --robots 2"
+        words += " --duration 1 --seed 4 --blind --set sensor.noise=0 --lenient --virtual-devices"
+        words += " --battery 0.5 --home-virtual-walls --hold --locked --json -o out"
+        with running(f"{words} {WATCHED}") as run:
+            for pattern in ("https://.*to-control-it", "Foxglove: ws://", "ready to start: 2 of 2"):
+                run.wait_for(pattern)
+            its = f"--process {run.process.pid} --json"
+            for order in ("replace 1843=31", "replace 31=1843"):
+                assert said(f"{order} {its}")["text"]
+            assert said(f"start {its}")["text"]
+            run.wait_for("the run is over|run 1 is over|has ended|1 s of")
+            assert vsense(f"handover {its} --force") == 0
     made = json.loads(next(Path("out").rglob("summary.json")).read_text())
     assert (made["seed"], made["blind"]) == (4, True)
-    robots.process.send_signal(signal.SIGINT)
-    assert robots.end() == 130, "".join(robots.said)
 
 
 def test_cameras_are_calibrated_wherever_there_is_a_lab(folder: Path) -> None:
