@@ -156,6 +156,7 @@ def test_robots_are_emulated_measured_and_run(folder: Path, said: Any) -> None:
             assert said(f"start {its}")["text"]
             run.wait_for("the run is over|run 1 is over|has ended|1 s of")
             assert vsense(f"handover {its} --force") == 0
+            run.end()
     made = json.loads(next(Path("out").rglob("summary.json")).read_text())
     assert (made["seed"], made["blind"]) == (4, True)
 
@@ -219,7 +220,7 @@ def test_robots_are_checked_and_calibrated_with_all_options(folder: Path) -> Non
     for trust in ("--key swarm.key", "--insecure"):
         words = f"{tracked} {link} {trust} -o {trust[2]}"
         assert vsense(f"robot check foraging {words} --wait 1") == 1
-        until(f"robot calibrate foraging {words}1 --wait 60", f"{port}")
+        until(f"robot calibrate foraging {words}1 --wait 60", "waiting: 0 of 1 robots")
 
 
 def test_files_take_all_options(folder: Path, said: Any) -> None:
@@ -234,7 +235,6 @@ def test_files_take_all_options(folder: Path, said: Any) -> None:
     named = "--name Mine --license MIT --date 2026-01-02 --pictures --against blind"
     assert vsense(f"pack {made}/mine/kept-sim {asked} {named} -o mine.zip --json") == 0
     assert vsense("reproduce mine.zip --check --json") == 0
-    assert vsense(f"reproduce {made}/shipped.zip -j 1 -o again --trust") in (0,)
     until(
         f"replay {recorded} --speed 2 --insecure {WATCHED}", "https://.*to-control-it", "Foxglove"
     )
