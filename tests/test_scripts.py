@@ -6,6 +6,7 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -179,6 +180,33 @@ def test_bench_runs_every_subject_where_the_caller_is(tree: Path, subject: str) 
     assert place == str(tree.parent / "elsewhere")
     assert (ROOT / module.replace(".", "/")).with_suffix(".py").exists()
     assert given == (f"{subject} --json a b" if module == "tests.bench.main" else "--json a b")
+
+
+IMPORTS = """
+import importlib, importlib.machinery, sys
+find, (module, *hidden) = importlib.machinery.PathFinder.find_spec, sys.argv[1:]
+def find_spec(name, path=None, target=None):
+    return None if name.partition(".")[0] in hidden else find(name, path, target)
+importlib.machinery.PathFinder.find_spec = find_spec
+importlib.import_module(module)
+"""
+OF_TESTS = ("pytest", "hypothesis", "aiohttp", "cryptography", "mcap", "zstandard", "matplotlib")
+OF_TESTS += ("scipy", "distributed", "argcomplete", "foxglove", "xdist")
+"""What the extra `test` brings."""
+
+
+@pytest.mark.parametrize(
+    ("module", "brought"),
+    [
+        ("scripts.site.generated", {"aiohttp", "mcap", "zstandard"}),
+        *(("tests.bench.main", brought) for brought in ({"ziglang"}, set())),
+    ],
+)
+def test_what_scripts_start_needs_their_own_extras_only(module: str, brought: set[str]) -> None:
+    hidden = {*OF_TESTS, "ziglang", "sphinx"} - brought
+    command = [sys.executable, "-c", IMPORTS, module, *sorted(hidden)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_bench_lists_its_subjects(tree: Path) -> None:

@@ -20,8 +20,7 @@ import cv2
 import numpy as np
 
 from scripts.site.contents import ROOT
-from tests.config.conftest import OWN_SENSOR
-from tests.config.tables import at_the_original, with_the_rest
+from tests.config.tables import OWN_SENSOR, at_the_original, with_the_rest
 from vsense.base.errors import ConfigError
 from vsense.base.xml.element import Element
 from vsense.config import argos

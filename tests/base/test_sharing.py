@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import grp
+import json
 import os
 import pwd
 import stat
@@ -134,6 +135,8 @@ def test_the_command_says_what_root_types(
     out = capsys.readouterr().out
     assert f"{lab}: group '{grp.getgrgid(os.getegid()).gr_name}': " in out
     assert "no run has robots" in out
+    assert cli.main(["share", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["folder"] == str(lab)
     lab.chmod(0o777)
     assert cli.main(["share"]) == 1 and "others may enter it" in capsys.readouterr().err
     monkeypatch.setenv("VSENSE_LAB", "")

@@ -11,6 +11,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
@@ -210,6 +211,26 @@ def test_the_pip_is_that_of_this_python(monkeypatch: pytest.MonkeyPatch) -> None
 
     monkeypatch.setattr(metadata, "requires", nowhere)
     assert errors.pip_line("ziglang") == "pip install ziglang"
+
+
+@dataclass
+class Asked:
+    """Stands for a command's record."""
+
+    port: int
+    host: str = "everywhere"
+    where: str = "here"
+
+
+def test_a_field_without_an_option_is_absent_on_purpose_only() -> None:
+    options = argparse.Namespace(port=1, more=2)
+    made = _arguments.fill(Asked, options, "host", where="there")
+    assert made == Asked(1, "everywhere", "there")
+    for absent, named in (((), "host"), (("host", "port"), "port"), (("host", "more"), "more")):
+        with pytest.raises(TypeError, match=f"^Asked: expected .*: {named}$"):
+            _arguments.fill(Asked, options, *absent, where="there")
+    with pytest.raises(TypeError, match=r"^Asked: .*: host, where$"):
+        _arguments.fill(Asked, options)
 
 
 def loaded_by(command: str) -> set[str]:

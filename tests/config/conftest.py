@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.config.tables import OWN_SENSOR
 from vsense.config.experiment import read
 from vsense.config.specs import Experiment
 
@@ -73,18 +74,6 @@ def read_text(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Experim
         return read(text.encode(), "x.argos", folder / "x.argos", length_s)
 
     return read_experiment
-
-
-OWN_SENSOR = """
-import numpy as np
-class Own:
-    name, layout = "own", "f4"
-    def read(self, world, robots):
-        return np.zeros((len(robots), 1))
-def from_xml(element, scope):
-    return Own()
-"""
-"""A sensor of the user's own."""
 
 
 @pytest.fixture(scope="session")

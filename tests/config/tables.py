@@ -6,6 +6,17 @@ import re
 from collections.abc import Iterator
 from typing import NamedTuple
 
+OWN_SENSOR = """
+import numpy as np
+class Own:
+    name, layout = "own", "f4"
+    def read(self, world, robots):
+        return np.zeros((len(robots), 1))
+def from_xml(element, scope):
+    return Own()
+"""
+"""A sensor of the user's own."""
+
 NUMBER = ("", "abc", "nan", "inf", "-inf", "1e308", "-1e308", "1,2", "0x10", "1_000", "1 2", "--1")
 VECTOR = ("", "abc", "1", "1,2", "1,2,3,4", "1 2 3", "nan,0,0", "0,inf,0", "0,0,-1e308", "1,,2")
 WORD = ("", "abc", "nan", "1e308", "True", "1,2")

@@ -7,6 +7,7 @@ used as a new user would, in environments of their own with the sources gone.
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import json
 import os
 import platform
@@ -161,6 +162,17 @@ def test_from_the_wheel_everything_is_possible(dist: Path, minor: int, tmp_path:
     assert ROOT.as_posix() not in missing.stderr
 
 
+def test_every_command_of_every_page_runs_from_the_wheel(dist: Path, tmp_path: Path) -> None:
+    """Each page's in a folder of its own, which has only what the page takes for granted."""
+    python = environment_of(sys.executable, tmp_path / "venv")
+    wheel = f"{wheel_for(dist, platform.machine())}[all]"
+    run(sys.executable, *INSTALL, python, "install", "--no-compile", wheel)
+    environment = clean_environment(tmp_path / "cache", VSENSE_PROGRAMS=str(python.parent))
+    pages = ("-m", "pytest", "-m", "campaign", "tests/site/test_blocks.py")
+    done = run(sys.executable, *pages, cwd=ROOT, env=environment)
+    assert " passed" in done.stdout and "skipped" not in done.stdout
+
+
 def test_the_sdist_builds_and_tests_itself(dist: Path, tmp_path: Path) -> None:
     (packed,) = dist.glob("*.tar.gz")
     with tarfile.open(packed) as archive:
@@ -175,6 +187,23 @@ def test_the_sdist_builds_and_tests_itself(dist: Path, tmp_path: Path) -> None:
     )
     done = run(tree / "scripts/test", *some, cwd=tree, env=environment)
     assert " passed" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("docs",), "build/docs/html/index.html\n"),
+        (("bench", "robot", "--json"), '"steps"'),
+    ],
+    ids=["docs", "bench"],
+)
+def test_scripts_work_in_a_fresh_clone(words: tuple[str, ...], says: str, tmp_path: Path) -> None:
+    tree = copy_of_sources(tmp_path / "tree")
+    environment = clean_environment(tmp_path / "cache", PYTHON=sys.executable)
+    name, *arguments = words
+    done = run(tree / "scripts" / name, *arguments, cwd=tmp_path, env=environment)
+    assert says in done.stdout
+    assert importlib.util.find_spec("pytest") and not list(tree.glob(".venv/lib/*/*/pytest"))
 
 
 def test_its_bill_of_materials_is_valid_and_has_every_file(dist: Path) -> None:

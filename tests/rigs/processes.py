@@ -1,4 +1,4 @@
-"""Processes of this machine, its free ports, and a lab whose lines can be waited for."""
+"""Processes of this machine, its free ports, and commands whose lines can be waited for."""
 
 from __future__ import annotations
 

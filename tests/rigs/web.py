@@ -6,11 +6,14 @@ import asyncio
 import contextlib
 import json
 import socket
+import subprocess
 from collections.abc import Awaitable, Callable
+from pathlib import Path
 from typing import Any
 
 import aiohttp
 
+from tests.conftest import require_tool
 from vsense.monitor.ui.access import Tokens
 
 TOKENS = Tokens("to-look-only", "to-control-it")
@@ -18,6 +21,17 @@ PATIENCE_S = 30.0
 Talk = Callable[[aiohttp.ClientSession], Awaitable[Any]]
 HALF = b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX-"
 """A request that does not end."""
+
+
+def page_options(folder: Path) -> str:
+    """Options of a page with a file for each: it has tokens, and a certificate of OpenSSL's."""
+    tokens, pair = folder / "tokens", (folder / "page.pem", folder / "page-key.pem")
+    tokens.write_text(f"look={TOKENS.look}\ncontrol={TOKENS.control}\n")
+    tokens.chmod(0o600)
+    make = "req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -subj /CN=lab -days 1"
+    words = [require_tool("openssl", "openssl"), *make.split(), "-out", pair[0], "-keyout", pair[1]]
+    subprocess.run(words, check=True, capture_output=True)
+    return f"--web 0 --web-tokens {tokens} --web-cert {pair[0]} --web-key {pair[1]}"
 
 
 def talk(what: Talk) -> Any:

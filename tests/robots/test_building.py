@@ -15,6 +15,7 @@ from tests.bench import robot as robot_bench
 from tests.conftest import require_tool, require_zig
 from tests.robots.conftest import ROOT
 from vsense import cli
+from vsense.base.errors import UsageError
 from vsense.robots import boards
 from vsense.robots.build import source_tree
 from vsense.robots.compiling import HASH_DIGITS, BuildError, Toolchain
@@ -83,6 +84,29 @@ def test_host_build_through_the_command(
     assert len(facts["hash"]) == HASH_DIGITS
 
 
+def test_sources_and_headers_of_argos_are_named(
+    tmp_path: Path,
+    without_zig: None,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    require_tool("c++", "build-essential")
+    monkeypatch.chdir(tmp_path)
+    walk = ROOT / "tests" / "system" / "walk.cpp"
+    (tmp_path / "pace.h").write_text("#define WALK_CM_S 4.0\n")
+    text = (ROOT / "vsense/config/experiments/foraging.argos").read_text()
+    text = text.replace("foraging_controller", "walk_controller")
+    text = text.replace('library="foraging"', 'library="walk"')
+    (tmp_path / "walk.argos").write_text(text)
+    shutil.copy(ROOT / "vsense/config/experiments/foraging.py", tmp_path)
+    words = ["--sources", f"walk={walk}", "--include", ".", "--target", "host", "--json"]
+    one = ["--controller", "walk", "--label", "walk_controller"]
+    for named in (one, ["--experiment", "walk.argos"]):
+        assert cli.main(["robot", "build", *named, *words]) == 0
+        facts = json.loads(capsys.readouterr().out)
+        assert Path((facts if named is one else facts[0])["controller"]) == walk
+
+
 def test_hash_is_of_the_controller_and_its_own_headers(tmp_path: Path) -> None:
     require_tool("cc", "build-essential")
     compiler = boards.native()
@@ -105,7 +129,7 @@ def test_no_cross_compiler_names_both_that_there_are(
     name: str, without_zig: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(BuildError, match=r"pip install ziglang==[0-9.]+ .*apt install gcc-") as no:
+    with pytest.raises(UsageError, match=r"pip install ziglang==[0-9.]+ .*apt install gcc-") as no:
         boards.toolchain(boards.TARGETS[name], tmp_path)
     assert "\n" not in str(no.value)
 

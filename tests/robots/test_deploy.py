@@ -23,6 +23,7 @@ from types import SimpleNamespace
 import pytest
 
 from tests.conftest import require_tool
+from tests.rigs.places import ROOT
 from tests.rigs.processes import is_alive
 from tests.robots import rosters
 from tests.robots.rosters import FAKE_DAEMON, deploy, write_program
@@ -38,6 +39,8 @@ from vsense.robots.link.server import LinkEvent, VirtualSensorServer
 from vsense.robots.sources import ProgramSources
 from vsense.run.environment import Environment
 from vsense.run.robots import make_server
+
+WALK = ROOT / "tests" / "system" / "walk.cpp"
 
 
 def line(fifo: int) -> int:
@@ -252,6 +255,10 @@ def test_a_controller_alone_is_replaced(
     assert "controller mine.c-pi-puck 0123456789ab" in capsys.readouterr().out
     assert {p: p.read_bytes() for p in before} == before
     assert "mine.c" in (board / "usr/local/bin/vsensed").read_text()
+    walk = ["--controller", "walk", "--sources", f"walk={WALK}", "--include", "."]
+    (tmp_path / "pace.h").write_text("#define WALK_CM_S 4.0\n")
+    assert cli.main([*words[:2], *walk, "--label", "walk_controller"]) == 0
+    assert "controller walk.cpp-epuck 0123456789ab" in capsys.readouterr().out
     assert cli.main([*words, "--rollback"]) == 2
     assert "--controller and --rollback: expected one of them" in capsys.readouterr().err
 
@@ -302,6 +309,9 @@ def test_an_experiment_brings_each_robot_its_own_program(
         words += ["--experiment", "predator_prey"]
         assert deploy(tmp_path, "right tag=5 spare=true\n", *words) == 2
         assert "has no part for 5: --replace TAG=5 brings one's; its" in capsys.readouterr().err
+        line = f"right tag=5 base={bases.bases[1]} spare=true\n"
+        assert deploy(tmp_path, line, *words, "--replace", f"{prey}=5", "--force") == 0
+        assert "controller prey " in capsys.readouterr().out
     finally:
         bases.close()
 
@@ -394,6 +404,7 @@ def test_what_ssh_refuses_comes_with_the_way_out(
 def test_ssh_is_told_the_options(boards: Path, tmp_path: Path) -> None:
     write_program(tmp_path / "path" / "ssh", 'echo "$@" >>"$BOARDS/ssh"; exit 255')
     words = ["--ssh-option", "HostKeyAlgorithms=+ssh-rsa", "--ssh-option", "MACs=+hmac-md5"]
+    words += ["--roster", "robots.toml", "--service", "init", "--binary", "vsensed"]
     assert deploy(tmp_path, "board tag=1\n", *words) == 1
     expected = "-o HostKeyAlgorithms=+ssh-rsa -o MACs=+hmac-md5 board d=$(mktemp"
     assert expected in (boards / "ssh").read_text()

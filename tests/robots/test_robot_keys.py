@@ -121,6 +121,14 @@ def test_a_new_key_names_whom_it_did_not_reach_and_locks_nobody_out(
     # Another key 3 would pass for the one that robots were brought.
     assert "a key that another follows, there are: 2; the newest is 3" in capsys.readouterr().err
     assert keys.read(file).keys.keys() == {2, 3}
+    assert ask("--key", str(file), "--forget", "2") == 0
+    assert keys.read(file).keys.keys() == {3}
+    write_program(boards / "bin" / "sudo", 'shift; PATH="$BOARDS/bin:$PATH" exec "$@"')
+    words = ("--roster", "robots.toml", "--tags", "2", "--sudo", "--force")
+    capsys.readouterr()
+    assert ask("--key", str(file), *words, "--ssh-option", "Port=22", "--json") == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert [robot["tag"] for robot in facts["robots"] if robot["key"] == 3] == [2]
 
 
 def test_a_robot_that_was_away_is_renewed_by_the_next_deploy_of_anything(

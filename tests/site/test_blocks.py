@@ -39,6 +39,9 @@ ELSEWHERE = {
 """Commands that are not run here, by a pattern of their beginning, and why."""
 
 
+PROGRAMS = Path(os.environ.get("VSENSE_PROGRAMS", Path(sys.executable).parent))
+"""Where `vsense` is; the tests of a release have that of an environment with the wheel."""
+
 END = ('[ -z "$emulated" ] || kill -INT "$emulated"', "wait")
 
 
@@ -82,8 +85,8 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A recording with pictures, as readers of the pages have one."""
     folder = tmp_path_factory.mktemp("recording") / "run"
     lab = "lab pollutant --robots 3 --duration 3 --port 0 --record --record-images --output"
-    command = [sys.executable, "-m", "vsense", *lab.split(), str(folder)]
-    subprocess.run(command, check=True, capture_output=True, timeout=300)
+    command = [PROGRAMS / "vsense", *lab.split(), folder]
+    subprocess.run(command, cwd=folder.parent, check=True, capture_output=True, timeout=300)
     return folder / "pollutant.mcap"
 
 
@@ -120,7 +123,7 @@ def test_commands_of_a_page_run(page: str, tmp_path: Path, recording: Path) -> N
     script = tmp_path / "page.sh"
     trap = "trap 'echo \"failed: $BASH_COMMAND\" >&2' ERR"
     script.write_text("\n".join(["set -eEu", trap, 'emulated=""', *lines, *END]) + "\n")
-    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    path = f"{PROGRAMS}{os.pathsep}{os.environ['PATH']}"
     environment = {**os.environ, "PATH": path, "HOME": str(tmp_path), "XDG_CONFIG_HOME": ""}
     done = subprocess.run(
         ["bash", str(script)], cwd=tmp_path, env=environment, capture_output=True, timeout=900

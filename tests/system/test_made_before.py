@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -62,9 +63,11 @@ def test_its_recordings_are_exported_and_reported(
 def test_its_packages_are_made_anew_in_every_bit(
     made: Path, words: tuple[str, ...], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    package, *trust = words
-    code, out = vsense(capsys, "reproduce", made / package, *trust, "--json")
+    package, *more = words
+    again = made / "again"
+    code, out = vsense(capsys, "reproduce", made / package, *more, "-j", 1, "-o", again, "--json")
     assert code == 0, out
+    assert os.listdir(again)
 
 
 def test_its_series_goes_on(made: Path, capsys: pytest.CaptureFixture[str]) -> None:

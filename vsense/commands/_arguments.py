@@ -16,7 +16,6 @@ from typing import Any, NoReturn, TypeVar
 from vsense.base.errors import UsageError
 from vsense.monitor.ui.access import FOXGLOVE_PORT, FoxgloveAddress, WebAddress
 from vsense.robots.sources import CodeOptions
-from vsense.studies.report import FORMATS
 
 Options = TypeVar("Options")
 
@@ -157,14 +156,6 @@ class ListShipped(argparse.Action):
 
         sys.stdout.write("".join(f"{name}\n" for name in shipped()))
         parser.exit()
-
-
-def add_charts(parser: argparse.ArgumentParser) -> None:
-    """Declares how charts are drawn and kept."""
-    group = parser.add_argument_group("charts")
-    group.add_argument("--format", choices=FORMATS, help="of their files (default: png)")
-    text = "a Matplotlib style sheet (.mplstyle), or the name of one; a matplotlibrc counts, too"
-    option(group, "--style", str, "FILE_OR_NAME", text)
 
 
 def address(text: str) -> tuple[str, int]:
@@ -366,10 +357,16 @@ def add_bases(parser: Any, bases: Sequence[str]) -> None:
     flag(parser, "--firmware-watchdog", text)
 
 
-def fill(kind: type[Options], options: argparse.Namespace, **given: Any) -> Options:
-    """Makes a dataclass of the options that are named as its fields, and of `given`."""
+def fill(kind: type[Options], options: argparse.Namespace, *absent: str, **given: Any) -> Options:
+    """Makes a dataclass of the options that are named as its fields, and of `given`.
+
+    A command that has no option for a field says so: `absent` names those that keep their defaults.
+    """
     names = {field.name for field in fields(kind)} - given.keys()  # type: ignore[arg-type]
-    return kind(**{name: getattr(options, name) for name in names if name in options}, **given)
+    if (without := {name for name in names if name not in options}) != set(absent):
+        wrong = ", ".join(sorted(without ^ set(absent)))
+        raise TypeError(f"{kind.__name__}: expected an option, or no word of its absence: {wrong}")
+    return kind(**{name: getattr(options, name) for name in names - without}, **given)
 
 
 def add_code(parser: argparse.ArgumentParser) -> None:

@@ -134,18 +134,20 @@ def add_room(parser: argparse.ArgumentParser) -> None:
 
 
 def room_of(options: argparse.Namespace) -> RoomOptions:
-    """Returns what `add_room` declares."""
+    """Returns what `add_room` declares; raises as `RoomOptions.check`, before anything is built."""
     from vsense.monitor.ui.room import RoomOptions
 
     doors = {"web": _arguments.web_of(options), "foxglove": _arguments.foxglove_of(options)}
-    return _arguments.fill(RoomOptions, options, **doors, series=None, tokens=None)
+    room = _arguments.fill(RoomOptions, options, **doors, series=None, tokens=None)
+    room.check()
+    return room
 
 
-def staged_of(options: argparse.Namespace) -> dict[str, Any]:
-    """Control room and link, as `add_room` and the commands declare them."""
+def staged_of(options: argparse.Namespace, *absent: str) -> dict[str, Any]:
+    """Control room and link, as `add_room` and the commands declare them; `absent` as in `fill`."""
     from vsense.modes.live.opening import LinkOptions
 
-    return {"room": room_of(options), "link": _arguments.fill(LinkOptions, options)}
+    return {"room": room_of(options), "link": _arguments.fill(LinkOptions, options, *absent)}
 
 
 def options_of(

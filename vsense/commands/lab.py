@@ -76,7 +76,9 @@ def run(options: argparse.Namespace) -> int:
     asked = _experiments.options_of(options, Stage.LAB)
     if _experiments.is_dry(options, asked):
         return 0
-    given = {"experiment": asked, "lab": lab_of(options)} | _experiments.staged_of(options)
+    # The lab has robots, keys and cameras of its own.
+    staged = _experiments.staged_of(options, "host", "key", "tracking", "tracker")
+    given = {"experiment": asked, "lab": lab_of(options), **staged}
     return experiment.run(_arguments.fill(LabOptions, options, **given))
 
 

@@ -7,10 +7,11 @@ import json
 from contextlib import suppress
 from pathlib import Path
 
+from vsense.base import errors
 from vsense.base.terminal import Console, print_data
 from vsense.commands import _arguments
 from vsense.monitor import recording
-from vsense.studies.report import Questions
+from vsense.studies.report import FORMATS, Questions
 
 DESCRIPTION = (
     "Makes report.html, one page that holds everything it shows, and its charts as PNG, SVG or PDF:"
@@ -37,9 +38,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " with -report; of several: report)"
     )
     _arguments.option(parser, "-o --output", Path, "FOLDER", text)
-    _arguments.add_charts(parser)
+    add_charts(parser)
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")
     add_questions(parser)
+
+
+def add_charts(parser: argparse.ArgumentParser) -> None:
+    """Declares how charts are drawn and kept."""
+    group = parser.add_argument_group("charts")
+    group.add_argument("--format", choices=FORMATS, help="of their files (default: png)")
+    text = "a Matplotlib style sheet (.mplstyle), or the name of one; a matplotlibrc counts, too"
+    _arguments.option(group, "--style", str, "FILE_OR_NAME", text)
+
+
+def check_charts(options: argparse.Namespace) -> None:
+    """Refuses what `add_charts` declares where nothing is there that draws."""
+    if options.format or options.style:
+        errors.require("charts need", "matplotlib")
 
 
 def add_questions(parser: argparse.ArgumentParser) -> None:
@@ -92,6 +107,7 @@ def _margin(text: str) -> tuple[str, float]:
 def run(options: argparse.Namespace) -> int:
     """Makes the report; see `vsense.studies.report.report`."""
     recording.require()
+    check_charts(options)
     from vsense.studies.report.report import ReportOptions, report
 
     asked = {name: getattr(options, name) for name in ("by", "against", "measure", "same", "seed")}
@@ -106,7 +122,9 @@ def run(options: argparse.Namespace) -> int:
 
 
 def questions_of(options: argparse.Namespace) -> Questions:
-    """What is asked of tables, as `add_questions` declares it."""
+    """What is asked of tables, as `add_questions` declares it; UsageError: SciPy is needed."""
+    if options.same:
+        errors.require("statistical tests need", "scipy")
     plain = Questions()
     return Questions(
         by=options.by or plain.by,

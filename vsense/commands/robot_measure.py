@@ -21,6 +21,7 @@ from vsense.modes.lab.hardware import BASES
 from vsense.modes.live import opening
 from vsense.modes.live.opening import LinkOptions
 from vsense.modes.options import choose_seed
+from vsense.monitor.ui.room import RoomOptions
 from vsense.robots.link.key_process import KeyProcess
 from vsense.robots.link.keys import LinkTrust
 from vsense.tools.robot_calibration import measuring
@@ -132,7 +133,8 @@ def _measuring(options: argparse.Namespace, roster: Roster | None) -> Iterator[M
     """Reads what the options name, and takes the robots.
 
     Raises:
-        UsageError: no tracker is named, or two are; or the robots have no keys.
+        UsageError: no tracker is named, or two are; the robots have no keys; the page lacks
+            something.
         LeasedError: another run has some of the robots.
     """
     stage = Stage.LAB if options.lab else Stage.RUN
@@ -148,7 +150,9 @@ def _measuring(options: argparse.Namespace, roster: Roster | None) -> Iterator[M
     port = 0 if options.lab and options.port is None else port
     tags = [robot.tag for robot in experiment.robots]
     lease = partial(opening.lease_robots, tags, options.command, experiment.name, host)
+    web = _arguments.web_of(options)
     with nullcontext() if options.lab else lease():
+        opening.check_ports(RoomOptions(web), LinkOptions(host, port), experiment)
         seed = choose_seed(options.seed, experiment)
         experiment = settle(experiment, seed, options.lab)
         yield MeasuringOptions(
@@ -159,7 +163,7 @@ def _measuring(options: argparse.Namespace, roster: Roster | None) -> Iterator[M
             tracking=options.tracking,
             lab=_lab_of(options, experiment) if options.lab else None,
             roster=roster,
-            web=_arguments.web_of(options),
+            web=web,
             wait_s=options.wait,
             output=options.output,
             as_json=options.json,

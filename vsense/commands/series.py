@@ -90,10 +90,16 @@ def run(options: argparse.Namespace) -> int:
 def options_of(
     options: argparse.Namespace, mode: str | None, output: Path | None, **given: Any
 ) -> SeriesOptions:
-    """Returns what `add_making` declares, and the others of `vsense series`."""
+    """Returns what `add_making` declares, and the others of `vsense series`.
+
+    Raises as `RoomOptions.check`, before anything is built.
+    """
     # Every run is a series' and begins by itself.
     doors = {"web": _arguments.web_of(options), "foxglove": _arguments.foxglove_of(options)}
     once = {"hold": False, "runs": 1, "series": None, "tokens": None}
+    room = _arguments.fill(RoomOptions, options, **doors, **once)
+    if not options.dry:
+        room.check()
     return _arguments.fill(
         SeriesOptions,
         options,
@@ -101,7 +107,7 @@ def options_of(
         output=output,
         code=_arguments.code_of(options),
         replace=tuple(options.replace),
-        room=_arguments.fill(RoomOptions, options, **doors, **once),
+        room=room,
         lab=lab.lab_of(options),
         link=_arguments.fill(LinkOptions, options),
         bringer=None if options.no_deploy else partial(series_robots.bringer, options),

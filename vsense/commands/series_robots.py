@@ -15,6 +15,7 @@ from vsense.commands import run as run_command
 from vsense.config.roster import Roster
 from vsense.config.specs import Experiment
 from vsense.robots import boards
+from vsense.robots.build import cache_directory
 from vsense.robots.deploying import Part, Plan
 
 
@@ -42,7 +43,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def bringer(
     options: argparse.Namespace, roster: Roster | None, console: Console
 ) -> Callable[[Experiment, Collection[int]], Mapping[int, str]]:
-    """What brings robots their controllers; UsageError: nobody says how they are reached."""
+    """What brings robots their controllers.
+
+    Raises:
+        UsageError: nobody says how they are reached, or there is no compiler for their boards.
+    """
     from vsense.commands.robot import build_programs
 
     if roster is None:
@@ -50,6 +55,7 @@ def bringer(
             "conditions have different controllers, which are brought to robots: expected --roster"
             " FILE that says how they are reached, or --no-deploy"
         )
+    boards.toolchain(boards.TARGETS[options.target], cache_directory())
     how = Plan(sudo=options.sudo, ssh_options=tuple(options.ssh_option), part=Part.DAEMON)
 
     def bring(experiment: Experiment, tags: Collection[int]) -> Mapping[int, str]:

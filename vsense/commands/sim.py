@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from vsense.base.errors import UsageError
-from vsense.commands import _arguments, _experiments
+from vsense.commands import _arguments, _experiments, report
 from vsense.config.specs import Stage
 from vsense.modes.sim import experiment
 from vsense.modes.sim.experiment import SimOptions
@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     _add_page(parser)
     _add_campaign(parser)
-    _arguments.add_charts(parser)
+    report.add_charts(parser)
 
 
 def _add_page(parser: argparse.ArgumentParser) -> None:
@@ -129,6 +129,7 @@ def _check(options: argparse.Namespace, many: bool) -> None:
         if options.web is None and (options.hold or options.speed or options.foxglove):
             raise UsageError("--hold, --speed, --foxglove: only with --web, which shows the run")
         return
+    report.check_charts(options)
     if options.seed is not None:
         raise UsageError("--seed: a campaign has --seeds")
     if options.web or options.hold or options.speed or options.foxglove:

@@ -17,9 +17,9 @@ from vsense.monitor.recording._player import Player
 from vsense.monitor.recording.reader import Recording, open_recording
 from vsense.monitor.recording.resense import ResenseComparison, Resensing
 from vsense.monitor.recording.retrack import RetrackComparison, Retracking
-from vsense.monitor.ui._foxglove_server import check_foxglove
 from vsense.monitor.ui._watchers import WatchedBus, WatchOptions, start_watchers, wanted_watchers
 from vsense.monitor.ui.access import FoxgloveAddress, WebAddress
+from vsense.monitor.ui.room import RoomOptions
 from vsense.run.orders import Order, OrderKind
 from vsense.vision.tracking.recorded_tracker import change_settings, of_session
 from vsense.vision.tracking.specs import TrackingSession
@@ -89,7 +89,7 @@ def _check(options: ReplayOptions) -> None:
         raise UsageError("--experiment belongs to --resense")
     if not (options.retrack or options.resense):
         assert options.web is not None, "who plays it"
-        check_foxglove(options.foxglove, (options.web.port,))
+        RoomOptions(options.web, options.foxglove).check()
 
 
 def _play(opened: Recording, options: ReplayOptions, console: Console, stack: ExitStack) -> None:

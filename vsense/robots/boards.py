@@ -96,7 +96,7 @@ def toolchain(target: Target, cache: Path) -> Toolchain:
         cache: folder in which zig keeps what it has compiled, its C library above all.
 
     Raises:
-        BuildError: there is none here; the message says how to get one.
+        UsageError: there is none here; the message says how to get one.
     """
     zig = _zig(target, cache)
     if zig is not None:
@@ -106,7 +106,7 @@ def toolchain(target: Target, cache: Path) -> Toolchain:
         return replace(toolchain, flags=SMALL)
     command, *flags = target.debian
     if shutil.which(command) is None:
-        raise BuildError(
+        raise UsageError(
             f"no compiler for {target.name} boards: install one with: {pip_line('ziglang')}"
             f" (or, for Debian's: sudo apt install {target.package})"
         )
@@ -164,8 +164,8 @@ def build(controller: str | ProgramSources, target: str, output: Path) -> Built:
         output: where it goes; what was there is replaced whole, or stays as it is.
 
     Raises:
-        UsageError: no such controller.
-        BuildError: no compiler, a source that does not compile, or it cannot be written.
+        UsageError: no such controller, or no compiler.
+        BuildError: a source that does not compile, or it cannot be written.
     """
     tree = source_tree()
     program = tree.program(controller)

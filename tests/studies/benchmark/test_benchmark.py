@@ -161,6 +161,17 @@ def test_dry_touches_nothing(
     assert os.listdir(tmp_path) == []
 
 
+def test_a_first_look_needs_a_roster_of_four(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("robots.toml").write_text("".join(f"[[robot]]\ntag = {tag}\n" for tag in range(20, 24)))
+    words = ["benchmark", "--quick", "--dry", "--tracker", "lines", "--json"]
+    for mode in ("run", "lab"):
+        assert cli.main([*words, "--mode", mode, "--roster", "robots.toml"]) == 0
+        assert json.loads(capsys.readouterr().out)["robots"] == 4
+
+
 @pytest.mark.parametrize(
     ("words", "robots", "expected"),
     [

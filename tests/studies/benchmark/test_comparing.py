@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from vsense import cli
 from vsense.base.errors import UsageError
 from vsense.run.runs_csv import RunRow
 from vsense.studies.benchmark import _definition
@@ -66,6 +67,15 @@ def test_two_labs_are_tested_mission_by_mission(tmp_path: Path) -> None:
     alone = compare([here, there], independent=True, tests=True)
     assert alone.studies[0].measures[0].pairs[0].n == (10, 10)
     assert json.loads(json.dumps(found.as_json()))["labs"][1]["site"] == "there"
+
+
+def test_a_comparison_has_a_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    labs = [str(written(tmp_path / name, name, shift)) for name, shift in (("a", 0.0), ("b", 8.0))]
+    page = tmp_path / "page"
+    words = ["benchmark", "compare", *labs, "--unpaired", "--json", "--report", str(page)]
+    assert cli.main(words) == 0
+    assert json.loads(capsys.readouterr().out)["labs"][1]["site"] == "b"
+    assert "<html" in (page / "report.html").read_text()
 
 
 @pytest.mark.parametrize(

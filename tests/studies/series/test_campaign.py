@@ -88,7 +88,7 @@ def test_without_matplotlib_a_campaign_lacks_its_picture_only(
 ) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     path = tmp_path / "r.csv"
-    assert sim("pollutant", *SHORT, "--runs", "1", "--format", "pdf", "--json", "-o", path) == 0
+    assert sim("pollutant", *SHORT, "--runs", "1", "--json", "-o", path) == 0
     said = capsys.readouterr()
     assert said.err.count("pip install 'matplotlib>=3.") == 1
     assert json.loads(said.out)["file"] == str(path)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import socket
 from pathlib import Path
 
 import pytest
@@ -115,6 +116,22 @@ def test_what_does_not_fit_is_told_before_anything_runs(
     plan.write_text(PLAN.replace(before, after))
     assert series(plan) == 2
     assert words in capsys.readouterr().err
+    assert os.listdir(plan.parent) == ["walks.toml"]
+
+
+@pytest.mark.parametrize("mode", ["lab", "run"])
+def test_ports_that_cannot_be_had_are_told_before_robots_start(
+    plan: Path, mode: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [plan, "--mode", mode, "--tracker", "lines", "--insecure", "--no-deploy"]
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        for option in ("--web", "--foxglove", "--port"):
+            free = [] if option == "--port" else ["--port", "0"]
+            assert series(*words, *free, option, port) == 1
+            assert f"port {port}" in capsys.readouterr().err
+    assert series(*words, "--port", "4050", "--web", "4050") == 2
+    assert "--web: 4050 is a port for robots, too" in capsys.readouterr().err
     assert os.listdir(plan.parent) == ["walks.toml"]
 
 

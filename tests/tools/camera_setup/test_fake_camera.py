@@ -18,7 +18,9 @@ import pytest
 
 from tests.conftest import require_library, require_tool
 from tests.rigs.places import ROOT
+from tests.rigs.web import page_options
 from vsense.config import resources
+from vsense.vision.cameras.camera import Camera
 
 pytestmark = pytest.mark.system
 
@@ -121,6 +123,16 @@ def test_from_the_list_to_a_file_that_loads(camera: Simulator, tmp_path: Path) -
     path = str(tmp_path / "resources.xml")
     told = json.loads(run("tune", own, "--resources", path, "--json").stdout)
     assert (told["width_px"], told["exposure_us"], told["tags"]) == (512, 10_000.0, [])
+    wanted = ("--rate", "20", "--width", "320", "--height", "200", "--family", "aruco_4x4_50")
+    scales = (("--focal-px", "600", "--height-m", "2"), ("--px-per-m", "300"))
+    for scale in scales:
+        words = (*wanted, *scale, "--speed", "0.2")
+        told = json.loads(run("tune", own, "--resources", path, *words, "--json").stdout)
+        assert (told["width_px"], told["px_per_m"], told["speed_m_s"]) == (320, 300.0, 0.2)
+    (row,) = json.loads(run("--json").stdout)
+    assert row["id"] == ID
+    run("init", str(tmp_path), code=2)
+    run("init", str(tmp_path), "--force")
     refused = run("tune", "nix", "--resources", path, code=2).stderr
     assert refused.startswith("vsense: no camera 'nix' among the grabbers of") and own in refused
 
@@ -129,6 +141,7 @@ def test_one_picture_into_a_file(camera: Simulator, tmp_path: Path) -> None:
     for name, by in (("a.png", SERIAL), ("a.jpg", ADDRESS)):
         path = tmp_path / name
         size = ("--width", "320", "--height", "200")
+        size = (*size, "--exposure", "9000", "--rate", "20", "--family", "aruco_4x4_50")
         done = run("show", by, "--save", str(path), *size, "--gain", "99")
         assert done.stdout == f"{path}\n"
         image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
@@ -235,8 +248,9 @@ def test_live_in_the_page_until_ctrl_c(camera: Simulator) -> None:
 def test_a_camera_of_another_program_is_listed_and_does_not_open(
     camera: Simulator, tmp_path: Path
 ) -> None:
+    words = [ID, *page_options(tmp_path).split(), "--insecure"]
     holder = subprocess.Popen(
-        [*ALONE, *PROGRAM, "show", ID, "--web", "0"], stderr=subprocess.PIPE, text=True, cwd=ROOT
+        [*ALONE, *PROGRAM, "show", *words], stderr=subprocess.PIPE, text=True, cwd=ROOT
     )
     try:
         assert holder.stderr is not None
@@ -247,6 +261,8 @@ def test_a_camera_of_another_program_is_listed_and_does_not_open(
         assert row["width_px"] is None and row["address"] == ADDRESS
         refused = run("show", ID, "--save", str(tmp_path / "a.png"), code=1).stderr
         assert "another program" in refused and refused.count("\n") == 1
+        holder.send_signal(signal.SIGINT)
+        assert holder.wait(PATIENCE_S) == 130
     finally:
         holder.kill()
         holder.wait()
@@ -259,14 +275,22 @@ def test_moments_with_all_cameras_of_a_file(camera: Simulator, tmp_path: Path) -
         ' frame_rate="10" trigger="software" /></grabbers><trackers /><cameras />'
         "</arena_tracking_system>"
     )
+    above = Camera.looking_down("above", 0.0, 0.0, 2.0, 800.0, (512, 512))
+    (tmp_path / "above.json").write_text(above.to_json())
+    calibrated = '<cameras><camera id="above" calibration="above.json" /></cameras>'
+    path.write_text(path.read_text().replace("<cameras />", calibrated))
+    of = ("--resources", str(path), "--camera", "above", "--marker-height", "0.4")
+    assert json.loads(run("tune", "cam1", *of, "--json").stdout)["px_per_m"] == 500.0
+    seen = str(tmp_path / "seen.png")
+    run("show", "cam1", "--resources", str(path), "--save", seen)
     folder = tmp_path / "shoot"
     words = ("shoot", str(path), "-o", str(folder), "--board", "charuco:7x5:80mm:4X4_50")
     done = run(*words, input="\ntilt\n")
     assert "floor_01: cam1 no board" in done.stderr and "vsense calibrate rig" in done.stderr
-    done = run(*words, "--every", "0.2", "--count", "1", "--json")
-    assert json.loads(done.stdout) == {"floor_02": {"cam1": 0}}
+    done = run(*words, "--every", "0.2", "--count", "1", "--name", "board", "--json")
+    assert json.loads(done.stdout) == {"board_01": {"cam1": 0}}
     taken = sorted(path.name for path in (folder / "cam1").iterdir())
-    assert taken == ["floor_01.png", "floor_02.png", "tilt_01.png"]
+    assert taken == ["board_01.png", "floor_01.png", "tilt_01.png"]
 
 
 def test_nobody_reads_the_output(camera: Simulator) -> None:

@@ -112,7 +112,9 @@ def test_a_table_has_a_row_per_marker_and_the_drawn_picture_shows_them(
     save(np.full((40, 50), 128, np.uint8), folder / "shot_2.jpg")
     (folder / "notes.txt").write_text("no picture")
     words = ["markers", "find", str(folder), "--family", "aruco_4x4_50", "--format", "csv"]
-    assert cli.main([*words, "--draw", str(drawn)]) == 0
+    assert cli.main([*words, "--least-side", "500"]) == 0
+    assert len(capsys.readouterr().out.splitlines()) == 1, "both are smaller"
+    assert cli.main([*words, "--least-side", "6", "--draw", str(drawn)]) == 0
     out = capsys.readouterr()
     rows = list(csv.DictReader(out.out.splitlines()))
     assert tuple(rows[0]) == photographs.TAG_ROW

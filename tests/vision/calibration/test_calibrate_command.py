@@ -42,7 +42,8 @@ def test_lens_of_a_phone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
     output = tmp_path / "lenses"
     pictures = [str(path) for path in sorted(CHESSBOARDS.glob("*.jpg"))]
     words = ["calibrate", "intrinsics", "--board", "chessboard:7x5:30mm", "--camera", "phone"]
-    assert main([*words, "-o", str(output), "--json", "--pictures", *pictures]) == 0
+    words += ["--every", "1", "--json"]
+    assert main([*words, "-o", str(output), "--pictures", *pictures]) == 0
     told = capsys.readouterr()
     report = json.loads(told.out)
     assert report["rms_px"] <= 0.20 and report["board"] == "chessboard:7x5:30mm"
@@ -80,6 +81,10 @@ def test_rig_from_corners(
     words += ["--intrinsics", str(output), "--refine", "-o", str(second)]
     assert main(words) == 0
     assert arena_errors_m(cameras(second))[0] <= 2e-3
+    # On a board that is so thick the floor lies lower.
+    assert main([*words, "--thickness", "8mm"]) == 0
+    for thin, thick in zip(cameras(output), cameras(second)):
+        assert thick.position_m[2] - thin.position_m[2] == pytest.approx(0.008, abs=2e-3)
 
 
 def test_tags_at_known_places(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -100,13 +105,26 @@ def test_tags_at_known_places(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     table.write_text("\n".join(["id,x_m,y_m,z_m", *rows]) + "\n")
     output = tmp_path / "cameras"
     words = ["calibrate", "rig", "--pictures", str(folder), "--intrinsics", str(lenses)]
-    assert main([*words, "--points", str(table), "--tags", "4X4_50", "-o", str(output)]) == 0
-    capsys.readouterr()
+    words += ["--points", str(table), "--camera", "cam_0_0", "--every", "1", "--accuracy", "2mm"]
+    assert main([*words, "--tags", "4X4_50", "--json", "-o", str(output)]) == 0
+    assert json.loads(capsys.readouterr().out)["rms_px"] < 1.0
     found = cameras(output)[0]
     points = arena_grid(0.2, 0.0)
     points = points[camera.contains(camera.project(points))]
     off = found.to_plane(camera.project(points), 0.0) - points[:, :2]
     assert np.abs(off).max() < 2e-3
+    words = ["check", "--cameras", str(output), "--points", str(table), "--tags", "4X4_50"]
+    assert main(["calibrate", *words, "--pictures", str(folder), "--limit", "2mm"]) == 0
+    # The same from pixels that somebody has clicked on.
+    seen = [
+        f"cam_0_0,{n},{x:.1f},{y:.1f}" for n, p in places.items() for x, y in [camera.project(p)]
+    ]
+    (tmp_path / "seen.csv").write_text("\n".join(["camera,id,x_px,y_px", *seen, ""]))
+    words = ["rig", "--points", str(table), "--seen", str(tmp_path / "seen.csv")]
+    words += ["--intrinsics", str(lenses), "-o", str(tmp_path / "clicked")]
+    assert main(["calibrate", *words]) == 0
+    clicked = cameras(tmp_path / "clicked")[0]
+    assert clicked.position_m == pytest.approx(camera.position_m, abs=2e-3)
 
 
 def draw_tag(image: np.ndarray, camera: Camera, number: int, middle: np.ndarray) -> None:

@@ -112,7 +112,7 @@ def test_robots_markers_stand_at_measured_places(
     (tmp_path / "points.csv").write_text("\n".join(["id,x_m,y_m,z_m", *rows, "9,1,1,0.06", ""]))
     folder = write_cameras(tmp_path / "cameras", [camera])
     words = ["--points", str(tmp_path / "points.csv"), "--markers", "arrow4x4", "--json"]
-    assert run(folder, *words, "--pictures", str(tmp_path / "shoot")) == 0
+    assert run(folder, *words, "--pictures", str(pictures), "--camera", "top", "--every", "1") == 0
     told = capsys.readouterr()
     data = json.loads(told.out)
     assert "point 9: no camera shows it" in told.err
@@ -202,3 +202,8 @@ def test_a_second_board_on_the_floor(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert data["how"] == "board" and data["points"] == 35
     # 7 x 5 corners, 1 % too near their middle: at worst half a diagonal's, of 0.6 x 0.4 m.
     assert data["worst_mm"] == pytest.approx(1e3 * np.hypot(0.3, 0.2) * (1 - 1 / 1.01), abs=0.2)
+    # A face that is 1 % nearer to the camera than the floor: its corners are nearer to the middle.
+    words += ["--pictures", str(tmp_path / "shoot"), "--thickness", "20mm"]
+    assert run(folder, *words) == 0
+    worst_mm = json.loads(capsys.readouterr().out)["worst_mm"]
+    assert worst_mm == pytest.approx(1e3 * np.hypot(0.3, 0.2) * (1 - 0.99 / 1.01), abs=0.2)

@@ -64,7 +64,7 @@ class Canary:
     def end(self) -> list[float]:
         """Ends it; returns how late its ticks were, in ms, or nothing if it was killed."""
         output, _ = self._process.communicate()
-        pairs = (line.split() for line in output.splitlines())
+        pairs = (line.split() for line in output.splitlines() if line)
         return Lateness({float(late_ms): int(count) for late_ms, count in pairs}).ticks()
 
     def close(self) -> None:

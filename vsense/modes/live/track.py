@@ -106,6 +106,7 @@ def run(options: TrackOptions) -> int:
     """Tracks until the recording ends, `frames` are done or a run was stopped: 0; 130 after Ctrl-C,
     143 after SIGTERM. With `hold`, or cameras in the page, it goes on after a run.
     """
+    options.room.check()
     if options.experiment is None:
         session = tracking_session.load_whole(options.resources)
     else:
@@ -137,7 +138,6 @@ def _check(options: TrackOptions, session: TrackingSession) -> None:
             "--offline: is faster than anybody looks; --web, --foxglove, --hold and --record"
             " go at the pictures' own pace"
         )
-    options.room.check()
 
 
 @dataclass(frozen=True, slots=True)

@@ -80,7 +80,7 @@ class PlannedBenchmark:
         plan = _plan(options, definition)
         self._roster = _require_robots(options, plan, definition)
         path = options.output or Path(f"{plan.name}-{plan.mode}")
-        how = replace(options.series, output=path, limit=options.robots, command="benchmark")
+        how = replace(options.series, output=path, limit=plan.count, command="benchmark")
         self._series = PlannedSeries(plan, how)
         if plan.mode != "run":
             self._series.silence()  # of the tags that its robots are given

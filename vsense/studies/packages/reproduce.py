@@ -244,7 +244,7 @@ def reproduce(
     Raises:
         DamagedPackage: something in it is not what was packed.
         PackageError: it is no package.
-        VsenseError: it cannot be unpacked.
+        VsenseError: it cannot be unpacked, or a library for its recordings is missing.
         Interrupted: `interrupted` was set.
     """
     claims = Claims()
@@ -258,6 +258,8 @@ def reproduce(
         if options.only_check:
             claims.judge("checksums", "", f"{len(package.names)} files")
             return claims
+        if any(run.recordings for run in contents.runs):
+            require()
         with _folder(options.output) as folder:
             show(f"unpacking {package.size >> 20} MB")
             package.unpack(folder / _PACKAGE)
@@ -296,12 +298,9 @@ def _make_all(
     places.remade.mkdir(exist_ok=True)
     simulated = [run for run in contents.runs if run.mode == "sim"]
     not_simulated = [run for run in contents.runs if run.mode != "sim"]
-    has_recordings = any(run.recordings for run in contents.runs)
-    if has_recordings:
-        require()
     trusted = options.trusted
     Simulating(places, claims, trusted, options.jobs, interrupted, show).make(simulated)
-    if not has_recordings:
+    if not any(run.recordings for run in contents.runs):
         for run in not_simulated:
             claims.cannot(f"{run.title}: readings and poses", NO_RECORDING)
     elif not_simulated:

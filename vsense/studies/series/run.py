@@ -19,7 +19,6 @@ from vsense.modes.lab.hardware import EmulatedLab
 from vsense.modes.live import opening
 from vsense.modes.live.opening import LinkOptions
 from vsense.modes.sim.job import Setup
-from vsense.monitor import recording
 from vsense.monitor.ui.access import make_tokens
 from vsense.monitor.ui.room import RoomOptions
 from vsense.robots.sources import CodeOptions
@@ -170,8 +169,6 @@ class PlannedSeries:
     def _room(self) -> RoomOptions:
         """Every run is a series' and begins by itself; all have one address of the page."""
         room = self._options.room
-        if room.record or room.record_images:
-            recording.require()
         return room if room.web is None else replace(room, tokens=make_tokens())
 
     def _simulated(self, console: Console, interrupted: Interruption, stack: ExitStack) -> RunMaker:
@@ -202,9 +199,10 @@ class PlannedSeries:
         from vsense.studies.series._rendered import LabRuns
 
         lab, cast = self._options.lab, SeriesCast(self.by_condition, console)
-        for planned in self.by_condition.values():
-            set_pace(lab.pace, planned.experiment.host)
         port = self._options.link.port
+        for planned in self.by_condition.values():
+            opening.check_ports(self._options.room, LinkOptions(port=port), planned.experiment)
+            set_pace(lab.pace, planned.experiment.host)
         return LabRuns(self._loader, cast, console, interrupted, lab, self._room(), port)
 
     def _real(self, console: Console, interrupted: Interruption, stack: ExitStack) -> RunMaker:
@@ -214,8 +212,8 @@ class PlannedSeries:
         options, link = self._options, self._options.link
         for planned in self.by_condition.values():
             opening.require_source(planned.experiment, link.tracking)
+            opening.check_ports(options.room, link, planned.experiment)
         first = next(iter(self.by_condition.values())).experiment
-        opening.check_ports(options.room, link, first)
         real = RobotSeries(opening.trust_of(link.key, link.insecure), link, self._room())
         host, _ = link.address(first)
         lease = opening.lease_robots((), options.command, self.plan.name, host)

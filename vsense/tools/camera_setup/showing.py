@@ -82,6 +82,8 @@ def run(options: ShowOptions) -> int:
     save = options.save
     if save is not None and save.suffix.lower() not in SAVED_SUFFIXES:
         raise UsageError(f"{save}: expected a name that ends in {', '.join(SAVED_SUFFIXES)}")
+    room_options = RoomOptions(None if save else options.web)
+    room_options.check()
     with ExitStack() as stack:
         interrupted = stack.enter_context(interruption())
         spec = choose(options.id, options.wanted, options.resources)
@@ -95,7 +97,7 @@ def run(options: ShowOptions) -> int:
                 console.say(f"vsense: {spec.id}: {width.in_words()}")
             sizes_px = {spec.id: (image.shape[1], image.shape[0])}
             session = session_of(spec.id, [spec], sizes_px, finder.px_per_m)
-            control_room = stack.enter_context(ControlRoom(RoomOptions(options.web), console))
+            control_room = stack.enter_context(ControlRoom(room_options, console))
             room = TrackRoom(control_room, session, troubles)
             room.open()
             ShowSession(session, finder, room, console, troubles).run(interrupted)

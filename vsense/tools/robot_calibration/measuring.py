@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from vsense.base import clock
-from vsense.base.errors import UsageError, VsenseError
+from vsense.base.errors import CutShort, UsageError, VsenseError
 from vsense.base.terminal import Console, aligned, interruption, print_data
 from vsense.config import roster
 from vsense.config.roster import Roster
@@ -212,10 +212,10 @@ def calibrate(options: MeasuringOptions, asked: SensorOptions = SensorOptions())
 
 
 def _wait(session: ExperimentSession, limit_s: float) -> None:
-    """Waits for robots; VsenseError where none is there."""
+    """Waits for robots; VsenseError where none is there, CutShort where a signal ends it."""
     readiness = session.wait_patiently(limit_s)
     if session.setup.interrupted.is_set():
-        raise VsenseError("interrupted before anything was measured")
+        raise CutShort(session.setup.interrupted.code)
     if {robot.id for robot in session.experiment.robots} <= set(readiness.missing):
         # Without a tracker no timestep would ever come to leave them out.
         raise VsenseError(f"nobody can be calibrated: {readiness.missing_text()}")

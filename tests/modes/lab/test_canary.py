@@ -1,0 +1,18 @@
+"""The canary of a lab, and a run that ends before its first tick."""
+
+from __future__ import annotations
+
+from vsense.modes.lab._canary import Canary, Lateness
+
+
+def test_a_run_that_ends_at_once_has_no_ticks() -> None:
+    # Its process is told to end before it has begun to look.
+    assert Canary().end() == []
+
+
+def test_how_late_ticks_were_takes_as_much_memory_as_different_figures_do() -> None:
+    lateness = Lateness()
+    for late_ms in (0.1234, 0.1233, 7.0):
+        lateness.note(late_ms)
+    assert dict(lateness) == {0.123: 2, 7.0: 1} and lateness.worst_ms == 7.0
+    assert sorted(lateness.ticks()) == [0.123, 0.123, 7.0]
