@@ -9,6 +9,7 @@ import json
 import shutil
 import signal
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -122,7 +123,9 @@ def test_a_lab_takes_all_its_options(folder: Path, said: Any) -> None:
             lab.wait_for(pattern)
         its = f"--process {lab.process.pid} --json"
         assert said(f"status {its}")["robots"]["tag"] == PLAYING
-        assert said(f"robot status {its}")["signal_dbm"] == [-70, None]
+        reported = time.monotonic() + 20  # a robot reads its radio now and then
+        while said(f"robot status {its}")["signal_dbm"] != [-70, None]:
+            assert time.monotonic() < reported
         assert said(f"start {its}")["text"]
         lab.wait_for(r"timestep \d")
         for order in ("pause", "start", "stop --emergency", "reset"):
@@ -154,11 +157,9 @@ def test_robots_are_emulated_measured_and_run(folder: Path, said: Any) -> None:
             for order in ("replace 1843=31", "replace 31=1843"):
                 assert said(f"{order} {its}")["text"]
             assert said(f"start {its}")["text"]
-            run.wait_for("the run is over|run 1 is over|has ended|1 s of")
+            run.wait_for("driving home: 0/2")
             assert vsense(f"handover {its} --force") == 0
-            run.end()
-    made = json.loads(next(Path("out").rglob("summary.json")).read_text())
-    assert (made["seed"], made["blind"]) == (4, True)
+            assert run.end() == 130 and "seed 4, 1 s" in "".join(run.said)
 
 
 def test_cameras_are_calibrated_wherever_there_is_a_lab(folder: Path) -> None:
