@@ -22,10 +22,17 @@ COMPLETING = "_ARGCOMPLETE"
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command and gives its exit code; `arguments` are by default those of the process."""
+    codes: list[int] = []
+
+    def leave(number: int, frame: object) -> NoReturn:
+        """Ends the process where a command does not yet, or no more, look at signals by itself."""
+        codes.append(128 + number)
+        raise SystemExit(codes[0])
+
     if arguments is None:
         for number in (signal.SIGTERM, signal.SIGHUP):
             if signal.getsignal(number) == signal.SIG_DFL:  # `nohup` has SIGHUP ignored
-                signal.signal(number, _leave)
+                signal.signal(number, leave)
     try:
         # Imported here, so that Ctrl-C is handled while the commands load.
         from vsense import commands
@@ -52,8 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("vsense: interrupted", file=sys.stderr)
         return 130
-
-
-def _leave(number: int, frame: object) -> NoReturn:
-    """Ends the process where a command does not yet, or no more, look at signals by itself."""
-    raise SystemExit(128 + number)
+    except ImportError:
+        if not codes:
+            raise
+        return codes[0]  # NumPy makes an ImportError of whatever comes in the midst of its import

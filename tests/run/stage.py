@@ -68,6 +68,7 @@ class Stage:
     acts: dict[int, Callable[[], object]] = field(default_factory=dict)
     done: list[str] = field(default_factory=list)
     statuses: dict[int, dict[str, object]] = field(default_factory=dict)
+    resting: frozenset[int] = frozenset()
 
     def __post_init__(self) -> None:
         self.interrupted = threading.Event()

@@ -346,11 +346,16 @@ def test_who_was_not_seen_and_is_carried_outside_is_not_accused() -> None:
     assert accused(carried) == ["0 alarms"]
 
 
-def test_who_cannot_be_held_is_not_counted() -> None:
+@pytest.mark.parametrize("rests", [False, True])
+def test_who_cannot_be_held_or_rests_is_not_counted(rests: bool) -> None:
     stage = Stage(replace(experiment(timesteps=30), geofence=FENCE))
-    original, other = sorted(robot.tag for robot in stage.experiment.robots)
-    stage.connected = stage.seen = {original, other}
-    stage.statuses, stage.places = {original: {"sessions": 0}}, {original: (1.5, 0.0)}
+    first, other = sorted(robot.tag for robot in stage.experiment.robots)
+    stage.connected = stage.seen = {first, other}
+    if rests:
+        stage.resting = frozenset({first})
+    else:
+        stage.statuses = {first: {"sessions": 0}}
+    stage.places = {first: (1.5, 0.0)}
     stage.runner.wait(0.0)
     for _ in stage.runner.timesteps():
         assert stage.held == {}

@@ -16,6 +16,7 @@ all the same. A robot for which several rows hold stands until none does.
 | on its way home | by the guide (`vsense.run.homing`), which moves nobody that is not seen, and leads it back inside of the fence |
 | virtual | no: it has no body |
 | with the original's client | no: it cannot be held |
+| left out of the run, its battery is low | no: it stands anyway |
 | not seen, with `unseen_s` None (`vs:unseen="drive"`) | no |
 """  # noqa: E501 (a table)
 
@@ -115,7 +116,7 @@ class StandingRobots:
 
         A time without arena states, or in which the run is paused, counts for nobody. On the way
         home (`homing`) robots stand only for what they keep off. Nothing is said of those that are
-        `exempt`, by tag: they cannot be held.
+        `exempt`, by tag: they stand anyway, or cannot be held.
         """
         now_ns, before_ns = state.capture_ns, self._state_ns
         self._state_ns = now_ns

@@ -317,8 +317,9 @@ class Runner:
         homing = self.control.state == State.HOMING
         if not homing and self.control.state != State.RUNNING:
             return
-        # The original's client has no session, and cannot be held.
-        exempt = {t for t, robot in self.robots.items() if robot.connected and not robot.sessions}
+        exempt = {tag for tag, robot in self.robots.items() if not robot.holdable}
+        if not homing:
+            exempt |= self._server.resting
         for line in self.standing.update(state, homing, exempt):
             self._console.say(line, "warning")
         self._server.hold_robots(self.standing.reasons)

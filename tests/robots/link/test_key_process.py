@@ -6,6 +6,7 @@ import ctypes
 import os
 import signal
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,7 @@ import pytest
 from tests.rigs.processes import children
 from tests.robots.link.rig import TABLE, Clock
 from vsense.base.errors import ConfigError, VsenseError
-from vsense.robots.link import keys
+from vsense.robots.link import key_process, keys
 from vsense.robots.link._roster import SessionTable
 from vsense.robots.link.key_process import ROBOTS_MAX, KeyProcess, answer
 from vsense.robots.link.keys import LinkTrust
@@ -139,3 +140,34 @@ def test_a_robot_is_not_answered_while_it_says_nothing_and_those_that_it_knows_a
         with pytest.raises(VsenseError, match="has ended"):
             process.robot_key(b"a robot unknown!")
     assert process.roots(UID) == known
+
+
+def test_one_that_was_killed_is_started_again_where_its_keys_are_in_a_file(
+    file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(key_process, "AGAIN_S", 0.0)
+    (kept, pid), (lost, other) = started(file), started(None)
+    for number in (pid, other):
+        os.kill(number, signal.SIGKILL)
+    newer = keys.follow(file)
+    with pytest.raises(VsenseError, match="started again"):
+        kept.robot_key(UID, 2)
+    monkeypatch.setattr(key_process, "AGAIN_S", 60.0)
+    while True:
+        with suppress(VsenseError):
+            assert kept.robot_key(UID, 3) == newer.robot_key(UID, 3)
+            break
+    assert list(kept.numbers) == [3, 2, 1]
+    for _ in range(2):
+        with pytest.raises(VsenseError, match="has ended$"):
+            lost.robot_key(UID)
+
+
+def test_it_goes_on_after_what_it_cannot_do(file: Path) -> None:
+    process = KeyProcess(file)
+    text = file.read_text()
+    file.write_text("1 = 00\n")
+    with pytest.raises(ConfigError):
+        process.drop_former(2)
+    file.write_text(text)
+    assert process.drop_former(2) == [1]

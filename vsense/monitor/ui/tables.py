@@ -132,8 +132,7 @@ class RobotTable:
             "hash": link.hash,
             "expected": self._controllers[link.tag],
             "authenticated": link.key is not None if link.connected else None,
-            # The original's client has no session, and cannot be paused.
-            "held": link.held if link.connected and link.sessions else "",
+            "held": link.held if link.connected and link.holdable else "",
         }
         row |= self._telemetry(link)
         row["trouble"] = (

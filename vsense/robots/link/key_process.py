@@ -5,7 +5,8 @@ serves the robots. That one must never have had the swarm's keys: who has them i
 
 `python -m vsense.robots.link.key_process [FILE]` reads a file of keys, or makes a key that no file
 has. It writes a line of JSON: the keys' numbers, or what is wrong. For each line that it reads, a
-uid, it writes the robot's keys by the number of the swarm's. It ends with its input.
+uid, it writes the robot's keys by the number of the swarm's. It ends with its input. One that was
+killed is started again, where its keys are in a file.
 """
 
 from __future__ import annotations
@@ -16,8 +17,10 @@ import select
 import signal
 import sys
 import threading
+import time
 import weakref
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from subprocess import Popen
 from typing import IO, Any
@@ -34,6 +37,9 @@ PATIENCE_S = 5.0
 
 ROBOT_PATIENCE_S = 0.1
 """... and within this one in the thread that serves the robots, whose wheels stop after 0.4 s."""
+
+AGAIN_S = 5.0
+"""One that has ended is not started again before this time."""
 
 ROBOTS_MAX = 1024
 """Robots whose keys are remembered: who was asked for longest ago is forgotten."""
@@ -57,13 +63,19 @@ class KeyProcess:
     """
 
     def __init__(self, path: Path | None = None) -> None:
-        arguments = () if path is None else (str(path),)
-        process, self._questions, self._answers = start_module(__name__, *arguments)
-        weakref.finalize(self, _end, process, self._questions, self._answers)
+        self._path = path
         self._lock = threading.Lock()
-        self._is_owed = True
         self._known: dict[bytes, dict[int, bytes]] = {}
+        self._start()
         self.numbers: Sequence[int] = self._answer(START_S)["numbers"]
+
+    def _start(self) -> None:
+        """Starts it; the first that it says are the numbers of the keys."""
+        arguments = () if self._path is None else (str(self._path),)
+        self._started_s = time.monotonic()
+        process, self._questions, self._answers = start_module(__name__, *arguments)
+        self._end = weakref.finalize(self, _end, process, self._questions, self._answers)
+        self._is_owed = True
 
     @property
     def newest(self) -> int:
@@ -99,12 +111,12 @@ class KeyProcess:
 
     def _ask(self, question: str, limit_s: float) -> dict[str, Any]:
         if self._is_owed:  # the answer to a question that nobody waits for any more
-            self._answer(0.0)
+            self.numbers = self._answer(0.0).get("numbers", self.numbers)
         try:
             self._questions.write(f"{question}\n".encode())
             self._questions.flush()
         except OSError:
-            raise VsenseError(_ENDED) from None
+            raise self._ended() from None
         self._is_owed = True
         return self._answer(limit_s)
 
@@ -115,7 +127,7 @@ class KeyProcess:
         line = self._answers.readline()
         self._is_owed = False
         if not line:
-            raise VsenseError(_ENDED)
+            raise self._ended()
         said: dict[str, Any] = json.loads(line)
         if "wrong" in said:
             raise ConfigError(*said["wrong"])
@@ -123,8 +135,15 @@ class KeyProcess:
             raise VsenseError(said["error"])
         return said
 
+    def _ended(self) -> VsenseError:
+        """Starts it again, where its keys are not lost; nobody waits for that."""
+        said = "the process that holds the swarm's keys has ended"
+        if self._path is None or time.monotonic() - self._started_s < AGAIN_S:
+            return VsenseError(said)
+        self._end()
+        self._start()
+        return VsenseError(f"{said}, and is started again")
 
-_ENDED = "the process that holds the swarm's keys has ended"
 
 
 def _end(process: Popen[bytes], questions: IO[bytes], answers: IO[bytes]) -> None:
@@ -139,26 +158,33 @@ def _tell(**said: object) -> None:
     print(json.dumps(said), flush=True)
 
 
+@contextmanager
+def _telling_errors() -> Iterator[None]:
+    try:
+        yield
+    except ConfigError as error:
+        _tell(wrong=(error.file, error.line, error.message))
+    except VsenseError as error:
+        _tell(error=str(error))
+
+
 def answer(path: Path | None) -> None:
     """Answers questions until there are none."""
     # It ends with its standard input; an interruption is its parent's to answer.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # Other programs of this account cannot look into this one, and it leaves no core behind.
     ctypes.CDLL(None).prctl(_SET_DUMPABLE, 0, 0, 0, 0)
-    try:
+    with _telling_errors():
         store = keys.make() if path is None else keys.read(path)
         _tell(numbers=store.numbers)
         for line in sys.stdin:
-            if line.startswith(_DROP) and path is not None:
-                store, former = keys.drop_former(path, int(line.removeprefix(_DROP)))
-                _tell(former=former)
-            else:
-                roots = store.roots(bytes.fromhex(line))
-                _tell(keys={number: key.hex() for number, key in roots})
-    except ConfigError as error:
-        _tell(wrong=(error.file, error.line, error.message))
-    except VsenseError as error:
-        _tell(error=str(error))
+            with _telling_errors():
+                if line.startswith(_DROP) and path is not None:
+                    store, former = keys.drop_former(path, int(line.removeprefix(_DROP)))
+                    _tell(former=former)
+                else:
+                    roots = store.roots(bytes.fromhex(line))
+                    _tell(keys={number: key.hex() for number, key in roots})
 
 
 if __name__ == "__main__":

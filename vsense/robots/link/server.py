@@ -154,6 +154,11 @@ class VirtualSensorServer:
         with self._lock:
             self._roster.orders = replace(self._roster.orders, resting=frozenset(tags))
 
+    @property
+    def resting(self) -> frozenset[int]:
+        """Tags of robots that rest: see `rest`."""
+        return self._roster.orders.resting
+
     def hold_robots(self, reasons: Mapping[int, str]) -> None:
         """Has robots pause while others run or drive home, and nobody else; it leaves at once.
 

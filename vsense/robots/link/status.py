@@ -234,6 +234,11 @@ class RobotStatus:
     defects: int = 0
 
     @property
+    def holdable(self) -> bool:
+        """Whether it alone can be paused: the original's client has no session, and cannot."""
+        return not self.connected or self.sessions > 0
+
+    @property
     def lit(self) -> bool:
         """Whether LEDs of its red ring are on, as far as it has reported."""
         return self.telemetry is not None and bool(self.telemetry.leds & RING_LEDS)
