@@ -91,6 +91,12 @@ def test_numbers_that_nothing_measures_are_refused_with_their_line(number: str) 
     assert len(caught.value.msg) < 90
 
 
+@pytest.mark.parametrize("text", ["[" * 100_000, '{"a":' * 100_000, "[1e300," * 100_000])
+def test_what_is_nested_too_deeply_is_no_json(text: str) -> None:
+    with pytest.raises(json.JSONDecodeError, match="nested too deeply"):
+        parse_json(text)
+
+
 @given(
     st.recursive(
         st.integers(-(2**63) + 1, 2**63 - 1) | st.floats(allow_nan=False, allow_infinity=False)

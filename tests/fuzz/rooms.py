@@ -8,7 +8,7 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from tests.fuzz import file_rooms, link_rooms, recording_rooms, server_rooms
+from tests.fuzz import file_rooms, link_rooms, recording_rooms, server_rooms, study_rooms
 from vsense.base.errors import VsenseError
 
 Scene = Any
@@ -48,4 +48,6 @@ ROOMS: dict[str, Room] = {
     "py-server": Room(server_rooms.prepare, server_rooms.server, ()),
     "py-mcap": Room(recording_rooms.prepare, recording_rooms.damaged),
     "py-mcap-json": Room(recording_rooms.prepare, recording_rooms.untrue),
+    "py-package": Room(study_rooms.prepare_package, study_rooms.package),
+    "py-study": Room(study_rooms.prepare_study, study_rooms.study),
 }

@@ -176,8 +176,8 @@ def parse_json(text: str) -> Any:
     """Parses JSON in which all numbers are finite and of a size that measurements have.
 
     Raises:
-        json.JSONDecodeError: it is no JSON, or a number is none of those; the message then begins
-            with the member that it belongs to.
+        json.JSONDecodeError: it is no JSON, is nested too deeply, or a number is none of those; the
+            message then begins with the member that it belongs to.
     """
 
     def refuse(number: str) -> NoReturn:
@@ -198,6 +198,9 @@ def parse_json(text: str) -> Any:
             refuse(number)
         return value
 
-    if _SUSPICIOUS.search(text) is None:
-        return json.loads(text)
-    return json.loads(text, parse_constant=refuse, parse_int=integer, parse_float=real)
+    try:
+        if _SUSPICIOUS.search(text) is None:
+            return json.loads(text)
+        return json.loads(text, parse_constant=refuse, parse_int=integer, parse_float=real)
+    except RecursionError:
+        raise json.JSONDecodeError("nested too deeply", text, 0) from None

@@ -129,6 +129,8 @@ def read(path: Path) -> RunOrigin:
             facts = json.loads(archive.read(FACTS))
             files = {name: archive.read(name) for name in archive.namelist() if name != FACTS}
         machine, about, setups = (dict(facts[name]) for name in ("machine", "about", "setups"))
+        for setup in setups.values():
+            dict(Setup.read(setup).settings)  # raises where it is none
         paths = {name: str(facts["paths"][name]) for name in files}
         return RunOrigin(str(facts["mode"]), machine, about, setups, files, paths)
     except OSError as error:
@@ -153,8 +155,8 @@ def is_of(kept: RunOrigin, experiments: Sequence[Experiment], setup: Setup) -> b
         named.keys() == kept.files.keys()
         and all(kept.files[name] == read_bytes(named[name]) for name in users)
         and all(
-            shape == (one["duration_s"], one["robots"], one["blind"], [*one["settings"]])
-            for one in kept.setups.values()
+            shape == (one.duration_s, one.robots, one.blind, [*one.settings])
+            for one in map(Setup.read, kept.setups.values())
         )
     )
 

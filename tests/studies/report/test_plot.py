@@ -138,7 +138,10 @@ def test_without_matplotlib_there_is_all_but_charts(
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     folder = tmp_path / "report"
-    command = ["report", str(recording), str(recording), "-o", str(folder), "--style", "ggplot"]
+    command = ["report", str(recording), str(recording), "-o", str(folder)]
+    for drawing in (("--style", "ggplot"), ("--format", "svg")):
+        assert cli.main([*command, *drawing]) == 2 and not folder.exists()
+        assert lacking() in capsys.readouterr().err
     assert cli.main(command) == 0
     out, err = capsys.readouterr()
     assert out == f"{folder / REPORT_PAGE}: 0 charts beside it\n"

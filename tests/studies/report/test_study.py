@@ -278,7 +278,10 @@ def test_without_scipy_there_is_all_but_the_tests(
 ) -> None:
     monkeypatch.setitem(sys.modules, "scipy", None)
     table = written(tmp_path / "runs.csv", plan("a", "b", "c"))
-    assert main(["report", str(table), "-o", str(tmp_path / "out"), "--same", "items_home=1"]) == 0
+    command = ["report", str(table), "-o", str(tmp_path / "out")]
+    assert main([*command, "--same", "items_home=1"]) == 2 and not (tmp_path / "out").exists()
+    assert "statistical tests need the Python package scipy: " in capsys.readouterr().err
+    assert main(command) == 0
     said = capsys.readouterr().err
     assert said.count("statistical tests need the Python package scipy: ") == 1
     text = (tmp_path / "out" / "report.html").read_text()

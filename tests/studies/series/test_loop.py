@@ -197,6 +197,10 @@ def test_one_process_at_a_time_and_no_folder_of_something_else(plan: SeriesPlan)
     (folder / "series.json").write_text('{"experiment": "foraging"}')  # of lab --runs
     with pytest.raises(UsageError, match="is of no series by a plan"):
         SeriesFolder(folder, plan, []).__enter__()
+    for text in ("[" * 100_000, '{"plan": {"repetitions": null}, "files": {}}'):
+        (folder / "series.json").write_text(text)
+        with pytest.raises(VsenseError, match="series.json: is damaged"):
+            SeriesFolder(folder, plan, []).__enter__()
 
 
 def test_a_full_disk_is_told(plan: SeriesPlan) -> None:

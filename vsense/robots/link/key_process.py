@@ -145,7 +145,6 @@ class KeyProcess:
         return VsenseError(f"{said}, and is started again")
 
 
-
 def _end(process: Popen[bytes], questions: IO[bytes], answers: IO[bytes]) -> None:
     """Ends it at once: there is nothing that it could lose."""
     process.kill()

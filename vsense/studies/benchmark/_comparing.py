@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 from vsense.base.errors import UsageError
 from vsense.base.terminal import aligned
 from vsense.run.runs_csv import RunRow
 from vsense.studies.benchmark import _definition
-from vsense.studies.benchmark._result import read, row_of
+from vsense.studies.benchmark._result import own_figures, read, row_of
 from vsense.studies.report import Questions
 from vsense.studies.report.study import _words
 from vsense.studies.report.study._results import StudyResult, as_json, results_of
@@ -83,11 +82,8 @@ def compare(paths: Sequence[Path], independent: bool, tests: bool) -> ComparedLa
         raise UsageError(f"{path} and {other_path} cannot be compared: {wrong}")
     names = _names((path, other_path), (first, second))
     rows: list[RunRow] = []
-    for source, name, result in zip((path, other_path), names, (first, second)):
-        try:
-            own = [row_of(run) for run in result["runs"]]
-        except (KeyError, TypeError):
-            raise UsageError(f"{source}: its runs are damaged") from None
+    for name, result in zip(names, (first, second)):
+        own = [row_of(run) for run in result["runs"]]
         # A condition's name says which mission it is; who ran it is what differs.
         rows += [replace(row, series=name, mode="", experiment="") for row in own]
     asked = Questions(
@@ -126,51 +122,3 @@ def _names(paths: Sequence[Path], results: Sequence[Mapping[str, Any]]) -> tuple
     left, right = (path.resolve().parent.name for path in paths)
     names = f"{first} {left}", f"{second} {right}"
     return names if names[0] != names[1] else (f"{first} first", f"{second} second")
-
-
-def own_figures(result: Mapping[str, Any]) -> Iterator[tuple[str, str, float | None]]:
-    """A lab's own figures: name with its unit, for people, and as a number."""
-    latency, truth = result.get("latency") or {}, (result.get("accuracy") or {}).get("truth") or {}
-    checks = ((result.get("accuracy") or {}).get("calibration") or {}).get("checks") or [{}]
-    stations = latency.get("stations") or {}
-    noise = result.get("noise") or {}
-    standing = {row["what"]: row["sigma"] for row in noise.get("standing", ())}
-    values: dict[str, float | None] = {
-        "exposure to readings sent, median [ms]": stations.get("capture_to_sent_ms", {}).get("p50"),
-        "exposure to readings sent, p99 [ms]": stations.get("capture_to_sent_ms", {}).get("p99"),
-        "exposure to reading on the robot, median [ms]": stations.get(
-            "capture_to_robot_ms", {}
-        ).get("p50"),
-        "exposure to wheels, median [ms]": stations.get("capture_to_wheels_ms", {}).get("p50"),
-        "timesteps late or left out [%]": _times(latency.get("late_share_mean"), 100.0),
-        "poses against the truth, rms [mm]": truth.get("position_rms_mm"),
-        "headings against the truth, rms [deg]": truth.get("heading_rms_deg"),
-        "calibrate check, rms [mm]": checks[-1].get("rms_mm"),
-        "robots seen in a timestep [%]": _times(
-            (result.get("accuracy") or {}).get("seen_share"), 100
-        ),
-        "noise of a standing robot's x [mm]": standing.get("x"),
-        "noise of a standing robot's heading [deg]": standing.get("heading"),
-        "noise of its virtual light sensor": standing.get("light"),
-        "way over told, mean of robots": _middle(noise, "way_over_told"),
-        "way over told, spread of robots [%]": _apart(noise, "way_over_told"),
-        "noise of way in a timestep [mm]": _middle(noise, "forward_noise_mm"),
-        "noise of turn in a timestep [deg]": _middle(noise, "turn_noise_deg"),
-    }
-    for name, value in values.items():
-        yield name, "–" if value is None else f"{value:.4g}", value
-
-
-def _times(value: float | None, factor: float) -> float | None:
-    return None if value is None else factor * value
-
-
-def _middle(noise: Mapping[str, Any], name: str) -> float | None:
-    values = [robot[name] for robot in noise.get("robots", ())]
-    return median(values) if values else None
-
-
-def _apart(noise: Mapping[str, Any], name: str) -> float | None:
-    """The greatest less the least of the robots, in percent."""
-    values = [robot[name] for robot in noise.get("robots", ())]
-    return 100.0 * (max(values) - min(values)) if values else None

@@ -101,7 +101,7 @@ class PackageContents:
             ]
             contents = cls(runs=runs, **data_)
             _check(contents, set(names))
-        except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+        except (ValueError, TypeError, KeyError, AttributeError) as error:
             raise VsenseError(f"{CONTENTS} is damaged: {error}") from None
         return contents
 

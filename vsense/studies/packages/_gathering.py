@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -11,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from vsense.base.errors import UsageError, failing_as
-from vsense.base.files import read_text
+from vsense.base.files import parse_json, read_text
 from vsense.modes import origin
 from vsense.monitor.recording import MCAP
 from vsense.run.directory import SERIES, SUMMARY
@@ -171,7 +170,7 @@ def _run(folder: Path, number: int, row: RunRow, only: bool) -> FoundRun:
 def _row(folder: Path) -> RunRow:
     path = folder / SUMMARY
     try:
-        summary = json.loads(read_text(path, most_bytes=_MOST_SUMMARY))
+        summary = parse_json(read_text(path, most_bytes=_MOST_SUMMARY))
         swarm = {k: v for k, v in summary.get("swarm", {}).items() if v is not None}
         return RunRow(
             run=folder.name,
@@ -195,6 +194,6 @@ def _plain(name: str) -> str:
 def plan_of(series: FoundSeries) -> Mapping[str, Any]:
     """The plan of a series, as it was begun with; empty: it has none."""
     with suppress(OSError, ValueError, AttributeError):
-        plan = json.loads(read_text(series.folder / SERIES)).get("plan")
+        plan = parse_json(read_text(series.folder / SERIES)).get("plan")
         return plan if isinstance(plan, dict) else {}
     return {}

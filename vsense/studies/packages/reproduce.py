@@ -183,7 +183,7 @@ class Simulating:
             cells = _comparing.cells(before, _cells(experiment, result))
             claims.judge(f"{run.title}: row of {run.table}", cells)
         if run.folder and self._has(run, SUMMARY):
-            summary = json.loads(read_text(places.package / run.folder / SUMMARY))
+            summary = parse_json(read_text(places.package / run.folder / SUMMARY))
             now = json.loads(json.dumps({**result["measures"]}))
             differences = _comparing.figures("measures", summary.get("measures"), now)
             claims.judge(f"{run.title}: {SUMMARY}", list(differences))

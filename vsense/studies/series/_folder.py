@@ -21,7 +21,7 @@ from typing import Any
 
 from vsense import __version__
 from vsense.base.errors import UsageError, VsenseError, failing_as
-from vsense.base.files import read_text, replace_text, stamp_of
+from vsense.base.files import parse_json, read_text, replace_text, stamp_of
 from vsense.modes.sim.fingerprint import of_file
 from vsense.monitor.recording import MCAP
 from vsense.run.directory import SERIES, TIMESTEPS_CSV, DirectoryError, make_new
@@ -252,9 +252,12 @@ def read_notes(folder: Path) -> dict[str, Any] | None:
     """
     path = folder / SERIES
     try:
-        notes: dict[str, Any] = json.loads(read_text(path))
-        if not isinstance(notes["plan"], dict) or not isinstance(notes["files"], dict):
+        notes: dict[str, Any] = parse_json(read_text(path))
+        plan, files = notes["plan"], notes["files"]
+        if not isinstance(plan, dict) or not isinstance(files, dict):
             raise KeyError("plan")
+        if type(plan.get("repetitions", 0)) is not int:
+            raise ValueError(f"repetitions is {plan['repetitions']!r}")
     except FileNotFoundError:
         return None
     except (KeyError, TypeError):

@@ -74,7 +74,7 @@ def _read(path: Path) -> dict[str, Any] | None:
     """A check's file; None where there is none that can be read."""
     try:
         data = parse_json(read_text(path))
-    except (OSError, ValueError, RecursionError):
+    except (OSError, ValueError):
         return None
     if not isinstance(data, dict) or not isinstance(data.get("cameras"), dict):
         return None

@@ -289,7 +289,7 @@ class Camera:
             raise CameraError(f"camera file: line {error.lineno}: {error.msg}") from None
         except KeyError as error:
             raise CameraError(f"camera file: {error.args[0]} is missing") from None
-        except (TypeError, ValueError, RecursionError) as error:
+        except (TypeError, ValueError) as error:
             raise CameraError(f"camera file: {error}") from None
 
 

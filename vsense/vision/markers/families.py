@@ -330,7 +330,7 @@ def _parse(file: str, text: str) -> MarkerFamily | SquareFamily:
         raise FamilyError(f"{file}:{error.lineno}: {error.msg}") from None
     except KeyError as error:
         raise FamilyError(f"{file}: {error.args[0]} is missing") from None
-    except (AttributeError, TypeError, ValueError, IndexError, RecursionError) as error:
+    except (AttributeError, TypeError, ValueError, IndexError) as error:
         raise FamilyError(f"{file}: {error}") from None
     _check(file, family)
     return family
