@@ -159,7 +159,7 @@ def test_one_that_was_killed_is_started_again_where_its_keys_are_in_a_file(
             break
     assert list(kept.numbers) == [3, 2, 1]
     for _ in range(2):
-        with pytest.raises(VsenseError, match="has ended$"):
+        with pytest.raises(VsenseError, match=r"has ended$"):
             lost.robot_key(UID)
 
 

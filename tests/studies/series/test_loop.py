@@ -199,7 +199,7 @@ def test_one_process_at_a_time_and_no_folder_of_something_else(plan: SeriesPlan)
         SeriesFolder(folder, plan, []).__enter__()
     for text in ("[" * 100_000, '{"plan": {"repetitions": null}, "files": {}}'):
         (folder / "series.json").write_text(text)
-        with pytest.raises(VsenseError, match="series.json: is damaged"):
+        with pytest.raises(VsenseError, match=r"series\.json: is damaged"):
             SeriesFolder(folder, plan, []).__enter__()
 
 
