@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
+from tests.robots.link.rig import KEYED, MS, PATIENCE_S, TABLE, Robot
 from tests.run.stage import counted
+from vsense.base.clock import host_ns
 from vsense.robots.link.status import LinkFigures
-from vsense.run.link_check import as_json, judge, table, worst
+from vsense.robots.link.table import ExpectedRobot
+from vsense.run.link_check import LinkLoad, as_json, judge, table, worst
 
 GOOD = LinkFigures(
     heard_s=60.0,
@@ -71,3 +77,20 @@ def test_the_worst_is_named_and_all_is_in_the_table() -> None:
     assert text[-1] == "1 of 3 robots would hold the experiment"
     told = as_json([good, weak], {"experiment": "foraging"})
     assert (told["holds"], told["worst"], told["robots"][0]["gap_ms"]) == (False, 8, 80.0)
+
+
+def test_what_goes_wrong_with_the_link_is_said_and_that_it_begins_is_not() -> None:
+    said: list[str] = []
+    expected = {1: ExpectedRobot("epuck_1", TABLE)}
+    with LinkLoad(expected, 100 * MS, ("127.0.0.1", 0), KEYED, said.append) as load:
+        host: Any = SimpleNamespace(clock=host_ns, port=load.port, server=load)
+        robot, other = Robot(host, 1).open(), Robot(host, 1, uid=bytes(16))
+        assert said == [] and load.robots()[1].connected
+        other.connect()
+        until_s = time.monotonic() + PATIENCE_S
+        while not said:
+            assert time.monotonic() < until_s
+        assert "another robot" in said[0] or "refused" in said[0]
+    for one in (robot, other):
+        one.close()
+    assert len(said) == 1
