@@ -144,14 +144,13 @@ def summarise(session: Session, number: int, measured: _metrics.MeasuredRun) -> 
 
 def draw(session: Session, recording: RunNotes, run: _metrics.MeasuredRun, path: Path) -> None:
     """Draws the picture of a run; PictureError where the file cannot be written."""
-    experiment, pictures = session.experiment, recording.pictures
+    experiment = session.experiment
     numbers = run.timesteps["run_timestep"]
     poses = np.concatenate((run.truth.poses, run.object_poses), axis=1)
     part = drawn(session.environment.world, experiment.arena, poses)
     figure = run.truth.figure(experiment, numbers, recording.samples, part)
     seen = RunCameras(session.cameras, experiment.marker.height_m, vignetting)
-    for timestep, frames in pictures.items():
-        seen.pictures[timestep] = {frame.camera: frame.image for frame in frames}
+    seen.pictures.update(recording.all_pictures())
     cameras = len(session.cameras)
     subtitle = f"{len(run.tags)} robots seen by {cameras} cameras, seed {recording.seed}"
     run_figure.save(replace(figure, cameras=seen), path, session.setup.blind, subtitle)

@@ -8,9 +8,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from vsense.base.arena import Frame
+from vsense.base.canvas import Image
 from vsense.base.errors import VsenseError
 from vsense.base.shared import LabError
 from vsense.config.casting import Pair
@@ -37,6 +40,8 @@ from vsense.vision.markers.families import load_family
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 from vsense.vision.tracking.camera_tracking import CameraTracking
 
+_QUALITY = (cv2.IMWRITE_JPEG_QUALITY, 90)
+
 READY_TIMEOUT_S = 20.0
 """All robots must be connected and seen within this time."""
 
@@ -61,7 +66,8 @@ class RunNotes:
         tracking: what was read of the markers, against the truth.
         samples: the virtual world and the experiment's measures over time.
         measures: the experiment's own, of the whole run.
-        pictures: the cameras' pictures at chosen timesteps of the run.
+        pictures: the cameras' pictures at chosen timesteps of the run, by the camera's name.
+        packed: the same of a run that others follow, as JPEG: runs may be many.
         link: `sent`, `received`, `dropped` packets with readings, `reconnects`, `defects`.
         lateness_ms: the canary's ticks.
     """
@@ -77,9 +83,32 @@ class RunNotes:
     resting: tuple[str, ...] = ()
     ended: str = ""
     measures: dict[str, float] = field(default_factory=dict)
-    pictures: dict[int, list[Frame]] = field(default_factory=dict)
+    pictures: dict[int, dict[str, Image]] = field(default_factory=dict)
+    packed: dict[int, dict[str, NDArray[np.uint8]]] = field(default_factory=dict)
     link: dict[str, int] = field(default_factory=no_link)
     lateness_ms: list[float] = field(default_factory=list)
+
+    def keep(self, timestep: int, frames: Sequence[Frame]) -> None:
+        """Copies a timestep's pictures: their slots return to the cameras."""
+        self.pictures[timestep] = {frame.camera: frame.image.copy() for frame in frames}
+
+    def pack(self) -> None:
+        """Packs all pictures."""
+        for timestep, images in self.pictures.items():
+            coded = {
+                name: cv2.imencode(".jpg", image, _QUALITY)[1] for name, image in images.items()
+            }
+            self.packed[timestep] = coded
+        self.pictures.clear()
+
+    def all_pictures(self) -> dict[int, dict[str, Image]]:
+        """The pictures, packed or not."""
+
+        def unpacked(data: NDArray[np.uint8]) -> Image:
+            return np.asarray(cv2.imdecode(data, cv2.IMREAD_UNCHANGED), np.uint8)
+
+        known = {t: {n: unpacked(d) for n, d in coded.items()} for t, coded in self.packed.items()}
+        return {**known, **self.pictures}
 
 
 class Session(ExperimentSession):
@@ -264,7 +293,7 @@ class Session(ExperimentSession):
                 self.setup.console.say(f"loop functions: {text}")
 
     def _run_timesteps(self, notes: RunNotes, observe: Callable[[Step], None]) -> None:
-        pictures, samples = notes.pictures, notes.samples
+        samples = notes.samples
         world, console = self.environment.world, self.setup.console
         step: Step | None = None
         try:
@@ -273,13 +302,21 @@ class Session(ExperimentSession):
                 for step, _ in timesteps:
                     self._judge(step, notes.tracking)
                     samples.add(step.run_timestep, world)
-                    if step.run_timestep in samples.timesteps:
-                        pictures[step.run_timestep] = copy_frames(step.frames)
+                    if step.run_timestep in samples.timesteps or not notes.pictures:
+                        # The first ones have the memory that later ones take: none grows then.
+                        notes.pictures.clear()
+                        notes.keep(step.run_timestep, step.frames)
                     observe(step)
         finally:
             samples.end(self.environment.world)
             if step is not None:
-                pictures[step.run_timestep] = copy_frames(step.frames)
+                notes.keep(step.run_timestep, step.frames)
+
+    def next_run(self) -> None:
+        """See `ExperimentSession`."""
+        for notes in self.recordings:
+            notes.pack()
+        super().next_run()
 
     def _unable(self, tag: int) -> str:
         """See `ExperimentSession`."""
@@ -310,8 +347,3 @@ class Session(ExperimentSession):
         except LabError:
             return  # the host is seconds late, and says so
         tracking.add(step.state.sightings, to_markers(poses, self._markers))
-
-
-def copy_frames(frames: Sequence[Frame]) -> list[Frame]:
-    """Copies pictures that are kept, so that their slots return to the cameras."""
-    return [replace(frame, image=frame.image.copy()) for frame in frames]
