@@ -155,6 +155,53 @@ def test_one_picture_into_a_file(camera: Simulator, tmp_path: Path) -> None:
     assert unknown.startswith("vsense: no camera 'nix': there") and ID in unknown
 
 
+_ATTACKED = f"""
+import random, socket, sys, threading
+from vsense.vision.cameras._aravis_camera import AravisCamera, AravisStream
+from vsense.vision.cameras.picture import PictureError
+
+def ports():
+    lines = open("/proc/self/net/udp").read().splitlines()[1:]
+    return {{int(line.split()[1].partition(":")[2], 16) for line in lines}}
+
+before = ports()
+stream = AravisStream(AravisCamera("{ADDRESS}"))
+mine = sorted(ports() - before)
+sent, over, chance = 0, threading.Event(), random.Random(1)
+
+def attack():
+    global sent
+    stranger = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    while not over.is_set():
+        rubbish = chance.randbytes(chance.choice((0, 1, 7, 8, 44, 1400)))
+        stranger.sendto(rubbish, ("{ADDRESS}", mine[sent % len(mine)]))
+        sent += 1
+
+thread = threading.Thread(target=attack, daemon=True)
+thread.start()
+images, calm = [], 0
+while calm < 20:
+    if sent > 5000:
+        over.set()
+        thread.join()
+        calm += 1
+    try:
+        images.append(stream.read(5.0))
+    except PictureError:
+        calm = 0  # what had come before is read first
+stream.close()
+print({{(image[0].shape, int(image[0].std())) for image in images}}, len(images) >= 20)
+"""
+"""Takes pictures of the camera while a stranger sends rubbish to the ports for its pictures and its answers."""
+
+
+def test_what_strangers_send_to_a_cameras_ports_is_no_picture(camera: Simulator) -> None:
+    words = [*ALONE, sys.executable, "-c", _ATTACKED]
+    done = subprocess.run(words, capture_output=True, text=True, cwd=ROOT, timeout=PATIENCE_S)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "{((512, 512), 73)} True\n", "damaged at most, and told"
+
+
 def test_a_sweep_leaves_the_camera_as_it_was(camera: Simulator) -> None:
     done = run("tune", ID, "--sweep", "--json", "--gain", "2", "--exposure", "3000")
     told = json.loads(done.stdout)
