@@ -34,23 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if signal.getsignal(number) == signal.SIG_DFL:  # `nohup` has SIGHUP ignored
                 signal.signal(number, leave)
     try:
-        # Imported here, so that Ctrl-C is handled while the commands load.
-        from vsense import commands
-        from vsense.robots.link import strangers
-
-        if COMPLETING in os.environ:
-            from vsense.commands import completion
-
-            completion.answer()
-        strangers.raise_limit()
-        words = list(sys.argv[1:] if arguments is None else arguments)
-        if words[:1] == ["help"]:
-            words = [*words[1:2], "--help"]
-        if not words:
-            commands.parser(words).print_help(sys.stderr)
-            return 2
-        options = commands.parser(words).parse_args(words)
-        return int(options.run(options))
+        return _run(list(sys.argv[1:] if arguments is None else arguments))
     except VsenseError as error:
         # Where the terminal has gone (SIGHUP) the exit code still says why.
         with suppress(OSError):
@@ -63,3 +47,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if not codes:
             raise
         return codes[0]  # NumPy makes an ImportError of whatever comes in the midst of its import
+
+
+def _run(words: Sequence[str]) -> int:
+    # Imported here, so that Ctrl-C is handled while the commands load.
+    from vsense import commands
+    from vsense.robots.link import strangers
+
+    if COMPLETING in os.environ:
+        from vsense.commands import completion
+
+        completion.answer()
+    strangers.raise_limit()
+    if words[:1] == ["help"]:
+        words = [*words[1:2], "--help"]
+    if not words:
+        commands.parser(words).print_help(sys.stderr)
+        return 2
+    options = commands.parser(words).parse_args(words)
+    return int(options.run(options))

@@ -36,7 +36,7 @@ from vsense.robots import key_holders
 from vsense.robots.link import keys
 from vsense.robots.link.trackers import lines
 from vsense.run.runs_csv import read_runs
-from vsense.studies.benchmark import _result
+from vsense.studies.benchmark import _comparing
 from vsense.studies.packages._archive import MANIFEST, Package
 from vsense.studies.packages._contents import CONTENTS, MOST_CONTENTS, PackageContents
 from vsense.studies.series import _plan
@@ -88,7 +88,7 @@ READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "camera": ("json", lambda path: Camera.from_json(path.read_text())),
     "marker family": ("json", lambda path: load_family(str(path))),
     "calibration": ("json", checked._read),
-    "benchmark.json": ("json", _result.read),
+    "benchmark.json": ("json", _comparing.read),
     "tracker's lines": ("json", tracker_lines),
     "roster": ("toml", roster.read),
     "plan": ("toml", _plan.read),

@@ -40,11 +40,6 @@ _NUMBERS: Mapping[str, Callable[[str], Any]] = {
     "seed": int, "duration_s": float, "robots": int, "light_level": float, "late": float,
 }  # fmt: skip
 _LISTS: Mapping[str, Callable[[str], Any]] = {"tags": int, "uids": str, "batteries_v": float}
-_TYPES: Mapping[str, type | tuple[type, ...]] = {
-    **dict.fromkeys(("seed", "robots", "tags"), int),
-    **dict.fromkeys(("duration_s", "light_level", "late", "batteries_v"), (int, float)),
-}
-"""Of values that are no texts."""
 _WRITTEN: Mapping[str, Any] = {"encoding": "utf-8", "errors": "backslashreplace"}
 """How the file is written: an argument that is no UTF-8 costs no row."""
 _KINDS = {int: "a whole number", float: "a number"}
@@ -367,22 +362,6 @@ def _row(cells: Mapping[str, str]) -> RunRow:
         if name not in COLUMNS
     }
     return RunRow(**values, measures=measures)
-
-
-def check_row(row: RunRow) -> None:
-    """Raises TypeError or ValueError where a value is not of its column's kind."""
-    for name in COLUMNS:
-        value, kind = getattr(row, name), _TYPES.get(name, str)
-        values = value if name in (*_LISTS, "versions") else (value,)
-        if value is None and name in _NUMBERS:
-            continue
-        if any(isinstance(one, bool) or not isinstance(one, kind) for one in values):
-            raise TypeError(f"{name} is {value!r}")
-    if row.verdict not in (VALID, VOID) or row.mode not in MODES:
-        raise ValueError(f"verdict is {row.verdict!r}, mode {row.mode!r}")
-    for name, value in row.measures.items():
-        if value is not None and type(value) not in (int, float):
-            raise TypeError(f"{name} is {value!r}")
 
 
 def _number(name: str, text: str, kind: Callable[[str], Any]) -> Any:

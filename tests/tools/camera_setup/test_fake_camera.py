@@ -172,6 +172,7 @@ sent, over, chance = 0, threading.Event(), random.Random(1)
 def attack():
     global sent
     stranger = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    stranger.bind(("127.0.0.2", 0))
     while not over.is_set():
         rubbish = chance.randbytes(chance.choice((0, 1, 7, 8, 44, 1400)))
         stranger.sendto(rubbish, ("{ADDRESS}", mine[sent % len(mine)]))
@@ -192,7 +193,7 @@ while calm < 20:
 stream.close()
 print({{(image[0].shape, int(image[0].std())) for image in images}}, len(images) >= 20)
 """
-"""Takes pictures of the camera while a stranger sends rubbish to the ports for its pictures and its answers."""
+"""Takes pictures of the camera while a stranger sends rubbish to the ports of its stream."""
 
 
 def test_what_strangers_send_to_a_cameras_ports_is_no_picture(camera: Simulator) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 from vsense.base.errors import VsenseError
 from vsense.run.runs_csv import RUNS, RunRow
 from vsense.studies.benchmark import _definition as definition
+from vsense.studies.benchmark._comparing import read, row_of
 from vsense.studies.benchmark._definition import Definition, digest
 from vsense.studies.benchmark._evidence import (
     Progress,
@@ -18,7 +19,7 @@ from vsense.studies.benchmark._evidence import (
     rows_of,
     wrong_measures,
 )
-from vsense.studies.benchmark._result import DEFINITION, Benchmark, figures, read, row_of
+from vsense.studies.benchmark._result import DEFINITION, Benchmark, figures
 from vsense.studies.packages import _comparing
 from vsense.studies.packages._claims import Claims
 from vsense.studies.series import _plan as plans

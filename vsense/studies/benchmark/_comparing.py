@@ -5,18 +5,28 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 from vsense.base.errors import UsageError
+from vsense.base.files import parse_json, read_text
 from vsense.base.terminal import aligned
-from vsense.run.runs_csv import RunRow
+from vsense.run.runs_csv import COLUMNS, MODES, VALID, VOID, RunRow
 from vsense.studies.benchmark import _definition
-from vsense.studies.benchmark._result import own_figures, read, row_of
+from vsense.studies.benchmark._result import FORM, RESULT
 from vsense.studies.report import Questions
 from vsense.studies.report.study import _words
 from vsense.studies.report.study._results import StudyResult, as_json, results_of
 
 COMPARED_COLUMNS = ("series",)
+
+_TYPES: Mapping[str, type | tuple[type, ...]] = {
+    **dict.fromkeys(("seed", "robots", "tags"), int),
+    **dict.fromkeys(("duration_s", "light_level", "late", "batteries_v"), (int, float)),
+}
+"""Of values that are no texts."""
+_LISTS = ("tags", "uids", "batteries_v", "versions")
+_MAY_LACK = ("seed", "duration_s", "robots", "light_level", "late")
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,3 +132,116 @@ def _names(paths: Sequence[Path], results: Sequence[Mapping[str, Any]]) -> tuple
     left, right = (path.resolve().parent.name for path in paths)
     names = f"{first} {left}", f"{second} {right}"
     return names if names[0] != names[1] else (f"{first} first", f"{second} second")
+
+
+def read(path: Path) -> tuple[Path, dict[str, Any]]:
+    """Reads a result, or that of a folder; gives its path, too.
+
+    Raises:
+        UsageError: it is none, or was written by a newer vsense.
+    """
+    path = path / RESULT if path.is_dir() else path
+    try:
+        result = parse_json(read_text(path, most_bytes=256 << 20))
+    except OSError as error:
+        raise UsageError(f"cannot read {path}: {error.strerror}") from None
+    except (UnicodeDecodeError, ValueError) as error:
+        raise UsageError(f"{path}: is no {RESULT}: {error}") from None
+    kinds = {"form": int, "benchmark": str, "runs": list, "missions": list, "mode": str}
+    if not isinstance(result, dict) or any(type(result.get(n)) is not k for n, k in kinds.items()):
+        raise UsageError(f"{path}: is no {RESULT}: expected what `vsense benchmark` writes")
+    if result["form"] != FORM:
+        raise UsageError(f"{path}: has form {result['form']}, this vsense reads {FORM}")
+    try:
+        _check(result)
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
+        raise UsageError(f"{path}: is damaged: {error!r}") from None
+    return path, result
+
+
+def _check(result: Mapping[str, Any]) -> None:
+    """Raises anything where a part that is read has another form than what is written."""
+    for run in result["runs"]:
+        row_of(run)
+    for name in ("site", "made", "definition_sha256"):
+        if not isinstance(result[name], str):
+            raise TypeError(f"{name} is {result[name]!r}")
+    for name in ("versions", "deviations"):
+        if not isinstance(result[name], list) or not all(isinstance(t, str) for t in result[name]):
+            raise TypeError(f"{name} is {result[name]!r}")
+    for name, _, value in own_figures(result):
+        if value is not None and type(value) not in (int, float):
+            raise TypeError(f"{name} is {value!r}")
+
+
+def row_of(run: Mapping[str, Any]) -> RunRow:
+    """A run of a result as runs.csv has it; KeyError, TypeError or ValueError: it is damaged."""
+    values = {name: run[name] for name in RunRow.__slots__}
+    lists = {name: tuple(values[name]) for name in _LISTS}
+    row = RunRow(**(values | lists))
+    _check_row(row)
+    return row
+
+
+def own_figures(result: Mapping[str, Any]) -> Iterator[tuple[str, str, float | None]]:
+    """A lab's own figures: name with its unit, for people, and as a number."""
+    latency, truth = result.get("latency") or {}, (result.get("accuracy") or {}).get("truth") or {}
+    checks = ((result.get("accuracy") or {}).get("calibration") or {}).get("checks") or [{}]
+    stations = latency.get("stations") or {}
+    noise = result.get("noise") or {}
+    standing = {row["what"]: row["sigma"] for row in noise.get("standing", ())}
+    values: dict[str, float | None] = {
+        "exposure to readings sent, median [ms]": stations.get("capture_to_sent_ms", {}).get("p50"),
+        "exposure to readings sent, p99 [ms]": stations.get("capture_to_sent_ms", {}).get("p99"),
+        "exposure to reading on the robot, median [ms]": stations.get(
+            "capture_to_robot_ms", {}
+        ).get("p50"),
+        "exposure to wheels, median [ms]": stations.get("capture_to_wheels_ms", {}).get("p50"),
+        "timesteps late or left out [%]": _times(latency.get("late_share_mean"), 100.0),
+        "poses against the truth, rms [mm]": truth.get("position_rms_mm"),
+        "headings against the truth, rms [deg]": truth.get("heading_rms_deg"),
+        "calibrate check, rms [mm]": checks[-1].get("rms_mm"),
+        "robots seen in a timestep [%]": _times(
+            (result.get("accuracy") or {}).get("seen_share"), 100
+        ),
+        "noise of a standing robot's x [mm]": standing.get("x"),
+        "noise of a standing robot's heading [deg]": standing.get("heading"),
+        "noise of its virtual light sensor": standing.get("light"),
+        "way over told, mean of robots": _middle(noise, "way_over_told"),
+        "way over told, spread of robots [%]": _apart(noise, "way_over_told"),
+        "noise of way in a timestep [mm]": _middle(noise, "forward_noise_mm"),
+        "noise of turn in a timestep [deg]": _middle(noise, "turn_noise_deg"),
+    }
+    for name, value in values.items():
+        yield name, "–" if value is None else f"{value:.4g}", value
+
+
+def _times(value: float | None, factor: float) -> float | None:
+    return None if value is None else factor * value
+
+
+def _middle(noise: Mapping[str, Any], name: str) -> float | None:
+    values = [robot[name] for robot in noise.get("robots", ())]
+    return median(values) if values else None
+
+
+def _apart(noise: Mapping[str, Any], name: str) -> float | None:
+    """The greatest less the least of the robots, in percent."""
+    values = [robot[name] for robot in noise.get("robots", ())]
+    return 100.0 * (max(values) - min(values)) if values else None
+
+
+def _check_row(row: RunRow) -> None:
+    """Raises TypeError or ValueError where a value is not of its column's kind."""
+    for name in COLUMNS:
+        value, kind = getattr(row, name), _TYPES.get(name, str)
+        values = value if name in _LISTS else (value,)
+        if value is None and name in _MAY_LACK:
+            continue
+        if any(isinstance(one, bool) or not isinstance(one, kind) for one in values):
+            raise TypeError(f"{name} is {value!r}")
+    if row.verdict not in (VALID, VOID) or row.mode not in MODES:
+        raise ValueError(f"verdict is {row.verdict!r}, mode {row.mode!r}")
+    for name, value in row.measures.items():
+        if value is not None and type(value) not in (int, float):
+            raise TypeError(f"{name} is {value!r}")

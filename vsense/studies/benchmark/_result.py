@@ -6,17 +6,17 @@ import json
 import math
 import shutil
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import median
 from typing import Any
 
-from vsense.base.errors import UsageError, VsenseError
-from vsense.base.files import parse_json, read_text, replace_text
+from vsense.base.errors import VsenseError
+from vsense.base.files import replace_text
 from vsense.config.roster import Roster
 from vsense.run.directory import DirectoryError
-from vsense.run.runs_csv import RunRow, check_row, utc
+from vsense.run.runs_csv import RunRow, utc
 from vsense.studies.benchmark._definition import Definition, Mission
 from vsense.studies.benchmark._evidence import (
     Progress,
@@ -304,100 +304,3 @@ def write(benchmark: Benchmark, result: Mapping[str, Any]) -> Path:
     except OSError as error:
         raise DirectoryError(f"{path}: cannot be written: {error.strerror}") from None
     return path
-
-
-def read(path: Path) -> tuple[Path, dict[str, Any]]:
-    """Reads a result, or that of a folder; gives its path, too.
-
-    Raises:
-        UsageError: it is none, or was written by a newer vsense.
-    """
-    path = path / RESULT if path.is_dir() else path
-    try:
-        result = parse_json(read_text(path, most_bytes=256 << 20))
-    except OSError as error:
-        raise UsageError(f"cannot read {path}: {error.strerror}") from None
-    except (UnicodeDecodeError, ValueError) as error:
-        raise UsageError(f"{path}: is no {RESULT}: {error}") from None
-    kinds = {"form": int, "benchmark": str, "runs": list, "missions": list, "mode": str}
-    if not isinstance(result, dict) or any(type(result.get(n)) is not k for n, k in kinds.items()):
-        raise UsageError(f"{path}: is no {RESULT}: expected what `vsense benchmark` writes")
-    if result["form"] != FORM:
-        raise UsageError(f"{path}: has form {result['form']}, this vsense reads {FORM}")
-    try:
-        _check(result)
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
-        raise UsageError(f"{path}: is damaged: {error!r}") from None
-    return path, result
-
-
-def _check(result: Mapping[str, Any]) -> None:
-    """Raises anything where a part that is read has another form than what is written."""
-    for run in result["runs"]:
-        row_of(run)
-    for name in ("site", "made", "definition_sha256"):
-        if not isinstance(result[name], str):
-            raise TypeError(f"{name} is {result[name]!r}")
-    for name in ("versions", "deviations"):
-        if not isinstance(result[name], list) or not all(isinstance(t, str) for t in result[name]):
-            raise TypeError(f"{name} is {result[name]!r}")
-    for name, _, value in own_figures(result):
-        if value is not None and type(value) not in (int, float):
-            raise TypeError(f"{name} is {value!r}")
-
-
-def row_of(run: Mapping[str, Any]) -> RunRow:
-    """A run of a result as runs.csv has it; KeyError, TypeError or ValueError: it is damaged."""
-    values = {name: run[name] for name in RunRow.__slots__}
-    lists = {name: tuple(values[name]) for name in ("tags", "uids", "batteries_v", "versions")}
-    row = RunRow(**(values | lists))
-    check_row(row)
-    return row
-
-
-def own_figures(result: Mapping[str, Any]) -> Iterator[tuple[str, str, float | None]]:
-    """A lab's own figures: name with its unit, for people, and as a number."""
-    latency, truth = result.get("latency") or {}, (result.get("accuracy") or {}).get("truth") or {}
-    checks = ((result.get("accuracy") or {}).get("calibration") or {}).get("checks") or [{}]
-    stations = latency.get("stations") or {}
-    noise = result.get("noise") or {}
-    standing = {row["what"]: row["sigma"] for row in noise.get("standing", ())}
-    values: dict[str, float | None] = {
-        "exposure to readings sent, median [ms]": stations.get("capture_to_sent_ms", {}).get("p50"),
-        "exposure to readings sent, p99 [ms]": stations.get("capture_to_sent_ms", {}).get("p99"),
-        "exposure to reading on the robot, median [ms]": stations.get(
-            "capture_to_robot_ms", {}
-        ).get("p50"),
-        "exposure to wheels, median [ms]": stations.get("capture_to_wheels_ms", {}).get("p50"),
-        "timesteps late or left out [%]": _times(latency.get("late_share_mean"), 100.0),
-        "poses against the truth, rms [mm]": truth.get("position_rms_mm"),
-        "headings against the truth, rms [deg]": truth.get("heading_rms_deg"),
-        "calibrate check, rms [mm]": checks[-1].get("rms_mm"),
-        "robots seen in a timestep [%]": _times(
-            (result.get("accuracy") or {}).get("seen_share"), 100
-        ),
-        "noise of a standing robot's x [mm]": standing.get("x"),
-        "noise of a standing robot's heading [deg]": standing.get("heading"),
-        "noise of its virtual light sensor": standing.get("light"),
-        "way over told, mean of robots": _middle(noise, "way_over_told"),
-        "way over told, spread of robots [%]": _apart(noise, "way_over_told"),
-        "noise of way in a timestep [mm]": _middle(noise, "forward_noise_mm"),
-        "noise of turn in a timestep [deg]": _middle(noise, "turn_noise_deg"),
-    }
-    for name, value in values.items():
-        yield name, "–" if value is None else f"{value:.4g}", value
-
-
-def _times(value: float | None, factor: float) -> float | None:
-    return None if value is None else factor * value
-
-
-def _middle(noise: Mapping[str, Any], name: str) -> float | None:
-    values = [robot[name] for robot in noise.get("robots", ())]
-    return median(values) if values else None
-
-
-def _apart(noise: Mapping[str, Any], name: str) -> float | None:
-    """The greatest less the least of the robots, in percent."""
-    values = [robot[name] for robot in noise.get("robots", ())]
-    return 100.0 * (max(values) - min(values)) if values else None

@@ -241,7 +241,7 @@ def _summary(facts: Mapping[str, Any]) -> Iterator[str]:
         name = spoken(mission["measure"])
         rows.append((mission["mission"], name, mission["unit"], *medians, share))
     yield from aligned(rows, left=3)
-    figures = _result.own_figures(facts)
+    figures = _comparing.own_figures(facts)
     yield from aligned(
         [(name, words) for name, words, value in figures if value is not None], left=1
     )

@@ -13,7 +13,15 @@ from typing import Any
 
 import numpy as np
 
-from vsense.vision.cameras._networks import CONTROL, IN_CONTROL, answers, host_address, several
+from vsense.base.errors import failing_as
+from vsense.vision.cameras._networks import (
+    CONTROL,
+    IN_CONTROL,
+    accept_only,
+    answers,
+    host_address,
+    several,
+)
 from vsense.vision.cameras.aravis import AravisError, call, listed, load
 from vsense.vision.cameras.picture import Image, PictureError
 
@@ -77,6 +85,10 @@ class AravisStream:
             raise AravisError("gives no pictures: its stream does not open")
         self._stream: Any = self._ffi.gc(stream, self._lib.g_object_unref)
         if camera.is_gige:
+            # Aravis takes anybody's packets for its camera's, and rubbish can end the program: it
+            # asks for as much memory as a packet says. Source: Aravis 0.8.26, arvgvstream.c.
+            with failing_as(AravisError, "its port is open to all"):
+                accept_only(camera.name, self._lib.arv_gv_stream_get_port(stream))
             wanted = self._ffi.cast("int", WAITING * size)
             self._lib.g_object_set(stream, b"socket-buffer-size", wanted, self._ffi.NULL)
         for _ in range(BUFFERS):
@@ -201,7 +213,7 @@ class AravisCamera:
     def __init__(self, name: str) -> None:
         """Opens a camera as `locate` names it, with control if it is free; raises AravisError."""
         self._lib, self._ffi = load().lib, load().ffi
-        self._name, self.is_gige = name, is_address(name)
+        self.name, self.is_gige = name, is_address(name)
         if self.is_gige and not answers(name):
             # Aravis would wait for seconds, and all other cameras with it.
             raise AravisError(f"no camera answers at {name}")
@@ -225,7 +237,7 @@ class AravisCamera:
         if not self._lib.arv_gv_device_is_controller(self._device):
             return False
         if not self.answers:
-            raise AravisError(f"no camera answers at {self._name}")
+            raise AravisError(f"no camera answers at {self.name}")
         value = self._ffi.new("uint32_t *")
         call(self._lib.arv_device_read_register, self._device, CONTROL, value)
         return bool(value[0] & IN_CONTROL)
@@ -298,7 +310,7 @@ class AravisCamera:
     @property
     def answers(self) -> bool:
         """Whether the camera answers at once; Aravis would wait for seconds."""
-        return not self.is_gige or answers(self._name)
+        return not self.is_gige or answers(self.name)
 
     @property
     def packet_size(self) -> int:

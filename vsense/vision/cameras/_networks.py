@@ -10,8 +10,11 @@ Source of numbers and layouts: GigE Vision 2.0, GVCP, DISCOVERY_CMD and DISCOVER
 
 from __future__ import annotations
 
+import errno
 import fcntl
+import os
 import socket
+import stat
 import struct
 import threading
 import time
@@ -29,6 +32,13 @@ _ADDRESSES, _MASK = 0x8912, 0x891B
 """SIOCGIFCONF and SIOCGIFNETMASK. Source: Linux, include/uapi/linux/sockios.h."""
 _REQUEST = struct.Struct("16s4s4s16x")
 """struct ifreq: interface, family and port, IPv4 address. Source: Linux, uapi/linux/if.h."""
+_STEP = struct.Struct("HBBI")
+_LOAD_WORD, _JUMP_IF_EQUAL, _RETURN = 0x20, 0x15, 0x06
+"""Of classic BPF: struct sock_filter. Source: Linux, include/uapi/linux/filter.h."""
+_SENDER = 0xFFF00000 + 12
+"""The sender's address: SKF_NET_OFF and its place in the IPv4 header."""
+_ATTACH_FILTER = 26
+"""SO_ATTACH_FILTER. Source: Linux, include/uapi/asm-generic/socket.h."""
 _ROOM = 256
 _ANY_PORT = 9
 
@@ -219,6 +229,31 @@ _ANSWER_BYTES = 12
 def answers(address: str) -> bool:
     """Whether a GigE camera answers at an address; asks for half a second at most."""
     return _read(address, _VERSION) is not None
+
+
+def accept_only(address: str, port: int) -> None:
+    """Has the kernel drop what comes from other addresses to one of this program's UDP ports.
+
+    Raises:
+        OSError: the program has no such port, or the kernel takes no filter.
+    """
+    program = b"".join(_STEP.pack(*step) for step in (
+        (_LOAD_WORD, 0, 0, _SENDER),
+        (_JUMP_IF_EQUAL, 0, 1, int(IPv4Address(address))),
+        (_RETURN, 0, 0, 0xFFFFFFFF),
+        (_RETURN, 0, 0, 0),
+    ))  # fmt: skip
+    place = array("B", program)
+    wanted = struct.pack("HP", len(program) // _STEP.size, place.buffer_info()[0])
+    for name in os.listdir("/proc/self/fd"):
+        with suppress(OSError):  # closed meanwhile, or no socket
+            if stat.S_ISSOCK(os.stat(int(name)).st_mode):
+                with socket.socket(fileno=os.dup(int(name))) as mine:
+                    is_udp = (mine.family, mine.type) == (socket.AF_INET, socket.SOCK_DGRAM)
+                    if is_udp and mine.getsockname()[1] == port:
+                        mine.setsockopt(socket.SOL_SOCKET, _ATTACH_FILTER, wanted)
+                        return
+    raise OSError(errno.ENOENT, f"no UDP socket on port {port} takes a filter")
 
 
 def controlled(address: str) -> bool:

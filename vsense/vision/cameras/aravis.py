@@ -43,6 +43,7 @@ const char *arv_get_device_protocol(unsigned);
 void *arv_gv_device_new(void *interface, void *address, GError **);
 void arv_gv_device_set_packet_size_adjustment(void *, int);
 void arv_gv_device_set_stream_options(void *, int);
+uint16_t arv_gv_stream_get_port(void *);
 int arv_gv_device_is_controller(void *);
 void *arv_camera_new(const char *, GError **);
 void *arv_camera_new_with_device(void *, GError **);
