@@ -56,7 +56,7 @@ LOOSE = {"__init__", "__main__", "_moved", "api", "cli"}
 """The only modules that lie beside the rooms."""
 
 SHORT = {
-    **{f"vsense.{name}": "a seam" for name in ("__main__", "cli", "base.clock")},
+    **{f"vsense.{name}": "a seam" for name in ("__main__", "base.clock")},
     **{
         f"vsense.commands.{name}": "one file per command"
         for name in ("docs", "doctor", "new", "reproduce", "serve", "track")

@@ -14,7 +14,7 @@ import zipfile
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import IO
 
 from vsense.base.errors import VsenseError, failing_as
@@ -225,7 +225,12 @@ class Package:
                 raise self._error(f"its file {info.filename[:200]!r} {what}")
         names = [info.filename for info in infos]
         # Names are known to be short now: each has few folders above it.
-        folders = {str(above) for name in names for above in PurePosixPath(name).parents}
+        folders = set[str]()
+        for name in names:
+            above = name.rpartition("/")[0]
+            while above and above not in folders:
+                folders.add(above)
+                above = above.rpartition("/")[0]
         if (both := next((name for name in names if name in folders), None)) is not None:
             raise self._error(f"its file {both[:200]!r} is a file and a folder")
         twice = [name for name, count in Counter(names).items() if count > 1]
