@@ -372,3 +372,9 @@ def test_what_pollutes_stays() -> None:
     assert len(first_robots(polluted, 10).robots) == 10
     with pytest.raises(UsageError, match=r"--robots 9:.*pollutes"):
         first_robots(polluted, 9)
+
+
+def test_vsenses_own_names_are_no_settings_of_a_controller(read_text: Read, example: str) -> None:
+    text = example.replace('<wheels speed="3"', '<wheels vs:unseen="drive" speed="3"')
+    error = refused(read_text, text)
+    assert 'vs:unseen="drive"' in str(error) and "nothing reads it here" in str(error)

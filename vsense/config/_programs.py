@@ -246,11 +246,19 @@ def check_added(params: Element | None, program: ProgramSources) -> None:
 
 def settings(params: Element | None) -> dict[str, str]:
     """The settings as people are shown them: an attribute of a child is called `child.key`, one of
-    the second child of this name `child:2.key`."""
+    the second child of this name `child:2.key`.
+
+    Raises:
+        ConfigError: a name is vsense's: what it was meant for does not read it here.
+    """
     values: dict[str, str] = {}
 
     def walk(element: Element, prefix: str) -> None:
-        values.update({prefix + key: value for key, value in element.free_attributes().items()})
+        own = element.free_attributes()
+        values.update({prefix + key: value for key, value in own.items()})
+        for key in own:
+            if key.startswith("vs:"):
+                raise element.error("is no setting of a controller, and nothing reads it here", key)
         seen: dict[str, int] = {}
         for child in element.children():
             seen[child.name] = number = seen.get(child.name, 0) + 1

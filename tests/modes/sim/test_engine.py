@@ -213,12 +213,15 @@ def test_python_that_is_imported_from_beside_counts(write_experiment, tmp_path: 
     text = write_experiment("plain").read_text().replace("</framework>", loop)
     path.write_text(text.replace('library="faulty.c"', 'library="pollutant"'))
     (tmp_path / "loop.py").write_text(
-        "import math\nfrom helper import A\nclass LoopFunctions: ...\n"
+        "import math, other.deep as deep\nfrom helper import A\nclass LoopFunctions: ...\n"
     )
     (tmp_path / "helper.py").write_text("A = 1\n")
+    (tmp_path / "other").mkdir()
+    for name in ("__init__", "deep", "far"):
+        (tmp_path / "other" / f"{name}.py").touch()
     asked = task_of(path)
     names = {Path(name).name for name in fingerprint.of_files(asked)}
-    assert names == {"own.argos", "loop.py", "helper.py"}
+    assert names == {"own.argos", "loop.py", "helper.py", "__init__.py", "deep.py", "far.py"}
     before = fingerprint.of_campaign(asked)
     (tmp_path / "helper.py").write_text("A = 2\n")
     assert fingerprint.of_campaign(asked) != before

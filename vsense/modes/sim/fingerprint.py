@@ -7,6 +7,7 @@ sines and exponentials: NumPy computes them with the instructions that the proce
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import html
 import json
@@ -102,7 +103,6 @@ def _folders() -> list[Path]:
 
 
 _QUOTED = re.compile(r"\"([^\"<]*)\"|'([^'<]*)'")
-_IMPORT = re.compile(r"^\s*(?:from|import)\s+(\w+)", re.M)
 
 
 def named_files(path: Path) -> list[Path]:
@@ -117,11 +117,28 @@ def named_files(path: Path) -> list[Path]:
     files = dict.fromkeys([path, *(file for file in named if file.is_file())])
     waiting = [file for file in files if file.suffix == ".py"]
     while waiting:
-        file = waiting.pop()
-        beside = (file.with_name(f"{name}.py") for name in _IMPORT.findall(_text(file)))
-        waiting += (more := [other for other in beside if other not in files and other.is_file()])
+        more = [other for other in _imported(waiting.pop()) if other not in files]
+        waiting += more
         files.update(dict.fromkeys(more))
     return list(files)
+
+
+def _imported(file: Path) -> list[Path]:
+    """What a Python file may import from beside it: modules, and all of packages."""
+    try:
+        tree = ast.parse(_text(file))
+    except (SyntaxError, ValueError, RecursionError):
+        return []  # nothing runs that imports it
+    names: list[str] = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            names.append(node.module or "")
+    found = []
+    for name in dict.fromkeys(name.partition(".")[0] for name in names if name):
+        found += [file.with_name(f"{name}.py"), *sorted(file.with_name(name).rglob("*.py"))]
+    return [path for path in found if path.is_file()]
 
 
 def _text(path: Path) -> str:
