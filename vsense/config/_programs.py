@@ -244,21 +244,21 @@ def check_added(params: Element | None, program: ProgramSources) -> None:
             raise element.error(f"no source of its program reads it; {instead(key, texts)}", key)
 
 
+def check_names(params: Element) -> None:
+    """Raises ConfigError where a setting's name is vsense's: what it is meant for reads no params."""
+    for element in params.walk():
+        for key in element.free_attributes():
+            if key.startswith("vs:"):
+                raise element.error("is no setting of a controller, and nothing reads it here", key)
+
+
 def settings(params: Element | None) -> dict[str, str]:
     """The settings as people are shown them: an attribute of a child is called `child.key`, one of
-    the second child of this name `child:2.key`.
-
-    Raises:
-        ConfigError: a name is vsense's: what it was meant for does not read it here.
-    """
+    the second child of this name `child:2.key`."""
     values: dict[str, str] = {}
 
     def walk(element: Element, prefix: str) -> None:
-        own = element.free_attributes()
-        values.update({prefix + key: value for key, value in own.items()})
-        for key in own:
-            if key.startswith("vs:"):
-                raise element.error("is no setting of a controller, and nothing reads it here", key)
+        values.update({prefix + key: value for key, value in element.free_attributes().items()})
         seen: dict[str, int] = {}
         for child in element.children():
             seen[child.name] = number = seen.get(child.name, 0) + 1

@@ -234,6 +234,8 @@ def _read_controller(
     params = element.optional_child("params")
     settings: dict[str, str] = {}
     argos_lines = ""
+    if params is not None:
+        _programs.check_names(params)
     if program.is_argos:
         _programs.check_added(params, program)
         settings = _programs.settings(params)
