@@ -377,4 +377,4 @@ def test_what_pollutes_stays() -> None:
 def test_vsenses_own_names_are_no_settings_of_a_controller(read_text: Read, example: str) -> None:
     text = example.replace('<wheels speed="3"', '<wheels vs:unseen="drive" speed="3"')
     error = refused(read_text, text)
-    assert 'vs:unseen="drive"' in str(error) and "nothing reads it here" in str(error)
+    assert "<wheels> vs:unseen" in str(error) and "nothing reads it here" in str(error)

@@ -245,7 +245,7 @@ def check_added(params: Element | None, program: ProgramSources) -> None:
 
 
 def check_names(params: Element) -> None:
-    """Raises ConfigError where a setting's name is vsense's: what it is meant for reads no params."""
+    """Raises ConfigError where a setting's name is one of vsense's: nothing would read it."""
     for element in params.walk():
         for key in element.free_attributes():
             if key.startswith("vs:"):
