@@ -20,6 +20,7 @@ from vsense.config.experiment import read
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment, Stage
 from vsense.run.environment import Environment
+from vsense.world.sensors.omnidirectional_camera import OmnidirectionalCamera
 
 MEASURED = json.loads((DATA / "argos-noise/quantiles.json").read_text())
 LEVELS = np.array(MEASURED["levels"])
@@ -181,3 +182,11 @@ def test_messages_are_lost_as_often_as_in_argos(folder: Path) -> None:
     heard = readings(folder, "loss85", STEPS // 2)["range_and_bearing"][:, 0]
     deviation = np.sqrt(3 * 0.15 * 0.85 / len(heard))
     assert abs(heard.mean() - MEASURED["loss85_packets_per_step"]) < 4.0 * deviation
+
+
+def test_a_cameras_noise_goes_all_ways_alike() -> None:
+    """Its direction is uniform, its length normal. Source: epuck_omnidirectional_camera."""
+    camera = OmnidirectionalCamera(0.5, False, 0.05, 4)
+    away_m = camera._noisy(np.zeros((20_000, 2)), np.random.default_rng(1))
+    assert away_m.std(axis=0) == pytest.approx([0.05 / np.sqrt(2.0)] * 2, rel=0.03)
+    assert abs(np.corrcoef(away_m.T)[0, 1]) < 0.03 and (abs(away_m.mean(axis=0)) < 1e-3).all()
