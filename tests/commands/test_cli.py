@@ -120,6 +120,7 @@ def test_help_may_be_a_word(
     ("wrong", "hint"),
     [
         ("simm", "is 'sim' meant?"),
+        ("simulate", "is 'sim' meant?"),
         ("calibration", "is 'calibrate' meant?"),
         ("xyz", "there are: arena, benchmark, "),
     ],
@@ -287,3 +288,14 @@ def test_a_watched_run_is_forked_with_what_it_needs() -> None:
     )
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert {"vsense.modes.sim._paced", "vsense.modes.sim._recording"} <= set(ran.stdout.split())
+
+
+def test_a_wrong_choice_is_told_with_what_is_meant(capsys: pytest.CaptureFixture[str]) -> None:
+    for words, hint in (
+        ("robot lst", "'list'"),
+        ("cameras lis", "'list'"),
+        ("sim x --format pgn", "'png'"),
+    ):
+        with pytest.raises(SystemExit) as ended:
+            cli.main(words.split())
+        assert ended.value.code == 2 and f"; is {hint} meant?" in capsys.readouterr().err

@@ -17,7 +17,7 @@ from tests.config.tables import attributes
 from tests.rigs.places import ROOT
 from vsense.base.errors import ConfigError, UsageError
 from vsense.config import devices
-from vsense.config.experiment import first_robots, load, shipped
+from vsense.config.experiment import first_robots, load, of_folder, shipped
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment, Pose
 from vsense.robots.link.table import Table
@@ -297,7 +297,10 @@ def test_an_unknown_experiment_names_the_known_ones(tmp_path: Path) -> None:
         load("polutant")
     with pytest.raises(UsageError, match="no experiment"):
         load("x" * 5000)
-    with pytest.raises(UsageError, match=r"nothing\.argos:.*No such file"):
+    with pytest.raises(UsageError, match=r"nothing\.argos: there is no such file"):
+        load(tmp_path / "nothing.argos")
+    (tmp_path / "nothin.argos").touch()
+    with pytest.raises(UsageError, match=r"no such file \(is 'nothin\.argos' meant\?\)"):
         load(tmp_path / "nothing.argos")
     folder = tmp_path / "folder.argos"
     folder.mkdir()
@@ -378,3 +381,26 @@ def test_vsenses_own_names_are_no_settings_of_a_controller(read_text: Read, exam
     text = example.replace('<wheels speed="3"', '<wheels vs:unseen="drive" speed="3"')
     error = refused(read_text, text)
     assert "<wheels> vs:unseen" in str(error) and "nothing reads it here" in str(error)
+
+
+def test_a_folder_is_the_experiment_in_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("mine", "two", "none", "foraging"):
+        Path(name).mkdir()
+    for name in ("mine/a.argos", "two/a.argos", "two/b.argos", "foraging/own.argos"):
+        Path(name).touch()
+    assert of_folder("mine") == "mine/a.argos"
+    assert of_folder("foraging") == "foraging", "what comes with vsense"
+    assert of_folder("mine/a.argos") == "mine/a.argos" and of_folder("nix") == "nix"
+    for name, words in (("two", "got a.argos, b.argos"), ("none", "got none")):
+        with pytest.raises(UsageError, match=f"^{name}: is a folder: .* {words}$"):
+            of_folder(name)
+
+
+def test_an_unknown_experiment_may_be_a_file_beside(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("mine.argos").touch()
+    with pytest.raises(UsageError, match=r"is 'mine\.argos' meant\?"):
+        load("mine")

@@ -74,13 +74,22 @@ class ConfigError(VsenseError):
 
 _LISTED = 20
 _ALIKE, _VERY_ALIKE = 0.6, 0.75
+_BEGUN = 3
+"""So many letters of a name say which one is meant."""
+
+
+def _begins(name: str, other: str) -> bool:
+    return name.startswith(other) or other.startswith(name)
 
 
 def _meant(name: str, choices: Iterable[str], most: int, alike: float) -> str:
     """Asks whether one of at most so many names that are alike is meant; "": none is."""
     import difflib  # for errors only: no command waits for it
 
-    near = difflib.get_close_matches(name, sorted(set(choices)), most, alike)
+    names = sorted(set(choices))
+    # `simulate` for `sim`, `for` for `foraging`: what the one has begun, the other goes on with.
+    begun = [n for n in names if min(len(n), len(name)) >= _BEGUN and _begins(n, name)]
+    near = [*dict.fromkeys([*begun, *difflib.get_close_matches(name, names, most, alike)])][:most]
     return f"is {' or '.join(map(repr, near))} meant?" if near else ""
 
 

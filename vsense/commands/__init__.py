@@ -83,6 +83,11 @@ class Parser(argparse.ArgumentParser):
             self.error(f"unrecognized arguments: {' '.join(unknown)}{likely(option, names)}")
         return options, unknown
 
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            words = f"there is no {value!r}; {instead(str(value), map(str, action.choices))}"
+            raise argparse.ArgumentError(action, words)
+
     def error(self, message: str) -> NoReturn:
         """Ends the program with exit code 2."""
         self.exit(2, f"{self.prog}: {printable_lines(message)}; see {self.prog} --help\n")

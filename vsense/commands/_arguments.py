@@ -130,9 +130,10 @@ def option(
 
 def add_experiment_name(parser: argparse.ArgumentParser) -> None:
     """Declares the experiment; a shell completes shipped ones and files."""
-    name = parser.add_argument(
-        "experiment", help="a shipped experiment's name, or the path of a .argos file"
-    )
+    from vsense.config.experiment import of_folder
+
+    text = "a shipped experiment's name, the path of a .argos file, or of a folder with one"
+    name = parser.add_argument("experiment", type=of_folder, help=text)
 
     def complete(prefix: str, **_: Any) -> list[str]:
         from argcomplete.completers import FilesCompleter

@@ -8,7 +8,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import NamedTuple
 
-from vsense.base.errors import ConfigError, UsageError, instead
+from vsense.base.errors import ConfigError, UsageError, instead, likely
 from vsense.base.files import PACKAGE_FOLDER, read_bytes
 from vsense.base.native import lib
 from vsense.base.xml.element import Element
@@ -97,6 +97,9 @@ def load(
     path, file = _find(str(name_or_path))
     try:
         data = read_bytes(path)
+    except FileNotFoundError:
+        asked = likely(path.name, (other.name for other in path.parent.glob(f"*{ARGOS_SUFFIX}")))
+        raise UsageError(f"{file}: there is no such file{asked}") from None
     except OSError as error:
         raise UsageError(f"{file}: cannot be read: {error.strerror}") from None
     return read(data, file, path, length_s, settings, stage, virtual_devices, code, casting)
@@ -322,11 +325,25 @@ def _find(name: str) -> tuple[Path, str]:
     path = Path(name)
     if path.suffix == ARGOS_SUFFIX or os.path.isfile(name):
         return path, name
-    hint = instead(name, shipped())
+    here = [str(file) for file in Path().glob(f"*{ARGOS_SUFFIX}")]
     raise UsageError(
-        f"no experiment {name!r}: expected a path ending in {ARGOS_SUFFIX}, or a shipped one;"
-        f" {hint}"
+        f"no experiment {name!r}: there is no such file, and none of that name comes with vsense;"
+        f" {instead(name, [*here, *shipped()])}"
     )
+
+
+def of_folder(name: str) -> str:
+    """What a name means that may be a folder's: the one `.argos` file in it, or the name itself.
+
+    UsageError: the folder has none, or several.
+    """
+    if name in shipped() or not os.path.isdir(name):
+        return name
+    files = sorted(Path(name).glob(f"*{ARGOS_SUFFIX}"))
+    if len(files) == 1:
+        return str(files[0])
+    words = ", ".join(file.name for file in files) or "none"
+    raise UsageError(f"{name}: is a folder: expected one {ARGOS_SUFFIX} file in it, got {words}")
 
 
 def _read_marker(root: Element) -> MarkerSpec:
