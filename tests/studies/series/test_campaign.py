@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import signal
+import statistics
 import subprocess
 import sys
 from pathlib import Path
@@ -113,6 +114,14 @@ def test_a_campaign_goes_on_where_it_stopped(pollutant, tmp_path: Path, capsys) 
         {"pollutant.stop_probability": value} for value in ("0.3", "0.1")
     ]
     assert all(some["measures"]["lit_after_turn"]["runs"] == 2 for some in figures)
+    rows = [row for row in read_runs(path) if row.condition.endswith("0.1")]
+    values = [row.measures["in_cone_after_turn"] for row in rows]
+    spread = figures[1]["measures"]["in_cone_after_turn"]
+    assert spread["median"] == statistics.median(values) and spread["quartiles"][0] >= min(values)
+    lines = [line.split() for line in said.err.splitlines()]
+    assert ["setting", "measure", "runs", "median", "quartiles"] in lines
+    (line,) = [line for line in lines if line[:1] == ["pollutant.stop_probability=0.1"]]
+    assert line[2] == "2" and line[5] == "to"
     assert sim(*arguments, "--runs", "3") == 0
     assert path.read_bytes().startswith(whole) and path.read_bytes().count(b"\n") == 7
 

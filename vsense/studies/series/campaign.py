@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from vsense.base.errors import Interrupted, UsageError, VsenseError, failing_as
-from vsense.base.terminal import Console, Interruption, interruption, print_data
+from vsense.base.terminal import Console, Interruption, aligned, interruption, print_data
 from vsense.config.placement import StartPlaces
 from vsense.config.specs import Experiment
 from vsense.modes import origin
@@ -29,6 +29,7 @@ from vsense.monitor.recording import MCAP
 from vsense.run import asked
 from vsense.run.runs_csv import RunsFile, condition_of
 from vsense.studies.report import FORMATS, can_draw, lacking
+from vsense.studies.report.study._effects import spread_of
 from vsense.studies.series._folder import CampaignTable
 from vsense.studies.series._order import CAMPAIGN, Cell
 from vsense.studies.series._parts import PlannedExperiment
@@ -296,6 +297,8 @@ def _report(campaign: Campaign, plan: SeriesPlan, table: CampaignTable, console:
     if campaign.json:
         figures = [_figures(*values) for values in groups]
         print_data(json.dumps({"file": str(path), "settings": figures}, indent=2))
+    for line in _table(groups):
+        console.say(line)
     console.say(f"results: {path}, {len(table.rows)} runs")
     if not table.table.measures:
         console.say("the experiment measures nothing: no picture")
@@ -337,16 +340,37 @@ def group(plan: SeriesPlan, table: CampaignTable) -> list[SettingMeasures]:
     return groups
 
 
+def _table(groups: Sequence[SettingMeasures]) -> list[str]:
+    """The measures of every combination of settings, for people."""
+    from vsense.studies.report.study._words import number  # 0.1 s
+
+    rows = [("setting", "measure", "runs", "median", "quartiles")]
+    for settings, measures in groups:
+        words = ", ".join(f"{name}={value}" for name, value in settings.items()) or "as in the file"
+        for name, values in measures.items():
+            cells = "-", "-"
+            if values:
+                spread = spread_of(np.array(values))
+                cells = number(spread.median), " to ".join(map(number, spread.quartiles))
+            rows.append((words, name, str(len(values)), *cells))
+            words = ""
+    return aligned(rows, left=2) if len(rows) > 1 else []
+
+
 def _figures(
     settings: Mapping[str, str], measures: Mapping[str, Sequence[float]]
 ) -> dict[str, Any]:
-    """Mean and standard deviation of every measure."""
-    spread = {
-        name: {
-            "runs": len(values),
-            "mean": round(float(np.mean(values)), 6) if values else None,
-            "std": round(float(np.std(values, ddof=1)), 6) if len(values) > 1 else None,
-        }
-        for name, values in measures.items()
-    }
-    return {"settings": settings, "measures": spread}
+    """Mean, standard deviation, median and quartiles of every measure."""
+    figures: dict[str, dict[str, Any]] = {}
+    for name, values in measures.items():
+        figures[name] = {"runs": len(values), **dict.fromkeys(("mean", "std", "median"))}
+        figures[name]["quartiles"] = None
+        if values:
+            spread = spread_of(np.array(values))
+            figures[name] |= {
+                "mean": round(spread.mean, 6),
+                "std": None if spread.sd is None else round(spread.sd, 6),
+                "median": spread.median,
+                "quartiles": list(spread.quartiles),
+            }
+    return {"settings": settings, "measures": figures}
