@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from dataclasses import replace
 from types import SimpleNamespace
@@ -9,8 +10,10 @@ from typing import Any
 
 import pytest
 
+from tests.rigs.processes import free_port
 from tests.robots.link.rig import KEYED, MS, PATIENCE_S, TABLE, Robot
 from tests.run.stage import counted
+from vsense import cli
 from vsense.base.clock import host_ns
 from vsense.robots.link.status import LinkFigures
 from vsense.robots.link.table import ExpectedRobot
@@ -94,3 +97,11 @@ def test_what_goes_wrong_with_the_link_is_said_and_that_it_begins_is_not() -> No
     for one in (robot, other):
         one.close()
     assert len(said) == 1
+
+
+def test_a_command_that_fails_says_so_beside_its_json(capsys: pytest.CaptureFixture[str]) -> None:
+    words = f"robot link 31,1843 --json --wait 1 --insecure --host 127.0.0.1 --port {free_port()}"
+    assert cli.main(words.split()) == 1
+    out, err = capsys.readouterr()
+    assert json.loads(out)["holds"] is False
+    assert "2 of 2 links do not hold; robot 31 (robot): not connected" in err

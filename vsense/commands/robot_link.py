@@ -89,6 +89,12 @@ def run(options: argparse.Namespace) -> int:
     print_data(json.dumps(report, indent=2) if options.json else link_check.table(verdicts))
     if interrupted.is_set():
         return interrupted.code
+    weak = [verdict for verdict in verdicts if not verdict.holds]
+    if options.json and (poorest := link_check.worst(weak)) is not None:
+        console.say(
+            f"vsense: {len(weak)} of {len(verdicts)} links do not hold; robot {poorest.tag}"
+            f" ({poorest.name}): {poorest.verdict}"
+        )
     return 0 if report["holds"] else 1
 
 
