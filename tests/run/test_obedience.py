@@ -139,6 +139,32 @@ def test_a_robot_that_moves_without_a_link_is_told_and_who_stands_is_not() -> No
     assert watch.alarms == ()
 
 
+def test_who_moves_without_a_link_and_is_told_to_stop_is_told_again() -> None:
+    watch = Obedience()
+    watch.update({7: robot(RUNS, 0, Wanted.RUN)}, None, 0)
+    gone = replace(robot(RUNS, 0, Wanted.RUN), connected=False)
+    lines = []
+    for ms in range(0, 3000, 100):
+        if ms == 2000:
+            gone = replace(gone, wanted=Wanted.STOP, ordered_ns=ms * MS)
+        lines += watch.update({7: gone}, seen(ms, 2e-4 * ms), ms * MS)
+    assert [line.partition(":")[0] for line in lines] == [
+        "ROBOT seven moves without a link", "ROBOT seven does NOT stop",
+    ]  # fmt: skip
+
+
+def test_one_that_hung_before_it_was_told_to_stop_is_not_believed_to_stand() -> None:
+    watch = Obedience()
+    runs, gone = robot(RUNS, 900, Wanted.RUN), replace(robot(RUNS, 900), connected=False)
+    watch.update({7: runs}, seen(900, 0.0), 900 * MS)
+    assert not watch.is_unsure({7: runs}, 950 * MS), "its next report will say"
+    assert watch.is_unsure({7: gone}, 2000 * MS)
+    assert not watch.is_unsure({7: gone}, 2900 * MS), "by then the cameras have seen it"
+    for ms in range(1900, 2400, 100):
+        watch.update({7: gone}, seen(ms, 0.0), ms * MS)
+    assert not watch.is_unsure({7: gone}, 2400 * MS), "it stands"
+
+
 def test_a_robot_that_does_not_obey_is_an_alarm_until_it_does() -> None:
     watch = Obedience()
     watch.update({7: robot(RUNS, 400)}, None, 400 * MS)

@@ -178,6 +178,9 @@ OBEY_TIMEOUT_NS = 150_000_000
 DEAD_LINK_NS = 500_000_000
 """A robot stops its wheels by itself 400 ms after the last that it has heard."""
 
+UNSURE_NS = 2_000_000_000
+"""By then the cameras have seen whether a robot stands that was heard last so long ago."""
+
 MIN_MOTION_NS = 80_000_000
 """Two looks of the cameras that show a motion are at least so far apart."""
 
@@ -274,7 +277,7 @@ class Obedience:
             what, _, cause = wrong.partition(": ")
             if what:
                 alarms.append(_alarm(robot, what, cause))
-            if what and tag not in self._reported:
+            if what and self._reported.get(tag) != what:
                 lines.append(f"ROBOT {robot.name} {what}: LIFT IT ({cause})")
                 self._reported[tag] = what
             elif not what and (before := self._reported.pop(tag, "")):
@@ -282,6 +285,16 @@ class Obedience:
                 lines.append(f"robot {robot.name} {again}")
         self.alarms = tuple(alarms)
         return lines
+
+    def is_unsure(self, robots: Mapping[int, RobotStatus], now_ns: int) -> bool:
+        """Whether a robot has just lost its link, and nobody has seen yet whether it stands."""
+        return any(
+            not robot.connected
+            and tag in self._ran - self._moving
+            and robot.heard_ns is not None
+            and now_ns - robot.heard_ns < UNSURE_NS
+            for tag, robot in robots.items()
+        )
 
     def _note_orders(self, robots: Mapping[int, RobotStatus]) -> None:
         for tag, robot in robots.items():

@@ -357,12 +357,14 @@ class Runner:
     def _see_them_stand(self) -> None:
         """Watches robots until they report that they stand, and says which go on.
 
-        Robots that obey cost no time: what they report next is waited for anyhow.
+        Robots that obey cost no time: what they report next is waited for anyhow. One that hung
+        just before says nothing any more, and is left to the cameras.
         """
         deadline_ns, sees = self._clock() + STAND_TIMEOUT_NS, True
         robots = self._server.robots()
         while self._clock() < deadline_ns:
-            if all(stands(robot) for robot in robots.values() if robot.connected):
+            reported = all(stands(robot) for robot in robots.values() if robot.connected)
+            if reported and not self._obedience.is_unsure(robots, self._clock()):
                 return
             state = None
             if sees:
