@@ -188,7 +188,8 @@ def test_the_end_is_told() -> None:
     health = Health(RIG[:2], HEIGHTS_M)
     told = []
     for timestep in range(3 * LENGTH):
-        shown = min(timestep % (2 * LENGTH), 2 * LENGTH - 1 - timestep % (2 * LENGTH))  # there, back, and there again
+        way = timestep % (2 * LENGTH)
+        shown = min(way, 2 * LENGTH - 1 - way)  # there, back, and there again
         late = 3 if timestep < LENGTH - 4 else 0
         at_ns = round(1e9 * PERIOD_S * timestep)
         frames = [Frame(camera.id, BLANK, timestep, at_ns, 0) for camera in RIG[:2]]

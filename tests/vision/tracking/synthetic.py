@@ -147,7 +147,9 @@ def _draw(
         white = np.zeros_like(on_disc)
         offset = np.stack((along[on_disc], across[on_disc]), axis=-1) @ turn
         white[on_disc] = family.is_white(robot.tag, offset + family.disc_centre_mm)
-        discs, whites = (mask.view(np.uint8).sum(axis=0, dtype=np.uint8) for mask in (on_disc, white))
+        discs, whites = (
+            mask.view(np.uint8).sum(axis=0, dtype=np.uint8) for mask in (on_disc, white)
+        )
         shade = look.white * whites + look.black * (discs - whites)
         drawn += (1.0 - discs / fine**2) * region + shade / fine**2
     picture[y0:y1, x0:x1] = drawn / len(times)
