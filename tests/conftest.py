@@ -23,8 +23,9 @@ from vsense.robots import boards
 # What this machine's accounts share is none of the tests' business.
 os.environ["VSENSE_LAB"] = ""
 
-# A busy machine is no defect: no property has to hold within a wall-clock time.
-settings.register_profile("vsense", deadline=None)
+# A busy machine is no defect: no property has to hold within a wall-clock time. Half as many
+# examples as usual, since all are drawn anew in each run.
+settings.register_profile("vsense", deadline=None, max_examples=50)
 settings.load_profile("vsense")
 
 
@@ -110,13 +111,18 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
             file.write(f"tried again {report.nodeid}\n")
 
 
+def shared_folder(name: str, factory: pytest.TempPathFactory) -> Path:
+    """A folder that all workers of this session have in common."""
+    base = factory.getbasetemp()
+    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / name
+    folder.mkdir(exist_ok=True)
+    return folder
+
+
 def share_parts(cache: Path, factory: pytest.TempPathFactory) -> None:
     """Has a new cache of builds use the parts that all tests of this session compile once."""
-    base = factory.getbasetemp()
-    session = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
-    (session / "parts").mkdir(exist_ok=True)
     (cache / "vsense").mkdir(parents=True)
-    (cache / "vsense" / "parts").symlink_to(session / "parts")
+    (cache / "vsense" / "parts").symlink_to(shared_folder("parts", factory))
 
 
 @pytest.fixture

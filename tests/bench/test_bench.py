@@ -67,7 +67,8 @@ def test_what_is_not_said_is_as_the_help_says(
 def test_the_report_is_as_promised(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(whole_tracker, "CAMERAS", (2, 1))  # rendering 16 takes a while
+    for module, name in ((whole_tracker, "CAMERAS"), (tracking, "RIG")):
+        monkeypatch.setattr(module, name, (2, 1))  # rendering 16 takes a while
     words = ["tracking", "--json", "--rounds", "1", "--pictures", "1", "--walk", "3"]
     assert main.main(words) == 0
     captured = capsys.readouterr()

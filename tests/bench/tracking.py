@@ -52,6 +52,8 @@ _MATCH_PX = 5.0
 _BLUR_MM = 2.2
 _COLD_FRAMES = 60
 _WHOLE_TIMESTEPS = 8
+RIG = (4, 4)
+"""Columns and rows of the set of 16 cameras."""
 _MOST_STEPS = 4
 """Different pictures of 16 cameras: four are 130 MB."""
 _SETS = 5
@@ -127,7 +129,7 @@ def run(rounds: int, pictures: int, walk: int, say: Say) -> dict[str, Any]:
 def _invite(pictures: int, walk: int, say: Say) -> tuple[list[Contestant], Contestant]:
     """Renders the pictures and makes the contestants, and the one for the set of 16 cameras."""
     say("rendering")
-    rig = cameras(4, 4)
+    rig = cameras(*RIG)
     arrow = load_family("arrow4x4")
     assert isinstance(arrow, MarkerFamily), "the shipped family is of arrows"
     tags = tuple(choose_tags(arrow, ROBOTS, _BLUR_MM, seed=14))

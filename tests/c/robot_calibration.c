@@ -11,7 +11,7 @@
 #include "robot_check.h"
 
 #define PI 3.14159265358979323846
-#define WORLDS 20000
+#define WORLDS 4000
 
 static uint32_t seed = 14;
 

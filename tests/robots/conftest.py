@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from tests.conftest import require_tool
+from tests.conftest import require_tool, shared_folder
 from tests.rigs import compiling
 from tests.rigs.places import ROOT
 from tests.robots.rig import TABLE, Rig
@@ -86,8 +86,7 @@ def _compile(source: Path, target: Path, flags: Sequence[str]) -> None:
 @pytest.fixture(scope="session")
 def build(tmp_path_factory: pytest.TempPathFactory) -> Builder:
     """Builds daemons with controllers: see `Builder`."""
-    folder = tmp_path_factory.getbasetemp()
-    return Builder((folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder) / "objects")
+    return Builder(shared_folder("objects", tmp_path_factory))
 
 
 @pytest.fixture(scope="session")

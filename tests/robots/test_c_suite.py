@@ -37,11 +37,15 @@ def cc(target: Path, *arguments: str | Path) -> Path:
     return compiled(target, *arguments, "-I", ROBOT, "-I", FIRMWARE, "-lm")
 
 
-@pytest.mark.parametrize("name", ROBOT_SUITES)
-def test_c_suite_under_sanitizers(name: str, build: Builder, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("name", "times"),
+    [*((name, 1) for name in ROBOT_SUITES)]
+    + [pytest.param(name, 10, marks=pytest.mark.campaign) for name in RUNS],
+)
+def test_c_suite_under_sanitizers(name: str, times: int, build: Builder, tmp_path: Path) -> None:
     objects = build.objects(ROBOT_SUITES[name])
     program = cc(tmp_path / name, *FLAGS, TESTS / f"{name}.c", *objects)
-    command = [str(program), *([RUNS[name]] if name in RUNS else [])]
+    command = [str(program), *([str(times * RUNS[name])] if name in RUNS else [])]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
 

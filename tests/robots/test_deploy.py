@@ -34,6 +34,7 @@ from vsense.config.experiment import load
 from vsense.config.placement import settle
 from vsense.modes.lab._microcontrollers import Microcontrollers
 from vsense.robots import deploying
+from vsense.robots.compiling import native
 from vsense.robots.link.keys import INSECURE
 from vsense.robots.link.server import LinkEvent, VirtualSensorServer
 from vsense.robots.sources import ProgramSources
@@ -284,10 +285,16 @@ def host() -> Iterator[tuple[VirtualSensorServer, int, Callable[..., LinkEvent]]
 
 
 def test_an_experiment_brings_each_robot_its_own_program(
-    boards: Path, tmp_path: Path, host, capsys: pytest.CaptureFixture[str]
+    boards: Path,
+    tmp_path: Path,
+    host,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Real daemons on two boards with different bases; then one gets the other's program."""
     require_tool("cc", "build-essential")
+    # What labs' daemons are built with: zig would compile all of vsensed again, for a minute.
+    monkeypatch.setattr("vsense.robots.boards.toolchain", lambda target, cache: native())
     server, port, wait = host
     bases = Microcontrollers(["argos", "asercom"])
     predator, prey = 31, 7488

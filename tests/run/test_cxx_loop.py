@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.conftest import require_tool
+from tests.conftest import require_tool, shared_folder
 from vsense.base.arena import ArenaState
 from vsense.base.errors import VsenseError
 from vsense.base.terminal import Interruption
@@ -43,7 +43,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """The mission, which is built once."""
     require_tool("c++", "build-essential")
     patch = pytest.MonkeyPatch()
-    patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+    patch.setenv("XDG_CACHE_HOME", str(shared_folder("builds", tmp_path_factory)))
     made = tmp_path_factory.mktemp("mission")
     for name in ("mission.cpp", "mission.argos"):
         shutil.copy2(HERE / name, made / name)

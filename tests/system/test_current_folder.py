@@ -81,20 +81,25 @@ def test_of_every_process_nothing_is_imported_from_there(
     assert "No module named" not in done.stderr
 
 
-@pytest.mark.parametrize("module", [True, False], ids=["-m", "installed"])
+SIMULATED = ["sim foraging --duration 1 --runs 2 -j 2 -o runs.csv --record"]
+LAB = ["lab phototaxis --duration 1 --robots 2 --port 0 --web 0 --foxglove 0 -o run --record"]
+
+
 @pytest.mark.parametrize(
-    "lines",
+    ("lines", "module"),
     [
-        ["sim foraging --duration 1 --runs 2 -j 2 -o runs.csv --record"],
-        ["lab phototaxis --duration 1 --robots 2 --port 0 --web 0 --foxglove 0 -o run --record"],
-        ["series plan.toml", "pack plan-sim -o plan.zip", "reproduce plan.zip -o again"],
-        ["doctor --json", "docs experiments", "new mine"],
+        (SIMULATED, True),
+        (SIMULATED, False),
+        (LAB, True),
+        (["series plan.toml", "pack plan-sim -o plan.zip", "reproduce plan.zip -o again"], True),
+        (["doctor --json", "docs experiments", "new mine"], True),
     ],
-    ids=lambda lines: lines[0].split()[0],
+    ids=["sim", "sim, installed", "lab", "series", "doctor"],
 )
 def test_what_is_started_imports_nothing_from_there(
     lines: list[str], module: bool, folder: Path
 ) -> None:
+    """With `-m`, which puts the current folder first; an installed command starts the same."""
     (folder / "plan.toml").write_text(PLAN)
     for line in lines:
         vsense(folder, line, module)

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from tests.bench.sim import experiment_text
-from tests.conftest import require_tool
+from tests.conftest import require_tool, shared_folder
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment, Stage
 from vsense.modes.sim._simulation import Simulation
@@ -115,13 +115,12 @@ const struct vs_controller vs_controller = {"faulty", sizeof(struct faulty), ini
 LENGTH_S = 20.0
 
 
-@pytest.fixture(scope="session", autouse=True)
+@pytest.fixture(scope="module", autouse=True)
 def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Builds land in a folder of the tests' own, shared by all of them."""
-    patch = pytest.MonkeyPatch()
-    patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-    yield
-    patch.undo()
+    """Builds land in a folder of the tests' own, shared by all of them and by all workers."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(shared_folder("builds", tmp_path_factory)))
+        yield
 
 
 def library(folder: Path, name: str, source: str) -> Path:
@@ -131,13 +130,13 @@ def library(folder: Path, name: str, source: str) -> Path:
     return build.shared(f"{name}.c", folder)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def probe(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A controller that reports what it hears through the actuator `heard` (4 numbers)."""
     return library(tmp_path_factory.mktemp("probe"), "probe", PROBE)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def pollutant() -> Path:
     """The shipped controller."""
     require_tool("cc", "build-essential")

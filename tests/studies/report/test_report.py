@@ -162,9 +162,21 @@ def places(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
     return [path, *inside] if path else inside
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(data=st.data())
 def test_damaged_values_never_stop_a_report(data: st.DataObject) -> None:
+    check_damaged_values(data)
+
+
+@pytest.mark.campaign
+@settings(max_examples=200, deadline=None)
+@given(data=st.data())
+def test_no_damaged_value_of_many_stops_a_report(data: st.DataObject) -> None:
+    check_damaged_values(data)
+
+
+def check_damaged_values(data: st.DataObject) -> None:
+    """Makes a report of one or two recordings in which some values are junk."""
     sent = [Message(m.topic, m.time_ns, copy.deepcopy(m.data)) for m in messages()]
     for _ in range(data.draw(st.integers(1, 4))):
         topic = data.draw(st.sampled_from(TOPICS))

@@ -66,7 +66,7 @@ class Scripted:
             raise self.fails
         gain = DECIBEL ** self.values[GAIN]
         light = arena() * (self.values[EXPOSURE] / NORMAL_US * gain)
-        noise = self._random.normal(0.0, 1.5 * gain, light.shape)
+        noise = 1.5 * gain * self._random.standard_normal(light.shape, dtype=np.float32)
         image = np.clip(np.rint(light + noise), 0, 255).astype(np.uint8)
         return Shot(image, None, self.reads * 40_000_000)
 

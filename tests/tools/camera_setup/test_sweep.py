@@ -16,13 +16,14 @@ from vsense.vision.cameras.source import EXPOSURE, GAIN
 from vsense.vision.tracking.single_camera import OpenCamera
 
 
-def rows(scripted: Scripted) -> list[PanelView]:
-    made = tuner(scripted)
-    return scaled(list(tried(made, scripted, threading.Event())))
+@pytest.fixture(scope="module")
+def measured() -> list[PanelView]:
+    """The rows of a sweep."""
+    scripted = Scripted()
+    return scaled(list(tried(tuner(scripted), scripted, threading.Event())))
 
 
-def test_the_best_row_is_bright_sharp_and_quiet() -> None:
-    measured = rows(Scripted())
+def test_the_best_row_is_bright_sharp_and_quiet(measured: list[PanelView]) -> None:
     best = max(measured, key=worth)
     light = best.reading.light
     assert best.markers.tags == (31, 1843, 4334, 7167)
@@ -31,8 +32,7 @@ def test_the_best_row_is_bright_sharp_and_quiet() -> None:
     assert not best.reading.is_blurred
 
 
-def test_gain_is_raised_only_where_the_picture_is_dark() -> None:
-    measured = rows(Scripted())
+def test_gain_is_raised_only_where_the_picture_is_dark(measured: list[PanelView]) -> None:
     by_exposure: dict[float | None, list[float | None]] = {}
     for row in measured:
         by_exposure.setdefault(row.reading.exposure_us, []).append(row.reading.gain)
@@ -40,8 +40,7 @@ def test_gain_is_raised_only_where_the_picture_is_dark() -> None:
     assert by_exposure[10_000.0] == [0.0]
 
 
-def test_all_rows_get_the_scale_that_one_has_told() -> None:
-    measured = rows(Scripted())
+def test_all_rows_get_the_scale_that_one_has_told(measured: list[PanelView]) -> None:
     assert measured[0].markers.count == 0, "far too dark"
     assert measured[0].reading.blur_px == pytest.approx(0.13 * 200e-6 * 700.0, rel=0.1)
 

@@ -14,13 +14,13 @@ from vsense.vision.calibration._rig import Rig, RigSolver, Trust
 from vsense.vision.calibration._views import BoardViews, View
 from vsense.vision.calibration.board import CornerFinder
 
-PLAN = board_plan(CAMERAS, BOARD, 12, 20, 3)
+PLAN = board_plan(CAMERAS, BOARD, 8, 14, 3)
 POSES = dict(PLAN)
 
 
 @pytest.fixture(scope="module")
 def shoot() -> BoardViews:
-    """What is found in about 55 rendered pictures."""
+    """What is found in about 40 rendered pictures."""
     studio, finder = BoardStudio(CAMERAS, BOARD, 3), CornerFinder(BOARD)
     views = []
     counts = dict.fromkeys((camera.id for camera in CAMERAS), 0)

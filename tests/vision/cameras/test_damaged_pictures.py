@@ -23,7 +23,7 @@ from vsense.vision.cameras._opencv_source import DeviceSource
 from vsense.vision.cameras.picture import PictureError
 from vsense.vision.cameras.source import Controls, Shot
 
-SEED, COUNT, MOST = 7, 20_000, 100_000
+SEED, COUNT, MOST = 7, 8_000, 100_000
 GROWN_MB = 400
 """A picture may claim 50 million pixels; a progressive JPEG's colours take several bytes each."""
 

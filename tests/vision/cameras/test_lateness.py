@@ -23,7 +23,7 @@ from vsense.vision.tracking.camera_tracking import CameraTracking
 
 FAMILY = load_family("arrow4x4-thesis")
 PERIOD_S = 0.1
-LENGTH = 90
+LENGTH = 64
 MOST_PERIODS = 4
 ROBOTS = 6
 TAGS = (31, 1843, 4334, 7167, 7488, 10084)
@@ -63,9 +63,12 @@ def picture(camera: Camera, timestep: int) -> np.ndarray:
     return render(camera, FAMILY, list(ways()[timestep]), look, seed=timestep)
 
 
+DETECTOR = make_detector(FAMILY, TAGS, HEIGHT_M)
+
+
 @cache
 def detected(camera: Camera, timestep: int) -> np.ndarray:
-    return make_detector(FAMILY, TAGS, HEIGHT_M).detect(picture(camera, timestep), camera)
+    return DETECTOR.detect(picture(camera, timestep), camera)
 
 
 Change = Callable[[int, np.ndarray], np.ndarray]
@@ -184,9 +187,10 @@ def test_a_camera_that_is_late_and_calibrated_wrong_is_told_both() -> None:
 def test_the_end_is_told() -> None:
     health = Health(RIG[:2], HEIGHTS_M)
     told = []
-    for timestep in range(2 * LENGTH):
-        shown = min(timestep, 2 * LENGTH - 1 - timestep)
-        late = 3 if timestep < LENGTH - 30 else 0
+    for timestep in range(3 * LENGTH):
+        way = timestep % (2 * LENGTH)
+        shown = min(way, 2 * LENGTH - 1 - way)  # there, back, and there again
+        late = 3 if timestep < LENGTH - 4 else 0
         at_ns = round(1e9 * PERIOD_S * timestep)
         frames = [Frame(camera.id, BLANK, timestep, at_ns, 0) for camera in RIG[:2]]
         back = {"north": max(shown - late, 0), "east": shown}

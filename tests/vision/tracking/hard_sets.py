@@ -93,6 +93,7 @@ def crowd(tags: Sequence[int], camera: Camera, rng: np.random.Generator) -> list
     return robots
 
 
+@cache
 def square_family(name: str) -> SquareFamily:
     """Loads a family of squares."""
     family = load_family(name)

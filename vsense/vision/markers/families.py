@@ -283,15 +283,20 @@ class MarkerFamily:
     def is_white(self, tag: int, points_mm: Floats) -> NDArray[np.bool_]:
         """See `Family.is_white`."""
         points = np.asarray(points_mm, dtype=np.float64)
+        ahead, left = np.ascontiguousarray(points[..., 0]), np.ascontiguousarray(points[..., 1])
         corners = self.polygon_mm
         edges = np.roll(corners, -1, axis=0) - corners
-        black = np.ones(points.shape[:-1], dtype=bool)
+        black = np.ones(ahead.shape, dtype=bool)
         for (x, y), (dx, dy) in zip(corners, edges, strict=True):
-            black &= dx * (points[..., 1] - y) - dy * (points[..., 0] - x) >= 0.0
-        place = np.floor(self.grid / 2.0 - points / self.cell_mm).astype(np.int64)
-        inside = np.all((place >= 0) & (place < self.grid), axis=-1)
-        row, column = np.moveaxis(np.clip(place, 0, self.grid - 1), -1, 0)
-        return np.asarray(~black | (inside & self.bits(tag)[row, column]))
+            black &= dx * (left - y) - dy * (ahead - x) >= 0.0
+        # Beside the cells the arrow is black.
+        framed = np.zeros((self.grid + 2, self.grid + 2), dtype=bool)
+        framed[1:-1, 1:-1] = self.bits(tag)
+        row, column = (
+            np.clip(np.floor(self.grid / 2.0 - along / self.cell_mm), -1, self.grid).astype(np.intp)
+            for along in (ahead, left)
+        )
+        return np.asarray(~black | framed[row + 1, column + 1])
 
 
 def known_families() -> tuple[str, ...]:
