@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Sequence
 
 from vsense.base.errors import UsageError
 from vsense.base.terminal import Console, interruption, print_data
@@ -12,7 +13,7 @@ from vsense.config.experiment import load
 from vsense.config.specs import Experiment, Stage
 from vsense.robots.link.table import ExpectedRobot, Table
 from vsense.run import link_check
-from vsense.run.link_check import LinkLoad, judge, traffic_of
+from vsense.run.link_check import LinkLoad, LinkVerdict, judge, traffic_of
 
 FOR_S, WAIT_S = 60.0, 10.0
 
@@ -86,16 +87,24 @@ def run(options: argparse.Namespace) -> int:
     verdicts = [judge(robots_now[tag], figures[tag], experiment.timestep_s) for tag in robots]
     facts = {"experiment": experiment.name, "timestep_s": experiment.timestep_s}
     report = link_check.as_json(verdicts, facts | {"duration_s": round(lasted_s, 3)})
-    print_data(json.dumps(report, indent=2) if options.json else link_check.table(verdicts))
+    if options.json:
+        print_data(json.dumps(report, indent=2))
+        _say_weak(verdicts, console)
+    else:
+        print_data(link_check.table(verdicts))
     if interrupted.is_set():
         return interrupted.code
+    return 0 if report["holds"] else 1
+
+
+def _say_weak(verdicts: Sequence[LinkVerdict], console: Console) -> None:
     weak = [verdict for verdict in verdicts if not verdict.holds]
-    if options.json and (poorest := link_check.worst(weak)) is not None:
+    poorest = link_check.worst(weak)
+    if poorest is not None:
         console.say(
             f"vsense: {len(weak)} of {len(verdicts)} links do not hold; robot {poorest.tag}"
             f" ({poorest.name}): {poorest.verdict}"
         )
-    return 0 if report["holds"] else 1
 
 
 def _announce(
