@@ -8,6 +8,7 @@ from textwrap import dedent
 
 import pytest
 
+from vsense.base.errors import likely
 from vsense.world import World
 from vsense.world.entities import Arena
 from vsense.world.fields import Field
@@ -252,3 +253,9 @@ def test_a_function_that_looks_like_a_hook_is_refused(tmp_path: Path) -> None:
         LoopFunctions(written(tmp_path, text))
     LoopFunctions(written(tmp_path, text.replace("poststep", "_poststep")))
     LoopFunctions(written(tmp_path, text.replace("poststep", "helper")))
+
+
+def test_a_helper_that_begins_as_a_hook_does_is_no_misspelling(tmp_path: Path) -> None:
+    """`likely` decides there: what is only a part of a hook's name is the user's own."""
+    for name in ("reset_counts", "pre", "end_of_day"):
+        assert likely(name, ("reset", "pre_step", "end", "populate")) == ""

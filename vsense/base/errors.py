@@ -6,7 +6,7 @@ import importlib.util
 import re
 import shutil
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -86,11 +86,11 @@ def _meant(name: str, choices: Iterable[str], most: int, alike: float) -> str:
     """Asks whether one of at most so many names that are alike is meant; "": none is."""
     import difflib  # for errors only: no command waits for it
 
-    names = sorted(set(choices))
-    # `simulate` for `sim`, `for` for `foraging`: what the one has begun, the other goes on with.
-    begun = [n for n in names if min(len(n), len(name)) >= _BEGUN and _begins(n, name)]
-    near = [*dict.fromkeys([*begun, *difflib.get_close_matches(name, names, most, alike)])][:most]
-    return f"is {' or '.join(map(repr, near))} meant?" if near else ""
+    return _asked(difflib.get_close_matches(name, sorted(set(choices)), most, alike))
+
+
+def _asked(names: Sequence[str]) -> str:
+    return f"is {' or '.join(map(repr, names))} meant?" if names else ""
 
 
 def likely(missing: str, present: Iterable[str]) -> str:
@@ -102,7 +102,9 @@ def likely(missing: str, present: Iterable[str]) -> str:
 def instead(name: str, choices: Iterable[str], say: str = "there are") -> str:
     """Says what may be meant by a name that is not known: the nearest few, or some of all."""
     names = sorted(set(choices))
-    asked = _meant(name, names, 3, _ALIKE)
+    # `simulate` for `sim`, `for` for `foraging`: what the one has begun, the other goes on with.
+    begun = [n for n in names if min(len(n), len(name)) >= _BEGUN and _begins(n, name)]
+    asked = _meant(name, names, 3, _ALIKE) or _asked(begun[:3])
     if asked:
         return asked
     more = f" and {len(names) - _LISTED} others" if len(names) > _LISTED else ""

@@ -87,14 +87,9 @@ def run(options: argparse.Namespace) -> int:
     verdicts = [judge(robots_now[tag], figures[tag], experiment.timestep_s) for tag in robots]
     facts = {"experiment": experiment.name, "timestep_s": experiment.timestep_s}
     report = link_check.as_json(verdicts, facts | {"duration_s": round(lasted_s, 3)})
-    if options.json:
-        print_data(json.dumps(report, indent=2))
-        _say_weak(verdicts, console)
-    else:
-        print_data(link_check.table(verdicts))
-    if interrupted.is_set():
-        return interrupted.code
-    return 0 if report["holds"] else 1
+    print_data(json.dumps(report, indent=2) if options.json else link_check.table(verdicts))
+    _say_weak(verdicts if options.json else (), console)  # the table has it
+    return interrupted.code if interrupted.is_set() else int(not report["holds"])
 
 
 def _say_weak(verdicts: Sequence[LinkVerdict], console: Console) -> None:

@@ -247,6 +247,8 @@ def check_added(params: Element | None, program: ProgramSources) -> None:
 def check_names(params: Element) -> None:
     """Raises ConfigError where a setting's name is one of vsense's: nothing would read it."""
     for element in params.walk():
+        if element.name.startswith("vs:"):
+            raise element.error("is no setting of a controller, and nothing reads it here")
         for key in element.free_attributes():
             if key.startswith("vs:"):
                 raise element.error("is no setting of a controller, and nothing reads it here", key)

@@ -325,6 +325,8 @@ def _find(name: str) -> tuple[Path, str]:
     path = Path(name)
     if path.suffix == ARGOS_SUFFIX or os.path.isfile(name):
         return path, name
+    if os.path.isdir(name):
+        raise UsageError(f"{name}: is a folder: expected the path of the {ARGOS_SUFFIX} file in it")
     here = [str(file) for file in Path().glob(f"*{ARGOS_SUFFIX}")]
     raise UsageError(
         f"no experiment {name!r}: there is no such file, and none of that name comes with vsense;"

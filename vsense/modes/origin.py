@@ -151,9 +151,12 @@ def is_of(kept: RunOrigin, experiments: Sequence[Experiment], setup: Setup) -> b
     named = _named(experiments)
     users = {name for name in named if not name.startswith(PACKAGE_PREFIX)}
     shape = (setup.duration_s, setup.robots, setup.blind, [*setup.settings])
+    # vsense 0.1 did not keep packages that Python imports, nor the second name of `import a, b`.
+    known = users & kept.files.keys()
     return (
-        named.keys() == kept.files.keys()
-        and all(kept.files[name] == read_bytes(named[name]) for name in users)
+        kept.files.keys() <= named.keys()
+        and all(name.endswith(".py") for name in users - known)
+        and all(kept.files[name] == read_bytes(named[name]) for name in known)
         and all(
             shape == (one.duration_s, one.robots, one.blind, [*one.settings])
             for one in map(Setup.read, kept.setups.values())

@@ -220,8 +220,21 @@ def test_python_that_is_imported_from_beside_counts(write_experiment, tmp_path: 
     for name in ("__init__", "deep", "far"):
         (tmp_path / "other" / f"{name}.py").touch()
     asked = task_of(path)
+    for name in ("vsense", "math"):  # Python has its own before what lies beside
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "far_away.py").touch()
+    (tmp_path / "other" / "deep.py").write_text("import vsense.base.clock, top\n")
+    (tmp_path / "top.py").touch()
     names = {Path(name).name for name in fingerprint.of_files(asked)}
-    assert names == {"own.argos", "loop.py", "helper.py", "__init__.py", "deep.py", "far.py"}
+    assert names == {
+        "top.py",
+        "own.argos",
+        "loop.py",
+        "helper.py",
+        "__init__.py",
+        "deep.py",
+        "far.py",
+    }
     before = fingerprint.of_campaign(asked)
     (tmp_path / "helper.py").write_text("A = 2\n")
     assert fingerprint.of_campaign(asked) != before

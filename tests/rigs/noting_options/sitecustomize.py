@@ -2,8 +2,7 @@
 
 Python imports a module of this name by itself where its folder is in PYTHONPATH, in the tests' own
 processes and in all that they start. Where `VSENSE_PASSED` names a file, a line such as
-`vsense lab --port` is appended for each option of a command that ended well, or by a signal:
-an option that was refused, or whose command has failed, was not tried.
+`vsense lab --port` is appended for each option of a command that was not refused (exit code 2).
 """
 
 from __future__ import annotations

@@ -15,6 +15,7 @@ import math
 import os
 import re
 import sys
+import warnings
 from collections.abc import Callable, Mapping
 from functools import lru_cache, partial
 from pathlib import Path
@@ -117,17 +118,22 @@ def named_files(path: Path) -> list[Path]:
     files = dict.fromkeys([path, *(file for file in named if file.is_file())])
     waiting = [file for file in files if file.suffix == ".py"]
     while waiting:
-        more = [other for other in _imported(waiting.pop()) if other not in files]
+        imported = _imported(waiting.pop(), path.parent)
+        more = [other for other in imported if other not in files]
         waiting += more
         files.update(dict.fromkeys(more))
     return list(files)
 
 
-def _imported(file: Path) -> list[Path]:
-    """What a Python file may import from beside it: modules, and all of packages."""
+def _imported(file: Path, folder: Path) -> list[Path]:
+    """What a Python file may import from beside it, or from the experiment's folder: modules, and
+    all of packages. Python's own modules and vsense come first, whatever lies there.
+    """
     try:
-        tree = ast.parse(_text(file))
-    except (SyntaxError, ValueError, RecursionError):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            tree = ast.parse(_text(file))
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
         return []  # nothing runs that imports it
     names: list[str] = []
     for node in ast.walk(tree):
@@ -135,9 +141,11 @@ def _imported(file: Path) -> list[Path]:
             names += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
             names.append(node.module or "")
+    own = {name.partition(".")[0] for name in names if name} - sys.stdlib_module_names - {"vsense"}
     found = []
-    for name in dict.fromkeys(name.partition(".")[0] for name in names if name):
-        found += [file.with_name(f"{name}.py"), *sorted(file.with_name(name).rglob("*.py"))]
+    for place in dict.fromkeys((file.parent, folder)):
+        for name in sorted(own):
+            found += [place / f"{name}.py", *sorted((place / name).rglob("*.py"))]
     return [path for path in found if path.is_file()]
 
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import ctypes
 import json
+import os
 import select
 import signal
 import sys
@@ -63,7 +64,9 @@ class KeyProcess:
     """
 
     def __init__(self, path: Path | None = None) -> None:
-        self._path = path
+        # As it is now: code of users may change folder and environment of this process.
+        self._path = None if path is None else path.absolute()
+        self._environment = dict(os.environ)
         self._lock = threading.Lock()
         self._known: dict[bytes, dict[int, bytes]] = {}
         self._start()
@@ -73,7 +76,8 @@ class KeyProcess:
         """Starts it; the first that it says are the numbers of the keys."""
         arguments = () if self._path is None else (str(self._path),)
         self._started_s = time.monotonic()
-        process, self._questions, self._answers = start_module(__name__, *arguments)
+        started = start_module(__name__, *arguments, env=self._environment)
+        process, self._questions, self._answers = started
         self._end = weakref.finalize(self, _end, process, self._questions, self._answers)
         self._is_owed = True
 
@@ -111,7 +115,10 @@ class KeyProcess:
 
     def _ask(self, question: str, limit_s: float) -> dict[str, Any]:
         if self._is_owed:  # the answer to a question that nobody waits for any more
-            self.numbers = self._answer(0.0).get("numbers", self.numbers)
+            said = self._answer(0.0)
+            if "numbers" in said:  # it was started again, and has read its file anew
+                self.numbers = said["numbers"]
+                self._known.clear()
         try:
             self._questions.write(f"{question}\n".encode())
             self._questions.flush()

@@ -163,6 +163,9 @@ def _check(result: Mapping[str, Any]) -> None:
     """Raises anything where a part that is read has another form than what is written."""
     for run in result["runs"]:
         row_of(run)
+    for mission in result["missions"]:
+        if not isinstance(mission, dict):
+            raise TypeError(f"a mission is {mission!r}, expected an object")
     for name in ("site", "made", "definition_sha256"):
         if not isinstance(result[name], str):
             raise TypeError(f"{name} is {result[name]!r}")
@@ -177,6 +180,9 @@ def _check(result: Mapping[str, Any]) -> None:
 def row_of(run: Mapping[str, Any]) -> RunRow:
     """A run of a result as runs.csv has it; KeyError, TypeError or ValueError: it is damaged."""
     values = {name: run[name] for name in RunRow.__slots__}
+    for name in _LISTS:
+        if not isinstance(values[name], list):
+            raise TypeError(f"{name} is {values[name]!r}, expected a list")
     lists = {name: tuple(values[name]) for name in _LISTS}
     row = RunRow(**(values | lists))
     _check_row(row)

@@ -185,10 +185,10 @@ def compare(
 def _plan(options: BenchmarkOptions, definition: Definition) -> SeriesPlan:
     """The plan of the runs, with as many robots as were asked for."""
     plan, count = plans.read(definition.plan(options.quick), options.mode), options.robots
+    if options.quick and count is not None:
+        raise UsageError("--robots: --quick has four")
     if count is None or count == definition.robots:
         return plan
-    if options.quick:
-        raise UsageError("--robots: --quick has four")
     if not FEWEST_ROBOTS <= count <= definition.robots:
         raise UsageError(f"--robots {count}: expected {FEWEST_ROBOTS} to {definition.robots}")
     return replace(plan, count=count)

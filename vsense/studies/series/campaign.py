@@ -37,6 +37,8 @@ from vsense.studies.series._plan import Condition, PlannedStart, SeriesPlan
 from vsense.studies.series._series import SeriesLoop
 from vsense.studies.series._simulated import Simulate, SimulatedRuns, check_simulator, simulator
 
+_SHOWN_ROWS = 60
+"""Of the table that is printed."""
 _EVER = 2**31
 """A run that somebody has made void in the table is repeated however often."""
 
@@ -354,7 +356,9 @@ def _table(groups: Sequence[SettingMeasures]) -> list[str]:
                 cells = number(spread.median), " to ".join(map(number, spread.quartiles))
             rows.append((words, name, str(len(values)), *cells))
             words = ""
-    return aligned(rows, left=2) if len(rows) > 1 else []
+    lines = aligned(rows[: _SHOWN_ROWS + 1], left=2) if len(rows) > 1 else []
+    left_out = len(rows) - 1 - _SHOWN_ROWS
+    return [*lines, f"and {left_out} more rows: --json has all"] if left_out > 0 else lines
 
 
 def _figures(

@@ -244,13 +244,15 @@ def accept_only(address: str, port: int) -> None:
         (_RETURN, 0, 0, 0),
     ))  # fmt: skip
     place = array("B", program)
+    hosts = ("0.0.0.0", host_address(address))
     wanted = struct.pack("HP", len(program) // _STEP.size, place.buffer_info()[0])
     for name in os.listdir("/proc/self/fd"):
         with suppress(OSError):  # closed meanwhile, or no socket
             if stat.S_ISSOCK(os.stat(int(name)).st_mode):
                 with socket.socket(fileno=os.dup(int(name))) as mine:
                     is_udp = (mine.family, mine.type) == (socket.AF_INET, socket.SOCK_DGRAM)
-                    if is_udp and mine.getsockname()[1] == port:
+                    # Ports of the same number on other addresses are other ports.
+                    if is_udp and mine.getsockname() in [(host, port) for host in hosts]:
                         mine.setsockopt(socket.SOL_SOCKET, _ATTACH_FILTER, wanted)
                         return
     raise OSError(errno.ENOENT, f"no UDP socket on port {port} takes a filter")
