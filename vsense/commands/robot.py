@@ -24,7 +24,7 @@ from vsense.commands import (
     robot_measure,
 )
 from vsense.config.casting import Casting
-from vsense.config.experiment import load
+from vsense.config.experiment import load, of_folder
 from vsense.config.roster import Roster
 from vsense.config.specs import Experiment
 from vsense.robots import boards, deploying, finding, key_holders
@@ -84,9 +84,10 @@ def _add_build(parser: argparse.ArgumentParser) -> None:
     _arguments.option(what, "--controller", str, "FILE", text)
     text = (
         "a daemon for each controller that robots of this experiment run: a shipped one's"
-        " name, or the path of a .argos file; of several, -o is followed by the controller's id"
+        " name, or the path of a .argos file, or of its folder; of several, -o is followed by the"
+        " controller's id"
     )
-    _arguments.option(what, "--experiment", str, "NAME", text)
+    _arguments.option(what, "--experiment", of_folder, "NAME", text)
     parser.add_argument(
         "--target", required=True, choices=list(boards.TARGETS), help=f"kind of board. {kinds}"
     )
@@ -145,7 +146,7 @@ def _add_what(parser: argparse.ArgumentParser) -> None:
         " shipped one's name, or the path of a .argos file; they are built for --target. With"
         " --host settings and service go with it, without it they stay as they are"
     )
-    _arguments.option(parser, "--experiment", str, "NAME", text)
+    _arguments.option(parser, "--experiment", of_folder, "NAME", text)
     parser.add_argument(
         "--target",
         choices=list(boards.TARGETS),

@@ -10,7 +10,7 @@ from pathlib import Path
 from vsense.base.errors import UsageError
 from vsense.base.terminal import Console, interruption
 from vsense.commands import _arguments, _experiments, _hardware, _rosters
-from vsense.config.experiment import first_robots, load
+from vsense.config.experiment import first_robots, load, of_folder
 from vsense.config.placement import settle
 from vsense.config.specs import LINES_PORT, Experiment, JsonLinesTracker, Stage
 from vsense.modes.lab.hardware import BASES
@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "whose robots, controllers and walls: a shipped experiment's name, or the path of a"
         f" .argos file (default: {_experiments.DEFAULT})"
     )
-    _arguments.option(parser, "--experiment", str, "NAME", text, _experiments.DEFAULT)
+    _arguments.option(parser, "--experiment", of_folder, "NAME", text, _experiments.DEFAULT)
     _arguments.add_code(parser)
     _rosters.add_casting(parser)
     _add_ends(parser)

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from vsense.base.errors import UsageError
 from vsense.base.terminal import Console, interruption, print_data
 from vsense.commands import _arguments, _experiments, _rosters
-from vsense.config.experiment import load
+from vsense.config.experiment import load, of_folder
 from vsense.config.specs import Experiment, Stage
 from vsense.robots.link.table import ExpectedRobot, Table
 from vsense.run import link_check
@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "whose packets and timestep: a shipped experiment's name, or the path of a .argos"
         f" file (default: {_experiments.DEFAULT})"
     )
-    _arguments.option(parser, "--experiment", str, "NAME", text)
+    _arguments.option(parser, "--experiment", of_folder, "NAME", text)
     _arguments.add_code(parser)
     _rosters.add_casting(parser)
     _add_link(parser)
