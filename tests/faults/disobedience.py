@@ -36,6 +36,8 @@ LATE_S = 0.06
 """A canary that was woken later has met a machine that had no time for anybody."""
 QUIET_S, SAID_S = 1.5, 5.0
 """So long nothing may be said of robots that obey, and so long is waited for what must be said."""
+LOGGED_S = 0.2
+"""By then what a robot was told last is in the microcontrollers' log."""
 P99_S, VOID_MOST = 0.5, 0.1
 LIFT = re.compile(r"does NOT stop")
 
@@ -118,6 +120,7 @@ class Trials:
 
     def _turns(self, place: int) -> bool:
         """Whether a robot's wheels turn."""
+        time.sleep(LOGGED_S)
         rows = read_actuations(self.lab.directory / "actuations.bin")
         (*_, last) = rows[rows["robot"] == place]
         return bool(last["left_steps_s"] or last["right_steps_s"])
