@@ -11,6 +11,7 @@ Exit code 0: the bars are met.
 from __future__ import annotations
 
 import argparse
+import os
 import random
 import re
 import signal
@@ -95,10 +96,10 @@ class Trials:
             worker = self.lab.daemon(self._tags[place])
             held = [worker, *children(worker)]
             for pid in held:
-                _signal(pid, signal.SIGSTOP)
+                os.kill(pid, signal.SIGSTOP)
             if not self._turns(place):  # it stands in the cone, and obeys as it is
                 for pid in held:
-                    _signal(pid, signal.SIGCONT)
+                    os.kill(pid, signal.SIGCONT)
                 held.clear()
         begun, self._canary.worst_s, self._ears.stopped_ns = len(self.lab.said), 0.0, None
         order("stop", self.lab, "--emergency")
@@ -110,7 +111,7 @@ class Trials:
             time.sleep(0.002)
         worst_s = self._canary.worst_s
         for pid in held:
-            _signal(pid, signal.SIGCONT)
+            os.kill(pid, signal.SIGCONT)
         order("reset", self.lab)
         time.sleep(1.5 if disobeys else 0.3)
         stopped_ns = self._ears.stopped_ns
@@ -124,10 +125,6 @@ class Trials:
         rows = read_actuations(self.lab.directory / "actuations.bin")
         (*_, last) = rows[rows["robot"] == place]
         return bool(last["left_steps_s"] or last["right_steps_s"])
-
-
-def _signal(pid: int, number: signal.Signals) -> None:
-    subprocess.run(["kill", f"-{number.value}", str(pid)], check=True)
 
 
 def main() -> int:
