@@ -104,6 +104,7 @@ def _run_leased(
             options.starts_of(opened),
             options.battery,
             (lambda tags: None) if leases is None else leases.take,
+            options.link.other_programs,
         )
         series = Series(directory, options.room.runs, room.holds, interrupted)
         rows = RunRows(directory, "run", dict(asked.settings))

@@ -75,6 +75,7 @@ class RunSetup:
         battery_v: who has less before a run, when it has driven to its start, rests in it; 0:
             nobody does.
         lease: takes robots that are put in between runs, by their tags, before they hear of it.
+        other_programs: robots that run another program than the file's are taken.
     """
 
     experiment: Experiment
@@ -89,6 +90,7 @@ class RunSetup:
     starts: Starts | None = None
     battery_v: float = 0.0
     lease: Callable[[Collection[int]], None] = lambda tags: None
+    other_programs: bool = False
 
 
 class ExperimentSession(ABC):
@@ -116,6 +118,7 @@ class ExperimentSession(ABC):
             setup.trust,
             self._on_link_event,
             legacy_port,
+            setup.other_programs,
         )
         self._stack, self._over = ExitStack(), False
         lease = lambda tag: setup.lease([tag])  # noqa: E731
@@ -293,7 +296,8 @@ class ExperimentSession(ABC):
             starts = replace(starts, experiment=recast(starts.experiment, pair))
         self.setup = replace(self.setup, experiment=experiment, starts=starts)
         self._put_in.add(pair[1])
-        self.server.recast(expected_robots(experiment, environment.tables, self._put_in))
+        tables, taken = environment.tables, self.setup.other_programs
+        self.server.recast(expected_robots(experiment, tables, self._put_in, taken))
         self.runner.recast(environment)
         self.setup.room.recast(environment)
 

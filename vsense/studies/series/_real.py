@@ -146,8 +146,9 @@ class RealRuns:
         who = options.link.address(experiment), options.trust, log, self._interrupted, room
         origin = staged.origin(code) | {"virtual_devices": self._loader.virtual_devices}
         blind = staged.planned.condition.blind
-        lease = options.lease
-        return RunSetup(experiment, cell.seed, blind, *who, origin, staged.starts, lease=lease)
+        setup = RunSetup(experiment, cell.seed, blind, *who, origin, staged.starts)
+        taken = options.link.other_programs
+        return replace(setup, lease=options.lease, other_programs=taken)
 
     def _do_without(self, unable: Mapping[int, str], left_out: set[int], staged: StagedRun) -> None:
         """Puts spares in for those that cannot play, or leaves them out of this run."""
