@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -124,12 +125,15 @@ class Readiness:
         `refused` says by tag why a robot was turned away, "": it was not.
         """
         away = {tag: why for tag, why in (refused or {}).items() if why and tag not in connected}
+        by_why = defaultdict[str, list[str]](list)
+        for tag in (tag for tag in away if tag in robots):
+            by_why[away[tag]].append(robots[tag])
         return cls(
             robots=len(robots),
             markers=len(robots) + len(objects),
             absent=tuple(name for tag, name in robots.items() if tag not in connected),
             unseen=tuple(n for tag, n in (*robots.items(), *objects.items()) if tag not in seen),
-            refused=tuple(f"{robots[tag]} {why}" for tag, why in away.items() if tag in robots),
+            refused=tuple(f"{shorten(names)} {why}" for why, names in by_why.items()),
             away={robots[tag]: _brief(tag, why) for tag, why in away.items() if tag in robots},
         )
 

@@ -6,6 +6,7 @@ import io
 import json
 import resource
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -19,7 +20,6 @@ from vsense.modes.sim.job import Setup
 from vsense.run.directory import TIMESTEPS_CSV
 from vsense.run.runs_csv import RunRow, read_runs
 from vsense.studies.series import _simulated
-from vsense.studies.series._criteria import Evidence
 from vsense.studies.series._folder import SeriesFolder
 from vsense.studies.series._order import PlannedRun, VoidLimit, cells, pending
 from vsense.studies.series._plan import SeriesPlan, read
@@ -44,7 +44,7 @@ lost_s = 5
 
 
 class Script:
-    """Makes runs as a script says: the evidence of one after the other, then good ones."""
+    """Makes runs as a script says: the outcome of one after the other, then good ones."""
 
     def __init__(self, *script: RunOutcome | None, interrupted: Interruption) -> None:
         self.made: list[str] = []
@@ -52,23 +52,23 @@ class Script:
         self._interrupted = interrupted
 
     def make(self, runs: Sequence[PlannedRun], folder: SeriesFolder) -> Iterator[RunResult]:
-        outcome = self._script.pop(0) if self._script else outcome_of(Evidence())
+        outcome = self._script.pop(0) if self._script else outcome_of()
         self.made.append(runs[0].name)
         directory = folder.of_run(runs[0])
         (directory / TIMESTEPS_CSV).touch()
         if outcome is None:
             raise VsenseError("the lamp is broken")
-        if outcome.evidence.ended == "interrupted":
+        if outcome.ended == "interrupted":
             self._interrupted.set()
         yield runs[0], outcome
 
 
-def outcome_of(evidence: Evidence, halt_reason: str = "") -> RunOutcome:
+def outcome_of(ended: str = "time", why: str = "", halt_reason: str = "") -> RunOutcome:
     row = RunRow(run="", mode="lab", experiment="foraging", condition="", measures={"food": 3.0})
-    return RunOutcome(row, evidence, halt_reason)
+    return RunOutcome(replace(row, why=why), ended, halt_reason)
 
 
-LOST = outcome_of(Evidence(lost_s={"seven": 6.0}))
+LOST = outcome_of(why="seven lost for 6.0 s")
 
 
 @pytest.fixture
@@ -101,15 +101,15 @@ def test_void_runs_are_kept_named_and_repeated(plan: SeriesPlan) -> None:
     assert made == ["run-001", "run-002", "run-001-2"]
     why = "seven lost for 6.0 s"
     assert rows(plan) == [("run-001", why), ("run-002", ""), ("run-001-2", "")]
-    assert f"is void: {why}" in said and (loop.end_reason, loop.valid) == ("", 2)
+    assert f"is invalid: {why}" in said and (loop.end_reason, loop.valid) == ("", 2)
     assert loop.facts()["void"] == [{"run": "run-001", "why": why}]
     assert carried_out(plan)[1] == [], "all is done"
 
 
 def test_too_many_void_runs_end_it_with_every_why(plan: SeriesPlan) -> None:
-    _, made, said = carried_out(plan, LOST, outcome_of(Evidence()), LOST)
+    _, made, said = carried_out(plan, LOST, outcome_of(), LOST)
     assert made == ["run-001", "run-002", "run-001-2"]
-    assert "failed: " in said and "void 2 times" in said
+    assert "failed: " in said and "invalid 2 times" in said
     assert "run-001: seven lost for 6.0 s; run-001-2: seven lost" in said
     with SeriesFolder(plan.path.parent / "walks", plan, []) as folder, pytest.raises(VoidLimit):
         SeriesLoop(
@@ -119,7 +119,7 @@ def test_too_many_void_runs_end_it_with_every_why(plan: SeriesPlan) -> None:
 
 def test_who_stops_a_run_ends_the_series_and_it_goes_on_later(plan: SeriesPlan) -> None:
     by = "stopped by ben (terminal)"
-    loop, made, _ = carried_out(plan, outcome_of(Evidence(by), halt_reason=by))
+    loop, made, _ = carried_out(plan, outcome_of(by, f"{by} before its end", by))
     assert (loop.end_reason, made) == (by, ["run-001"])
     assert carried_out(plan)[1] == ["run-002", "run-001-2"]
 
@@ -137,7 +137,7 @@ def test_what_was_simulated_before_it_ends_is_kept(
         return SimpleNamespace(job=SimpleNamespace(recording=str(folder.recording(run, "a"))))
 
     monkeypatch.setattr(SimulatedRuns, "_task", task)
-    monkeypatch.setattr(_simulated, "outcome", lambda *some: outcome_of(Evidence()))
+    monkeypatch.setattr(_simulated, "outcome", lambda *some: outcome_of())
     runs = pending(plan, [])
     warned = SimpleNamespace(experiment=SimpleNamespace(warnings=()))
     maker = SimulatedRuns(
@@ -159,7 +159,7 @@ def test_what_was_simulated_before_it_ends_is_kept(
 
 
 def test_what_is_cut_off_is_told_and_counts_for_nothing(plan: SeriesPlan) -> None:
-    cut = outcome_of(Evidence("interrupted"))
+    cut = outcome_of("interrupted")
     for attempt in ("run-001", "run-002", "run-001-2"):
         loop, made, _ = carried_out(plan, cut)
         assert (loop.end_reason, made) == ("interrupted", [attempt])
@@ -221,7 +221,7 @@ def test_a_folder_that_was_only_begun_is_taken(plan: SeriesPlan) -> None:
 
 
 def test_a_plan_may_try_more_often_and_not_less(plan: SeriesPlan) -> None:
-    assert "void 2 times" in carried_out(plan, LOST, outcome_of(Evidence()), LOST)[2]
+    assert "invalid 2 times" in carried_out(plan, LOST, outcome_of(), LOST)[2]
     plan.path.write_text(PLAN.replace("again = 1", "again = 2\nrepetitions = 2"))
     more = read(plan.path)
     _, made, said = carried_out(more)
@@ -251,9 +251,9 @@ def test_files_that_have_changed_are_told(plan: SeriesPlan) -> None:
 
 def test_rows_say_that_a_file_changed_while_the_series_went_on(plan: SeriesPlan) -> None:
     def make(runs: Sequence[PlannedRun]) -> Iterator[RunResult]:
-        yield runs[0], outcome_of(Evidence())
+        yield runs[0], outcome_of()
         plan.path.with_name("walk.c").write_text("another")
-        yield runs[1], outcome_of(Evidence())
+        yield runs[1], outcome_of()
 
     program = plan.path.with_name("walk.c")
     program.write_text("one")

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
 from vsense.base.errors import CutShort, Interrupted
 from vsense.base.terminal import Console, Interruption
 from vsense.config.experiment import ARGOS_SUFFIX
-from vsense.run.runs_csv import VALID, VOID, RunRow
-from vsense.studies.series._criteria import Evidence, why_void
+from vsense.run.runs_csv import RunRow
+from vsense.run.verdict import VALID, VOID
 from vsense.studies.series._folder import CampaignTable, SeriesFolder
 from vsense.studies.series._order import CUT, PlannedRun, count_valid, duplicates, pending
 from vsense.studies.series._plan import SeriesPlan
@@ -25,13 +25,13 @@ class RunOutcome:
     """What a run came to.
 
     Attributes:
-        row: what the run knows; name, cell and verdict are the series' to fill in.
-        evidence: for its verdict.
+        row: what the run knows, and its verdict; name and cell are the series' to fill in.
+        ended: why it ended; "time": its length was over.
         halt_reason: why no other run may follow by itself; "": one may.
     """
 
     row: RunRow
-    evidence: Evidence = field(default_factory=Evidence)
+    ended: str = "time"
     halt_reason: str = ""
 
 
@@ -115,7 +115,7 @@ class SeriesLoop:
     def in_words(self) -> str:
         """How the series stands, for people."""
         void = sum(not row.valid for row in self._folder.rows)
-        thrown = f", {void} void" if void else ""
+        thrown = f", {void} invalid" if void else ""
         return f"{self._folder.table.path}: {self.valid} of {self._plan.runs} runs{thrown}"
 
     def _begin(self) -> None:
@@ -125,7 +125,10 @@ class SeriesLoop:
         if folder.rows:
             say(f"{self.in_words()}; it goes on from there")
         for names in duplicates(folder.rows):
-            say(f"{names} are the same run and all valid: one of them has to be void", "warning")
+            say(
+                f"{names} are the same run and all valid: one of them has to be void in the table",
+                "warning",
+            )
         for text in folder.plan_changes:
             say(f"the plan has changed since this series began: {text}", "warning")
         self._warn_of(folder.changed)
@@ -149,17 +152,14 @@ class SeriesLoop:
         return True
 
     def _add(self, run: PlannedRun, outcome: RunOutcome) -> None:
-        evidence = outcome.evidence
-        if evidence.ended == INTERRUPTED:
-            why = f"{CUT}: {INTERRUPTED}"
-        else:
-            why = why_void(self._plan.void, evidence)
-        self._write(run, outcome.row, why)
+        is_cut = outcome.ended == INTERRUPTED
+        self._write(run, outcome.row, f"{CUT}: {INTERRUPTED}" if is_cut else outcome.row.why)
 
     def _write(self, run: PlannedRun, row: RunRow, why: str) -> None:
         cell = run.cell
         self._warn_of(self._folder.check_files())
         changed = ", ".join(Path(file).name for file in self._folder.changed)
+        words = changed and f"changed since the series began: {changed}"
         row = replace(
             row,
             run=run.name,
@@ -172,10 +172,10 @@ class SeriesLoop:
             seed=cell.seed,
             verdict=VOID if why else VALID,
             why=why,
-            note=f"changed since the series began: {changed}" if changed else row.note,
+            note="; ".join(filter(None, (words, row.note))),
         )
         self._folder.append(row)
         if why:
-            self._console.say(f"{run.label} is void: {why}", "warning")
+            self._console.say(f"{run.label} is invalid: {why}", "warning")
         elif self._plan.mode != "sim":
             self._console.say(f"{run.name} is valid; {self.in_words()}")
