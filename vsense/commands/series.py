@@ -58,6 +58,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def add_making(parser: argparse.ArgumentParser) -> None:
     """Declares who plays, and how runs are made in each mode."""
+    text = "go on with another vsense, or other files, than the series began with: rows note it"
+    _arguments.flag(parser, "--allow-upgrade", text)
     text = "simulated runs at the same time (default: one per processor)"
     _arguments.option(parser, "-j --jobs", _arguments.positive, "N", text)
     default = f"(default: with real robots {FILE_NAME} in the current folder, otherwise none)"

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import resource
 from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -16,6 +18,7 @@ import pytest
 
 from vsense.base.errors import Interrupted, UsageError, VsenseError
 from vsense.base.terminal import Console, Interruption
+from vsense.modes.sim.fingerprint import software
 from vsense.modes.sim.job import Setup
 from vsense.run.directory import TIMESTEPS_CSV
 from vsense.run.runs_csv import RunRow, read_runs
@@ -82,7 +85,7 @@ def carried_out(plan: SeriesPlan, *script: RunOutcome | None) -> tuple[SeriesLoo
     """One call of the command: the loop, the runs that were made, and what was said."""
     said, interrupted = io.StringIO(), Interruption()
     maker = Script(*script, interrupted=interrupted)
-    with SeriesFolder(plan.path.parent / "walks", plan, [plan.path]) as folder:
+    with SeriesFolder(plan.path.parent / "walks", plan, []) as folder:
         make = partial(maker.make, folder=folder)
         loop = SeriesLoop(plan, folder, make, Console(said), interrupted)
         try:
@@ -234,14 +237,16 @@ def test_a_plan_may_try_more_often_and_not_less(plan: SeriesPlan) -> None:
         carried_out(plan)
 
 
-def test_files_that_have_changed_are_told(plan: SeriesPlan) -> None:
+def test_a_series_goes_on_with_other_files_only_where_that_is_wanted(plan: SeriesPlan) -> None:
     program = plan.path.with_name("walk.c")
     program.write_text("one")
     folder = plan.path.parent / "walks"
     with SeriesFolder(folder, plan, [program]) as first:
         assert first.changed == []
     program.write_text("two")
-    with SeriesFolder(folder, plan, [program]) as again:
+    with pytest.raises(UsageError, match=rf"began: {program}. Runs .* --allow-upgrade"):
+        SeriesFolder(folder, plan, [program]).__enter__()
+    with SeriesFolder(folder, plan, [program], allows_upgrade=True) as again:
         assert again.changed == [str(program)] and again.check_files() == []
         program.write_text("one")
         assert (again.check_files(), again.changed) == ([], [])
@@ -249,7 +254,34 @@ def test_files_that_have_changed_are_told(plan: SeriesPlan) -> None:
         assert again.check_files() == [str(program)]
 
 
-def test_rows_say_that_a_file_changed_while_the_series_went_on(plan: SeriesPlan) -> None:
+def test_a_series_goes_on_with_another_vsense_only_where_that_is_wanted(plan: SeriesPlan) -> None:
+    folder = plan.path.parent / "walks"
+    with SeriesFolder(folder, plan, []):
+        notes = json.loads((folder / "series.json").read_text())
+    assert notes["software"] == software() and len(notes["software"]["sources"]) == 12
+    before = notes["software"] | {"sources": "0123456789ab", "commit": ""}
+    (folder / "series.json").write_text(json.dumps(notes | {"software": before}))
+    now = software()["commit"] or software()["sources"]
+    words = f"vsense 0.1.0 (0123456789ab) became vsense 0.1.0 ({now})"
+    with pytest.raises(UsageError, match=re.escape(f"began: {words}. Runs")):
+        SeriesFolder(folder, plan, []).__enter__()
+    said = io.StringIO()
+    with SeriesFolder(folder, plan, [], allows_upgrade=True) as again:
+        make = partial(Script(interrupted=Interruption()).make, folder=again)
+        SeriesLoop(plan, again, make, Console(said), Interruption()).run()
+        assert {row.note for row in again.rows} == {f"changed since the series began: {words}"}
+    assert said.getvalue().count(words) == 1
+    # One of vsense 0.1 has a version only.
+    del notes["software"]
+    (folder / "series.json").write_text(json.dumps(notes))
+    with SeriesFolder(folder, plan, []) as older:
+        assert older.upgrade == ""
+
+
+@pytest.mark.parametrize("allowed", [False, True])
+def test_a_file_that_changes_while_the_series_goes_on_ends_it(
+    plan: SeriesPlan, allowed: bool
+) -> None:
     def make(runs: Sequence[PlannedRun]) -> Iterator[RunResult]:
         yield runs[0], outcome_of()
         plan.path.with_name("walk.c").write_text("another")
@@ -258,8 +290,11 @@ def test_rows_say_that_a_file_changed_while_the_series_went_on(plan: SeriesPlan)
     program = plan.path.with_name("walk.c")
     program.write_text("one")
     said, never = io.StringIO(), Interruption()
-    with SeriesFolder(plan.path.parent / "walks", plan, [program]) as folder:
-        SeriesLoop(plan, folder, make, Console(said), never).run()
-        notes = [row.note for row in folder.rows]
-    assert notes == ["", "changed since the series began: walk.c"]
-    assert said.getvalue().count(f"{program} has changed since") == 1
+    with SeriesFolder(plan.path.parent / "walks", plan, [program], allowed) as folder:
+        loop = SeriesLoop(plan, folder, make, Console(said), never)
+        with nullcontext() if allowed else pytest.raises(UsageError, match="--allow-upgrade"):
+            loop.run()
+        rows = [(row.verdict, row.note) for row in folder.rows]
+    note = "changed since the series began: walk.c"
+    assert rows == [("valid", ""), ("valid" if allowed else "void", note)]
+    assert (f"changed since this series began: {program}" in said.getvalue()) == allowed

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from vsense.base.errors import CutShort, Interrupted
+from vsense.base.errors import CutShort, Interrupted, UsageError
 from vsense.base.terminal import Console, Interruption
 from vsense.config.experiment import ARGOS_SUFFIX
 from vsense.run.runs_csv import RunRow
 from vsense.run.verdict import VALID, VOID
-from vsense.studies.series._folder import CampaignTable, SeriesFolder
+from vsense.studies.series._folder import CampaignTable, SeriesFolder, changed_words
 from vsense.studies.series._order import CUT, PlannedRun, count_valid, duplicates, pending
 from vsense.studies.series._plan import SeriesPlan
 
@@ -131,15 +131,11 @@ class SeriesLoop:
             )
         for text in folder.plan_changes:
             say(f"the plan has changed since this series began: {text}", "warning")
-        self._warn_of(folder.changed)
+        self._warn_of([folder.upgrade, *folder.changed])
 
-    def _warn_of(self, files: Sequence[str]) -> None:
-        for file in files:
-            self._console.say(
-                f"{file} has changed since this series began: runs differ by more than their"
-                " conditions; begin another series with -o, or change it back",
-                "warning",
-            )
+    def _warn_of(self, changes: Sequence[str]) -> None:
+        if words := ", ".join(filter(None, changes)):
+            self._console.say(f"changed since this series began: {words}", "warning")
 
     def _note_cut_off(self, run: PlannedRun) -> bool:
         """Writes down a run that was cut off when vsense or the machine ended; says whether."""
@@ -157,9 +153,13 @@ class SeriesLoop:
 
     def _write(self, run: PlannedRun, row: RunRow, why: str) -> None:
         cell = run.cell
-        self._warn_of(self._folder.check_files())
-        changed = ", ".join(Path(file).name for file in self._folder.changed)
+        new, folder = self._folder.check_files(), self._folder
+        is_over = bool(new) and not folder.allows_upgrade
+        self._warn_of(() if is_over else new)
+        names = [Path(file).name for file in folder.changed]
+        changed = ", ".join(filter(None, (folder.upgrade, *names)))
         words = changed and f"changed since the series began: {changed}"
+        why = why or (f"{', '.join(names)} changed while the series went on" if is_over else "")
         row = replace(
             row,
             run=run.name,
@@ -179,3 +179,5 @@ class SeriesLoop:
             self._console.say(f"{run.label} is invalid: {why}", "warning")
         elif self._plan.mode != "sim":
             self._console.say(f"{run.name} is valid; {self.in_words()}")
+        if is_over:
+            raise UsageError(changed_words(str(folder.path), new))
