@@ -107,6 +107,7 @@ TABLE = {
     "series.cast": "studies.series.parts",
     "series.fields": "base.toml",
     "series.forecast": "studies.series.order",
+    "series.criteria": "run.verdict",
     "series.witness": "run.witness",
     "sharing": "base.sharing",
     "shipped": "tools.shipped",

@@ -12,7 +12,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from queue import Empty, SimpleQueue
 from types import FrameType
@@ -308,6 +308,23 @@ def aligned(rows: Sequence[Sequence[str]], left: int | None = None) -> list[str]
         ]
         lines.append("  ".join(cells).rstrip())
     return lines
+
+
+_UNITS = ("m", "s", "rad", "deg")
+"""In which names of measures end."""
+
+
+def spoken(name: str) -> str:
+    """A measure's name for people; names end in their unit."""
+    words, _, unit = name.rpartition("_")
+    if words and unit in _UNITS:
+        return f"{words.replace('_', ' ')} [{unit}]"
+    return name.replace("_", " ")
+
+
+def measure_rows(measures: Mapping[str, float]) -> list[tuple[str, str]]:
+    """Measures as the rows of a run's table, in one spelling for all modes."""
+    return [("measure", f"{spoken(name)}: {value:g}") for name, value in measures.items()]
 
 
 def paged(text: str) -> None:

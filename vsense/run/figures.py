@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vsense.base.arena import Frame
 from vsense.base.errors import VsenseError
-from vsense.base.terminal import Console
+from vsense.base.terminal import Console, measure_rows
 from vsense.config.specs import Experiment
 from vsense.robots.link.status import RadioStatus, RobotStatus
 from vsense.robots.link.wire import StopCause
@@ -297,10 +297,7 @@ def table(summary: Mapping[str, Any]) -> str:
             f" without any state: {', '.join(silences) or 'never'}",
         ),
         link_row(summary["link"]),
-        *(
-            ("" if n else "results", f"{name} {value:g}")
-            for n, (name, value) in enumerate(summary["results"].items())
-        ),
+        *measure_rows(summary["results"]),
     ]
     lines = [f"{name:<10}{text}" for name, text in rows]
     lines.append(f"{'latency':<10}{'in ms':<32}{'p50':>10}{'p99':>10}{'max':>10}")

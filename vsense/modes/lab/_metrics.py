@@ -322,9 +322,11 @@ def swarm(
     return figures
 
 
-def swarm_rows(swarm: dict[str, int | None], robots: int) -> list[tuple[str, str]]:
+def swarm_rows(swarm: dict[str, int | None] | None, robots: int) -> list[tuple[str, str]]:
     """The figures of `swarm` as lines of a table; none without a cone."""
-    rows = []
+    rows = list[tuple[str, str]]()
+    if swarm is None:
+        return rows
     turned = swarm["in_cone_after_turn"] is not None
     for when in ("before", "after"):
         inside, lit = swarm[f"in_cone_{when}_turn"], swarm[f"lit_{when}_turn"]

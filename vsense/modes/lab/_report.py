@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from vsense.base import clock
 from vsense.base.shared import LabError
+from vsense.base.terminal import measure_rows
 from vsense.config.specs import Experiment, RobotSpec
 from vsense.modes.lab import _metrics
 from vsense.modes.lab._metrics import SwarmTruth
@@ -23,7 +24,7 @@ from vsense.modes.lab.hardware import report_all
 from vsense.modes.lab.session import RunNotes, Session
 from vsense.modes.lab.truth import read_truth
 from vsense.monitor.pictures import run_figure
-from vsense.monitor.pictures.run_figure import RunCameras, spoken
+from vsense.monitor.pictures.run_figure import RunCameras
 from vsense.robots.link.status import RING_LEDS
 from vsense.run.figures import StepTimes, late_text, link_row, number, percent
 from vsense.run.verdict import judged, table_rows
@@ -141,6 +142,8 @@ def summarise(session: Session, number: int, measured: _metrics.MeasuredRun) -> 
         "measures": recording.measures,
     }
     summary |= report_all(session.robots.hardware)
+    if not session.experiment.sources:
+        del summary["swarm"]
     return judged(summary, recording.record, session.setup.criteria)
 
 
@@ -181,7 +184,7 @@ def _calibration_rows(figures: dict[str, Any] | None) -> list[tuple[str, str]]:
 def table(summary: dict[str, Any]) -> str:
     """The summary as text."""
     tracking, sensing = summary["tracking"], summary["sensing"]
-    swarm, latency, vision = summary["swarm"], summary["latency_ms"], summary["vision"]
+    latency, vision = summary["latency_ms"], summary["vision"]
     unlogged, pace = summary["unlogged_timesteps"], summary["pace"]
     short = f"; the logs end {unlogged} timesteps before the run" if unlogged else ""
     rows = [
@@ -206,8 +209,8 @@ def table(summary: dict[str, Any]) -> str:
             f"{sensing['readings']} of {sensing['expected']} readings held,"
             f" {percent(sensing['fresh_share'], 2)} fresh{_agreement(sensing)}",
         ),
-        *_metrics.swarm_rows(swarm, summary["robots"]),
-        *(("measure", f"{spoken(name)}: {value:g}") for name, value in summary["measures"].items()),
+        *_metrics.swarm_rows(summary.get("swarm"), summary["robots"]),
+        *measure_rows(summary["measures"]),
         link_row(summary["link"]),
         ("clocks", f"age wrong by {summary['clock']['age_error_ms_p99']} ms (99th percentile)"),
     ]

@@ -11,7 +11,7 @@ import numpy as np
 
 from vsense.base import clock
 from vsense.base.errors import CutShort, UsageError, VsenseError
-from vsense.base.terminal import Console, interruption
+from vsense.base.terminal import Console, interruption, spoken
 from vsense.config.specs import Experiment
 from vsense.modes import origin
 from vsense.modes._several import Series
@@ -23,7 +23,6 @@ from vsense.modes.lab.session import Session
 from vsense.modes.live.opening import StagedOptions, check_ports, say_link, say_trust
 from vsense.modes.live.session import RunSetup
 from vsense.modes.options import say_warnings
-from vsense.monitor.pictures.run_figure import spoken
 from vsense.monitor.ui.room import ControlRoom
 from vsense.robots.link.key_process import KeyProcess
 from vsense.robots.link.keys import INSECURE, LinkTrust

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vsense.base.errors import Interrupted, VsenseError
-from vsense.base.terminal import Console, Interruption, interruption, print_data
+from vsense.base.terminal import Console, Interruption, interruption, measure_rows, print_data
 from vsense.config.specs import Experiment
 from vsense.modes import origin
 from vsense.modes.lab._metrics import swarm_rows
@@ -239,7 +239,9 @@ class _SingleRun:
         console, directory = self.console, Path(job.directory or ".")
         console.end_progress()
         record = record_of(result, ended)
-        summary = {**_summarise(job, result), **judge(record, VoidCriteria()).facts()}
+        swarm = {"swarm": result["swarm"]} if self.experiment.sources else {}
+        verdict = judge(record, VoidCriteria()).facts()
+        summary = {**_summarise(job, result), **swarm, **verdict}
         self._say_events(result, directory)
         run_directory.write_summary(directory, summary, on_stdout)
         console.say(_table(summary))
@@ -279,7 +281,6 @@ def _summarise(job: Job, result: dict[str, Any]) -> dict[str, Any]:
         "timesteps": result["timesteps"],
         "duration_s": round(duration_s, 3),
         "speedup": round(duration_s / result["wall_s"], 1),
-        "swarm": result["swarm"],
         "measures": result["measures"],
     }
 
@@ -291,6 +292,6 @@ def _table(summary: dict[str, Any]) -> str:
         f" {summary['speedup']:g} times as fast as real time"
     )
     rows = [("run", text), *table_rows(summary)]
-    rows += swarm_rows(summary["swarm"], summary["robots"])
-    rows += [("measure", f"{name} = {value:g}") for name, value in summary["measures"].items()]
+    rows += swarm_rows(summary.get("swarm"), summary["robots"])
+    rows += measure_rows(summary["measures"])
     return "\n".join(f"{name:<10}{text}" for name, text in rows)

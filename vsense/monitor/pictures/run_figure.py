@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from vsense.base.arena import Frame
 from vsense.base.canvas import GRID, INK, MUTED, SCALE, Canvas, Colour, Floats, Image, width_of
 from vsense.base.errors import VsenseError
+from vsense.base.terminal import spoken
 from vsense.config.specs import Experiment
 from vsense.monitor.pictures import _arena_view
 from vsense.monitor.pictures._arena_view import VIEW_PX
@@ -37,8 +38,6 @@ MARGIN, TITLE_PX, CAPTION, FOOT = 40, 116, 96, 64
 """Widths and heights around the pictures [px]."""
 
 _COLOURS: tuple[Colour, ...] = (DARK, (60, 140, 60), (150, 60, 140))
-
-_UNITS = ("m", "s", "rad", "deg")
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,14 +176,6 @@ def _note(run: RunFigure, row: int) -> str:
         return f"{count} robot{'s' if count != 1 else ''} in the cone, {lit} of them lit"
     measures = run.samples.measures().items()
     return ", ".join(f"{spoken(name)} {values[row]:.3g}" for name, values in measures)
-
-
-def spoken(name: str) -> str:
-    """A measure's name for people; names end in their unit."""
-    words, _, unit = name.rpartition("_")
-    if words and unit in _UNITS:
-        return f"{words.replace('_', ' ')} [{unit}]"
-    return name.replace("_", " ")
 
 
 def charts(run: RunFigure) -> list[Chart]:

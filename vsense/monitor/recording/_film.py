@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 
 from vsense.base.canvas import INK, MUTED, Canvas, Colour, Image, width_of
+from vsense.base.terminal import spoken
 from vsense.monitor.pictures import _arena_view
 from vsense.monitor.pictures._camera_view import CameraPanels, shape_of
 from vsense.monitor.pictures._scene import CONE, DARK, LIT
-from vsense.monitor.pictures.run_figure import spoken
 from vsense.monitor.recording import IN_CONE, LIT_IN_CONE
 from vsense.monitor.recording._scenes import RecordedScenes
 from vsense.vision.cameras.camera import Camera

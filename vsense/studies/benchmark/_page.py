@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from vsense.base.errors import failing_as
-from vsense.monitor.pictures.run_figure import spoken
+from vsense.base.terminal import spoken
 from vsense.monitor.recording.form import RecordingError
 from vsense.studies.benchmark._comparing import ComparedLabs
 from vsense.studies.report import Questions, _plot, can_draw, lacking, lacking_tests

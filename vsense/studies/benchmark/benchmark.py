@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from vsense.base.errors import UsageError
-from vsense.base.terminal import Console, aligned, interruption
+from vsense.base.terminal import Console, aligned, interruption, spoken
 from vsense.config.roster import Roster, find_roster, require_roster
-from vsense.monitor.pictures.run_figure import spoken
 from vsense.studies.benchmark import _checking, _comparing, _definition, _page, _result
 from vsense.studies.benchmark._definition import Definition
 from vsense.studies.benchmark._result import Benchmark, LabSetup

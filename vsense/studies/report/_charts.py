@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vsense.base.canvas import Floats
+from vsense.base.terminal import spoken
 from vsense.monitor import recording
-from vsense.monitor.pictures.run_figure import spoken
 from vsense.studies.report import _plot
 from vsense.studies.report._compare import Group, curve, measure_names, statistics
 from vsense.studies.report._findings import Findings

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from vsense.base.canvas import Floats
+from vsense.base.terminal import spoken
 from vsense.monitor import recording
-from vsense.monitor.pictures.run_figure import spoken
 from vsense.run.runs_csv import RunRow
 from vsense.studies.report._facts import RECORDED, RUN_KINDS
 from vsense.studies.report._findings import Findings

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vsense.base.errors import UsageError, VsenseError
-from vsense.monitor.pictures.run_figure import spoken
+from vsense.base.terminal import spoken
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

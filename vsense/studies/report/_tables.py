@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from vsense.monitor.pictures.run_figure import spoken
+from vsense.base.terminal import spoken
 from vsense.studies.report._compare import CampaignRuns, Group, quantities, table
 from vsense.studies.report._findings import Findings, RobotRow
 from vsense.studies.report._markup import DASH, Counter, figure_of, share_of

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vsense.monitor.pictures.run_figure import spoken
+from vsense.base.terminal import spoken
 from vsense.studies.report import Questions, _plot
 from vsense.studies.report._markup import DASH, Counter, PageFigure, note, share_of
 from vsense.studies.report._plot import Drawing

@@ -9,7 +9,7 @@ from importlib import metadata
 import numpy as np
 
 from vsense import __version__
-from vsense.monitor.pictures.run_figure import spoken
+from vsense.base.terminal import spoken
 from vsense.studies.report import Questions
 from vsense.studies.report._markup import DASH, figure_of, share_of
 from vsense.studies.report.study._effects import EffectSize
