@@ -5,9 +5,11 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -17,7 +19,9 @@ import pytest
 from tests.monitor.recording.conftest import BEGIN_NS, picture
 from tests.rigs.places import ROOT
 from vsense.base.message_bus import Message, MessageBus
+from vsense.monitor.recording import _recorder
 from vsense.monitor.recording._recorder import Recorder
+from vsense.monitor.recording._waiting import WaitingBounds, WaitingPicture
 from vsense.monitor.recording.reader import open_recording
 from vsense.monitor.recording.writer import WholeFile
 
@@ -138,3 +142,30 @@ def test_a_disk_that_hangs_holds_nobody_up(tmp_path: Path, monkeypatch: pytest.M
         assert seen == [1, 2, 3, 4]
         gaps = {(gap.messages, gap.pictures) for gap in recording.gaps}
         assert gaps == {(3, 0), (0, 10)}
+        whys = {re.sub(r"\d+ %", "", gap.why) for gap in recording.gaps}
+    assert all("it spent  writing to the disk," in why for why in whys), whys
+    assert "writing to the disk" in recorder.state()["lost_why"]
+
+
+def test_a_busy_processor_is_not_called_a_slow_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    encode = _recorder._encoded
+
+    def work(waiting: WaitingPicture, topic: str) -> Message:
+        until_ns = time.thread_time_ns() + 50_000_000
+        while time.thread_time_ns() < until_ns:
+            pass
+        return encode(waiting, topic)
+
+    monkeypatch.setattr(_recorder, "_encoded", work)
+    bounds = WaitingBounds(picture_bytes=100)
+    recorder = Recorder(MessageBus(), tmp_path / "run.mcap", pictures=True, bounds=bounds)
+    for number in range(100):
+        recorder.pictures([picture(number)])
+        if number % 10 == 0:
+            time.sleep(0.06)
+    recorder.close()
+    why = recorder.state()["lost_why"]
+    share = re.search(r"(\d+) % writing to the disk", why)
+    assert share is not None and int(share[1]) < 50, why

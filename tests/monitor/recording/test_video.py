@@ -18,6 +18,7 @@ from tests.monitor.recording.conftest import BEGIN_NS, record
 from tests.monitor.recording.recorded_world import CAMERAS, TIMESTEPS, frames, messages
 from vsense import cli
 from vsense.base.message_bus import Message
+from vsense.monitor.recording import form
 from vsense.monitor.recording._film import Panel, arrange, clock_text
 from vsense.monitor.recording._scenes import RecordedScenes
 from vsense.monitor.recording._video import Video, VideoPlan
@@ -126,7 +127,9 @@ def test_the_command_writes_a_video(
     path = tmp_path / "out.webm"
     assert cli.main(["export", str(file), "--video", str(path), *PLAN, "--to", "1", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
-    assert told == {"video": str(path), "frames": 10, "seconds": 1.0, "bytes": path.stat().st_size}
+    assert told["lacking"] == {"gaps": 0, "messages": 0, "pictures": 0, "seconds": 0.0}
+    facts = {"video": str(path), "frames": 10, "seconds": 1.0, "bytes": path.stat().st_size}
+    assert facts.items() <= told.items() and told["old_pictures"] == {}
     film = cv2.VideoCapture(str(path))
     assert film.get(cv2.CAP_PROP_FPS) == pytest.approx(10.0)
     read = [film.read() for _ in range(11)]
@@ -135,6 +138,26 @@ def test_the_command_writes_a_video(
     assert list(tmp_path.iterdir()) == [path]
     assert cli.main(["export", str(file), "--video", str(path), *PLAN]) == 2
     assert "is there already" in capsys.readouterr().err
+
+
+def test_a_video_of_old_pictures_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    kept = [frame for frame in frames() if frame.camera != "left" or frame.timestep < 3]
+    data = {"from_ns": BEGIN_NS, "to_ns": BEGIN_NS + 500_000_000, "messages": 4, "pictures": 9}
+    gap = Message(form.GAP, BEGIN_NS + 500_000_000, {**data, "why": "no processor"})
+    file = record(tmp_path / "run.mcap", sorted([*messages(), gap], key=lambda m: m.time_ns), kept)
+    path = tmp_path / "out.webm"
+    assert cli.main(["export", str(file), "--video", str(path), *PLAN]) == 0
+    said = capsys.readouterr()
+    assert "lacks 4 messages and 9 pictures of 0.5 s: no processor" in said.err
+    drawn = len(images(file))
+    captured_s = [(f.capture_ns - BEGIN_NS) / 1e9 for f in kept if f.camera == "left"]
+    old = [n for n in range(drawn) if n / 10 - captured_s[-1] > 0.5 + 1e-6]
+    assert 0 < len(old) < drawn
+    assert f"pictures older than 0.5 s, of {drawn} frames: left in {len(old)}" in said.out
+    grey = [np.count_nonzero((90 <= image) & (image <= 110)) for image in images(file, view="left")]
+    assert grey[-1] < grey[0] / 3, "what is old is paler than the picture was"
 
 
 def test_an_animated_picture_is_written(

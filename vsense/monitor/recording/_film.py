@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -27,7 +28,8 @@ _RED: Colour = (46, 38, 196)
 _LINES: tuple[Colour, ...] = (DARK, (60, 140, 60), (150, 60, 140), (0, 91, 154))
 _OWN_LINES = {IN_CONE: CONE, LIT_IN_CONE: LIT}
 _MOST_MEASURES = 4
-_OLD_NS = 500_000_000
+OLD_S = 0.5
+"""An older picture is said to be old, over it."""
 
 RecordedPicture = tuple[int, Image]
 """When it was captured [ns], and the grey picture."""
@@ -86,6 +88,9 @@ class Film:
         cameras: that are shown, in any order.
         size: width and height of a frame [px].
         measures: whether there are any.
+
+    Attributes:
+        old_pictures: in how many frames a camera's picture was old, by its name.
     """
 
     def __init__(
@@ -97,6 +102,7 @@ class Film:
         measures: bool,
     ) -> None:
         self._scenes, self._cameras, self._size = scenes, cameras, size
+        self.old_pictures = Counter[str]()
         size_m = scenes.arena.size_m
         shapes = [size_m[0] / size_m[1]] if arena else []
         shapes += [shape_of(cameras)] if cameras else []
@@ -141,10 +147,14 @@ class Film:
                 return None
             # Ways of some seconds belong to the view from above.
             moments[camera.id] = replace(moment, trails=np.empty(0))
+            old_s = (now_ns - capture_ns) / 1e9
             if image is not None:
-                images[camera.id] = image
-            if now_ns - capture_ns > _OLD_NS:
-                titles[camera.id] = f"{camera.id}, {(now_ns - capture_ns) / 1e9:.1f} s ago"
+                images[camera.id] = image if old_s <= OLD_S else _marked(image, old_s)
+            else:
+                titles[camera.id] = f"{camera.id}, no picture yet"
+            if old_s > OLD_S:
+                self.old_pictures[camera.id] += 1
+                titles[camera.id] = f"{camera.id}, {old_s:.1f} s ago"
         return self._grid.draw(moments, images, _PAPER, titles)
 
     def _put(self, canvas: Canvas, panel: Image | None, place: Panel) -> None:
@@ -173,6 +183,17 @@ class Film:
             )
             colour = _OWN_LINES.get(name, _LINES[number % len(_LINES)])
             _measure(canvas, box, name, times, values, colour)
+
+
+def _marked(image: Image, old_s: float) -> Image:
+    """A picture that is old, paler, and with how old across it."""
+    height, width = image.shape
+    pale = np.asarray(image // 3 + 150, np.uint8)
+    text, size = f"{old_s:.1f} s old", width / 240.0
+    (across, _), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, size, 1)
+    place = max((width - across) // 2, 0), height // 2
+    cv2.putText(pale, text, place, cv2.FONT_HERSHEY_SIMPLEX, size, 0, max(width // 150, 1))
+    return pale
 
 
 def _measure(

@@ -13,7 +13,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,51 @@ from vsense.monitor.recording._waiting import Waiting, WaitingBounds, WaitingIte
 from vsense.monitor.recording.writer import FLUSH_S, RecordingWriter, gap_message
 from vsense.vision.tracking import recorded_tracker
 from vsense.vision.tracking.arena_tracker import ArenaTracker
+
+
+@dataclass(slots=True)
+class _Load:
+    """What the recorder's thread has spent its time with [ns].
+
+    Attributes:
+        busy: it did not wait for something to record.
+        disk: of that, writing took; `ran`: it had a processor, for encoding.
+        writes_since: it writes since then; None: it does not.
+    """
+
+    busy: int = 0
+    disk: int = 0
+    ran: int = 0
+    writes_since: int | None = None
+
+    def write(self) -> None:
+        """It begins to write."""
+        self.writes_since = time.monotonic_ns()
+
+    def written(self) -> None:
+        """It has written, or was refused."""
+        spent = self._writing()
+        self.busy, self.disk, self.writes_since = self.busy + spent, self.disk + spent, None
+
+    def in_words(self) -> str:
+        """Why it could not keep up: what it was busy with, the most of it first; any thread."""
+        writing = self._writing()
+        busy, disk = self.busy + writing, self.disk + writing
+        parts = {
+            "waiting for a processor": busy - disk - self.ran,
+            "encoding": self.ran,
+            "writing to the disk": disk,
+        }
+        shares = [
+            f"{100 * max(spent, 0) // max(busy, 1)} % {what}"
+            for what, spent in sorted(parts.items(), key=lambda part: -part[1])
+        ]
+        return f"recording did not keep up; of its time it spent {', '.join(shares)}"
+
+    def _writing(self) -> int:
+        since = self.writes_since
+        return 0 if since is None else time.monotonic_ns() - since
+
 
 WRITE_RETRY_S = 1.0
 FORETELL_S = 10.0
@@ -74,14 +119,16 @@ class Recorder:
         self._bus, self._say = bus, say
         self._keeps_pictures = pictures
         self._clock = clock
-        self._waiting = Waiting(bounds or WaitingBounds())
+        self._load = _Load()
+        self._trouble: str | None = None
+        why = lambda: self._trouble or self._load.in_words()  # noqa: E731
+        self._waiting = Waiting(bounds or WaitingBounds(), why)
         utc_shift_ns = time.time_ns() - clock()
         self._writer = RecordingWriter(path, clock(), utc_shift_ns)
         self._channels: Channels | None = Channels(utc_shift_ns, full_size=pictures)
         self._sizes: dict[str, int] = {}
         self._tracker: Mapping[str, Any] | None = None
         self._updates, self._has_memory = 0, False
-        self._trouble: str | None = None
         self._on_since_ns, self._recorded_ns = clock(), 0
         self._off_since_ns: int | None = None
         self._foretold = self._said_lost = False
@@ -155,6 +202,7 @@ class Recorder:
             "file": str(self.path),
             "bytes": self._writer.bytes,
             "lost_messages": self._waiting.lost,
+            "lost_why": self._waiting.lost_why or None,
             "trouble": self._trouble,
         }
 
@@ -192,8 +240,11 @@ class Recorder:
         due_s = time.monotonic() + FLUSH_S
         while not self._closing.is_set():
             item = self._waiting.pop(max(due_s - time.monotonic(), 0.0))
+            begun_ns, ran_ns = time.monotonic_ns(), time.thread_time_ns()
             if item is not None:
                 self._add(item)
+            self._load.ran += time.thread_time_ns() - ran_ns
+            self._load.busy += time.monotonic_ns() - begun_ns
             if time.monotonic() >= due_s or self._writer.is_full:
                 due_s = time.monotonic() + FLUSH_S
                 # However long the disk is full.
@@ -213,9 +264,7 @@ class Recorder:
                 self._report(f"recording: about {cost} a minute; {megabytes(free)} free", "info")
         if self._waiting.lost and not self._said_lost:
             self._said_lost = True
-            self._report(
-                "the recording cannot keep up: pictures and messages are left out", "warning"
-            )
+            self._report(f"pictures and messages are left out: {self._load.in_words()}", "warning")
 
     def _add(self, item: WaitingItem) -> None:
         """Encodes one item into the present chunk."""
@@ -245,19 +294,22 @@ class Recorder:
 
     def _flush(self) -> bool:
         """Brings the chunk to the disk; gives whether the disk took it."""
+        self._load.write()
         try:
             self._writer.flush()
         except OSError as error:
             if self._trouble is None:
                 self._said_lost = True
-                self._trouble = self._waiting.why = str(error.strerror)
+                self._trouble = str(error.strerror)
                 self._report(
                     f"recording is suspended: {self.path} cannot be written: {error.strerror};"
                     " the run goes on without it, and so does the recording as soon as it can"
                 )
             return False
+        finally:
+            self._load.written()
         if self._trouble is not None:
-            self._trouble, self._waiting.why = None, Waiting.KEEP_UP
+            self._trouble = None
             self._rejoin()
             self._report(f"recording goes on: {self.path} can be written again", "info")
         return True

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
@@ -59,6 +60,7 @@ class Video:
     Attributes:
         frames: how many the video will have.
         fps: so many per second.
+        old_pictures: in how many frames that were drawn a camera's picture was old, by its name.
 
     Raises:
         RecordingError: the recording does not hold what shall be shown.
@@ -66,6 +68,7 @@ class Video:
 
     def __init__(self, recording: Recording, plan: VideoPlan) -> None:
         self._recording, self._plan, self._name = recording, plan, str(recording.path)
+        self.old_pictures = Counter[str]()
         data = recording.experiment
         try:
             self._scenes = RecordedScenes(data, plan.robot)
@@ -102,6 +105,7 @@ class Video:
     def images(self, stopped: Callable[[], bool] = lambda: False) -> Iterator[Any]:
         """All frames, one after the other, (h, w, 3) BGR; no more of them once it is stopped."""
         film = Film(self._scenes, self._arena, self._cameras, self._plan.size, self._measured())
+        film.old_pictures = self.old_pictures
         news = _Ahead(self._recording.messages(set(self._scenes.topics)), lambda m: m.time_ns)
         # Measures are drawn from the beginning on, pictures are wanted from now on.
         since_s = max(self._from_s - _BEFORE_S, 0.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from vsense.base.arena import Frame
@@ -71,16 +71,19 @@ class _Queue:
 class Waiting:
     """The queue; any thread may put, one takes: messages first, since pictures take long to encode.
 
+    `why` gives the reason that a gap gets which begins now.
+
     Attributes:
         lost: messages and pictures that were left out.
-        why: the reason that a gap gets which begins now, usually `KEEP_UP`.
+        lost_why: that of the newest gap, "": there was none.
     """
 
     KEEP_UP = "it could not be written as fast as it came"
 
-    def __init__(self, bounds: WaitingBounds) -> None:
-        self.lost = 0
-        self.why = self.KEEP_UP
+    def __init__(
+        self, bounds: WaitingBounds, why: Callable[[], str] = lambda: Waiting.KEEP_UP
+    ) -> None:
+        self.lost, self.lost_why, self._why = 0, "", why
         self._bounds = bounds
         self._queues = {_MESSAGES: _Queue(), _PICTURES: _Queue()}
         self._gaps: dict[str, _Gap] = {}
@@ -147,7 +150,8 @@ class Waiting:
 
     def _leave_out(self, kind: str, number: int, now_ns: int) -> None:
         self.lost += number
-        gap = self._gaps.setdefault(kind, _Gap(now_ns, now_ns, self.why))
+        gap = self._gaps.setdefault(kind, _Gap(now_ns, now_ns, self._why()))
+        self.lost_why = gap.why
         gap.to_ns = now_ns
         gap.left_out += number
 

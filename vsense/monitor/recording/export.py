@@ -99,9 +99,10 @@ def _check(options: ExportOptions) -> None:
 
 def _tables(opened: Recording, folder: Path, console: Console) -> Exported:
     rows = export_csv(opened, folder)
-    _say_state(opened, console)
+    lacking = _say_state(opened, console)
     tables = {f"{folder / name}.csv": count for name, count in rows.items()}
-    return Exported({"tables": tables}, [f"{name}: {n} rows" for name, n in tables.items()])
+    facts = {"tables": tables, "lacking": lacking}
+    return Exported(facts, [f"{name}: {n} rows" for name, n in tables.items()])
 
 
 def _video(
@@ -111,6 +112,7 @@ def _video(
     console: Console,
     interrupted: Interruption,
 ) -> Exported | None:
+    from vsense.monitor.recording._film import OLD_S
     from vsense.monitor.recording._video import Video, VideoPlan
 
     with interrupted.at_once():
@@ -124,14 +126,18 @@ def _video(
 
     complete = film.write(path, show, interrupted.is_set)
     console.end_progress()
-    _say_state(opened, console)
+    lacking = _say_state(opened, console)
     if not complete:
         console.say(f"vsense: interrupted; nothing is left of {path}")
         return None
     size, duration_s = path.stat().st_size, round(film.frames / film.fps, 3)
     facts = {"video": str(path), "frames": film.frames, "seconds": duration_s, "bytes": size}
-    line = f"{path}: {duration_s:.1f} s, {film.frames} frames, {size / 1e6:.1f} MB"
-    return Exported(facts, [line])
+    facts |= {"old_pictures": dict(film.old_pictures), "lacking": lacking}
+    lines = [f"{path}: {duration_s:.1f} s, {film.frames} frames, {size / 1e6:.1f} MB"]
+    if film.old_pictures:
+        old = ", ".join(f"{name} in {n}" for name, n in sorted(film.old_pictures.items()))
+        lines.append(f"pictures older than {OLD_S:g} s, of {film.frames} frames: {old}")
+    return Exported(facts, lines)
 
 
 def _foxglove(opened: Recording, path: Path, console: Console) -> Exported:
@@ -146,10 +152,22 @@ def _foxglove(opened: Recording, path: Path, console: Console) -> Exported:
     )
 
 
-def _say_state(opened: Recording, console: Console) -> None:
+def _say_state(opened: Recording, console: Console) -> dict[str, Any]:
+    """Says what the recording lacks; gives that for scripts."""
     if not opened.complete:
         console.say(f"vsense: {opened.path} was cut off: its last second may be missing")
     _say_damage(opened, console)
+    gaps = opened.gaps
+    messages, pictures = sum(gap.messages for gap in gaps), sum(gap.pictures for gap in gaps)
+    length_s = sum(gap.to_ns - gap.from_ns for gap in gaps) / 1e9
+    if gaps:
+        whys = "; ".join(dict.fromkeys(gap.why for gap in gaps))
+        console.say(
+            f"vsense: {opened.path} lacks {messages} messages and {pictures} pictures of"
+            f" {length_s:.1f} s: {whys}",
+            "warning",
+        )
+    return {"gaps": len(gaps), "messages": messages, "pictures": pictures, "seconds": length_s}
 
 
 def _say_damage(opened: Recording, console: Console) -> None:

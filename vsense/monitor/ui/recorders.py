@@ -20,7 +20,10 @@ if TYPE_CHECKING:
     from vsense.vision.tracking.camera_tracking import CameraTracking
     from vsense.vision.tracking.specs import TrackingSession
 
-OFF: Data = {"on": False, "file": None, "bytes": 0, "lost_messages": 0, "trouble": None}
+OFF: Data = {
+    **{"on": False, "file": None, "bytes": 0, "lost_messages": 0, "lost_why": None},
+    "trouble": None,
+}
 
 
 class Recorders:
@@ -73,9 +76,9 @@ class Recorders:
         state = recorder.state()
         self._say(recording.size_line(recorder.path, state["bytes"], seconds))
         if state["lost_messages"]:
+            lost, why = state["lost_messages"], state["lost_why"] or "they cannot be written"
             self._trouble(
-                f"the recording lacks {state['lost_messages']} messages and pictures: the disk was"
-                " too slow or full; vsense report shows when"
+                f"the recording lacks {lost} messages and pictures: {why}; vsense report shows when"
             )
         return state
 
