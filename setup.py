@@ -27,9 +27,12 @@ ROOT = Path(__file__).resolve().parent
 sys.path.insert(0, str(ROOT))
 
 from vsense import __version__  # noqa: E402
-from vsense.robots import boards, build  # noqa: E402
+from vsense.robots import (  # noqa: E402
+    boards,
+    build,
+    sources,
+)
 from vsense.robots.compiling import HOST_FLAGS  # noqa: E402
-from vsense.tools.doctor import versions  # noqa: E402
 from vsense.tools.shipped import documents  # noqa: E402
 
 URL = os.environ.get("VSENSE_URL", "").rstrip("/")
@@ -57,8 +60,8 @@ class BuildWithSources(build_py):
                 copy = target / source.relative_to(ROOT)
                 copy.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(source, copy)
-        if commit := versions.commit():
-            (target / versions.COMMIT).write_text(commit)
+        if commit := sources.commit():
+            (target / sources.COMMIT).write_text(commit)
         compile_daemon(build.SourceTree(target))
 
 

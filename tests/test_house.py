@@ -412,7 +412,7 @@ def test_functions_fit_a_screen() -> None:
 
 BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
-    "vsense in Python": (("vsense",), (".py",), 472, 95100, 400),
+    "vsense in Python": (("vsense",), (".py",), 471, 95100, 400),
     "the page": (("vsense",), (".js", ".css", ".html"), 42, 5600, 289),
     "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 238, 26700, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 32, 6800, 510),
@@ -422,7 +422,7 @@ BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
 
 CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 65100, 48, 19
 """Lines of code in `vsense/`; imports between rooms, and between folders inside of rooms."""
-DOORS_MAX, NAMES_MAX = 184, 720
+DOORS_MAX, NAMES_MAX = 183, 722
 """Modules that another room imports, and names taken from them."""
 SPLATS_MAX, OUTSIDE_MAX = 10, 215
 """Calls `f(*(a, b))`; attributes that are assigned from outside of their object."""

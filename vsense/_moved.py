@@ -48,6 +48,7 @@ TABLE = {
     "config.roster_text": "base.toml",
     "config.starting": "config.placement",
     "doctor": "tools.doctor",
+    "doctor.versions": "tools.doctor.checks",
     "errors": "base.errors",
     "experiments": "config.experiments",
     "files": "base.files",

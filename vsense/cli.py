@@ -14,7 +14,7 @@ from contextlib import suppress
 from typing import NoReturn
 
 from vsense.base.errors import VsenseError
-from vsense.base.terminal import printable_lines
+from vsense.base.terminal import print_data, printable_lines
 
 COMPLETING = "_ARGCOMPLETE"
 """This variable is set while a shell asks what may come next."""
@@ -62,7 +62,7 @@ def _run(words: Sequence[str]) -> int:
     if words[:1] == ["help"]:
         words = [*words[1:2], "--help"]
     if not words:
-        commands.parser(words).print_help(sys.stderr)
-        return 2
+        print_data(commands.START.rstrip())
+        return 0
     options = commands.parser(words).parse_args(words)
     return int(options.run(options))

@@ -12,8 +12,10 @@ import pytest
 
 from vsense import cli
 from vsense.base import errors
+from vsense.commands.doctor import table
+from vsense.robots import sources
 from vsense.robots.link import keys
-from vsense.tools.doctor import checks, versions
+from vsense.tools.doctor import checks
 from vsense.tools.doctor.checks import BROKEN, LACKS, OK, Finding, findings
 
 
@@ -27,7 +29,22 @@ def test_a_compiler_that_is_not_there(monkeypatch: pytest.MonkeyPatch, capsys) -
     lacking = found("C compiler")
     assert lacking.state == BROKEN and lacking.mend.startswith("sudo apt install build-essential")
     assert cli.main(["doctor"]) == 1
-    assert f"\n    {lacking.mend}\n" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert shown.index("needed, and not here:") < shown.index(f"\n      {lacking.mend}\n")
+    assert shown.index(lacking.mend) < shown.index("\nhere:\n")
+    assert shown.endswith("\nvsense cannot simulate here: see above\n")
+
+
+def test_what_is_optional_stands_apart() -> None:
+    few = [
+        Finding("extra web", LACKS, "needed for the page", "pip install x"),
+        Finding("a", OK, "b"),
+    ]
+    assert table(few)[1:] == [
+        *("here:", "  a          b", "", "optional, and not here:"),
+        *("  extra web  needed for the page", "      pip install x", ""),
+        "vsense sim and vsense lab work",
+    ]
 
 
 def test_an_extra_that_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -100,9 +117,9 @@ def test_every_extra_is_for_something() -> None:
 def test_as_json(capsys: pytest.CaptureFixture[str]) -> None:
     cli.main(["doctor", "--json"])
     told = json.loads(capsys.readouterr().out)
-    assert told["versions"] == versions.versions()
+    assert told["versions"] == checks.versions()
     assert {one["state"] for one in told["findings"]} <= {OK, LACKS, BROKEN}
 
 
 def test_the_commit_of_a_checkout_and_of_none(tmp_path: Path) -> None:
-    assert versions.of_checkout(tmp_path) == ""
+    assert sources.of_checkout(tmp_path) == ""

@@ -50,12 +50,27 @@ COMMANDS = {
 }
 """Each command's module and its line in the help."""
 
+START = """\
+vsense: virtual sensing for real robot swarms
+
+  vsense sim foraging --web        simulate a swarm, and watch it in a browser
+  vsense new mine                  an experiment of your own, its files explained
+  vsense sim mine --runs 10        ... ten runs of it, with a table and a chart
+  vsense lab mine --web            ... with emulated hardware, from pixels to wheels
+  vsense doctor                    what this machine has, and what it lacks for what
+  vsense docs                      the pages: the first hour, a lab's first day, ...
+
+All commands: vsense --help; those of one: vsense sim --help
+"""
+"""What `vsense` alone prints."""
+
 GROUPS = {
-    "an experiment": ("new", "sim", "lab", "run", "series", "benchmark"),
+    "first": ("new", "sim", "lab", "run", "replay", "report"),
+    "studies of many runs": ("series", "benchmark"),
     "while it runs, from another terminal": (
         *("status", "start", "pause", "stop", "reset", "replace", "handover"),
     ),
-    "what a run leaves": ("replay", "report", "export", "pack", "reproduce"),
+    "what a run leaves": ("export", "pack", "reproduce"),
     "cameras and markers": ("cameras", "markers", "calibrate", "arena", "track", "serve", "render"),
     "robots": ("robot",),
     "this machine, and help": ("share", "doctor", "docs", "completion"),
@@ -108,7 +123,7 @@ class ShowVersion(argparse.Action):
 
     def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
         """Prints what is installed, and ends the program."""
-        from vsense.tools.doctor.versions import versions
+        from vsense.tools.doctor.checks import versions
 
         sys.stdout.write(f"{', '.join(' '.join(pair) for pair in versions().items())}\n")
         parser.exit()

@@ -9,8 +9,7 @@ from dataclasses import asdict
 
 from vsense.base.terminal import aligned, print_data
 from vsense.commands import _arguments
-from vsense.tools.doctor.checks import BROKEN, LACKS, Finding, findings
-from vsense.tools.doctor.versions import versions
+from vsense.tools.doctor.checks import BROKEN, LACKS, OK, Finding, findings, versions
 
 DESCRIPTION = (
     "Looks at compilers, libraries, extras, ports, socket buffers, the clock and permissions, and"
@@ -37,13 +36,16 @@ def run(options: argparse.Namespace) -> int:
 
 
 def table(all_findings: Sequence[Finding]) -> list[str]:
-    """The findings as lines for people: what is lacking with its command below it."""
-    rows = aligned([(finding.name, finding.state, finding.text) for finding in all_findings])
-    lines = [""]
-    for row, finding in zip(rows, all_findings):
-        lines.append(row)
-        if finding.mend:
-            lines.append(f"    {finding.mend}")
-    lacking = sum(finding.state in (LACKS, BROKEN) for finding in all_findings)
-    end = f"{lacking} things are lacking" if lacking > 1 else "one thing is lacking"
-    return [*lines, "", f"{end}, see above" if lacking else "nothing is lacking"]
+    """The findings as lines for people: what is needed, and apart from it what is optional."""
+    rows = aligned([(finding.name, finding.text) for finding in all_findings])
+    pairs = list(zip(rows, all_findings, strict=True))
+    heads = {BROKEN: "needed, and not here:", OK: "here:", LACKS: "optional, and not here:"}
+    lines = list[str]()
+    for state, head in heads.items():
+        own = [(row, finding.mend) for row, finding in pairs if finding.state == state]
+        lines += ["", head] if own else []
+        for row, mend in own:
+            lines += [f"  {row}", *([f"      {mend}"] if mend else [])]
+    broken = sum(finding.state == BROKEN for finding in all_findings)
+    works = "vsense cannot simulate here: see above" if broken else "vsense sim and vsense lab work"
+    return [*lines, "", works]

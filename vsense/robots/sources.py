@@ -10,6 +10,7 @@ import glob
 import hashlib
 import os
 import re
+import subprocess
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -38,9 +39,41 @@ _MAIN = re.compile(rb"^\s*int\s+main\s*\(", re.M)
 _INCLUDE = re.compile(rb'^[ \t]*#[ \t]*include[ \t]*([<"])([^>"\n]+)[>"]', re.M)
 
 
+COMMIT = "commit"
+"""The file in an installed package's sources that names the commit it was built from."""
+
+_GIT_TIMEOUT_S = 5.0
+
+
 def source_roots() -> tuple[Path, ...]:
     """Where vsense's own C sources may be: inside the installed package, or in the checkout."""
     return PACKAGE_FOLDER / "_sources", PACKAGE_FOLDER.parent
+
+
+def commit() -> str:
+    """Gives the commit of the checkout or of the installed package, "" if it is not known.
+
+    A checkout with changes has a "+" behind it.
+    """
+    installed, checkout = source_roots()
+    if (installed / COMMIT).is_file():
+        return (installed / COMMIT).read_text().strip()
+    return of_checkout(checkout) if (checkout / ".git").exists() else ""
+
+
+def of_checkout(root: Path) -> str:
+    """Asks Git for the commit of a checkout; "" where it does not answer."""
+    try:
+        result = subprocess.run(
+            ["git", "-C", str(root), "describe", "--always", "--exclude=*", "--dirty=+"],
+            capture_output=True,
+            text=True,
+            check=True,
+            timeout=_GIT_TIMEOUT_S,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return ""
+    return result.stdout.strip()
 
 
 @lru_cache(maxsize=1)

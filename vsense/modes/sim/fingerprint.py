@@ -14,7 +14,6 @@ import json
 import math
 import os
 import re
-import subprocess
 import sys
 import warnings
 from collections.abc import Callable, Mapping
@@ -31,6 +30,7 @@ from vsense.base.files import PACKAGE_FOLDER
 from vsense.modes.sim.outcome import Task
 from vsense.robots import build
 from vsense.robots.compiling import native
+from vsense.robots.sources import commit
 
 MAX_NAME = 256
 """[byte] Longer texts are no file names, and the system refuses to look for them."""
@@ -203,14 +203,7 @@ def difference(expected: Machine) -> str:
 
 def software() -> dict[str, str]:
     """Which vsense this is: version, digest of its sources, and its commit, "" where not known."""
-    # Where vsense is installed below somebody's own checkout, that has none of its files.
-    command = ["git", "-C", str(PACKAGE_FOLDER), "log", "-1", "--format=%h", "--", "."]
-    try:
-        log = subprocess.run(command, capture_output=True, text=True, timeout=10.0)
-        commit = log.stdout.strip()
-    except (OSError, subprocess.TimeoutExpired):  # no git: the digest says which sources
-        commit = ""
-    return {"vsense": __version__, "sources": own_sources(), "commit": commit}
+    return {"vsense": __version__, "sources": own_sources(), "commit": commit()}
 
 
 @lru_cache(maxsize=1)

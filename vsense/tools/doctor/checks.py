@@ -10,17 +10,21 @@ import ctypes
 import glob
 import importlib.util
 import os
+import platform
 import shutil
 import stat
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from importlib import metadata
 from pathlib import Path
 
+from vsense import __version__
 from vsense.base import sharing
 from vsense.base.errors import EXTRAS, VsenseError, pip_line
 from vsense.robots import boards, build, key_holders
 from vsense.robots.compiling import APT_LINE, BuildError, native
 from vsense.robots.link import keys, network, strangers
+from vsense.robots.sources import commit
 from vsense.vision.cameras import aravis
 from vsense.vision.cameras.aravis import AravisError
 
@@ -228,3 +232,30 @@ def _disk() -> Iterator[Finding]:
     minutes = free / 1.3e9
     text = f"{free / 1e9:.0f} GB free here: {minutes:.0f} minutes of four cameras (--record-images)"
     yield Finding("disk", OK if minutes >= 10 else LACKS, text)
+
+
+UNKNOWN = "?"
+_OPENCV = ("opencv-python-headless", "opencv-python", "opencv-contrib-python-headless")
+"""Packages that bring OpenCV; with several of them in one environment the last one installed is
+there."""
+
+
+def versions() -> dict[str, str]:
+    """Gives versions by the name of what has them, vsense first."""
+    revision = commit()
+    return {
+        "vsense": f"{__version__} ({revision})" if revision else __version__,
+        "Python": platform.python_version(),
+        "NumPy": _package("numpy"),
+        "OpenCV": _package(*_OPENCV),
+    }
+
+
+def _package(*names: str) -> str:
+    """The version of the first of some packages that is there."""
+    for name in names:
+        try:
+            return metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return UNKNOWN
