@@ -416,11 +416,11 @@ BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     "the page": (("vsense",), (".js", ".css", ".html"), 42, 5600, 289),
     "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 238, 26700, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 32, 6800, 510),
-    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 604, 99200, 622),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 604, 99300, 622),
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 
-CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 65100, 48, 19
+CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 65200, 48, 19
 """Lines of code in `vsense/`; imports between rooms, and between folders inside of rooms."""
 DOORS_MAX, NAMES_MAX = 183, 722
 """Modules that another room imports, and names taken from them."""

@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _experiments.add_experiment(parser, Stage.LAB)
     _experiments.add_settings(parser)
     _arguments.add_bases(parser, BASES)
-    text = "TCP and UDP port; 0 takes a free one (default: the file's)"
+    text = "TCP and UDP port (default: any that is free)"
     _arguments.option(parser, "--port", _arguments.port, "P", text)
     _experiments.add_insecure(
         parser, "give the lab's robots no keys (default: keys that are made for this lab alone)"

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import socket
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import closing
 
@@ -32,8 +35,24 @@ def test_a_second_server_is_refused_with_one_clear_line(taken: Ports, host: str)
     with pytest.raises(LinkError) as caught:
         bind(host, taken.port)
     text = str(caught.value)
-    assert text.startswith(f"TCP port {taken.port} on ") and "another server" in text
+    assert text.startswith(f"TCP port {taken.port} on ") and " is in use: process " in text
     assert "\n" not in text
+
+
+def test_who_has_a_port_is_named(taken: Ports) -> None:
+    with pytest.raises(LinkError, match=rf"process {os.getpid()} \(.*, since \d\d \w+ \d\d:\d\d\)"):
+        bind("127.0.0.1", taken.port)
+    command = (
+        "import socket; s = socket.create_server(('127.0.0.1', 0));"
+        " print(s.getsockname()[1], flush=True); input()"
+    )
+    words = [sys.executable, "-c", command, "/x/vsense", "lab", "pollutant"]
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as lab:
+        assert lab.stdin is not None and lab.stdout is not None
+        port = int(lab.stdout.readline())
+        with pytest.raises(LinkError, match=rf"process {lab.pid} \(vsense lab pollutant, since "):
+            bind("127.0.0.1", port)
+        lab.stdin.write("\n")
 
 
 @pytest.mark.parametrize(("mine", "kind"), [("udp", "TCP"), ("tcp", "UDP")])

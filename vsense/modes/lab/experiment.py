@@ -60,7 +60,8 @@ def run(options: LabOptions) -> int:
     """
     asked = options.experiment
     opened = asked.load()
-    check_ports(options.room, options.link, opened)
+    link = options.link.in_lab(opened)
+    check_ports(options.room, link, opened)
     set_pace(options.lab.pace, opened.host)
     starts = options.starts_of(opened)
     experiment, seed, directory = asked.prepare(opened)
@@ -76,7 +77,7 @@ def run(options: LabOptions) -> int:
             experiment,
             seed,
             asked.blind,
-            options.link.address(experiment),
+            link.address(experiment),
             _trust(options, console),
             console,
             interrupted,
@@ -85,8 +86,7 @@ def run(options: LabOptions) -> int:
             starts,
             options.battery,
         )
-        legacy_port = options.link.legacy_port
-        session = Session(setup, directory, options.lab, robots, rig, legacy_port)
+        session = Session(setup, directory, options.lab, robots, rig, link.legacy_port)
         return _carry_out(session, options)
 
 

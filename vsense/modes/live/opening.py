@@ -54,6 +54,11 @@ class LinkOptions:
         host = experiment.host if self.host is None else self.host
         return host, experiment.port if self.port is None else self.port
 
+    def in_lab(self, experiment: Experiment) -> LinkOptions:
+        """For a lab: its own robots are told their port, and any that is free will do."""
+        is_own = self.port is None and experiment.host.startswith("127.")
+        return replace(self, port=0) if is_own else self
+
 
 @dataclass(frozen=True, slots=True)
 class StagedOptions:

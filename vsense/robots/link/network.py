@@ -9,11 +9,14 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import os
 import selectors
 import socket
+import time
 from collections import Counter, deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from vsense.base.clock import real_s
@@ -32,7 +35,7 @@ EPHEMERAL_TRIES = 32
 """How often a free TCP port is given back because its UDP half is taken."""
 
 _REASONS = {
-    errno.EADDRINUSE: "is in use: another server runs there; stop it or choose another port",
+    errno.EADDRINUSE: "is in use: {holder} runs there; stop it or choose another port",
     errno.EADDRNOTAVAIL: "is not an address of this machine",
     errno.EACCES: "needs privileges: choose a port from 1024 on",
 }
@@ -136,9 +139,53 @@ def _open(family: int, kind: int, address: tuple[Any, ...], port: int) -> socket
     except OSError as error:
         opened.close()
         reason = _REASONS.get(error.errno or 0, f"cannot be used: {error.strerror}")
+        if error.errno == errno.EADDRINUSE:
+            reason = reason.format(holder=_holder(port))
         layer = "TCP" if kind == socket.SOCK_STREAM else "UDP"
         raise LinkError(f"{layer} port {port} on {address[0]} {reason}") from error
     return opened
+
+
+_MOST_LETTERS = 80
+"""Of a command that holds a port."""
+
+
+def _holder(port: int) -> str:
+    """Which process has a port, with its command and since when, as far as it may be looked at.
+
+    Source of the formats: Linux, proc_net_tcp(5) and proc(5).
+    """
+    sockets = set[str]()
+    for table in ("tcp", "tcp6", "udp", "udp6"):
+        with contextlib.suppress(OSError):
+            rows = [line.split() for line in Path(f"/proc/net/{table}").read_text().splitlines()]
+            ours = [row for row in rows[1:] if int(row[1].rpartition(":")[2], 16) == port]
+            sockets |= {f"socket:[{row[9]}]" for row in ours}
+    for process in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):  # it has ended, or is another account's
+            if any(_target(file) in sockets for file in (process / "fd").iterdir()):
+                words = (process / "cmdline").read_bytes().decode(errors="replace").split("\0")
+                began = time.strftime("%d %b %H:%M", time.localtime(process.stat().st_mtime))
+                return f"process {process.name} ({_command(words)}, since {began})"
+    return "another server"
+
+
+def _target(link: Path) -> str:
+    """Where a link leads; "": it is gone."""
+    try:
+        return os.readlink(link)
+    except FileNotFoundError:
+        return ""
+
+
+def _command(words: Sequence[str]) -> str:
+    """A process's command for people: what was typed, without the interpreter before it."""
+    typed = [word for word in words if word]
+    for place, word in enumerate(typed):
+        if word == "vsense" or word.endswith(("/vsense", "/vsense/__main__.py")):
+            typed = ["vsense", *typed[place + 1 :]]
+            break
+    return " ".join(typed)[:_MOST_LETTERS]
 
 
 DATAGRAMS = 256

@@ -16,6 +16,7 @@ from vsense.modes.lab.calibrated import CalibratedRig
 from vsense.modes.lab.experiment import calibrate_cameras, report_run
 from vsense.modes.lab.hardware import EmulatedLab, report_all
 from vsense.modes.lab.session import Session
+from vsense.modes.live.opening import LinkOptions
 from vsense.modes.live.session import RunSetup
 from vsense.monitor.ui.room import ControlRoom, RoomOptions
 from vsense.robots.link.key_process import KeyProcess
@@ -40,11 +41,11 @@ class LabRuns:
         interrupted: Interruption,
         lab: EmulatedLab,
         room: RoomOptions,
-        port: int | None = None,
+        link: LinkOptions | None = None,
     ) -> None:
-        """`room`: how runs are seen and kept; `port`: for robots, None: each experiment's."""
+        """`room`: how runs are seen and kept; `link`: to robots."""
         self._loader, self._cast = loader, cast
-        self._lab, self._room, self._port = lab, room, port
+        self._lab, self._room, self._link = lab, room, link or LinkOptions()
         self._console, self._interrupted = console, interrupted
         self._poses: dict[int, Pose] = {}
         self._rigs: dict[tuple[Arena, float], CalibratedRig] = {}
@@ -104,9 +105,9 @@ class LabRuns:
 
     def _setup(self, staged: StagedRun, room: ControlRoom, origin: Mapping[str, Any]) -> RunSetup:
         experiment, cell = staged.from_where(self._poses), staged.run.cell
-        port = experiment.port if self._port is None else self._port
         starts = staged.starts if self._poses else None
-        who = (experiment.host, port), LinkTrust(KeyProcess()), self._console, self._interrupted
+        address = self._link.in_lab(experiment).address(experiment)
+        who = address, LinkTrust(KeyProcess()), self._console, self._interrupted
         blind = staged.planned.condition.blind
         setup = RunSetup(experiment, cell.seed, blind, *who, room, origin, starts)
         return replace(setup, criteria=staged.plan.void)

@@ -203,11 +203,12 @@ class PlannedSeries:
         from vsense.studies.series._rendered import LabRuns
 
         lab, cast = self._options.lab, SeriesCast(self.by_condition, console)
-        port = self._options.link.port
+        link = LinkOptions(port=self._options.link.port)
         for planned in self.by_condition.values():
-            opening.check_ports(self._options.room, LinkOptions(port=port), planned.experiment)
-            set_pace(lab.pace, planned.experiment.host)
-        return LabRuns(self._loader, cast, console, interrupted, lab, self._room(), port)
+            experiment = planned.experiment
+            opening.check_ports(self._options.room, link.in_lab(experiment), experiment)
+            set_pace(lab.pace, experiment.host)
+        return LabRuns(self._loader, cast, console, interrupted, lab, self._room(), link)
 
     def _real(self, console: Console, interrupted: Interruption, stack: ExitStack) -> RunMaker:
         """Who makes runs with real robots; `stack` gives the robots back."""
