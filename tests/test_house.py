@@ -416,7 +416,7 @@ BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     "the page": (("vsense",), (".js", ".css", ".html"), 42, 5600, 289),
     "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 238, 26700, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 32, 6800, 510),
-    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 603, 98900, 622),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 604, 99100, 622),
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 

@@ -7,7 +7,6 @@ import shlex
 from contextlib import closing
 from pathlib import Path
 
-from vsense.base.errors import UsageError
 from vsense.base.terminal import Console, interruption
 from vsense.commands import _arguments, _experiments, _hardware, _rosters
 from vsense.config.experiment import first_robots, load, of_folder
@@ -27,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=_arguments.positive,
         nargs="?",
         metavar="N",
-        help="take only the first N robots of the experiment (default: all)",
+        help=f"{_experiments.ROBOTS} (default: the file's)",
     )
     text = (
         "whose robots, controllers and walls: a shipped experiment's name, or the path of a"
@@ -68,8 +67,6 @@ def run(options: argparse.Namespace) -> int:
     casting = _rosters.casting_of(options, here=True)
     code = _arguments.code_of(options)
     loaded = load(options.experiment, stage=Stage.LAB, code=code, casting=casting)
-    if (options.robots or 0) > len(loaded.robots):
-        raise UsageError(f"{options.robots} robots: {loaded.file} has {len(loaded.robots)}")
     experiment = first_robots(loaded, options.robots)
     radios = _hardware.radios_of(options, experiment)
     trust = _experiments.trust_of(options)

@@ -43,6 +43,8 @@ from vsense.world.sensors.base import RobotSettings, Scope
 def first_robots(experiment: Experiment, count: int | None) -> Experiment:
     """Keeps only the first `count` robots of an experiment; None: all.
 
+    One that has more than its file is loaded with a `Casting` of that `limit`.
+
     Raises:
         UsageError: there are not so many, or what pollutes would be left out.
     """
@@ -156,7 +158,7 @@ def _read_understood(
     populate(root.document, loop_functions, bodies, run.seed)
     if not bodies.robots:
         raise arena.error(_no_robot(root, arena))
-    cast(bodies, marker.family, casting)
+    cast(bodies, marker.family, casting, root.document.file)
     geofence = read_geofence(arena, bodies.arena, bodies.tags, serves.is_sim, casting.replaced)
     scope = _scope(bodies, round(run.length_s * run.ticks_per_second), loop_functions)
     controllers = _read_controllers(root, bodies, scope, media, serves, geofence)
@@ -360,7 +362,8 @@ def _check_tags(bodies: ArenaContents, marker: MarkerSpec, file: str) -> None:
     tags = load_family(marker.family).tags
     tagged: list[RobotSpec | ObjectSpec] = [*bodies.robots, *bodies.objects]
     for body in tagged:
-        if body.tag >= tags:
+        # One that was handed out may lie beyond them in a simulation.
+        if body.tag >= tags and body.tag in bodies.lines_of_tags:
             range_text = f"the marker family {marker.family!r} has tags 0 to {tags - 1}"
             raise ConfigError(file, body.line, f"{body.id!r}: {range_text}")
 
