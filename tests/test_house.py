@@ -343,7 +343,8 @@ def test_kernels_need_a_compiler_only_and_know_no_robot() -> None:
     known |= {"math", "stdatomic", "stddef", "stdint", "string"}
     known |= {"cpuid", "immintrin"}  # the compiler's own, where the processor is an x86
     for path in (ROOT / "c_src/host").glob("*.[ch]"):
-        assert includes(path) <= known, path.name
+        crash = {"signal", "dlfcn", "execinfo"} if path.name == "vs_crash.c" else set()
+        assert includes(path) <= known | crash, path.name
 
 
 def test_firmware_bridge_is_freestanding() -> None:
@@ -412,17 +413,17 @@ def test_functions_fit_a_screen() -> None:
 
 BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
-    "vsense in Python": (("vsense",), (".py",), 471, 94600, 400),
+    "vsense in Python": (("vsense",), (".py",), 473, 94900, 400),
     "the page": (("vsense",), (".js", ".css", ".html"), 42, 5600, 289),
-    "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 238, 26700, 400),
+    "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 240, 26800, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 32, 6800, 510),
-    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 604, 99100, 622),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 605, 99300, 622),
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 
-CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 64800, 48, 19
+CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 65000, 48, 19
 """Lines of code in `vsense/`; imports between rooms, and between folders inside of rooms."""
-DOORS_MAX, NAMES_MAX = 184, 711
+DOORS_MAX, NAMES_MAX = 185, 712
 """Modules that another room imports, and names taken from them."""
 SPLATS_MAX, OUTSIDE_MAX = 10, 214
 """Calls `f(*(a, b))`; attributes that are assigned from outside of their object."""

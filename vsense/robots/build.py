@@ -255,6 +255,8 @@ def compile_daemon(tree: SourceTree, program: ProgramSources, target: Path) -> N
         BuildError: the compiler is missing or refuses a source, or the folder cannot be written.
     """
     compiler = native()
+    if target == tree.prebuilt:  # part of a wheel, which names no folder of the machine it is from
+        compiler = replace(compiler, debug=())
     _cache.with_parts(tree.daemon(program), compiler).link_daemon(compiler, target)
 
 
@@ -272,7 +274,8 @@ def _cache_for(program: ProgramSources) -> Path | None:
 def _fingerprint(tree: SourceTree, program: ProgramSources, sources: Sources | None = None) -> str:
     """Hash of the compiler, the flags and every source and header that goes into a build."""
     compiler = native()
-    flags = f"{CFLAGS}{SHARED_FLAGS}{CXXFLAGS}{own_cxxflags()}{CXX_LIBRARIES}{compiler.cxx}"
+    flags = f"{CFLAGS}{SHARED_FLAGS}{CXXFLAGS}{own_cxxflags()}{CXX_LIBRARIES}"
+    flags += f"{compiler.cxx}{compiler.debug}"
     sources = sources or tree.daemon(program)
     versions = compiler.version() + (compiler.for_cxx().version() if sources.is_cxx else "")
     digest = hashlib.sha256(f"{list(compiler.command)}{versions}{flags}".encode())
