@@ -10,11 +10,13 @@ import pytest
 from tests.robots import rosters
 from vsense import cli
 from vsense.base.errors import ConfigError, UsageError
+from vsense.base.terminal import Console
 from vsense.config import roster
 from vsense.config.casting import Casting
 from vsense.config.experiment import SHIPPED_FOLDER, first_robots, load
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment, Stage
+from vsense.modes.options import say_warnings
 from vsense.run.runs_csv import read_runs
 
 DRAWN = 'min="-1.48,-1.18,0" max="1.48,1.18,0"'
@@ -126,6 +128,16 @@ def test_real_robots_beyond_the_file_are_the_rosters(tmp_path: Path) -> None:
     worn = ", ".join(str(robot.tag) for robot in alone.robots[15:])
     words = f"vs:tags has tags for the others only: 'epuck15' to 'epuck16' wear {worn}"
     assert warning.endswith(words)
+
+
+@pytest.mark.parametrize("stage", [Stage.SIM, Stage.LAB])
+def test_tags_that_cameras_confuse_are_reported_where_there_are_cameras(
+    stage: Stage, tmp_path: Path, capsys
+) -> None:
+    path = edited(tmp_path, ('vs:tags="31 1843', 'vs:tags="31 30'))
+    say_warnings(load(path, stage=stage), Console())
+    words = f"vsense: {path}: tags 30 and 31 differ in one cell: cameras may confuse them"
+    assert (words in capsys.readouterr().err) is (stage is Stage.LAB)
 
 
 @pytest.mark.parametrize("command", ["sim", "lab --port 0", "sim --runs 2"])

@@ -7,6 +7,7 @@ import shlex
 from contextlib import closing
 from pathlib import Path
 
+from vsense.base.errors import UsageError
 from vsense.base.terminal import Console, interruption
 from vsense.commands import _arguments, _experiments, _hardware, _rosters
 from vsense.config.experiment import first_robots, load, of_folder
@@ -72,8 +73,13 @@ def run(options: argparse.Namespace) -> int:
     trust = _experiments.trust_of(options)
     seed = choose_seed(options.seed, experiment)
     experiment = settle(experiment, seed)
-    host, _ = address = LinkOptions(options.host, options.port).address(experiment)
+    host, robots_port = address = LinkOptions(options.host, options.port).address(experiment)
     port = _lines_port(options, experiment)
+    if port == robots_port:
+        raise UsageError(
+            f"{port} is both the port for robots and that for the tracker's lines: expected two;"
+            " see --port and --tracker-port"
+        )
     directory = run_directory.make(options.output, f"{experiment.name}-emulated", seed)
     console = Console()
     tracker = LineWriter(host, port, console.say)
