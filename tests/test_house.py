@@ -413,15 +413,15 @@ def test_functions_fit_a_screen() -> None:
 
 BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
-    "vsense in Python": (("vsense",), (".py",), 473, 94900, 400),
+    "vsense in Python": (("vsense",), (".py",), 473, 95000, 400),
     "the page": (("vsense",), (".js", ".css", ".html"), 42, 5600, 289),
     "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 240, 26800, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 32, 6800, 510),
-    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 605, 99300, 622),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 605, 99400, 622),
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 
-CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 65000, 48, 19
+CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 65100, 48, 19
 """Lines of code in `vsense/`; imports between rooms, and between folders inside of rooms."""
 DOORS_MAX, NAMES_MAX = 185, 713
 """Modules that another room imports, and names taken from them."""

@@ -35,6 +35,7 @@ from vsense.config.specs import (
     RobotSpec,
     Stage,
 )
+from vsense.robots.compiling import PROGRAM_SUFFIXES
 from vsense.robots.sources import CodeOptions, ProgramSources
 from vsense.vision.markers.families import known_families, load_family
 from vsense.world.sensors.base import RobotSettings, Scope
@@ -42,8 +43,6 @@ from vsense.world.sensors.base import RobotSettings, Scope
 
 def first_robots(experiment: Experiment, count: int | None) -> Experiment:
     """Keeps only the first `count` robots of an experiment; None: all.
-
-    One that has more than its file is loaded with a `Casting` of that `limit`.
 
     Raises:
         UsageError: there are not so many, or what pollutes would be left out.
@@ -325,15 +324,17 @@ def _find(name: str) -> tuple[Path, str]:
         file = f"{name}{ARGOS_SUFFIX}"
         return SHIPPED_FOLDER / file, file
     path = Path(name)
-    if path.suffix == ARGOS_SUFFIX or os.path.isfile(name):
+    is_program = path.suffix in (".py", *PROGRAM_SUFFIXES)
+    if path.suffix == ARGOS_SUFFIX or (os.path.isfile(name) and not is_program):
         return path, name
     if os.path.isdir(name):
         raise UsageError(f"{name}: is a folder: expected the path of the {ARGOS_SUFFIX} file in it")
-    here = [str(file) for file in Path().glob(f"*{ARGOS_SUFFIX}")]
-    raise UsageError(
-        f"no experiment {name!r}: there is no such file, and none of that name comes with vsense;"
-        f" {instead(name, [*here, *shipped()])}"
-    )
+    here = [str(file) for file in path.parent.glob(f"*{ARGOS_SUFFIX}")]
+    words = "there is no such file, and none of that name comes with vsense"
+    if os.path.isfile(name):
+        words = f"that is a program: expected the {ARGOS_SUFFIX} file that names it"
+    wanted = str(path.with_suffix(ARGOS_SUFFIX)) if is_program else name
+    raise UsageError(f"no experiment {name!r}: {words}; {instead(wanted, [*here, *shipped()])}")
 
 
 def of_folder(name: str) -> str:
@@ -380,9 +381,8 @@ def _no_robot(root: Element, arena: Element) -> str:
     loop = root.below("loop_functions")
     if loop and loop[0].peek("library"):
         message += (
-            f"; nothing is added by the <loop_functions> in line {loop[0].line}, unless a Python"
-            " file in their place adds e-pucks: populate(space) with space.add_robot(id,"
-            " controller, x_m, y_m). Or write them in <arena>, several in a <distribute>"
+            f"; the <loop_functions> in line {loop[0].line} add none: write them in <arena>, or"
+            " add them in Python, in populate(space)"
         )
     return message
 

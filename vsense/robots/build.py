@@ -169,9 +169,11 @@ class SourceTree:
         path = (beside or Path()) / name
         if path.suffix in PROGRAM_SUFFIXES and path.is_file():
             return path.resolve()
+        names = (p.name for p in path.parent.glob("*") if p.suffix in PROGRAM_SUFFIXES)
+        beside_it = [str(Path(name).with_name(file)) for file in names] if path.suffix else []
         raise UsageError(
             f"no controller {name!r}: expected the path of a .c or .cpp file, or a shipped one;"
-            f" {instead(name, shipped)}"
+            f" {instead(name, [*shipped, *beside_it])}"
         )
 
 
