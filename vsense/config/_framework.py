@@ -60,9 +60,9 @@ def read_loop_functions(root: Element, folder: Path, code: CodeOptions) -> LoopS
         port = folder / library
         if port.suffix != ".py" or not os.path.isfile(port):
             files = likely(library, (other.name for other in folder.glob("*.py")))
-            there = "there is no such file" if port.suffix == ".py" else "no .py file"
-            message = f"{shown(library)}: {there}{files}; expected the path of a .py file"
-            raise element.error(message, "library")
+            missing = f"there is no such file{files}" if port.suffix == ".py" else ""
+            message = missing or "expected the path of a .py file"
+            raise element.error(f"{shown(library)}: {message}", "library")
     _check_syntax(element, port)
     params = collect(element, {})
     return LoopSpec(port, label, {k: v for k, v in params.items() if k not in _KNOWN}, element.line)

@@ -381,8 +381,8 @@ def _no_robot(root: Element, arena: Element) -> str:
     loop = root.below("loop_functions")
     if loop and loop[0].peek("library"):
         message += (
-            f"; the <loop_functions> in line {loop[0].line} add none: write them in <arena>, or"
-            " add them in Python, in populate(space)"
+            f"; the <loop_functions> in line {loop[0].line} add none: write them in <arena> or a"
+            " <distribute> there, or add them in Python: space.add_robot(...) in populate(space)"
         )
     return message
 
