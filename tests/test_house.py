@@ -74,7 +74,7 @@ LIBC = {
     "arpa/inet", "netinet/in", "netinet/tcp", "sys/file", "sys/ioctl", "sys/socket", "sys/stat",
     "sys/syscall", "sys/time", "sys/types", "sys/wait", "sys/uio", "sys/un", "sys/sysmacros",
     "linux/capability", "linux/gpio", "linux/i2c", "linux/i2c-dev", "linux/watchdog", "link",
-    "sched", "sys/mman", "sys/prctl",
+    "sched", "sys/mman", "sys/prctl", "execinfo",
 }  # fmt: skip
 
 
@@ -415,7 +415,7 @@ BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
     "vsense in Python": (("vsense",), (".py",), 473, 95000, 400),
     "the page": (("vsense",), (".js", ".css", ".html"), 42, 5600, 289),
-    "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 240, 26800, 400),
+    "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 241, 26800, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 32, 6800, 510),
     "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 605, 99400, 622),
 }
@@ -423,7 +423,7 @@ BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
 
 CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 65100, 48, 19
 """Lines of code in `vsense/`; imports between rooms, and between folders inside of rooms."""
-DOORS_MAX, NAMES_MAX = 185, 713
+DOORS_MAX, NAMES_MAX = 185, 714
 """Modules that another room imports, and names taken from them."""
 SPLATS_MAX, OUTSIDE_MAX = 10, 214
 """Calls `f(*(a, b))`; attributes that are assigned from outside of their object."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import signal
 import subprocess
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from tests.rigs.places import ROOT
 from vsense import cli
 from vsense.robots import _compiled, boards, build
 from vsense.robots.compiling import BuildError, native
+from vsense.robots.crashes import words_of_log
 from vsense.robots.sources import ProgramSources
 
 STATE = """#include "controller.h"
@@ -162,3 +164,17 @@ def test_a_board_gets_no_lines_of_its_source(tmp_path: Path) -> None:
     assert b".debug_line" in build.daemon(str(source)).read_bytes()
     built = boards.build(str(source), "host", tmp_path / "vsensed")
     assert b".debug_line" not in built.path.read_bytes()
+
+
+def test_a_daemon_of_the_lab_that_crashes_tells_its_line(tmp_path: Path) -> None:
+    source, log = tmp_path / "mine.c", tmp_path / "31.log"
+    born = "__attribute__((constructor)) static void born(void)\n{\n    abort();\n}\n"
+    source.write_text(f"#include <stdlib.h>\n{STATE}{born}")
+    line = source.read_text().splitlines().index("    abort();") + 1
+    made = build.daemon(str(source))
+    with log.open("wb") as out:
+        done = subprocess.run([str(made), "--version"], stdout=out, stderr=out, timeout=60)
+    assert done.returncode == -signal.SIGABRT
+    assert words_of_log(log, made) == f" at mine.c:{line}"
+    log.write_text("vsensed 31: wheels free\n")
+    assert words_of_log(log, made) == ""

@@ -17,7 +17,7 @@ from vsense.robots.sources import ProgramSources
 _IDENT = b"\x7fELF"
 _WIDE, _BIG = 2, 2
 _SHT_SYMTAB = 2
-_SHF_WRITE, _SHF_ALLOC = 1, 2
+_SHF_WRITE_ALLOC = 1 | 2
 _UNDEFINED, _COMMON = 0, 0xFFF2
 _VARIABLES = (1, 5, 6)
 """STT_OBJECT, STT_COMMON and STT_TLS: kinds of symbols that are data."""
@@ -95,9 +95,8 @@ def _may_change(data: bytes, sections: list[_Section], names: _Section, index: i
     if index >= len(sections):
         return False
     section = sections[index]
-    both = _SHF_WRITE | _SHF_ALLOC
     name = _text(data, names.at + section.name)
-    return section.flags & both == both and not name.startswith(_CONSTANT)
+    return section.flags & _SHF_WRITE_ALLOC == _SHF_WRITE_ALLOC and not name.startswith(_CONSTANT)
 
 
 def _text(data: bytes, at: int) -> str:

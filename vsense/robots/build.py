@@ -98,6 +98,10 @@ class SourceTree:
         folders = (sorted((self.root / folder).glob("*.c")) for folder in ("c_src", "robot"))
         return [p for files in folders for p in files if p.stem != SIMULATION_PART]
 
+    def lab_sources(self) -> list[Path]:
+        """What daemons of the lab have besides."""
+        return sorted((self.root / "robot" / "lab").glob("*.c"))
+
     def runtime_sources(self) -> list[Path]:
         """The C files of all robots of a simulation but their controller, in a fixed order."""
         protocol = [self.root / "c_src" / f"vs_{part}.c" for part in RUNTIME_PARTS]
@@ -256,10 +260,12 @@ def compile_daemon(tree: SourceTree, program: ProgramSources, target: Path) -> N
     Raises:
         BuildError: the compiler is missing or refuses a source, or the folder cannot be written.
     """
-    compiler = native()
+    compiler, sources = native(), tree.daemon(program)
     if target == tree.prebuilt:  # part of a wheel, which names no folder of the machine it is from
         compiler = replace(compiler, debug=())
-    _cache.with_parts(tree.daemon(program), compiler).link_daemon(compiler, target)
+    else:
+        sources = replace(sources, own=[*sources.own, *tree.lab_sources()])
+    _cache.with_parts(sources, compiler).link_daemon(compiler, target)
 
 
 def _compile_runtime(tree: SourceTree, program: ProgramSources, target: Path) -> None:
@@ -284,7 +290,7 @@ def _fingerprint(tree: SourceTree, program: ProgramSources, sources: Sources | N
     argos = tree.argos_headers() if program.is_argos else []
     if program.is_argos:
         digest.update(f"{FLAGS}{STANDARD}{program}".encode())
-    own = sources.dependencies(compiler)
+    own = [*sources.dependencies(compiler), *tree.lab_sources()]
     for path in (*sources.own, *sources.own_cxx, *tree.headers(), *argos, *own):
         digest.update(os.fsencode(path.name) + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()[:24]

@@ -10,6 +10,7 @@ import os
 import re
 import shutil
 import subprocess
+from collections.abc import Sequence
 from pathlib import Path
 
 from vsense.base.native import kernel_ffi, kernels
@@ -17,6 +18,7 @@ from vsense.robots._cache import cache_directory
 
 _LINES = "addr2line"
 _PLACE = re.compile(r"(.*[^?]):([0-9]+)(?: \(.*\))?")
+_FRAME = re.compile(r"^(\S+)\(\w*\+(0x[0-9a-f]+)\) ?\[0x", re.M)
 _ADVICE = "; with addr2line it is known where: sudo apt install binutils"
 
 
@@ -43,18 +45,30 @@ class CrashNote:
         count = self._crash.count
         if not count:
             return ""
-        if shutil.which(_LINES) is None:
-            return _ADVICE
         path = os.fsdecode(kernel_ffi.string(self._crash.path))
-        offsets = [f"{self._crash.offset[place]:#x}" for place in range(count)]
-        said = subprocess.run(
-            [_LINES, "-e", path, *offsets],
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            errors="replace",
-            start_new_session=True,
-        ).stdout
-        # Innermost first; what comes with vsense has no lines, since it calls or is called.
-        places = [match for line in said.splitlines() if (match := _PLACE.fullmatch(line))]
-        return f" at {Path(places[0][1]).name}:{places[0][2]}" if places else ""
+        return _line(path, [self._crash.offset[place] for place in range(count)])
+
+
+def words_of_log(log: Path, program: Path) -> str:
+    """The same of a daemon of the lab that was killed, from what robot/lab/crash.c has written."""
+    rows = _FRAME.findall(log.read_text(errors="replace"))
+    # The third crashed, after the handler's; calls return to the address behind them.
+    own = [int(at, 16) - (n != 2) for n, (path, at) in enumerate(rows) if path == str(program)]
+    return _line(str(program), own) if own else ""
+
+
+def _line(path: str, offsets: Sequence[int]) -> str:
+    """The innermost of these places that is in a user's file, as words."""
+    if shutil.which(_LINES) is None:
+        return _ADVICE
+    said = subprocess.run(
+        [_LINES, "-e", path, *(f"{offset:#x}" for offset in offsets)],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        errors="replace",
+        start_new_session=True,
+    ).stdout
+    # Innermost first; what comes with vsense has no lines, since it calls or is called.
+    places = [match for line in said.splitlines() if (match := _PLACE.fullmatch(line))]
+    return f" at {Path(places[0][1]).name}:{places[0][2]}" if places else ""
