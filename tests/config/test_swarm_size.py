@@ -182,3 +182,10 @@ def test_a_campaign_over_swarm_sizes_prints_its_medians(
     assert [row.robots for row in read_runs(Path("results.csv"))] == [10, 10, 20, 20]
     assert cli.main(["pack", "results.csv", "-o", "sizes.zip", "--no-report"]) == 0
     assert cli.main(["reproduce", "sizes.zip"]) == 0
+
+
+@pytest.mark.parametrize("count", [4, 18])
+def test_dry_describes_as_many_as_would_run(count: int, capsys) -> None:
+    assert cli.main(["sim", "foraging", "--robots", str(count), "--dry"]) == 0
+    said = capsys.readouterr().out
+    assert f"robots          {count}: epuck_31_0" in said

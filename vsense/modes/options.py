@@ -72,7 +72,7 @@ class ExperimentOptions:
 
     def described(self, in_json: bool) -> Iterator[str]:
         """What the experiment holds, for people or as JSON; then raises as `load` if `strict`."""
-        experiment = self._read()
+        experiment = first_robots(self._read(), self.robots)
         yield json.dumps(as_json(experiment), indent=2) if in_json else describe(experiment)
         if self.strict:
             experiment.refuse_warnings()
