@@ -19,8 +19,8 @@ from vsense.robots.link.status import RobotStatus
 from vsense.robots.link.table import Goal
 from vsense.robots.link.wire import StopCause, Wanted
 from vsense.run.control import Control, State
+from vsense.run.homing._homing import Homing
 from vsense.run.homing.floor import DrivingFloor
-from vsense.run.homing.homing import Homing
 from vsense.run.homing.robots import LIMITS, HomingLimits, Trouble
 from vsense.run.robots import shorten
 
