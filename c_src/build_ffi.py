@@ -128,6 +128,7 @@ KERNELS = Library(
     "vsense._kernels",
     folders=("c_src/host",),
     headers=(
+        "c_src/host/vs_crash.h",
         "c_src/host/vs_latest.h",
         "c_src/host/vs_view.h",
         "c_src/host/vs_markers.h",

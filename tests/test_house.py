@@ -74,7 +74,7 @@ LIBC = {
     "arpa/inet", "netinet/in", "netinet/tcp", "sys/file", "sys/ioctl", "sys/socket", "sys/stat",
     "sys/syscall", "sys/time", "sys/types", "sys/wait", "sys/uio", "sys/un", "sys/sysmacros",
     "linux/capability", "linux/gpio", "linux/i2c", "linux/i2c-dev", "linux/watchdog", "link",
-    "sched", "sys/mman", "sys/prctl",
+    "sched", "sys/mman", "sys/prctl", "execinfo",
 }  # fmt: skip
 
 
@@ -343,7 +343,8 @@ def test_kernels_need_a_compiler_only_and_know_no_robot() -> None:
     known |= {"math", "stdatomic", "stddef", "stdint", "string"}
     known |= {"cpuid", "immintrin"}  # the compiler's own, where the processor is an x86
     for path in (ROOT / "c_src/host").glob("*.[ch]"):
-        assert includes(path) <= known, path.name
+        crash = {"signal", "dlfcn", "execinfo"} if path.name == "vs_crash.c" else set()
+        assert includes(path) <= known | crash, path.name
 
 
 def test_firmware_bridge_is_freestanding() -> None:
@@ -412,17 +413,17 @@ def test_functions_fit_a_screen() -> None:
 
 BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
-    "vsense in Python": (("vsense",), (".py",), 471, 95100, 400),
+    "vsense in Python": (("vsense",), (".py",), 473, 95600, 400),
     "the page": (("vsense",), (".js", ".css", ".html"), 42, 5600, 289),
-    "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 238, 26700, 400),
+    "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 241, 26800, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 32, 6800, 510),
-    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 604, 99300, 622),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 606, 99800, 622),
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 
-CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 65200, 48, 19
+CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 65500, 48, 19
 """Lines of code in `vsense/`; imports between rooms, and between folders inside of rooms."""
-DOORS_MAX, NAMES_MAX = 183, 722
+DOORS_MAX, NAMES_MAX = 184, 725
 """Modules that another room imports, and names taken from them."""
 SPLATS_MAX, OUTSIDE_MAX = 10, 215
 """Calls `f(*(a, b))`; attributes that are assigned from outside of their object."""

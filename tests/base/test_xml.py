@@ -121,7 +121,7 @@ def test_our_names_are_known_by_the_namespace_whatever_the_prefix() -> None:
 @pytest.mark.parametrize(
     ("xml", "line", "words"),
     [
-        (b"", 1, "no element found"),
+        (b"", 1, "the file is empty"),
         (b"<root>\n<a></root>", 2, "mismatched tag"),
         (b"<root a='1'\n a='2'/>", 2, "duplicate attribute"),
         (b"<root>\nhello</root>", 2, "text 'hello'"),
@@ -173,3 +173,18 @@ def test_any_bytes_give_a_tree_or_one_named_error(data: bytes) -> None:
     except ConfigError as error:
         assert error.file == "x.argos"
         assert error.line >= 1
+
+
+@pytest.mark.parametrize(
+    ("data", "line", "words"),
+    [
+        (b"", 1, "the file is empty"),
+        (b" \n\n", 3, "the file is empty"),
+        (b"<r>\n<a>\n<b x='1'>\n</a></r>", 4, "; <b>, opened in line 3, is open"),
+        (b"<r>\n<a></a>\n<b>", 3, "; <b>, opened in line 3, is open"),
+    ],
+)
+def test_what_is_not_closed_is_named_with_its_line(data: bytes, line: int, words: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        parse(data, "x.xml", of_argos=True)
+    assert (caught.value.line, words in caught.value.message) == (line, True), caught.value.message

@@ -80,9 +80,12 @@ def test_a_former_name_is_a_command_but_in_no_help(capsys: pytest.CaptureFixture
         assert commands.parser([former]).parse_args([former, "x", "y"]).command == former
 
 
-def test_the_version_is_that_of_all_that_counts(capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("option", ["--version", "-v"])
+def test_the_version_is_that_of_all_that_counts(
+    option: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(SystemExit) as ended:
-        cli.main(["--version"])
+        cli.main([option])
     assert ended.value.code == 0
     words = capsys.readouterr().out
     assert f"vsense {__version__}" in words and f"OpenCV {cv2.__version__}" in words
@@ -145,7 +148,8 @@ def test_names_that_may_be_meant() -> None:
     assert errors.instead("bog", ["bug", "dog", "far"]) == "is 'dog' or 'bug' meant?"
     assert errors.instead("q", ["b", "a"], "known are") == "known are: a, b"
     assert errors.instead("q", []) == "there are: none"
-    assert errors.instead("?", map(str, range(22))).endswith(", 7 and 2 others")
+    assert errors.instead("?", map(str, range(41))).endswith(", 7, 8, 9")
+    assert errors.instead("?", map(str, range(62))).endswith(", 7 and 2 others")
 
 
 @pytest.mark.parametrize("name", sorted(commands.COMMANDS))

@@ -18,7 +18,7 @@ ARGOS = DATA / "argos"
 
 NO_ROBOT = "holds no real robot, expected <e-puck>; it has "
 FILES = {
-    "custom_distributions": (55, "<light> (line 57); nothing is added by the <loop_functions> in"),
+    "custom_distributions": (55, "<light> (line 57); the <loop_functions> in line "),
     "diffusion_1": (118, "<box> (line 121), <foot-bot> (line 135)"),
     "diffusion_10": (35, "<box> (line 37), <foot-bot> (line 63), <cylinder> (line 89)"),
     "epuck_obstacleavoidance": (0, ""),
@@ -34,7 +34,7 @@ FILES = {
     "manualcontrol": (46, "<box> (line 48), <foot-bot> (line 65), <cylinder> (line 83)"),
     "multiple_engines": (35, "<box> (line 37), <foot-bot> (line 63), <cylinder> (line 89)"),
     "synchronization": (35, "<box> (line 37), <foot-bot> (line 60)"),
-    "trajectory": (48, "<box> (line 50), <foot-bot> (line 67), <cylinder> (line 85); nothing is"),
+    "trajectory": (48, "<box> (line 50), <foot-bot> (line 67), <cylinder> (line 85); the <loop"),
 }
 """Line of the refusal and what it says that the arena has; 0: the file loads."""
 

@@ -233,7 +233,7 @@ def test_a_file_whose_loop_functions_add_the_robots_says_what_to_write(folder: P
     text = PLAIN.replace(ROBOT, "").replace(
         "<arena", '<loop_functions library="build/libcrowd.so" label="crowd" rows="2" /><arena'
     )
-    with pytest.raises(ConfigError, match=r"space\.add_robot\(.*<distrib"):
+    with pytest.raises(ConfigError, match=r"<distribute> .*space\.add_robot\("):
         loaded(folder, text)
     port = folder / "libcrowd"
     port.mkdir(exist_ok=True)

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from tests.config.tables import attributes
 from tests.rigs.places import ROOT
+from vsense import cli
 from vsense.base.errors import ConfigError, UsageError
 from vsense.config import devices
 from vsense.config.experiment import first_robots, load, of_folder, shipped
@@ -404,3 +405,28 @@ def test_an_unknown_experiment_may_be_a_file_beside(
     Path("mine.argos").touch()
     with pytest.raises(UsageError, match=r"is 'mine\.argos' meant\?"):
         load("mine")
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("mine/mine.c", r"that is a program: expected .* is 'mine/mine\.argos' meant\?"),
+        ("mine/mine.py", r"that is a program: expected .* is 'mine/mine\.argos' meant\?"),
+        ("mine/mien.c", r"there is no such file, .* is 'mine/mine\.argos' meant\?"),
+        ("mine/mien", r"there is no such file, .* is 'mine/mine\.argos' meant\?"),
+    ],
+)
+def test_a_program_is_no_experiment_and_the_nearest_is_named(
+    name: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["new", "mine"]) == 0
+    with pytest.raises(UsageError, match=f"^no experiment '{name}': {words}"):
+        load(name)
+    text = (tmp_path / "mine/mine.argos").read_text()
+    (tmp_path / "mine/mine.argos").write_text(text.replace("mine.c", "mien.c"))
+    with pytest.raises(ConfigError, match=r"no controller 'mien\.c': .*is 'mine\.c' meant\?"):
+        load("mine/mine.argos")
+    (tmp_path / "mine/mine.argos").write_text(text.replace("mine.py", "mien.py"))
+    with pytest.raises(ConfigError, match=r"no such file \(is 'mine\.py' meant\?\)$"):
+        load("mine/mine.argos")

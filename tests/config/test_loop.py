@@ -45,7 +45,7 @@ def test_no_loop_functions(read_with: ReadWith) -> None:
 @pytest.mark.parametrize(
     ("element", "words"),
     [
-        ('<loop_functions library="none.py" />', r"'none.py': expected the path of a .py file"),
+        ('<loop_functions library="none.py" />', r"'none.py': there is no such file"),
         ('<loop_functions library="mine.c" />', r"'mine.c': expected the path of a .py file"),
         ('<loop_functions label="a" />', r"library: is missing, expected the path of a Python"),
         ('<loop_functions library="" />', r"library: is empty, expected the path of a Python"),

@@ -83,7 +83,11 @@ def test_a_buffer_without_ordering_would_be_found_out(tmp_path: Path) -> None:
     assert "data race" in done.stderr
 
 
-@pytest.mark.parametrize("source", SOURCES, ids=lambda path: path.name)
+KERNELS = [path for path in SOURCES if path.stem != "vs_crash"]
+"""A handler of signals needs the system, and is given no argument: it keeps where it writes."""
+
+
+@pytest.mark.parametrize("source", KERNELS, ids=lambda path: path.name)
 def test_kernel_needs_no_system_and_keeps_no_state(source: Path, tmp_path: Path) -> None:
     check_pure(source, "-std=c11" if source.name == "vs_latest.c" else "-std=c99", tmp_path)
 

@@ -160,7 +160,7 @@ def counting_compiler(folder: Path) -> tuple[Path, Path]:
     """A compiler that notes each program it links, and the file of its notes."""
     notes, compiler = folder / "linked", folder / "counting-cc"
     compiler.write_text(
-        f'#!/bin/sh\ncase "$*" in *" -s -o "*) echo >>{notes};; esac\nexec cc "$@"\n'
+        f'#!/bin/sh\ncase "$*" in *" -Wl,--gc-sections "*) echo >>{notes};; esac\nexec cc "$@"\n'
     )
     compiler.chmod(0o755)
     return compiler, notes

@@ -183,7 +183,7 @@ while [ "$1" != -o ]; do shift; done
     digest = sources.link_daemon(fake, tmp_path / "vsensed")
     lines = notes.read_text().splitlines()
     hashed = [line for line in lines if f'-DVSENSED_CONTROLLER_HASH="{digest}"' in line]
-    assert len(lines) == 4 and [line.count(".c ") for line in hashed] == [1]
+    assert len(lines) == 5 and [line.count(".c ") for line in hashed] == [1]
     assert "/controller_hash.c " in hashed[0]
     assert "/controller_hash.o " in lines[-1] and "/small.o " in lines[-1]
 

@@ -12,6 +12,7 @@ from tests.run.stage import status
 from tests.world.sensors.scenes import STEP_NS, arena_state
 from vsense.base.arena import ArenaState, Frame
 from vsense.base.message_bus import MessageBus
+from vsense.config.casting import Casting
 from vsense.config.experiment import load
 from vsense.config.placement import settle
 from vsense.config.specs import Stage
@@ -38,8 +39,14 @@ class ChangedRun:
         told: the lines for people.
     """
 
-    def __init__(self, name: str = "foraging", locked: bool = False, blind: bool = False) -> None:
-        experiment = load(name, stage=Stage.LAB)
+    def __init__(
+        self,
+        name: str = "foraging",
+        locked: bool = False,
+        blind: bool = False,
+        robots: int | None = None,
+    ) -> None:
+        experiment = load(name, stage=Stage.LAB, casting=Casting(limit=robots))
         made = settle(experiment, SEED)
         self.bus, self.now_ns = MessageBus(), 0
         self.answers: list[tuple[str, bool]] = []
@@ -52,7 +59,7 @@ class ChangedRun:
         path, text = experiment.path, experiment.path.read_text()
         how: dict[str, Any] = {
             "path": str(path), "stage": "lab", "length_s": None, "settings": {},
-            "virtual_devices": False, "robots": None, "seed": SEED,
+            "virtual_devices": False, "robots": robots, "seed": SEED,
         }  # fmt: skip
         facts = ExperimentFacts("lab", text, blind, (), {}, Troubles(), how)
         control = Control(lambda wanted: None, self.told.append)

@@ -131,8 +131,10 @@ def check_links(measured: subprocess.CompletedProcess[str], stood: NDArray[np.vo
     assert not stood["left_steps_s"].any() and not stood["right_steps_s"].any()
 
 
-def test_more_robots_than_there_are(tmp_path: Path) -> None:
-    command = [*VSENSE, "robot", "emulate", "99", "--insecure", "-o", str(tmp_path / "robots")]
-    done = subprocess.run(command, capture_output=True, text=True)
+def test_robots_and_tracker_need_two_ports(tmp_path: Path) -> None:
+    command = [*VSENSE, "robot", "emulate", "2", "--insecure", "-o", str(tmp_path / "robots")]
+    ports = ["--port", "4060", "--tracker-port", "4060"]
+    done = subprocess.run([*command, *ports], capture_output=True, text=True, timeout=60)
     assert done.returncode == 2
-    assert done.stderr == "vsense: 99 robots: foraging.argos has 15\n"
+    assert done.stderr.startswith("vsense: 4060 is both the port for robots and that for the")
+    assert not (tmp_path / "robots").exists()

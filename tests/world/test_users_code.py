@@ -9,7 +9,9 @@ from types import ModuleType
 import pytest
 
 from vsense.base.errors import VsenseError
+from vsense.world.entities import Zone
 from vsense.world.loop_functions import UsersCode, line_of
+from vsense.world.world import World
 
 NAME = "vsense_test_of_users_code"
 
@@ -45,6 +47,25 @@ def load(folder: Path, text: str) -> tuple[UsersCode, ModuleType]:
 def test_what_goes_wrong_has_its_line(tmp_path: Path, text: str, words: str) -> None:
     with pytest.raises(UsersError, match=words):
         load(tmp_path, text)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("world.robots['x']", r"^mine.py:2: ValueError: no field of name x; .* has tag, x_m, y_m"),
+        ("world.entities['spott']", r"KeyError: .*no 'spott' in the arena; is 'spot' meant\?"),
+        ("world.entities['zz']", r"KeyError: .*no 'zz' in the arena; there are: food, spot"),
+    ],
+)
+def test_names_that_a_world_does_not_have_come_with_those_that_it_has(
+    tmp_path: Path, text: str, words: str
+) -> None:
+    things = [Zone(name, "circle", 0.0, 0.0, 0.1) for name in ("spot", "food")]
+    world = World([23], entities=things)
+    code, module = load(tmp_path, f"def look(world):\n    return {text}\n")
+    with pytest.raises(UsersError, match=words), code.watch():
+        module.look(world)
+    assert world.entities.get("zz") is None and "zz" not in world.entities
 
 
 def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:

@@ -72,7 +72,7 @@ class ConfigError(VsenseError):
         self.message = message
 
 
-_LISTED = 20
+_LISTED = 60
 _ALIKE, _VERY_ALIKE = 0.6, 0.75
 _BEGUN = 3
 """So many letters of a name say which one is meant."""

@@ -144,6 +144,7 @@ def parser(words: Sequence[str]) -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     root.add_argument(
+        "-v",
         "--version",
         nargs=0,
         action=ShowVersion,

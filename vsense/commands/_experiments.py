@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 DEFAULT = "foraging"
 """The experiment of links and emulated robots, where none is named."""
 
+ROBOTS = "the file's first N robots; more than it has are added to its <distribute>"
+
 
 def add_experiment(parser: argparse.ArgumentParser, stage: Stage) -> None:
     """Declares what all commands that run an experiment have in common."""
@@ -51,9 +53,7 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
     )
     text = "seed of everything that is drawn (default: the file's; 0 draws a fresh one)"
     _arguments.option(parser, "--seed", _arguments.natural, "N", text)
-    _arguments.option(
-        parser, "--robots", _arguments.positive, "N", "take only the first N robots of the file"
-    )
+    _arguments.option(parser, "--robots", _arguments.positive, "N", ROBOTS)
     _arguments.flag(parser, "--blind", "hold the virtual sensors at 0: the control experiment")
     _arguments.flag(parser, "--json", "print the summary, or what --dry says, as one JSON object")
 

@@ -14,6 +14,7 @@ from vsense.config import roster
 from vsense.tools.camera_setup import photographs
 from vsense.tools.camera_setup.photographs import FindOptions
 from vsense.vision.markers import sheet
+from vsense.vision.markers.families import confusion, load_family
 from vsense.vision.markers.sheet import SheetOptions
 from vsense.vision.tracking.squares import LEAST_SIDE_PX
 
@@ -130,6 +131,8 @@ def _print(options: argparse.Namespace) -> int:
     else:
         print_data("\n".join(str(name) for name in sheets.files))
     Console().say(f"vsense: tags {' '.join(map(str, sheets.tags))}")
+    if words := confusion(load_family(options.family or wanted), sheets.tags):
+        Console().say(f"vsense: {words}", "warning")
     if sheets.scale:
         Console().say(f"vsense: {sheets.scale}")
     return 0

@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=_arguments.positive,
         nargs="?",
         metavar="N",
-        help="take only the first N robots of the experiment (default: all)",
+        help=f"{_experiments.ROBOTS} (default: the file's)",
     )
     text = (
         "whose robots, controllers and walls: a shipped experiment's name, or the path of a"
@@ -68,15 +68,18 @@ def run(options: argparse.Namespace) -> int:
     casting = _rosters.casting_of(options, here=True)
     code = _arguments.code_of(options)
     loaded = load(options.experiment, stage=Stage.LAB, code=code, casting=casting)
-    if (options.robots or 0) > len(loaded.robots):
-        raise UsageError(f"{options.robots} robots: {loaded.file} has {len(loaded.robots)}")
     experiment = first_robots(loaded, options.robots)
     radios = _hardware.radios_of(options, experiment)
     trust = _experiments.trust_of(options)
     seed = choose_seed(options.seed, experiment)
     experiment = settle(experiment, seed)
-    host, _ = address = LinkOptions(options.host, options.port).address(experiment)
+    host, robots_port = address = LinkOptions(options.host, options.port).address(experiment)
     port = _lines_port(options, experiment)
+    if port == robots_port:
+        raise UsageError(
+            f"{port} is both the port for robots and that for the tracker's lines: expected two;"
+            " see --port and --tracker-port"
+        )
     directory = run_directory.make(options.output, f"{experiment.name}-emulated", seed)
     console = Console()
     tracker = LineWriter(host, port, console.say)

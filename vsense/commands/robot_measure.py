@@ -75,7 +75,7 @@ def _add_tracking(parser: argparse.ArgumentParser) -> None:
 def _add_session(parser: argparse.ArgumentParser, folder: str, json_text: str) -> None:
     """Declares who takes part, where files go, how robots connect, and the page."""
     option = _arguments.option
-    option(parser, "--robots", _arguments.positive, "N", "take only the first N robots of the file")
+    option(parser, "--robots", _arguments.positive, "N", _experiments.ROBOTS)
     text = "begin after S s at the latest, without robots that are missing (default: 20)"
     _arguments.option(parser, "--wait", _arguments.seconds, "S", text, measuring.ROBOTS_WAIT_S)
     option(parser, "-o --output", Path, "DIR", f"{folder} (default: runs/...)")

@@ -113,5 +113,5 @@ def options_of(
         lab=lab.lab_of(options),
         link=_arguments.fill(LinkOptions, options),
         bringer=None if options.no_deploy else partial(series_robots.bringer, options),
-        **{"limit": None, **given},
+        **given,
     )

@@ -126,8 +126,9 @@ def _check(options: argparse.Namespace, many: bool) -> None:
             raise UsageError("--on: a campaign only, see --runs")
         if options.format or options.style:
             raise UsageError("--format, --style: a campaign's chart only, see --runs")
-        if options.web is None and (options.hold or options.speed or options.foxglove):
-            raise UsageError("--hold, --speed, --foxglove: only with --web, which shows the run")
+        paged = {"--hold": options.hold, "--speed": options.speed, "--foxglove": options.foxglove}
+        if options.web is None and (given := [name for name, value in paged.items() if value]):
+            raise UsageError(f"{', '.join(given)}: only with --web, which shows the run")
         return
     report.check_charts(options)
     if options.seed is not None:

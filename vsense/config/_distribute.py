@@ -109,7 +109,7 @@ class DistributedCrowd:
     """Several of a kind whose places are drawn.
 
     `entity` is the `<entity>` around them, `element` what there are several of, `first` the number
-    of the first one.
+    of the first one; `untagged`: the entity's tags are not theirs.
     """
 
     entity: Element
@@ -117,6 +117,7 @@ class DistributedCrowd:
     quantity: int
     first: int
     distribution: Distribution
+    untagged: bool = False
 
     @property
     def numbers(self) -> range:

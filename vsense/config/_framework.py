@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from ipaddress import IPv4Address
 from pathlib import Path
 
+from vsense.base.errors import likely
 from vsense.base.files import read_bytes
 from vsense.base.xml.element import Element, shown
 from vsense.config import _programs, argos
@@ -58,7 +59,10 @@ def read_loop_functions(root: Element, folder: Path, code: CodeOptions) -> LoopS
     else:
         port = folder / library
         if port.suffix != ".py" or not os.path.isfile(port):
-            raise element.error(f"{shown(library)}: expected the path of a .py file", "library")
+            files = likely(library, (other.name for other in folder.glob("*.py")))
+            missing = f"there is no such file{files}" if port.suffix == ".py" else ""
+            message = missing or "expected the path of a .py file"
+            raise element.error(f"{shown(library)}: {message}", "library")
     _check_syntax(element, port)
     params = collect(element, {})
     return LoopSpec(port, label, {k: v for k, v in params.items() if k not in _KNOWN}, element.line)

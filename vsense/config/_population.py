@@ -1,4 +1,4 @@
-"""Completes a file's robots: those that loop functions add, tags, and who plays which part.
+"""Completes a file's robots: those that are added, tags, and which robot plays which part.
 
 A hook `populate(space)` of the experiment's loop functions in Python is called while the file is
 read. It takes the place of ARGoS's C++ loop functions that add e-pucks to the space in Init:
@@ -17,15 +17,15 @@ import random
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from functools import cache
-from itertools import islice
+from itertools import accumulate, islice, pairwise
 
-from vsense.base.errors import ConfigError
+from vsense.base.errors import ConfigError, UsageError
 from vsense.base.files import read_bytes
 from vsense.base.xml.element import Document, Element
-from vsense.config._robots import ArenaContents, add_epuck
+from vsense.config._robots import MAX_TAG, ArenaContents, add_crowd, add_epuck
 from vsense.config.casting import Casting
-from vsense.config.specs import LoopSpec
-from vsense.vision.markers.families import load_family, ranked_tags
+from vsense.config.specs import LoopSpec, Stage
+from vsense.vision.markers.families import known_families, load_family, ranked_tags
 from vsense.world.entities import Arena, WorldError
 from vsense.world.loop_functions import LoopFunctions
 
@@ -87,14 +87,55 @@ def populate(document: Document, spec: LoopSpec | None, bodies: ArenaContents, s
         hooks.populate(Space(document, spec, bodies, seed))
 
 
-def cast(bodies: ArenaContents, family: str, casting: Casting) -> None:
-    """Gives everybody a tag of a marker family who has none, and puts robots in for others.
+def _grow(bodies: ArenaContents, count: int | None, file: str) -> None:
+    """Adds robots until there are `count`: every `<distribute>` of real ones grows in proportion.
+
+    Their numbers follow those that there are. None: nothing is added.
+
+    Raises:
+        UsageError: all robots have places of their own, or a `<distribute>` has no places for more.
+    """
+    missing = (count or 0) - len(bodies.robots)
+    if missing <= 0:
+        return
+    error = f"{count} robots: {file} has {len(bodies.robots)}"
+    crowds = list(bodies.robot_crowds)
+    if not crowds:
+        raise UsageError(
+            f"{error}, all at places of their own: only robots of a <distribute> can be more"
+        )
+    ends = [0, *accumulate(crowd.quantity for crowd in crowds)]
+    shares = [round(missing * end / ends[-1]) for end in ends]
+    for crowd, more in zip(crowds, (b - a for a, b in pairwise(shares))):
+        draw, wanted = crowd.distribution.position_m, crowd.quantity + more
+        if not draw.is_random and wanted > (places := math.prod(draw.layout)):
+            raise UsageError(
+                f"{error}; line {crowd.entity.line} would have {wanted} for the {places} places of"
+                f" its method {draw.method!r}; 'uniform' has as many as the floor"
+            )
+        if more:
+            prefix = crowd.element.text("id")
+            alike = [c for c in bodies.robot_crowds if c.element.text("id") == prefix]
+            first = max(other.numbers.stop for other in alike)
+            add_crowd(replace(crowd, quantity=more, first=first, untagged=True), bodies)
+
+
+def cast(bodies: ArenaContents, family: str, casting: Casting, file: str) -> None:
+    """Adds robots until there are as many as are wanted, gives everybody a tag of a marker family
+    who has none, and puts robots in for others.
+
+    A simulation has no cameras: once a family has none left, its robots get numbers beyond it. Of
+    the tags of robots that were `added` only people with real robots have to know.
 
     Raises:
         ConfigError: roster or marker family have not so many; the message says who is left out.
-        UsageError: a part is not there, or a robot that is put in has one, or is out of order.
+        UsageError: a part is not there, or a robot that is put in has one, or is out of order; or
+            the robots that are there cannot be more.
     """
+    _grow(bodies, casting.limit, file)
     idle = _take_robots(bodies, casting)
+    if bodies.stage is not Stage.RUN:
+        idle |= set(bodies.added)
     owned = (*casting.free, *(tag for tag, _ in casting.others))
     _give_tags(bodies, family, owned, idle)
     _put_in(bodies, casting)
@@ -152,22 +193,36 @@ def _give_tags(
     names = [name for _, group in bodies.untagged for name in group]
     if not names:
         return
-    free = _free_tags(family, len(names), frozenset(bodies.lines_of_tags) | frozenset(owned))
+    worn = frozenset(bodies.lines_of_tags) | frozenset(owned)
+    free = _free_tags(family, len(names), worn)
+    if bodies.stage is Stage.SIM:
+        beyond = (tag for tag in range(load_family(family).tags, MAX_TAG + 1) if tag not in worn)
+        free += islice(beyond, len(names) - len(free))
     if len(free) < len(names):
-        element = bodies.untagged[-1][0]
-        raise element.error(f"has no tag, and the marker family {family!r} has none left for it")
+        raise bodies.untagged[-1][0].error(
+            f"{len(names)} bodies have no tag, and the marker family {family!r} has {len(free)}"
+            f" left for them{_larger(len(names) + len(worn))}"
+        )
     given = dict(zip(names, free))
     for element, ids in bodies.untagged:
         if not (group := [name for name in ids if name not in idle]):
             continue
         key = "vs:tags" if element.name == "entity" else "vs:tag"
+        lacks = "has tags for the others only" if element.has(key) else "is missing"
         last = f" to {group[-1]!r}" if len(group) > 1 else ""
         element.warn(
-            f"{key} is missing: {group[0]!r}{last} wear"
+            f"{key} {lacks}: {group[0]!r}{last} wear"
             f" {', '.join(str(given[name]) for name in group)}"
         )
     bodies.robots[:] = [replace(r, tag=given.get(r.id, r.tag)) for r in bodies.robots]
     bodies.objects[:] = [replace(o, tag=given.get(o.id, o.tag)) for o in bodies.objects]
+
+
+def _larger(count: int) -> str:
+    """Names the marker families that have so many tags."""
+    sizes = {name: load_family(name).tags for name in known_families()}
+    words = " or ".join(f"{name} ({tags})" for name, tags in sizes.items() if tags >= count)
+    return words and f"; --set marker.family=NAME takes a larger one: {words}"
 
 
 def _free_tags(family: str, count: int, worn: frozenset[int]) -> list[int]:

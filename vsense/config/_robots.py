@@ -32,6 +32,8 @@ class ArenaContents:
         settings: by robot id those of its simulated devices.
         without_controller: by id the e-pucks that nothing drives: objects, as in the thesis.
         crowds: how many `<distribute>` were read.
+        robot_crowds: those of real robots.
+        added: ids of robots beyond those that `vs:tags` gives a tag: more were asked for.
         unseen: boxes and cylinders that only virtual sensors notice.
         untagged: elements of bodies without a tag, with the bodies' ids.
         taken: tags that were taken out of a roster.
@@ -53,6 +55,8 @@ class ArenaContents:
     without_controller: dict[str, Element] = field(default_factory=dict)
     settings: dict[str, RobotSettings] = field(default_factory=dict)
     crowds: int = 0
+    robot_crowds: list[DistributedCrowd] = field(default_factory=list)
+    added: list[str] = field(default_factory=list)
     unseen: list[Element] = field(default_factory=list)
     untagged: list[tuple[Element, list[str]]] = field(default_factory=list)
     taken: list[int] = field(default_factory=list)
@@ -164,11 +168,11 @@ def add_crowd(crowd: DistributedCrowd, bodies: ArenaContents) -> None:
             _add_virtual_crowd(crowd, prefix, bodies)
             return
     controller = element.child("controller") if is_robot else None
-    names: list[str] = []
+    untagged: list[str] = []
     for number, tag in zip(crowd.numbers, _read_tags(crowd, bodies), strict=True):
         name = f"{prefix}{number}" if tag == _NO_TAG else f"{prefix}_{tag}_{number}"
         bodies.claim_id(element, name)
-        names.append(name)
+        untagged += [name] if tag == _NO_TAG else []
         line, drawn = element.line, crowd.distribution
         if controller is None:
             bodies.objects.append(ObjectSpec(name, tag, None, drawn, line))
@@ -176,8 +180,11 @@ def add_crowd(crowd: DistributedCrowd, bodies: ArenaContents) -> None:
         _check_name(element, name)
         config = _name_controller(element, controller, name, bodies)
         bodies.robots.append(RobotSpec(name, tag, number, None, drawn, config, line))
-    if not crowd.entity.has("vs:tags"):
-        bodies.untagged.append((crowd.entity, names))
+    if untagged:
+        bodies.untagged.append((crowd.entity, untagged))
+        bodies.added += untagged if crowd.untagged or crowd.entity.has("vs:tags") else []
+    if controller is not None:
+        bodies.robot_crowds.append(crowd)
 
 
 def _add_virtual(element: Element, bodies: ArenaContents) -> None:
@@ -238,15 +245,19 @@ def _read_identity(element: Element, bodies: ArenaContents) -> tuple[str, int, i
 
 def _read_tags(crowd: DistributedCrowd, bodies: ArenaContents) -> list[int]:
     entity, quantity = crowd.entity, crowd.quantity
-    if not entity.has("vs:tags"):
+    if not entity.has("vs:tags") or crowd.untagged:
         return [_NO_TAG] * quantity
     tags = entity.integers("vs:tags", 0, MAX_TAG)
+    if entity.is_set("quantity") and not entity.is_set("vs:tags"):
+        # The file's tags are for the file's quantity: those that there are go to the first robots.
+        tags = [*tags[:quantity], *[_NO_TAG] * (quantity - len(tags))]
     if len(tags) != quantity:
         expected = f"expected {quantity} as in quantity"
         text = shown(entity.text("vs:tags"))
         raise entity.error(f"{text} has {len(tags)} tags, {expected}", "vs:tags")
     for tag in tags:
-        bodies.claim_tag(entity, "vs:tags", tag)
+        if tag != _NO_TAG:
+            bodies.claim_tag(entity, "vs:tags", tag)
     return tags
 
 

@@ -27,7 +27,8 @@ class Casting:
             any that is free.
         free: the roster's robots that may be taken, in their order.
         others: tags of its other robots, each with why it is not taken.
-        limit: only the first so many robots of the file play, None: all.
+        limit: so many robots play: the first of the file, or more than it has, which are added to
+            its `<distribute>`. None: the file's.
         replaced: who plays in whose place.
         types: the kind of base of each robot that has one in the roster, such as "argos".
     """

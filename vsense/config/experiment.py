@@ -35,6 +35,7 @@ from vsense.config.specs import (
     RobotSpec,
     Stage,
 )
+from vsense.robots.compiling import PROGRAM_SUFFIXES
 from vsense.robots.sources import CodeOptions, ProgramSources
 from vsense.vision.markers.families import known_families, load_family
 from vsense.world.sensors.base import RobotSettings, Scope
@@ -156,7 +157,7 @@ def _read_understood(
     populate(root.document, loop_functions, bodies, run.seed)
     if not bodies.robots:
         raise arena.error(_no_robot(root, arena))
-    cast(bodies, marker.family, casting)
+    cast(bodies, marker.family, casting, root.document.file)
     geofence = read_geofence(arena, bodies.arena, bodies.tags, serves.is_sim, casting.replaced)
     scope = _scope(bodies, round(run.length_s * run.ticks_per_second), loop_functions)
     controllers = _read_controllers(root, bodies, scope, media, serves, geofence)
@@ -323,15 +324,17 @@ def _find(name: str) -> tuple[Path, str]:
         file = f"{name}{ARGOS_SUFFIX}"
         return SHIPPED_FOLDER / file, file
     path = Path(name)
-    if path.suffix == ARGOS_SUFFIX or os.path.isfile(name):
+    is_program = path.suffix in (".py", *PROGRAM_SUFFIXES)
+    if path.suffix == ARGOS_SUFFIX or (os.path.isfile(name) and not is_program):
         return path, name
     if os.path.isdir(name):
         raise UsageError(f"{name}: is a folder: expected the path of the {ARGOS_SUFFIX} file in it")
-    here = [str(file) for file in Path().glob(f"*{ARGOS_SUFFIX}")]
-    raise UsageError(
-        f"no experiment {name!r}: there is no such file, and none of that name comes with vsense;"
-        f" {instead(name, [*here, *shipped()])}"
-    )
+    here = [str(file) for file in path.parent.glob(f"*{ARGOS_SUFFIX}")]
+    words = "there is no such file, and none of that name comes with vsense"
+    if os.path.isfile(name):
+        words = f"that is a program: expected the {ARGOS_SUFFIX} file that names it"
+    wanted = str(path.with_suffix(ARGOS_SUFFIX)) if is_program else name
+    raise UsageError(f"no experiment {name!r}: {words}; {instead(wanted, [*here, *shipped()])}")
 
 
 def of_folder(name: str) -> str:
@@ -360,7 +363,8 @@ def _check_tags(bodies: ArenaContents, marker: MarkerSpec, file: str) -> None:
     tags = load_family(marker.family).tags
     tagged: list[RobotSpec | ObjectSpec] = [*bodies.robots, *bodies.objects]
     for body in tagged:
-        if body.tag >= tags:
+        # One that was handed out may lie beyond them in a simulation.
+        if body.tag >= tags and body.tag in bodies.lines_of_tags:
             range_text = f"the marker family {marker.family!r} has tags 0 to {tags - 1}"
             raise ConfigError(file, body.line, f"{body.id!r}: {range_text}")
 
@@ -377,9 +381,8 @@ def _no_robot(root: Element, arena: Element) -> str:
     loop = root.below("loop_functions")
     if loop and loop[0].peek("library"):
         message += (
-            f"; nothing is added by the <loop_functions> in line {loop[0].line}, unless a Python"
-            " file in their place adds e-pucks: populate(space) with space.add_robot(id,"
-            " controller, x_m, y_m). Or write them in <arena>, several in a <distribute>"
+            f"; the <loop_functions> in line {loop[0].line} add none: write them in <arena> or a"
+            " <distribute> there, or add them in Python: space.add_robot(...) in populate(space)"
         )
     return message
 

@@ -157,6 +157,8 @@ def of_entity(entity: Entity) -> Footprint | None:
 MIN_GAP_M = 0.005
 """Free space around a drawn body."""
 
+_BORDER = "the arena's border"
+
 _TOUCH_M = 1e-9
 """Bodies that the file places side by side may touch."""
 
@@ -227,9 +229,8 @@ class _Standing:
 
     def place_fixed(self) -> None:
         """Places bodies whose pose the file says; they may touch, and stand in virtual things."""
-        bodies: list[ObjectSpec | RobotSpec] = [
-            *self._experiment.objects, *self._experiment.robots,
-        ]  # fmt: skip
+        bodies: list[ObjectSpec | RobotSpec] = [*self._experiment.objects]
+        bodies += self._experiment.robots
         for body in bodies:
             if body.pose is not None:
                 footprint = of_robot(f"the body with tag {body.tag}", body.pose)
@@ -249,7 +250,7 @@ class _Standing:
     def _obstacle(self, footprint: Footprint, gap_m: float) -> str:
         """Names what a body at this place would overlap with; "" if it stands free."""
         if not footprint.is_inside(self._experiment.arena, gap_m):
-            return "the arena's border"
+            return _BORDER
         near = (other for other in self._footprints if footprint.distance_m(other) < gap_m)
         return next((other.what for other in near), "")
 
@@ -266,10 +267,10 @@ class _Placement(_Standing):
         for robot, in_the_way in self.displaced:
             self._place_anew(robot, in_the_way)
         self._occupy(*(e for e in experiment.entities if not getattr(e, "physical", False)))
-        waiting: list[Drawn] = [
-            *experiment.robots, *experiment.objects, *experiment.distributed,
-        ]  # fmt: skip
+        waiting: list[Drawn] = [*experiment.robots, *experiment.objects]
+        waiting += experiment.distributed
         drawn = [(spec.distribution, spec) for spec in waiting if spec.distribution is not None]
+        self._counts = Counter(distribution.number for distribution, _ in drawn)
         for distribution, spec in sorted(drawn, key=lambda pair: pair[0].number):
             self._draw_free(spec, distribution)
 
@@ -302,19 +303,23 @@ class _Placement(_Standing):
         index = self._drawn[distribution.number]
         self._drawn[distribution.number] += 1
         is_random = distribution.position_m.is_random or distribution.orientation_rad.is_random
-        trials = distribution.max_trials if is_random else 1
-        obstacle = "nothing"
+        trials, obstacles = distribution.max_trials if is_random else 1, set[str]()
         for _ in range(trials):
             position_m = distribution.position_m.sample(index, self._draws)
             turn_rad = distribution.orientation_rad.sample(index, self._draws)[0]
             obstacle = self._try(spec, position_m, float(wrap_angle(turn_rad)))
             if not obstacle:
                 return
+            obstacles.add(obstacle)
         name = spec.entity.id if isinstance(spec, DistributedSpec) else spec.id
-        raise self._experiment.error(
-            distribution.line,
-            f"<entity> max_trials: no room for {name!r} found in {trials} trials"
-            f" (the last one hit {obstacle}); give more trials, more room or fewer of them",
+        error = partial(self._experiment.error, distribution.line)
+        if obstacles == {_BORDER}:
+            words = "outside of the arena or across its border: expected a <position> inside"
+            raise error(f"<distribute>: all {trials} places drawn for {name!r} are {words}")
+        raise error(
+            f"<entity> max_trials: no room for {name!r} found in {trials} trials (the last one hit"
+            f" {obstacle}): {index} of {self._counts[distribution.number]} have a place; expected"
+            " fewer of them, more room or more trials"
         )
 
     def _try(self, spec: Drawn, position_m: Vector, yaw_rad: float) -> str:

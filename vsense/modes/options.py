@@ -18,6 +18,7 @@ from vsense.config.roster import SPARE
 from vsense.config.specs import Experiment, Stage
 from vsense.robots.sources import CodeOptions
 from vsense.run import asked, directory
+from vsense.vision.markers.families import confusion, load_family
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +72,7 @@ class ExperimentOptions:
 
     def described(self, in_json: bool) -> Iterator[str]:
         """What the experiment holds, for people or as JSON; then raises as `load` if `strict`."""
-        experiment = self._read()
+        experiment = first_robots(self._read(), self.robots)
         yield json.dumps(as_json(experiment), indent=2) if in_json else describe(experiment)
         if self.strict:
             experiment.refuse_warnings()
@@ -120,6 +121,10 @@ def say_warnings(experiment: Experiment, console: Console) -> None:
     """Says what of the experiment's file is not supported, and who plays for whom."""
     for warning in experiment.warnings:
         console.say(f"vsense: {warning}")
+    tags = [*(r.tag for r in experiment.robots), *(o.tag for o in experiment.objects)]
+    family = load_family(experiment.marker.family)
+    if experiment.stage is not Stage.SIM and (words := confusion(family, tags)):
+        console.say(f"vsense: {experiment.file}: {words}", "warning")
     for text in _casting_notes(experiment):
         console.say(text)
 

@@ -103,7 +103,7 @@ def toolchain(target: Target, cache: Path) -> Toolchain:
         return zig
     if target.name == "host":
         toolchain = native()
-        return replace(toolchain, flags=SMALL)
+        return replace(toolchain, flags=SMALL, debug=())
     command, *flags = target.debian
     if shutil.which(command) is None:
         raise UsageError(

@@ -98,6 +98,10 @@ class SourceTree:
         folders = (sorted((self.root / folder).glob("*.c")) for folder in ("c_src", "robot"))
         return [p for files in folders for p in files if p.stem != SIMULATION_PART]
 
+    def lab_sources(self) -> list[Path]:
+        """What daemons of the lab have besides."""
+        return sorted((self.root / "robot" / "lab").glob("*.c"))
+
     def runtime_sources(self) -> list[Path]:
         """The C files of all robots of a simulation but their controller, in a fixed order."""
         protocol = [self.root / "c_src" / f"vs_{part}.c" for part in RUNTIME_PARTS]
@@ -169,9 +173,11 @@ class SourceTree:
         path = (beside or Path()) / name
         if path.suffix in PROGRAM_SUFFIXES and path.is_file():
             return path.resolve()
+        names = (p.name for p in path.parent.glob("*") if p.suffix in PROGRAM_SUFFIXES)
+        beside_it = [str(Path(name).with_name(file)) for file in names] if path.suffix else []
         raise UsageError(
             f"no controller {name!r}: expected the path of a .c or .cpp file, or a shipped one;"
-            f" {instead(name, shipped)}"
+            f" {instead(name, [*shipped, *beside_it])}"
         )
 
 
@@ -254,8 +260,12 @@ def compile_daemon(tree: SourceTree, program: ProgramSources, target: Path) -> N
     Raises:
         BuildError: the compiler is missing or refuses a source, or the folder cannot be written.
     """
-    compiler = native()
-    _cache.with_parts(tree.daemon(program), compiler).link_daemon(compiler, target)
+    compiler, sources = native(), tree.daemon(program)
+    if target == tree.prebuilt:  # part of a wheel, which names no folder of the machine it is from
+        compiler = replace(compiler, debug=())
+    else:
+        sources = replace(sources, own=[*sources.own, *tree.lab_sources()])
+    _cache.with_parts(sources, compiler).link_daemon(compiler, target)
 
 
 def _compile_runtime(tree: SourceTree, program: ProgramSources, target: Path) -> None:
@@ -272,14 +282,15 @@ def _cache_for(program: ProgramSources) -> Path | None:
 def _fingerprint(tree: SourceTree, program: ProgramSources, sources: Sources | None = None) -> str:
     """Hash of the compiler, the flags and every source and header that goes into a build."""
     compiler = native()
-    flags = f"{CFLAGS}{SHARED_FLAGS}{CXXFLAGS}{own_cxxflags()}{CXX_LIBRARIES}{compiler.cxx}"
+    flags = f"{CFLAGS}{SHARED_FLAGS}{CXXFLAGS}{own_cxxflags()}{CXX_LIBRARIES}"
+    flags += f"{compiler.cxx}{compiler.debug}"
     sources = sources or tree.daemon(program)
     versions = compiler.version() + (compiler.for_cxx().version() if sources.is_cxx else "")
     digest = hashlib.sha256(f"{list(compiler.command)}{versions}{flags}".encode())
     argos = tree.argos_headers() if program.is_argos else []
     if program.is_argos:
         digest.update(f"{FLAGS}{STANDARD}{program}".encode())
-    own = sources.dependencies(compiler)
+    own = [*sources.dependencies(compiler), *tree.lab_sources()]
     for path in (*sources.own, *sources.own_cxx, *tree.headers(), *argos, *own):
         digest.update(os.fsencode(path.name) + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()[:24]

@@ -16,7 +16,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from vsense.base.errors import VsenseError
-from vsense.robots import _argos_code
+from vsense.base.terminal import Console
+from vsense.robots import _argos_code, _compiled
 from vsense.robots.sources import ProgramSources, content, headers
 
 SECTIONS = ("-O2", "-ffunction-sections", "-fdata-sections")
@@ -70,6 +71,7 @@ class Toolchain:
             `flags`; empty: nothing does.
         cxx: the words that start the C++ compiler for the same target.
         cxx_line: the line that installs that one.
+        debug: what has programs know their lines, for reports of crashes; empty: stripped.
     """
 
     command: tuple[str, ...]
@@ -78,6 +80,7 @@ class Toolchain:
     small: tuple[str, ...] = ()
     cxx: tuple[str, ...] = ("c++",)
     cxx_line: str = APT_LINE
+    debug: tuple[str, ...] = ()
 
     def for_cxx(self) -> Toolchain:
         """The C++ compiler for the same target.
@@ -140,7 +143,7 @@ class Sources:
     what: str = "controller"
 
     def link(self, toolchain: Toolchain, target: Path, flags: Sequence[str] = ()) -> None:
-        """Compiles and links everything and moves it into place whole, stripped.
+        """Compiles and links everything and moves it into place whole.
 
         Raises:
             BuildError: the compiler refuses a source, or the folder cannot be written.
@@ -175,12 +178,22 @@ class Sources:
         if self.is_cxx:
             names += self._objects(toolchain, output, for_all)
         else:
-            names += [str(path) for path in self.program.sources]
+            names += [self._c_file(toolchain, output, p, for_all) for p in self.program.sources]
         libraries = CXX_LIBRARIES if self.is_cxx else LIBRARIES
         if self.program.is_argos and "ziglang" not in toolchain.command:
             # What is defined in headers: in ARGoS's shared libraries the first one counts, too.
             libraries = (*libraries, "-Wl,-z,muldefs")
-        self._run(toolchain, CFLAGS, [*for_all, "-s", "-o", str(output), *names, *libraries])
+        strip = () if toolchain.debug else ("-s",)
+        self._run(toolchain, CFLAGS, [*for_all, *strip, "-o", str(output), *names, *libraries])
+
+    def _c_file(self, toolchain: Toolchain, out: Path, source: Path, flags: Sequence[str]) -> str:
+        """Compiles a program's file in C; BuildError: it is refused, or is no controller."""
+        target = out.with_name(f"{out.name}_{source.stem}.o")
+        flags = [*toolchain.debug, *(flag for flag in flags if flag.startswith("-f"))]
+        self.compile(toolchain, source, target, flags)
+        if words := _compiled.fault(target, source):
+            raise BuildError(words)
+        return str(target)
 
     def _objects(self, toolchain: Toolchain, output: Path, flags: Sequence[str]) -> list[str]:
         """Compiles the program and our C++, as many files at a time as there are processors."""
@@ -193,16 +206,29 @@ class Sources:
             number, source = numbered
             target = output.with_name(f"{output.name}_{source.stem}-{number}.o")
             language, after = self._language(source, ours)
+            after = [*after, *compiler.debug]
             words = [*compiler.command, *compiler.flags, *language, *after, *flags]
             cached = self._cached_path(source, [version, *words])
             if cached is not None and cached.is_file():
                 return str(cached)
             self._run(compiler, language, [*after, *flags, "-c", str(source), "-o", str(target)])
+            if source in self.program.sources and self.what == "controller":
+                self._check_cxx(target, source)
             return str(target if cached is None else _keep(target, cached))
 
         files = list(enumerate((*self.program.sources, *self.own_cxx)))
         with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as workers:
             return list(workers.map(compiled, files))
+
+    def _check_cxx(self, target: Path, source: Path) -> None:
+        """Says which variables robots share in a simulation, when they are compiled: once."""
+        if (words := _compiled.fault(target, source, True)) and not self.program.is_argos:
+            raise BuildError(words)
+        if names := _compiled.shared_variables(target):
+            Console().say(
+                f"vsense: {source}: all robots of a simulation share its static variables, and"
+                f" real robots do not: {', '.join(names)}"
+            )
 
     def _cached_path(self, source: Path, words: Sequence[str]) -> Path | None:
         """Where a compiled file stays: its name tells all that went into it."""
@@ -215,7 +241,7 @@ class Sources:
         return self.cache / "objects" / f"{digest.hexdigest()[:32]}.o"
 
     def compile(self, toolchain: Toolchain, source: Path, out: Path, flags: Sequence[str]) -> None:
-        """Compiles one C file of `own`; BuildError: the compiler refuses it."""
+        """Compiles one C file; BuildError: the compiler refuses it."""
         self._run(toolchain, CFLAGS, [*flags, "-c", str(source), "-o", str(out)])
 
     def link_daemon(self, toolchain: Toolchain, target: Path) -> str:
@@ -321,35 +347,10 @@ class Sources:
             flags = " ".join(flag for flag in own_cxxflags() if flag in arguments)
             with_flags = f" with CXXFLAGS={flags}" if flags else ""
             older = "\nolder C++ is compiled with CXXFLAGS=-std=gnu++11" * (_OLDER in said)
-            raise BuildError(f"{self._blame(said)}{with_flags}:\n{said}{older}")
+            ours = (*self.own, *self.own_cxx)
+            blame = _compiled.blamed(said, self.program, ours, self.what)
+            raise BuildError(f"{blame}{with_flags}:\n{said}{older}")
         return result.stdout
-
-    def _blame(self, said: str) -> str:
-        """Says which source the compiler's words are about; a linker's words name no line."""
-
-        def is_named(path: Path) -> bool:
-            return re.search(rf"(?:^|from ){re.escape(str(path))}:\d", said, re.M) is not None
-
-        if self.program.is_argos and re.search("undefined (reference|symbol)", said):
-            is_controller = self.what == "controller"
-            explain = (
-                _argos_code.explain_simulator if is_controller else _argos_code.explain_controllers
-            )
-            if why := explain(self.program):
-                return f"the {self.what} {self.program.sources[0]} {self._does} not build: {why}"
-        named = [path for path in self.program.sources if is_named(path)]
-        if named:
-            return f"the {self.what} {named[0]} {self._does} not build"
-        shipped = [str(path) for path in (*self.own, *self.own_cxx) if is_named(path)]
-        if shipped:
-            return f"a source of vsensed itself does not build: {', '.join(shipped)}"
-        if self.what != "controller":
-            return f"the {self.what} {self.program.sources[0]} {self._does} not build"
-        return f"vsensed with the controller {self.program.sources[0]} does not build"
-
-    @property
-    def _does(self) -> str:
-        return "do" if self.what.endswith("s") else "does"
 
 
 def _keep(output: Path, cached: Path) -> Path:
@@ -396,4 +397,4 @@ def native() -> Toolchain:
     if shutil.which(command[0]) is None:
         raise BuildError(f"no C compiler '{command[0]}'; install one with: {APT_LINE}")
     cxx = tuple(_words("CXX") or ["c++"])
-    return Toolchain(tuple(command), HOST_FLAGS, cxx=cxx)
+    return Toolchain(tuple(command), HOST_FLAGS, cxx=cxx, debug=("-g",))

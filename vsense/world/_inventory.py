@@ -26,6 +26,11 @@ EntityKind = TypeVar("EntityKind", Box, Cylinder, Light, Zone, VirtualRobot)
 ENTITY_TYPES = (Box, Cylinder, Light, Zone, VirtualRobot)
 
 
+class _ById(dict[str, Entity]):
+    def __missing__(self, name: object) -> Entity:
+        raise KeyError(f"there is no {name!r} in the arena; {instead(str(name), self)}")
+
+
 class Inventory:
     """Entities by id, in the order in which they were put; `version` grows with every change.
 
@@ -38,7 +43,7 @@ class Inventory:
     def __init__(self, entities: Iterable[Entity] = ()) -> None:
         """Takes what is there at the start; that may be physical."""
         self.version = 0
-        self._entities: dict[str, Entity] = {}
+        self._entities = _ById()
         self._by_kind: dict[type, tuple[Entity, ...]] = {}
         self._versions = dict.fromkeys(ENTITY_TYPES, 0)
         self.free_tag = VIRTUAL_TAG_MIN
@@ -51,7 +56,7 @@ class Inventory:
     def reset(self) -> None:
         """Goes back to the start."""
         gone = self._entities.values()
-        self._entities, self.free_tag = dict(self._first), self._first_tag
+        self._entities, self.free_tag = _ById(self._first), self._first_tag
         self._changed(*gone, *self._entities.values())
 
     def changed_since(self, version: int) -> set[type]:

@@ -32,6 +32,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from vsense.base.arena import POSE
 from vsense.base.errors import VsenseError, likely
 from vsense.base.files import read_bytes
 from vsense.world.entities import Arena, WorldError
@@ -141,6 +142,8 @@ def _words(error: BaseException) -> str:
         text = "it cannot say what is wrong"
     if isinstance(error, VsenseError):
         return text[:_MAX_SHOWN]
+    if text.startswith("no field of name"):  # NumPy's words
+        text += f"; world.robots has {', '.join(POSE.names or ())}"
     name = type(error).__name__
     return f"{name}: {text}"[:_MAX_SHOWN] if text else name
 

@@ -17,11 +17,27 @@ from vsense.modes.sim.job import Job, Setup
 from vsense.modes.sim.outcome import Task, libraries_of
 from vsense.robots import build
 
+CALLS = r"""
+#include <stdio.h>
+#include <stdlib.h>
+
+/* What no controller should have: tells whether the process is fresh. */
+static int calls(void)
+{
+    const char *before = getenv("PROBE_CALLS");
+    int now = 1 + (before ? atoi(before) : 0);
+    char text[12];
+
+    snprintf(text, sizeof text, "%d", now);
+    setenv("PROBE_CALLS", text, 1);
+    return now;
+}
+"""
+
 PROBE = """
 #include "controller.h"
 
 struct probe { int heard; int smell; };
-static int calls; /* what no controller should have: tells whether memory is fresh */
 
 static void init(void *state, struct vs_robot *robot)
 {
@@ -37,7 +53,6 @@ static void step(void *state, struct vs_robot *robot)
     struct probe *p = state;
     struct vs_reading smell = vs_robot_read(robot, p->smell);
 
-    calls++;
     vs_robot_show(robot, "smell", smell.value);
     if (smell.value > 50.0)
         vs_robot_log(robot, "it smells");
@@ -47,7 +62,7 @@ static void step(void *state, struct vs_robot *robot)
     vs_robot_actuate(robot, p->heard, 0, vs_robot_random(robot));
     vs_robot_actuate(robot, p->heard, 1, smell.known ? smell.value : -1.0);
     vs_robot_actuate(robot, p->heard, 2, (double)smell.age_ns / 1e6);
-    vs_robot_actuate(robot, p->heard, 3, calls);
+    vs_robot_actuate(robot, p->heard, 3, calls());
     vs_robot_set_wheels(robot, (int)vs_robot_param(robot, "speed", 100.0), 3000);
 }
 
@@ -57,8 +72,6 @@ const struct vs_controller vs_controller = {"probe", sizeof(struct probe), init,
 FAULTY = r"""
 #include "controller.h"
 #include <signal.h>
-#include <stdio.h>
-#include <stdlib.h>
 #include <unistd.h>
 
 enum { NOTHING, SEGMENT, DIVIDE, ABORT, LOOP, EXIT, TALK, KILL };
@@ -90,12 +103,11 @@ static void init(void *state, struct vs_robot *robot)
 
 static void step(void *state, struct vs_robot *robot)
 {
-    static int runs; /* lives on from run to run unless each has memory of its own */
     struct faulty *f = state;
     volatile int zero = 0;
     volatile int forever = 1;
 
-    vs_robot_set_wheels(robot, 300, 100 + runs++ / 1000);
+    vs_robot_set_wheels(robot, 300, 100 + calls() / 1000);
     if (++f->steps != 5)
         return;
     switch (f->fault) {
@@ -126,7 +138,7 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 def library(folder: Path, name: str, source: str) -> Path:
     """Builds a controller's shared object."""
     require_tool("cc", "build-essential")
-    (folder / f"{name}.c").write_text(source)
+    (folder / f"{name}.c").write_text(CALLS + source)
     return build.shared(f"{name}.c", folder)
 
 
@@ -150,7 +162,7 @@ Writer = Callable[..., Path]
 def write_experiment(tmp_path_factory: pytest.TempPathFactory) -> Writer:
     """Writes an experiment beside a controller with faults; changes are (old, new) in its text."""
     folder = tmp_path_factory.mktemp("experiments")
-    (folder / "faulty.c").write_text(FAULTY)
+    (folder / "faulty.c").write_text(CALLS + FAULTY)
     shipped = build.source_tree().root / "vsense" / "config" / "experiments" / "pollutant.argos"
     plain = shipped.read_text().replace('library="pollutant"', 'library="faulty.c"')
 

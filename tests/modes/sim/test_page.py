@@ -384,8 +384,8 @@ def test_a_recording_is_not_written_over(tmp_path: Path) -> None:
     ("words", "reason"),
     [
         (["--web", "--runs", "2"], "one run only"),
-        (["--hold"], "only with --web"),
-        (["--speed", "2"], "only with --web"),
+        (["--hold"], "--hold: only with --web"),
+        (["--speed", "2"], "vsense: --speed: only with --web"),
         (["--record", "--runs", "2", "--on", "tcp://10.0.0.1:1"], "on the workers' machines"),
     ],
 )

@@ -5,10 +5,12 @@ from __future__ import annotations
 import os
 import re
 import select
+import shutil
 import signal
 import subprocess
 import sys
 import threading
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -34,20 +36,35 @@ def results(*tasks: Task, processes: int = 1, limit_s: float = 10.0) -> list[dic
 @pytest.mark.parametrize(
     ("fault", "words"),
     [
-        ("1", r"was killed by SIGSEGV"),
-        ("2", r"was killed by SIGFPE"),
-        ("3", r"was killed by SIGABRT"),
+        ("1", r"was killed by SIGSEGV at faulty\.c:{SEGMENT}"),
+        ("2", r"was killed by SIGFPE at faulty\.c:{DIVIDE}"),
+        ("3", r"was killed by SIGABRT at faulty\.c:{ABORT}"),
         ("5", r"ended with exit code 7"),
     ],
 )
 def test_a_crash_is_named(write_experiment, fault: str, words: str) -> None:
+    path = write_experiment("plain")
+    lines = (path.parent / "faulty.c").read_text().splitlines()
+    for name in ("SEGMENT", "DIVIDE", "ABORT"):
+        line = next(n for n, text in enumerate(lines, 1) if text.startswith(f"    case {name}:"))
+        words = words.replace(f"{{{name}}}", str(line))
     with pytest.raises(Exception) as caught:
-        results(task_of(write_experiment("plain"), fault))
+        results(task_of(path, fault))
     assert re.fullmatch(
         rf"robot epuck_31_0 \(tag 31\), in timestep {TIMESTEP} \(t = 0\.4 s\):"
         rf" its controller 'faulty\.c' {words}",
         str(caught.value),
     )
+
+
+def test_without_addr2line_it_is_said_what_is_missing(
+    write_experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    task = task_of(write_experiment("plain"), "1")
+    (tmp_path / "cc").symlink_to(str(shutil.which("cc")))
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(Exception, match=r"SIGSEGV; with addr2line .* apt install binutils"):
+        results(task)
 
 
 def test_a_fault_while_a_library_is_loaded_is_named(write_experiment) -> None:

@@ -136,6 +136,15 @@ def test_damaged_deeds_are_one_line(recorded: Path, tmp_path: Path) -> None:
         sensed(edited(recorded, tmp_path / "bad.mcap", edit))
 
 
+def test_more_robots_than_the_file_has_are_sensed_again(tmp_path: Path) -> None:
+    path, run = tmp_path / "many.mcap", ChangedRun(robots=18)
+    recorder = Recorder(run.bus, path)
+    run.live(5, {})
+    recorder.close()
+    comparison = sensed(path)
+    assert len(run.robots) == 18 and (comparison.timesteps, comparison.different) == (5, 0)
+
+
 def test_the_command_says_that_all_is_the_same(
     recorded: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -181,7 +181,6 @@ def test_a_run_that_fails_ends_the_campaign_and_is_named(
         (("--set", "sensor.noise=0,many"), "'many' is not a number"),
         (("--runs", "2", "--seed", "3"), "--seed: a campaign has --seeds"),
         (("--runs", "2", "--seeds", "1-3"), "--runs 2: --seeds names 3"),
-        (("--robots", "16"), "--robots 16"),
         (("--format", "pdf"), "--format, --style: a campaign's chart only"),
     ],
 )

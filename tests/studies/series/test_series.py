@@ -105,7 +105,7 @@ def test_the_example_is_a_plan(tmp_path: Path, capsys: pytest.CaptureFixture[str
         ('"foraging"', '"foragin"', "walks.toml:10: sighted:"),
         ("[-0.4, -0.4, 90]", "[0.41, 0.4, 90]", "overlaps with"),
         (", [-0.4, -0.4, 90]", "", "1 poses: foraging.argos has 2 robots"),
-        ("count = 2", "count = 99", "count = 99: foraging.argos has 15 robots"),
+        ("count = 2", "count = 99", "2 poses: foraging.argos has 99 robots"),
         ("blind = true", 'controller = "nobody.c"', "nobody.c"),
         ("blind = true", 'settings = { "foraging.pul" = 1 }', "reads no parameter 'pul'"),
     ],

@@ -11,7 +11,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.vision.markers.texture import draw_texture
-from vsense.vision.markers.families import FamilyError, MarkerFamily, known_families, load_family
+from vsense.config.experiment import load, shipped
+from vsense.vision.markers.families import (
+    FamilyError,
+    MarkerFamily,
+    confusion,
+    known_families,
+    load_family,
+    ranked_tags,
+)
 
 ARROW = load_family("arrow4x4")
 THESIS = load_family("arrow4x4-thesis")
@@ -114,3 +122,29 @@ def test_a_broken_definition_is_named(
     file.write_text("{\n\n!")
     with pytest.raises(FamilyError, match=r"mine\.json:3"):
         load_family(str(file))
+
+
+@pytest.mark.parametrize(
+    ("tags", "words"),
+    [
+        ([30, 4096, 31], "tags 30 and 31 differ in one cell:"),
+        ([1, 1 << 15], "tags 1 and 32768 differ in one cell:"),  # half a turn
+        ([1, 3 << 14], "tags 1 and 49152 differ in one cell:"),
+        ([1, 2, 3], "tags 1 and 3 differ in one cell (2 such pairs):"),
+        ([7, 8], ""),
+        ([12, 12], ""),
+    ],
+)
+def test_tags_that_differ_in_one_cell_are_named(tags: list[int], words: str) -> None:
+    said = confusion(load_family("arrow4x4"), tags)
+    assert said.startswith(words) and bool(said) == bool(words)
+
+
+def test_chosen_and_shipped_tags_differ_in_more() -> None:
+    arrows = load_family("arrow4x4")
+    assert confusion(arrows, ranked_tags(arrows, 128)) == ""
+    assert confusion(load_family("aruco_4x4_50"), range(50)) == ""
+    for name in shipped():
+        experiment = load(name)
+        tags = [body.tag for body in (*experiment.robots, *experiment.objects)]
+        assert confusion(arrows, tags) == "", name

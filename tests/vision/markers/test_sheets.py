@@ -218,6 +218,7 @@ def test_command_writes_files_and_names_them(tmp_path: Path, capsys) -> None:
     assert said.out.split() == [str(tmp_path / f"m-{n}.png") for n in (1, 2)]
     assert all(Path(file).stat().st_size > 1000 for file in said.out.split())
     assert "1.14286 times as large" in said.err
+    assert "tags 1 and 3 differ in one cell (" in said.err
 
 
 @pytest.mark.parametrize(

@@ -120,6 +120,10 @@ class Element:
         there = {key.removeprefix(_OURS) for key in self._attributes}
         return frozenset(self._settings.keys() - there)
 
+    def is_set(self, key: str) -> bool:
+        """Whether an attribute's value comes from outside the file."""
+        return key.removeprefix(_OURS) in self._settings
+
     def peek(self, key: str) -> str | None:
         """An attribute as it stands, None where it is absent, without counting it as read."""
         return self._settings.get(key.removeprefix(_OURS), self._attributes.get(key))
@@ -134,7 +138,7 @@ class Element:
     def error(self, message: str, attribute: str | None = None) -> ConfigError:
         """Makes the error that this element, or one attribute of it, is wrong."""
         subject = f"<{self.name}>" if attribute is None else f"<{self.name}> {attribute}"
-        if attribute is not None and attribute.removeprefix(_OURS) in self._settings:
+        if attribute is not None and self.is_set(attribute):
             subject += " (set from outside the file)"
         return ConfigError(self.document.file, self.line, f"{subject}: {message}")
 

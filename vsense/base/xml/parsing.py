@@ -88,6 +88,13 @@ def _uses_namespace(root: Element) -> bool:
     return any(e.name.startswith(_OURS) or e.has_own_attribute for e in root.walk())
 
 
+_OPEN = [
+    expat.errors.codes[words]
+    for words in (expat.errors.XML_ERROR_TAG_MISMATCH, expat.errors.XML_ERROR_NO_ELEMENTS)
+]
+"""An end tag that closes another element, and a file that ends before all are closed."""
+
+
 class _TreeBuilder:
     def __init__(self, file: str, stray_text: bool = False) -> None:
         self._document = Document(file)
@@ -110,6 +117,12 @@ class _TreeBuilder:
         except expat.ExpatError as error:
             reason = expat.ErrorString(error.code) or "unknown error"
             message = f"not well-formed XML: {reason} (column {error.offset + 1})"
+            if not data.strip():
+                message = "the file is empty"
+            elif self._open and error.code in _OPEN:
+                message += (
+                    f"; <{self._open[-1].name}>, opened in line {self._open[-1].line}, is open"
+                )
             if error.code == expat.errors.codes[expat.errors.XML_ERROR_UNBOUND_PREFIX]:
                 message += f'; names with vs: need xmlns:vs="{NAMESPACE}" in the first element'
             raise ConfigError(self._document.file, error.lineno, message) from None

@@ -21,6 +21,7 @@ from vsense.base.clock import pace
 from vsense.base.processes import describe_exit, end
 from vsense.base.shared import LabError
 from vsense.modes.lab.hardware import EmulatedRadio
+from vsense.robots.crashes import words_of_log
 from vsense.robots.link.keys import KeySource, robot_file, write_private
 
 CLOCK_OFFSET_NS = 3_600_000_000_000
@@ -175,7 +176,10 @@ class Swarm:
             process = self._processes.get(robot.tag)
             if process is not None and process.poll() is not None:
                 del self._processes[robot.tag]
-                ended.append((robot, describe_exit(process.returncode)))
+                words = describe_exit(process.returncode)
+                if process.returncode < 0:
+                    words += words_of_log(self.log(robot.tag), robot.daemon)
+                ended.append((robot, words))
         return ended
 
     def end(self) -> None:

@@ -12,7 +12,8 @@ with one line of JSON each:
     {"result": {...}}                 see `simulate`
     {"error": "...", "exit_code": 1}  what a user can mend
     {"refused": "..."}                it cannot be done on this machine
-    {"status": 139}                   how the fork ended otherwise, as of `os.waitpid`
+    {"status": 139, "place": "..."}   how the fork ended otherwise, as of `os.waitpid`; words that
+                                      follow, such as " at mine.c:12", or ""
 
 The next job comes after the answer. The process ends with its standard input.
 """
@@ -41,6 +42,7 @@ from vsense.modes.sim import fingerprint
 from vsense.modes.sim._kept import KeptRun, prepare
 from vsense.modes.sim._simulation import Simulation
 from vsense.modes.sim.job import Job
+from vsense.robots.crashes import CrashNote
 from vsense.robots.inprocess import declarations
 from vsense.run.programs import RUN_PROGRESS_BYTES, shared_objects
 
@@ -146,6 +148,7 @@ class Worker:
         self._progress = progress
         self._answers = answers
         self._page = page
+        self._crash = CrashNote()
 
     def work(self) -> None:
         """Does jobs until standard input ends."""
@@ -177,7 +180,9 @@ class Worker:
             os.close(life)
         if answer is None:
             return None
-        return json.loads(answer) if status == 0 and answer else {"status": status}
+        if status == 0 and answer:
+            return dict(json.loads(answer))
+        return {"status": status, "place": self._crash.words()}
 
     def _answer(self, line: bytes, target: int) -> None:
         """In the fork: does the job, writes its answer, and ends the process."""
@@ -187,6 +192,7 @@ class Worker:
             os.dup2(2, 1)
             os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
             os.close(self._answers)
+            self._crash.watch()
             try:
                 job = settled(Job.from_line(line))
                 answer: dict[str, Any] = {"result": simulate(job, self._progress, self._page)}

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from vsense.base.errors import Interrupted, VsenseError
 from vsense.base.terminal import Console, Interruption, interruption, measure_rows, print_data
+from vsense.config.placement import settle
 from vsense.config.specs import Experiment
 from vsense.modes import origin
 from vsense.modes.lab._metrics import swarm_rows
@@ -144,8 +145,7 @@ class _SingleRun:
         from vsense.modes.sim._watched import WatchedRuns
         from vsense.monitor.ui.room import ControlRoom
 
-        options, output = self.options, self.options.experiment.output
-        seed = choose_seed(options.experiment.seed, self.experiment)
+        options, output, seed = self.options, self.options.experiment.output, self._seed()
         libraries, speed = libraries_of(self.experiment), options.speed or 1.0
         with (
             ControlRoom(options.room, self.console) as control_room,
@@ -199,14 +199,19 @@ class _SingleRun:
         """The run; without arguments the only one, in a new directory."""
         name = self.experiment.name
         if directory is None:
-            seed = choose_seed(self.options.experiment.seed, self.experiment)
-            libraries = libraries_of(self.experiment)
+            seed, libraries = self._seed(), libraries_of(self.experiment)
             directory = run_directory.make(self.options.experiment.output, name, seed)
         assert seed is not None and libraries is not None
         recording = str(directory / f"{name}{MCAP}") if self.options.record else None
         setups = {origin.key_of(): self.setup}
         origin.keep(directory, "sim", [self.experiment], self.console.say, setups)
         return Job(self.setup, seed, libraries, str(directory), recording)
+
+    def _seed(self) -> int:
+        """The first run's seed; ConfigError where there is no place for all with it."""
+        seed = choose_seed(self.options.experiment.seed, self.experiment)
+        settle(self.experiment, seed)
+        return seed
 
     def _announce(self, job: Job) -> None:
         experiment = self.experiment

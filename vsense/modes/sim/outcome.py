@@ -26,7 +26,8 @@ JobAnswer = dict[str, Any]
     {"result": {...}}                     see `vsense.modes.sim._worker.simulate`
     {"error": "...", "exit_code": 1}      what a user can mend
     {"refused": "..."}                    it cannot be done on that machine
-    {"status": 139}                       how the run's process ended, as of `os.waitpid`
+    {"status": 139, "place": "..."}       how the run's process ended, as of `os.waitpid`, and words
+                                          that follow: where it crashed
     {"hung_s": 10.0}                      a controller did not return for so long
     {"ended": -9}                         how the process behind it ended, as of `subprocess`
 
@@ -77,7 +78,7 @@ class Task:
         if "hung_s" in answer:
             return SimError(f"{self._who(progress)} did not return within {answer['hung_s']:g} s")
         how = describe_exit(os.waitstatus_to_exitcode(answer["status"]))
-        return SimError(f"{self._who(progress)} {how}")
+        return SimError(f"{self._who(progress)} {how}{answer['place']}")
 
     def _note(self, error: VsenseError, progress: tuple[int, ...]) -> None:
         """Adds an error to the events of the run, if they are kept."""

@@ -219,9 +219,9 @@ def parts(rows: Sequence[Data], run: int, timestep: int) -> Data:
 
 
 def _setup_of(facts: ExperimentFacts, spec: Experiment) -> Data:
-    """How the experiment was read; with who plays, where that does not follow from its file."""
+    """How the experiment was read; with its robots, where they do not follow from its file."""
     casting = spec.casting
-    if not facts.made or not (casting.roster or casting.replaced):
+    if not facts.made or not (casting.roster or casting.replaced or casting.limit):
         return facts.made
     return {**facts.made, "casting": dataclasses.asdict(casting)}
 

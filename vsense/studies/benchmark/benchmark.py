@@ -42,7 +42,7 @@ class BenchmarkOptions:
         site: what results call this lab; None: the machine's name.
         output: folder of the runs and of the result; None: one here.
         wheel_errors, marker_errors: what robots of the lab differ in, as results have it.
-        series: how runs are made; output and limit are taken from here.
+        series: how runs are made; the output is taken from here.
     """
 
     mode: str = "sim"
@@ -79,7 +79,7 @@ class PlannedBenchmark:
         plan = _plan(options, definition)
         self._roster = _require_robots(options, plan, definition)
         path = options.output or Path(f"{plan.name}-{plan.mode}")
-        how = replace(options.series, output=path, limit=plan.count, command="benchmark")
+        how = replace(options.series, output=path, command="benchmark")
         self._series = PlannedSeries(plan, how)
         if plan.mode != "run":
             self._series.silence()  # of the tags that its robots are given

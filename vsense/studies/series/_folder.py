@@ -321,7 +321,7 @@ def allowed_changes(plan: SeriesPlan, folder: Path) -> list[str]:
     if refused:
         raise UsageError(
             f"{plan.path}: the plan has changed since the series in {folder} began:"
-            f" {'; '.join(refused[:5])}. Change it back, or begin another series with -o"
+            f" {'; '.join(refused)}. Change it back, or begin another series with -o"
         )
     return differences(written, now)
 

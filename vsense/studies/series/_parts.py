@@ -116,11 +116,7 @@ class PlanLoader:
     def _load(self, condition: Condition, settings: Mapping[str, str]) -> Experiment:
         plan, stage = self.plan, STAGES[self.plan.mode]
         how = plan.duration_s, settings, stage, self.virtual_devices, self.code
-        experiment = load(condition.experiment, *how, self.casting)
-        there = len(experiment.robots)
-        if (plan.count or 0) > there:
-            raise UsageError(f"count = {plan.count}: {experiment.file} has {there} robots")
-        return first_robots(experiment, plan.count)
+        return first_robots(load(condition.experiment, *how, self.casting), plan.count)
 
 
 class SeriesCast:

@@ -89,7 +89,7 @@ class SeriesPlan:
         path: of the file.
         mode: of `MODES`.
         duration_s: length of a run, None: the experiment's.
-        count: only the first so many robots of each experiment play, None: all.
+        count: so many robots of each experiment play, see `Casting.limit`; None: all.
         repetitions: of every condition at every start.
         seed: of the order of runs, and of the runs' own seeds.
         again: a void run is repeated so often.

@@ -16,7 +16,7 @@ import numpy as np
 
 from vsense.base.errors import Interrupted, UsageError, VsenseError, failing_as
 from vsense.base.terminal import Console, Interruption, aligned, interruption, print_data
-from vsense.config.placement import StartPlaces
+from vsense.config.placement import StartPlaces, settle
 from vsense.config.specs import Experiment
 from vsense.modes import origin
 from vsense.modes.options import ExperimentOptions, say_warnings
@@ -214,7 +214,7 @@ def _complete(
 def prepare(campaign: Campaign) -> tuple[SeriesPlan, dict[str, PlannedExperiment]]:
     """Makes the plan, and loads what its conditions run.
 
-    A setting that cannot be had is found before the first run.
+    A setting that cannot be had, and robots that find no room, are found before the first run.
 
     Raises:
         VsenseError: an experiment cannot be loaded, or a controller not be built; or, unless it is
@@ -226,6 +226,7 @@ def prepare(campaign: Campaign) -> tuple[SeriesPlan, dict[str, PlannedExperiment
         experiment = replace(campaign.setup, settings=settings).load()
         if not campaign.lenient:
             asked.check(experiment)
+        settle(experiment, (campaign.sweep.seeds or (1,))[0])
         condition = Condition(condition_of(blind, settings), file, settings=settings, blind=blind)
         by_condition[condition.name] = PlannedExperiment(condition, experiment, settings)
     first = next(iter(by_condition.values()))

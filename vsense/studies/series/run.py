@@ -45,7 +45,6 @@ class SeriesOptions:
         code: where controllers' sources are.
         roster: of the robots that play; None: with real robots the one in the current folder.
         replace: who plays in whose place.
-        limit: only the first so many robots of an experiment get parts; None: all.
         json: how the series stands in the end is printed on standard output.
         room: how runs are seen and kept.
         jobs, on: of simulated runs, see `simulator`.
@@ -64,7 +63,6 @@ class SeriesOptions:
     code: CodeOptions = field(default_factory=CodeOptions)
     roster: Path | None = None
     replace: tuple[Pair, ...] = ()
-    limit: int | None = None
     json: bool = False
     room: RoomOptions = field(default_factory=RoomOptions)
     jobs: int | None = None
@@ -147,7 +145,7 @@ class PlannedSeries:
     def _loader_of(self, options: SeriesOptions) -> PlanLoader:
         real = self.plan.mode == "run"
         roster = find_roster(options.roster, here=real)
-        casting = Casting.of(roster, options.replace, options.limit)
+        casting = Casting.of(roster, options.replace, self.plan.count)
         loader = PlanLoader(self.plan, options.code, casting, lenient=options.lenient)
         if not real:
             return loader

@@ -13,6 +13,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -134,6 +135,26 @@ def _ranked_arrows(family: MarkerFamily, count: int, sigma_mm: float, seed: int)
         nearest[place] = -1.0
         place = int(nearest.argmax())
     return chosen
+
+
+def confusion(family: Family, tags: Iterable[int]) -> str:
+    """Says which tags differ in one cell, also turned by half a turn; "": none do.
+
+    Arrows only: tags of dictionaries differ in several.
+    """
+    if not isinstance(family, MarkerFamily):
+        return ""
+    worn, cells = set(tags), family.grid**2
+    pairs = set[tuple[int, int]]()
+    for tag in worn:
+        turned = int(f"{tag:0{cells}b}"[::-1], 2)
+        near = {turned} | {form ^ (1 << cell) for form in (tag, turned) for cell in range(cells)}
+        pairs |= {(min(tag, other), max(tag, other)) for other in near & worn if other != tag}
+    if not pairs:
+        return ""
+    words = f"tags {min(pairs)[0]} and {min(pairs)[1]} differ in one cell"
+    words += f" ({len(pairs)} such pairs)" if len(pairs) > 1 else ""
+    return f"{words}: cameras may confuse them; vsense markers --ids auto:N chooses better ones"
 
 
 def parse_tags(text: str, family: MarkerFamily | SquareFamily) -> list[int]:
