@@ -206,7 +206,7 @@ def test_trouble_stands_in_the_banner_and_first_in_the_table(served: Serve, open
     tag = puppet.swarm.tags[9]
     puppet.trouble = {tag: "link lost for 3.2 s"}
     page.until(f"document.querySelector('#banner').innerText.includes('epuck_{tag}: link lost')")
-    page.until(f"document.querySelector('#robots tbody').innerText.includes('epuck_{tag}')")
+    page.until(f"document.querySelector('#robots tbody').innerText.startsWith('{tag}')")
     puppet.trouble = {}
     page.until("document.querySelector('#banner').hidden")
     puppet.held = {tag: "not seen"}

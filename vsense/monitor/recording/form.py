@@ -42,9 +42,9 @@ PICTURE = _shapes.PICTURE
 GAP = "/gap"
 TRACKER_TOPIC = "/tracker"
 DEEDS, ORDERS_TOPIC, SETTINGS_TOPIC, PARTS = "/deeds", "/orders", "/settings", "/parts"
-NOT_RECORDED = (PICTURE, "/readings/", "/you", "/answer")
-"""Live pictures are scaled and lossy, one robot's readings are in `/readings` already, the rest is
-between the server and one page."""
+NOT_RECORDED = (PICTURE, "/readings/", "/history", "/you", "/answer")
+"""Live pictures are scaled and lossy, one robot's readings are in `/readings` and the measures in
+`/signals` already, the rest is between the server and one page."""
 
 
 class RecordingError(VsenseError):

@@ -75,7 +75,7 @@ replace it, and not in the buffers of two operating systems."""
 
 IDLE = frozenset({"/experiment", "/run", "/event", "/robots", PARTS, SETTINGS_TOPIC})
 """What a hidden page, or one without refresh, still shows."""
-LIVE = IDLE | {"/arena", "/world", "/signals", "/fields", "/cameras"}
+LIVE = IDLE | {"/arena", "/world", "/signals", "/history", "/fields", "/cameras"}
 
 
 class WebClient:

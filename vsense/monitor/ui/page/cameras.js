@@ -2,11 +2,13 @@
 
 import { byId, fit, make, mark, penOf, press, remember, remembered, write } from "./dom.js";
 import { rate } from "./format.js";
+import { Names } from "./names.js";
 import { Overlay } from "./overlay.js";
 import { colours } from "./theme.js";
 
 const OLD_NS = 1.5e9;
 const PAINT_MS = 300;
+const CAPTION_PX = 24;
 /** @type {Record<string, string>} */
 const STATES = { ok: "ok", moved: "has been moved", dark: "is dark", frozen: "is frozen", lost: "is lost" };
 
@@ -31,6 +33,7 @@ class Cell {
   shown;
   /** @type {Overlay | undefined} */
   #overlay;
+  names = new Names();
 
   /** @param {CameraDescription} camera @param {Store} store */
   constructor(camera, store) {
@@ -137,9 +140,8 @@ class Cell {
     const ratio = canvas.width / Math.max(canvas.clientWidth, 1);
     const size = this.#radius(zoom);
     const thin = Math.max(1.5 * ratio, size * 0.16);
-    const letters = Math.min(Math.max(9, canvas.clientWidth / 24), 13) * ratio;
-    pen.font = `600 ${letters}px system-ui, sans-serif`;
-    pen.lineJoin = "round";
+    /** @type {import("./names.js").Named[]} */
+    const things = [];
     for (let row = 0; row < tag.length; row += 1) {
       if (which[row] !== index) continue;
       const [x, y] = [x_px[row] * zoom, y_px[row] * zoom];
@@ -151,12 +153,13 @@ class Cell {
       // The heading counts counter-clockwise while rows count downwards.
       pen.lineTo(x + 1.9 * size * Math.cos(yaw_px_rad[row]), y - 1.9 * size * Math.sin(yaw_px_rad[row]));
       pen.stroke();
-      pen.strokeStyle = "#000b";
-      pen.lineWidth = 2.5 * ratio;
-      pen.strokeText(String(tag[row]), x + 1.2 * size, y - 0.9 * size);
-      pen.fillStyle = "#fff";
-      pen.fillText(String(tag[row]), x + 1.2 * size, y - 0.9 * size);
+      const rank = tag[row] === this.#chosen ? 0 : 1;
+      things.push({ tag: tag[row], text: String(tag[row]), x, y, rank });
     }
+    // The camera's own name stands above.
+    const room = { left: 0, top: CAPTION_PX * ratio, right: camera.width_px * zoom, bottom: camera.height_px * zoom };
+    const letters = Math.min(Math.max(12, canvas.clientWidth / 24), 14) * ratio;
+    this.names.write(pen, things, size, letters, room, [], { ink: "#fff", halo: "#000c", sign: "#fff" });
   }
 
   /** How large a robot is in the picture, about: as a share of the arena that a camera sees.

@@ -6,7 +6,7 @@ import { degrees, milliseconds, radio, reading, volts } from "./format.js";
 import { FromAbove } from "./projections.js";
 import { wordsOf } from "./robots.js";
 import { rgb, sceneOf } from "./scene.js";
-import { drawLedGlow, drawLeds, drawRays, isRingLit, rayColour } from "./scene_robots.js";
+import { drawLedGlow, drawLeds, drawRays, rayColour } from "./scene_robots.js";
 import { chartable } from "./series.js";
 import * as theme from "./theme.js";
 
@@ -143,18 +143,18 @@ export class Robot {
     const { colours } = theme;
     pen.clearRect(0, 0, width, height);
     const lit = store.signals?.leds.tag.indexOf(tag) ?? -1;
-    if (store.signals && lit >= 0) brush.glow([0, 0, 0], 1.7 * radius, rgb(store.signals.leds.color[lit]), 0.55);
-    drawLedGlow(brush, [0, 0, 0], radius, leds, colours.lit, 0.25);
+    if (store.signals && lit >= 0) brush.halo([0, 0, 0], 2.4 * radius, rgb(store.signals.leds.color[lit]));
+    drawLedGlow(brush, [0, 0, 0], radius, leds, colours.led);
     const scene = sceneOf(brush, store, colours, tag, store.arena, store.signals);
     drawRays(scene, [0, 0, 0], UP, radius, (0.97 * width) / 2, 0.028 * width);
-    pen.strokeStyle = isRingLit(leds) ? colours.lit : colours.robot;
+    pen.strokeStyle = colours.robot;
     pen.lineWidth = 0.2 * radius;
     pen.beginPath();
     pen.arc(width / 2, height / 2, radius, 0, 2 * Math.PI);
     pen.moveTo(width / 2, height / 2);
     pen.lineTo(width / 2, height / 2 - 0.8 * radius);
     pen.stroke();
-    drawLeds(brush, [0, 0], UP, radius, leds, colours.lit);
+    drawLeds(brush, [0, 0], UP, radius, leds, colours.led);
   }
 
   /** @param {number} tag */

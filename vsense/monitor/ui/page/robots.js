@@ -5,9 +5,6 @@ import { count, milliseconds, reading, volts } from "./format.js";
 
 const STALE_MS = 500;
 const WEAK_DBM = -75;
-/** Letters of a name, beside the column of signals and without it. */
-const LONG_NAME = { radio: 6, wide: 12 };
-let longName = LONG_NAME.wide;
 
 /** `key` is what it is sorted by.
  * @typedef {object} Column
@@ -21,7 +18,7 @@ let longName = LONG_NAME.wide;
 // where one says it.
 /** @type {Column[]} */
 const COLUMNS = [
-  { head: "robot", style: "", text: (robot) => nameOf(robot), key: (robot) => robot.tag },
+  { head: "robot", style: "", text: (robot) => String(robot.tag), key: (robot) => robot.tag },
   { head: "runs", style: "runs", text: (robot) => robot.expected ?? "", key: (robot) => robot.expected ?? "" },
   {
     head: "state", style: "",
@@ -65,13 +62,6 @@ const COLUMNS = [
 function stateOf({ connected, held, state }) {
   if (!connected) return "away";
   return held ? "stands" : state;
-}
-
-/** A long name is cut off where two of them may still look the same.
- * @param {RobotRow} robot */
-function nameOf({ tag, name }) {
-  if (!name) return String(tag);
-  return name.length > longName ? `${tag} ${name}` : name;
 }
 
 /** What is to be said about a robot beyond its row; "" where all is well.
@@ -148,9 +138,7 @@ export class Robots {
     byId("robots_panel").hidden = !robots && experiment?.mode === "track";
     if (!robots) return;
     mark(this.table, "mixed", (experiment?.controllers?.length ?? 0) > 1);
-    const hasRadio = robots.signal_dbm?.some((dbm) => dbm !== null);
-    longName = hasRadio ? LONG_NAME.radio : LONG_NAME.wide;
-    mark(this.table, "radio", hasRadio);
+    mark(this.table, "radio", robots.signal_dbm?.some((dbm) => dbm !== null));
     const all = [...rows.keys()].flatMap((tag) => this.store.robot(tag) ?? []);
     this.#sorted = all.sort((a, b) => this.#compare(a, b));
     this.heads.forEach((head, column) => {

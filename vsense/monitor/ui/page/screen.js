@@ -80,7 +80,7 @@ function project(on) {
   remember("screen.projector", on);
   isSetting &&= on;
   theme.refresh();
-  arena.layers = { trails: !on, names: !on, fields: true, rays: false };
+  arena.layers = { trails: !on, names: !on, fields: true, rays: false, scale: !on };
   arena.key = "";
 }
 

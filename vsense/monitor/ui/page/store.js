@@ -1,8 +1,8 @@
 // What the page knows: the newest message of every topic, and a little of what was before.
 
 import { Series } from "./series.js";
+import { TRAIL_S, Trail } from "./trail.js";
 
-const TRAIL = 80;
 const MOST_STEPS = 24;
 const MOST_EVENTS = 200;
 const OLD_MS = 2000;
@@ -55,7 +55,7 @@ class RunNews {
    * @type {Map<string, { about: PictureMessage, blob: Uint8Array, number: number }>} */
   pictures = new Map();
   /** Earlier places by tag.
-   * @type {Map<number, Vector[]>} */
+   * @type {Map<number, Trail>} */
   trails = new Map();
   /** The last arena states by their timestep.
    * @type {Map<number, ArenaMessage>} */
@@ -89,6 +89,9 @@ export class Store extends RunNews {
   runHeard = Infinity;
   #ahead_ms = Infinity;
   #timestep = -1;
+  /** Of the run.
+   * @type {number | null} */
+  #number = null;
 
   /** Drops one experiment's news, as when another comes. */
   clear() {
@@ -111,6 +114,7 @@ export class Store extends RunNews {
     else if (name === "answer") this.#answer(data);
     else if (name === "experiment") this.#experiment(data);
     else if (name === "readings") this.#readings(data);
+    else if (name === "history") this.#history(data);
     else if (PLAIN.has(name)) Object.assign(this, { [name]: data });
     if (name === "run") this.#run(data);
     if (name === "arena") this.#arena(data);
@@ -147,6 +151,13 @@ export class Store extends RunNews {
 
   /** @param {RunMessage} data */
   #run(data) {
+    // Another run begins without the numbers of the one before.
+    if (this.#number !== null && this.#number !== data.run) {
+      this.measures.clear();
+      this.peaks.clear();
+      this.hadCone = this.hadLight = false;
+    }
+    this.#number = data.run;
     this.now = { timestep: data.timestep, time_s: data.time_s };
     this.runHeard = performance.now();
   }
@@ -179,19 +190,17 @@ export class Store extends RunNews {
     this.now.timestep = data.run_timestep;
     this.#timestep = data.run_timestep;
     // Another run began, or a replay went to another place: the old trails lead nowhere.
-    if (data.run_timestep < before || data.run_timestep > before + 50) {
+    const leap = data.run_timestep - before;
+    if (leap < 0 || (before < 0 && leap) || leap * (this.experiment?.timestep_s ?? 0.1) > TRAIL_S) {
       this.trails.clear();
       this.images.clear();
       this.shows.clear();
     }
     const { tag, x_m, y_m } = data.robots;
+    const time_s = (data.run_timestep < 0 ? data.timestep : data.run_timestep) * (this.experiment?.timestep_s ?? 0.1);
     for (let row = 0; row < tag.length; row += 1) {
-      let trail = this.trails.get(tag[row]);
-      if (!trail) this.trails.set(tag[row], (trail = []));
-      const last = trail.at(-1);
-      if (last && last[0] === x_m[row] && last[1] === y_m[row]) continue;
-      trail.push([x_m[row], y_m[row], 0]);
-      if (trail.length > TRAIL) trail.shift();
+      if (!this.trails.has(tag[row])) this.trails.set(tag[row], new Trail());
+      this.trails.get(tag[row])?.add(x_m[row], y_m[row], time_s);
     }
     this.images.set(data.timestep, data);
     dropOldest(this.images);
@@ -202,10 +211,25 @@ export class Store extends RunNews {
     this.now.time_s = data.time_s;
     this.shows.set(data.timestep, data);
     dropOldest(this.shows);
-    for (const [name, value] of Object.entries(data.measures ?? {})) {
-      let line = this.measures.get(name);
-      if (!line) this.measures.set(name, (line = new Series()));
-      line.add(data.time_s, [value], this.experiment?.mode === "replay");
+    for (const [name, value] of Object.entries(data.measures ?? {})) this.addMeasure(name, data.time_s, value);
+  }
+
+  /** Adds a value of a measure of the run.
+   * @param {string} name @param {number} time_s @param {number} value */
+  addMeasure(name, time_s, value) {
+    let line = this.measures.get(name);
+    if (!line) this.measures.set(name, (line = new Series()));
+    line.add(time_s, [value]);
+  }
+
+  /** The measures since the run began, as the host has kept them.
+   * @param {HistoryMessage} data */
+  #history(data) {
+    if (this.run && data.run !== this.run.run) return;
+    for (const name of Object.keys(data.measures)) {
+      const line = this.measures.get(name) ?? new Series();
+      line.load(data, name);
+      this.measures.set(name, line);
     }
   }
 

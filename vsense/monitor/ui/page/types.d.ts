@@ -176,6 +176,14 @@ interface SignalsMessage {
   measures: Record<string, number>;
 }
 
+/** `/history`. */
+interface HistoryMessage {
+  run: number;
+  bucket_s: number;
+  time_s: number[];
+  measures: Record<string, Record<"low" | "high" | "last", (number | null)[]>>;
+}
+
 /** `/fields`. */
 interface FieldsMessage {
   fields: Field[];
