@@ -413,7 +413,7 @@ def test_functions_fit_a_screen() -> None:
 BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
     "vsense in Python": (("vsense",), (".py",), 472, 94700, 400),
-    "the page": (("vsense",), (".js", ".css", ".html"), 45, 5800, 298),
+    "the page": (("vsense",), (".js", ".css", ".html"), 45, 5800, 299),
     "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 238, 26700, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 32, 6800, 510),
     "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 604, 99000, 622),

@@ -75,7 +75,7 @@ def put_spare_in(page: Page) -> int:
     page.until("!document.querySelector('#replace').hidden")
     assert page.text("#replace_by") == f"robot {SPARE}"
     page.click("#replace_do")
-    page.until(f"document.querySelector('#robot_note').textContent === 'tag {SPARE}'")
+    page.until(f"document.querySelector('#robot_name').textContent === 'Robot {SPARE}'")
     page.until(f"vsense.store.robot({SPARE})?.connected && vsense.store.robot({SPARE}).seen")
     page.until(f"!vsense.store.robot({part})")
     return part

@@ -187,8 +187,9 @@ class ExperimentSession(ABC):
     ) -> ExperimentFacts:
         text = read_bytes(self.experiment.path).decode(errors="replace")
         setup, user = self.setup, user_name()
+        made, homes = dict(setup.origin), setup.starts is not None
         return ExperimentFacts(
-            command, text, setup.blind, cameras, trackers, troubles, dict(setup.origin), user=user
+            command, text, setup.blind, cameras, trackers, troubles, made, user=user, homes=homes
         )
 
     def _observe(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
@@ -303,6 +304,8 @@ class ExperimentSession(ABC):
         self._between()
         self.environment = self.environment.following()
         self.runner.next_run(self.environment)
+        where = "stay where they stand" if self.setup.starts is None else "drive to their starts"
+        self.setup.console.say(f"the next run has seed {self.environment.seed}: the robots {where}")
         self._over = False
 
     def stop(self) -> None:

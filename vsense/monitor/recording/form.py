@@ -252,6 +252,7 @@ class ExperimentMessage(_Message):
     name: str = ""
     seed: int | None = None
     blind: bool | None = None
+    homes: bool | None = None
     version: str = ""
     file_text: str = ""
     made: Data | None = None

@@ -50,6 +50,8 @@ class Cell {
       "div", { className: "cell" }, this.canvas,
       make("p", {}, make("b", {}, camera.id), make("span", {}, tracker), this.rate), this.text,
     );
+    this.element.title = "a click has it fill the panel, or all again";
+    this.element.addEventListener("click", () => this.element.classList.toggle("alone"));
     this.element.style.gridRow = String(camera.row + 1);
     this.element.style.gridColumn = String(camera.column + 1);
   }

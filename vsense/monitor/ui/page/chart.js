@@ -74,16 +74,16 @@ function stepOf(least, isWhole) {
   return isWhole ? Math.max(1, Math.ceil(step - 1e-9)) : step;
 }
 
-/** @param {Pen} pen @param {Scale} scale @param {number[]} marks @param {string[]} words
+/** @param {Pen} pen @param {Scale} scale @param {number[]} marks @param {string[]} values
  * @param {number[]} sides of the lines [px] @param {number[]} times */
-function drawAxes(pen, { x, y, ratio }, marks, words, [left, right], [from, to]) {
+function drawAxes(pen, { x, y, ratio }, marks, values, [left, right], [from, to]) {
   pen.fillStyle = theme.colours.muted;
   pen.strokeStyle = theme.colours.grid;
   pen.lineWidth = ratio;
   pen.textAlign = "right";
   pen.beginPath();
   marks.forEach((mark, at) => {
-    pen.fillText(words[at], left - 6 * ratio, y(mark) + 4 * ratio);
+    pen.fillText(values[at], left - 6 * ratio, y(mark) + 4 * ratio);
     pen.moveTo(left, y(mark));
     pen.lineTo(right, y(mark));
   });
@@ -91,9 +91,10 @@ function drawAxes(pen, { x, y, ratio }, marks, words, [left, right], [from, to])
   pen.textAlign = "center";
   const step = timeStep(to - from, (right - left) / (64 * ratio));
   for (let time = Math.ceil(from / step) * step; time <= to; time += step) {
-    const half = pen.measureText(clock(time, 0)).width / 2;
+    const words = clock(time, step < 1 ? 1 : 0);
+    const half = pen.measureText(words).width / 2;
     if (x(time) + half > right) break;
-    pen.fillText(clock(time, step < 1 ? 1 : 0), Math.max(x(time), half), y(marks[0]) + 15 * ratio);
+    pen.fillText(words, Math.max(x(time), half), y(marks[0]) + 15 * ratio);
   }
 }
 

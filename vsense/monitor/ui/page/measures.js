@@ -2,7 +2,7 @@
 
 import { drawChart, numbersIn } from "./chart.js";
 import { byId, fit, make, write } from "./dom.js";
-import { clock, reading } from "./format.js";
+import { clock, labelOf, reading } from "./format.js";
 import { ofSwarm, Series } from "./series.js";
 
 const OWN = 6;
@@ -82,7 +82,7 @@ export class Measures {
   #sources() {
     const names = [...this.store.measures.keys()].slice(0, OWN);
     /** @type {[string, Source][]} */
-    const own = names.map((name) => [name, { label: name.replaceAll("_", " ") }]);
+    const own = names.map((name) => [name, labelOf(name)]);
     return new Map([...own, ...this.chosen]);
   }
 

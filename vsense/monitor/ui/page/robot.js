@@ -4,7 +4,7 @@ import { Brush } from "./brush.js";
 import { byId, fit, inside, make, mark, penOf, write } from "./dom.js";
 import { degrees, milliseconds, radio, reading, volts } from "./format.js";
 import { FromAbove } from "./projections.js";
-import { wordsOf } from "./robots.js";
+import { ERRORS, wordsOf } from "./robots.js";
 import { rgb, sceneOf } from "./scene.js";
 import { drawLedGlow, drawLeds, drawRays, rayColour } from "./scene_robots.js";
 import { chartable } from "./series.js";
@@ -48,8 +48,8 @@ export class Robot {
     this.panel.hidden = tag === null;
     if (tag === null) return;
     const robot = this.store.robot(tag);
-    write(byId("robot_name"), this.store.name(tag));
-    write(byId("robot_note"), `tag ${tag}`);
+    write(byId("robot_name"), `Robot ${tag}`);
+    write(byId("robot_note"), this.store.name(tag));
     this.#renderFacts(tag, robot);
     this.#draw(tag, robot?.leds ?? 0);
     this.#renderReadings(tag);
@@ -75,6 +75,7 @@ export class Robot {
       write(value, text);
       value.title = text;
       mark(value, "bad", name === "trouble");
+      mark(value, "long", name === "errors");
       chartable(value, this.#chartOf(name, tag, robot));
     });
   }
@@ -108,6 +109,7 @@ export class Robot {
     const { part, uid } = this.store.part(tag);
     if (part !== undefined && part !== tag) facts.push(["plays", `the part of ${part}`]);
     if (uid) facts.push(["uid", uid]);
+    if (robot?.base_errors) facts.push(["errors", `${robot.base_errors}: ${ERRORS}`]);
     for (const [name, value] of Object.entries(robot?.shown ?? {})) {
       facts.push([name, typeof value === "string" ? value : reading(value)]);
     }
@@ -123,7 +125,7 @@ export class Robot {
     if (!chart) return null;
     return {
       key: `${tag}/fact/${name}`,
-      label: `${chart.label ?? name} of ${this.store.name(tag)}`,
+      label: `${chart.label ?? name} of ${tag}`,
       unit: chart.unit,
       now: (store) => {
         const row = store.robot(tag);
@@ -176,7 +178,7 @@ export class Robot {
   #readingChart(tag, sensor) {
     return {
       key: `${tag}/reading/${sensor.name}`,
-      label: `${sensor.name} of ${this.store.name(tag)}`,
+      label: `${sensor.name} of ${tag}`,
       unit: sensor.unit ?? "",
       tag,
       now: (store) => numbersOf(store.sensed(tag).find((sensed) => sensed.sensor.name === sensor.name)),

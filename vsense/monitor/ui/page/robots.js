@@ -5,6 +5,11 @@ import { count, milliseconds, reading, volts } from "./format.js";
 
 const STALE_MS = 500;
 const WEAK_DBM = -75;
+/** What a robot does.
+ * @type {Record<string, string>} */
+const WORDS = { run: "runs", pause: "paused", stop: "stopped", homing: "goes home" };
+/** What stands under "errors". */
+export const ERRORS = "how often it lost its microcontroller since its daemon started; one or two come with a start";
 
 /** `key` is what it is sorted by.
  * @typedef {object} Column
@@ -61,7 +66,7 @@ const COLUMNS = [
 /** @param {RobotRow} robot */
 function stateOf({ connected, held, state }) {
   if (!connected) return "away";
-  return held ? "stands" : state;
+  return held ? "stands" : WORDS[state] ?? state;
 }
 
 /** What is to be said about a robot beyond its row; "" where all is well.
@@ -115,7 +120,7 @@ export class Robots {
     this.heads = COLUMNS.map(({ head, style }, column) => {
       const button = make("button", { type: "button" }, head);
       button.addEventListener("click", () => this.#sortBy(column));
-      return make("th", { className: style, scope: "col" }, button);
+      return make("th", { className: style, scope: "col", title: head === "errors" ? ERRORS : "" }, button);
     });
     this.head.replaceChildren(make("tr", {}, ...this.heads));
   }
@@ -215,7 +220,9 @@ export class Robots {
     const parts = [`${there} of ${tag.length} connected`, `${inView} seen`];
     // Simulated robots have no links, and nobody overlooks them.
     if (this.store.experiment?.command === "sim") parts.splice(0, 2, count(tag.length, "simulated robot"));
-    if (bad) parts.push(`${count(bad, "robot")} in trouble`);
+    if (bad) parts.push(`⚠ ${count(bad, "robot")} in trouble`);
+    const virtual = this.store.world?.entities.filter(({ kind }) => kind === "robot").length;
+    if (virtual) parts.push(`${virtual} virtual`);
     write(this.note, parts.join(" · "));
   }
 }

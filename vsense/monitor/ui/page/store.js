@@ -5,6 +5,8 @@ import { TRAIL_S, Trail } from "./trail.js";
 
 const MOST_STEPS = 24;
 const MOST_EVENTS = 200;
+/** @type {Record<string, string>} */
+const SIMULATED = { running: "run", paused: "pause", ended: "stop" };
 const OLD_MS = 2000;
 const PLAIN = new Set(["you", "run", "arena", "world", "signals", "fields", "robots", "cameras", "parts", "settings"]);
 
@@ -12,26 +14,16 @@ const PLAIN = new Set(["you", "run", "arena", "world", "signals", "fields", "rob
 
 /** What is known of one experiment's runs. */
 class RunNews {
-  /** @type {ExperimentMessage | null} */
-  experiment = null;
-  /** @type {RunMessage | null} */
-  run = null;
-  /** @type {ArenaMessage | null} */
-  arena = null;
-  /** @type {WorldMessage | null} */
-  world = null;
-  /** @type {SignalsMessage | null} */
-  signals = null;
-  /** @type {FieldsMessage | null} */
-  fields = null;
-  /** @type {RobotsMessage | null} */
-  robots = null;
-  /** @type {CamerasMessage | null} */
-  cameras = null;
-  /** @type {SettingsMessage | null} */
-  settings = null;
-  /** @type {PartsMessage | null} */
-  parts = null;
+  experiment = /** @type {ExperimentMessage | null} */ (null);
+  run = /** @type {RunMessage | null} */ (null);
+  arena = /** @type {ArenaMessage | null} */ (null);
+  world = /** @type {WorldMessage | null} */ (null);
+  signals = /** @type {SignalsMessage | null} */ (null);
+  fields = /** @type {FieldsMessage | null} */ (null);
+  robots = /** @type {RobotsMessage | null} */ (null);
+  cameras = /** @type {CamerasMessage | null} */ (null);
+  settings = /** @type {SettingsMessage | null} */ (null);
+  parts = /** @type {PartsMessage | null} */ (null);
   /** By tag.
    * @type {Map<number, ReadingsMessage>} */
   readings = new Map();
@@ -92,6 +84,10 @@ export class Store extends RunNews {
   /** Of the run.
    * @type {number | null} */
   #number = null;
+  #state = "";
+  /** Who brought the run into its state.
+   * @type {string | null} */
+  pressed = null;
 
   /** Drops one experiment's news, as when another comes. */
   clear() {
@@ -158,6 +154,8 @@ export class Store extends RunNews {
       this.hadCone = this.hadLight = false;
     }
     this.#number = data.run;
+    if (data.state !== this.#state) this.pressed = data.by;
+    this.#state = data.state;
     this.now = { timestep: data.timestep, time_s: data.time_s };
     this.runHeard = performance.now();
   }
@@ -251,7 +249,10 @@ export class Store extends RunNews {
     const row = this.rows.get(tag);
     if (row === undefined || !this.robots) return null;
     const values = Object.entries(this.robots).map(([name, column]) => [name, column[row]]);
-    return /** @type {any} */ (Object.fromEntries(values));
+    const made = Object.fromEntries(values);
+    // Simulated robots have no daemons of their own that would report what they do.
+    if (this.experiment?.mode === "sim") made.state = SIMULATED[this.run?.state ?? ""] ?? made.state;
+    return /** @type {any} */ (made);
   }
 
   /** What drives a robot: its row of the experiment's controllers, or undefined.

@@ -13,6 +13,7 @@ interface ExperimentMessage {
   name: string;
   seed: number | null;
   blind: boolean;
+  homes?: boolean | null;
   timestep_s: number;
   length_s: number | null;
   arena: { size_m: Vector; centre_m: Vector; fence?: Fence };
