@@ -91,7 +91,7 @@ def test_emergency_button_stops(served: Serve, opened: Open) -> None:
         "document.querySelector('#reset').matches('.primary')"
     )
     page.key(" ")
-    page.until("document.querySelector('#toasts').innerText.includes('Reset (Shift+R) prepares')")
+    page.until("document.querySelector('#toasts').innerText.includes('first Reset (Shift+R)')")
     page.click("#reset")
     state(page, "ready")
     page.until("document.querySelector('#banner').innerText.startsWith('Run 2 waits for Start')")

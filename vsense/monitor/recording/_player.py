@@ -62,9 +62,10 @@ class Player:
 
     def start(self) -> None:
         """Goes on in its own thread, until `close`; shows the first arena state until PLAY."""
-        first = next(self._recording.messages("/arena".__eq__), None)
-        if first is not None:
-            self._from_ns = max(first.time_ns - self._recording.begin_ns, 0) + AFTER_NS
+        first = [next(self._recording.messages(t.__eq__), None) for t in ("/experiment", "/arena")]
+        begin_ns = self._recording.begin_ns
+        times_ns = [message.time_ns for message in first if message is not None]
+        self._from_ns = max([begin_ns, *times_ns]) - begin_ns + AFTER_NS
         self._thread = threading.Thread(target=self._run, name="replay", daemon=True)
         self._thread.start()
 

@@ -69,7 +69,7 @@ export class Edit {
   render() {
     this.button.hidden = !this.able;
     const locked = Boolean(this.store.settings?.locked);
-    write(this.button, locked ? "locked" : "Change the world");
+    write(this.button, locked ? "locked" : "Change");
     if (this.on && (!this.able || locked)) this.#show(false);
     if (this.on) this.row.render();
   }

@@ -8,8 +8,6 @@ const SILENT_S = 1;
 const SILENT_RUN_MS = 4000;
 const UNANSWERED_MS = 700;
 const DISK_LOW_BYTES = 2e9;
-/** Of an emergency stop. */
-export const WAY_OUT = "Reset (Shift+R) prepares the next run, which waits for Start";
 const LISTED = 3;
 const OWN_BANNERS = 3;
 
@@ -52,8 +50,8 @@ function ofEmergency({ run, pressed }, connection) {
   }
   if (run?.state === "emergency") {
     const when = run.timestep < 0 ? `before run ${run.run}` : `at ${clock(run.time_s)} of run ${run.run}`;
-    const words = `pressed by ${pressed ?? "somebody"} ${when} · all robots stand · ${WAY_OUT}`;
-    rows.push(danger("EMERGENCY STOP", words));
+    const words = `pressed by ${pressed ?? "somebody"} ${when} · all robots stand · `;
+    rows.push(danger("EMERGENCY STOP", `${words}Reset (Shift+R) prepares the next run, which waits for Start`));
   }
   return rows;
 }
@@ -105,7 +103,8 @@ function ofDisk(run) {
 function ofAccess(run) {
   const rows = [];
   if (run?.doubts?.length) rows.push(warning("Not authenticated", run.doubts.join(" · ")));
-  if (run && (run.state === "waiting" || run.state.startsWith("homing"))) rows.push(warning(capital(run.text), ""));
+  const isWaiting = run && !run.replay && (run.state === "waiting" || run.state.startsWith("homing"));
+  if (isWaiting) rows.push(warning(capital(run.text), ""));
   return rows;
 }
 

@@ -183,6 +183,7 @@ class Cell {
     const bad = state && state.state !== "ok";
     mark(this.element, "bad", bad);
     let words = old ? "the picture is old" : "";
+    if (!this.bitmap) words = "no picture yet";
     if (bad) words = `${stateWords(state.state)}${state.text ? `: ${state.text}` : ""}`;
     write(this.text, words);
     this.text.hidden = !words;
@@ -243,6 +244,9 @@ export class Cameras {
     for (const [id, cell] of this.cells) cell.render(states.find((state) => state.id === id));
     const bad = states.filter(({ state }) => state !== "ok").length;
     const all = this.cells.size;
+    const isBare = this.store.run?.replay?.pictures === false;
+    byId("no_pictures").hidden = !isBare;
+    this.panel.hidden = !all || isBare;
     const note = bad ? `${bad} of ${all} in trouble` : `${all}`;
     write(this.note, all ? note : "none: another tracker sends poses");
     states.forEach((state, row) => this.#renderRow(row, state));
@@ -271,7 +275,6 @@ export class Cameras {
     const { width_px: width = 4, height_px: height = 3 } = cameras[0] ?? {};
     this.box.style.gridTemplate = `repeat(${rows}, minmax(0, 1fr)) / repeat(${columns}, minmax(0, 1fr))`;
     this.box.style.setProperty("--shape", `${(columns * width) / (rows * height)}`);
-    this.panel.hidden = !cameras.length;
     byId("watch_panel").hidden = !cameras.length;
   }
 }

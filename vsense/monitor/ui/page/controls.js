@@ -1,6 +1,5 @@
 // The buttons: what can be pressed now, and what a press sends.
 
-import { WAY_OUT } from "./banner.js";
 import { byId, elements, inside, make, mark, press, remember, remembered, write } from "./dom.js";
 
 const NOTICE_MS = 4500;
@@ -168,7 +167,7 @@ export class Controls {
 /** Why the space bar does nothing, and what goes on.
  * @param {RunMessage | null} run */
 function whyNot(run) {
-  if (run?.state === "emergency") return `Emergency stop: ${WAY_OUT}`;
-  if (run?.state === "ended") return "The run has ended: Reset (Shift+R) prepares the next one";
+  if (run?.state === "emergency") return "Emergency stop: first Reset (Shift+R), then Start";
+  if (run?.state === "ended") return "The run has ended: first Reset (Shift+R), then Start";
   return `Nothing to start or pause: the run is ${run?.state ?? "away"}`;
 }

@@ -1,5 +1,8 @@
 // Names of robots and things in a picture: those that matter, and as many as touch nothing.
 
+/** Between two names in a line. */
+const SPACE_PX = 4;
+
 /** @typedef {{ left: number, top: number, right: number, bottom: number }} Rectangle */
 /** Something with a name at a place of the picture; `rank` 0 is always named, others where there is room.
  * @typedef {{ tag: number, text: string, x: number, y: number, rank: number, sign?: boolean }} Named */
@@ -50,8 +53,9 @@ export class Names {
 
 /** Upper right, upper left, lower right, lower left.
  * @param {Named} thing @param {number} radius @param {number} width @param {number} size @returns {Rectangle[]} */
-function boxesAround({ x, y }, radius, width, size) {
-  const [far, near] = [1.2 * radius, 0.8 * radius];
+function boxesAround({ x, y, rank }, radius, width, size) {
+  // Around the chosen one there is a ring.
+  const [far, near] = rank ? [1.2 * radius, 0.8 * radius] : [1.8 * radius, 1.3 * radius];
   return [[far, -near - size], [-far - width, -near - size], [far, near], [-far - width, near]].map(
     ([across, down]) => ({ left: x + across, top: y + down, right: x + across + width, bottom: y + down + size }),
   );
@@ -63,5 +67,5 @@ const within = (box, room) =>
 
 /** @param {Rectangle} a @param {Rectangle} b */
 function overlap(a, b) {
-  return a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
+  return a.left < b.right + SPACE_PX && b.left < a.right + SPACE_PX && a.top < b.bottom && b.top < a.bottom;
 }

@@ -163,7 +163,8 @@ export class Store extends RunNews {
   /** @param {ExperimentMessage} data */
   #experiment(data) {
     const before = this.experiment;
-    if (before?.name !== data.name || before.mode !== data.mode) this.clear();
+    // What came before the first one is of it, too.
+    if (before && (before.name !== data.name || before.mode !== data.mode)) this.clear();
     const { robots = [], objects = [] } = data;
     Object.assign(this, { experiment: data });
     this.objects = new Set(objects.map((object) => object.tag));

@@ -50,7 +50,7 @@ function showRate(run, { experiment }) {
   // Who only tracks takes pictures as they come.
   const wanted = experiment?.timestep_s ? 1 / experiment.timestep_s : 0;
   const isSlow = run.state === "running" && run.rate_hz !== null && run.rate_hz < SLOW * wanted;
-  return [rate(run.rate_hz), run.late === null ? "" : `${run.late} late`, isSlow ? "warn" : ""];
+  return [rate(run.rate_hz), typeof run.late === "number" ? `${run.late} late` : "", isSlow ? "warn" : ""];
 }
 
 /** @param {RunMessage} run @returns {Figure} */
@@ -136,7 +136,6 @@ export class Tiles {
     const replayWords = run?.replay?.playing ? "replay" : "replay, paused";
     const words = isReplay ? replayWords : WORDS[state] ?? state;
     write(byId("state"), this.connection.open ? capital(words) : "No connection");
-    byId("no_pictures").hidden = !(isReplay && run?.replay?.pictures === false);
     write(byId("name"), experiment ? experiment.name : "no run yet");
     document.title = experiment ? `${experiment.name}: ${state} – vsense` : "vsense";
     write(byId("what"), experiment ? describe(experiment, run) : "");
