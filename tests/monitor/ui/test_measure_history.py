@@ -18,7 +18,7 @@ from tests.monitor.ui.portrait import state
 from tests.monitor.ui.puppet import running
 from tests.rigs.processes import Program
 from vsense.monitor.recording.form import is_recorded
-from vsense.monitor.ui._measure_history import BUCKETS_MAX, MeasureHistory
+from vsense.monitor.ui._measure_history import BUCKETS_MAX, LEDS_ON, MeasureHistory
 
 LINES = (
     "[...vsense.store.measures].map(([name, line]) => [name, line.times, line.values, line.spans])"
@@ -51,6 +51,14 @@ def test_what_was_missed_is_a_gap_and_nothing_is_recorded() -> None:
         history.add(number, {"items": number})
     assert history.data(1, 0.1)["time_s"] == [0.0, 0.1, 5.0, 5.1]
     assert not is_recorded("/history")
+
+
+def test_leds_are_a_measure_from_the_beginning_where_one_was_ever_on() -> None:
+    history = MeasureHistory()
+    history.add(0, {LEDS_ON: 0, "items": 1})
+    assert list(history.data(1, 0.1)["measures"]) == ["items"]
+    history.add(1, {LEDS_ON: 2, "items": 1})
+    assert history.data(1, 0.1)["measures"][LEDS_ON]["last"] == (0, 2)
 
 
 def chart(page: Page, name: str) -> tuple[list[float], list[float], list[list[float] | None]]:

@@ -13,6 +13,8 @@ import numpy as np
 from vsense.monitor.recording.form import Data
 from vsense.world.world import World
 
+LEDS_ON = "LEDs on"
+"""Is shown in runs in which some robot ever had one on."""
 BUCKETS_MAX = 400
 """Buckets of a history; a chart has about as many columns of pixels."""
 
@@ -48,17 +50,12 @@ class MeasureHistory:
     def _thin(self) -> None:
         """Makes buckets of twice as many timesteps."""
         self._width *= 2
-        old, self._starts = self._starts, []
-        columns: dict[str, list[_Bucket | None]] = {name: [] for name in self._columns}
-        for row, before in enumerate(old):
-            start = before - before % self._width
-            joins = bool(self._starts) and self._starts[-1] == start
-            if not joins:
-                self._starts.append(start)
-            for name, column in columns.items():
-                bucket = self._columns[name][row]
-                column.append(_joined(column.pop(), bucket) if joins else bucket)
-        self._columns = columns
+        starts, columns = self._starts, self._columns
+        self._starts, self._columns = [], {}
+        for row, start in enumerate(starts):
+            for edge in range(3):
+                parts = {name: column[row] for name, column in columns.items()}
+                self.add(start, {name: part[edge] for name, part in parts.items() if part})
 
     def data(self, run: int, timestep_s: float) -> Data:
         """Gives /history of a run of this number; see `MESSAGES.md`."""
@@ -70,30 +67,23 @@ class MeasureHistory:
             "measures": {
                 name: dict(zip(("low", "high", "last"), zip(*(b or empty for b in column))))
                 for name, column in self._columns.items()
+                if name != LEDS_ON or any(bucket and bucket[1] for bucket in column)
             },
         }
 
 
-def _joined(first: _Bucket | None, second: _Bucket | None) -> _Bucket | None:
-    if first is None or second is None:
-        return first or second
-    return [min(first[0], second[0]), max(first[1], second[1]), second[2]]
-
-
-def measures_of(world: World, robots: Iterable[int], leds_on: int | None) -> dict[str, float]:
+def measures_of(world: World, robots: Iterable[int], leds_on: int) -> dict[str, float]:
     """The experiment's own measures, and what the page counts in every experiment.
 
     Args:
         robots: tags of the robots, which are counted in a polluted cone.
-        leds_on: how many robots have a LED on; None: none ever had.
+        leds_on: how many robots have a LED on.
     """
-    measures = dict(world.results)
+    measures = {**world.results, LEDS_ON: leds_on}
     if world.sources:
         rows = world.robots[np.isin(world.robots["tag"], list(robots))]
         places = np.stack((rows["x_m"], rows["y_m"]), axis=-1)
         cones: list[Any] = [cone for source in world.sources if (cone := world.cone(source))]
         inside = [cone.contains(places) for cone in cones] or [np.zeros(len(rows), bool)]
         measures["in the cone"] = int(np.any(inside, axis=0).sum())
-    if leds_on is not None:
-        measures["LEDs on"] = leds_on
     return measures

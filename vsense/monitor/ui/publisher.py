@@ -137,7 +137,6 @@ class Publisher:
         self._due_ns = self._fields_due_ns = self._late = 0
         self._run_timestep = self._joined = -1
         self._history, self._history_due_ns = MeasureHistory(), 0
-        self._had_leds = False
 
     def _equip(self, environment: Environment) -> None:
         """Prepares the robots' table and their devices'."""
@@ -177,11 +176,9 @@ class Publisher:
 
     def note(self, run_timestep: int, leds_on: int) -> None:
         """Keeps the measures of a timestep of the run; so many robots have a LED on."""
-        self._had_leds |= leds_on > 0
         if run_timestep >= 0:
             tags = (robot.tag for robot in self.environment.experiment.robots)
-            leds = leds_on if self._had_leds else None
-            self._history.add(run_timestep, measures_of(self.environment.world, tags, leds))
+            self._history.add(run_timestep, measures_of(self.environment.world, tags, leds_on))
 
     def publish_history(self) -> None:
         """Publishes the measures since the run began, where a listener lacks some of them."""
@@ -246,7 +243,7 @@ class Publisher:
     def begin_run(self, environment: Environment) -> None:
         """Prepares for the next run."""
         self.environment = environment
-        self._history, self._had_leds = MeasureHistory(), False
+        self._history = MeasureHistory()
         self._run_timestep, self._late = -1, 0
         self._published.clear()
 
