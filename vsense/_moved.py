@@ -107,7 +107,7 @@ TABLE = {
     "series.cast": "studies.series.parts",
     "series.fields": "base.toml",
     "series.forecast": "studies.series.order",
-    "series.witness": "studies.series.criteria",
+    "series.witness": "run.witness",
     "sharing": "base.sharing",
     "shipped": "tools.shipped",
     "sim": "modes.sim",

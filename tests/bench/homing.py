@@ -25,8 +25,8 @@ from vsense.robots import build
 from vsense.robots.build import SHIPPED_CONTROLLER
 from vsense.robots.inprocess import CompiledProgram
 from vsense.robots.link.table import Goal, Table
+from vsense.run.homing._homing import Homing
 from vsense.run.homing.floor import DrivingFloor
-from vsense.run.homing.homing import Homing
 from vsense.run.homing.robots import HomingLimits, Trouble
 from vsense.world.entities import BODY_RADIUS_M, Arena
 from vsense.world.physics.motion import TICK_NS, Physics

@@ -46,7 +46,7 @@ from vsense.robots.link.keys import LinkTrust
 from vsense.robots.link.status import RobotStatus
 from vsense.robots.link.table import Goal
 from vsense.run.homing import starts
-from vsense.run.homing.homing import Homing
+from vsense.run.homing._homing import Homing
 from vsense.run.homing.robots import Trouble
 from vsense.run.homing.starts import Starts
 from vsense.run.runtime import Step

@@ -17,6 +17,7 @@ from vsense.base.arena import Frame
 from vsense.base.terminal import Console
 from vsense.robots.link.wire import StopCause, Telemetry
 from vsense.run.figures import Figures, light_of, link_row, table, worst_links
+from vsense.run.verdict import VoidCriteria, judged
 from vsense.world.world import World
 
 
@@ -28,7 +29,9 @@ def played(stage: Stage) -> dict:
         figures.observe(step, stage.robots())
     stage.runner.stop()
     summary = figures.summary(stage.runner, readiness, {"cleaned": 12.5})
-    return {"robots": len(stage.experiment.robots), **summary}
+    record = figures.record(stage.runner, (), {}, 0)
+    summary = {"robots": len(stage.experiment.robots), **summary}
+    return judged(summary, record, VoidCriteria())
 
 
 def test_everything_is_counted() -> None:
@@ -41,7 +44,11 @@ def test_everything_is_counted() -> None:
     summary = played(stage)
     assert json.loads(json.dumps(summary)) == summary
     assert (summary["ended"], summary["timesteps"], summary["late_timesteps"]) == ("time", 10, 0)
-    assert summary["missing_at_start"] == [stage.experiment.robots[2].id]
+    absent = stage.experiment.robots[2].id
+    assert summary["missing_at_start"] == [absent]
+    assert (summary["verdict"], summary["note"]) == ("void", "")
+    stale_one = stage.experiment.robots[1].id
+    assert summary["why"] == f"{absent} never came; {stale_one} never had fresh readings"
     shares = [
         [robot[f"{key}_share"] for key in ("seen", "connected", "stale")]
         for robot in summary["per_robot"]
@@ -136,6 +143,7 @@ def test_the_table_says_it_all() -> None:
     stage.connected = stage.seen = stage.tags
     lines = table(played(stage)).splitlines()
     assert lines[0].startswith("run       10 timesteps in 1 s, 0 late, 0 left out; ended by: time")
+    assert lines[1] == "verdict   valid"
     assert any("2.00 of 2 robots seen" in line and "never" in line for line in lines)
     assert any("20 of 20 datagrams received" in line for line in lines)
     assert any(line.split() == ["results", "cleaned", "12.5"] for line in lines)

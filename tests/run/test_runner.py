@@ -12,8 +12,8 @@ from vsense.robots.link.status import RobotStatus
 from vsense.robots.link.trackers.client import TrackerEnded
 from vsense.robots.link.wire import Telemetry, Wanted
 from vsense.run.control import State
+from vsense.run.homing._homing import Homing
 from vsense.run.homing.floor import DrivingFloor
-from vsense.run.homing.homing import Homing
 from vsense.run.orders import Order, OrderKind
 from vsense.run.runtime import Step
 

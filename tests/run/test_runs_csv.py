@@ -13,6 +13,7 @@ from tests.run.stage import experiment
 from vsense.base.errors import UsageError, VsenseError
 from vsense.run import runs_csv
 from vsense.run.runs_csv import COLUMNS, RUNS, RunRow, RunRows, RunsFile, condition_of, read_runs
+from vsense.run.verdict import RunRecord, VoidCriteria, judged
 
 FULL = RunRow(
     run="3", series="plan", mode="run", experiment="foraging", condition='a, "b"', block="1",
@@ -177,7 +178,8 @@ def test_runs_of_lab_and_run_become_rows(tmp_path: Path) -> None:
         start=1,
     ):
         rows.begin(number)
-        assert rows.add(summary(number, **more), ended, experiment()) == ""
+        known = judged(summary(number, **more), RunRecord(ended=ended), VoidCriteria())
+        assert rows.add(known, experiment()) == ""
     first, second, third = read_runs(tmp_path / RUNS)
     assert (first.run, first.series, first.mode) == ("run-1", tmp_path.name, "run")
     assert (first.condition, first.batteries_v, first.late) == ("sensor.noise=0.2", (3.9,), 0.08)
@@ -192,12 +194,15 @@ def test_runs_of_lab_and_run_become_rows(tmp_path: Path) -> None:
     assert third.why == "failed before its end"
     endless = RunRows(tmp_path / "b", "lab", {})
     endless.begin(1)
-    assert endless.add(summary(1), "stopped by keyboard", experiment(timesteps=0)) == ""
-    assert read_runs(tmp_path / "b" / RUNS)[0].valid, "it has no other end"
+    stopped = RunRecord(ended="stopped by keyboard", endless=True, changes=1)
+    known = judged(summary(1), stopped, VoidCriteria())
+    assert endless.add(known, experiment(timesteps=0)) == ""
+    (row,) = read_runs(tmp_path / "b" / RUNS)
+    assert row.valid and row.note == "its world was changed once by hand"
     (tmp_path / "b" / RUNS).unlink()
     (tmp_path / "b").rmdir()
     (tmp_path / "b").write_text("")
-    assert "the table of runs lacks run 1: " in endless.add(summary(1), "time", experiment())
+    assert "the table of runs lacks run 1: " in endless.add(known, experiment())
 
 
 def test_conditions_have_the_words_of_reports() -> None:

@@ -78,7 +78,8 @@ def test_nobody_crosses_the_fence_by_more_than_its_stop_takes(
         lines, port = free_port(), free_port()
         curtain = Curtain(stage.lines, lines, Mishaps(Network(stage.port, port)).hidden)
         done = stage.run("--json", "-o", str(tmp_path / "run"), lines=lines, port=port)
-    assert done.returncode == 0, done.stderr
+    assert done.returncode == 1, done.stderr
+    assert "had no link for 1." in json.loads(done.stdout)["why"], "while it was cut"
     times_ns = np.array(sorted(curtain.places))
     rows = read_actuations(tmp_path / "robots" / "actuations.bin")
     per_robot = {robot["tag"]: robot for robot in json.loads(done.stdout)["per_robot"]}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,10 @@ from numpy.typing import NDArray
 
 from tests.rigs.processes import free_port
 from tests.system.rehearsal import TAGS, VSENSE, Curtain, emulated
+from vsense.config.experiment import SHIPPED_FOLDER
 from vsense.modes.lab._microcontrollers import read_actuations
+from vsense.robots import build
+from vsense.run.runs_csv import RUNS, read_runs
 
 pytestmark = pytest.mark.system
 
@@ -66,6 +70,49 @@ def test_a_robot_that_is_not_seen_stands_alone_and_goes_on(tmp_path: Path) -> No
     assert turns[newest] or turns[late & others].any(), "the other one goes on"
     assert not turns[late & (rows["robot"] == TAGS.index(hidden))].any()
     assert turns[(rows["time_ns"] > end_ns) & (rows["robot"] == TAGS.index(hidden))].any()
+
+
+def older_second(folder: Path) -> Path:
+    """Foraging as somebody has deployed it: the second robot has an older source."""
+    text = (SHIPPED_FOLDER / "foraging.argos").read_text()
+    controller = re.search(r"<foraging_controller.*?</foraging_controller>", text, re.S)
+    placed = re.search(r"<distribute>.*?</distribute>", text, re.S)
+    assert controller is not None and placed is not None
+    older = controller[0].replace('id="ant" library="foraging"', 'id="old" library="./older.c"')
+    tags = re.compile(r'quantity="15"(.*?)vs:tags="[^"]*"', re.S)
+    first, second = (
+        tags.sub(rf'quantity="1"\1vs:tags="{tag}"', placed[0]).replace('"ant"', f'"{whose}"')
+        for tag, whose in zip(TAGS, ("ant", "old"))
+    )
+    second = second.replace('id="epuck"', 'id="second"')
+    text = text.replace(controller[0], controller[0] + older).replace(placed[0], first + second)
+    source = build.source_tree().controllers()["foraging"].read_text()
+    (folder / "older.c").write_text(f"/* older */\n{source}")
+    (folder / "foraging.py").write_bytes((SHIPPED_FOLDER / "foraging.py").read_bytes())
+    path = folder / "older.argos"
+    path.write_text(text)
+    return path
+
+
+def test_a_robot_with_another_program_is_refused_and_the_run_is_invalid(tmp_path: Path) -> None:
+    words = ("--duration", "2", "--json", "-o")
+    with emulated(tmp_path, experiment=str(older_second(tmp_path))) as others:
+        stage = replace(others, experiment="foraging")
+        refused = stage.run(*words, str(tmp_path / "refused"), "--start-after", "3")
+        taken = stage.run(*words, str(tmp_path / "taken"), "--other-programs")
+    runs = r"runs 'foraging' \(\w{12}\), the file says 'foraging' \(\w{12}\)"
+    assert refused.returncode == 1, refused.stderr
+    summary = json.loads(refused.stdout)
+    assert summary["verdict"] == "void"
+    assert re.match(rf"epuck_1843_1 was refused: it {runs}: bring", summary["why"])
+    assert f"verdict   INVALID: {summary['why']}" in refused.stderr
+    assert summary["per_robot"][0]["connected_share"] == 1.0, "it went on for the other"
+    (row,) = read_runs(tmp_path / "refused" / RUNS)
+    assert (row.verdict, row.why, row.note) == ("void", summary["why"], "")
+    assert taken.returncode == 0, taken.stderr
+    summary = json.loads(taken.stdout)
+    assert (summary["verdict"], summary["why"]) == ("valid", "")
+    assert re.fullmatch(rf"epuck_1843_1 {runs}", summary["note"])
 
 
 def check_links(measured: subprocess.CompletedProcess[str], stood: NDArray[np.void]) -> None:

@@ -217,10 +217,11 @@ def test_a_recording_is_played_when_the_robots_are_there(
     for tag in pair.tags:
         pair.connect(tag, port)
     pair.wait_for(pair.moving, "motion")
-    assert end(pair, program) == 0
+    assert end(pair, program) == 1
     assert pair.resting()
     figures = summary(tmp_path)
     assert figures["ended"] == "the recording ends after 40 timesteps"
+    assert figures["why"] == "the recording ends after 40 timesteps before its end"
     assert figures["source"]["kind"] == "recording"
     # 40 pictures in 2 s; robots start 3 timesteps after the recording does.
     assert 12 <= figures["timesteps"] + figures["late_timesteps"] <= 18
@@ -279,7 +280,7 @@ def test_our_own_tracking_server_drives_a_run_past_its_recording_and_ends_it(
     time.sleep(0.12 * PICTURES)  # the last state is repeated: the original's client dies of less
     assert pair.moving()
     server.tell(signal.SIGTERM)
-    assert end(pair, program) == 0
+    assert end(pair, program) == 1, "it was invalid"
     assert pair.resting()
     figures = summary(tmp_path)
     assert figures["ended"] == f"tracker 127.0.0.1:{ats_port}: it has ended the run"

@@ -59,6 +59,11 @@ def add_ends(parser: argparse.ArgumentParser) -> None:
     text = "TCP and UDP port; 0 takes a free one (default: the file's vss_port)"
     _arguments.option(parser, "--port", _arguments.port, "P", text)
     _experiments.add_trust(parser)
+    text = (
+        "take robots that run another program than the file's, and note which (default: they are"
+        " refused, and a run without them is invalid)"
+    )
+    _arguments.flag(parser, "--other-programs", text)
 
 
 def run(options: argparse.Namespace) -> int:

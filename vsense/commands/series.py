@@ -22,8 +22,8 @@ from vsense.tools.shipped import documents
 DESCRIPTION = (
     "Makes many runs by a plan, without hands: conditions at the same starts, in an order that is"
     " shuffled block by block, simulated, in the lab or with real robots. Between runs robots drive"
-    " to their starts. A run is valid or void by criteria that the plan has; void ones are kept,"
-    " named and repeated. Every run is a row of runs.csv. Ctrl-C costs the run that goes on; the"
+    " to their starts. A run is valid by criteria that the plan has; invalid ones are kept, named"
+    " and repeated. Every run is a row of runs.csv. Ctrl-C costs the run that goes on; the"
     " same command goes on from there, also on another day."
 )
 
@@ -58,6 +58,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def add_making(parser: argparse.ArgumentParser) -> None:
     """Declares who plays, and how runs are made in each mode."""
+    text = "go on with another vsense, or other files, than the series began with: rows note it"
+    _arguments.flag(parser, "--allow-upgrade", text)
     text = "simulated runs at the same time (default: one per processor)"
     _arguments.option(parser, "-j --jobs", _arguments.positive, "N", text)
     default = f"(default: with real robots {FILE_NAME} in the current folder, otherwise none)"

@@ -115,7 +115,6 @@ class ControllerSpec:
             is none.
         devices: all that it declares.
         wheel_noise: of its robots in lab and simulation; None: they obey.
-        strict: robots that run a program of another name are turned away.
         v_max_m_s: its robots' wheels are no faster; None: as fast as they can.
     """
 
@@ -131,7 +130,6 @@ class ControllerSpec:
     devices: tuple[DeviceSpec, ...] = ()
     wheel_noise: WheelNoise | None = None
     argos_lines: str = ""
-    strict: bool = False
     v_max_m_s: float | None = None
 
     @property

@@ -195,6 +195,7 @@ def about_machine() -> dict[str, str]:
         "compiler": compiler,
         "CXXFLAGS": os.environ.get("CXXFLAGS", ""),
         "Python": platform.python_version(),
+        "commit": fingerprint.software()["commit"],
     }
 
 

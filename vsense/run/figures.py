@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Generator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Generator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,15 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.arena import Frame
+from vsense.base.errors import VsenseError
 from vsense.base.terminal import Console
 from vsense.config.specs import Experiment
 from vsense.robots.link.status import RadioStatus, RobotStatus
 from vsense.robots.link.wire import StopCause
+from vsense.run._witness import Witness
 from vsense.run.directory import DirectoryError, RunTables
 from vsense.run.link_check import WEAK_DBM
 from vsense.run.robots import Readiness
 from vsense.run.runner import Runner
 from vsense.run.runtime import Step
+from vsense.run.verdict import RunRecord, table_rows
 from vsense.world.world import World
 
 _LIGHT_PX = 16
@@ -83,12 +86,15 @@ class Figures:
     Attributes:
         steps: the timesteps that were counted.
         light_level: how light the first pictures were, see `light_of`; None: there were none.
+        witness: has watched the robots.
     """
 
     def __init__(self, experiment: Experiment) -> None:
         self._experiment = experiment
         self._dt_ns = experiment.timestep_ns
         self._robots = {robot.tag: _Robot() for robot in experiment.robots}
+        names = {robot.tag: robot.id for robot in experiment.robots}
+        self.witness = Witness(names, {thing.tag: thing.id for thing in experiment.objects})
         self._last_run_timestep = -1
         self.light_level: float | None = None
         self.steps = StepTimes()
@@ -127,6 +133,7 @@ class Figures:
         if self.light_level is None and step.frames:
             self.light_level = light_of(step.frames)
         self.steps.add(step)
+        self.witness.observe(step.state, robots, step.run_timestep * self._dt_ns)
         seen = set(step.state.robots["tag"][step.state.robots["seen"]].tolist())
         stale = 0
         for tag, counted in self._robots.items():
@@ -146,6 +153,37 @@ class Figures:
             connected=sum(robots[tag].connected for tag in self._robots),
             seen=len(seen & self._robots.keys()),
             stale=stale,
+        )
+
+    def record(
+        self,
+        runner: Runner,
+        resting: Collection[str],
+        away: Mapping[str, str],
+        changes: int,
+        failure: VsenseError | None = None,
+    ) -> RunRecord:
+        """What there was of a finished run.
+
+        Args:
+            resting: names of robots that were left out of it.
+            away: by name, why robots were not at their starts.
+            changes: so often somebody has changed its world.
+            failure: what has ended it.
+        """
+        robots = []
+        for tag, robot in self.witness.records.items():
+            unseen_s, fenced_s = runner.standing.stood_s(tag)
+            rests, why = robot.name in resting, away.get(robot.name, "")
+            stood = replace(robot, unseen_s=unseen_s, fenced_s=fenced_s)
+            robots.append(replace(stood, rests=rests, away=why))
+        return RunRecord(
+            ended=runner.ended if failure is None else str(failure),
+            endless=not self._experiment.timesteps and failure is None,
+            timesteps=len(self.steps) > 0,
+            robots=robots,
+            unseen=self.witness.unseen,
+            changes=changes,
         )
 
     def summary(
@@ -252,6 +290,7 @@ def table(summary: Mapping[str, Any]) -> str:
             f"{summary['timesteps']} timesteps in {summary['duration_s']:g} s,"
             f" {late_text(summary)}; ended by: {summary['ended']}",
         ),
+        *table_rows(summary),
         (
             "arena",
             f"{number(arena['seen_mean'], 2)} of {summary['robots']} robots seen per timestep;"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -28,6 +29,7 @@ def make_server(
     trust: LinkTrust,
     on_event: Callable[[LinkEvent], None],
     legacy_port: int | None = None,
+    other_programs: bool = False,
 ) -> VirtualSensorServer:
     """Prepares the server that an experiment's robots connect to; nothing is opened yet.
 
@@ -39,6 +41,7 @@ def make_server(
         trust: which robots are believed.
         on_event: called from the server's thread; must not wait.
         legacy_port: port for robots with the original's client, None: none are served.
+        other_programs: robots that run another program than the file's are taken.
 
     Raises:
         WireError: params or timestep do not fit the protocol.
@@ -48,7 +51,7 @@ def make_server(
         **dict(zip(("host", "port"), address)),
         "timestep_ns": experiment.timestep_ns,
         "seed": seed,
-        "expected": expected_robots(experiment, tables),
+        "expected": expected_robots(experiment, tables, other_programs=other_programs),
         "trust": trust,
         "on_event": on_event,
     }
@@ -61,9 +64,15 @@ def make_server(
 
 
 def expected_robots(
-    experiment: Experiment, tables: Mapping[str, Table], exact: Collection[int] = ()
+    experiment: Experiment,
+    tables: Mapping[str, Table],
+    exact: Collection[int] = (),
+    other_programs: bool = False,
 ) -> dict[int, ExpectedRobot]:
-    """The robots by tag, each with what its controller is told; for `exact` see `ExpectedRobot`."""
+    """The robots by tag, each with what its controller is told; for `exact` see `ExpectedRobot`.
+
+    `other_programs`: they may run another program than the file's.
+    """
     controllers = {robot: experiment.controller_of(robot) for robot in experiment.robots}
     programs = told_programs(experiment)
     return {
@@ -72,7 +81,7 @@ def expected_robots(
             tables[c.id],
             c.params_for(robot.id),
             programs[c.id],
-            c.strict,
+            other_programs,
             robot.tag in exact,
         )
         for robot, c in controllers.items()
@@ -116,12 +125,15 @@ class Readiness:
         `refused` says by tag why a robot was turned away, "": it was not.
         """
         away = {tag: why for tag, why in (refused or {}).items() if why and tag not in connected}
+        by_why = defaultdict[str, list[str]](list)
+        for tag in (tag for tag in away if tag in robots):
+            by_why[away[tag]].append(robots[tag])
         return cls(
             robots=len(robots),
             markers=len(robots) + len(objects),
             absent=tuple(name for tag, name in robots.items() if tag not in connected),
             unseen=tuple(n for tag, n in (*robots.items(), *objects.items()) if tag not in seen),
-            refused=tuple(f"{robots[tag]} {why}" for tag, why in away.items() if tag in robots),
+            refused=tuple(f"{shorten(names)} {why}" for why, names in by_why.items()),
             away={robots[tag]: _brief(tag, why) for tag, why in away.items() if tag in robots},
         )
 

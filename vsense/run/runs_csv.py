@@ -18,6 +18,7 @@ from vsense import __version__
 from vsense.base.errors import UsageError, VsenseError
 from vsense.base.files import read_bytes, replace_text, stamp_of
 from vsense.config.specs import Experiment
+from vsense.run.verdict import VALID, VOID, late_share
 
 RUNS = "runs.csv"
 """Its name in the folder of a run or of several."""
@@ -33,8 +34,6 @@ FORMER = ("campaign", "experiment")
 """The columns that tables of campaigns began with before there was a runs.csv."""
 
 MODES = ("sim", "lab", "run")
-VALID, VOID = "valid", "void"
-
 _MOST_BYTES = 4 << 30
 _NUMBERS: Mapping[str, Callable[[str], Any]] = {
     "seed": int, "duration_s": float, "robots": int, "light_level": float, "late": float,
@@ -196,11 +195,7 @@ class RunsFile:
 
 
 class RunRows:
-    """Writes the runs of one `lab` or `run` into the runs.csv of its folder.
-
-    A run that came to its end is valid. One that was ended before is void, where it had a length:
-    who knows better may change the file.
-    """
+    """Writes the runs of one `lab` or `run` into the runs.csv of its folder."""
 
     def __init__(self, folder: Path, mode: str, settings: Mapping[str, str]) -> None:
         """Of the runs of an experiment, in a folder of their own, in a mode of `MODES`."""
@@ -212,8 +207,8 @@ class RunRows:
         """A run begins now."""
         self._began[number] = time.time()
 
-    def add(self, summary: Mapping[str, Any], ended: str, experiment: Experiment) -> str:
-        """Adds a run that ended for this reason, "time" for its end, by what summary.json has.
+    def add(self, summary: Mapping[str, Any], experiment: Experiment) -> str:
+        """Adds a run, by what summary.json has.
 
         `experiment` is that of the run: others may play in the next one.
 
@@ -222,7 +217,7 @@ class RunRows:
         """
         condition = condition_of(summary["blind"], self._settings)
         try:
-            row = row_of(summary, self._mode, experiment, condition, ended)
+            row = row_of(summary, self._mode, experiment, condition)
             name, began = f"run-{summary['run']}", utc(self._began[summary["run"]])
             self._file.append(replace(row, run=name, series=self._series, began=began))
         except VsenseError as error:
@@ -230,17 +225,11 @@ class RunRows:
         return ""
 
 
-def row_of(
-    summary: Mapping[str, Any], mode: str, experiment: Experiment, condition: str, ended: str
-) -> RunRow:
+def row_of(summary: Mapping[str, Any], mode: str, experiment: Experiment, condition: str) -> RunRow:
     """The row of a run in the lab or with robots, without what it is called and when it began.
 
-    Args:
-        summary: what its summary.json has.
-        ended: why it ended, "time" for its end.
+    `summary` is what its summary.json has.
     """
-    steps = summary["timesteps"] + summary["left_out_timesteps"]
-    is_complete = ended == "time" or not experiment.timesteps
     swarm = {name: n for name, n in summary.get("swarm", {}).items() if n is not None}
     volts = [robot["battery_mv"] for robot in summary.get("per_robot", ())]
     resting = summary.get("resting", ())
@@ -256,20 +245,13 @@ def row_of(
         uids=_uids_of([p for p in summary.get("parts", ()) if p.get("name") not in resting]),
         batteries_v=[mv / 1000.0 for mv in volts if mv],
         light_level=summary.get("light_level"),
-        late=summary["late_timesteps"] / steps if steps else None,
+        late=late_share(summary),
         versions=versions(),
-        verdict=VALID if is_complete else VOID,
-        why="" if is_complete else f"{ended or 'failed'} before its end",
-        note=_note_of(summary.get("per_robot", ())),
+        verdict=summary["verdict"],
+        why=summary["why"],
+        note=summary["note"],
         measures={**swarm, **summary.get("measures", summary.get("results", {}))},
     )
-
-
-def _note_of(robots: Sequence[Mapping[str, Any]]) -> str:
-    """Which robots stood for a while, alone."""
-    words = {"stood_unseen_s": "unseen", "stood_fenced_s": "for the fence"}
-    stood = [(robot, key) for robot in robots for key in words if robot.get(key)]
-    return "; ".join(f"{r['name']} stood {r[key]:.1f} s {words[key]}" for r, key in stood)
 
 
 def _uids_of(rows: Sequence[Mapping[str, Any]]) -> list[str]:

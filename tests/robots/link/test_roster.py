@@ -266,7 +266,7 @@ def greeting(tag: int, name: str, digest: str = "") -> bytes:
         ("predator", "1" * 12, True),
         ("renamed", "1" * 12, True),
         ("predator", "", True),
-        ("predator", "3" * 12, True),
+        ("predator", "3" * 12, False),
         ("prey", "2" * 12, False),
         ("prey", "3" * 12, False),
         ("prey", "", False),
@@ -286,9 +286,9 @@ def test_a_robot_with_the_program_of_others_is_refused_with_both_names(
         _, notice = decode(answer.packet, answer_key(PUBLISHED, packet))
         assert isinstance(notice, Notice) and notice.code == RefuseCode.CONTROLLER
         runs = f"'{name}' ({digest})" if digest else f"'{name}'"
-        expected = f"epuck_5 runs {runs}, expected 'predator' (111111111111)"
+        expected = f"robot 5 (epuck_5) runs {runs}, the file says 'predator' (111111111111): bring"
         assert notice.text.startswith(expected) and expected in answer.event.text
-        assert f"epuck_5 {ours.robots[5].status(S).refused}" == expected
+        assert f"robot 5 (epuck_5) {ours.robots[5].status(S).refused}".startswith(expected)
         join(ours, greeting(5, "predator", "1" * 12), "here", S)
         assert ours.robots[5].status(S).refused == ""
 
@@ -296,35 +296,54 @@ def test_a_robot_with_the_program_of_others_is_refused_with_both_names(
 @pytest.mark.parametrize(
     ("name", "digest", "taken"),
     [
-        ("calibrate", "1" * 12, True),
-        ("calibrate", "3" * 12, True),
+        ("pollutant", "1" * 12, True),
         ("renamed", "1" * 12, True),
+        ("pollutant", "", True),
+        ("", "", True),
+        ("pollutant", "3" * 12, False),
         ("foraging", "4" * 12, False),
         ("foraging", "", False),
     ],
 )
-def test_strict_robots_run_what_is_expected_though_all_have_one_controller(
+def test_a_robot_with_another_program_is_refused_unless_somebody_wants_it(
     name: str, digest: str, taken: bool
 ) -> None:
-    program = ToldProgram("calibrate", "1" * 12)
-    for strict in (True, False):
-        expected = {5: ExpectedRobot("epuck_5", TABLE, program=program, strict=strict)}
+    program = ToldProgram("pollutant", "1" * 12)
+    for any_program in (False, True):
+        expected = {5: ExpectedRobot("epuck_5", TABLE, program=program, any_program=any_program)}
         ours = SessionTable(expected, 10**8, 1, INSECURE)
         packet = greeting(5, name, digest)
         answer = ours.greet(packet, "here", S)
-        assert (answer.pending is not None) == (taken or not strict)
+        assert (answer.pending is not None) == (taken or any_program)
+        runs = f"'{name}' ({digest})" if digest else f"'{name}'"
+        words = f"runs {runs}, the file says 'pollutant' (111111111111)"
         if answer.pending is None:
             _, notice = decode(answer.packet, answer_key(PUBLISHED, packet))
             assert isinstance(notice, Notice) and notice.code == RefuseCode.CONTROLLER
-            assert "epuck_5 runs 'foraging'" in notice.text
-            assert "expected 'calibrate' (111111111111)" in notice.text
+            assert words in notice.text
+            continue
+        event, _ = join(ours, greeting(5, name, digest), "here", S)
+        assert ours.robots[5].status(S).other_program == ("" if taken else words)
+        assert event.text.endswith("without a key" + ("" if taken else f": it {words}"))
 
 
-def test_where_all_have_one_controller_another_source_is_told_and_taken() -> None:
-    ours = mixed(PREDATOR, PREDATOR)
-    (same, _), (other, _) = (join(ours, greeting(5, "predator", d * 12), "here", S) for d in "13")
-    assert same.text.endswith("connected from here, controller predator, without a key")
-    assert "'predator' (333333333333); the file's is 'predator' (111111111111)" in other.text
+@pytest.mark.parametrize("any_program", [False, True])
+def test_a_robot_with_the_program_of_another_part_is_never_taken(any_program: bool) -> None:
+    parts = {5: PREDATOR, 6: PREY}
+    expected = {
+        tag: ExpectedRobot(f"epuck_{tag}", TABLE, program=program, any_program=any_program)
+        for tag, program in parts.items()
+    }
+    ours = SessionTable(expected, 10**8, 1, INSECURE)
+    assert ours.greet(greeting(5, "prey", "2" * 12), "here", S).pending is None
+
+
+def test_what_a_daemon_runs_that_was_started_again_counts() -> None:
+    ours = mixed(PREDATOR)
+    for started, starts in ((7, 1), (7, 1), (9, 2)):
+        hello = Hello(b"a" * 16, 5, "name", "predator", hash="1" * 12, started=started)
+        join(ours, said(hello), "here", S)
+        assert ours.robots[5].status(S).starts == starts
 
 
 def test_other_robots_are_expected_between_runs_and_who_stays_stays() -> None:
@@ -354,8 +373,8 @@ def running(tag: int, program: ToldProgram) -> bytes:
 def test_who_is_put_in_has_the_files_controller_or_that_of_its_fellows() -> None:
     file, older = ToldProgram("ant", "new"), ToldProgram("ant", "old")
     robots = {
-        5: ExpectedRobot("a", TABLE, program=file),
-        6: ExpectedRobot("b", TABLE, program=file),
+        5: ExpectedRobot("a", TABLE, program=file, any_program=True),
+        6: ExpectedRobot("b", TABLE, program=file, any_program=True),
     }
     ours = SessionTable(robots, 10**8, 1, INSECURE)
     join(ours, running(5, older), "a:1", S)
@@ -364,7 +383,8 @@ def test_who_is_put_in_has_the_files_controller_or_that_of_its_fellows() -> None
         event, _ = join(ours, running(37, runs), "c:1", S)
         assert event.kind == "refused" and "with 'vsense robot deploy'" in event.text
         why = ours.robots[37].refused
-        assert why.startswith(f"runs '{runs.name}' ({runs.hash}), expected 'ant' (new): bring")
+        words = f"runs '{runs.name}' ({runs.hash}), the file says 'ant' (new): bring"
+        assert why.startswith(words)
         assert Readiness.of({37: "b"}, {}, (), (), {37: why}).away == {"b": "robot 37: deploy"}
     for number, runs in enumerate((older, file)):
         event, _ = join(ours, running(37, runs), "c:1", (3 + number) * S)

@@ -13,8 +13,8 @@ from vsense.base.arena import POSE, ArenaState
 from vsense.config.specs import Pose
 from vsense.robots.link.table import STAY
 from vsense.run.homing import _motion
+from vsense.run.homing._homing import Homing
 from vsense.run.homing.floor import DrivingFloor
-from vsense.run.homing.homing import Homing
 from vsense.run.homing.robots import HomingLimits, Trouble
 from vsense.world.entities import BODY_RADIUS_M, Arena
 

@@ -62,8 +62,8 @@ def test_two_labs_are_tested_mission_by_mission(tmp_path: Path) -> None:
     same = gather.pairs[0].same
     assert same is not None and same.p is not None and same.p < 1e-4, "within one robot"
     text = "\n".join(found.lines())
-    assert "here (sim) n = 10 (0 void), there (sim) n = 10 (0 void)" in text
-    assert "here (sim) n = 10 (1 void), there (sim) n = 10 (1 void)" in text
+    assert "here (sim) n = 10 (0 invalid), there (sim) n = 10 (0 invalid)" in text
+    assert "here (sim) n = 10 (1 invalid), there (sim) n = 10 (1 invalid)" in text
     alone = compare([here, there], independent=True, tests=True)
     assert alone.studies[0].measures[0].pairs[0].n == (10, 10)
     assert json.loads(json.dumps(found.as_json()))["labs"][1]["site"] == "there"

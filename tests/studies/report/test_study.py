@@ -58,7 +58,7 @@ def test_void_runs_are_counted_and_never_pooled() -> None:
     rows = [*plan("blind", "sighted"), row(99, "blind", 1e6, verdict="void", why="fell over")]
     (result,) = results_of(rows, Questions())
     assert [arm.label for arm in result.study.arms] == ["sighted", "blind"]
-    assert result.counts == "sighted n = 6 (0 void), blind n = 6 (1 void)"
+    assert result.counts == "sighted n = 6 (0 invalid), blind n = 6 (1 invalid)"
     spread = result.measures[0].spreads[1]
     assert spread is not None and (spread.n, spread.greatest) == (6, 5.0)
 
@@ -250,7 +250,7 @@ def test_the_page_says_all_of_a_study(page: tuple[Path, dict[str, Any]]) -> None
     ]  # fmt: skip
     assert "n: sighted 6 (void: 0), blind 5 (void: 1), &lt;noise&gt; 6 (void: 0)" in text
     assert "robot 23 lost for 7 s" in text and "Friedman test (exact), 5 complete blocks" in text
-    assert "each of 17 valid runs gives one value" in text and "1 further run was void" in text
+    assert "each of 17 valid runs gives one value" in text and "1 further run was invalid" in text
     assert "SciPy" in text and "seed 1" in text
     drawn = (folder / "runs-01-items_home.svg").read_text()
     assert ">sighted</text>" in drawn and ">(n = 5)</text>" in drawn

@@ -16,6 +16,7 @@ from vsense.config.placement import StartPlaces
 from vsense.modes.sim.job import Job, Setup
 from vsense.modes.sim.outcome import Task
 from vsense.run.runs_csv import COLUMNS, RunRow, RunsFile
+from vsense.run.verdict import VoidCriteria
 from vsense.studies.series._folder import CampaignTable
 from vsense.studies.series._order import CAMPAIGN, PlannedRun, cells, pending
 from vsense.studies.series._plan import Condition, PlannedStart, SeriesPlan
@@ -106,7 +107,10 @@ def test_measures_of_a_run_are_those_that_are_read_again() -> None:
     experiment = SimpleNamespace(sources=(), robots=())
     task = Task(Job(Setup("it"), 1, {}), experiment)  # type: ignore[arg-type]
     result = {"name": "it", "timesteps": 3, "timestep_s": 0.1, "swarm": {"lit": 1.0}}
-    row = outcome(task, {**result, "measures": {"left": 1 / 3, "gone": None}}).row
+    result |= {"complete": True, "changes": 0, "complaints": ["mine asks for x"]}
+    result |= {"measures": {"left": 1 / 3, "gone": None}}
+    row = outcome(task, result, VoidCriteria()).row
+    assert (row.valid, row.note) == (True, "mine asks for x")
     assert row.measures == {"left": 0.333333333333, "gone": None}
 
 

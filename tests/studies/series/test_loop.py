@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import resource
 from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,11 +18,11 @@ import pytest
 
 from vsense.base.errors import Interrupted, UsageError, VsenseError
 from vsense.base.terminal import Console, Interruption
+from vsense.modes.sim.fingerprint import software
 from vsense.modes.sim.job import Setup
 from vsense.run.directory import TIMESTEPS_CSV
 from vsense.run.runs_csv import RunRow, read_runs
 from vsense.studies.series import _simulated
-from vsense.studies.series._criteria import Evidence
 from vsense.studies.series._folder import SeriesFolder
 from vsense.studies.series._order import PlannedRun, VoidLimit, cells, pending
 from vsense.studies.series._plan import SeriesPlan, read
@@ -44,7 +47,7 @@ lost_s = 5
 
 
 class Script:
-    """Makes runs as a script says: the evidence of one after the other, then good ones."""
+    """Makes runs as a script says: the outcome of one after the other, then good ones."""
 
     def __init__(self, *script: RunOutcome | None, interrupted: Interruption) -> None:
         self.made: list[str] = []
@@ -52,23 +55,23 @@ class Script:
         self._interrupted = interrupted
 
     def make(self, runs: Sequence[PlannedRun], folder: SeriesFolder) -> Iterator[RunResult]:
-        outcome = self._script.pop(0) if self._script else outcome_of(Evidence())
+        outcome = self._script.pop(0) if self._script else outcome_of()
         self.made.append(runs[0].name)
         directory = folder.of_run(runs[0])
         (directory / TIMESTEPS_CSV).touch()
         if outcome is None:
             raise VsenseError("the lamp is broken")
-        if outcome.evidence.ended == "interrupted":
+        if outcome.ended == "interrupted":
             self._interrupted.set()
         yield runs[0], outcome
 
 
-def outcome_of(evidence: Evidence, halt_reason: str = "") -> RunOutcome:
+def outcome_of(ended: str = "time", why: str = "", halt_reason: str = "") -> RunOutcome:
     row = RunRow(run="", mode="lab", experiment="foraging", condition="", measures={"food": 3.0})
-    return RunOutcome(row, evidence, halt_reason)
+    return RunOutcome(replace(row, why=why), ended, halt_reason)
 
 
-LOST = outcome_of(Evidence(lost_s={"seven": 6.0}))
+LOST = outcome_of(why="seven lost for 6.0 s")
 
 
 @pytest.fixture
@@ -82,7 +85,7 @@ def carried_out(plan: SeriesPlan, *script: RunOutcome | None) -> tuple[SeriesLoo
     """One call of the command: the loop, the runs that were made, and what was said."""
     said, interrupted = io.StringIO(), Interruption()
     maker = Script(*script, interrupted=interrupted)
-    with SeriesFolder(plan.path.parent / "walks", plan, [plan.path]) as folder:
+    with SeriesFolder(plan.path.parent / "walks", plan, []) as folder:
         make = partial(maker.make, folder=folder)
         loop = SeriesLoop(plan, folder, make, Console(said), interrupted)
         try:
@@ -101,15 +104,15 @@ def test_void_runs_are_kept_named_and_repeated(plan: SeriesPlan) -> None:
     assert made == ["run-001", "run-002", "run-001-2"]
     why = "seven lost for 6.0 s"
     assert rows(plan) == [("run-001", why), ("run-002", ""), ("run-001-2", "")]
-    assert f"is void: {why}" in said and (loop.end_reason, loop.valid) == ("", 2)
+    assert f"is invalid: {why}" in said and (loop.end_reason, loop.valid) == ("", 2)
     assert loop.facts()["void"] == [{"run": "run-001", "why": why}]
     assert carried_out(plan)[1] == [], "all is done"
 
 
 def test_too_many_void_runs_end_it_with_every_why(plan: SeriesPlan) -> None:
-    _, made, said = carried_out(plan, LOST, outcome_of(Evidence()), LOST)
+    _, made, said = carried_out(plan, LOST, outcome_of(), LOST)
     assert made == ["run-001", "run-002", "run-001-2"]
-    assert "failed: " in said and "void 2 times" in said
+    assert "failed: " in said and "invalid 2 times" in said
     assert "run-001: seven lost for 6.0 s; run-001-2: seven lost" in said
     with SeriesFolder(plan.path.parent / "walks", plan, []) as folder, pytest.raises(VoidLimit):
         SeriesLoop(
@@ -119,7 +122,7 @@ def test_too_many_void_runs_end_it_with_every_why(plan: SeriesPlan) -> None:
 
 def test_who_stops_a_run_ends_the_series_and_it_goes_on_later(plan: SeriesPlan) -> None:
     by = "stopped by ben (terminal)"
-    loop, made, _ = carried_out(plan, outcome_of(Evidence(by), halt_reason=by))
+    loop, made, _ = carried_out(plan, outcome_of(by, f"{by} before its end", by))
     assert (loop.end_reason, made) == (by, ["run-001"])
     assert carried_out(plan)[1] == ["run-002", "run-001-2"]
 
@@ -137,7 +140,7 @@ def test_what_was_simulated_before_it_ends_is_kept(
         return SimpleNamespace(job=SimpleNamespace(recording=str(folder.recording(run, "a"))))
 
     monkeypatch.setattr(SimulatedRuns, "_task", task)
-    monkeypatch.setattr(_simulated, "outcome", lambda *some: outcome_of(Evidence()))
+    monkeypatch.setattr(_simulated, "outcome", lambda *some: outcome_of())
     runs = pending(plan, [])
     warned = SimpleNamespace(experiment=SimpleNamespace(warnings=()))
     maker = SimulatedRuns(
@@ -159,7 +162,7 @@ def test_what_was_simulated_before_it_ends_is_kept(
 
 
 def test_what_is_cut_off_is_told_and_counts_for_nothing(plan: SeriesPlan) -> None:
-    cut = outcome_of(Evidence("interrupted"))
+    cut = outcome_of("interrupted")
     for attempt in ("run-001", "run-002", "run-001-2"):
         loop, made, _ = carried_out(plan, cut)
         assert (loop.end_reason, made) == ("interrupted", [attempt])
@@ -221,7 +224,7 @@ def test_a_folder_that_was_only_begun_is_taken(plan: SeriesPlan) -> None:
 
 
 def test_a_plan_may_try_more_often_and_not_less(plan: SeriesPlan) -> None:
-    assert "void 2 times" in carried_out(plan, LOST, outcome_of(Evidence()), LOST)[2]
+    assert "invalid 2 times" in carried_out(plan, LOST, outcome_of(), LOST)[2]
     plan.path.write_text(PLAN.replace("again = 1", "again = 2\nrepetitions = 2"))
     more = read(plan.path)
     _, made, said = carried_out(more)
@@ -234,14 +237,16 @@ def test_a_plan_may_try_more_often_and_not_less(plan: SeriesPlan) -> None:
         carried_out(plan)
 
 
-def test_files_that_have_changed_are_told(plan: SeriesPlan) -> None:
+def test_a_series_goes_on_with_other_files_only_where_that_is_wanted(plan: SeriesPlan) -> None:
     program = plan.path.with_name("walk.c")
     program.write_text("one")
     folder = plan.path.parent / "walks"
     with SeriesFolder(folder, plan, [program]) as first:
         assert first.changed == []
     program.write_text("two")
-    with SeriesFolder(folder, plan, [program]) as again:
+    with pytest.raises(UsageError, match=rf"began: {program}. Runs .* --allow-upgrade"):
+        SeriesFolder(folder, plan, [program]).__enter__()
+    with SeriesFolder(folder, plan, [program], allows_upgrade=True) as again:
         assert again.changed == [str(program)] and again.check_files() == []
         program.write_text("one")
         assert (again.check_files(), again.changed) == ([], [])
@@ -249,17 +254,47 @@ def test_files_that_have_changed_are_told(plan: SeriesPlan) -> None:
         assert again.check_files() == [str(program)]
 
 
-def test_rows_say_that_a_file_changed_while_the_series_went_on(plan: SeriesPlan) -> None:
+def test_a_series_goes_on_with_another_vsense_only_where_that_is_wanted(plan: SeriesPlan) -> None:
+    folder = plan.path.parent / "walks"
+    with SeriesFolder(folder, plan, []):
+        notes = json.loads((folder / "series.json").read_text())
+    assert notes["software"] == software() and len(notes["software"]["sources"]) == 12
+    before = notes["software"] | {"sources": "0123456789ab", "commit": ""}
+    (folder / "series.json").write_text(json.dumps(notes | {"software": before}))
+    now = software()["commit"] or software()["sources"]
+    words = f"vsense 0.1.0 (0123456789ab) became vsense 0.1.0 ({now})"
+    with pytest.raises(UsageError, match=re.escape(f"began: {words}. Runs")):
+        SeriesFolder(folder, plan, []).__enter__()
+    said = io.StringIO()
+    with SeriesFolder(folder, plan, [], allows_upgrade=True) as again:
+        make = partial(Script(interrupted=Interruption()).make, folder=again)
+        SeriesLoop(plan, again, make, Console(said), Interruption()).run()
+        assert {row.note for row in again.rows} == {f"changed since the series began: {words}"}
+    assert said.getvalue().count(words) == 1
+    # One of vsense 0.1 has a version only.
+    del notes["software"]
+    (folder / "series.json").write_text(json.dumps(notes))
+    with SeriesFolder(folder, plan, []) as older:
+        assert older.upgrade == ""
+
+
+@pytest.mark.parametrize("allowed", [False, True])
+def test_a_file_that_changes_while_the_series_goes_on_ends_it(
+    plan: SeriesPlan, allowed: bool
+) -> None:
     def make(runs: Sequence[PlannedRun]) -> Iterator[RunResult]:
-        yield runs[0], outcome_of(Evidence())
+        yield runs[0], outcome_of()
         plan.path.with_name("walk.c").write_text("another")
-        yield runs[1], outcome_of(Evidence())
+        yield runs[1], outcome_of()
 
     program = plan.path.with_name("walk.c")
     program.write_text("one")
     said, never = io.StringIO(), Interruption()
-    with SeriesFolder(plan.path.parent / "walks", plan, [program]) as folder:
-        SeriesLoop(plan, folder, make, Console(said), never).run()
-        notes = [row.note for row in folder.rows]
-    assert notes == ["", "changed since the series began: walk.c"]
-    assert said.getvalue().count(f"{program} has changed since") == 1
+    with SeriesFolder(plan.path.parent / "walks", plan, [program], allowed) as folder:
+        loop = SeriesLoop(plan, folder, make, Console(said), never)
+        with nullcontext() if allowed else pytest.raises(UsageError, match="--allow-upgrade"):
+            loop.run()
+        rows = [(row.verdict, row.note) for row in folder.rows]
+    note = "changed since the series began: walk.c"
+    assert rows == [("valid", ""), ("valid" if allowed else "void", note)]
+    assert (f"changed since this series began: {program}" in said.getvalue()) == allowed

@@ -11,7 +11,7 @@ import pytest
 
 from vsense.base.errors import ConfigError, UsageError
 from vsense.run.runs_csv import RunRow
-from vsense.studies.series._criteria import Evidence, VoidCriteria, why_void
+from vsense.run.verdict import VoidCriteria
 from vsense.studies.series._folder import differences
 from vsense.studies.series._order import CUT, VoidLimit, cells, count_valid, duplicates, pending
 from vsense.studies.series._plan import SeriesPlan, read
@@ -184,27 +184,8 @@ def test_a_run_that_is_void_too_often_ends_the_series(tmp_path: Path) -> None:
     once = row(plan, 5, "void", void)
     assert pending(plan, [once])
     assert pending(plan, [once, row(plan, 5, "void", f"{CUT}: interrupted")])[-1]
-    with pytest.raises(VoidLimit, match=r"void 2 .*robot 3 lost"):
+    with pytest.raises(VoidLimit, match=r"invalid 2 .*robot 3 lost"):
         pending(plan, [once, once])
-
-
-def test_criteria_say_why() -> None:
-    criteria = VoidCriteria(lost_s=5.0, moved_mm=30.0, late=0.01)
-    good = Evidence(late=0.01, lost_s={"a": 5.0}, moved_mm={"a": 30.0})
-    assert why_void(criteria, good) == ""
-    bad = Evidence("stopped by ben", 0.02, {"a": 5.1, "b": 0.0}, {"b": 31.0}, ("c (stuck)",))
-    assert why_void(criteria, bad) == (
-        "stopped by ben before its end; not at the start: c (stuck); a lost for 5.1 s;"
-        " b moved by 31 mm by hand; 2.0 % of the timesteps late"
-    )
-    stood = Evidence(fenced_s={"a": 0.5, "b": 0.6, "c": 0.0})
-    assert why_void(VoidCriteria(fenced_s=0.5), stood) == "b stood 0.6 s for the fence"
-    assert why_void(VoidCriteria(fenced_s=0.0), stood).startswith("a stood 0.5 s, b stood 0.6 s")
-    assert why_void(VoidCriteria(), stood) == ""
-    lenient = VoidCriteria(ended_early=False, away_from_start=False)
-    assert why_void(lenient, bad) == ""
-    never = Evidence("emergency stop by ben", measured=False)
-    assert why_void(lenient, never) == "nothing was measured: emergency stop by ben"
 
 
 def test_what_has_changed_in_a_plan_is_named(tmp_path: Path) -> None:

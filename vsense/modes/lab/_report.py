@@ -26,6 +26,7 @@ from vsense.monitor.pictures import run_figure
 from vsense.monitor.pictures.run_figure import RunCameras, spoken
 from vsense.robots.link.status import RING_LEDS
 from vsense.run.figures import StepTimes, late_text, link_row, number, percent
+from vsense.run.verdict import judged, table_rows
 
 JUDGED = "pollutant"
 """The sensor whose values are compared with the truth."""
@@ -86,7 +87,7 @@ def _swarm_truth(
 
 def _wanted(recording: RunNotes, experiment: Experiment, steps: NDArray[np.void]) -> int:
     """The timesteps that the run had, as far as its logs go."""
-    complete = recording.ended == "time" and experiment.timesteps > 0
+    complete = recording.record.ended == "time" and experiment.timesteps > 0
     complete = complete and len(steps) == len(recording.figures.steps)
     return experiment.timesteps if complete else int(steps["run_timestep"][-1]) + 1
 
@@ -139,7 +140,8 @@ def summarise(session: Session, number: int, measured: _metrics.MeasuredRun) -> 
         "vision": session.tracking.figures(),
         "measures": recording.measures,
     }
-    return summary | report_all(session.robots.hardware)
+    summary |= report_all(session.robots.hardware)
+    return judged(summary, recording.record, session.setup.criteria)
 
 
 def draw(session: Session, recording: RunNotes, run: _metrics.MeasuredRun, path: Path) -> None:
@@ -184,6 +186,7 @@ def table(summary: dict[str, Any]) -> str:
     short = f"; the logs end {unlogged} timesteps before the run" if unlogged else ""
     rows = [
         ("run", f"{summary['timesteps']} timesteps, {late_text(summary)}{short}"),
+        *table_rows(summary),
         *([("pace", f"{pace:g}: all times below are of the lab's clock")] if pace < 1.0 else ()),
         (
             "tracking",

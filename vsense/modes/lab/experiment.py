@@ -30,6 +30,7 @@ from vsense.robots.link.keys import INSECURE, LinkTrust
 from vsense.run import directory as run_directory
 from vsense.run.runs_csv import RunRows
 from vsense.run.runtime import Step
+from vsense.run.verdict import exit_code
 
 COMPLAINTS_TIMESTEP = 10
 """By then every controller has begun and reported what it misses."""
@@ -100,7 +101,7 @@ def _carry_out(session: Session, options: LabOptions) -> int:
     console.end_progress()
     try:
         with interrupted.in_time():
-            _report_all(on_stdout, session, series, rows)
+            summaries = _report_all(on_stdout, session, series, rows)
     except CutShort:
         console.say(f"vsense: no time for the figures; the run's logs are in {directory}")
         if failure is not None:
@@ -108,7 +109,8 @@ def _carry_out(session: Session, options: LabOptions) -> int:
         raise
     if failure is not None:
         raise failure
-    return interrupted.code if series.was_broken(session.runner.control) else 0
+    broken = series.was_broken(session.runner.control)
+    return interrupted.code if broken else exit_code(summaries)
 
 
 def _trust(options: LabOptions, console: Console) -> LinkTrust:
@@ -223,20 +225,23 @@ def _measured(session: Session) -> str:
     return f"  in the cone {0 if cone is None else int(cone.contains(places).sum())}"
 
 
-def _report_all(on_stdout: bool, session: Session, series: Series, rows: RunRows) -> None:
-    """Measures, writes and prints the figures of all runs."""
-    summaries, say = [], session.setup.console.say
+def _report_all(
+    on_stdout: bool, session: Session, series: Series, rows: RunRows
+) -> list[dict[str, Any]]:
+    """Measures, writes and prints the figures of all runs, and gives them."""
+    summaries, say = list[dict[str, Any]](), session.setup.console.say
     try:
         for number, notes in enumerate(session.recordings, 1):
             if len(notes.figures.steps):
                 alone = on_stdout and not series.several
                 summaries.append(report_run(session, number, say, alone))
-                if lacks := rows.add(summaries[-1], notes.ended, notes.experiment):
+                if lacks := rows.add(summaries[-1], notes.experiment):
                     session.setup.console.say(lacks, "trouble")
             else:
                 say("vsense: the run ended before its first timestep: nothing was measured")
     finally:
         series.write_summary(session.experiment.name, summaries, on_stdout)
+    return summaries
 
 
 def report_run(

@@ -36,6 +36,7 @@ from vsense.run.changing import Ground
 from vsense.run.figures import Figures
 from vsense.run.robots import Readiness
 from vsense.run.runtime import Step
+from vsense.run.verdict import RunRecord
 from vsense.vision.markers.families import load_family
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 from vsense.vision.tracking.camera_tracking import CameraTracking
@@ -61,7 +62,7 @@ class RunNotes:
         experiment: with who plays in this run.
         robots: they, in its order.
         parts: who played which part, as in summaries.
-        ended: what ended it, as `Runner.ended`.
+        record: what there was of it, for its verdict.
         figures: the run's timesteps, counted.
         tracking: what was read of the markers, against the truth.
         samples: the virtual world and the experiment's measures over time.
@@ -81,7 +82,7 @@ class RunNotes:
     robots: Sequence[Robot]
     parts: Sequence[Mapping[str, Any]] = ()
     resting: tuple[str, ...] = ()
-    ended: str = ""
+    record: RunRecord = field(default_factory=lambda: RunRecord(ended=""))
     measures: dict[str, float] = field(default_factory=dict)
     pictures: dict[int, dict[str, Image]] = field(default_factory=dict)
     packed: dict[int, dict[str, NDArray[np.uint8]]] = field(default_factory=dict)
@@ -280,8 +281,8 @@ class Session(ExperimentSession):
             failure = error
         self.stop()
         notes.parts = played(self.experiment, self.runner.robots)
-        notes.ended, notes.link = self.runner.ended, self.runner.link_figures()
-        notes.lateness_ms = canary.end()
+        notes.link, notes.lateness_ms = self.runner.link_figures(), canary.end()
+        notes.record = self.record_of(notes.figures, failure)
         if failure is not None:
             # Without physics the cameras fail, too: report what failed first.
             self.floor.check()

@@ -36,6 +36,7 @@ from vsense.run.directory import RunLog
 from vsense.run.leases import RobotLeases
 from vsense.run.robots import Readiness
 from vsense.run.runs_csv import RunRows
+from vsense.run.verdict import exit_code
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,6 +105,7 @@ def _run_leased(
             options.starts_of(opened),
             options.battery,
             (lambda tags: None) if leases is None else leases.take,
+            options.link.other_programs,
         )
         series = Series(directory, options.room.runs, room.holds, interrupted)
         rows = RunRows(directory, "run", dict(asked.settings))
@@ -140,7 +142,8 @@ class _RealRuns:
         self.series.write_summary(setup.experiment.name, summaries, options.json)
         if failure is not None:
             raise failure
-        return setup.interrupted.code if self.series.was_broken(session.runner.control) else 0
+        broken = self.series.was_broken(session.runner.control)
+        return setup.interrupted.code if broken else exit_code(summaries)
 
     def _carry_out(self, session: RunSession, summaries: list[dict[str, Any]]) -> bool:
         """Waits, carries out a run and reports; False if the wait was interrupted."""
@@ -160,7 +163,7 @@ class _RealRuns:
         summary = run.report()
         if summary is not None:
             summaries.append(summary)
-            if lacks := self.rows.add(summary, summary["ended"], session.experiment):
+            if lacks := self.rows.add(summary, session.experiment):
                 self.log.say(lacks, "trouble")
         if run.failure is not None:
             raise run.failure

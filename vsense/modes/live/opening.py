@@ -37,6 +37,7 @@ class LinkOptions:
         insecure: robots without a key are taken, too.
         tracking: two files of our own cameras; None: another tracker.
         tracker: see `with_tracker`.
+        other_programs: robots that run another program than the file's are taken.
     """
 
     host: str | None = None
@@ -46,6 +47,7 @@ class LinkOptions:
     insecure: bool = False
     tracking: tuple[str, str] | None = None
     tracker: tuple[str, int] | None = None
+    other_programs: bool = False
 
     def address(self, experiment: Experiment) -> tuple[str, int]:
         """Where robots of an experiment connect to."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from itertools import compress
 from pathlib import Path
@@ -26,6 +26,7 @@ from vsense.run.directory import RunLog
 from vsense.run.figures import Figures, TimestepSample
 from vsense.run.robots import Readiness, shorten
 from vsense.run.runtime import Step
+from vsense.run.verdict import judged
 from vsense.vision.cameras.camera import Camera
 from vsense.world.world import NEVER_NS, World
 
@@ -139,7 +140,12 @@ class Portrait:
 
 
 class OneRun:
-    """Carries out a run and reports about it; `failure` is what has ended it before its time."""
+    """Carries out a run and reports about it.
+
+    Attributes:
+        failure: what has ended it before its time.
+        figures: of its timesteps.
+    """
 
     def __init__(
         self,
@@ -147,19 +153,15 @@ class OneRun:
         directory: Path,
         readiness: Readiness,
         log: RunLog,
-        observe: Callable[[Step], None] = lambda step: None,
     ) -> None:
-        """The robots of `session` have been waited for; `directory` exists.
-
-        `observe` is called after every timestep of the run.
-        """
+        """The robots of `session` have been waited for; `directory` exists."""
         self.failure: VsenseError | None = None
         self._session = session
         self._experiment = session.experiment
         self._directory = directory
         self._readiness = readiness
-        self._log, self._observe = log, observe
-        self._figures = Figures(session.experiment)
+        self._log = log
+        self.figures = Figures(session.experiment)
         own = session.source.own
         cameras = () if own is None else own.tracking.tracker.cameras
         self._portrait = Portrait(session.experiment, cameras)
@@ -178,14 +180,13 @@ class OneRun:
 
     def _timesteps(self) -> None:
         runner, world = self._session.runner, self._session.environment.world
-        counted = self._figures.carry_out(runner, world, self._directory, self._log)
+        counted = self.figures.carry_out(runner, world, self._directory, self._log)
         with closing(counted) as timesteps:
             for step, sample in timesteps:
                 robots = runner.robots
                 self._portrait.add(step.run_timestep, world, robots, step.frames)
                 lost = [status.name for status in robots.values() if not status.connected]
                 self._log.progress(self._line(step, sample, lost))
-                self._observe(step)
                 # Lent pictures go back during a pause.
                 del step
 
@@ -213,7 +214,7 @@ class OneRun:
     def report(self) -> dict[str, Any] | None:
         """Measures, writes, and prints the figures; None where nothing was measured."""
         session, environment = self._session, self._session.environment
-        if not len(self._figures.steps):
+        if not len(self.figures.steps):
             self._log.say("vsense: the run ended before its first timestep: nothing was measured")
             return None
         summary: dict[str, Any] = {
@@ -225,8 +226,10 @@ class OneRun:
             "resting": list(session.resting),
             "parts": played(self._experiment, session.runner.robots),
             "source": session.source.figures(),
-            **self._figures.summary(session.runner, self._readiness, self._results),
+            **self.figures.summary(session.runner, self._readiness, self._results),
         }
+        record = session.record_of(self.figures, self.failure)
+        summary = judged(summary, record, session.setup.criteria)
         self._log.say(figures.table(summary))
         try:
             run_directory.write_summary(self._directory, summary, False)

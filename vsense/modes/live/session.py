@@ -29,8 +29,8 @@ from vsense.run.changes import Changes
 from vsense.run.changing import HANDS, Ground
 from vsense.run.control import Control, State
 from vsense.run.environment import Environment
-from vsense.run.homing.homing import Homing
-from vsense.run.homing.starts import Starts, say_end
+from vsense.run.figures import Figures
+from vsense.run.homing.starts import Starts, say_end, say_next
 from vsense.run.robots import (
     Readiness,
     RunBatteries,
@@ -42,6 +42,7 @@ from vsense.run.robots import (
 )
 from vsense.run.runner import Runner
 from vsense.run.runtime import Runtime, Step
+from vsense.run.verdict import RunRecord, VoidCriteria
 from vsense.run.watch import ArenaSource
 from vsense.vision.calibration.checked import of_tracking
 from vsense.vision.cameras.camera import Camera
@@ -75,6 +76,8 @@ class RunSetup:
         battery_v: who has less before a run, when it has driven to its start, rests in it; 0:
             nobody does.
         lease: takes robots that are put in between runs, by their tags, before they hear of it.
+        other_programs: robots that run another program than the file's are taken.
+        criteria: what makes a run invalid beside what always does.
     """
 
     experiment: Experiment
@@ -89,6 +92,8 @@ class RunSetup:
     starts: Starts | None = None
     battery_v: float = 0.0
     lease: Callable[[Collection[int]], None] = lambda tags: None
+    other_programs: bool = False
+    criteria: VoidCriteria = field(default_factory=VoidCriteria)
 
 
 class ExperimentSession(ABC):
@@ -98,11 +103,13 @@ class ExperimentSession(ABC):
         environment: the virtual world of the present run.
         runner: waits for the robots and carries out the runs.
         resting: robots that are not in the present run, by name: their batteries are low.
+        away: why robots are not at their starts in it, by name.
         quiet: kinds of link events that are not printed.
     """
 
     quiet: frozenset[EventKind] = frozenset()
     resting: tuple[str, ...] = ()
+    away: Mapping[str, str] = {}
 
     def __init__(self, setup: RunSetup, legacy_port: int | None = None) -> None:
         """Makes the first world; `legacy_port` is for robots with the original's client."""
@@ -116,10 +123,10 @@ class ExperimentSession(ABC):
             setup.trust,
             self._on_link_event,
             legacy_port,
+            setup.other_programs,
         )
         self._stack, self._over = ExitStack(), False
-        lease = lambda tag: setup.lease([tag])  # noqa: E731
-        self._cast = Cast(lambda: [self.experiment], lease, self._unable)
+        self._cast = Cast(lambda: [self.experiment], lambda tag: setup.lease([tag]), self._unable)
         self._put_in: set[int] = set()
         roster = setup.experiment.casting.roster
         self._batteries = RunBatteries(roster, setup.experiment.timestep_s)
@@ -157,8 +164,8 @@ class ExperimentSession(ABC):
         Gives the runtime, which has yet to be opened.
         """
         setup, server, room = self.setup, self.server, self.setup.room
-        changes = Changes(setup.console.say, room.locked, ground)
-        runtime = Runtime(source, self.environment, server, changes=changes)
+        self._changes = Changes(setup.console.say, room.locked, ground)
+        runtime = Runtime(source, self.environment, server, changes=self._changes)
         can_recast = not isinstance(server, MixedServer)
         recast = self._cast.ask if can_recast else None
         record, say, holds = room.recorders.switch, setup.console.say, room.holds
@@ -185,9 +192,8 @@ class ExperimentSession(ABC):
     def _scene(
         self, command: str, cameras: Sequence[Camera], trackers: dict[str, str], troubles: Troubles
     ) -> ExperimentFacts:
-        text = read_bytes(self.experiment.path).decode(errors="replace")
-        setup, user = self.setup, user_name()
-        made, homes = dict(setup.origin), setup.starts is not None
+        setup, text = self.setup, read_bytes(self.experiment.path).decode(errors="replace")
+        user, made, homes = user_name(), dict(setup.origin), setup.starts is not None
         return ExperimentFacts(
             command, text, setup.blind, cameras, trackers, troubles, made, user=user, homes=homes
         )
@@ -221,20 +227,19 @@ class ExperimentSession(ABC):
         self.setup.console.say(words, "warning")
         return readiness
 
-    def home(self) -> Homing | None:
+    def home(self) -> None:
         """Has the robots drive to the starts of the present run, where that is wanted.
 
-        Gives how it went; None where they stay where they are. Who has too little in its battery
-        by then rests in the run.
+        Who has too little in its battery by then rests in the run.
         """
-        starts, homing = self.setup.starts, None
+        self.away, starts = {}, self.setup.starts
         if starts is not None:
             homing = starts.homing(self.environment.experiment, self.environment.seed)
             self.runner.home(homing)
             if homing.done or homing.spent_s:  # else somebody has ended it before it began
                 say_end(homing, self.setup.console)
+            self.away = {a.name: a.trouble for a in homing.arrivals() if a.trouble}
         self._leave_out_low()
-        return homing
 
     def _leave_out_low(self) -> None:
         """Has those whose batteries are low rest in the run, and says who they are."""
@@ -254,8 +259,7 @@ class ExperimentSession(ABC):
     def _make_room(self, pair: Pair, experiment: Experiment) -> None:
         """Has whatever sees and moves robots know of one who is put in for another.
 
-        Raises:
-            VsenseError: that cannot be; everything is as before.
+        VsenseError: that cannot be; everything is as before.
         """
 
     def _between(self) -> None:
@@ -294,9 +298,14 @@ class ExperimentSession(ABC):
             starts = replace(starts, experiment=recast(starts.experiment, pair))
         self.setup = replace(self.setup, experiment=experiment, starts=starts)
         self._put_in.add(pair[1])
-        self.server.recast(expected_robots(experiment, environment.tables, self._put_in))
+        tables, taken = environment.tables, self.setup.other_programs
+        self.server.recast(expected_robots(experiment, tables, self._put_in, taken))
         self.runner.recast(environment)
         self.setup.room.recast(environment)
+
+    def record_of(self, figures: Figures, failure: VsenseError | None) -> RunRecord:
+        """What there was of the run that is over: by its figures, and what has ended it."""
+        return figures.record(self.runner, self.resting, self.away, self._changes.carried, failure)
 
     def next_run(self) -> None:
         """Goes back to before the start of the next run, whose seed is one more."""
@@ -304,8 +313,7 @@ class ExperimentSession(ABC):
         self._between()
         self.environment = self.environment.following()
         self.runner.next_run(self.environment)
-        where = "stay where they stand" if self.setup.starts is None else "drive to their starts"
-        self.setup.console.say(f"the next run has seed {self.environment.seed}: the robots {where}")
+        say_next(self.setup.starts, self.environment.seed, self.setup.console)
         self._over = False
 
     def stop(self) -> None:
@@ -326,9 +334,8 @@ class ExperimentSession(ABC):
         server, host = self.server, self.setup.address[0]
         if is_loopback(host):
             return []
-        doubts = []
-        if self.setup.trust.insecure:
-            doubts.append(f"robots' port on {host} (--insecure): anybody can drive robots")
+        port = f"robots' port on {host} (--insecure): anybody can drive robots"
+        doubts = [port] if self.setup.trust.insecure else []
         if isinstance(server, MixedServer):
             where = f"original client's port {server.legacy_port} on {host}"
             doubts.append(f"{where}: whoever has a robot's address is taken for it")

@@ -98,6 +98,11 @@ class KeptRun:
         assert self._tables is not None
         self._tables.add(numbers, times_ns, counts, run.environment.world.results)
 
+    @property
+    def changes(self) -> int:
+        """So often somebody has changed its world."""
+        return 0 if self._paced is None else self._paced.changes.carried
+
     def end(self) -> dict[str, Any] | None:
         """Ends tables and recording; gives what became of that: see `SimRecorder.close`."""
         if self._tables is not None:

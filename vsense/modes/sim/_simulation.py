@@ -124,7 +124,7 @@ class Simulation:
         experiment = settle(experiment, seed)
         progress = bytearray(RUN_PROGRESS_BYTES) if progress is None else progress
         # Loop functions may begin below, and ask for the timestep.
-        self._timestep, self._numbers, self.chain = 0, 0, None
+        self._timestep, self._numbers, self.chain, self.is_whole = 0, 0, None, True
         self.environment = Environment(experiment, seed, blind, self._host(progress))
         self.record = SimulationRecord(experiment)
         self.samples = self.observe = None
@@ -172,6 +172,7 @@ class Simulation:
                 run_timestep += self.go_on(run_timestep, most)
             if self.environment.finished or most == 0:
                 self.record.end(run_timestep)
+                self.is_whole = most > 0
                 break
         self._advance(self._capture_ns())
         self._robots.end()

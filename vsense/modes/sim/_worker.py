@@ -54,7 +54,8 @@ def simulate(job: Job, progress: Any, page: Connection | None = None) -> dict[st
     Returns:
         The experiment's `name`, number of `robots` and `timesteps`, `timestep_s`, `wall_s` that
         the timesteps took and `cpu_s` of this process for them, `swarm` as of `metrics.swarm`,
-        `measures` of the experiment's own, and `complaints` of controllers, and of what they logged
+        `measures` of the experiment's own, whether it is `complete` or was stopped, how many
+        `changes` people made to its world, `complaints` of controllers, and of what they logged
         the first `events` (seconds and words) and how many there are; `recording`, see `KeptRun`.
 
     Raises:
@@ -83,18 +84,18 @@ def simulate(job: Job, progress: Any, page: Connection | None = None) -> dict[st
         "timestep_s": experiment.timestep_s,
         "wall_s": wall_s,
         "cpu_s": cpu_s,
-        "swarm": run.record.swarm(),
         "measures": measures,
         "recording": recording,
-        **_said(run),
+        **_notes(run, files),
     }
 
 
-def _said(run: Simulation) -> dict[str, Any]:
-    """What controllers complained of and logged."""
+def _notes(run: Simulation, files: KeptRun) -> dict[str, Any]:
+    """What became of it, and what controllers complained of and logged."""
     events = run.record.events
     events_data = {"events": events[:EVENTS_TOLD], "events_in_all": len(events)}
-    return {"complaints": run.complaints(), **events_data}
+    facts = {"complete": run.is_whole, "changes": files.changes, "complaints": run.complaints()}
+    return {"swarm": run.record.swarm(), **facts, **events_data}
 
 
 class NotHere(VsenseError):

@@ -15,13 +15,14 @@ from vsense.modes import origin
 from vsense.modes.lab._metrics import swarm_rows
 from vsense.modes.options import ExperimentOptions, choose_seed, say_warnings
 from vsense.modes.sim.job import Job, Setup
-from vsense.modes.sim.outcome import Task, libraries_of
+from vsense.modes.sim.outcome import Task, libraries_of, record_of
 from vsense.modes.sim.watch import Show, WorkerProcess, simulate_all
 from vsense.monitor import recording
 from vsense.monitor.recording import MCAP, size_line
 from vsense.run import directory as run_directory
 from vsense.run.directory import LOGGED, TRAJECTORY
 from vsense.run.environment import MOST_SEED
+from vsense.run.verdict import VoidCriteria, judge, table_rows
 
 if TYPE_CHECKING:
     from vsense.modes.sim._room import SimRoom
@@ -177,7 +178,7 @@ class _SingleRun:
             try:
                 result = runs.run(Task(job, self.experiment), self._show())
                 console.end_progress()
-                yield self._report(job, result, False)
+                yield self._report(job, result, False, control.why)
             except VsenseError as error:
                 self._say_failure(job)
                 # The page stays: who watches shall see what has failed, and may go on.
@@ -231,11 +232,14 @@ class _SingleRun:
         self.console.end_progress()
         self.console.say(f"the run has failed; what there is of it: {job.directory}")
 
-    def _report(self, job: Job, result: dict[str, Any], on_stdout: bool) -> dict[str, Any]:
-        """Writes and prints a run's figures."""
+    def _report(
+        self, job: Job, result: dict[str, Any], on_stdout: bool, ended: str = ""
+    ) -> dict[str, Any]:
+        """Writes and prints a run's figures; `ended`: why, where it did before its end."""
         console, directory = self.console, Path(job.directory or ".")
         console.end_progress()
-        summary = _summarise(job, result)
+        record = record_of(result, ended)
+        summary = {**_summarise(job, result), **judge(record, VoidCriteria()).facts()}
         self._say_events(result, directory)
         run_directory.write_summary(directory, summary, on_stdout)
         console.say(_table(summary))
@@ -286,7 +290,7 @@ def _table(summary: dict[str, Any]) -> str:
         f"{summary['duration_s']:g} s of {summary['robots']} robots,"
         f" {summary['speedup']:g} times as fast as real time"
     )
-    rows = [("run", text)]
+    rows = [("run", text), *table_rows(summary)]
     rows += swarm_rows(summary["swarm"], summary["robots"])
     rows += [("measure", f"{name} = {value:g}") for name, value in summary["measures"].items()]
     return "\n".join(f"{name:<10}{text}" for name, text in rows)

@@ -14,6 +14,7 @@ import json
 import math
 import os
 import re
+import subprocess
 import sys
 import warnings
 from collections.abc import Callable, Mapping
@@ -174,7 +175,7 @@ def of_machine() -> Machine:
 
     python = ".".join(map(str, sys.version_info[:2]))
     versions = zip(VERSIONS, (__version__, python, np.__version__, cv2.__version__))
-    return {**dict(versions), _OWN: _own_sources(), **_last_digits()}
+    return {**dict(versions), _OWN: own_sources(), **_last_digits()}
 
 
 def difference(expected: Machine) -> str:
@@ -200,7 +201,20 @@ def difference(expected: Machine) -> str:
     return ""
 
 
-def _own_sources() -> str:
+def software() -> dict[str, str]:
+    """Which vsense this is: version, digest of its sources, and its commit, "" where not known."""
+    # Where vsense is installed below somebody's own checkout, that has none of its files.
+    command = ["git", "-C", str(PACKAGE_FOLDER), "log", "-1", "--format=%h", "--", "."]
+    try:
+        log = subprocess.run(command, capture_output=True, text=True, timeout=10.0)
+        commit = log.stdout.strip()
+    except (OSError, subprocess.TimeoutExpired):  # no git: the digest says which sources
+        commit = ""
+    return {"vsense": __version__, "sources": own_sources(), "commit": commit}
+
+
+@lru_cache(maxsize=1)
+def own_sources() -> str:
     """Digest of what vsense runs; the same in a checkout and where it is installed."""
     trees: list[tuple[str, Path, tuple[str, ...]]]
     trees = [("vsense", PACKAGE_FOLDER, (".py", ".argos", ".json"))]

@@ -18,6 +18,7 @@ from vsense.robots.inprocess import SimError
 from vsense.robots.loop_library import FUNCTIONS
 from vsense.run.directory import LOGGED
 from vsense.run.programs import LOADING, LOADING_LOOP, shared_objects
+from vsense.run.verdict import RunRecord
 
 JobAnswer = dict[str, Any]
 """What became of a job, as numbers and texts that travel between machines. One of
@@ -114,6 +115,12 @@ class Task:
         return self.named(
             f"robot {spec.id} (tag {spec.tag}), {when}: its controller '{controller.library}'"
         )
+
+
+def record_of(result: dict[str, Any], ended: str = "") -> RunRecord:
+    """What there was of a run with this result; `ended`: why, where it is not complete."""
+    ended = "time" if result["complete"] else ended or "interrupted"
+    return RunRecord(ended=ended, changes=result["changes"], complaints=result["complaints"])
 
 
 def libraries_of(experiment: Experiment) -> dict[str, str]:

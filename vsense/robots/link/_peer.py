@@ -72,6 +72,7 @@ class Greeting:
         key: number of the swarm key that this is made of; None: the robot has no key.
         origin: where the robot is, for people.
         note: what else to say of the robot once it is there.
+        other_program: which it runs in place of the file's, in words; "": it runs the file's.
     """
 
     packet: bytes
@@ -81,6 +82,7 @@ class Greeting:
     key: int | None
     origin: str
     note: str = ""
+    other_program: str = ""
 
 
 class Peer:
@@ -298,6 +300,7 @@ class Presence:
         heard_ns: when the newest valid packet came, same clock.
         lost: the open session has fallen silent, and that was reported.
         left: the robot said goodbye after its newest session.
+        starts: its daemon was started so often, as far as it was heard.
     """
 
     def __init__(self) -> None:
@@ -305,10 +308,14 @@ class Presence:
         self.heard_ns: int | None = None
         self.lost = False
         self.left = False
+        self.starts = 0
+        self._started: int | None = None
         self._udp = True
 
-    def open(self, now_ns: int) -> None:
-        """A session opens."""
+    def open(self, now_ns: int, started: int) -> None:
+        """A session opens, of a daemon that says when it was `started`."""
+        self.starts += started != self._started
+        self._started = started
         self.since_ns = self.heard_ns = now_ns
         self.lost = self.left = False
         self._udp = True

@@ -174,16 +174,14 @@ class SessionTable:
             return refuse(RefuseCode.ROOM, text)
         expected = self._expected[hello.tag]
         runs, wanted = ToldProgram(hello.controller, hello.hash), expected.program
-        if wanted is not None and self._is_refused(expected, runs, wanted):
-            robot.refused = f"runs {runs}, expected {wanted}"
-            robot.refused += f": {DEPLOY_IT}" if expected.exact else ""
-            way_out = "" if expected.exact else ": see vsense robot deploy"
-            text = f"{robot.name} {robot.refused}{way_out}"
-            return refuse(RefuseCode.CONTROLLER, text)
-        notes = [self._key_note(opened.key)]
+        other = ""
         if wanted is not None and not runs.is_same(wanted):
-            notes.append(f"{runs}; the file's is {wanted}")
-        greeting = replace(opened, note="; ".join(filter(None, notes)))
+            other = f"runs {runs}, the file says {wanted}"
+            if self._is_refused(expected, runs, wanted):
+                robot.refused = f"{other}: {DEPLOY_IT}"
+                return refuse(RefuseCode.CONTROLLER, f"{robot.label} {robot.refused}")
+        notes = self._key_note(opened.key), other and f"it {other}"
+        greeting = replace(opened, note="; ".join(filter(None, notes)), other_program=other)
         run, welcome = self.orders.run, self._welcome(hello.tag)
         pending, answer = robot.offer(self._number(), greeting, welcome, run, now_ns)
         self._pending[pending.peer.session] = pending
@@ -295,24 +293,14 @@ class SessionTable:
         return self.refuse(code, text, greeting.origin, now_ns, tag, packet, greeting.root)
 
     def _is_refused(self, expected: ExpectedRobot, runs: ToldProgram, wanted: ToldProgram) -> bool:
-        """Whether a robot runs what it must not."""
-        if not expected.exact:
-            return self._is_anothers(runs, wanted, expected.strict)
+        """Whether a robot must not run what it does, which is not the file's."""
         live = {tag: ToldProgram(*robot.runs) for tag, robot in self.robots.items() if robot.open}
-        fellows = [live[t] for t, r in self._expected.items() if t in live and r.program == wanted]
-        return not any(runs.is_same(program) for program in (wanted, *fellows))
-
-    def _is_anothers(self, runs: ToldProgram, wanted: ToldProgram, strict: bool) -> bool:
-        """Whether a robot runs a program that its sensor table is not for.
-
-        Where all robots have one controller, it may be an older or a newer one, or the user's own
-        under another name: its table is for whatever runs there.
-        """
-        programs = {robot.program for robot in self._expected.values() if robot.program is not None}
-        if (len(programs) < 2 and not strict) or runs.is_same(wanted):
-            return False
-        other = any(runs.is_same(program) for program in programs)
-        return other or bool(wanted.name and runs.name != wanted.name)
+        if expected.exact:
+            both = [live[t] for t, r in self._expected.items() if t in live and r.program == wanted]
+            return not any(runs.is_same(program) for program in both)
+        programs = {robot.program for robot in self._expected.values()} - {None, wanted}
+        anothers = any(program is not None and runs.is_same(program) for program in programs)
+        return anothers or not expected.any_program
 
     def refuse(
         self,

@@ -46,7 +46,6 @@ _NO_HELLO = Hello(b"", 0, "", "")
 Address = tuple[Any, ...]
 """Where datagrams come from and go to, as the socket module says it."""
 
-
 COPIED_NS = 1_000_000_000
 """Datagrams go to a second source of the robot's for so long after it was heard."""
 
@@ -86,7 +85,7 @@ class HostSession:
         defects: exceptions at its packets that nobody expected; each has ended a session.
         reporter: what the robot's virtual actuators say.
         meter: measures the link; None: nobody wants that.
-        refused: why a robot with this tag has been turned away since the last session, or "".
+        refused, other_program: see `RobotStatus`.
         reseeded: the next run has another seed than the session: it is renewed, and until then the
             robot counts as not connected.
     """
@@ -99,7 +98,7 @@ class HostSession:
         self._copied_ns = 0
         self.due_ns = 0
         self.superseded = self.unsent = self.defects = 0
-        self.refused, self.reseeded = "", False
+        self.refused, self.other_program, self.reseeded = "", "", False
         self._table = table
         self._uid: bytes | None = None
         self._hello = _NO_HELLO
@@ -164,20 +163,19 @@ class HostSession:
 
         Gives what there is to say; nothing of a robot that was asked to come back.
         """
-        greeting = proved.greeting
-        hello = greeting.hello
+        greeting, hello = proved.greeting, proved.greeting.hello
         is_asked = self.reseeded and hello.uid == self._uid
         events = [] if is_asked else [self._greeting(greeting, now_ns)]
         self.reseeded = False
         self.peer.adopt(proved.peer)
         self._uid, self._hello, self.refused = hello.uid, hello, ""
         self._origin, self._key = greeting.origin, greeting.key
+        self.other_program = greeting.other_program
         self.reporter.open(hello.uid)
         self._log.open(hello.uid, hello.started)
         self._sessions += 1
-        self._presence.open(now_ns)
-        self._astray_ns = None
-        self.due_ns = now_ns
+        self._presence.open(now_ns, hello.started)
+        self._astray_ns, self.due_ns = None, now_ns
         self.address = self.copied = None
         return events
 
@@ -395,6 +393,8 @@ class HostSession:
             accepted=counters.pop("accepted"),
             dropped=counters,
             refused="" if connected else self.refused,
+            other_program=self.other_program,
+            starts=self._presence.starts,
             key=self._key if self.open else None,
             drives_home=bool(hello.capabilities & lib.VS_CAPABLE_HOME),
         )

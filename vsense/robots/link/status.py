@@ -198,6 +198,9 @@ class RobotStatus:
         dropped: by reason, how many were not; `received` is `accepted` plus all of these.
         refused: why a robot with its tag was turned away since the newest session; "": none was,
             or it is connected.
+        other_program: which it runs in place of the file's, in words; "": it runs the file's, or
+            that is not known.
+        starts: its daemon was started so often, as far as it was heard.
         key: number of the swarm key that its own is made of; None: what comes in its name may be
             anybody's.
         drives_home: it can drive home; an older daemon cannot.
@@ -226,6 +229,8 @@ class RobotStatus:
     accepted: int
     dropped: Mapping[str, int]
     refused: str = ""
+    other_program: str = ""
+    starts: int = 0
     key: int | None = None
     drives_home: bool = False
     wanted: Wanted = Wanted.IDLE

@@ -47,7 +47,9 @@ class ToldProgram:
 
     def is_same(self, other: ToldProgram) -> bool:
         """Whether both are made of the same source, as far as is known."""
-        return self.hash == other.hash if self.hash and other.hash else self.name == other.name
+        if self.hash and other.hash:
+            return self.hash == other.hash
+        return self.name == other.name or not (self.name and other.name)
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +61,8 @@ class ExpectedRobot:
         table: its sensor table.
         params: lines "key=value\\n" for its controller.
         program: its controller, None: not known.
-        strict: one that calls itself otherwise is turned away even where all robots have this one.
+        any_program: it may run another one, but none of another controller of the experiment: its
+            table is not for that.
         exact: it runs what the file has, or another robot with the same controller; any other is
             turned away: it may not have been there when they were deployed.
     """
@@ -68,7 +71,7 @@ class ExpectedRobot:
     table: Table
     params: str = ""
     program: ToldProgram | None = None
-    strict: bool = False
+    any_program: bool = False
     exact: bool = False
 
 

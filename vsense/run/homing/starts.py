@@ -19,8 +19,8 @@ from vsense.robots.link.status import RobotStatus
 from vsense.robots.link.table import Goal
 from vsense.robots.link.wire import StopCause, Wanted
 from vsense.run.control import Control, State
+from vsense.run.homing._homing import Homing
 from vsense.run.homing.floor import DrivingFloor
-from vsense.run.homing.homing import Homing
 from vsense.run.homing.robots import LIMITS, HomingLimits, Trouble
 from vsense.run.robots import shorten
 
@@ -162,3 +162,9 @@ def say_end(homing: Homing, console: Console) -> None:
         console.say(f"{after}; not {shorten(left)}", "warning")
     else:
         console.say(after)
+
+
+def say_next(starts: Starts | None, seed: int, console: Console) -> None:
+    """Says what the next run's seed is, and whether robots drive to `starts` before it."""
+    where = "stay where they stand" if starts is None else "drive to their starts"
+    console.say(f"the next run has seed {seed}: the robots {where}")

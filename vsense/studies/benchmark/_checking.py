@@ -104,7 +104,7 @@ def _check_runs(
         claims.judge("runs", str(error), "none")
         return
     voids = [f"{row.run} ({row.why})" for row in rows if not row.valid]
-    counts = f"{len(rows) - len(voids)} valid, {len(voids)} void{': ' if voids else ''}"
+    counts = f"{len(rows) - len(voids)} valid, {len(voids)} invalid{': ' if voids else ''}"
     wrong = [*misplaced(benchmark.plan, rows), *_rows(rows, result)]
     claims.judge("runs", wrong, counts + "; ".join(voids))
     runs, errors = benchmark.evidence(rows, progress)

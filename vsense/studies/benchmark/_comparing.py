@@ -11,7 +11,8 @@ from typing import Any
 from vsense.base.errors import UsageError
 from vsense.base.files import parse_json, read_text
 from vsense.base.terminal import aligned
-from vsense.run.runs_csv import COLUMNS, MODES, VALID, VOID, RunRow
+from vsense.run.runs_csv import COLUMNS, MODES, RunRow
+from vsense.run.verdict import VALID, VOID
 from vsense.studies.benchmark import _definition
 from vsense.studies.benchmark._result import FORM, RESULT
 from vsense.studies.report import Questions

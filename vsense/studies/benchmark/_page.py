@@ -130,7 +130,7 @@ def _head(result: Mapping[str, Any]) -> str:
     counts, truth = result["counts"], result["accuracy"]["truth"] or {}
     stations = (result["latency"] or {}).get("stations", {})
     values = [
-        ("runs", f"{counts['valid']} valid, {counts['void']} void"),
+        ("runs", f"{counts['valid']} valid, {counts['void']} invalid"),
         ("robots", str(result["robots"])),
         ("late timesteps", _share((result["latency"] or {}).get("late_share_mean"))),
         ("exposure to sent", _with(stations.get("capture_to_sent_ms", {}).get("p50"), "ms")),

@@ -232,7 +232,7 @@ def _summary(facts: Mapping[str, Any]) -> Iterator[str]:
     counts = facts["counts"]
     yield (
         f"{facts['benchmark']}, {facts['site']} ({facts['mode']}): {counts['valid']} runs,"
-        f" {counts['void']} void"
+        f" {counts['void']} invalid"
     )
     rows = [("mission", "score", "unit", "sighted", "blind", "sighted is better")]
     for mission in facts["missions"]:

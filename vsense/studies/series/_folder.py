@@ -22,7 +22,7 @@ from typing import Any
 from vsense import __version__
 from vsense.base.errors import UsageError, VsenseError, failing_as
 from vsense.base.files import parse_json, read_text, replace_text, stamp_of
-from vsense.modes.sim.fingerprint import of_file
+from vsense.modes.sim.fingerprint import of_file, software
 from vsense.monitor.recording import MCAP
 from vsense.run.directory import SERIES, TIMESTEPS_CSV, DirectoryError, make_new
 from vsense.run.runs_csv import RUNS, RunRow, RunsFile, utc, versions
@@ -46,13 +46,18 @@ class SeriesFolder:
         path: where it is.
         table: its runs.csv.
         plan_changes: what has changed in the plan that may change.
+        upgrade: which vsense began the series and which goes on with it, in words; "": the same.
+        allows_upgrade: rows may be added with another vsense, or with files that have changed.
     """
 
     table: RunsFile
 
-    def __init__(self, path: Path, plan: SeriesPlan, files: Sequence[Path]) -> None:
+    def __init__(
+        self, path: Path, plan: SeriesPlan, files: Sequence[Path], allows_upgrade: bool = False
+    ) -> None:
         """`files` are those of users that results depend on."""
         self.path, self._plan = path, plan
+        self.upgrade, self.allows_upgrade = "", allows_upgrade
         self._files = {plan.beside(str(file)): file for file in files}
         self._stamps = {name: stamp_of(file) for name, file in self._files.items()}
         self._digests = {name: _digest(file) for name, file in self._files.items()}
@@ -64,7 +69,8 @@ class SeriesFolder:
         """Takes the folder, and makes it where there is none.
 
         Raises:
-            UsageError: it is that of another plan, or another process has it.
+            UsageError: it is that of another plan, or another process has it; or another vsense
+                began it, or files have changed since, and that is not allowed.
             VsenseError: it cannot be written.
         """
         try:
@@ -151,7 +157,8 @@ class SeriesFolder:
         """Compares the plan with that of before, or keeps it."""
         now, before = self._plan.facts(), read_notes(self.path)
         if before is None:
-            self._write({"plan": now, "files": self._digests, "version": __version__})
+            facts = {"plan": now, "files": self._digests, "version": __version__}
+            self._write({**facts, "software": software()})
             return
         self.plan_changes = allowed_changes(self._plan, self.path)
         if self.plan_changes:
@@ -161,11 +168,38 @@ class SeriesFolder:
             ]
             self._write({**before, "plan": now, "changes": changes})
         self._begun = before["files"]
+        self.upgrade = _upgrade(before)
+        if not self.allows_upgrade and (self.upgrade or self.changed):
+            raise UsageError(changed_words(str(self.path), [self.upgrade, *self.changed]))
 
     def _write(self, facts: Mapping[str, Any]) -> None:
         with failing_as(DirectoryError, f"cannot write to {self.path}"):
             replace_text(self.path / SERIES, f"{json.dumps(facts, indent=2)}\n")
             replace_text(self.path / PLAN, read_text(self._plan.path))
+
+
+def changed_words(series: str, changes: Sequence[str]) -> str:
+    """What to say where a series does not go on because something has changed since it began."""
+    return (
+        f"{series}: changed since this series began: {', '.join(filter(None, changes))}. Runs would"
+        " differ by more than their conditions: change it back, begin another series with -o, or"
+        " go on with --allow-upgrade, which the rows note"
+    )
+
+
+def _upgrade(begun: Mapping[str, Any]) -> str:
+    """Which vsense began a series, and which goes on; "": the same. For its notes in series.json.
+
+    Those of vsense 0.1 have a version only.
+    """
+    before, now = begun.get("software", {"vsense": begun.get("version", "")}), software()
+    if all(before.get(name) in (None, now[name]) for name in ("vsense", "sources")):
+        return ""
+    words = (
+        f"vsense {facts.get('vsense')} ({facts.get('commit') or facts.get('sources')})"
+        for facts in (before, now)
+    )
+    return " became ".join(words)
 
 
 class CampaignTable:
@@ -181,6 +215,7 @@ class CampaignTable:
 
     plan_changes: Sequence[str] = ()
     changed: Sequence[str] = ()
+    upgrade, allows_upgrade = "", True
 
     def __init__(self, table: RunsFile, plan: SeriesPlan) -> None:
         """Takes the table; UsageError: it holds something else."""
@@ -256,6 +291,8 @@ def read_notes(folder: Path) -> dict[str, Any] | None:
         plan, files = notes["plan"], notes["files"]
         if not isinstance(plan, dict) or not isinstance(files, dict):
             raise KeyError("plan")
+        if not isinstance(notes.get("software", {}), dict):
+            raise KeyError("software")
         if type(plan.get("repetitions", 0)) is not int:
             raise ValueError(f"repetitions is {plan['repetitions']!r}")
     except FileNotFoundError:

@@ -173,7 +173,7 @@ def _limit(plan: SeriesPlan, cell: Cell, void: Sequence[RunRow]) -> str:
     whys = "; ".join(f"{row.run}: {row.why}" for row in void)
     times = f"{len(void)} times" if len(void) > 1 else "once"
     return (
-        f"{PlannedRun(cell).in_words()}: void {times}, no more is wanted (again = {plan.again}"
+        f"{PlannedRun(cell).in_words()}: invalid {times}, no more is wanted (again = {plan.again}"
         f" in the plan): {whys}"
     )
 
@@ -246,7 +246,8 @@ class Forecast:
                 "",
                 f"{plan.name}: {len(todo)} of {plan.runs} runs follow ({plan.mode}),"
                 f" {self._lasts()}",
-                f"a run is void if {', or '.join(void)}: it is repeated up to {plan.again} times",
+                f"a run is invalid if {', or '.join(void)}: it is repeated"
+                f" up to {plan.again} times",
             ]
         )
 
@@ -255,7 +256,7 @@ class Forecast:
         wall_s = self.wall_s()
         if wall_s is None:
             return f"{clock(simulated_s)} of simulated time"
-        return f"{clock(wall_s)} if none is void, {clock(simulated_s)} of it in runs"
+        return f"{clock(wall_s)} if none is invalid, {clock(simulated_s)} of it in runs"
 
     def _length_s(self, run: PlannedRun) -> float:
         return self.by_condition[run.cell.condition].experiment.length_s

@@ -26,7 +26,7 @@ from vsense.base.toml import (
 )
 from vsense.config.placement import StartPlaces
 from vsense.run.runs_csv import MODES
-from vsense.studies.series._criteria import VoidCriteria
+from vsense.run.verdict import VoidCriteria
 
 MOST_RUNS = 100_000
 

@@ -15,7 +15,6 @@ from vsense.monitor.ui.room import ControlRoom, RoomOptions
 from vsense.robots.link.keys import LinkTrust
 from vsense.run.directory import RunLog
 from vsense.run.robots import Readiness
-from vsense.run.runtime import Step
 from vsense.studies.series._folder import SeriesFolder
 from vsense.studies.series._order import PlannedRun
 from vsense.studies.series._parts import PlanLoader, PlannedExperiment, SeriesCast
@@ -111,7 +110,7 @@ class RealRuns:
                 if not readiness.complete:
                     return staged.missing(readiness), None
                 low = staged.low(session.runner.robots)
-                staged.homing = session.home()
+                session.home()
                 if low or self._interrupted.is_set():
                     return low, None
                 return {}, self._carry_out(staged, session, directory, readiness, log)
@@ -124,13 +123,11 @@ class RealRuns:
         readiness: Readiness,
         log: RunLog,
     ) -> RunOutcome:
-        def observe(step: Step) -> None:
-            staged.observe(step, session.runner.robots)
-
         run = staged.run
         log.say(f"run {run.cell.number} of {staged.plan.runs}: {run.in_words()}")
-        live_run = OneRun(session, directory, readiness, log, observe)
+        live_run = OneRun(session, directory, readiness, log)
         staged.begin()
+        staged.figures = live_run.figures
         live_run.run()
         session.setup.room.recorders.end_run()
         summary = live_run.report()
@@ -146,8 +143,10 @@ class RealRuns:
         who = options.link.address(experiment), options.trust, log, self._interrupted, room
         origin = staged.origin(code) | {"virtual_devices": self._loader.virtual_devices}
         blind = staged.planned.condition.blind
-        lease = options.lease
-        return RunSetup(experiment, cell.seed, blind, *who, origin, staged.starts, lease=lease)
+        setup = RunSetup(experiment, cell.seed, blind, *who, origin, staged.starts)
+        taken = options.link.other_programs
+        criteria = staged.plan.void
+        return replace(setup, lease=options.lease, other_programs=taken, criteria=criteria)
 
     def _do_without(self, unable: Mapping[int, str], left_out: set[int], staged: StagedRun) -> None:
         """Puts spares in for those that cannot play, or leaves them out of this run."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -69,7 +69,8 @@ class LabRuns:
         if not session.recordings:
             return
         notes = session.recordings[-1]
-        ended, summary = notes.ended, None
+        staged.figures = notes.figures
+        ended, summary = notes.record.ended, None
         if len(notes.figures.steps):
             with suppress(CutShort), self._interrupted.in_time():
                 summary = report_run(session, len(session.recordings))
@@ -107,7 +108,8 @@ class LabRuns:
         starts = staged.starts if self._poses else None
         who = (experiment.host, port), LinkTrust(KeyProcess()), self._console, self._interrupted
         blind = staged.planned.condition.blind
-        return RunSetup(experiment, cell.seed, blind, *who, room, origin, starts)
+        setup = RunSetup(experiment, cell.seed, blind, *who, room, origin, starts)
+        return replace(setup, criteria=staged.plan.void)
 
     def _drive(
         self, staged: StagedRun, session: Session, room: ControlRoom, directory: Path
@@ -117,7 +119,6 @@ class LabRuns:
         newest: list[ArenaState] = []
 
         def observe(step: Step) -> None:
-            staged.observe(step, session.runner.robots)
             newest[:] = [step.state]  # not its pictures, which are lent
             time_s = step.run_timestep * session.experiment.timestep_s
             self._console.progress(
@@ -133,7 +134,7 @@ class LabRuns:
                 raise NotEnoughRobots(
                     f"{run.name} cannot begin: {readiness.missing_text()} ({logs})"
                 )
-            staged.homing = session.home()
+            session.home()
             if self._interrupted.is_set():
                 return
             staged.begin()

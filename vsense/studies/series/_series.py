@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from vsense.base.errors import CutShort, Interrupted
+from vsense.base.errors import CutShort, Interrupted, UsageError
 from vsense.base.terminal import Console, Interruption
 from vsense.config.experiment import ARGOS_SUFFIX
-from vsense.run.runs_csv import VALID, VOID, RunRow
-from vsense.studies.series._criteria import Evidence, why_void
-from vsense.studies.series._folder import CampaignTable, SeriesFolder
+from vsense.run.runs_csv import RunRow
+from vsense.run.verdict import VALID, VOID
+from vsense.studies.series._folder import CampaignTable, SeriesFolder, changed_words
 from vsense.studies.series._order import CUT, PlannedRun, count_valid, duplicates, pending
 from vsense.studies.series._plan import SeriesPlan
 
@@ -25,13 +25,13 @@ class RunOutcome:
     """What a run came to.
 
     Attributes:
-        row: what the run knows; name, cell and verdict are the series' to fill in.
-        evidence: for its verdict.
+        row: what the run knows, and its verdict; name and cell are the series' to fill in.
+        ended: why it ended; "time": its length was over.
         halt_reason: why no other run may follow by itself; "": one may.
     """
 
     row: RunRow
-    evidence: Evidence = field(default_factory=Evidence)
+    ended: str = "time"
     halt_reason: str = ""
 
 
@@ -115,7 +115,7 @@ class SeriesLoop:
     def in_words(self) -> str:
         """How the series stands, for people."""
         void = sum(not row.valid for row in self._folder.rows)
-        thrown = f", {void} void" if void else ""
+        thrown = f", {void} invalid" if void else ""
         return f"{self._folder.table.path}: {self.valid} of {self._plan.runs} runs{thrown}"
 
     def _begin(self) -> None:
@@ -125,18 +125,17 @@ class SeriesLoop:
         if folder.rows:
             say(f"{self.in_words()}; it goes on from there")
         for names in duplicates(folder.rows):
-            say(f"{names} are the same run and all valid: one of them has to be void", "warning")
-        for text in folder.plan_changes:
-            say(f"the plan has changed since this series began: {text}", "warning")
-        self._warn_of(folder.changed)
-
-    def _warn_of(self, files: Sequence[str]) -> None:
-        for file in files:
-            self._console.say(
-                f"{file} has changed since this series began: runs differ by more than their"
-                " conditions; begin another series with -o, or change it back",
+            say(
+                f"{names} are the same run and all valid: one of them has to be void in the table",
                 "warning",
             )
+        for text in folder.plan_changes:
+            say(f"the plan has changed since this series began: {text}", "warning")
+        self._warn_of([folder.upgrade, *folder.changed])
+
+    def _warn_of(self, changes: Sequence[str]) -> None:
+        if words := ", ".join(filter(None, changes)):
+            self._console.say(f"changed since this series began: {words}", "warning")
 
     def _note_cut_off(self, run: PlannedRun) -> bool:
         """Writes down a run that was cut off when vsense or the machine ended; says whether."""
@@ -149,17 +148,18 @@ class SeriesLoop:
         return True
 
     def _add(self, run: PlannedRun, outcome: RunOutcome) -> None:
-        evidence = outcome.evidence
-        if evidence.ended == INTERRUPTED:
-            why = f"{CUT}: {INTERRUPTED}"
-        else:
-            why = why_void(self._plan.void, evidence)
-        self._write(run, outcome.row, why)
+        is_cut = outcome.ended == INTERRUPTED
+        self._write(run, outcome.row, f"{CUT}: {INTERRUPTED}" if is_cut else outcome.row.why)
 
     def _write(self, run: PlannedRun, row: RunRow, why: str) -> None:
         cell = run.cell
-        self._warn_of(self._folder.check_files())
-        changed = ", ".join(Path(file).name for file in self._folder.changed)
+        new, folder = self._folder.check_files(), self._folder
+        is_over = bool(new) and not folder.allows_upgrade
+        self._warn_of(() if is_over else new)
+        names = [Path(file).name for file in folder.changed]
+        changed = ", ".join(filter(None, (folder.upgrade, *names)))
+        words = changed and f"changed since the series began: {changed}"
+        why = why or (f"{', '.join(names)} changed while the series went on" if is_over else "")
         row = replace(
             row,
             run=run.name,
@@ -172,10 +172,12 @@ class SeriesLoop:
             seed=cell.seed,
             verdict=VOID if why else VALID,
             why=why,
-            note=f"changed since the series began: {changed}" if changed else row.note,
+            note="; ".join(filter(None, (words, row.note))),
         )
         self._folder.append(row)
         if why:
-            self._console.say(f"{run.label} is void: {why}", "warning")
+            self._console.say(f"{run.label} is invalid: {why}", "warning")
         elif self._plan.mode != "sim":
             self._console.say(f"{run.name} is valid; {self.in_words()}")
+        if is_over:
+            raise UsageError(changed_words(str(folder.path), new))

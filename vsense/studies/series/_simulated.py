@@ -11,6 +11,7 @@ import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,11 +20,12 @@ from vsense.base.errors import Interrupted, UsageError, VsenseError, failing_as
 from vsense.base.terminal import Console, Interruption
 from vsense.modes.sim import engine
 from vsense.modes.sim.job import Job, Setup
-from vsense.modes.sim.outcome import Task, libraries_of
+from vsense.modes.sim.outcome import Task, libraries_of, record_of
 from vsense.modes.sim.watch import Show, WorkerProcess, simulate_all
 from vsense.monitor import recording
 from vsense.monitor.recording import megabytes
 from vsense.run.runs_csv import RunRow, versions
+from vsense.run.verdict import VoidCriteria, judge
 from vsense.studies.series._folder import CampaignTable, SeriesFolder
 from vsense.studies.series._order import CAMPAIGN, Cell, PlannedRun
 from vsense.studies.series._parts import PlannedExperiment
@@ -113,7 +115,7 @@ class SimulatedRuns:
             self._warn(run.cell.condition, result["complaints"])
             if recordings is not None:
                 recordings.add(result["recording"])
-            return run, outcome(todo[number], result)
+            return run, outcome(todo[number], result, self._plan.void)
 
         try:
             for task, result in self._simulate(todo, interrupted=self._interrupted, show=show):
@@ -157,7 +159,7 @@ class SimulatedRuns:
                 self._console.say(f"vsense: {words}")
 
 
-def outcome(task: Task, result: Mapping[str, Any]) -> RunOutcome:
+def outcome(task: Task, result: dict[str, Any], criteria: VoidCriteria) -> RunOutcome:
     """What a run came to, by its result."""
     swarm = result["swarm"] if task.experiment.sources else {}
     tags = [robot.tag for robot in task.experiment.robots]
@@ -174,7 +176,8 @@ def outcome(task: Task, result: Mapping[str, Any]) -> RunOutcome:
         # As it is read again: figures are the same whether or not it was interrupted.
         measures={k: None if v is None else float(f"{v:.12g}") for k, v in measures.items()},
     )
-    return RunOutcome(row)
+    verdict = judge(record_of(result), criteria)
+    return RunOutcome(replace(row, why=verdict.why, note=verdict.note))
 
 
 def programs_of(built: Mapping[str, str]) -> list[str]:

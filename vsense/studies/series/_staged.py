@@ -15,12 +15,11 @@ from vsense.modes.live.session import ExperimentSession
 from vsense.monitor.ui.room import ControlRoom, RoomOptions
 from vsense.robots.link.status import RobotStatus
 from vsense.run.control import Control, State
-from vsense.run.homing.homing import Homing
+from vsense.run.figures import Figures
 from vsense.run.homing.starts import Starts
 from vsense.run.robots import Readiness, battery_words, low_batteries
 from vsense.run.runs_csv import RunRow, row_of, utc
-from vsense.run.runtime import Step
-from vsense.studies.series._criteria import Evidence, Witness
+from vsense.run.verdict import VOID, RunRecord, is_by_people, judge
 from vsense.studies.series._order import PlannedRun
 from vsense.studies.series._parts import PlannedExperiment, SeriesCast
 from vsense.studies.series._plan import SeriesPlan
@@ -37,17 +36,16 @@ class StagedRun:
 
     Attributes:
         experiment: with the robots at their starts, and all that is distributed in its place.
-        homing: how the robots drove to their starts; None: they did not.
         began_s: when the run began, by the clock.
+        figures: of the run; None: it has not begun.
     """
 
     plan: SeriesPlan
     run: PlannedRun
     planned: PlannedExperiment
     experiment: Experiment
-    witness: Witness
-    homing: Homing | None = None
     began_s: float = 0.0
+    figures: Figures | None = None
 
     @classmethod
     def of(
@@ -65,8 +63,7 @@ class StagedRun:
         """
         experiment = plan.start(run.cell.start).places.settled(planned.experiment)
         experiment = without(experiment, left_out)
-        names = {robot.tag: robot.id for robot in experiment.robots}
-        return cls(plan, run, planned, experiment, Witness(names))
+        return cls(plan, run, planned, experiment)
 
     def control_room(self, options: RoomOptions, console: Console) -> ControlRoom:
         """The control room of this run."""
@@ -82,18 +79,13 @@ class StagedRun:
         experiment = session.experiment
         if experiment.casting != self.experiment.casting:
             self.experiment = experiment
-            self.witness = Witness({robot.tag: robot.id for robot in experiment.robots})
         cast.follow(self.run.cell.condition, experiment.casting)
         return readiness
 
     def replace_lost(self, cast: SeriesCast) -> None:
         """Has spares play from now on for robots that were lost when the run ended."""
-        cast.put_in_for(dict.fromkeys(self.witness.gone, "was lost when the run ended"))
-
-    def observe(self, step: Step, robots: Mapping[int, RobotStatus]) -> None:
-        """Takes a timestep of the run, and the status of every robot by tag."""
-        run_ns = step.run_timestep * self.experiment.timestep_ns
-        self.witness.observe(step.state, robots, run_ns)
+        gone = [] if self.figures is None else self.figures.witness.gone
+        cast.put_in_for(dict.fromkeys(gone, "was lost when the run ended"))
 
     def begin(self) -> None:
         """The run begins now."""
@@ -161,11 +153,12 @@ class StagedRun:
     ) -> RunOutcome:
         """What the run came to, by what its summary.json has; None: nothing was measured."""
         mode, name = self.plan.mode, self.experiment.name
-        if summary is None:
+        if summary is None or self.figures is None:
             row = RunRow(run="", mode=mode, experiment=name, condition="")
-            return RunOutcome(row, Evidence(ended, measured=False), halt_reason(ended, control))
-        row = row_of(summary, mode, self.experiment, "", ended)
-        witness = self.witness
+            why = judge(RunRecord(ended=ended, timesteps=False), self.plan.void).why
+            row = replace(row, verdict=VOID, why=why)
+            return RunOutcome(row, ended, halt_reason(ended, control))
+        row, witness = row_of(summary, mode, self.experiment, ""), self.figures.witness
         row = replace(
             row,
             began=utc(self.began_s),
@@ -173,12 +166,7 @@ class StagedRun:
             batteries_v=witness.volts or row.batteries_v,
             versions=(*row.versions, *witness.programs),
         )
-        away = () if self.homing is None else tuple(
-            f"{a.name} ({a.trouble})" for a in self.homing.arrivals() if a.trouble
-        )  # fmt: skip
-        fenced_s = {r["name"]: r["stood_fenced_s"] for r in summary.get("per_robot", ())}
-        evidence = Evidence(ended, row.late, witness.lost_s, witness.moved_mm, away, fenced_s)
-        return RunOutcome(row, evidence, halt_reason(ended, control))
+        return RunOutcome(row, ended, halt_reason(ended, control))
 
 
 def without(experiment: Experiment, tags: Collection[int]) -> Experiment:
@@ -195,5 +183,4 @@ def halt_reason(ended: str, control: Control) -> str:
     """Why no other run may follow by itself: who stopped this one shall look first."""
     if control.state is State.EMERGENCY:
         return "an emergency stop"
-    by_somebody = ended.startswith(("interrupted", "stopped by", "reset by", "emergency"))
-    return ended if by_somebody else ""
+    return ended if is_by_people(ended) else ""

@@ -55,6 +55,7 @@ class SeriesOptions:
         bringer: makes what brings real robots their controllers, by the roster; None: they have
             what they need.
         command: that holds real robots, for others.
+        allow_upgrade: as `SeriesFolder.allows_upgrade`.
     """
 
     mode: str | None = None
@@ -73,6 +74,7 @@ class SeriesOptions:
     virtual_devices: bool = False
     bringer: Callable[[Roster | None, Console], Bring] | None = None
     command: str = "series"
+    allow_upgrade: bool = False
 
 
 class PlannedSeries:
@@ -131,7 +133,9 @@ class PlannedSeries:
         makers = {"sim": self._simulated, "lab": self._rendered, "run": self._real}
         with interruption() as interrupted, ExitStack() as stack:
             maker = makers[self.plan.mode](console, interrupted, stack)
-            folder = stack.enter_context(SeriesFolder(self.path, self.plan, sorted(files)))
+            folder = stack.enter_context(
+                SeriesFolder(self.path, self.plan, sorted(files), options.allow_upgrade)
+            )
             self._keep_origin(folder, console)
             make = partial(maker.make, folder=folder)
             loop = SeriesLoop(self.plan, folder, make, console, interrupted)

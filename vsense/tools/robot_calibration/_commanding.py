@@ -101,7 +101,6 @@ def commanded(
         sensors=(MountedSensor(wheels, 0),),
         actuators=() if readings is None else (MountedActuator(readings, 0),),
         line=0,
-        strict=True,
     )
     solid = (Box, Cylinder)
     return replace(

@@ -72,7 +72,7 @@ class StudyResult:
     def counts(self) -> str:
         """How many runs each condition has, and how many were void."""
         return ", ".join(
-            f"{arm.label} n = {len(arm.runs)} ({len(arm.voids)} void)" for arm in self.study.arms
+            f"{arm.label} n = {len(arm.runs)} ({len(arm.voids)} invalid)" for arm in self.study.arms
         )
 
 

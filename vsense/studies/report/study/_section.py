@@ -240,8 +240,8 @@ def _spreads(result: StudyResult, counter: Counter) -> str:
                 ]
             )
     heads = (
-        "measure", "condition", "n", "void", "median", "quartiles", "mean", "SD", "CV [%]", "least",
-        "greatest",
+        "measure", "condition", "n", "invalid", "median", "quartiles", "mean", "SD", "CV [%]",
+        "least", "greatest",
     )  # fmt: skip
     caption = (
         "One value of each valid run. SD: sample standard deviation over the runs; CV: coefficient"
@@ -297,7 +297,7 @@ def _voids(result: StudyResult, counter: Counter) -> str:
         for run in arm.voids
     ]
     if not rows:
-        return "<p>No run is void.</p>\n"
+        return "<p>No run is invalid.</p>\n"
     caption = "They count nowhere."
     if len(rows) > MOST_VOID_RUNS:
         caption += f" The first {MOST_VOID_RUNS} of {len(rows)}."

@@ -192,9 +192,11 @@ def methods(results: Sequence[StudyResult], asked: Questions) -> str:
     """The paragraph on statistics of a paper's methods: what was done here, and no more."""
     arms = [arm for result in results for arm in result.study.arms]
     runs, voids = sum(len(arm.runs) for arm in arms), sum(len(arm.voids) for arm in arms)
-    left_out = "no run was void"
+    left_out = "no run was invalid"
     if voids:
-        left_out = f"{voids} further {'run was' if voids == 1 else 'runs were'} void and left out"
+        left_out = (
+            f"{voids} further {'run was' if voids == 1 else 'runs were'} invalid and left out"
+        )
     parts = [
         f"The unit of analysis is the run: each of {runs} valid runs gives one value of a measure;"
         f" {left_out}.",

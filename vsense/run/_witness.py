@@ -1,0 +1,229 @@
+"""Watches a run for robots that are lost, and robots that somebody moves, fail or never come."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+from vsense.base.arena import ArenaState
+from vsense.robots.link.status import RobotStatus
+from vsense.robots.link.wire import StopCause
+from vsense.run.verdict import RobotRecord
+from vsense.world.entities import BODY_RADIUS_M
+
+FASTEST_M_S = 0.16
+"""An e-puck's wheels turn at 1000 steps/s at most, 0.129 m/s; a quarter more is left to errors."""
+
+PUSHED_M = 2.0 * BODY_RADIUS_M + 0.015
+"""Who stands with another one so near may have been pushed by it."""
+
+STOPPED_NS = 500_000_000
+"""A robot that has told so long that its wheels stand does stand."""
+
+GONE_NS = 1_000_000_000
+"""Who was not seen for a moment when the run ended is not gone."""
+
+PAUSE_NS = 1_000_000_000
+"""Where a timestep came so much later than its number says, the run was paused before it."""
+
+STANDING_NS = 1_000_000_000
+"""How far a standing robot was moved is compared over this time: cameras drift more slowly."""
+
+SeenPlace = tuple[float, float]
+
+
+@dataclass(slots=True)
+class _Gap:
+    """The longest time in which something did not hold.
+
+    Attributes:
+        held_ns: when it held last, at first when it was looked at first; None: never yet.
+        longest_ns: the longest time between two such moments, or since the newest.
+    """
+
+    held_ns: int | None = None
+    longest_ns: int = 0
+
+    def note(self, holds: bool, now_ns: int) -> None:
+        """Takes whether it holds now."""
+        since_ns = now_ns if self.held_ns is None else self.held_ns
+        self.longest_ns = max(self.longest_ns, now_ns - since_ns)
+        self.held_ns = now_ns if holds else since_ns
+
+
+@dataclass(slots=True)
+class _Watched:
+    """What is known of one robot.
+
+    Attributes:
+        link, well: its link; that it had that, and was seen.
+        came, lost_link, seen: it had a link, had none, and was seen, at some time.
+        acted: it reported something else than that its readings are too old; None: nothing yet.
+        hung_ns: so long its guard reported that its controller does not return.
+        starts: how often its daemon was started, when it was seen first and last.
+        place, seen_ns: where and when it was seen last.
+        stands_ns: since when it tells that its wheels stand; None: they turn, or nobody knows.
+        anchor, anchor_ns: where and when it was seen first while it stood alone.
+        moved_m: the farthest that somebody moved it.
+        refused, other_program, millivolts, uid, program: as last reported.
+    """
+
+    name: str
+    link: _Gap = field(default_factory=_Gap)
+    well: _Gap = field(default_factory=_Gap)
+    came: bool = False
+    seen: bool = False
+    acted: bool | None = None
+    hung_ns: int = 0
+    starts: tuple[int, int] = (0, 0)
+    lost_link: bool = False
+    refused: str = ""
+    other_program: str = ""
+    place: SeenPlace | None = None
+    seen_ns: int = 0
+    stands_ns: int | None = None
+    anchor: SeenPlace | None = None
+    anchor_ns: int = 0
+    moved_m: float = 0.0
+    millivolts: int = 0
+    uid: str = ""
+    program: str = ""
+
+
+class Witness:
+    """Sees every timestep of one run.
+
+    Args:
+        robots, objects: names by tag, of robots and of tagged objects.
+    """
+
+    def __init__(self, robots: Mapping[int, str], objects: Mapping[int, str] = {}) -> None:
+        self._robots = {tag: _Watched(name) for tag, name in robots.items()}
+        self._unseen = dict(objects)
+        self._newest_ns: int | None = None
+        self._paused_ns = 0
+        self._before: tuple[int, int] | None = None
+
+    def observe(self, state: ArenaState, robots: Mapping[int, RobotStatus], run_ns: int) -> None:
+        """Takes the arena state of a timestep of the run, and the status of every robot by tag.
+
+        `run_ns` is the time of the run, without its pauses: in those nobody is lost.
+        """
+        now_ns, rows = self._without_pauses_ns(state.capture_ns, run_ns), state.robots
+        seen = rows[rows["seen"]]
+        places = {
+            int(tag): (float(x), float(y))
+            for tag, x, y in zip(seen["tag"], seen["x_m"], seen["y_m"])
+        }
+        for tag in self._unseen.keys() & places.keys():
+            del self._unseen[tag]
+        for tag, robot in self._robots.items():
+            status, place = robots[tag], places.get(tag)
+            self._note_link(robot, status, now_ns)
+            robot.seen |= place is not None
+            robot.link.note(status.connected, now_ns)
+            robot.well.note(place is not None and status.connected, now_ns)
+            if place is not None:
+                others = (other for t, other in places.items() if t != tag)
+                self._note_place(robot, place, now_ns, others)
+        self._newest_ns = now_ns
+
+    @property
+    def records(self) -> dict[int, RobotRecord]:
+        """What there was of each robot, by tag."""
+        return {
+            tag: RobotRecord(
+                name=robot.name,
+                came=robot.came,
+                seen=robot.seen,
+                refused=robot.refused,
+                other_program=robot.other_program,
+                acted=robot.acted is not False,
+                starts=robot.starts[1] - robot.starts[0],
+                hung_s=robot.hung_ns / 1e9,
+                unlinked_s=robot.link.longest_ns / 1e9 if robot.lost_link else 0.0,
+                lost_s=robot.well.longest_ns / 1e9,
+                moved_mm=1000.0 * robot.moved_m,
+            )
+            for tag, robot in self._robots.items()
+        }
+
+    @property
+    def unseen(self) -> list[str]:
+        """Names of tagged objects that were never seen."""
+        return list(self._unseen.values())
+
+    @property
+    def gone(self) -> list[int]:
+        """Tags of robots that were lost when the run ended."""
+        return [
+            tag
+            for tag, robot in self._robots.items()
+            if robot.well.held_ns is not None
+            and self._newest_ns is not None
+            and self._newest_ns - robot.well.held_ns > GONE_NS
+        ]
+
+    @property
+    def volts(self) -> list[float]:
+        """Their batteries as last told, of those that told."""
+        return [r.millivolts / 1e3 for r in self._robots.values() if r.millivolts]
+
+    @property
+    def uids(self) -> list[str]:
+        """Who they are, of those that were there."""
+        uids = [robot.uid or "-" for robot in self._robots.values()]
+        return uids if any(uid != "-" for uid in uids) else []
+
+    @property
+    def programs(self) -> list[str]:
+        """What they run: name, and hash of the source, as a run's versions have it."""
+        return sorted({robot.program for robot in self._robots.values() if robot.program})
+
+    def _without_pauses_ns(self, capture_ns: int, run_ns: int) -> int:
+        if self._before is not None:
+            captured_ns, ran_ns = self._before
+            more_ns = (capture_ns - captured_ns) - (run_ns - ran_ns)
+            self._paused_ns += more_ns if more_ns > PAUSE_NS else 0
+        self._before = capture_ns, run_ns
+        return capture_ns - self._paused_ns
+
+    def _note_link(self, robot: _Watched, status: RobotStatus, now_ns: int) -> None:
+        said = status.telemetry
+        robot.came |= status.connected
+        robot.lost_link |= not status.connected
+        robot.refused = status.refused
+        robot.other_program = status.other_program or robot.other_program
+        if status.starts:
+            robot.starts = robot.starts[0] or status.starts, status.starts
+        if said is not None and status.connected:
+            robot.acted = robot.acted or said.stop_cause != StopCause.STALE
+            if said.stop_cause == StopCause.NO_BEAT and self._newest_ns is not None:
+                robot.hung_ns += now_ns - self._newest_ns
+        robot.uid = robot.uid if status.uid is None else status.uid.hex()
+        if status.connected and status.controller:
+            robot.program = f"{status.controller}={status.hash}"
+        turns = said is None or (said.left_steps_s, said.right_steps_s) != (0, 0)
+        if said is not None:
+            robot.millivolts = said.battery_mv or robot.millivolts
+        if turns or not status.connected:
+            robot.stands_ns, robot.anchor = None, None
+        elif robot.stands_ns is None:
+            robot.stands_ns = now_ns
+
+    def _note_place(
+        self, robot: _Watched, place: SeenPlace, now_ns: int, others: Iterable[SeenPlace]
+    ) -> None:
+        """Compares where a robot is with where it can be; `others` may push it."""
+        if robot.place is not None:
+            could_m = FASTEST_M_S * (now_ns - robot.seen_ns) / 1e9
+            robot.moved_m = max(robot.moved_m, math.dist(place, robot.place) - could_m)
+        robot.place, robot.seen_ns = place, now_ns
+        stands = robot.stands_ns is not None and now_ns - robot.stands_ns >= STOPPED_NS
+        if not stands or any(math.dist(place, other) <= PUSHED_M for other in others):
+            robot.anchor = None
+        elif robot.anchor is None or now_ns - robot.anchor_ns > STANDING_NS:
+            robot.anchor, robot.anchor_ns = place, now_ns
+        else:
+            robot.moved_m = max(robot.moved_m, math.dist(place, robot.anchor))
