@@ -102,7 +102,6 @@ def _play(opened: Recording, options: ReplayOptions, console: Console, stack: Ex
     start_watchers(stack, watchers, runs)
     player.start()
     stack.callback(player.close)
-    player.give(Order(OrderKind.PLAY, "terminal", 1.0))
 
 
 def _retrack(

@@ -6,7 +6,7 @@ import argparse
 import json
 import os
 import signal
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
@@ -32,12 +32,18 @@ class Page:
 
     runs: WatchedBus
     closed: bool = False
+    plays: list[bool] = field(default_factory=list)
 
     def start(self) -> None:
         self.runs.console.say(self.runs.title)
         self.runs.bus.join(self.receive, lambda topic: topic == "/arena")
+        self.runs.bus.join(self.note, lambda topic: topic == "/run")
+
+    def note(self, message: Message) -> None:
+        self.plays.append(message.data["replay"]["playing"])
 
     def receive(self, message: Message) -> None:
+        assert self.plays == [False], "it waits for somebody who presses play"
         assert self.runs.give(Order(OrderKind.PAUSE, "viewer 1")) == "paused"
         os.kill(os.getpid(), signal.SIGINT)
 
@@ -45,7 +51,7 @@ class Page:
         self.closed = True
 
 
-def test_it_plays_until_somebody_interrupts(
+def test_it_waits_for_play_and_ends_when_somebody_interrupts(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = record(tmp_path / "run.mcap", [Message("/arena", BEGIN_NS, {})])

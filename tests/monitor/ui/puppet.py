@@ -263,7 +263,7 @@ class Puppet:
         return {
             "timestep": self.total, "time_s": self.time_s,
             "leds": {"tag": virtual, "color": [[40, 200, 120] for _ in virtual]},
-            "cones": [{"x_m": x_m, "y_m": y_m}], "measures": {"in the cone": lit, "lit": lit},
+            "cones": [{"x_m": x_m, "y_m": y_m}], "measures": {"in the cone": lit, "LEDs on": lit},
         }  # fmt: skip
 
     def _readings(self) -> None:

@@ -75,7 +75,7 @@ def put_spare_in(page: Page) -> int:
     page.until("!document.querySelector('#replace').hidden")
     assert page.text("#replace_by") == f"robot {SPARE}"
     page.click("#replace_do")
-    page.until(f"document.querySelector('#robot_note').textContent === 'tag {SPARE}'")
+    page.until(f"document.querySelector('#robot_name').textContent === 'Robot {SPARE}'")
     page.until(f"vsense.store.robot({SPARE})?.connected && vsense.store.robot({SPARE}).seen")
     page.until(f"!vsense.store.robot({part})")
     return part
@@ -105,6 +105,8 @@ def test_a_lab_is_steered_from_its_page(lab: HeldLab, opened: Open) -> None:
     page.until("window.vsense?.store.arena && vsense.store.run")
     state(page, "running")
     page.until(f"vsense.arena.drawn.robots.length === {ROBOTS} + 1")
+    # Who comes late has the run's charts from its beginning.
+    page.until("vsense.store.measures.get('in the cone')?.times[0] === 0")
     change(page)
     drive(page)
     emergency_ns = host_ns()
@@ -140,6 +142,7 @@ def test_a_lab_is_steered_from_its_page(lab: HeldLab, opened: Open) -> None:
     ]
     assert orders == [2, 0, 0], "all readings are the same again, in every bit"
     assert said.count("viewer 1 (127.0.0.1): run 1 is paused") == 1
+    assert "the next run has seed 2: the robots stay where they stand" in said
     assert f"robot {SPARE} plays the part of {part} (" in said
     rows = read_runs(lab.directory / "runs.csv")
     assert [part in row.tags for row in rows] == [True, False, False]

@@ -85,7 +85,19 @@ def test_emergency_button_stops(served: Serve, opened: Open) -> None:
     state(page, "emergency")
     assert [order.kind for order in puppet.orders] == [OrderKind.EMERGENCY]
     page.until("document.querySelector('#banner').innerText.includes('EMERGENCY STOP')")
-    assert "viewer 1" in page.text("#banner")
+    words = page.text("#banner")
+    assert "pressed by viewer 1 (127.0.0.1) at 0:0" in words and "of run 1" in words
+    assert "Reset (Shift+R)" in words and page.value(
+        "document.querySelector('#reset').matches('.primary')"
+    )
+    page.key(" ")
+    page.until("document.querySelector('#toasts').innerText.includes('first Reset (Shift+R)')")
+    page.click("#reset")
+    state(page, "ready")
+    page.until("document.querySelector('#banner').innerText.startsWith('Run 2 waits for Start')")
+    assert "seed 1 · the robots stay where they stand" in page.text("#banner")
+    puppet.give(Order(OrderKind.START, "test"))
+    page.until("document.querySelector('#banner').hidden")
 
 
 def test_escape_stops_even_with_the_help_open_and_a_field_focused(
@@ -179,7 +191,7 @@ def test_the_chosen_robot_shows_what_it_senses(served: Serve, opened: Open) -> N
     page.until(f"vsense.choice.tag === {tag}")
     page.value("vsense.controls.setRefresh(true)")
     page.until("document.querySelector('#readings').rows.length === 4")
-    assert f"epuck_{tag}" in page.text("#robot_name")
+    assert page.text("#robot header").startswith(f"Robot {tag}\nepuck_{tag}")
     ages = page.value(
         "[...document.querySelector('#readings').rows].map(r => r.cells[2].innerText)"
     )
@@ -205,8 +217,8 @@ def test_trouble_stands_in_the_banner_and_first_in_the_table(served: Serve, open
     page.until("document.querySelector('#banner').hidden")
     tag = puppet.swarm.tags[9]
     puppet.trouble = {tag: "link lost for 3.2 s"}
-    page.until(f"document.querySelector('#banner').innerText.includes('epuck_{tag}: link lost')")
-    page.until(f"document.querySelector('#robots tbody').innerText.includes('epuck_{tag}')")
+    page.until(f"document.querySelector('#banner').innerText.includes('Robot {tag}: link lost')")
+    page.until(f"document.querySelector('#robots tbody').innerText.startsWith('{tag}')")
     puppet.trouble = {}
     page.until("document.querySelector('#banner').hidden")
     puppet.held = {tag: "not seen"}

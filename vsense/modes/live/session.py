@@ -30,7 +30,7 @@ from vsense.run.changing import HANDS, Ground
 from vsense.run.control import Control, State
 from vsense.run.environment import Environment
 from vsense.run.figures import Figures
-from vsense.run.homing.starts import Starts, say_end
+from vsense.run.homing.starts import Starts, say_end, say_next
 from vsense.run.robots import (
     Readiness,
     RunBatteries,
@@ -192,10 +192,10 @@ class ExperimentSession(ABC):
     def _scene(
         self, command: str, cameras: Sequence[Camera], trackers: dict[str, str], troubles: Troubles
     ) -> ExperimentFacts:
-        text = read_bytes(self.experiment.path).decode(errors="replace")
-        setup, user = self.setup, user_name()
+        setup, text = self.setup, read_bytes(self.experiment.path).decode(errors="replace")
+        user, made, homes = user_name(), dict(setup.origin), setup.starts is not None
         return ExperimentFacts(
-            command, text, setup.blind, cameras, trackers, troubles, dict(setup.origin), user=user
+            command, text, setup.blind, cameras, trackers, troubles, made, user=user, homes=homes
         )
 
     def _observe(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
@@ -313,6 +313,7 @@ class ExperimentSession(ABC):
         self._between()
         self.environment = self.environment.following()
         self.runner.next_run(self.environment)
+        say_next(self.setup.starts, self.environment.seed, self.setup.console)
         self._over = False
 
     def stop(self) -> None:
@@ -333,9 +334,8 @@ class ExperimentSession(ABC):
         server, host = self.server, self.setup.address[0]
         if is_loopback(host):
             return []
-        doubts = []
-        if self.setup.trust.insecure:
-            doubts.append(f"robots' port on {host} (--insecure): anybody can drive robots")
+        port = f"robots' port on {host} (--insecure): anybody can drive robots"
+        doubts = [port] if self.setup.trust.insecure else []
         if isinstance(server, MixedServer):
             where = f"original client's port {server.legacy_port} on {host}"
             doubts.append(f"{where}: whoever has a robot's address is taken for it")

@@ -52,12 +52,14 @@ class KeptRun:
             run.gate = self._paced.gate
         if job.recording is not None:
             self._record(True, Path(job.recording))
-        if self._tables is not None or self._recorder is not None:
+        if self._tables or self._recorder or self._paced:
             run.observe = self._observe
 
     def _observe(self, run_timestep: int) -> None:
         if self._tables is not None:
             self._note(run_timestep)
+        if self._paced is not None:
+            self._paced.note(run_timestep)
         if self._publisher is not None:
             self._publisher.observe(run_timestep)
 

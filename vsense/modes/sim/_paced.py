@@ -171,8 +171,11 @@ class PacedRun:
                 return int(run_timestep == 0)
             count, wait_s = self._pace.grant(run_timestep, time.monotonic())
             # What stands still is shown as it is.
-            if (wait_s is None and not count) or time.monotonic() - self._frame_s >= FRAME_S:
+            stands = wait_s is None and not count
+            if stands or time.monotonic() - self._frame_s >= FRAME_S:
                 self._show(run_timestep - 1)
+            if stands:
+                self._publisher.publish_history()
             if count:
                 return count
             self._page.poll(wait_s)
@@ -180,6 +183,11 @@ class PacedRun:
     def end(self) -> None:
         """Shows the last timestep of the run, which is over."""
         self._show(len(self._simulation.record.timesteps) - 1)
+        self._publisher.publish_history()
+
+    def note(self, run_timestep: int) -> None:
+        """Keeps the measures of a timestep: the page sees a few of those of a fast run."""
+        self._publisher.keep(run_timestep)
 
     def say(self, text: str, level: str = "info") -> None:
         """Tells the page something for people."""

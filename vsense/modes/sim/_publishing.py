@@ -10,6 +10,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from vsense.base.errors import VsenseError, failing_as
 from vsense.base.files import read_bytes
 from vsense.base.message_bus import MessageBus
@@ -84,6 +86,13 @@ class SimPublisher(Publisher):
         times_ns = (now_ns,) * 4
         self.update(Step(state.timestep, run_timestep, *times_ns, state, ()), {})
         self.tell_events()
+
+    def note(self, run_timestep: int, leds_on: int) -> None:
+        """Does nothing: `keep` has every timestep, also those that nobody is shown."""
+
+    def keep(self, run_timestep: int) -> None:
+        """Keeps the measures of a timestep of the run, see `Publisher.note`."""
+        super().note(run_timestep, int(np.count_nonzero(self._simulation.leds)))
 
     def tell_events(self) -> None:
         """Publishes what controllers and loop functions have logged since the last call."""

@@ -22,6 +22,8 @@ PICTURE_NS = 250_000_000
 """Each camera's pictures are published this far apart, as in a run."""
 LATE_NS = 1_000_000_000
 """A player that is later than this does not catch up."""
+AFTER_NS = 1000
+"""A replay begins so long after its first arena state, which is shown then."""
 _BURST = 50
 _CAN = ["play", "pause", "speed", "seek"]
 _PASSING = ("/event", form.GAP)
@@ -29,7 +31,7 @@ _PASSING = ("/event", form.GAP)
 
 
 class Player:
-    """Plays one recording; begins paused at its beginning. `clock` is monotonic [ns].
+    """Plays one recording; begins paused. `clock` is monotonic [ns].
 
     The recording is used by this player alone from now on; it is not closed here.
     """
@@ -59,7 +61,11 @@ class Player:
         self._thread: threading.Thread | None = None
 
     def start(self) -> None:
-        """Plays on its own thread, until `close`."""
+        """Goes on in its own thread, until `close`; shows the first arena state until PLAY."""
+        first = [next(self._recording.messages(t.__eq__), None) for t in ("/experiment", "/arena")]
+        begin_ns = self._recording.begin_ns
+        times_ns = [message.time_ns for message in first if message is not None]
+        self._from_ns = max([begin_ns, *times_ns]) - begin_ns + AFTER_NS
         self._thread = threading.Thread(target=self._run, name="replay", daemon=True)
         self._thread.start()
 

@@ -42,9 +42,9 @@ PICTURE = _shapes.PICTURE
 GAP = "/gap"
 TRACKER_TOPIC = "/tracker"
 DEEDS, ORDERS_TOPIC, SETTINGS_TOPIC, PARTS = "/deeds", "/orders", "/settings", "/parts"
-NOT_RECORDED = (PICTURE, "/readings/", "/you", "/answer")
-"""Live pictures are scaled and lossy, one robot's readings are in `/readings` already, the rest is
-between the server and one page."""
+NOT_RECORDED = (PICTURE, "/readings/", "/history", "/you", "/answer")
+"""Live pictures are scaled and lossy, one robot's readings are in `/readings` and the measures in
+`/signals` already, the rest is between the server and one page."""
 
 
 class RecordingError(VsenseError):
@@ -252,6 +252,7 @@ class ExperimentMessage(_Message):
     name: str = ""
     seed: int | None = None
     blind: bool | None = None
+    homes: bool | None = None
     version: str = ""
     file_text: str = ""
     made: Data | None = None

@@ -23,7 +23,14 @@ from vsense.base.errors import VsenseError
 from vsense.base.message_bus import Listener, Message, MessageBus
 from vsense.base.terminal import printable_json
 from vsense.config.casting import Pair
-from vsense.monitor.recording.form import PARTS, PICTURE, SETTINGS_TOPIC, without_nan
+from vsense.monitor.recording.form import (
+    ORDERS_TOPIC,
+    PARTS,
+    PICTURE,
+    SETTINGS_TOPIC,
+    without_nan,
+)
+from vsense.monitor.ui._arena_file import ArenaFile
 from vsense.monitor.ui._sentences import ChangeReadError, read
 from vsense.monitor.ui.access import Rights
 from vsense.robots.link.strangers import RateLimit
@@ -75,7 +82,7 @@ replace it, and not in the buffers of two operating systems."""
 
 IDLE = frozenset({"/experiment", "/run", "/event", "/robots", PARTS, SETTINGS_TOPIC})
 """What a hidden page, or one without refresh, still shows."""
-LIVE = IDLE | {"/arena", "/world", "/signals", "/fields", "/cameras"}
+LIVE = IDLE | {"/arena", "/world", "/signals", "/history", "/fields", "/cameras"}
 
 
 class WebClient:
@@ -204,7 +211,11 @@ LOOKING = "you are looking only: open the page with the control token to press b
 
 
 class WebClients:
-    """All viewers, and the orders that they give. The web server's thread only."""
+    """All viewers, and the orders that they give. The web server's thread only.
+
+    Attributes:
+        arena_file: the experiment's file with what was changed.
+    """
 
     def __init__(self, bus: MessageBus, give: Give, ask: Ask | None = None) -> None:
         """For `give` and `ask` see `WebServer`."""
@@ -215,7 +226,8 @@ class WebClients:
         self._sockets: set[web.WebSocketResponse] = set()
         self._came = 0
         self._history: deque[Message] = deque(maxlen=HISTORY)
-        self._listener = bus.join(self._history.append, "/event".__eq__)
+        self.arena_file = ArenaFile()
+        self._listener = bus.join(self._keep, ("/event", ORDERS_TOPIC).__contains__)
         self._does: Mapping[str, Callable[[WebClient, Any], None]] = {
             "order": self._carry_out,
             "change": self._change,
@@ -224,6 +236,11 @@ class WebClients:
             "pictures": WebClient.pictures,
             "got": WebClient.got,
         }
+
+    def _keep(self, message: Message) -> None:
+        """Keeps events for later viewers, and changes of the world for who saves the arena."""
+        keep = self._history.append if message.topic == "/event" else self.arena_file.receive
+        keep(message)
 
     @property
     def viewers(self) -> int:
@@ -285,6 +302,8 @@ class WebClients:
                 message = await asyncio.wait_for(viewer.next(), BEAT_S)
             except asyncio.TimeoutError:
                 message = self._about(viewer)
+            if message.topic == "/experiment":
+                self.arena_file.receive(message)
             frame = self._frames.frame(message)
             try:
                 if isinstance(frame, str):

@@ -79,6 +79,7 @@ class Site:
         self._app.router.add_get("/", self._page)
         self._app.router.add_get("/screen", self._page)
         self._app.router.add_get("/ws", self._socket)
+        self._app.router.add_get("/arena.argos", self._arena)
         self._app.router.add_get("/{name}", self._file)
         self._app.on_response_prepare.append(_protect)
 
@@ -161,6 +162,16 @@ class Site:
                 return _refusal(full, status=503)
             self._listener.seat(request)
             return await self.clients.serve(request, rights)
+
+    async def _arena(self, request: web.Request) -> web.StreamResponse:
+        """The experiment's file with the changes of the present run, to be saved."""
+        if self._rights(request) is Rights.NONE:
+            return _refusal("this page needs a token", True)
+        file = self.clients.arena_file
+        name = re.sub(r"[^\w.-]", "_", file.name) or "arena"
+        answer = web.Response(text=file.edited(), content_type="text/xml")
+        answer.headers["Content-Disposition"] = f'attachment; filename="{name}-changed.argos"'
+        return answer
 
     async def _file(self, request: web.Request) -> web.StreamResponse:
         name = request.match_info["name"]

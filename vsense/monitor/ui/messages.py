@@ -141,6 +141,7 @@ class ExperimentFacts:
         masks: see `cameras`.
         calibration: what is known of the cameras' calibration, see
             `vsense.vision.calibration.checked`.
+        homes: robots drive to their starts before each run.
     """
 
     command: str
@@ -155,6 +156,7 @@ class ExperimentFacts:
     user: str | None = None
     masks: Mapping[str, object] | None = None
     calibration: Data | None = None
+    homes: bool = False
 
 
 def experiment(facts: ExperimentFacts, environment: Environment) -> Data:
@@ -169,6 +171,7 @@ def experiment(facts: ExperimentFacts, environment: Environment) -> Data:
         name=spec.name,
         seed=environment.seed,
         blind=facts.blind,
+        homes=facts.homes,
         version=vsense.__version__,
         file_text=facts.file_text,
         made=_setup_of(facts, spec),

@@ -21,6 +21,7 @@ from vsense.base.message_bus import Message, MessageBus
 from vsense.monitor.recording import _senses, form
 from vsense.monitor.recording.form import PARTS, PICTURE, SETTINGS_TOPIC, Data, RunMessage
 from vsense.monitor.ui import messages
+from vsense.monitor.ui._measure_history import MeasureHistory, measures_of
 from vsense.monitor.ui.messages import ExperimentFacts
 from vsense.monitor.ui.tables import CameraTable, RobotTable
 from vsense.robots.link.status import RobotStatus
@@ -34,7 +35,7 @@ from vsense.run.orders import OrderKind
 from vsense.run.runtime import Step
 
 SECOND_NS = 1_000_000_000
-FIELDS_NS = SECOND_NS // 2
+FIELDS_NS = HISTORY_NS = SECOND_NS // 2
 RATE_TIMESTEPS = 100
 """Timesteps that rates and latencies are taken from."""
 
@@ -135,6 +136,7 @@ class Publisher:
         self._published: dict[str, object] = {}
         self._due_ns = self._fields_due_ns = self._late = 0
         self._run_timestep = self._joined = -1
+        self._history, self._history_due_ns = MeasureHistory(), 0
 
     def _equip(self, environment: Environment) -> None:
         """Prepares the robots' table and their devices'."""
@@ -150,7 +152,7 @@ class Publisher:
         newcomers, self._joined = self._bus.joined != self._joined, self._bus.joined
         if newcomers:
             self._published.clear()
-            self._due_ns = self._fields_due_ns = 0
+            self._due_ns = self._fields_due_ns = self._history_due_ns = 0
         facts = lambda: messages.experiment(self._common, self.environment)  # noqa: E731
         self._if_new("/experiment", self._control.run, facts, now_ns)
         changes = self._changes
@@ -164,10 +166,28 @@ class Publisher:
         self._if_new(PARTS, (self._control.run, tuple(robots), uids), parts, now_ns)
         if step is not None:
             self._publish_step(step, now_ns)
+            self.note(step.run_timestep, _lit(robots))
         if now_ns >= self._due_ns:
             self._bus.notify("/cameras", now_ns, lambda: self._cameras.data(now_ns))
         self._publish_run(now_ns)
+        if host_ns() >= self._history_due_ns:
+            self.publish_history()
         self._bus.notify("/robots", now_ns, lambda: self.robots_data(robots))
+
+    def note(self, run_timestep: int, leds_on: int) -> None:
+        """Keeps the measures of a timestep of the run; so many robots have a LED on."""
+        if run_timestep >= 0:
+            tags = (robot.tag for robot in self.environment.experiment.robots)
+            self._history.add(run_timestep, measures_of(self.environment.world, tags, leds_on))
+
+    def publish_history(self) -> None:
+        """Publishes the measures since the run began, where a listener lacks some of them."""
+        # Pages miss timesteps by the wall's clock, of which a fast simulation has its own.
+        self._history_due_ns = host_ns() + HISTORY_NS
+        version = self._control.run, self._run_timestep
+        timestep_s = self.environment.experiment.timestep_s
+        data = lambda: self._history.data(self._control.run, timestep_s)  # noqa: E731
+        self._if_new("/history", version, data, self._clock())
 
     def _publish_step(self, step: Step, now_ns: int) -> None:
         self._state = step.state
@@ -223,6 +243,7 @@ class Publisher:
     def begin_run(self, environment: Environment) -> None:
         """Prepares for the next run."""
         self.environment = environment
+        self._history = MeasureHistory()
         self._run_timestep, self._late = -1, 0
         self._published.clear()
 
@@ -267,6 +288,12 @@ class Publisher:
         if self._published.get(topic) != version and self._bus.wants(topic):
             self._published[topic] = version
             self._bus.publish(Message(topic, now_ns, make()))
+
+
+def _lit(robots: Mapping[int, RobotStatus]) -> int:
+    """How many robots report a LED that is on."""
+    reports = (robot.telemetry for robot in robots.values())
+    return sum(report is not None and report.leds != 0 for report in reports)
 
 
 def _arena(step: Step) -> Data:

@@ -162,3 +162,9 @@ def say_end(homing: Homing, console: Console) -> None:
         console.say(f"{after}; not {shorten(left)}", "warning")
     else:
         console.say(after)
+
+
+def say_next(starts: Starts | None, seed: int, console: Console) -> None:
+    """Says what the next run's seed is, and whether robots drive to `starts` before it."""
+    where = "stay where they stand" if starts is None else "drive to their starts"
+    console.say(f"the next run has seed {seed}: the robots {where}")

@@ -3,7 +3,8 @@
 import { Brush } from "./brush.js";
 import { byId, elements, fit, penOf, press, remember, remembered, write } from "./dom.js";
 import { Ground, pictureOf } from "./ground.js";
-import { FromAbove, aspectOf } from "./projections.js";
+import { Names } from "./names.js";
+import { FromAbove, SCALE_BAR_M, aspectOf } from "./projections.js";
 import {
   drawCones, drawFence, drawLights, drawPhysicalSolids,
   drawVirtualSolids, drawZones, rgb, sceneOf,
@@ -34,6 +35,10 @@ export class Arena {
   #aspect = "";
   #groundKey = "";
   #floorLoaded = 0;
+  names = new Names();
+  /** The robot or thing under the mouse.
+   * @type {number | null} */
+  hovered = null;
 
   /** @param {Store} store @param {RobotSelection} selection */
   constructor(store, selection) {
@@ -47,6 +52,8 @@ export class Arena {
     this.note = byId("arena_note");
     for (const chip of elements("[data-layer]")) this.#bindLayer(chip);
     this.canvas.addEventListener("click", (event) => this.#click(event));
+    this.canvas.addEventListener("pointermove", (event) => this.#hover(this.#nearest(event)));
+    this.canvas.addEventListener("pointerleave", () => this.#hover(null));
   }
 
   /** Lets somebody draw over everything else, and take clicks.
@@ -115,7 +122,7 @@ export class Arena {
     drawFence(scene);
     drawStrangers(scene);
     const robots = drawRobots(scene);
-    if (this.layers.names) drawNames(scene, robots);
+    if (this.layers.names) drawNames(scene, robots, this.names, this.hovered);
     this.#overlay?.draw(scene);
     this.drawn = { count: this.drawn.count + 1, timestep: store.arena?.timestep ?? -1, robots };
     const seen = store.arena?.robots.seen.filter(Boolean).length ?? 0;
@@ -149,7 +156,7 @@ export class Arena {
     drawZones(scene);
     if (this.layers.fields) store.fields?.fields.forEach((field, number) => this.#drawField(pen, view, field, number));
     drawPhysicalSolids(scene);
-    drawScaleBar(pen, view);
+    if (this.layers.scale !== false) drawScaleBar(pen, view);
   }
 
   /** @param {Pen} pen @param {FromAbove} view @param {Floor} floor */
@@ -184,6 +191,12 @@ export class Arena {
   /** @param {MouseEvent} event */
   #click(event) {
     if (this.#overlay?.takesClicks()) return;
+    this.selection.choose(this.#nearest(event));
+  }
+
+  /** The robot at the mouse.
+   * @param {MouseEvent} event */
+  #nearest(event) {
     const ratio = this.canvas.width / this.canvas.clientWidth;
     const [x, y] = [event.offsetX * ratio, event.offsetY * ratio];
     /** @type {number | null} */
@@ -193,7 +206,13 @@ export class Arena {
       const far = Math.hypot(robot.x_px - x, robot.y_px - y);
       if (far < nearest && this.store.rows.has(robot.tag)) [best, nearest] = [robot.tag, far];
     }
-    this.selection.choose(best);
+    return best;
+  }
+
+  /** @param {number | null} tag */
+  #hover(tag) {
+    if (tag !== this.hovered) this.key = "";
+    this.hovered = tag;
   }
 }
 
@@ -226,15 +245,15 @@ function gridLines(centre, size) {
 
 /** @param {Pen} pen @param {FromAbove} view */
 function drawScaleBar(pen, view) {
-  const [left, top, , height] = view.edges;
-  const [x, y] = [left + 14 * view.ratio, top + height - 14 * view.ratio];
+  const { left: x, right, bottom } = view.scaleBar;
+  const y = bottom - 3 * view.ratio;
   pen.strokeStyle = pen.fillStyle = theme.colours.ink;
   pen.lineWidth = 2 * view.ratio;
   pen.beginPath();
   pen.moveTo(x, y);
-  pen.lineTo(x + GRID_M * view.zoom, y);
+  pen.lineTo(right, y);
   pen.stroke();
-  pen.font = `600 ${11 * view.ratio}px system-ui, sans-serif`;
+  pen.font = `600 ${12 * view.ratio}px system-ui, sans-serif`;
   pen.textAlign = "left";
-  pen.fillText(`${GRID_M} m`, x, y - 6 * view.ratio);
+  pen.fillText(`${SCALE_BAR_M} m`, x, y - 6 * view.ratio);
 }

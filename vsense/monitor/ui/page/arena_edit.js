@@ -69,7 +69,7 @@ export class Edit {
   render() {
     this.button.hidden = !this.able;
     const locked = Boolean(this.store.settings?.locked);
-    write(this.button, locked ? "locked" : "change");
+    write(this.button, locked ? "locked" : "Change");
     if (this.on && (!this.able || locked)) this.#show(false);
     if (this.on) this.row.render();
   }
@@ -93,7 +93,7 @@ export class Edit {
   #setAdding(on) {
     this.adding = on;
     press(byId("edit_add"), on);
-    if (on) this.notify("click where it shall stand", true);
+    if (on) this.notify("Click where the robot is to stand", true);
   }
 
   // -- in the arena --------------------------------------------------------------------------

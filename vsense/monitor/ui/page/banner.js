@@ -2,7 +2,7 @@
 
 import { stateWords } from "./cameras.js";
 import { byId, inside, make, write } from "./dom.js";
-import { bytes, capital, count } from "./format.js";
+import { bytes, capital, clock, count } from "./format.js";
 
 const SILENT_S = 1;
 const SILENT_RUN_MS = 4000;
@@ -12,18 +12,22 @@ const LISTED = 3;
 const OWN_BANNERS = 3;
 
 /** `own`: it has a banner of its own.
- * @typedef {{ level: "lost" | "trouble" | "warning", text: string, more: string, own?: boolean }} Trouble */
+ * @typedef {{ level: "lost" | "danger" | "trouble" | "warning" | "info", text: string, more: string,
+ *   own?: boolean }} Trouble */
 
 /** What is wrong, the worst first.
  * @param {Store} store @param {Connection} connection @returns {Trouble[]} */
 export function troubles(store, connection) {
   if (!connection.open) return [ofConnection(connection)];
   return [
-    ...ofEmergency(store.run, connection), ...ofRun(store), ...ofRobots(store.robots), ...ofCameras(store.cameras),
-    ...ofDisk(store.run), ...ofAccess(store.run),
+    ...ofEmergency(store, connection), ...ofRun(store), ...ofRobots(store.robots), ...ofCameras(store.cameras),
+    ...ofDisk(store.run), ...ofAccess(store.run), ...ofNext(store),
   ];
 }
 
+/** What red stands for.
+ * @param {string} text @param {string} more @returns {Trouble} */
+const danger = (text, more) => ({ level: "danger", text, more });
 /** @param {string} text @param {string} more @returns {Trouble} */
 const trouble = (text, more) => ({ level: "trouble", text, more });
 /** @param {string} text @param {string} more @returns {Trouble} */
@@ -37,14 +41,17 @@ function ofConnection(connection) {
   return { level: "lost", text, more };
 }
 
-/** @param {RunMessage | null} run @param {Connection} connection */
-function ofEmergency(run, connection) {
+/** Who pressed, when, and the way out.
+ * @param {Store} store @param {Connection} connection */
+function ofEmergency({ run, pressed }, connection) {
   const rows = [];
   if (connection.emergency !== null && performance.now() - connection.emergency > UNANSWERED_MS) {
-    rows.push(trouble("EMERGENCY STOP NOT CONFIRMED", "vsense has not answered yet"));
+    rows.push(danger("EMERGENCY STOP NOT CONFIRMED", "vsense has not answered yet"));
   }
   if (run?.state === "emergency") {
-    rows.push(trouble("EMERGENCY STOP", [run.by && `pressed by ${run.by}`, run.text].filter(Boolean).join(" · ")));
+    const when = run.timestep < 0 ? `before run ${run.run}` : `at ${clock(run.time_s)} of run ${run.run}`;
+    const words = `pressed by ${pressed ?? "somebody"} ${when} · all robots stand · `;
+    rows.push(danger("EMERGENCY STOP", `${words}Reset (Shift+R) prepares the next run, which waits for Start`));
   }
   return rows;
 }
@@ -52,9 +59,10 @@ function ofEmergency(run, connection) {
 /** @param {Store} store @returns {Trouble[]} */
 function ofRun({ run, experiment, runHeard }) {
   /** @type {Trouble[]} */
-  const rows = (run?.alarms ?? []).map(({ text, cause }) => ({ ...trouble(capital(text), cause), own: true }));
+  const rows = (run?.alarms ?? []).map(({ kind, text, cause }) =>
+    ({ ...(kind === "overload" ? trouble : danger)(capital(text), cause), own: true }));
   if (experiment && performance.now() - runHeard > SILENT_RUN_MS) {
-    rows.push(trouble("No news from the run", "vsense is there, but tells nothing of the experiment"));
+    rows.push(trouble("No news from the run", "vsense is there, but reports nothing of the experiment"));
   }
   if (run && run.silent_s !== null && run.silent_s >= SILENT_S) {
     rows.push(trouble(`Nothing seen for ${run.silent_s.toFixed(0)} s`, "no camera gives an arena state"));
@@ -65,10 +73,10 @@ function ofRun({ run, experiment, runHeard }) {
 /** @param {RobotsMessage | null} robots */
 function ofRobots(robots) {
   if (!robots) return [];
-  const rows = robots.trouble.map((text, row) => ({ name: robots.name[row] ?? String(robots.tag[row]), text }));
+  const rows = robots.trouble.map((text, row) => ({ name: `robot ${robots.tag[row]}`, text }));
   const bad = rows.filter(({ text }) => text).map(({ name, text }) => `${name}: ${text}`);
   if (!bad.length) return [];
-  if (bad.length === 1) return [trouble(bad[0], "")];
+  if (bad.length === 1) return [trouble(capital(bad[0]), "")];
   const words = bad.slice(0, LISTED);
   if (bad.length > LISTED) words.push(`and ${bad.length - LISTED} more`);
   return [trouble(`${count(bad.length, "robot")} in trouble`, words.join(" · "))];
@@ -95,8 +103,20 @@ function ofDisk(run) {
 function ofAccess(run) {
   const rows = [];
   if (run?.doubts?.length) rows.push(warning("Not authenticated", run.doubts.join(" · ")));
-  if (run && (run.state === "waiting" || run.state.startsWith("homing"))) rows.push(warning(capital(run.text), ""));
+  const isWaiting = run && !run.replay && (run.state === "waiting" || run.state.startsWith("homing"));
+  if (isWaiting) rows.push(warning(capital(run.text), ""));
   return rows;
+}
+
+/** After a reset: which run waits, and where its robots are.
+ * @param {Store} store @returns {Trouble[]} */
+function ofNext({ run, experiment }) {
+  const isNext = run && run.run > 1 && run.timestep < 0 && !run.replay;
+  if (!isNext || !run.can.includes("start") || run.state === "ended") return [];
+  const where = experiment?.homes ? "the robots drive to their starts first" : "the robots stay where they stand";
+  const more = experiment?.mode === "sim" ? "the robots stand at their starts" : where;
+  const text = `Run ${run.run} waits for Start (Space)`;
+  return [{ level: "info", text, more: `seed ${experiment?.seed} · ${more}` }];
 }
 
 /** The banners: one for what has its own, and one for all the rest.

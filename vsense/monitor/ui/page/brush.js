@@ -3,6 +3,8 @@
 import { rim } from "./projections.js";
 
 const DASH_M = 0.04;
+/** Discs that make a light: shares of its radius, and how strong each is. */
+const HALO = [[1, 0.1], [0.82, 0.13], [0.64, 0.18], [0.46, 0.3]];
 
 /** A pen that is told places [m] instead of pixels. Widths are pixels of the screen. */
 export class Brush {
@@ -47,6 +49,12 @@ export class Brush {
    * @param {Vector[][]} lines @param {string} colour @param {number} width */
   lines(lines, colour, width) {
     this.#stroke(colour, width, () => lines.forEach((points) => this.view.line(this.pen, points)));
+  }
+
+  /** Light around a place, which fades to nothing.
+   * @param {Vector} point @param {number} radius @param {string} colour */
+  halo(point, radius, colour) {
+    for (const [part, share] of HALO) this.glow(point, part * radius, colour, share);
   }
 
   /** Tints a disc, which is as round as the picture.

@@ -2,11 +2,13 @@
 
 import { byId, fit, make, mark, penOf, press, remember, remembered, write } from "./dom.js";
 import { rate } from "./format.js";
+import { Names } from "./names.js";
 import { Overlay } from "./overlay.js";
 import { colours } from "./theme.js";
 
 const OLD_NS = 1.5e9;
 const PAINT_MS = 300;
+const CAPTION_PX = 24;
 /** @type {Record<string, string>} */
 const STATES = { ok: "ok", moved: "has been moved", dark: "is dark", frozen: "is frozen", lost: "is lost" };
 
@@ -31,6 +33,7 @@ class Cell {
   shown;
   /** @type {Overlay | undefined} */
   #overlay;
+  names = new Names();
 
   /** @param {CameraDescription} camera @param {Store} store */
   constructor(camera, store) {
@@ -47,6 +50,8 @@ class Cell {
       "div", { className: "cell" }, this.canvas,
       make("p", {}, make("b", {}, camera.id), make("span", {}, tracker), this.rate), this.text,
     );
+    this.element.title = "a click has it fill the panel, or all again";
+    this.element.addEventListener("click", () => this.element.classList.toggle("alone"));
     this.element.style.gridRow = String(camera.row + 1);
     this.element.style.gridColumn = String(camera.column + 1);
   }
@@ -137,9 +142,8 @@ class Cell {
     const ratio = canvas.width / Math.max(canvas.clientWidth, 1);
     const size = this.#radius(zoom);
     const thin = Math.max(1.5 * ratio, size * 0.16);
-    const letters = Math.min(Math.max(9, canvas.clientWidth / 24), 13) * ratio;
-    pen.font = `600 ${letters}px system-ui, sans-serif`;
-    pen.lineJoin = "round";
+    /** @type {import("./names.js").Named[]} */
+    const things = [];
     for (let row = 0; row < tag.length; row += 1) {
       if (which[row] !== index) continue;
       const [x, y] = [x_px[row] * zoom, y_px[row] * zoom];
@@ -151,12 +155,13 @@ class Cell {
       // The heading counts counter-clockwise while rows count downwards.
       pen.lineTo(x + 1.9 * size * Math.cos(yaw_px_rad[row]), y - 1.9 * size * Math.sin(yaw_px_rad[row]));
       pen.stroke();
-      pen.strokeStyle = "#000b";
-      pen.lineWidth = 2.5 * ratio;
-      pen.strokeText(String(tag[row]), x + 1.2 * size, y - 0.9 * size);
-      pen.fillStyle = "#fff";
-      pen.fillText(String(tag[row]), x + 1.2 * size, y - 0.9 * size);
+      const rank = tag[row] === this.#chosen ? 0 : 1;
+      things.push({ tag: tag[row], text: String(tag[row]), x, y, rank });
     }
+    // The camera's own name stands above.
+    const room = { left: 0, top: CAPTION_PX * ratio, right: camera.width_px * zoom, bottom: camera.height_px * zoom };
+    const letters = Math.min(Math.max(12, canvas.clientWidth / 24), 14) * ratio;
+    this.names.write(pen, things, size, letters, room, [], { ink: "#fff", halo: "#000c", sign: "#fff" });
   }
 
   /** How large a robot is in the picture, about: as a share of the arena that a camera sees.
@@ -178,6 +183,7 @@ class Cell {
     const bad = state && state.state !== "ok";
     mark(this.element, "bad", bad);
     let words = old ? "the picture is old" : "";
+    if (!this.bitmap) words = "no picture yet";
     if (bad) words = `${stateWords(state.state)}${state.text ? `: ${state.text}` : ""}`;
     write(this.text, words);
     this.text.hidden = !words;
@@ -238,6 +244,9 @@ export class Cameras {
     for (const [id, cell] of this.cells) cell.render(states.find((state) => state.id === id));
     const bad = states.filter(({ state }) => state !== "ok").length;
     const all = this.cells.size;
+    const isBare = this.store.run?.replay?.pictures === false;
+    byId("no_pictures").hidden = !isBare;
+    this.panel.hidden = !all || isBare;
     const note = bad ? `${bad} of ${all} in trouble` : `${all}`;
     write(this.note, all ? note : "none: another tracker sends poses");
     states.forEach((state, row) => this.#renderRow(row, state));
@@ -266,7 +275,6 @@ export class Cameras {
     const { width_px: width = 4, height_px: height = 3 } = cameras[0] ?? {};
     this.box.style.gridTemplate = `repeat(${rows}, minmax(0, 1fr)) / repeat(${columns}, minmax(0, 1fr))`;
     this.box.style.setProperty("--shape", `${(columns * width) / (rows * height)}`);
-    this.panel.hidden = !cameras.length;
     byId("watch_panel").hidden = !cameras.length;
   }
 }

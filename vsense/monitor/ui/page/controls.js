@@ -26,7 +26,8 @@ export class Controls {
     }
     // On the way down already: an emergency does not wait for a finger to leave the button.
     byId("emergency").addEventListener("pointerdown", () => this.emergency());
-    byId("emergency").addEventListener("click", (event) => event.detail || this.emergency());
+    const emergency = byId("emergency");
+    emergency.addEventListener("click", (event) => (event.detail ? emergency.blur() : this.emergency()));
     byId("refresh").addEventListener("click", () => this.setRefresh(!this.refresh));
     for (const button of this.viewButtons) {
       button.addEventListener("click", () => this.setView(button.dataset.view));
@@ -45,7 +46,7 @@ export class Controls {
     const { mode } = document.body.dataset;
     if (mode === "replay") return;
     if (mode === "sim") this.#pauseSimulation();
-    else if (mode === "track") this.notify("nothing here moves a robot: stop them where they are driven", false);
+    else if (mode === "track") this.notify("vsense track moves no robot: stop them where they are driven", false);
     else if (!this.store.you.control) this.order("emergency", 1);
     else if (!this.connection.stopAll()) this.notify("EMERGENCY STOP is not delivered: there is no connection", false);
   }
@@ -53,7 +54,7 @@ export class Controls {
   // No robot moves there: what can be stopped is the picture.
   #pauseSimulation() {
     if (this.store.run?.can?.includes("pause")) this.order("pause");
-    else this.notify("a simulation: no robot moves", false);
+    else this.notify("Escape pauses a simulation; this one is not running", false);
   }
 
   /** What the space bar does in this state. */
@@ -61,7 +62,7 @@ export class Controls {
     const can = this.store.run?.can ?? [];
     if (can.includes("start")) this.order("start");
     else if (can.includes("pause")) this.order("pause");
-    else this.notify("neither start nor pause makes sense now", false);
+    else this.notify(whyNot(this.store.run), false);
   }
 
   toggleRecord() {
@@ -72,7 +73,7 @@ export class Controls {
   setRefresh(on) {
     this.refresh = on;
     press(byId("refresh"), on);
-    write(inside(byId("refresh"), "span"), on ? "Refresh" : "Refresh off");
+    write(inside(byId("refresh"), "span"), on ? "Live pictures" : "Pictures frozen");
     this.sendRefresh();
   }
 
@@ -114,11 +115,16 @@ export class Controls {
     for (const button of this.buttons) {
       const able = this.connection.open && can.includes(button.dataset.order ?? "");
       if (button.disabled === able) button.disabled = !able;
+      button.dataset.does ??= button.title || button.innerText.split("\n")[0];
+      const why = able ? "" : `: not while the run is ${run?.state ?? "away"}`;
+      if (button.title !== button.dataset.does + why) button.title = button.dataset.does + why;
       const since = this.#pending.get(button);
       if (since !== undefined && performance.now() - since > WAIT_MS) this.#settle(button);
     }
     const resumes = run?.state === "homing paused" || (run?.state === "paused" && run.timestep >= 0);
     write(inside(byId("start"), "span"), resumes ? "Resume" : "Start");
+    // The button that goes on stands out.
+    mark(byId("reset"), "primary", run?.state === "emergency" || (run?.state === "ended" && !can.includes("start")));
     const recording = Boolean(run?.recording?.on);
     press(byId("record"), recording);
     write(inside(byId("record"), "span"), recording ? "Recording" : "Record");
@@ -153,7 +159,15 @@ export class Controls {
    * @type {Notify} */
   notify = (text, ok) => {
     const notice = make("p", { className: ok ? "toast" : "toast bad" }, text);
-    byId("toasts").append(notice);
+    byId("toasts").replaceChildren(notice);
     setTimeout(() => notice.remove(), NOTICE_MS);
   };
+}
+
+/** Why the space bar does nothing, and what goes on.
+ * @param {RunMessage | null} run */
+function whyNot(run) {
+  if (run?.state === "emergency") return "Emergency stop: first Reset (Shift+R), then Start";
+  if (run?.state === "ended") return "The run has ended: first Reset (Shift+R), then Start";
+  return `Nothing to start or pause: the run is ${run?.state ?? "away"}`;
 }

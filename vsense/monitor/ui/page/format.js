@@ -66,3 +66,13 @@ export const rate = (hz) => (hz === null || hz === undefined ? NONE : `${hz.toFi
 export const count = (n, noun) => `${n} ${n === 1 ? noun : `${noun}s`}`;
 /** @param {string} text */
 export const capital = (text) => text.slice(0, 1).toUpperCase() + text.slice(1);
+
+/** @type {Record<string, string>} */
+const UNITS = { m_s: "m/s", mm: "mm", cm: "cm", m: "m", s: "s", rad: "rad" };
+
+/** A measure's name in words, and its unit: light_distance_m -> "light distance", "m"
+ * @param {string} name */
+export function labelOf(name) {
+  const [, stem, unit] = /^(.+)_(m_s|mm|cm|m|s|rad)$/.exec(name) ?? [name, name, ""];
+  return { label: stem.replaceAll("_", " "), unit: UNITS[unit] };
+}

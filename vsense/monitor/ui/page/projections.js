@@ -3,6 +3,8 @@
 
 const MARGIN_M = 0.04;
 const MARGIN_PX = 10;
+/** Length of the bar that says how large things are. */
+export const SCALE_BAR_M = 0.5;
 const RIM = Array.from({ length: 36 }, (_, at) => [Math.cos((at * Math.PI) / 18), Math.sin((at * Math.PI) / 18)]);
 
 /** The shape that the arena's panel takes, as CSS has it.
@@ -51,6 +53,13 @@ export class FromAbove {
    * @returns {[number, number, number, number]} */
   get edges() {
     return this.box(this.centre, this.size);
+  }
+
+  /** Where the scale bar is, with its words. */
+  get scaleBar() {
+    const [left, top, , height] = this.edges;
+    const [x, y] = [left + 14 * this.ratio, top + height - 14 * this.ratio];
+    return { left: x, top: y - 20 * this.ratio, right: x + SCALE_BAR_M * this.zoom, bottom: y + 3 * this.ratio };
   }
 
   /** Left, top, width and height of a rectangle around a place.

@@ -9,6 +9,8 @@ const SEEK_EVERY_MS = 80;
 export class Replay {
   /** The newest `/run`, by its number, and when it came [ms]. */
   #news = { number: -1, heard: 0 };
+  /** How long before the run the recording begins [s]. */
+  #ahead_s = 0;
 
   /** @param {Store} store @param {Controls} controls */
   constructor(store, controls) {
@@ -36,7 +38,7 @@ export class Replay {
   #seek(final) {
     const now = performance.now();
     this.held = !final;
-    write(byId("position"), clock(Number(this.slider.value)));
+    this.#writeClock(Number(this.slider.value));
     if (!final && now - this.sought < SEEK_EVERY_MS) return;
     this.sought = now;
     this.controls.order("seek", Number(this.slider.value));
@@ -50,12 +52,21 @@ export class Replay {
     if (!this.held && performance.now() - this.sought > 4 * SEEK_EVERY_MS) {
       const at = this.#position(replay);
       this.slider.value = String(at);
-      write(byId("position"), clock(at));
+      this.#writeClock(at);
     }
-    write(byId("duration"), clock(replay.duration_s, 0));
     write(inside(this.button, "span"), replay.playing ? "Pause" : "Play");
     inside(this.button, "i").className = replay.playing ? "sign pause" : "sign play";
     if (document.activeElement !== this.speed) this.speed.value = String(replay.speed);
+  }
+
+  /** One clock, the run's: a recording may begin before it.
+   * @param {number} at_s of the recording */
+  #writeClock(at_s) {
+    const { run, now } = this.store;
+    if (!this.held) this.#ahead_s = (run?.replay?.position_s ?? 0) - (now.time_s ?? 0);
+    const before = at_s < this.#ahead_s - 0.5 || (!this.held && now.timestep < 0);
+    write(byId("position"), before ? "before" : clock(this.held ? at_s - this.#ahead_s : now.time_s));
+    write(byId("duration"), clock(run?.length_s ?? (run?.replay?.duration_s ?? 0) - this.#ahead_s, 0));
   }
 
   /** The run says its place once per second; between, the slider goes on by itself.

@@ -4,9 +4,9 @@ import { Brush } from "./brush.js";
 import { byId, fit, inside, make, mark, penOf, write } from "./dom.js";
 import { degrees, milliseconds, radio, reading, volts } from "./format.js";
 import { FromAbove } from "./projections.js";
-import { wordsOf } from "./robots.js";
+import { ERRORS, wordsOf } from "./robots.js";
 import { rgb, sceneOf } from "./scene.js";
-import { drawLedGlow, drawLeds, drawRays, isRingLit, rayColour } from "./scene_robots.js";
+import { drawLedGlow, drawLeds, drawRays, rayColour } from "./scene_robots.js";
 import { chartable } from "./series.js";
 import * as theme from "./theme.js";
 
@@ -48,8 +48,8 @@ export class Robot {
     this.panel.hidden = tag === null;
     if (tag === null) return;
     const robot = this.store.robot(tag);
-    write(byId("robot_name"), this.store.name(tag));
-    write(byId("robot_note"), `tag ${tag}`);
+    write(byId("robot_name"), `Robot ${tag}`);
+    write(byId("robot_note"), this.store.name(tag));
     this.#renderFacts(tag, robot);
     this.#draw(tag, robot?.leds ?? 0);
     this.#renderReadings(tag);
@@ -75,6 +75,7 @@ export class Robot {
       write(value, text);
       value.title = text;
       mark(value, "bad", name === "trouble");
+      mark(value, "long", name === "errors");
       chartable(value, this.#chartOf(name, tag, robot));
     });
   }
@@ -108,6 +109,7 @@ export class Robot {
     const { part, uid } = this.store.part(tag);
     if (part !== undefined && part !== tag) facts.push(["plays", `the part of ${part}`]);
     if (uid) facts.push(["uid", uid]);
+    if (robot?.base_errors) facts.push(["errors", `${robot.base_errors}: ${ERRORS}`]);
     for (const [name, value] of Object.entries(robot?.shown ?? {})) {
       facts.push([name, typeof value === "string" ? value : reading(value)]);
     }
@@ -123,7 +125,7 @@ export class Robot {
     if (!chart) return null;
     return {
       key: `${tag}/fact/${name}`,
-      label: `${chart.label ?? name} of ${this.store.name(tag)}`,
+      label: `${chart.label ?? name} of ${tag}`,
       unit: chart.unit,
       now: (store) => {
         const row = store.robot(tag);
@@ -143,18 +145,18 @@ export class Robot {
     const { colours } = theme;
     pen.clearRect(0, 0, width, height);
     const lit = store.signals?.leds.tag.indexOf(tag) ?? -1;
-    if (store.signals && lit >= 0) brush.glow([0, 0, 0], 1.7 * radius, rgb(store.signals.leds.color[lit]), 0.55);
-    drawLedGlow(brush, [0, 0, 0], radius, leds, colours.lit, 0.25);
+    if (store.signals && lit >= 0) brush.halo([0, 0, 0], 2.4 * radius, rgb(store.signals.leds.color[lit]));
+    drawLedGlow(brush, [0, 0, 0], radius, leds, colours.led);
     const scene = sceneOf(brush, store, colours, tag, store.arena, store.signals);
     drawRays(scene, [0, 0, 0], UP, radius, (0.97 * width) / 2, 0.028 * width);
-    pen.strokeStyle = isRingLit(leds) ? colours.lit : colours.robot;
+    pen.strokeStyle = colours.robot;
     pen.lineWidth = 0.2 * radius;
     pen.beginPath();
     pen.arc(width / 2, height / 2, radius, 0, 2 * Math.PI);
     pen.moveTo(width / 2, height / 2);
     pen.lineTo(width / 2, height / 2 - 0.8 * radius);
     pen.stroke();
-    drawLeds(brush, [0, 0], UP, radius, leds, colours.lit);
+    drawLeds(brush, [0, 0], UP, radius, leds, colours.led);
   }
 
   /** @param {number} tag */
@@ -176,7 +178,7 @@ export class Robot {
   #readingChart(tag, sensor) {
     return {
       key: `${tag}/reading/${sensor.name}`,
-      label: `${sensor.name} of ${this.store.name(tag)}`,
+      label: `${sensor.name} of ${tag}`,
       unit: sensor.unit ?? "",
       tag,
       now: (store) => numbersOf(store.sensed(tag).find((sensed) => sensed.sensor.name === sensor.name)),

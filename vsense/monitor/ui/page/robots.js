@@ -5,9 +5,11 @@ import { count, milliseconds, reading, volts } from "./format.js";
 
 const STALE_MS = 500;
 const WEAK_DBM = -75;
-/** Letters of a name, beside the column of signals and without it. */
-const LONG_NAME = { radio: 6, wide: 12 };
-let longName = LONG_NAME.wide;
+/** What a robot does.
+ * @type {Record<string, string>} */
+const WORDS = { run: "runs", pause: "paused", stop: "stopped", homing: "goes home" };
+/** What stands under "errors". */
+export const ERRORS = "how often it lost its microcontroller since its daemon started; one or two come with a start";
 
 /** `key` is what it is sorted by.
  * @typedef {object} Column
@@ -21,7 +23,7 @@ let longName = LONG_NAME.wide;
 // where one says it.
 /** @type {Column[]} */
 const COLUMNS = [
-  { head: "robot", style: "", text: (robot) => nameOf(robot), key: (robot) => robot.tag },
+  { head: "robot", style: "", text: (robot) => String(robot.tag), key: (robot) => robot.tag },
   { head: "runs", style: "runs", text: (robot) => robot.expected ?? "", key: (robot) => robot.expected ?? "" },
   {
     head: "state", style: "",
@@ -64,14 +66,7 @@ const COLUMNS = [
 /** @param {RobotRow} robot */
 function stateOf({ connected, held, state }) {
   if (!connected) return "away";
-  return held ? "stands" : state;
-}
-
-/** A long name is cut off where two of them may still look the same.
- * @param {RobotRow} robot */
-function nameOf({ tag, name }) {
-  if (!name) return String(tag);
-  return name.length > longName ? `${tag} ${name}` : name;
+  return held ? "stands" : WORDS[state] ?? state;
 }
 
 /** What is to be said about a robot beyond its row; "" where all is well.
@@ -125,7 +120,7 @@ export class Robots {
     this.heads = COLUMNS.map(({ head, style }, column) => {
       const button = make("button", { type: "button" }, head);
       button.addEventListener("click", () => this.#sortBy(column));
-      return make("th", { className: style, scope: "col" }, button);
+      return make("th", { className: style, scope: "col", title: head === "errors" ? ERRORS : "" }, button);
     });
     this.head.replaceChildren(make("tr", {}, ...this.heads));
   }
@@ -148,9 +143,7 @@ export class Robots {
     byId("robots_panel").hidden = !robots && experiment?.mode === "track";
     if (!robots) return;
     mark(this.table, "mixed", (experiment?.controllers?.length ?? 0) > 1);
-    const hasRadio = robots.signal_dbm?.some((dbm) => dbm !== null);
-    longName = hasRadio ? LONG_NAME.radio : LONG_NAME.wide;
-    mark(this.table, "radio", hasRadio);
+    mark(this.table, "radio", robots.signal_dbm?.some((dbm) => dbm !== null));
     const all = [...rows.keys()].flatMap((tag) => this.store.robot(tag) ?? []);
     this.#sorted = all.sort((a, b) => this.#compare(a, b));
     this.heads.forEach((head, column) => {
@@ -227,7 +220,9 @@ export class Robots {
     const parts = [`${there} of ${tag.length} connected`, `${inView} seen`];
     // Simulated robots have no links, and nobody overlooks them.
     if (this.store.experiment?.command === "sim") parts.splice(0, 2, count(tag.length, "simulated robot"));
-    if (bad) parts.push(`${count(bad, "robot")} in trouble`);
+    if (bad) parts.push(`⚠ ${count(bad, "robot")} in trouble`);
+    const virtual = this.store.world?.entities.filter(({ kind }) => kind === "robot").length;
+    if (virtual) parts.push(`${virtual} virtual`);
     write(this.note, parts.join(" · "));
   }
 }

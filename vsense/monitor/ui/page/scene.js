@@ -11,14 +11,14 @@ const GLOW = [[0.3, 0.12], [0.18, 0.16], [0.09, 0.3]];
 /** Colours and strengths upon the panel's ground and upon a camera's picture. */
 export const STYLES = {
   above: (/** @type {Record<string, string>} */ colours) => ({
-    zone: colours.muted, fence: colours.red, virtual: colours.virtual, stranger: colours.stranger, lit: colours.lit,
+    zone: colours.muted, fence: colours.red, virtual: colours.virtual, stranger: colours.stranger, led: colours.led,
     rays: [colours.ray, colours.ray2, colours.ray3],
-    coneFill: 0.26, coneSource: 3, solidFill: 0.32, ringGlow: 0.28, rayAlpha: 0.85,
+    coneFill: 0.26, coneSource: 3, solidFill: 0.32, rayAlpha: 0.85,
   }),
   lens: () => ({
-    zone: "#c8ced6", fence: "#ff6b66", virtual: "#b984e0", stranger: "#3cc4ae", lit: "#ff4d48",
+    zone: "#c8ced6", fence: "#ff6b66", virtual: "#b984e0", stranger: "#3cc4ae", led: "#ff8a5c",
     rays: ["#4fd0e0", "#e48ad2", "#e0c24a"],
-    coneFill: 0.28, coneSource: 2.5, solidFill: 0.35, ringGlow: 0.3, rayAlpha: 0.9,
+    coneFill: 0.28, coneSource: 2.5, solidFill: 0.35, rayAlpha: 0.9,
   }),
 };
 
@@ -171,7 +171,7 @@ export function drawLabel({ pen, view, colours }, text, point, below = 0, line =
   if (!spot) return;
   const [x, y] = [spot[0], spot[1] + below * spot[2] + line * 13 * view.ratio];
   pen.textAlign = "center";
-  pen.font = `${view.flat ? "" : "600 "}${11 * view.ratio}px system-ui, sans-serif`;
+  pen.font = `${view.flat ? "" : "600 "}${12 * view.ratio}px system-ui, sans-serif`;
   if (view.flat) {
     pen.fillStyle = colours.muted;
     pen.fillText(text, x, y + 4 * view.ratio);

@@ -2,8 +2,10 @@
 // Through a lens rings and names are the tracker's, see cameras.js: only what nobody sees is drawn.
 
 import { reading } from "./format.js";
-import { STYLES, drawEdges, drawLabel, rgb } from "./scene.js";
+import { FromAbove, ThroughLens, rim } from "./projections.js";
+import { STYLES, drawEdges, drawLabel, outlineOf, rgb } from "./scene.js";
 
+/** @typedef {import("./names.js").Names} Names */
 /** @typedef {{ tag: number, x_px: number, y_px: number, x_m: number, y_m: number }} DrawnRobot */
 
 const BODY_HEIGHT_M = 0.076;
@@ -15,7 +17,8 @@ const BODY_LED = 1 << 8;
 const FRONT_LED = 1 << 9;
 const BODY_LED_COLOUR = "rgb(40 200 80)";
 const MANY = 40;
-const SHORT_TRAIL = 25;
+/** Trails of many robots are so long [s of the run]. */
+const SHORT_TRAIL_S = 2.5;
 const FADE_NS = 2e9;
 const OLD_NS = 5e8;
 const WORDS = 4;
@@ -76,15 +79,11 @@ function inTrouble({ store }, tag) {
   return row !== undefined && Boolean(store.robots?.trouble[row]);
 }
 
-/** @param {number} leds */
-export const isRingLit = (leds) => (leds & RING) !== 0;
-
 /** The light of a robot's LEDs: those in its ring, and its body's.
- * @param {Brush} brush @param {Vector} top @param {number} body @param {number} leds @param {string} lit
- * @param {number} share */
-export function drawLedGlow(brush, top, body, leds, lit, share) {
-  if (leds & RING) brush.glow(top, 1.9 * body, lit, share);
-  if (leds & BODY_LED) brush.glow(top, 0.8 * body, BODY_LED_COLOUR, 0.7);
+ * @param {Brush} brush @param {Vector} top @param {number} body @param {number} leds @param {string} colour */
+export function drawLedGlow(brush, top, body, leds, colour) {
+  if (leds & RING) brush.halo(top, 2.6 * body, colour);
+  if (leds & BODY_LED) brush.halo(top, 1.6 * body, BODY_LED_COLOUR);
 }
 
 /** @param {Scene} scene @param {Spot} spot */
@@ -98,25 +97,30 @@ function drawObject({ pen, view, colours, body }, [x, y, zoom]) {
  * @param {Scene} scene @param {number} tag @param {Vector} top @param {number} yaw @param {boolean} seen
  * @param {Colour | undefined} virtual */
 function drawRobot(scene, tag, top, yaw, seen, virtual) {
-  const { pen, view, brush, colours, style, body } = scene;
+  const { view, brush, colours, style, body } = scene;
   const leds = ledsOf(scene, tag);
   /** @type {Point} */
   const centre = [top[0], top[1]];
   const around = (/** @type {number} */ radii) => ({ centre, radius: radii * body });
-  if (virtual) brush.glow(top, 1.5 * body, rgb(virtual), 0.6);
-  drawLedGlow(brush, top, body, view.flat ? leds : leds & RING, style.lit, style.ringGlow);
+  if (virtual) brush.halo(top, 2.6 * body, rgb(virtual));
+  drawLedGlow(brush, top, body, view.flat ? leds : leds & RING, style.led);
   if (tag === scene.chosen) brush.outline(around(2.6), top[2], view.flat ? colours.ink : "#fff", view.flat ? 2 : 1.8);
   if (!view.flat) {
-    if (tag === scene.chosen) drawSenses(scene, top, yaw);
+    if (tag === scene.chosen && isInPicture(view, top)) drawSenses(scene, top, yaw);
     return;
   }
-  if (inTrouble(scene, tag)) {
-    pen.setLineDash([4 * view.ratio, 4 * view.ratio]);
-    brush.outline(around(2.2), 0, colours.red, 2);
-    pen.setLineDash([]);
-  }
-  drawBody(brush, top, yaw, body, leds & RING ? colours.lit : colours.robot, !seen);
-  drawLeds(brush, top, yaw, body, leds, colours.lit);
+  if (inTrouble(scene, tag)) brush.outline(around(2.2), 0, colours.amber, 2);
+  drawBody(brush, top, yaw, body, colours.robot, !seen);
+  drawLeds(brush, top, yaw, body, leds, colours.led);
+}
+
+/** Whether a camera sees a place: of what its neighbour sees, nothing is written into its picture.
+ * @param {View} view @param {Vector} place */
+function isInPicture(view, place) {
+  const [x, y] = view.spot(place) ?? [-1, -1];
+  const { width_px, height_px } = view instanceof ThroughLens ? view.lens.model : { width_px: 0, height_px: 0 };
+  const zoom = view instanceof ThroughLens ? view.zoom : 0;
+  return x >= 0 && y >= 0 && x <= width_px * zoom && y <= height_px * zoom;
 }
 
 /** A ring with a line where it heads to.
@@ -225,58 +229,45 @@ function drawSenses(scene, top, yaw) {
 /** @param {Scene} scene */
 export function drawTrails({ brush, pen, store, colours, chosen }) {
   const trails = [...store.trails].filter(([tag]) => tag !== chosen).map(([, trail]) => trail);
-  const short = store.trails.size > MANY;
+  const from_s = store.trails.size > MANY ? (store.now.time_s ?? 0) - SHORT_TRAIL_S : -Infinity;
   pen.globalAlpha = 0.6;
-  brush.lines(short ? trails.map((trail) => trail.slice(-SHORT_TRAIL)) : trails, colours.trail, 1.2);
+  brush.lines(trails.map(({ points, times_s }) => points.filter((_, at) => times_s[at] >= from_s)), colours.trail, 1.2);
   pen.globalAlpha = 1;
   const own = chosen === null ? undefined : store.trails.get(chosen);
-  if (own) brush.lines([own], colours.trail, 2.4);
+  if (own) brush.lines([own.points], colours.trail, 2.4);
 }
 
-/** Numbers beside the robots; where many are, only those that matter.
- * @param {Scene} scene @param {DrawnRobot[]} robots */
-export function drawNames(scene, robots) {
+/** Names beside robots and things, where they touch nothing: neither each other, nor walls, nor the scale bar.
+ * @param {Scene} scene @param {DrawnRobot[]} robots @param {Names} names @param {number | null} hovered */
+export function drawNames(scene, robots, names, hovered) {
   const { pen, view, store, colours, chosen, body } = scene;
-  if (!robots.length) return;
-  const zoom = view.spot([0, 0, 0])?.[2] ?? 0;
-  const size = Math.max(10, Math.min(14, (0.062 * zoom) / view.ratio)) * view.ratio;
-  pen.textAlign = "left";
-  pen.font = `600 ${size}px system-ui, sans-serif`;
-  pen.strokeStyle = colours.floor;
-  pen.lineWidth = 3 * view.ratio;
-  /** @type {Rectangle[]} */
-  const taken = [];
-  for (const robot of robots) {
-    const { tag } = robot;
-    const matters = tag === chosen || inTrouble(scene, tag);
-    if (robots.length > MANY && !matters) continue;
-    const text = store.objects.has(tag) ? store.name(tag) : String(tag);
-    const box = cornerBox(pen.canvas, pen.measureText(text).width, size, robot, body * zoom, taken);
-    taken.push(box);
-    pen.strokeText(text, box.left, box.bottom);
-    pen.fillStyle = matters && tag !== chosen ? colours.red : colours.ink;
-    pen.fillText(text, box.left, box.bottom);
-  }
+  if (!(view instanceof FromAbove)) return;
+  const { ratio, zoom } = view;
+  const virtual = (store.world?.entities ?? []).flatMap((thing) => (thing.kind === "robot" ? [thing] : []));
+  const visitors = virtual.map(({ tag, id, x_m, y_m }) => ({ tag, text: id, x: view.x(x_m), y: view.y(y_m), rank: 3 }));
+  const things = robots.map(({ tag, x_px, y_px }) => {
+    const sign = inTrouble(scene, tag);
+    const rank = tag === chosen || tag === hovered ? 0 : 2 - Number(sign);
+    // ARGoS adds tag and number to the names of things that it distributes.
+    const text = store.objects.has(tag) ? store.name(tag).replace(`_${tag}_`, " ").replace(/ \d+$/, "") : String(tag);
+    return { tag, text, x: x_px, y: y_px, sign, rank };
+  });
+  const size = Math.max(12, Math.min(15, (0.062 * zoom) / ratio)) * ratio;
+  const [left, top, width, height] = view.edges;
+  const inner = 5 * ratio;
+  const room = { left: left + inner, top: top + inner, right: left + width - inner, bottom: top + height - inner };
+  const walls = [view.scaleBar, ...solidBoxes(scene.store, view)];
+  const looks = { ink: colours.ink, halo: colours.floor, sign: colours.amber };
+  names.write(pen, [...things, ...visitors], 1.2 * body * zoom, size, room, walls, looks);
 }
 
-/** @typedef {{ left: number, top: number, right: number, bottom: number }} Rectangle */
-
-/** Where a name goes: of the four corners around a robot the first that is in the picture and on no other
- * name, else the first in the picture.
- * @param {HTMLCanvasElement} canvas @param {number} width @param {number} size @param {DrawnRobot} robot
- * @param {number} radius @param {Rectangle[]} taken */
-function cornerBox(canvas, width, size, robot, radius, taken) {
-  const [far, near] = [1.25 * radius, 0.95 * radius];
-  const corners = [[far, -near], [-far - width, -near], [far, near + size], [-far - width, near + size]];
-  const boxes = corners.map(([x, y]) => ({
-    left: robot.x_px + x, top: robot.y_px + y - size, right: robot.x_px + x + width, bottom: robot.y_px + y,
-  }));
-  const inside = boxes.filter(({ left, top, right, bottom }) =>
-    left >= 0 && top >= 0 && right <= canvas.width && bottom <= canvas.height);
-  return inside.find((box) => !taken.some((other) => overlap(box, other))) ?? inside[0] ?? boxes[0];
-}
-
-/** @param {Rectangle} a @param {Rectangle} b */
-function overlap(a, b) {
-  return a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
+/** What stands in the arena, as boxes of the picture; large ones frame it, and leave no room inside.
+ * @param {Store} store @param {FromAbove} view */
+function solidBoxes({ world }, view) {
+  return (world?.entities ?? []).flatMap((thing) => {
+    if (thing.kind !== "box" && thing.kind !== "cylinder") return [];
+    const corners = rim(outlineOf(thing));
+    const [xs, ys] = [corners.map(([x]) => view.x(x)), corners.map(([, y]) => view.y(y))];
+    return [{ left: Math.min(...xs), right: Math.max(...xs), top: Math.min(...ys), bottom: Math.max(...ys) }];
+  });
 }

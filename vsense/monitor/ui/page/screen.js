@@ -4,7 +4,7 @@
 import { Arena } from "./arena.js";
 import { Connection } from "./connection.js";
 import { byId, elements, make, remember, remembered, write } from "./dom.js";
-import { capital, clock, reading } from "./format.js";
+import { capital, clock, labelOf, reading } from "./format.js";
 import { homography, matrix3d } from "./homography.js";
 import { FromAbove } from "./projections.js";
 import { ofSwarm } from "./series.js";
@@ -80,7 +80,7 @@ function project(on) {
   remember("screen.projector", on);
   isSetting &&= on;
   theme.refresh();
-  arena.layers = { trails: !on, names: !on, fields: true, rays: false };
+  arena.layers = { trails: !on, names: !on, fields: true, rays: false, scale: !on };
   arena.key = "";
 }
 
@@ -155,8 +155,9 @@ function renderFigures() {
   rows.forEach(([name, value], at) => {
     if (at === box.childElementCount) box.append(make("span", {}, make("i"), make("b")));
     const row = box.children[at];
-    write(row.children[0], name.replaceAll("_", " "));
-    write(row.children[1], reading(value));
+    const { label, unit } = labelOf(name);
+    write(row.children[0], label);
+    write(row.children[1], unit ? `${reading(value)} ${unit}` : reading(value));
   });
 }
 

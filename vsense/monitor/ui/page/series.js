@@ -1,6 +1,8 @@
 // Numbers over time: of the run, of a robot, of a sensor. A replay may be sought: places stay where they are.
 
 const MOST_SAMPLES = 2400;
+/** Times that are farther apart have a gap between them [s]. */
+const GAP_S = 3;
 
 /** One or several numbers over the run's time [s]; `values` of one time are a list. */
 export class Series {
@@ -8,24 +10,37 @@ export class Series {
   times = [];
   /** @type {ChartValues[]} */
   values = [];
+  /** The smallest and the largest value from each time to the next, where some were thinned out.
+   * @type {([number, number] | undefined)[]} */
+  spans = [];
+  /** What is farther apart has a gap between [s]. */
+  gap_s = GAP_S;
 
   /** Adds the values of a time; in place of those that it had.
-   * @param {number | null} time @param {ChartValues} values @param {boolean} isReplay */
-  add(time, values, isReplay) {
+   * @param {number | null} time @param {ChartValues} values */
+  add(time, values) {
     const { times } = this;
     if (time === null) return;
-    // Another run begins; a replay only goes to another place.
-    if (!isReplay && times.length && time < times[times.length - 1]) this.clear();
     let at = times.length;
     while (at > 0 && times[at - 1] >= time) at -= 1;
     const same = times[at] === time ? 1 : 0;
     times.splice(at, same, time);
     this.values.splice(at, same, values);
+    this.spans.splice(at, same, same ? this.spans[at] : undefined);
     if (times.length > MOST_SAMPLES) this.#thin();
   }
 
-  clear() {
-    this.times.length = this.values.length = 0;
+  /** Takes what the host has kept, in place of what was heard until then.
+   * @param {HistoryMessage} history @param {string} name */
+  load({ time_s, bucket_s, measures }, name) {
+    const { low, high, last } = measures[name];
+    const end_s = (time_s.at(-1) ?? -1) + bucket_s;
+    const from = this.times.findIndex((time) => time >= end_s - 1e-6);
+    const rest = from < 0 ? this.times.length : from;
+    this.times = [...time_s, ...this.times.slice(rest)];
+    this.values = [...last.map((value) => [value]), ...this.values.slice(rest)];
+    this.spans = [...low.map((value, at) => spanOf(value, high[at])), ...this.spans.slice(rest)];
+    this.gap_s = Math.max(GAP_S, 2.5 * bucket_s);
   }
 
   get last() {
@@ -45,10 +60,14 @@ export class Series {
     const keep = (/** @type {unknown} */ _, /** @type {number} */ index) => index % 2 === 0;
     this.times = this.times.filter(keep);
     this.values = this.values.filter(keep);
+    this.spans = this.spans.filter(keep);
   }
 }
 
-/** How many robots are in the polluted cone, and how many are lit; nothing where there can be none.
+/** @param {number | null} low @param {number | null} high @returns {[number, number] | undefined} */
+const spanOf = (low, high) => (low === null || high === null || low === high ? undefined : [low, high]);
+
+/** How many robots are in the polluted cone, and how many have a LED on; nothing where there can be none.
  * @param {Store} store */
 export function ofSwarm(store) {
   const { signals, arena, robots } = store;
@@ -64,7 +83,7 @@ export function ofSwarm(store) {
   const lit = (robots?.leds ?? []).filter(Boolean).length;
   if (lit || store.hadLight) {
     store.hadLight = true;
-    counts.lit = lit;
+    counts["LEDs on"] = lit;
   }
   return counts;
 }

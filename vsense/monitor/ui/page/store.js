@@ -1,10 +1,12 @@
 // What the page knows: the newest message of every topic, and a little of what was before.
 
 import { Series } from "./series.js";
+import { TRAIL_S, Trail } from "./trail.js";
 
-const TRAIL = 80;
 const MOST_STEPS = 24;
 const MOST_EVENTS = 200;
+/** @type {Record<string, string>} */
+const SIMULATED = { running: "run", paused: "pause", ended: "stop" };
 const OLD_MS = 2000;
 const PLAIN = new Set(["you", "run", "arena", "world", "signals", "fields", "robots", "cameras", "parts", "settings"]);
 
@@ -12,26 +14,16 @@ const PLAIN = new Set(["you", "run", "arena", "world", "signals", "fields", "rob
 
 /** What is known of one experiment's runs. */
 class RunNews {
-  /** @type {ExperimentMessage | null} */
-  experiment = null;
-  /** @type {RunMessage | null} */
-  run = null;
-  /** @type {ArenaMessage | null} */
-  arena = null;
-  /** @type {WorldMessage | null} */
-  world = null;
-  /** @type {SignalsMessage | null} */
-  signals = null;
-  /** @type {FieldsMessage | null} */
-  fields = null;
-  /** @type {RobotsMessage | null} */
-  robots = null;
-  /** @type {CamerasMessage | null} */
-  cameras = null;
-  /** @type {SettingsMessage | null} */
-  settings = null;
-  /** @type {PartsMessage | null} */
-  parts = null;
+  experiment = /** @type {ExperimentMessage | null} */ (null);
+  run = /** @type {RunMessage | null} */ (null);
+  arena = /** @type {ArenaMessage | null} */ (null);
+  world = /** @type {WorldMessage | null} */ (null);
+  signals = /** @type {SignalsMessage | null} */ (null);
+  fields = /** @type {FieldsMessage | null} */ (null);
+  robots = /** @type {RobotsMessage | null} */ (null);
+  cameras = /** @type {CamerasMessage | null} */ (null);
+  settings = /** @type {SettingsMessage | null} */ (null);
+  parts = /** @type {PartsMessage | null} */ (null);
   /** By tag.
    * @type {Map<number, ReadingsMessage>} */
   readings = new Map();
@@ -55,7 +47,7 @@ class RunNews {
    * @type {Map<string, { about: PictureMessage, blob: Uint8Array, number: number }>} */
   pictures = new Map();
   /** Earlier places by tag.
-   * @type {Map<number, Vector[]>} */
+   * @type {Map<number, Trail>} */
   trails = new Map();
   /** The last arena states by their timestep.
    * @type {Map<number, ArenaMessage>} */
@@ -89,6 +81,13 @@ export class Store extends RunNews {
   runHeard = Infinity;
   #ahead_ms = Infinity;
   #timestep = -1;
+  /** Of the run.
+   * @type {number | null} */
+  #number = null;
+  #state = "";
+  /** Who brought the run into its state.
+   * @type {string | null} */
+  pressed = null;
 
   /** Drops one experiment's news, as when another comes. */
   clear() {
@@ -111,6 +110,7 @@ export class Store extends RunNews {
     else if (name === "answer") this.#answer(data);
     else if (name === "experiment") this.#experiment(data);
     else if (name === "readings") this.#readings(data);
+    else if (name === "history") this.#history(data);
     else if (PLAIN.has(name)) Object.assign(this, { [name]: data });
     if (name === "run") this.#run(data);
     if (name === "arena") this.#arena(data);
@@ -147,6 +147,15 @@ export class Store extends RunNews {
 
   /** @param {RunMessage} data */
   #run(data) {
+    // Another run begins without the numbers of the one before.
+    if (this.#number !== null && this.#number !== data.run) {
+      this.measures.clear();
+      this.peaks.clear();
+      this.hadCone = this.hadLight = false;
+    }
+    this.#number = data.run;
+    if (data.state !== this.#state) this.pressed = data.by;
+    this.#state = data.state;
     this.now = { timestep: data.timestep, time_s: data.time_s };
     this.runHeard = performance.now();
   }
@@ -154,7 +163,8 @@ export class Store extends RunNews {
   /** @param {ExperimentMessage} data */
   #experiment(data) {
     const before = this.experiment;
-    if (before?.name !== data.name || before.mode !== data.mode) this.clear();
+    // What came before the first one is of it, too.
+    if (before && (before.name !== data.name || before.mode !== data.mode)) this.clear();
     const { robots = [], objects = [] } = data;
     Object.assign(this, { experiment: data });
     this.objects = new Set(objects.map((object) => object.tag));
@@ -179,19 +189,17 @@ export class Store extends RunNews {
     this.now.timestep = data.run_timestep;
     this.#timestep = data.run_timestep;
     // Another run began, or a replay went to another place: the old trails lead nowhere.
-    if (data.run_timestep < before || data.run_timestep > before + 50) {
+    const leap = data.run_timestep - before;
+    if (leap < 0 || (before < 0 && leap) || leap * (this.experiment?.timestep_s ?? 0.1) > TRAIL_S) {
       this.trails.clear();
       this.images.clear();
       this.shows.clear();
     }
     const { tag, x_m, y_m } = data.robots;
+    const time_s = (data.run_timestep < 0 ? data.timestep : data.run_timestep) * (this.experiment?.timestep_s ?? 0.1);
     for (let row = 0; row < tag.length; row += 1) {
-      let trail = this.trails.get(tag[row]);
-      if (!trail) this.trails.set(tag[row], (trail = []));
-      const last = trail.at(-1);
-      if (last && last[0] === x_m[row] && last[1] === y_m[row]) continue;
-      trail.push([x_m[row], y_m[row], 0]);
-      if (trail.length > TRAIL) trail.shift();
+      if (!this.trails.has(tag[row])) this.trails.set(tag[row], new Trail());
+      this.trails.get(tag[row])?.add(x_m[row], y_m[row], time_s);
     }
     this.images.set(data.timestep, data);
     dropOldest(this.images);
@@ -202,10 +210,25 @@ export class Store extends RunNews {
     this.now.time_s = data.time_s;
     this.shows.set(data.timestep, data);
     dropOldest(this.shows);
-    for (const [name, value] of Object.entries(data.measures ?? {})) {
-      let line = this.measures.get(name);
-      if (!line) this.measures.set(name, (line = new Series()));
-      line.add(data.time_s, [value], this.experiment?.mode === "replay");
+    for (const [name, value] of Object.entries(data.measures ?? {})) this.addMeasure(name, data.time_s, value);
+  }
+
+  /** Adds a value of a measure of the run.
+   * @param {string} name @param {number} time_s @param {number} value */
+  addMeasure(name, time_s, value) {
+    let line = this.measures.get(name);
+    if (!line) this.measures.set(name, (line = new Series()));
+    line.add(time_s, [value]);
+  }
+
+  /** The measures since the run began, as the host has kept them.
+   * @param {HistoryMessage} data */
+  #history(data) {
+    if (this.run && data.run !== this.run.run) return;
+    for (const name of Object.keys(data.measures)) {
+      const line = this.measures.get(name) ?? new Series();
+      line.load(data, name);
+      this.measures.set(name, line);
     }
   }
 
@@ -227,7 +250,10 @@ export class Store extends RunNews {
     const row = this.rows.get(tag);
     if (row === undefined || !this.robots) return null;
     const values = Object.entries(this.robots).map(([name, column]) => [name, column[row]]);
-    return /** @type {any} */ (Object.fromEntries(values));
+    const made = Object.fromEntries(values);
+    // Simulated robots have no daemons of their own that would report what they do.
+    if (this.experiment?.mode === "sim") made.state = SIMULATED[this.run?.state ?? ""] ?? made.state;
+    return /** @type {any} */ (made);
   }
 
   /** What drives a robot: its row of the experiment's controllers, or undefined.

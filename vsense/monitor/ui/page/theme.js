@@ -4,7 +4,8 @@ import { remember, remembered } from "./dom.js";
 
 const NAMES = [
   "paper", "card", "ink", "muted", "blue", "amber", "red", "floor", "grid", "solid", "solid-line", "robot",
-  "lit", "trail", "virtual", "stranger", "cone", "lamp", "ray", "ray2", "ray3", "green",
+  "led", "trail", "virtual", "stranger", "cone", "lamp", "ray", "ray2", "ray3",
+  "series1", "series2", "series3", "series4", "series5", "series6",
 ];
 const dark = window.matchMedia("(prefers-color-scheme: dark)");
 

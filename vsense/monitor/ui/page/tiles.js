@@ -1,7 +1,7 @@
 // The run in figures, and the page's head.
 
 import { byId, inside, make, mark, write } from "./dom.js";
-import { bytes, capital, clock, rate, times } from "./format.js";
+import { bytes, capital, clock, count, rate, times } from "./format.js";
 import { chartable } from "./series.js";
 
 const DISK_LOW_BYTES = 2e9;
@@ -50,7 +50,7 @@ function showRate(run, { experiment }) {
   // Who only tracks takes pictures as they come.
   const wanted = experiment?.timestep_s ? 1 / experiment.timestep_s : 0;
   const isSlow = run.state === "running" && run.rate_hz !== null && run.rate_hz < SLOW * wanted;
-  return [rate(run.rate_hz), run.late === null ? "" : `${run.late} late`, isSlow ? "warn" : ""];
+  return [rate(run.rate_hz), typeof run.late === "number" ? `${run.late} late` : "", isSlow ? "warn" : ""];
 }
 
 /** @param {RunMessage} run @returns {Figure} */
@@ -64,24 +64,6 @@ function showRecording({ recording }) {
 
 /** @type {Tile[]} */
 const TILES = [
-  {
-    name: "run",
-    show: (run, { experiment }) => {
-      const small = run.by ? `last: ${run.by}` : planned(experiment)?.name ?? "";
-      return [ofRuns(run, experiment), small];
-    },
-  },
-  {
-    name: "timestep",
-    show: (_, { now, experiment }) => {
-      const pace = experiment?.timestep_s ? `${Math.round(1000 * experiment.timestep_s)} ms each` : "";
-      return [now.timestep < 0 ? "–" : String(now.timestep), pace];
-    },
-  },
-  {
-    name: "time",
-    show: (run, { now }) => [clock(now.time_s), run.length_s ? `of ${clock(run.length_s, 0)}` : "without end"],
-  },
   { name: "rate", show: showRate, unit: "Hz", value: (run) => run.rate_hz },
   {
     name: "latency p50",
@@ -154,7 +136,6 @@ export class Tiles {
     const replayWords = run?.replay?.playing ? "replay" : "replay, paused";
     const words = isReplay ? replayWords : WORDS[state] ?? state;
     write(byId("state"), this.connection.open ? capital(words) : "No connection");
-    byId("no_pictures").hidden = !(isReplay && run?.replay?.pictures === false);
     write(byId("name"), experiment ? experiment.name : "no run yet");
     document.title = experiment ? `${experiment.name}: ${state} – vsense` : "vsense";
     write(byId("what"), experiment ? describe(experiment, run) : "");
@@ -162,8 +143,9 @@ export class Tiles {
     write(byId("length"), run?.length_s ? ` / ${clock(run.length_s, 0)}` : "");
     const share = run?.length_s ? Math.min((now.time_s ?? 0) / run.length_s, 1) : 0;
     inside(byId("progress"), "i").style.transform = `scaleX(${share.toFixed(4)})`;
-    write(byId("viewers"), you.viewer ? `${you.viewer.split(" (")[0]} of ${you.viewers} watching` : "");
-    byId("viewers").title = you.viewer;
+    write(byId("viewers"), you.viewer ? count(you.viewers, "page") + " open" : "");
+    byId("viewers").title = `this is ${you.viewer}`;
+    byId("time").title = now.timestep < 0 ? "" : `timestep ${now.timestep}`;
   }
 }
 
@@ -175,7 +157,7 @@ function describe(experiment, run) {
   if (series) parts.push(ofPlan(series));
   parts.push(`${experiment.robots.length} robots`);
   if (experiment.seed !== null) parts.push(`seed ${experiment.seed}`);
-  if (experiment.blind) parts.push("blind");
+  if (experiment.blind) parts.push("without virtual sensors");
   if (experiment.user) parts.push(`${experiment.user}’s`);
   return parts.join(" · ");
 }

@@ -13,6 +13,7 @@ interface ExperimentMessage {
   name: string;
   seed: number | null;
   blind: boolean;
+  homes?: boolean | null;
   timestep_s: number;
   length_s: number | null;
   arena: { size_m: Vector; centre_m: Vector; fence?: Fence };
@@ -174,6 +175,14 @@ interface SignalsMessage {
   leds: { tag: number[]; color: Colour[] };
   cones: { x_m: number[]; y_m: number[] }[];
   measures: Record<string, number>;
+}
+
+/** `/history`. */
+interface HistoryMessage {
+  run: number;
+  bucket_s: number;
+  time_s: number[];
+  measures: Record<string, Record<"low" | "high" | "last", (number | null)[]>>;
 }
 
 /** `/fields`. */
