@@ -30,11 +30,11 @@ ROBOTS: list[tuple[dict[str, Any], VoidCriteria, str, str]] = [
     ({"other_program": OTHER}, NO_PLAN, "", f"a {OTHER}"),
     ({"seen": False}, NO_PLAN, "never seen: a", ""),
     ({"acted": False}, NO_PLAN, "a never had fresh readings", ""),
-    ({"starts": 1}, NO_PLAN, "a's controller was started again in mid-run", ""),
-    ({"hung_s": 1.5}, NO_PLAN, "a's controller hung for 1.5 s", ""),
-    ({"hung_s": 0.5}, NO_PLAN, "", ""),
+    ({"starts": 1}, NO_PLAN, "started again in mid-run: a's controller", ""),
+    ({"held_s": 1.5, "held_by": "base"}, NO_PLAN, "a held its wheels for 1.5 s (base)", ""),
+    ({"held_s": 0.5, "held_by": "base"}, NO_PLAN, "", ""),
     ({"unlinked_s": 1.2}, NO_PLAN, "a had no link for 1.2 s", ""),
-    ({"unlinked_s": 1.2}, PLAN, "", ""),
+    ({"unlinked_s": 1.2}, PLAN, "", "a had no link for 1.2 s"),
     ({"unlinked_s": 0.4}, NO_PLAN, "", "a had no link for 0.4 s"),
     ({"lost_s": 60.0}, NO_PLAN, "", ""),
     ({"lost_s": 5.1}, PLAN, "a lost for 5.1 s", ""),
@@ -76,6 +76,8 @@ def test_the_table_above_has_every_way_in_which_a_robot_can_differ() -> None:
         ({"late": 0.02}, PLAN, "2.0 % of the timesteps late", ""),
         ({"late": 0.01}, PLAN, "", ""),
         ({"late": 0.9}, NO_PLAN, "", ""),
+        ({"silent_s": 1.1}, NO_PLAN, "no arena state for 1.1 s", ""),
+        ({"silent_s": 0.9}, NO_PLAN, "", ""),
         ({"unseen": ["lamp"]}, NO_PLAN, "never seen: lamp", ""),
         ({"changes": 1}, NO_PLAN, "", "its world was changed once by hand"),
         ({"changes": 3}, NO_PLAN, "", "its world was changed 3 times by hand"),
@@ -107,4 +109,7 @@ def test_the_exit_code_is_that_of_runs_that_nobody_has_ended() -> None:
     assert [s["verdict"] for s in (good, missing, stopped)] == ["valid", "void", "void"]
     assert judged(steps, run(), VoidCriteria(late=0.14))["why"] == "15.0 % of the timesteps late"
     assert exit_code([good, good]) == exit_code([good, stopped]) == exit_code([]) == 0
-    assert exit_code([good, missing]) == 1
+    assert exit_code([good, missing]) == exit_code([good], ["time"]) == 1
+    assert exit_code([good], ["interrupted"]) == 0
+    both = judged(steps, run({"came": False}, ended="stopped by ben", endless=True), NO_PLAN)
+    assert exit_code([both]) == 1, "an endless run has no other end"

@@ -141,17 +141,33 @@ def test_who_never_came_and_why_and_what_others_run() -> None:
     assert (away.came, away.refused, away.unlinked_s) == (False, "runs 'walk'", 1.9)
     late = seen_twice(seven(connected=False, refused="runs 'walk'"), seven(other_program="runs x"))
     assert (late.came, late.refused, late.other_program) == (True, "", "runs x")
-    assert late.unlinked_s == pytest.approx(1.0) and late.seen
+    assert late.unlinked_s == pytest.approx(0.9) and late.seen
 
 
 def test_who_never_acted_on_a_reading() -> None:
     assert not seen_twice(seven(telemetry=STALE), seven(telemetry=STALE)).acted
     assert seen_twice(seven(telemetry=STALE), seven()).acted
     assert seen_twice(seven(telemetry=None), seven(telemetry=None)).acted, "nobody knows"
+    wanted = seven(telemetry=Telemetry(stop_cause=StopCause.WANTED))
+    assert not seen_twice(wanted, seven(telemetry=STALE)).acted, "it stood all the time"
 
 
-def test_whose_daemon_was_started_again_and_whose_controller_hung() -> None:
+def test_nobody_is_accused_of_the_time_in_which_the_tracker_was_silent() -> None:
+    witness = Witness({7: "seven"})
+    hung = seven(telemetry=Telemetry(stop_cause=StopCause.NO_BEAT))
+    for ms, status_of in (
+        (0, seven()),
+        (100, seven(connected=False)),
+        (5100, hung),
+        (5200, seven()),
+    ):
+        witness.observe(arena(ms, {7: (0.0, 0.0)}), {7: status_of}, ms * MS)
+    record = witness.records[7]
+    assert (record.unlinked_s, record.held_s) == (0.1, 0.3)
+
+
+def test_whose_daemon_was_started_again_and_who_holds_its_wheels() -> None:
     assert seen_twice(seven(starts=2), seven(starts=3)).starts == 1
     assert seen_twice(seven(starts=0, connected=False), seven(starts=1)).starts == 0
-    hung = seven(telemetry=Telemetry(stop_cause=StopCause.NO_BEAT))
-    assert seen_twice(seven(), hung).hung_s == pytest.approx(1.0)
+    held = seen_twice(seven(), seven(telemetry=Telemetry(stop_cause=StopCause.BASE)))
+    assert (held.held_s, held.held_by) == (pytest.approx(1.0), "its base did not answer")

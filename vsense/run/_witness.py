@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from vsense.base.arena import ArenaState
 from vsense.robots.link.status import RobotStatus
 from vsense.robots.link.wire import StopCause
+from vsense.run._standing import MOST_STEP_NS
 from vsense.run.verdict import RobotRecord
 from vsense.world.entities import BODY_RADIUS_M
 
@@ -26,6 +27,14 @@ GONE_NS = 1_000_000_000
 
 PAUSE_NS = 1_000_000_000
 """Where a timestep came so much later than its number says, the run was paused before it."""
+
+OWN_CAUSES: Mapping[int, str] = {
+    StopCause.NO_BEAT: "its controller did not return",
+    StopCause.BASE: "its base did not answer",
+    StopCause.GUARD: "nothing guarded it",
+    StopCause.BATTERY: "its battery was too low",
+}
+"""Why a robot holds its wheels by itself."""
 
 STANDING_NS = 1_000_000_000
 """How far a standing robot was moved is compared over this time: cameras drift more slowly."""
@@ -57,10 +66,11 @@ class _Watched:
     """What is known of one robot.
 
     Attributes:
-        link, well: its link; that it had that, and was seen.
-        came, lost_link, seen: it had a link, had none, and was seen, at some time.
-        acted: it reported something else than that its readings are too old; None: nothing yet.
-        hung_ns: so long its guard reported that its controller does not return.
+        well: it had its link, and was seen.
+        unlinked_ns, longest_ns: so long it has had no link now, and at the longest.
+        came, seen: it had a link, and was seen, at some time.
+        acted: it has reported that nothing holds its wheels; None: nothing yet.
+        held_ns, held_by: so long something of its own held them, and what the last time.
         starts: how often its daemon was started, when it was seen first and last.
         place, seen_ns: where and when it was seen last.
         stands_ns: since when it tells that its wheels stand; None: they turn, or nobody knows.
@@ -70,14 +80,15 @@ class _Watched:
     """
 
     name: str
-    link: _Gap = field(default_factory=_Gap)
+    unlinked_ns: int = 0
+    longest_ns: int = 0
     well: _Gap = field(default_factory=_Gap)
     came: bool = False
     seen: bool = False
     acted: bool | None = None
-    hung_ns: int = 0
+    held_ns: int = 0
+    held_by: str = ""
     starts: tuple[int, int] = (0, 0)
-    lost_link: bool = False
     refused: str = ""
     other_program: str = ""
     place: SeenPlace | None = None
@@ -122,7 +133,6 @@ class Witness:
             status, place = robots[tag], places.get(tag)
             self._note_link(robot, status, now_ns)
             robot.seen |= place is not None
-            robot.link.note(status.connected, now_ns)
             robot.well.note(place is not None and status.connected, now_ns)
             if place is not None:
                 others = (other for t, other in places.items() if t != tag)
@@ -141,8 +151,9 @@ class Witness:
                 other_program=robot.other_program,
                 acted=robot.acted is not False,
                 starts=robot.starts[1] - robot.starts[0],
-                hung_s=robot.hung_ns / 1e9,
-                unlinked_s=robot.link.longest_ns / 1e9 if robot.lost_link else 0.0,
+                held_s=robot.held_ns / 1e9,
+                held_by=robot.held_by,
+                unlinked_s=robot.longest_ns / 1e9,
                 lost_s=robot.well.longest_ns / 1e9,
                 moved_mm=1000.0 * robot.moved_m,
             )
@@ -192,15 +203,19 @@ class Witness:
     def _note_link(self, robot: _Watched, status: RobotStatus, now_ns: int) -> None:
         said = status.telemetry
         robot.came |= status.connected
-        robot.lost_link |= not status.connected
+        # Of the time between two arena states nobody knows more: the tracker may have failed.
+        before_ns = now_ns if self._newest_ns is None else self._newest_ns
+        elapsed_ns = min(now_ns - before_ns, MOST_STEP_NS)
+        robot.unlinked_ns = 0 if status.connected else robot.unlinked_ns + elapsed_ns
+        robot.longest_ns = max(robot.longest_ns, robot.unlinked_ns)
         robot.refused = status.refused
         robot.other_program = status.other_program or robot.other_program
         if status.starts:
             robot.starts = robot.starts[0] or status.starts, status.starts
         if said is not None and status.connected:
-            robot.acted = robot.acted or said.stop_cause != StopCause.STALE
-            if said.stop_cause == StopCause.NO_BEAT and self._newest_ns is not None:
-                robot.hung_ns += now_ns - self._newest_ns
+            robot.acted = robot.acted or said.stop_cause == StopCause.NONE
+            if words := OWN_CAUSES.get(said.stop_cause):
+                robot.held_ns, robot.held_by = robot.held_ns + elapsed_ns, words
         robot.uid = robot.uid if status.uid is None else status.uid.hex()
         if status.connected and status.controller:
             robot.program = f"{status.controller}={status.hash}"

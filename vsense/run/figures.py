@@ -23,7 +23,7 @@ from vsense.run.link_check import WEAK_DBM
 from vsense.run.robots import Readiness
 from vsense.run.runner import Runner
 from vsense.run.runtime import Step
-from vsense.run.verdict import RunRecord, table_rows
+from vsense.run.verdict import RunRecord, is_by_people, table_rows
 from vsense.world.world import World
 
 _LIGHT_PX = 16
@@ -179,9 +179,10 @@ class Figures:
             robots.append(replace(stood, rests=rests, away=why))
         return RunRecord(
             ended=runner.ended if failure is None else str(failure),
-            endless=not self._experiment.timesteps and failure is None,
+            endless=not self._experiment.timesteps and is_by_people(runner.ended),
             timesteps=len(self.steps) > 0,
             robots=robots,
+            silent_s=max((silence.duration_s for silence in runner.silences), default=0.0),
             unseen=self.witness.unseen,
             changes=changes,
         )

@@ -9,7 +9,9 @@ A run is valid only if it was the run that its file describes. One function deci
 | that was taken by `--other-programs` | valid, with a note |
 | a robot or a tagged object was never seen, a robot never came | invalid |
 | a robot had readings that were fresh enough at no time | invalid |
-| a controller was started again in mid-run, or hung for more than `LINK_S` | invalid |
+| a controller was started again in mid-run | invalid |
+| a robot's own guard held its wheels for more than `LINK_S`: its base, its battery | invalid |
+| no arena state came for more than `LINK_S` | invalid |
 | a robot had no link for more than `LINK_S`, or a plan's `lost_s` | invalid |
 | a robot did not reach its start before the run | invalid, unless a plan says otherwise |
 | a robot rested because its battery was low | valid, with a note: nothing else is expected of it |
@@ -29,7 +31,7 @@ from vsense.run.robots import shorten
 VALID, VOID = "valid", "void"
 
 LINK_S = 1.0
-"""A link that is down, or a controller that hangs, for a shorter time has changed no run."""
+"""A link that is down, or wheels that are held, for a shorter time have changed no run."""
 
 _BY_PEOPLE = ("interrupted", "stopped by", "reset by", "emergency")
 """How the reasons begin for which people end runs."""
@@ -82,7 +84,7 @@ class RobotRecord:
         other_program: which it ran in place of the file's, in words; "": the file's.
         acted: its readings were fresh enough to act on at some time, while it had a link.
         starts: its daemon was started so often in the run.
-        hung_s: so long its controller did not return.
+        held_s, held_by: so long its own guard held its wheels, and why the last time, in words.
         away: why it was not at its start when the run began; "": it was, or nobody looked.
         unlinked_s, lost_s: the longest time that it had no link; and was not seen, or had none.
         moved_mm: the farthest that somebody moved it.
@@ -97,7 +99,8 @@ class RobotRecord:
     other_program: str = ""
     acted: bool = True
     starts: int = 0
-    hung_s: float = 0.0
+    held_s: float = 0.0
+    held_by: str = ""
     away: str = ""
     unlinked_s: float = 0.0
     lost_s: float = 0.0
@@ -116,6 +119,7 @@ class RunRecord:
         timesteps: it had one at least.
         late: share of timesteps that were late or left out, 0..1; None: not known.
         robots: those of the file.
+        silent_s: the longest time without an arena state.
         unseen: names of tagged objects that were never seen.
         changes: so often somebody has changed the world while it ran.
         complaints: of controllers, in words.
@@ -126,6 +130,7 @@ class RunRecord:
     timesteps: bool = True
     late: float | None = None
     robots: Sequence[RobotRecord] = ()
+    silent_s: float = 0.0
     unseen: Sequence[str] = ()
     changes: int = 0
     complaints: Sequence[str] = ()
@@ -156,7 +161,7 @@ def judge(record: RunRecord, criteria: VoidCriteria) -> RunVerdict:
     if criteria.ended_early and record.ended != "time" and not record.endless:
         reasons.append(f"{record.ended or 'failed'} before its end")
     reasons += filter(None, (rule(record, criteria) for rule in _RULES))
-    notes = filter(None, (note(record) for note in _NOTES))
+    notes = filter(None, (note(record, criteria) for note in _NOTES))
     return RunVerdict("; ".join(reasons), "; ".join(notes))
 
 
@@ -177,9 +182,17 @@ def is_by_people(ended: str) -> bool:
     return ended.startswith(_BY_PEOPLE)
 
 
-def exit_code(summaries: Iterable[Mapping[str, Any]]) -> int:
-    """1 where a run is invalid that nobody has ended himself, else 0."""
-    return int(any(s["verdict"] == VOID and not is_by_people(s["ended"]) for s in summaries))
+def exit_code(summaries: Iterable[Mapping[str, Any]], unmeasured: Iterable[str] = ()) -> int:
+    """1 where a run is invalid, unless only because people have ended it, else 0.
+
+    `unmeasured` says why runs ended of which nothing was measured.
+    """
+    invalid = any(s["verdict"] == VOID and not _is_cut(s) for s in summaries)
+    return int(invalid or not all(map(is_by_people, unmeasured)))
+
+
+def _is_cut(summary: Mapping[str, Any]) -> bool:
+    return is_by_people(summary["ended"]) and summary["why"].startswith(summary["ended"])
 
 
 def table_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -224,12 +237,17 @@ def _of_readings(record: RunRecord, criteria: VoidCriteria) -> str:
 
 
 def _of_controllers(record: RunRecord, criteria: VoidCriteria) -> str:
-    def words(robot: RobotRecord) -> str:
-        began = "'s controller was started again in mid-run"
-        return began if robot.starts else f"'s controller hung for {robot.hung_s:.1f} s"
+    again = [f"{robot.name}'s controller" for robot in _there(record) if robot.starts]
+    return f"started again in mid-run: {shorten(again)}" if again else ""
 
-    failed = [r for r in _there(record) if r.starts or r.hung_s > LINK_S]
-    return _listed(failed, words).replace(" 's", "'s")
+
+def _of_held(record: RunRecord, criteria: VoidCriteria) -> str:
+    held = [robot for robot in _there(record) if robot.held_s > LINK_S]
+    return _listed(held, lambda r: f"held its wheels for {r.held_s:.1f} s ({r.held_by})")
+
+
+def _of_silence(record: RunRecord, criteria: VoidCriteria) -> str:
+    return f"no arena state for {record.silent_s:.1f} s" if record.silent_s > LINK_S else ""
 
 
 def _of_starts(record: RunRecord, criteria: VoidCriteria) -> str:
@@ -266,40 +284,41 @@ def _of_late(record: RunRecord, criteria: VoidCriteria) -> str:
 
 
 _RULES: Sequence[Callable[[RunRecord, VoidCriteria], str]] = (
-    _of_refused, _of_absent, _of_unseen, _of_readings, _of_controllers, _of_starts, _of_lost,
-    _of_moved, _of_fence, _of_late,
+    _of_refused, _of_absent, _of_unseen, _of_readings, _of_controllers, _of_held, _of_silence,
+    _of_starts, _of_lost, _of_moved, _of_fence, _of_late,
 )  # fmt: skip
 
 
-def _note_programs(record: RunRecord) -> str:
+def _note_programs(record: RunRecord, criteria: VoidCriteria) -> str:
     others = [robot for robot in _there(record) if robot.other_program]
     return _listed(others, lambda robot: robot.other_program)
 
 
-def _note_resting(record: RunRecord) -> str:
+def _note_resting(record: RunRecord, criteria: VoidCriteria) -> str:
     return _listed((r for r in record.robots if r.rests), lambda r: "rested: its battery was low")
 
 
-def _note_standing(record: RunRecord) -> str:
+def _note_standing(record: RunRecord, criteria: VoidCriteria) -> str:
     unseen = [(r.name, r.unseen_s, "unseen") for r in record.robots if r.unseen_s]
     fenced = [(r.name, r.fenced_s, "for the fence") for r in record.robots if r.fenced_s]
     return "; ".join(f"{name} stood {s:.1f} s {why}" for name, s, why in (*unseen, *fenced))
 
 
-def _note_links(record: RunRecord) -> str:
-    brief = [r for r in _there(record) if 0.0 < r.unlinked_s <= LINK_S]
+def _note_links(record: RunRecord, criteria: VoidCriteria) -> str:
+    most_s = LINK_S if criteria.lost_s is None else criteria.lost_s
+    brief = [r for r in _there(record) if 0.0 < r.unlinked_s <= most_s]
     return _listed(brief, lambda robot: f"had no link for {robot.unlinked_s:.1f} s")
 
 
-def _note_changes(record: RunRecord) -> str:
+def _note_changes(record: RunRecord, criteria: VoidCriteria) -> str:
     times = "once" if record.changes == 1 else f"{record.changes} times"
     return f"its world was changed {times} by hand" if record.changes else ""
 
 
-def _note_complaints(record: RunRecord) -> str:
+def _note_complaints(record: RunRecord, criteria: VoidCriteria) -> str:
     return shorten(record.complaints)
 
 
-_NOTES: Sequence[Callable[[RunRecord], str]] = (
+_NOTES: Sequence[Callable[[RunRecord, VoidCriteria], str]] = (
     _note_programs, _note_resting, _note_standing, _note_links, _note_changes, _note_complaints,
 )  # fmt: skip

@@ -276,6 +276,7 @@ def test_a_series_goes_on_with_another_vsense_only_where_that_is_wanted(plan: Se
     (folder / "series.json").write_text(json.dumps(notes))
     with SeriesFolder(folder, plan, []) as older:
         assert older.upgrade == ""
+    assert json.loads((folder / "series.json").read_text())["software"] == software()
 
 
 @pytest.mark.parametrize("allowed", [False, True])

@@ -109,7 +109,8 @@ def _carry_out(session: Session, options: LabOptions) -> int:
     if failure is not None:
         raise failure
     broken = series.was_broken(session.runner.control)
-    return interrupted.code if broken else exit_code(summaries)
+    lost = [n.record.ended for n in session.recordings if not len(n.figures.steps)]
+    return interrupted.code if broken else exit_code(summaries, lost)
 
 
 def _trust(options: LabOptions, console: Console) -> LinkTrust:

@@ -293,6 +293,10 @@ class Session(ExperimentSession):
             for text in self.environment.said():
                 self.setup.console.say(f"loop functions: {text}")
 
+    def record_of(self, figures: Figures, failure: VsenseError | None) -> RunRecord:
+        """See `ExperimentSession`; what controllers complain of is in their logs here."""
+        return replace(super().record_of(figures, failure), complaints=self.swarm.complaints())
+
     def _run_timesteps(self, notes: RunNotes, observe: Callable[[Step], None]) -> None:
         samples = notes.samples
         world, console = self.environment.world, self.setup.console

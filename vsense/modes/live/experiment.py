@@ -127,12 +127,14 @@ class _RealRuns:
         """Carries out all runs; see `run`."""
         options, setup = self.options, self.setup
         session = RunSession(setup, options.link.tracking, options.link.legacy_port)
-        summaries: list[dict[str, Any]] = []
+        summaries, unmeasured = list[dict[str, Any]](), list[str]()
         failure: VsenseError | None = None
         with session:
             self._announce(session)
             try:
-                while self._carry_out(session, summaries) and self.series.goes_on(session.runner):
+                while self._carry_out(session, summaries, unmeasured):
+                    if not self.series.goes_on(session.runner):
+                        break
                     session.next_run()
             except VsenseError as error:
                 failure = error
@@ -143,9 +145,11 @@ class _RealRuns:
         if failure is not None:
             raise failure
         broken = self.series.was_broken(session.runner.control)
-        return setup.interrupted.code if broken else exit_code(summaries)
+        return setup.interrupted.code if broken else exit_code(summaries, unmeasured)
 
-    def _carry_out(self, session: RunSession, summaries: list[dict[str, Any]]) -> bool:
+    def _carry_out(
+        self, session: RunSession, summaries: list[dict[str, Any]], unmeasured: list[str]
+    ) -> bool:
         """Waits, carries out a run and reports; False if the wait was interrupted."""
         number = session.runner.control.run
         directory = self.series.directory(number)
@@ -161,7 +165,9 @@ class _RealRuns:
         run.run()
         self.setup.room.recorders.end_run()
         summary = run.report()
-        if summary is not None:
+        if summary is None:
+            unmeasured.append(session.runner.ended)
+        else:
             summaries.append(summary)
             if lacks := self.rows.add(summary, session.experiment):
                 self.log.say(lacks, "trouble")

@@ -45,15 +45,17 @@ class _Load:
     disk: int = 0
     ran: int = 0
     writes_since: int | None = None
+    _ran_before: int = 0
 
     def write(self) -> None:
         """It begins to write."""
-        self.writes_since = time.monotonic_ns()
+        self.writes_since, self._ran_before = time.monotonic_ns(), time.thread_time_ns()
 
     def written(self) -> None:
         """It has written, or was refused."""
-        spent = self._writing()
-        self.busy, self.disk, self.writes_since = self.busy + spent, self.disk + spent, None
+        spent, ran = self._writing(), time.thread_time_ns() - self._ran_before
+        self.busy, self.disk, self.writes_since = self.busy + spent, self.disk + spent - ran, None
+        self.ran += ran
 
     def in_words(self) -> str:
         """Why it could not keep up: what it was busy with, the most of it first; any thread."""

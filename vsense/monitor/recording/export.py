@@ -161,10 +161,10 @@ def _say_state(opened: Recording, console: Console) -> dict[str, Any]:
     messages, pictures = sum(gap.messages for gap in gaps), sum(gap.pictures for gap in gaps)
     length_s = sum(gap.to_ns - gap.from_ns for gap in gaps) / 1e9
     if gaps:
-        whys = "; ".join(dict.fromkeys(gap.why for gap in gaps))
+        more = f" (and {len(gaps) - 1} more)" if len(gaps) > 1 else ""
         console.say(
             f"vsense: {opened.path} lacks {messages} messages and {pictures} pictures of"
-            f" {length_s:.1f} s: {whys}",
+            f" {length_s:.1f} s: {gaps[0].why}{more}",
             "warning",
         )
     return {"gaps": len(gaps), "messages": messages, "pictures": pictures, "seconds": length_s}

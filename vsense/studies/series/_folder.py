@@ -157,20 +157,21 @@ class SeriesFolder:
         """Compares the plan with that of before, or keeps it."""
         now, before = self._plan.facts(), read_notes(self.path)
         if before is None:
-            facts = {"plan": now, "files": self._digests, "version": __version__}
-            self._write({**facts, "software": software()})
+            begun = {"plan": now, "files": self._digests, "version": __version__}
+            self._write({**begun, "software": software()})
             return
         self.plan_changes = allowed_changes(self._plan, self.path)
-        if self.plan_changes:
-            changes = [
-                *before.get("changes", ()),
-                {"when": utc(time.time()), "what": self.plan_changes},
-            ]
-            self._write({**before, "plan": now, "changes": changes})
         self._begun = before["files"]
         self.upgrade = _upgrade(before)
         if not self.allows_upgrade and (self.upgrade or self.changed):
             raise UsageError(changed_words(str(self.path), [self.upgrade, *self.changed]))
+        # One of vsense 0.1 says no more than a version: from here on it is known.
+        facts: dict[str, Any] = {"software": software(), **before}
+        if self.plan_changes:
+            change: dict[str, Any] = {"when": utc(time.time()), "what": self.plan_changes}
+            facts |= {"plan": now, "changes": [*before.get("changes", ()), change]}
+        if facts != before:
+            self._write(facts)
 
     def _write(self, facts: Mapping[str, Any]) -> None:
         with failing_as(DirectoryError, f"cannot write to {self.path}"):
