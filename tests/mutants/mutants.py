@@ -213,7 +213,9 @@ class Copy:
             (root / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(ROOT / name, root / name)
         (root / ".venv").symlink_to(ROOT / ".venv")
-        self._environment = os.environ | {"PYTHONPATH": str(root)}
+        # A file that changes within a second, and keeps its size, has its former bytecode.
+        own = {"PYTHONPATH": str(root), "PYTHONDONTWRITEBYTECODE": "1"}
+        self._environment = os.environ | own
         self._build_as_it_is()
 
     def verdict(self, mutant: Mutant) -> Verdict:

@@ -185,7 +185,7 @@ def test_ctrl_c_reaches_no_compiler(tmp_path: Path, cache: Path) -> None:
     os.mkfifo(started)
     os.mkfifo(go)
     compiler.write_text(
-        f'#!/bin/sh\ncase "$*" in *" -s -o "*) echo >"{started}"; read word <"{go}";; esac\n'
+        f'#!/bin/sh\ncase "$*" in *" -shared "*) echo >"{started}"; read word <"{go}";; esac\n'
         'exec cc "$@"\n'
     )
     compiler.chmod(0o755)

@@ -22,7 +22,7 @@ from tests.rigs.compiling import (
 )
 from tests.robots.conftest import FLAGS, STRICT, Builder
 
-EDGE = {"base_reset", "board_link", "board_process", "calls", "check", "guard_link"}
+EDGE = {"base_reset", "board_link", "board_process", "calls", "check", "crash", "guard_link"}
 EDGE |= {"guard_process", "guard_rights", "key", "main", "net", "networks", "radio", "random"}
 EDGE |= {"report", "restart", "signals", "trace", "uid", "watchdog", "worker"}
 """The files that talk to the operating system; all others are pure."""

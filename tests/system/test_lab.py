@@ -286,7 +286,7 @@ def test_unwritable_directory_is_one_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "arguments", [("--duration", "nan"), ("--duration", "0"), ("--seed", "-1"), ("--robots", "99")]
+    "arguments", [("--duration", "nan"), ("--duration", "0"), ("--seed", "-1"), ("--robots", "0")]
 )
 @pytest.mark.quick
 def test_wrong_arguments_exit_with_2(tmp_path: Path, arguments: tuple[str, str]) -> None:
