@@ -174,11 +174,11 @@ def test_series_and_benchmarks_take_all_their_options(folder: Path) -> None:
     assert vsense(f"series plan.toml --mode lab -o lab {lab} {kept} --json") == 0
     assert next(Path("lab").rglob("*.mcap")).stat().st_size > 10_000
     link = f"--host 127.0.0.1 --port {port} --tracker lines:{lines} --virtual-devices"
-    real = f"{CAST} {link} --target host --no-deploy --sudo --ssh-option Port=9"
+    real = f"{CAST} {link} --target host --no-deploy --sudo --ssh-option Port=9 --other-programs"
     waits = f"port {port}|ready|missing|connected"
     until(f"series plan.toml --mode run -o run {real} {CODE} --key swarm.key {PAGE}", waits)
     until(f"series plan.toml --mode run -o run2 {real} {CODE} --insecure", waits)
-    assert vsense(f"series plan.toml --mode sim -o sim {CODE} -j 2 --lenient") == 0
+    assert vsense(f"series plan.toml --mode sim -o sim {CODE} -j 2 --lenient --allow-upgrade") == 0
 
 
 def test_what_is_simulated_takes_all_its_options(folder: Path, said: Any) -> None:
@@ -271,5 +271,6 @@ def test_benchmarks_take_all_their_options(folder: Path) -> None:
     until(words, "https://.*to-control-it", "Foxglove: ws://")
     link = f"--host 127.0.0.1 --port {port} --tracker lines:{lines} --virtual-devices"
     real = f"--roster swarm.toml {link} --target host --no-deploy --sudo --ssh-option Port=9"
-    until(f"benchmark --quick --mode run -o run {real} --key swarm.key", "port|connected")
-    assert vsense("benchmark --quick --dry -j 2") == 0
+    words = f"benchmark --quick --mode run -o run {real} --key swarm.key --other-programs"
+    until(words, "port|connected")
+    assert vsense("benchmark --quick --dry -j 2 --allow-upgrade") == 0
