@@ -11,8 +11,8 @@ from __future__ import annotations
 import shutil
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -30,6 +30,20 @@ from vsense.monitor.recording.writer import FLUSH_S, RecordingWriter, gap_messag
 from vsense.vision.tracking import recorded_tracker
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 
+WRITE_RETRY_S = 1.0
+FORETELL_S = 10.0
+"""After so long it is known what a minute costs."""
+_CLOSE_S = 30.0
+_FIRST_SIZE = 2_048
+"""Assumed size of a topic's first message."""
+
+# Measured on rendered and on real pictures: the smallest and the fastest of the lossless ones.
+_PNG = (
+    *(cv2.IMWRITE_PNG_COMPRESSION, 1),
+    *(cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY),
+    *(cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_AVG),
+)
+
 
 @dataclass(slots=True)
 class _Load:
@@ -45,21 +59,23 @@ class _Load:
     disk: int = 0
     ran: int = 0
     writes_since: int | None = None
-    _ran_before: int = 0
 
-    def write(self) -> None:
-        """It begins to write."""
-        self.writes_since, self._ran_before = time.monotonic_ns(), time.thread_time_ns()
-
-    def written(self) -> None:
-        """It has written, or was refused."""
-        spent, ran = self._writing(), time.thread_time_ns() - self._ran_before
-        self.busy, self.disk, self.writes_since = self.busy + spent, self.disk + spent - ran, None
-        self.ran += ran
+    @contextmanager
+    def at_work(self, writes: bool = False) -> Iterator[None]:
+        """It encodes in here, or `writes` to the disk."""
+        begun, ran_before = time.monotonic_ns(), time.thread_time_ns()
+        self.writes_since = begun if writes else None
+        try:
+            yield
+        finally:
+            spent, ran = time.monotonic_ns() - begun, time.thread_time_ns() - ran_before
+            self.busy, self.ran = self.busy + spent, self.ran + ran
+            self.disk, self.writes_since = self.disk + (spent - ran if writes else 0), None
 
     def in_words(self) -> str:
         """Why it could not keep up: what it was busy with, the most of it first; any thread."""
-        writing = self._writing()
+        since = self.writes_since
+        writing = 0 if since is None else time.monotonic_ns() - since
         busy, disk = self.busy + writing, self.disk + writing
         parts = {
             "waiting for a processor": busy - disk - self.ran,
@@ -71,25 +87,6 @@ class _Load:
             for what, spent in sorted(parts.items(), key=lambda part: -part[1])
         ]
         return f"recording did not keep up; of its time it spent {', '.join(shares)}"
-
-    def _writing(self) -> int:
-        since = self.writes_since
-        return 0 if since is None else time.monotonic_ns() - since
-
-
-WRITE_RETRY_S = 1.0
-FORETELL_S = 10.0
-"""After so long it is known what a minute costs."""
-_CLOSE_S = 30.0
-_FIRST_SIZE = 2_048
-"""Assumed size of a topic's first message."""
-
-# Measured on rendered and on real pictures: the smallest and the fastest of the lossless ones.
-_PNG = (
-    *(cv2.IMWRITE_PNG_COMPRESSION, 1),
-    *(cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY),
-    *(cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_AVG),
-)
 
 
 class Recorder:
@@ -242,11 +239,9 @@ class Recorder:
         due_s = time.monotonic() + FLUSH_S
         while not self._closing.is_set():
             item = self._waiting.pop(max(due_s - time.monotonic(), 0.0))
-            begun_ns, ran_ns = time.monotonic_ns(), time.thread_time_ns()
             if item is not None:
-                self._add(item)
-            self._load.ran += time.thread_time_ns() - ran_ns
-            self._load.busy += time.monotonic_ns() - begun_ns
+                with self._load.at_work():
+                    self._add(item)
             if time.monotonic() >= due_s or self._writer.is_full:
                 due_s = time.monotonic() + FLUSH_S
                 # However long the disk is full.
@@ -296,9 +291,9 @@ class Recorder:
 
     def _flush(self) -> bool:
         """Brings the chunk to the disk; gives whether the disk took it."""
-        self._load.write()
         try:
-            self._writer.flush()
+            with self._load.at_work(writes=True):
+                self._writer.flush()
         except OSError as error:
             if self._trouble is None:
                 self._said_lost = True
@@ -308,8 +303,6 @@ class Recorder:
                     " the run goes on without it, and so does the recording as soon as it can"
                 )
             return False
-        finally:
-            self._load.written()
         if self._trouble is not None:
             self._trouble = None
             self._rejoin()

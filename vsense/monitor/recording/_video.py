@@ -105,7 +105,7 @@ class Video:
     def images(self, stopped: Callable[[], bool] = lambda: False) -> Iterator[Any]:
         """All frames, one after the other, (h, w, 3) BGR; no more of them once it is stopped."""
         film = Film(self._scenes, self._arena, self._cameras, self._plan.size, self._measured())
-        film.old_pictures = self.old_pictures
+        self.old_pictures = film.old_pictures
         news = _Ahead(self._recording.messages(set(self._scenes.topics)), lambda m: m.time_ns)
         # Measures are drawn from the beginning on, pictures are wanted from now on.
         since_s = max(self._from_s - _BEFORE_S, 0.0)

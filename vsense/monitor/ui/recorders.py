@@ -21,7 +21,11 @@ if TYPE_CHECKING:
     from vsense.vision.tracking.specs import TrackingSession
 
 OFF: Data = {
-    **{"on": False, "file": None, "bytes": 0, "lost_messages": 0, "lost_why": None},
+    "on": False,
+    "file": None,
+    "bytes": 0,
+    "lost_messages": 0,
+    "lost_why": None,
     "trouble": None,
 }
 
