@@ -27,11 +27,7 @@ ROOT = Path(__file__).resolve().parent
 sys.path.insert(0, str(ROOT))
 
 from vsense import __version__  # noqa: E402
-from vsense.robots import (  # noqa: E402
-    boards,
-    build,
-    sources,
-)
+from vsense.robots import boards, build, sources  # noqa: E402
 from vsense.robots.compiling import HOST_FLAGS  # noqa: E402
 from vsense.tools.shipped import documents  # noqa: E402
 

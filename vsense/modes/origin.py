@@ -27,7 +27,7 @@ from vsense.config.specs import Experiment
 from vsense.modes.sim import fingerprint
 from vsense.modes.sim.job import Setup
 from vsense.robots.compiling import native
-from vsense.robots.sources import headers, source_roots
+from vsense.robots.sources import commit, headers, source_roots
 
 ARCHIVE_STEM = "made"
 """What the file's name begins with."""
@@ -195,7 +195,7 @@ def about_machine() -> dict[str, str]:
         "compiler": compiler,
         "CXXFLAGS": os.environ.get("CXXFLAGS", ""),
         "Python": platform.python_version(),
-        "commit": fingerprint.software()["commit"],
+        "commit": commit(),
     }
 
 

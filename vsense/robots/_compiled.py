@@ -50,18 +50,8 @@ class ObjectFile:
     variables: tuple[str, ...]
 
     @classmethod
-    def read(cls, path: Path) -> ObjectFile:
-        """Reads one; ValueError: it is none, or is cut short."""
-        data = path.read_bytes()
-        if not data.startswith(_IDENT):
-            raise ValueError(f"{path}: no object file")
-        try:
-            return cls._parsed(data)
-        except (struct.error, IndexError) as error:
-            raise ValueError(f"{path}: {error}") from None
-
-    @classmethod
-    def _parsed(cls, data: bytes) -> ObjectFile:
+    def of(cls, data: bytes) -> ObjectFile:
+        """Reads one; struct.error or IndexError: it is cut short."""
         wide, order = data[4] == _WIDE, ">" if data[5] == _BIG else "<"
         sections = _sections(data, wide, order)
         names = sections[struct.unpack_from(f"{order}H", data, 62 if wide else 50)[0]]
@@ -148,10 +138,17 @@ def _unmangled(name: str) -> str:
 
 
 def _read(path: Path) -> ObjectFile | None:
-    """An object file; None of what only the linker that belongs to the compiler can read."""
-    if not path.read_bytes().startswith(_IDENT):
+    """An object file; None of what only the linker that belongs to the compiler can read.
+
+    ValueError: it is cut short.
+    """
+    data = path.read_bytes()
+    if not data.startswith(_IDENT):
         return None
-    made = ObjectFile.read(path)
+    try:
+        made = ObjectFile.of(data)
+    except (struct.error, IndexError) as error:
+        raise ValueError(f"{path}: {error}") from None
     return None if "__gnu_lto_slim" in made.defined else made
 
 

@@ -50,6 +50,7 @@ def source_roots() -> tuple[Path, ...]:
     return PACKAGE_FOLDER / "_sources", PACKAGE_FOLDER.parent
 
 
+@lru_cache(maxsize=1)
 def commit() -> str:
     """Gives the commit of the checkout or of the installed package, "" if it is not known.
 

@@ -124,17 +124,18 @@ class Readiness:
 
         `refused` says by tag why a robot was turned away, "": it was not.
         """
-        away = {tag: why for tag, why in (refused or {}).items() if why and tag not in connected}
+        whys = (refused or {}).items()
+        away = {t: why for t, why in whys if why and t in robots and t not in connected}
         by_why = defaultdict[str, list[str]](list)
-        for tag in (tag for tag in away if tag in robots):
-            by_why[away[tag]].append(robots[tag])
+        for tag, why in away.items():
+            by_why[why].append(robots[tag])
         return cls(
             robots=len(robots),
             markers=len(robots) + len(objects),
             absent=tuple(name for tag, name in robots.items() if tag not in connected),
             unseen=tuple(n for tag, n in (*robots.items(), *objects.items()) if tag not in seen),
             refused=tuple(f"{shorten(names)} {why}" for why, names in by_why.items()),
-            away={robots[tag]: _brief(tag, why) for tag, why in away.items() if tag in robots},
+            away={robots[tag]: _brief(tag, why) for tag, why in away.items()},
         )
 
     @property
