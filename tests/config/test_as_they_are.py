@@ -70,7 +70,7 @@ def line_of(text: str, words: str) -> int:
 @pytest.mark.parametrize("comment", ["a -- b", "--", "- - -", " <e-puck id='x'> -- \n -", "-"])
 def test_dashes_in_comments_are_taken_as_by_tinyxml(folder: Path, comment: str) -> None:
     text = PLAIN.replace("<arena", f"<!--{comment}--><arena")
-    assert told(loaded(folder, text)).count("wear") == 1
+    assert told(loaded(folder, text, Stage.RUN)).count("wear") == 1
     # Lines are counted as before.
     robot = loaded(folder, text).robots[0]
     assert robot.line == line_of(text, '<e-puck id="fb0"')

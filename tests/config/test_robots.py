@@ -45,7 +45,7 @@ def test_robots_without_tags_get_the_ids_of_argos_and_tags_that_nobody_wears(
     worn = ", ".join(str(tags[f"fb{i}"]) for i in range(3, 7))
     (warning,) = [w for w in experiment.warnings if "vs:tags" in w]
     assert re.fullmatch(
-        rf"x\.argos:\d+: <entity> vs:tags is missing: 'fb3' to 'fb6' wear {worn}", warning
+        rf"x\.argos:\d+: <entity> vs:tags is missing: 'fb3' to 'fb6' wear {worn}; a roster .*", warning
     )
 
 
@@ -61,10 +61,8 @@ def test_a_tag_beside_any_id(read_text: Read, example: str) -> None:
     experiment = read_text(text)
     assert by_name(experiment)["lamp"] == 12
     (warning,) = [w for w in experiment.warnings if "vs:tag " in w]
-    assert (
-        warning
-        == f"x.argos:29: <e-puck> vs:tag is missing: 'leader' wear {by_name(experiment)['leader']}"
-    )
+    words = f"x.argos:29: <e-puck> vs:tag is missing: 'leader' wear {by_name(experiment)['leader']}"
+    assert warning == f"{words}; a roster gives them others: vsense robot init"
 
 
 def test_small_families_run_out_of_tags(read_text: Read, example: str) -> None:

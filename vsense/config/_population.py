@@ -134,8 +134,6 @@ def cast(bodies: ArenaContents, family: str, casting: Casting, file: str) -> Non
     """
     _grow(bodies, casting.limit, file)
     idle = _take_robots(bodies, casting)
-    if bodies.stage is not Stage.RUN:
-        idle |= set(bodies.added)
     owned = (*casting.free, *(tag for tag, _ in casting.others))
     _give_tags(bodies, family, owned, idle)
     _put_in(bodies, casting)
@@ -186,7 +184,9 @@ def _left_out(casting: Casting, worn: Collection[int]) -> str:
 def _give_tags(
     bodies: ArenaContents, family: str, owned: Collection[int] = (), idle: Collection[str] = ()
 ) -> None:
-    """Gives a free tag of a marker family to every body without one in the file, and warns.
+    """Gives a free tag of a marker family to every body without one in the file.
+
+    Warns where real robots have to wear it.
 
     Nobody is given one that is `owned`: it is that of a robot. Of who is `idle` nothing is said.
     """
@@ -204,7 +204,7 @@ def _give_tags(
             f" left for them{_larger(len(names) + len(worn))}"
         )
     given = dict(zip(names, free))
-    for element, ids in bodies.untagged:
+    for element, ids in bodies.untagged if bodies.stage is Stage.RUN else ():
         if not (group := [name for name in ids if name not in idle]):
             continue
         key = "vs:tags" if element.name == "entity" else "vs:tag"
@@ -212,7 +212,8 @@ def _give_tags(
         last = f" to {group[-1]!r}" if len(group) > 1 else ""
         element.warn(
             f"{key} {lacks}: {group[0]!r}{last} wear"
-            f" {', '.join(str(given[name]) for name in group)}"
+            f" {', '.join(str(given[name]) for name in group)}; a roster gives them others:"
+            " vsense robot init"
         )
     bodies.robots[:] = [replace(r, tag=given.get(r.id, r.tag)) for r in bodies.robots]
     bodies.objects[:] = [replace(o, tag=given.get(o.id, o.tag)) for o in bodies.objects]

@@ -33,7 +33,6 @@ class ArenaContents:
         without_controller: by id the e-pucks that nothing drives: objects, as in the thesis.
         crowds: how many `<distribute>` were read.
         robot_crowds: those of real robots.
-        added: ids of robots beyond those that `vs:tags` gives a tag: more were asked for.
         unseen: boxes and cylinders that only virtual sensors notice.
         untagged: elements of bodies without a tag, with the bodies' ids.
         taken: tags that were taken out of a roster.
@@ -56,7 +55,6 @@ class ArenaContents:
     settings: dict[str, RobotSettings] = field(default_factory=dict)
     crowds: int = 0
     robot_crowds: list[DistributedCrowd] = field(default_factory=list)
-    added: list[str] = field(default_factory=list)
     unseen: list[Element] = field(default_factory=list)
     untagged: list[tuple[Element, list[str]]] = field(default_factory=list)
     taken: list[int] = field(default_factory=list)
@@ -182,7 +180,6 @@ def add_crowd(crowd: DistributedCrowd, bodies: ArenaContents) -> None:
         bodies.robots.append(RobotSpec(name, tag, number, None, drawn, config, line))
     if untagged:
         bodies.untagged.append((crowd.entity, untagged))
-        bodies.added += untagged if crowd.untagged or crowd.entity.has("vs:tags") else []
     if controller is not None:
         bodies.robot_crowds.append(crowd)
 

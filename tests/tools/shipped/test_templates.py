@@ -13,6 +13,7 @@ from tests.conftest import require_tool
 from vsense import cli
 from vsense.base.errors import UsageError
 from vsense.config.experiment import load
+from vsense.config.specs import Stage
 from vsense.robots.build import source_tree
 from vsense.tools.shipped import _guide
 from vsense.tools.shipped.templates import make, templates
@@ -24,7 +25,7 @@ def test_what_is_made_loads_and_is_its_own(source: str, sensor: bool, tmp_path: 
     folder = tmp_path / "mine"
     made = make(folder, source, sensor)
     assert set(made) == set(folder.iterdir())
-    experiment = load(made[0])
+    experiment = load(made[0], stage=Stage.LAB)
     experiment.refuse_warnings()
     assert experiment.name == "mine"
     used = [*(p for spec in experiment.controllers for p in spec.program.sources)]
