@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from vsense.commands import _arguments
+from vsense.config.experiment import load, of_folder
+from vsense.config.specs import Stage
 from vsense.modes.lab import board_studio
 from vsense.vision.calibration import checking, session
 from vsense.vision.calibration.checking import CheckOptions
@@ -52,7 +54,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Runs one step; see `vsense.vision.calibration.session`."""
     if options.step == "example":
-        return board_studio.write(options.directory, options.board, options.seed)
+        above = None if options.experiment is None else load(options.experiment, stage=Stage.LAB)
+        return board_studio.write(options.directory, options.board, options.seed, above)
     if options.step == "check":
         return checking.run(_arguments.fill(CheckOptions, options))
     if options.step == "board":
@@ -165,6 +168,11 @@ def _add_example(steps: Any) -> None:
     )
     step.add_argument("directory", type=Path, help="folder for pictures/ and truth/")
     step.add_argument("--board", default="charuco:7x5:80mm:4X4_50", metavar="BOARD", help=_BOARD)
+    text = (
+        "above its arena, as vsense camera pretend: a shipped experiment's name, or the path of a"
+        " .argos file (default: above 3 m x 2.4 m)"
+    )
+    _arguments.option(step, "--experiment", of_folder, "NAME", text)
     _arguments.option(step, "--seed", _arguments.natural, "N", "seed of poses and noise", 1)
 
 

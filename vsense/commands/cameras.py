@@ -6,10 +6,13 @@ import argparse
 from pathlib import Path
 
 from vsense.base.errors import UsageError
-from vsense.base.terminal import drop_output
-from vsense.commands import _arguments
+from vsense.base.terminal import Console, drop_output, interruption
+from vsense.commands import _arguments, _experiments, _rosters
 from vsense.commands._arguments import Options
+from vsense.config.experiment import first_robots, load, of_folder
+from vsense.config.placement import settle
 from vsense.config.resources import EXPOSURE_RANGE_US, GAIN_RANGE, RATES_HZ, SIDES_PX
+from vsense.config.specs import LINES_PORT, Stage
 from vsense.tools.camera_setup import files, shooting, showing, tuning
 from vsense.tools.camera_setup.shooting import ShootOptions
 from vsense.tools.camera_setup.showing import ShowOptions
@@ -20,12 +23,15 @@ DESCRIPTION = (
     "Without an action it lists the cameras: GigE Vision, USB3 Vision, V4L2. 'show' looks through"
     " one, 'tune' helps with its exposure and gain, 'init' writes the configuration files for all"
     " that are there, and 'shoot' takes pictures of a board with all of them for vsense calibrate."
+    " 'pretend' stands in for cameras at a desk: it renders them, for all that takes cameras."
 )
 
 _ID = (
     "what `vsense cameras` lists as its id or address, its serial number, /dev/video0, a URL, or"
     " with --resources the id of a grabber"
 )
+CAMERAS_PORT = 4060
+"""Where rendered cameras are, unless told otherwise."""
 _TAKEN = {
     "width": SIDES_PX,
     "height": SIDES_PX,
@@ -82,6 +88,27 @@ def _add_init(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--force", action="store_true", help="write over files that are there")
 
 
+def _add_pretend(parser: argparse.ArgumentParser) -> None:
+    text = "where resources.xml and experiment.xml of these cameras go, unless they are there"
+    parser.add_argument("directory", type=Path, metavar="DIR", help=text)
+    text = (
+        "whose arena, walls, robots and objects they see: a shipped experiment's name, or the path"
+        f" of a .argos file (default: {_experiments.DEFAULT})"
+    )
+    _arguments.option(parser, "--experiment", of_folder, "NAME", text, _experiments.DEFAULT)
+    _arguments.option(parser, "--robots", _arguments.positive, "N", _experiments.ROBOTS)
+    _arguments.add_code(parser)
+    _rosters.add_casting(parser)
+    text = f"TCP port of their pictures, on this machine only (default: {CAMERAS_PORT})"
+    _arguments.option(parser, "--port", _arguments.port, "P", text, CAMERAS_PORT)
+    text = (
+        f"port where it hears from `vsense robot emulate` where robots are (default: {LINES_PORT})"
+    )
+    _arguments.option(parser, "--tracker-port", _arguments.port, "P", text, LINES_PORT)
+    text = "seed of floor, light and noise (default: 1)"
+    _arguments.option(parser, "--seed", _arguments.natural, "N", text, 1)
+
+
 def _add_shoot(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "resources", metavar="RESOURCES", help="the resources file: all its cameras take part"
@@ -130,6 +157,7 @@ _ACTIONS = {
     "tune": ("help with a camera's exposure and gain", _add_tune),
     "init": ("write the configuration files for what is there", _add_init),
     "shoot": ("take pictures of a board with all cameras", _add_shoot),
+    "pretend": ("render cameras above emulated robots, to rehearse without any", _add_pretend),
 }
 """Each action's line in the help, and what declares its arguments."""
 
@@ -156,12 +184,38 @@ def run(options: argparse.Namespace) -> int:
         "tune": lambda: tuning.run(_asked(TuneOptions, options)),
         "init": lambda: files.init(options.directory, options.force),
         "shoot": lambda: shooting.run(_arguments.fill(ShootOptions, options)),
+        "pretend": lambda: _pretend(options),
     }
     try:
         return actions[options.action or "list"]()
     except BrokenPipeError:
         drop_output()
         return 0
+
+
+def _pretend(options: argparse.Namespace) -> int:
+    """Renders cameras until Ctrl-C or SIGTERM; returns 130 or 143."""
+    from vsense.modes.lab.network_cameras import NetworkCameras
+
+    casting, code = _rosters.casting_of(options, here=True), _arguments.code_of(options)
+    loaded = load(options.experiment, stage=Stage.LAB, code=code, casting=casting)
+    experiment = settle(first_robots(loaded, options.robots), options.seed)
+    console, marker = Console(), experiment.marker
+    tags = [*(r.tag for r in experiment.robots), *(thing.tag for thing in experiment.objects)]
+    whose = f"these are those of {experiment.file}"
+    console.progress("building the scene")
+    place = options.seed, options.port, options.tracker_port, console.say
+    with interruption() as interrupted, NetworkCameras(experiment, *place) as cameras:
+        console.end_progress()
+        markers = files.Markers(tags, whose, marker.family, marker.height_m)
+        files.init_pretended(options.directory, cameras.found, markers)
+        console.say(
+            f"{len(cameras.found)} cameras above {experiment.name}'s arena; they wait for"
+            f" `vsense robot emulate` on port {cameras.lines_port}, which says where robots are"
+        )
+        cameras.run(interrupted, console.progress)
+        console.end_progress()
+    return interrupted.code
 
 
 def _asked(kind: type[Options], options: argparse.Namespace, **given: object) -> Options:

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.errors import UsageError
+from vsense.config.specs import Experiment
 from vsense.modes.lab._backdrop import FULL_DN
-from vsense.modes.lab._camera_spec import rig
+from vsense.modes.lab._camera_spec import cameras_above, rig
 from vsense.modes.lab._optics import RayMap, Sensor, Window, blur, to_levels, vignetting
 from vsense.modes.lab._scene import Scene
 from vsense.vision.calibration.board import Board, raster
@@ -205,13 +206,16 @@ ON_FLOOR, HELD_UP = 16, 24
 _QUALITY = 95
 
 
-def write(directory: Path, board_text: str, seed: int) -> int:
+def write(directory: Path, board_text: str, seed: int, experiment: Experiment | None) -> int:
     """Writes pictures/CAMERA/MOMENT.jpg and truth/CAMERA.json; prints the next command.
+
+    The cameras hang above the experiment's arena, or above one of 3 m x 2.4 m.
 
     Raises:
         UsageError: the board is none, or the folder cannot be written.
     """
-    board, cameras = Board.parse(board_text), rig(STUDIO_ARENA)
+    board = Board.parse(board_text)
+    cameras = rig(STUDIO_ARENA) if experiment is None else cameras_above(experiment, None)
     plan = board_plan(cameras, board, ON_FLOOR, HELD_UP, seed)
     try:
         (directory / "truth").mkdir(parents=True, exist_ok=True)

@@ -6,7 +6,7 @@ import json
 import re
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
@@ -14,6 +14,7 @@ from xml.sax.saxutils import quoteattr
 from vsense.base.errors import UsageError, VsenseError
 from vsense.base.terminal import Console, aligned, print_data
 from vsense.config import resources as resources_file
+from vsense.config import roster
 from vsense.config.resources import (
     DEFAULT_HEIGHT_M,
     DEFAULT_SPEED_M_S,
@@ -24,7 +25,7 @@ from vsense.config.resources import (
 )
 from vsense.config.tracking_session import EXPERIMENT_FILE, RESOURCES_FILE
 from vsense.monitor.recording import pictures
-from vsense.vision.cameras.discovery import RATE_HZ, V4L2, FoundCamera, find
+from vsense.vision.cameras.discovery import RATE_HZ, FoundCamera, find
 from vsense.vision.cameras.source import (
     FREE,
     PIXEL_FORMATS,
@@ -156,6 +157,7 @@ def _of_file(id: str, wanted: Controls, path: str) -> GrabberSpec:
 
 FAMILY = "arrow4x4"
 TRACKER = "robots"
+ROSTER = "auto:20"
 
 _GRABBERS = """\
     <!--
@@ -177,7 +179,7 @@ _GRABBERS = """\
 _TRACKERS = """\
     <!--
       family        the printed markers, see "vsense markers"
-      tags          the numbers of the markers in the arena; these are "auto:20" of vsense markers
+      tags          the numbers of the markers in the arena; {whose}
       robot_height  of the markers above the floor [m]
       max_speed     of a robot [m/s]
     -->
@@ -187,17 +189,46 @@ _CAMERAS = """\
 """
 
 
-def resources_text(cameras: Sequence[FoundCamera], tags: Sequence[int]) -> str:
-    """Returns the resources file; `tags` is the roster."""
-    tracker = TrackerSpec(
-        TRACKER, FAMILY, 0.0, dict.fromkeys(tags, DEFAULT_HEIGHT_M), DEFAULT_SPEED_M_S, True, 0
-    )
+@dataclass(frozen=True, slots=True)
+class Markers:
+    """The markers that a tracker looks for.
+
+    Attributes:
+        tags: their numbers.
+        whose: where these come from, in words.
+        height_m: above the floor.
+    """
+
+    tags: Sequence[int]
+    whose: str
+    family: str = FAMILY
+    height_m: float = DEFAULT_HEIGHT_M
+
+    @classmethod
+    def usual(cls) -> Markers:
+        """Those of the roster in the current folder; without one those of `vsense robot init`.
+
+        Raises as `roster.find_roster`.
+        """
+        lab = roster.find_roster(None)
+        if lab is not None:
+            return cls(lab.tags, f"these are those of {lab.path}")
+        tags = families.parse_tags(ROSTER, load_family(FAMILY))
+        return cls(tags, f'these are "{ROSTER}" of vsense markers')
+
+
+def resources_text(cameras: Sequence[FoundCamera], markers: Markers) -> str:
+    """Returns the resources file of cameras that look for markers."""
+    heights_m = dict.fromkeys(markers.tags, markers.height_m)
+    speed_m_s = DEFAULT_SPEED_M_S
+    tracker = TrackerSpec(TRACKER, markers.family, 0.0, heights_m, speed_m_s, True, 0)
     trigger, rates_hz = way(cameras)
     lines = [pictures.head("arena_tracking_system", "resources.xsd"), "  <grabbers>"]
     lines.append(_GRABBERS)
     for id, camera, rate_hz in zip(camera_ids(cameras), cameras, rates_hz):
         lines += [_comment(camera), grabber(id, camera, trigger, rate_hz), ""]
-    lines += ["  </grabbers>", "", "  <trackers>", _TRACKERS.rstrip("\n")]
+    lines += ["  </grabbers>", "", "  <trackers>"]
+    lines.append(_TRACKERS.rstrip("\n").format(whose=markers.whose))
     lines += pictures.tracker_lines(tracker)
     lines += ["  </trackers>", "", "  <cameras>", _CAMERAS.rstrip("\n")]
     lines += [
@@ -213,7 +244,7 @@ def experiment_text(cameras: Sequence[FoundCamera]) -> str:
 
 def camera_ids(cameras: Sequence[FoundCamera]) -> list[str]:
     """Returns the cameras' ids in the files, which are also names of folders."""
-    return [f"cam{number}" for number in range(1, len(cameras) + 1)]
+    return [camera.name or f"cam{number}" for number, camera in enumerate(cameras, 1)]
 
 
 def way(cameras: Sequence[FoundCamera]) -> tuple[str, list[float]]:
@@ -224,7 +255,7 @@ def way(cameras: Sequence[FoundCamera]) -> tuple[str, list[float]]:
     """
     # The usual rate is the limit, because many cameras share a link.
     rates_hz = [min(_within(c.details.rate_hz, RATES_HZ) or RATE_HZ, RATE_HZ) for c in cameras]
-    if len(cameras) < 2 or any(camera.kind == V4L2 for camera in cameras):
+    if len(cameras) < 2 or not all(camera.is_genicam for camera in cameras):
         return FREE, rates_hz
     return SOFTWARE, [min(rates_hz)] * len(cameras)
 
@@ -232,7 +263,7 @@ def way(cameras: Sequence[FoundCamera]) -> tuple[str, list[float]]:
 def grabber(id: str, camera: FoundCamera, trigger: str, rate_hz: float) -> str:
     """Returns a camera's element, without values that a resources file does not take."""
     details = camera.details
-    genicam = camera.kind != V4L2
+    genicam = camera.is_genicam
     rows: list[dict[str, object]] = [
         {"id": id, "type": GENICAM if genicam else CAMERA, "device": device(camera)}
     ]
@@ -252,15 +283,15 @@ def grabber(id: str, camera: FoundCamera, trigger: str, rate_hz: float) -> str:
 
 def device(camera: FoundCamera) -> str:
     """Returns how a camera is opened: by its address, which is fastest, where it is its own."""
-    return camera.id if camera.trouble or camera.kind == V4L2 else camera.address or camera.id
+    return camera.address or camera.id if camera.is_genicam and not camera.trouble else camera.id
 
 
-def write(directory: Path, cameras: Sequence[FoundCamera], tags: Sequence[int]) -> list[Path]:
+def write(directory: Path, cameras: Sequence[FoundCamera], markers: Markers) -> list[Path]:
     """Writes both files and the schemas for editors; returns the files. Raises OSError."""
     directory.mkdir(parents=True, exist_ok=True)
     pictures.write_schemas(directory)
     texts = {
-        RESOURCES_FILE: resources_text(cameras, tags),
+        RESOURCES_FILE: resources_text(cameras, markers),
         EXPERIMENT_FILE: experiment_text(cameras),
     }
     for name, text in texts.items():
@@ -289,7 +320,7 @@ def _comment(camera: FoundCamera) -> str:
     details = camera.details
     parts = [camera.model]
     parts += [f"serial {camera.serial}"] if camera.serial else []
-    parts += [camera.id, camera.mac] if camera.kind != V4L2 else [camera.address]
+    parts += [camera.id, camera.mac] if camera.is_genicam else [camera.address]
     lines = [", ".join(filter(None, parts))]
     bounds = {"exposure": (details.exposure_bounds_us, " us"), "gain": (details.gain_bounds, "")}
     takes = [
@@ -310,8 +341,32 @@ def _text(value: object) -> str:
     return f"{value:.6f}".rstrip("0").rstrip(".") if isinstance(value, float) else str(value)
 
 
-ROSTER = "auto:20"
 BOARD = "charuco:7x5:80mm:4X4_50"
+
+
+def init_pretended(directory: Path, cameras: Sequence[FoundCamera], markers: Markers) -> None:
+    """Writes the files for rendered cameras into a folder; those that are theirs already stay.
+
+    Raises:
+        UsageError: there is a file that names other cameras.
+        VsenseError: a file cannot be written.
+    """
+    path = directory / RESOURCES_FILE
+    if not path.exists():
+        _write_and_print(directory, cameras, markers)
+        return
+    used = {spec.source for spec in resources_file.load(path).grabbers.values()}
+    if not {camera.id for camera in cameras} <= used:
+        raise UsageError(f"{path}: is there already, and names other cameras; take another folder")
+    Console().say(f"{path} has these cameras already: it stays as it is")
+
+
+def _write_and_print(directory: Path, cameras: Sequence[FoundCamera], markers: Markers) -> None:
+    try:
+        files = write(directory, cameras, markers)
+    except OSError as error:
+        raise VsenseError(f"{error.filename}: cannot be written: {error.strerror}") from None
+    print_data("\n".join(map(str, files)))
 
 
 def init(directory: Path, force: bool) -> int:
@@ -329,12 +384,7 @@ def init(directory: Path, force: bool) -> int:
         Console().say(f"vsense: {missing}")
     if not cameras:
         raise VsenseError("\n".join(NO_CAMERA))
-    roster = families.parse_tags(ROSTER, load_family(FAMILY))
-    try:
-        files = write(directory, cameras, roster)
-    except OSError as error:
-        raise VsenseError(f"{error.filename}: cannot be written: {error.strerror}") from None
-    print_data("\n".join(map(str, files)))
+    _write_and_print(directory, cameras, Markers.usual())
     for line in _next(directory, camera_ids(cameras)):
         Console().say(line)
     for id, camera in zip(camera_ids(cameras), cameras):

@@ -22,7 +22,7 @@ from vsense.vision.cameras._networks import (
 from vsense.vision.cameras.aravis import AravisError
 from vsense.vision.cameras.source import EXPOSURE, GAIN, NAMES, Bounds
 
-GIGE, USB3, V4L2 = "GigE", "USB3", "V4L2"
+GIGE, USB3, V4L2, URL = "GigE", "USB3", "V4L2", "URL"
 DEAF = "answers to everybody, but not to this host alone: look at its network mask and the firewall"
 _WORKERS = 8
 """A camera that does not answer takes seconds; the others are read meanwhile."""
@@ -53,11 +53,12 @@ class FoundCamera:
 
     Attributes:
         id: The name in device= and in commands.
-        kind: `GIGE`, `USB3` or `V4L2`.
+        kind: `GIGE`, `USB3`, `V4L2` or `URL`.
         address: IPv4 address of GigE, bus of the others.
         model: Vendor and model, or the device's name.
         mac: MAC address of GigE, GUID of USB3.
         trouble: Why it cannot be used as it is, without its name; empty: it can.
+        name: What files call it; empty: cam1, cam2, and so on.
     """
 
     id: str
@@ -68,6 +69,12 @@ class FoundCamera:
     mac: str = ""
     details: Details = field(default_factory=Details)
     trouble: str = ""
+    name: str = ""
+
+    @property
+    def is_genicam(self) -> bool:
+        """Whether it has the features of GenICam, and can be triggered."""
+        return self.kind in (GIGE, USB3)
 
 
 def find() -> tuple[list[FoundCamera], str]:

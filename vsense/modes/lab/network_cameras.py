@@ -1,0 +1,192 @@
+"""The lab's cameras on the network, above robots that are emulated elsewhere.
+
+`vsense camera pretend` is what stands in for a lab's cameras at a desk: grabber, tracker and
+calibration are those of real ones. Where robots are is heard as lines of a tracker
+(`vsense/robots/link/TRACKERS.md`), such as those of `vsense robot emulate`. Each camera sends JPEG
+pictures by HTTP, as many real ones do (multipart/x-mixed-replace, RFC 2046, 5.1), to this machine
+only.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from threading import Condition, Event
+
+import cv2
+import numpy as np
+
+from vsense.base.arena import ArenaState
+from vsense.base.clock import host_ns
+from vsense.base.errors import VsenseError
+from vsense.config.specs import Experiment
+from vsense.modes.lab._camera_spec import spec_for
+from vsense.modes.lab._optics import Floats, Image8
+from vsense.modes.lab._renderer import Studio
+from vsense.robots.link.status import LinkError
+from vsense.robots.link.trackers.lines import TRACKER_SILENCE_NS, ArenaListener
+from vsense.vision.cameras.discovery import RATE_HZ, URL, Details, FoundCamera
+
+HOST = "127.0.0.1"
+_QUALITY = (cv2.IMWRITE_JPEG_QUALITY, 95)
+_AWAY_M = 1e4
+"""Bodies of which nothing is heard are there, out of all pictures."""
+_PATIENCE_S = 2.0
+"""A sender looks so often whether it is to end."""
+
+
+class _Pictures(ThreadingHTTPServer):
+    """Sends the newest picture of each camera to whoever asks for it, as it comes."""
+
+    daemon_threads = True
+    allow_reuse_address = True
+
+    def __init__(self, port: int, names: Sequence[str]) -> None:
+        super().__init__((HOST, port), _Stream)
+        self.names = tuple(names)
+        self.open = True
+        self._changed = Condition()
+        self._number, self._images = 0, np.empty((0, 0, 0), np.uint8)
+
+    def show(self, images: Image8) -> None:
+        """Sends pictures (cameras, h, w) from now on; they are copied."""
+        with self._changed:
+            self._number, self._images = self._number + 1, images.copy()
+            self._changed.notify_all()
+
+    def after(self, number: int, camera: int) -> tuple[int, Image8 | None]:
+        """Waits for a picture of a camera after the one of a number; None: there is none yet."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._number > number, _PATIENCE_S)
+            return self._number, self._images[camera] if self._number > number else None
+
+
+class _Stream(BaseHTTPRequestHandler):
+    """One camera's pictures, until nobody looks any more."""
+
+    server: _Pictures
+
+    def do_GET(self) -> None:
+        """Sends them; 404 for another path."""
+        name = self.path.strip("/")
+        if name not in self.server.names:
+            expected = ", ".join(self.server.names)
+            self.send_error(HTTPStatus.NOT_FOUND, explain=f"the cameras are {expected}")
+            return
+        self.send_response(HTTPStatus.OK)
+        self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
+        self.end_headers()
+        camera, number = self.server.names.index(name), 0
+        while self.server.open:
+            number, image = self.server.after(number, camera)
+            if image is None:
+                continue
+            data = cv2.imencode(".jpg", image, _QUALITY)[1].tobytes()
+            head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(data)}\r\n\r\n"
+            try:
+                self.wfile.write(head.encode() + data + b"\r\n")
+            except OSError:  # nobody looks any more
+                return
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Says nothing: the terminal has a line of its own."""
+
+
+class NetworkCameras:
+    """Cameras that are rendered and sent; a context that leaves no socket and no thread.
+
+    Attributes:
+        found: they, as `vsense camera list` knows a camera.
+        lines_port: where a tracker's lines come in.
+    """
+
+    def __init__(
+        self,
+        experiment: Experiment,
+        seed: int,
+        port: int,
+        lines_port: int,
+        say: Callable[[str], None],
+    ) -> None:
+        """Builds the scene of a settled experiment, which takes a second or two.
+
+        Args:
+            experiment: whose arena, walls, robots and objects they see.
+            seed: of the floor, its dirt and its light, and of the pictures' noise.
+            port: where the cameras are; 0 takes any that is free.
+            lines_port: of the tracker; likewise.
+            say: takes what happens to the tracker's connection.
+
+        Raises:
+            TooLargeArena: it takes too many cameras.
+            VsenseError: a port is taken.
+        """
+        spec = spec_for(experiment, "", seed, Path())
+        tags = [*(r.tag for r in experiment.robots), *(thing.tag for thing in experiment.objects)]
+        self._rows = {tag: row for row, tag in enumerate(tags)}
+        self._images = np.zeros(spec.shape, np.uint8)
+        self._lines = ArenaListener(HOST, lines_port, list(self._rows), say)
+        self.lines_port = self._lines.port
+        names = [camera.id for camera in spec.cameras]
+        try:
+            self._pictures = _Pictures(port, names)
+        except OSError as error:
+            self._lines.close()
+            raise VsenseError(
+                f"port {port}: {error.strerror}: expected a free one, --port"
+            ) from None
+        size_px = spec.cameras[0].width_px, spec.cameras[0].height_px
+        url = f"http://{HOST}:{self._pictures.server_address[1]}"
+        details = Details(size_px=size_px, rate_hz=RATE_HZ)
+        self.found = [
+            FoundCamera(f"{url}/{name}", URL, url, "rendered", details=details, name=name)
+            for name in names
+        ]
+        self._studio = Studio(spec)
+        self._thread = threading.Thread(target=self._pictures.serve_forever, daemon=True)
+
+    def __enter__(self) -> NetworkCameras:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._pictures.open = False
+        self._pictures.shutdown()
+        self._pictures.server_close()
+        self._lines.close()
+
+    def run(self, interrupted: Event, progress: Callable[[str], None]) -> None:
+        """Takes pictures until it is interrupted: of each state that comes, or of an empty floor.
+
+        A state is drawn until a newer one is there, for a second at most.
+        """
+        state, timestep = None, 0
+        while not interrupted.is_set():
+            timestep += 1
+            self._studio.prepare(timestep, self._images)
+            state = self._next(state)
+            poses = self._poses(state)
+            dark = np.zeros(len(self._rows), np.uint16)
+            self._studio.expose(timestep, poses[np.newaxis], dark, self._images)
+            self._pictures.show(self._images)
+            there = int((poses[:, 0] < _AWAY_M).sum())
+            heard = "no tracker writes" if state is None else f"{there} of {len(poses)} bodies"
+            progress(f"{timestep} pictures of {len(self.found)} cameras  {heard}")
+
+    def _next(self, last: ArenaState | None) -> ArenaState | None:
+        """The next state; the last one where none comes in time, None where that is too old."""
+        try:
+            return self._lines.next(1.0 / RATE_HZ)[0]
+        except LinkError:
+            is_new = last is not None and host_ns() - last.capture_ns < TRACKER_SILENCE_NS
+            return last if is_new else None
+
+    def _poses(self, state: ArenaState | None) -> Floats:
+        """Where all bodies are, (n, 3): x [m], y [m], yaw [rad]."""
+        poses = np.full((len(self._rows), 3), _AWAY_M)
+        for pose in () if state is None else state.robots:
+            poses[self._rows[int(pose["tag"])]] = pose["x_m"], pose["y_m"], pose["yaw_rad"]
+        return poses
