@@ -45,7 +45,8 @@ def test_robots_without_tags_get_the_ids_of_argos_and_tags_that_nobody_wears(
     worn = ", ".join(str(tags[f"fb{i}"]) for i in range(3, 7))
     (warning,) = [w for w in experiment.warnings if "vs:tags" in w]
     assert re.fullmatch(
-        rf"x\.argos:\d+: <entity> vs:tags is missing: 'fb3' to 'fb6' wear {worn}; a roster .*", warning
+        rf"x\.argos:\d+: <entity> vs:tags is missing: 'fb3' to 'fb6' wear {worn}; a roster .*",
+        warning,
     )
 
 

@@ -91,6 +91,29 @@ def test_one_that_fails_keeps_nobody_else_from_working(
     assert facts["off"]["text"] == "ssh: connect to host off port 22: No route to host"
 
 
+@pytest.mark.parametrize("words", [["--check"], ["--rollback"]])
+def test_a_dry_run_says_what_would_be_sent_and_reaches_nobody(
+    words: list[str], boards: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    board = systemd(boards, "board")
+    assert deploy(tmp_path, "board tag=7 port=4060\nother tag=8\n", "--dry", *words) == 0
+    out = capsys.readouterr().out
+    assert "nothing was sent (--dry)" in out and not list(boards.glob("*.told"))
+    assert not (board / "etc").exists()
+    assert cli.main(["robot", "deploy", "--host", "10.0.0.1", "--base", "argos:/dev/ttyS0",
+                     "--insecure", "--dry", "--json", *words]) == 0  # fmt: skip
+    first, second = json.loads(capsys.readouterr().out)
+    assert (first["robot"], first["tag"], second["tag"]) == ("board", 7, 8)
+    if "--rollback" in words:
+        assert "become those before the last deploy" in out and first["settings"] is None
+        return
+    # It is what the board then has, in every word.
+    assert deploy(tmp_path, "board tag=7 port=4060\nother tag=8\n", *words) == 0
+    sent = (board / "etc" / "vsensed.conf").read_text().splitlines()[1:]
+    assert sent == [f"{name} = {value}" for name, value in first["settings"].items()]
+    assert first["vsensed_bytes"] == (board / "usr/local/bin/vsensed").stat().st_size
+
+
 def test_who_is_not_root_is_told_so(
     boards: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

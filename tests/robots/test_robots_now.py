@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 
 from vsense import cli
-from vsense.commands import robot_list
 from vsense.commands.robot_list import boards_now, run_now, table
 from vsense.config import battery_history, roster
 from vsense.config.battery_history import BatteryRow, minutes_left
 from vsense.monitor.recording.form import ROBOT_COLUMNS
+from vsense.robots import boards
 
 ROSTER = """
 [[robot]]
@@ -111,7 +111,7 @@ def test_the_command_asks_with_ssh_and_tells_programs(
     assert told[0]["battery"]["end_v"] == 3.6 and told[2]["out_of_order"] == "left motor stalls"
     # Whom nobody answers for costs a line, not the table.
     (programs / "ssh").write_text("#!/bin/sh\nexec sleep 60\n")
-    monkeypatch.setattr(robot_list, "ASK_S", 0.2)
+    monkeypatch.setattr(boards, "ASK_S", 0.2)
     assert cli.main(["robot", "status", "--roster", str(known)]) == 0
     assert capsys.readouterr().out.count("no answer") == 2
     assert cli.main(["robot", "status", "--roster", str(known), "--process", "1"]) == 2

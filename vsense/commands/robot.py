@@ -9,15 +9,16 @@ from collections.abc import Collection, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from vsense.base.errors import UsageError
-from vsense.base.terminal import Console, aligned, patience, print_data
+from vsense.base.terminal import Console, patience, print_data
 from vsense.commands import (
     _arguments,
+    _deployments,
     _experiments,
     _rosters,
     robot_emulate,
+    robot_init,
     robot_keys,
     robot_link,
     robot_list,
@@ -30,14 +31,15 @@ from vsense.config.specs import Experiment
 from vsense.robots import boards, deploying, finding, key_holders
 from vsense.robots.boards import Built
 from vsense.robots.build import cache_directory, source_tree
-from vsense.robots.deploying import Outcome, Part, Plan, RobotHost
+from vsense.robots.deploying import Part, Plan, RobotHost
 from vsense.robots.sources import ProgramSources, folders, stem_of
 
 DESCRIPTION = (
     "What a lab does with its robots' boards. 'build' makes the daemon vsensed with a controller"
-    " in it, one static file for a kind of board. 'list' shows the lab's robots, as the roster"
-    " robots.toml has them. 'deploy' copies it to all of them with"
-    " ssh, each its own where an experiment has several, writes each robot's settings, gives each a"
+    " in it, one static file for a kind of board. 'init' writes the roster robots.toml: the lab's"
+    " robots, their markers, and how they are reached; 'list' shows it. 'deploy' copies the daemon"
+    " to all of them with ssh, each its own where an experiment has several, writes each robot's"
+    " settings, gives each a"
     " key of its own, so that nobody else moves it, and has it start with the board. 'keys' makes"
     " the swarm's key that theirs are made of, and says who has which. 'status' tells who is"
     " connected to the `vsense run` or `vsense lab` on this machine: software and controller, link,"
@@ -69,6 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     robot_link.add_arguments(
         add("link", "measure the robots' links under an experiment's own traffic, standing still")
     )
+    robot_init.add_arguments(add("init", "write the roster, or add robots to it"))
     robot_list.add_arguments(add("list", "show the lab's robots: the roster"))
     status = add("status", "show the robots of the running experiment, or all of the roster")
     robot_list.add_status(status)
@@ -130,6 +133,8 @@ def _add_deploy(parser: argparse.ArgumentParser) -> None:
         parser, "bring no keys: the robots obey whoever sends them commands", page=False
     )
     _add_ways(parser)
+    text = "send nothing: say what each robot would be sent, and what would be done there"
+    _arguments.flag(parser, "--dry", text)
 
 
 def _add_what(parser: argparse.ArgumentParser) -> None:
@@ -184,6 +189,7 @@ def run(options: argparse.Namespace) -> int:
         "calibrate": robot_measure.calibrate,
         "check": robot_measure.check,
         "link": robot_link.run,
+        "init": robot_init.run,
         "list": robot_list.run,
         "status": robot_list.status,
     }
@@ -257,12 +263,13 @@ def deploy(options: argparse.Namespace) -> int:
             plan = replace(plan, keys=keys, uids=key_holders.uids(holders, robots))
     elif plan.part is Part.DAEMON:
         plan = robot_keys.renewing(plan, options, robots)
+    if options.dry:
+        _deployments.say_planned(plan, robots, options.json)
+        return 0
     outcomes = robot_keys.deploy_all(plan, robots)
     if plan.keys is not None:
         robot_keys.note(options, plan.keys, outcomes)
-    print_data(
-        json.dumps([_facts(o) for o in outcomes], indent=2) if options.json else table(outcomes)
-    )
+    _deployments.say(outcomes, options.json)
     return 0 if all(outcome.ok for outcome in outcomes) else 1
 
 
@@ -335,28 +342,3 @@ def _say_idle(experiment: Experiment, idle: Sequence[int], driven: Collection[st
         expected = ", ".join(str(robot.tag) for robot in experiment.robots)
         raise UsageError(f"{text}; its robots are {expected}")
     Console().say(text)
-
-
-def table(outcomes: list[Outcome]) -> str:
-    """A row for every robot, and below it the output of those that failed."""
-    rows = [("robot", "tag", "", "")]
-    rows += [
-        (o.robot.destination, o.robot.settings["tag"], "ok" if o.ok else "FAILED", o.text)
-        for o in outcomes
-    ]
-    head, *lines = aligned(rows)
-    text = [head]
-    for line, outcome in zip(lines, outcomes):
-        text += [line] if outcome.ok else [line, *(f"    {said}" for said in outcome.details)]
-    return "\n".join(text)
-
-
-def _facts(outcome: Outcome) -> dict[str, Any]:
-    return {
-        "robot": outcome.robot.destination,
-        "tag": int(outcome.robot.settings["tag"]),
-        "ok": outcome.ok,
-        "uid": outcome.uid or None,
-        "text": outcome.text,
-        "details": list(outcome.details),
-    }

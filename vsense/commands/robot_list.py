@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
-import subprocess
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,8 +18,6 @@ from vsense.robots import boards
 
 EMPTY_V = 3.4
 """Where the roster has no battery_stop_mv, an e-puck's battery is taken to be empty here."""
-ASK_S = 8.0
-_MOST_ASKED = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,38 +102,23 @@ def _now(row: Mapping[str, Any]) -> RobotNow:
 
 
 def boards_now(
-    roster: Roster, call: Callable[[Sequence[str]], tuple[int, str]] | None = None
+    roster: Roster, call: Callable[[Sequence[str]], tuple[int, str]] = boards.call
 ) -> dict[int, RobotNow]:
     """Asks all boards at once whether they are there, and whether vsensed runs on them.
 
-    `call` runs a command, and gives its exit code and what it said; None: as a process.
+    `call` runs a command, and gives its exit code and what it said.
     """
     asked = [robot for robot in roster.robots if robot.host]
     words = "pidof vsensed >/dev/null && echo runs || echo stands"
-
-    def ask(robot: RosterRobot) -> RobotNow:
-        code, said = (call or _call)(boards.ssh_command(robot.host, (), words))
-        if code:
-            return RobotNow(
-                "no answer", trouble=boards.ssh_advice(robot.host, said.splitlines()) or ""
-            )
-        is_on = said.split()[-1:] == ["runs"]
-        return RobotNow("on, vsensed runs" if is_on else "on, no vsensed")
-
-    with ThreadPoolExecutor(min(max(len(asked), 1), _MOST_ASKED)) as pool:
-        return dict(zip((robot.tag for robot in asked), pool.map(ask, asked)))
+    answers = boards.call_all([boards.ssh_command(robot.host, (), words) for robot in asked], call)
+    return {robot.tag: _answer(robot, *answer) for robot, answer in zip(asked, answers)}
 
 
-def _call(command: Sequence[str]) -> tuple[int, str]:
-    try:
-        done = subprocess.run(
-            command, stdin=subprocess.DEVNULL, capture_output=True, timeout=ASK_S, check=False
-        )
-    except subprocess.TimeoutExpired:
-        return 1, ""
-    except OSError as error:
-        return 1, f"ssh: {error.strerror}"
-    return done.returncode, (done.stdout or done.stderr).decode(errors="replace")
+def _answer(robot: RosterRobot, code: int, said: str) -> RobotNow:
+    if code:
+        return RobotNow("no answer", trouble=boards.ssh_advice(robot.host, said.splitlines()) or "")
+    is_on = said.split()[-1:] == ["runs"]
+    return RobotNow("on, vsensed runs" if is_on else "on, no vsensed")
 
 
 def table(

@@ -18,6 +18,7 @@ People write it, and we write what we measure into it (`update`): their comments
 from __future__ import annotations
 
 import fcntl
+import json
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -181,11 +182,47 @@ def update(path: Path, changes: Mapping[int, Mapping[str, Any]]) -> Roster:
             _put(tables[tag], values)
         text = tomlkit.dumps(document)
         after = _read(path, text)
-        try:
-            replace_text(path, text)
-        except OSError as error:
-            raise UsageError(f"cannot write {path}: {error.strerror}") from None
+        _replace(path, text)
     return after
+
+
+def extend(path: Path, robots: Sequence[Mapping[str, Any]], head: str) -> Roster:
+    """Adds robots to the end of a roster, or writes one that begins with the text `head`.
+
+    All else in it stays. `robots` have values by name as in the file; a file that is there is
+    replaced as a whole.
+
+    Returns:
+        The roster as it is now.
+
+    Raises:
+        UsageError: it cannot be read or written.
+        ConfigError: something in it is wrong, or would be: two robots with one tag, for example.
+    """
+    tables = [
+        "".join(["[[robot]]\n", *(f"{name} = {json.dumps(v)}\n" for name, v in values.items())])
+        for values in robots
+    ]
+    new = "\n".join(tables)
+    if not path.exists():
+        text = f"{head}\n{new}"
+        roster = _read(path, text)
+        _replace(path, text)
+        return roster
+    read(path)
+    path = path.resolve()
+    with _locked(path) as file:
+        text = f"{decode_toml(path, file.read(MOST_FILE_BYTES)).rstrip()}\n\n{new}"
+        roster = _read(path, text)
+        _replace(path, text)
+    return roster
+
+
+def _replace(path: Path, text: str) -> None:
+    try:
+        replace_text(path, text)
+    except OSError as error:
+        raise UsageError(f"cannot write {path}: {error.strerror}") from None
 
 
 def _put(table: Any, values: Mapping[str, Any]) -> None:

@@ -18,7 +18,9 @@ import importlib.util
 import platform
 import re
 import shutil
-from collections.abc import Iterable, Sequence
+import subprocess
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -240,6 +242,31 @@ def ssh_command(destination: str, options: Iterable[str], words: str) -> list[st
         words: for the board's shell.
     """
     return [*SSH, *(word for option in options for word in ("-o", option)), destination, words]
+
+
+ASK_S = 8.0
+_MOST_ASKED = 64
+
+
+def call(command: Sequence[str]) -> tuple[int, str]:
+    """Runs a command that reaches a board; gives its exit code and what it said."""
+    try:
+        done = subprocess.run(
+            command, stdin=subprocess.DEVNULL, capture_output=True, timeout=ASK_S, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return 1, ""
+    except OSError as error:
+        return 1, f"ssh: {error.strerror}"
+    return done.returncode, (done.stdout or done.stderr).decode(errors="replace")
+
+
+def call_all(
+    commands: Sequence[Sequence[str]], call: Callable[[Sequence[str]], tuple[int, str]] = call
+) -> list[tuple[int, str]]:
+    """Runs commands at once; gives what `call` gives of each."""
+    with ThreadPoolExecutor(min(max(len(commands), 1), _MOST_ASKED)) as pool:
+        return list(pool.map(call, commands))
 
 
 def ssh_advice(destination: str, said: Sequence[str]) -> str | None:

@@ -1,0 +1,253 @@
+"""`vsense robot init`: the roster, written and extended from what can be found."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from vsense.base.clock import host_ns
+from vsense.base.errors import GrabberError, NoMorePictures, UsageError
+from vsense.base.files import read_bytes
+from vsense.base.terminal import Console, print_data
+from vsense.commands import _arguments, _rosters
+from vsense.config import roster, tracking_session
+from vsense.config.roster import FILE_NAME
+from vsense.config.roster_fields import ROBOT_FIELDS
+from vsense.robots import boards
+from vsense.vision.markers.families import confusion, load_family, ranked_tags
+from vsense.vision.tracking.opening import open_tracking
+
+FAMILY = "arrow4x4"
+LOOK_NS = 3_000_000_000
+"""The cameras' markers are looked at for so long."""
+
+NEIGHBOURS = Path("/proc/net/arp")
+_COMPLETE = "0x2"
+"""A neighbour whose hardware address is known. Source: Linux, ATF_COM."""
+_MOST = 256
+
+_ASK = 'cat "${VSENSED_ROOT:-}/etc/vsensed.conf" 2>/dev/null; true'
+_KNOWN = ("tag", "name", "uid", "base")
+"""Settings of a board's vsensed that are the roster's, too."""
+
+HEAD = """\
+# The lab's robots: vsense docs robot, "The roster". Robots play in this order where an experiment
+# has no tags of its own. `vsense robot init` adds robots; all else in this file is yours.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Board:
+    """A board that was asked.
+
+    Attributes:
+        host: as ssh is told.
+        answers: it did.
+        settings: of its vsensed, by the roster's names.
+        trouble: why it did not answer, and what helps.
+    """
+
+    host: str
+    answers: bool = True
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    trouble: str = ""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declares the action's arguments."""
+    parser.add_argument(
+        "hosts",
+        nargs="*",
+        type=hosts,
+        metavar="HOST",
+        help="boards, such as root@192.168.1.30-34 or pi@robot7: each is asked by ssh for the"
+        " settings that it has, and written in also where it does not answer (default: of this"
+        " machine's neighbours on the network, those that answer as root)",
+    )
+    text = "the roster has N robots then, also without as many boards: hosts can be added later"
+    _arguments.option(parser, "--robots", _arguments.positive, "N", text)
+    text = "add one robot of this name, with HOST where it is given"
+    _arguments.option(parser, "--add", str, "NAME", text)
+    parser.add_argument(
+        "--tracking",
+        nargs=2,
+        metavar=("RESOURCES", "SESSION"),
+        help="look with these cameras for 3 s (two files of `vsense track`): robots get the tags of"
+        " markers that are seen first, so put the robots that are new below them",
+    )
+    text = f"of the markers: other robots get those of its tags that stay apart (default: {FAMILY})"
+    _arguments.option(parser, "--family", str, "NAME", text, FAMILY)
+    text = "what turns the new robots' wheels, as vsensed --base, such as argos:/dev/ttyS0"
+    _arguments.option(parser, "--base", str, "BASE", text)
+    _rosters.add_roster(
+        parser, "the file that is written or extended", f"(default: {FILE_NAME} here)"
+    )
+    _arguments.flag(parser, "--json", "print the new robots as JSON")
+
+
+def hosts(text: str) -> list[str]:
+    """Hosts of ssh; the last number of an address may be a range."""
+    match = re.fullmatch(r"(.*\.)(\d{1,3})-(\d{1,3})", text)
+    names = [text]
+    if match is not None:
+        first, last = int(match[2]), int(match[3])
+        if not first <= last <= 255:
+            raise argparse.ArgumentTypeError(f"'{text}': expected a range such as 10.0.0.30-34")
+        names = [f"{match[1]}{number}" for number in range(first, last + 1)]
+    try:
+        return [str(ROBOT_FIELDS["host"](name)) for name in names]
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"'{text}': expected {error}") from None
+
+
+def run(options: argparse.Namespace) -> int:
+    """Writes or extends the roster; 0, or 1 where nothing could be added.
+
+    Raises:
+        UsageError: there is nothing to add, or no marker is left.
+        ConfigError: the roster is wrong, or would be.
+    """
+    path: Path = options.roster or Path(FILE_NAME)
+    known = roster.read(path).robots if path.exists() else ()
+    console = Console()
+    asked = [host for group in options.hosts for host in group]
+    if options.add is not None and len(asked) > 1:
+        raise UsageError(f"--add: {len(asked)} hosts are given: expected one at most")
+    found = _boards(asked, options, {robot.host for robot in known}, console)
+    count = max(len(found), (options.robots or 0) - len(known), int(options.add is not None))
+    if not count:
+        console.say(_nothing(path, len(known), options))
+        return int(not known)
+    found += [Board("")] * (count - len(found))
+    new = _robots(found, options, [robot.tag for robot in known], console)
+    after = roster.extend(path, new, HEAD)
+    tags = [robot.tag for robot in after.robots]
+    if options.json:
+        print_data(json.dumps({"roster": str(path), "new": new, "tags": tags}, indent=2))
+    else:
+        print_data(f"{path}: {len(tags)} robots, {count} new: {' '.join(map(str, tags[-count:]))}")
+    if words := confusion(load_family(options.family), tags):
+        console.say(f"vsense: {words}", "warning")
+    for line in _next(path, new, options):
+        console.say(line)
+    return 0
+
+
+def _nothing(path: Path, known: int, options: argparse.Namespace) -> str:
+    has = f"{path} has {known} robots" if known else "nothing is written"
+    if options.robots is not None:
+        return f"{has}: --robots {options.robots} asks for no more"
+    return (
+        f"{has}: no other board on this network answers ssh as root; name boards"
+        " (vsense robot init root@192.168.1.30-34), or only count robots: --robots 4"
+    )
+
+
+def _boards(
+    asked: Sequence[str], options: argparse.Namespace, known: set[str], console: Console
+) -> list[Board]:
+    """The new boards: those that are named, or, where nothing is, those that answer."""
+    given = bool(asked) or options.robots is not None or options.add is not None
+    named = list(asked) if given else [f"root@{address}" for address in neighbours()]
+    new = [host for host in dict.fromkeys(named) if host not in known]
+    for host in asked:
+        if host in known:
+            console.say(f"{host} is in the roster already")
+    boards_there = ask(new)
+    for board in boards_there if given else ():
+        if not board.answers:
+            console.say(f"{board.host} does not answer: {board.trouble}", "warning")
+    return [board for board in boards_there if given or board.answers]
+
+
+def neighbours() -> list[str]:
+    """The addresses that this machine has talked to on its own networks, at most 256."""
+    if not NEIGHBOURS.exists():
+        return []
+    rows = [line.split() for line in read_bytes(NEIGHBOURS).decode().splitlines()[1:]]
+    return [row[0] for row in rows if len(row) > 2 and row[2] == _COMPLETE][:_MOST]
+
+
+def ask(
+    names: Sequence[str], call: Callable[[Sequence[str]], tuple[int, str]] = boards.call
+) -> list[Board]:
+    """Asks boards at once for the settings of their vsensed."""
+    answers = boards.call_all([boards.ssh_command(host, (), _ASK) for host in names], call)
+    return [_board(host, code, said) for host, (code, said) in zip(names, answers)]
+
+
+def _board(host: str, code: int, said: str) -> Board:
+    if code:
+        lines = said.splitlines()
+        why = boards.ssh_advice(host, lines) or (lines[-1] if lines else "no answer")
+        return Board(host, False, trouble=why)
+    pairs = (line.partition("=") for line in said.splitlines() if not line.startswith("#"))
+    settings: dict[str, Any] = {}
+    for name, value in ((name.strip(), value.strip()) for name, _, value in pairs):
+        if name in _KNOWN and value:
+            settings[name] = int(value) if name == "tag" and value.isdecimal() else value
+    return Board(host, settings=settings)
+
+
+def _robots(
+    found: Sequence[Board], options: argparse.Namespace, known: Sequence[int], console: Console
+) -> list[dict[str, Any]]:
+    """The new robots' values, by the roster's names."""
+    has = [board.settings["tag"] for board in found if "tag" in board.settings]
+    seen = [] if options.tracking is None else _seen(options.tracking, console)
+    free = _free(seen, options.family, {*known, *has}, len(found))
+    new = []
+    for board in found:
+        values: dict[str, Any] = {"tag": board.settings.get("tag")}
+        if values["tag"] is None:
+            values["tag"] = next(free)
+        values |= {"name": options.add} if options.add is not None else {}
+        values |= {"host": board.host} if board.host else {}
+        values |= {"base": options.base} if options.base is not None else {}
+        new.append(values | {k: v for k, v in board.settings.items() if k not in values})
+    return new
+
+
+def _free(seen: Sequence[int], family: str, taken: set[int], count: int) -> Iterator[int]:
+    """Tags that nobody has: those that are seen first, then those that stay apart."""
+    apart = ranked_tags(load_family(family), count + len(taken) + len(seen))
+    return (tag for tag in dict.fromkeys([*seen, *apart]) if tag not in taken)
+
+
+def _seen(files: tuple[str, str], console: Console) -> list[int]:
+    """The tags that cameras see within some seconds."""
+    session, tags = tracking_session.load(*files), set[int]()
+    with closing(open_tracking(session, host_ns, console.say)) as tracking:
+        end_ns = host_ns() + LOOK_NS
+        while host_ns() < end_ns:
+            try:
+                state, _ = tracking.next(1.0)
+            except NoMorePictures:
+                break
+            except GrabberError as error:
+                console.say(str(error), "warning")
+                continue
+            tags |= {int(pose["tag"]) for pose in state.robots if pose["seen"]}
+            console.progress(f"looking for markers: {len(tags)} seen")
+    console.end_progress()
+    console.say(f"the cameras see {' '.join(map(str, sorted(tags))) or 'no marker'}")
+    return sorted(tags)
+
+
+def _next(path: Path, new: Sequence[Mapping[str, Any]], options: argparse.Namespace) -> list[str]:
+    """What comes next."""
+    lines = [f"their markers: vsense markers --roster {path} -o markers.pdf"]
+    if any("host" not in values for values in new):
+        lines.append(f'{path} does not say yet how robots are reached: host = "root@ADDRESS"')
+    if options.tracking is not None and len(new) > 1:
+        lines.append(
+            "which robot wears which marker: vsense robot check EXPERIMENT --wiggle"
+            f" --roster {path}"
+        )
+    return lines
