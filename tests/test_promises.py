@@ -161,6 +161,7 @@ connects to what sends."""
 
 NO_ROBOTS = {
     "modes/lab/_links": "emulated boards, in a folder of the run",
+    "modes/lab/network_cameras": "rendered pictures, for this machine alone",
     "modes/live/opening": "looks whether a port is free",
     "monitor/ui/_foxglove_server": "looks whether a port is free",
     "robots/link/network": "what the others open ports with",

@@ -46,6 +46,7 @@ THERE = replace(counted(1), connected=True, udp=True)
         ({"power_saving": True}, True, "holds 100 ms", "vsense robot deploy turns it off"),
         ({"signal_dbm": -82.0}, True, "holds 100 ms", "-82 dBm is weak"),
         ({"loss_down": 0.2}, True, "holds 100 ms", "another channel"),
+        ({"gap_ms": 300.0}, True, "but nothing was heard for 0.30 s", "another channel"),
         ({"gap_ms": 400.0}, False, "nothing heard for 0.4 s", "another channel"),
         ({"gap_ms": 900.0, "power_saving": True}, False, "nothing heard for 0.9 s", "power saving"),
         ({"stale": 1}, False, "would have stopped once", "another channel"),
@@ -78,6 +79,8 @@ def test_the_worst_is_named_and_all_is_in_the_table() -> None:
     assert "-55" in text[1] and text[1].endswith("holds 100 ms")
     assert text[-2] == "the worst link: 9 c: not connected"
     assert text[-1] == "1 of 3 robots would hold the experiment"
+    asleep = judge(THERE, replace(GOOD, power_saving=True, gap_ms=60.0), 0.1)
+    assert worst([good, asleep]) is asleep, "it holds, and something is to be done about it"
     told = as_json([good, weak], {"experiment": "foraging"})
     assert (told["holds"], told["worst"], told["robots"][0]["gap_ms"]) == (False, 8, 80.0)
 

@@ -163,6 +163,16 @@ def test_a_start_waits_for_somebody_to_start(stage: Stage) -> None:
     assert stage.calls == 6 and len(found.absent) == 1, "and for no more than one"
 
 
+def test_while_links_are_measured_a_run_waits_and_a_start_ends_that(stage: Stage) -> None:
+    words = iter(["1 of 2 s", "2 of 2 s", ""])
+    assert stage.runner.wait(busy=lambda: next(words)).complete
+    assert stage.calls == 3 and "1 of 2 s" in stage.terminal.getvalue() and not list(words)
+    give = stage.runner.control.give
+    stage.acts = {6: lambda: give(Order(OrderKind.START, "Ann"))}
+    stage.runner.wait(busy=lambda: "for ever")
+    assert stage.calls == 6
+
+
 def test_a_moment_without_an_arena_state_makes_nobody_disappear(stage: Stage) -> None:
     stage.acts = {
         1: lambda: setattr(stage, "connected", set()),

@@ -12,7 +12,16 @@ import pytest
 from tests.run.stage import experiment
 from vsense.base.errors import UsageError, VsenseError
 from vsense.run import runs_csv
-from vsense.run.runs_csv import COLUMNS, RUNS, RunRow, RunRows, RunsFile, condition_of, read_runs
+from vsense.run.runs_csv import (
+    COLUMNS,
+    OF_LINKS,
+    RUNS,
+    RunRow,
+    RunRows,
+    RunsFile,
+    condition_of,
+    read_runs,
+)
 from vsense.run.verdict import RunRecord, VoidCriteria, judged
 
 FULL = RunRow(
@@ -44,6 +53,21 @@ def test_the_columns_are_those_that_were_agreed(tmp_path: Path) -> None:
         "run series mode experiment condition block repetition start seed began duration_s robots"
         " tags uids batteries_v light_level late versions verdict why note"
     )
+
+
+def test_what_links_did_has_columns_where_there_were_links(tmp_path: Path) -> None:
+    path = tmp_path / RUNS
+    RunsFile(path).append(plain("1", measures={"x": 4.0}))
+    before = path.read_text()
+    assert not any(name in before for name in OF_LINKS)
+    RunsFile(path).append(plain("2", longest_silence_s=0.31, signal_dbm=-84, power_saving=[3, 70]))
+    RunsFile(path).append(plain("3", measures={"signal_dbm": 5.0}))
+    assert path.read_text().startswith(f"{','.join([*COLUMNS, 'x', *OF_LINKS])},measure_signal_dbm")
+    first, second, third = read_runs(path)
+    assert (first.measures["x"], first.signal_dbm, first.power_saving) == (4.0, None, ())
+    assert (second.longest_silence_s, second.signal_dbm) == (0.31, -84)
+    assert second.power_saving == (3, 70)
+    assert (third.signal_dbm, third.measures["measure_signal_dbm"]) == (None, 5.0)
 
 
 def test_a_spreadsheets_order_and_marks_do_not_matter(tmp_path: Path) -> None:

@@ -81,6 +81,7 @@ def test_the_table_above_has_every_way_in_which_a_robot_can_differ() -> None:
         ({"unseen": ["lamp"]}, NO_PLAN, "never seen: lamp", ""),
         ({"changes": 1}, NO_PLAN, "", "its world was changed once by hand"),
         ({"changes": 3}, NO_PLAN, "", "its world was changed 3 times by hand"),
+        ({"link_check": "robot 3 sleeps"}, NO_PLAN, "", "robot 3 sleeps"),
         ({"complaints": ["mine asks for x"]}, NO_PLAN, "", "mine asks for x"),
     ],
 )

@@ -175,6 +175,7 @@ def test_series_and_benchmarks_take_all_their_options(folder: Path) -> None:
     assert next(Path("lab").rglob("*.mcap")).stat().st_size > 10_000
     link = f"--host 127.0.0.1 --port {port} --tracker lines:{lines} --virtual-devices"
     real = f"{CAST} {link} --target host --no-deploy --sudo --ssh-option Port=9 --other-programs"
+    real += " --link-check 0"
     waits = f"port {port}|ready|missing|connected"
     until(f"series plan.toml --mode run -o run {real} {CODE} --key swarm.key {PAGE}", waits)
     until(f"series plan.toml --mode run -o run2 {real} {CODE} --insecure", waits)

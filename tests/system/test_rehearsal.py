@@ -7,6 +7,7 @@ import re
 import subprocess
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,13 +28,14 @@ def test_a_run_is_rehearsed_with_emulated_robots(tmp_path: Path) -> None:
         measured = stage.link(1.5)
         stood = read_actuations(tmp_path / "robots" / "actuations.bin")
         words = ("--duration", "3", "--json", "--home", "-o", str(tmp_path / "run"))
-        done = stage.run(*words)
+        done = stage.run(*words, "--link-check", "2")
     check_links(measured, stood)
     assert done.returncode == 0, done.stderr
     assert "2 of 2 robots stand at their starts after" in done.stderr
     summary = json.loads(done.stdout)
     assert summary["arena"]["seen_mean"] == 2.0
     assert [robot["connected_share"] for robot in summary["per_robot"]] == [1.0, 1.0]
+    check_the_check(summary, done.stderr, tmp_path / "run" / RUNS)
     text = stage.said.read_text()
     command_told = re.search(r"in another terminal: (vsense run .*)", text)
     assert command_told is not None
@@ -44,6 +46,19 @@ def test_a_run_is_rehearsed_with_emulated_robots(tmp_path: Path) -> None:
     tags = [script.stem for script in scripts]
     alive = subprocess.run(["pgrep", "-f", str(tmp_path)], capture_output=True, text=True).stdout
     assert len(tags) == 2 and alive == "", "no daemon is left"
+
+
+def check_the_check(summary: dict[str, Any], said: str, table: Path) -> None:
+    """Both links are weak, as `emulated` has it, and hold: the run is valid, with a note."""
+    weak, asleep = TAGS
+    assert [robot["tag"] for robot in summary["link_check"]] == list(TAGS)
+    assert all(robot["packets"] > 20 for robot in summary["link_check"])
+    assert f"robot {weak} before the run: holds 100 ms, -84 dBm is weak" in summary["note"]
+    assert f"robot {asleep} before the run: holds 100 ms, power saving is on" in summary["note"]
+    assert said.index("links over 2 s:") < said.index("driving home")
+    (row,) = read_runs(table)
+    assert row.valid and (row.signal_dbm, row.power_saving) == (-84, (asleep,))
+    assert row.longest_silence_s is not None and 0.0 < row.longest_silence_s < 1.0
 
 
 def test_a_robot_that_is_not_seen_stands_alone_and_goes_on(tmp_path: Path) -> None:

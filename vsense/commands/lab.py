@@ -77,7 +77,8 @@ def run(options: argparse.Namespace) -> int:
     if _experiments.is_dry(options, asked):
         return 0
     # The lab has robots, keys and cameras of its own.
-    staged = _experiments.staged_of(options, "host", "key", "tracking", "tracker", "other_programs")
+    absent = ("host", "key", "tracking", "tracker", "other_programs", "link_check")
+    staged = _experiments.staged_of(options, *absent)
     given = {"experiment": asked, "lab": lab_of(options), **staged}
     return experiment.run(_arguments.fill(LabOptions, options, **given))
 

@@ -43,7 +43,7 @@ HEAD = """\
 
 
 @dataclass(frozen=True, slots=True)
-class Board:
+class AskedBoard:
     """A board that was asked.
 
     Attributes:
@@ -124,7 +124,7 @@ def run(options: argparse.Namespace) -> int:
     if not count:
         console.say(_nothing(path, len(known), options))
         return int(not known)
-    found += [Board("")] * (count - len(found))
+    found += [AskedBoard("")] * (count - len(found))
     new = _robots(found, options, [robot.tag for robot in known], console)
     after = roster.extend(path, new, HEAD)
     tags = [robot.tag for robot in after.robots]
@@ -151,7 +151,7 @@ def _nothing(path: Path, known: int, options: argparse.Namespace) -> str:
 
 def _boards(
     asked: Sequence[str], options: argparse.Namespace, known: set[str], console: Console
-) -> list[Board]:
+) -> list[AskedBoard]:
     """The new boards: those that are named, or, where nothing is, those that answer."""
     given = bool(asked) or options.robots is not None or options.add is not None
     named = list(asked) if given else [f"root@{address}" for address in neighbours()]
@@ -176,27 +176,27 @@ def neighbours() -> list[str]:
 
 def ask(
     names: Sequence[str], call: Callable[[Sequence[str]], tuple[int, str]] = boards.call
-) -> list[Board]:
+) -> list[AskedBoard]:
     """Asks boards at once for the settings of their vsensed."""
     answers = boards.call_all([boards.ssh_command(host, (), _ASK) for host in names], call)
     return [_board(host, code, said) for host, (code, said) in zip(names, answers)]
 
 
-def _board(host: str, code: int, said: str) -> Board:
+def _board(host: str, code: int, said: str) -> AskedBoard:
     if code:
         lines = said.splitlines()
         why = boards.ssh_advice(host, lines) or (lines[-1] if lines else "no answer")
-        return Board(host, False, trouble=why)
+        return AskedBoard(host, False, trouble=why)
     pairs = (line.partition("=") for line in said.splitlines() if not line.startswith("#"))
     settings: dict[str, Any] = {}
     for name, value in ((name.strip(), value.strip()) for name, _, value in pairs):
         if name in _KNOWN and value:
             settings[name] = int(value) if name == "tag" and value.isdecimal() else value
-    return Board(host, settings=settings)
+    return AskedBoard(host, settings=settings)
 
 
 def _robots(
-    found: Sequence[Board], options: argparse.Namespace, known: Sequence[int], console: Console
+    found: Sequence[AskedBoard], options: argparse.Namespace, known: Sequence[int], console: Console
 ) -> list[dict[str, Any]]:
     """The new robots' values, by the roster's names."""
     has = [board.settings["tag"] for board in found if "tag" in board.settings]

@@ -39,8 +39,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _experiments.add_room(parser)
 
 
-def add_ends(parser: argparse.ArgumentParser) -> None:
-    """Declares where the arena state comes from, and where the robots connect to."""
+LINK_CHECK_S = 20.0
+
+
+def add_ends(parser: argparse.ArgumentParser, link_check: float = 0.0) -> None:
+    """Declares where the arena state comes from, and where the robots connect to.
+
+    `link_check`: their links are measured for so long [s] unless something else is said.
+    """
     eyes = parser.add_mutually_exclusive_group()
     eyes.add_argument(
         "--tracking",
@@ -64,6 +70,21 @@ def add_ends(parser: argparse.ArgumentParser) -> None:
         " refused, and a run without them is invalid)"
     )
     _arguments.flag(parser, "--other-programs", text)
+    parser.add_argument(
+        "--link-check",
+        type=_span,
+        nargs="?",
+        const=LINK_CHECK_S,
+        default=link_check,
+        metavar="S",
+        help="before the first run measure the robots' links for so long under the run's own"
+        " packets, while wheels stand; weak ones are named with what helps, and noted in runs.csv;"
+        f" 0: do not (S without a number: {LINK_CHECK_S:g}; default: {link_check:g})",
+    )
+
+
+def _span(text: str) -> float:
+    return 0.0 if text == "0" else _arguments.seconds(text)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -21,7 +21,7 @@ from vsense.robots.deploying import Part, Plan
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares where robots and arena states come from, and how controllers get to robots."""
-    run_command.add_ends(parser)
+    run_command.add_ends(parser, run_command.LINK_CHECK_S)
     parser.set_defaults(legacy_port=None)
     text = "with real robots, serve the devices of ARGoS's elements from the virtual world"
     _arguments.flag(parser, "--virtual-devices", text)

@@ -1,4 +1,6 @@
-"""Loads robots' links as a run does, while all wheels stand still: `vsense robot link`.
+"""Measures robots' links under an experiment's packets, while all wheels stand still.
+
+`vsense robot link` loads them as a run does; before a run, `RunLinkCheck` measures the run's own.
 
 Every robot gets packets of the experiment's sizes at its rate, with readings that nobody looks at,
 and answers with its actuators. It is to drive home (`c_src/PROTOCOL.md`, section 11) to where it
@@ -149,6 +151,9 @@ SILENCE_MS = 400.0
 LATE_SHARE = 0.01
 """So many control steps may begin late."""
 
+LONG_GAP_MS = 250.0
+"""A longer silence has come near the one that stops wheels."""
+
 WEAK_DBM = -75.0
 """Below it radios fall back to their slowest rates, and lose frames at these."""
 
@@ -184,7 +189,10 @@ class LinkVerdict:
         """What sorts the worst link last."""
         f = self.figures
         numbers = (f.stale, f.gap_ms, f.round_trip_p99_ms, f.late, f.loss_down)
-        return (not self.holds, not f.packets, *(value or 0.0 for value in numbers))
+        return (
+            *(not self.holds, bool(self.advice), not f.packets),
+            *(value or 0.0 for value in numbers),
+        )
 
     def as_json(self) -> dict[str, Any]:
         """For programs."""
@@ -207,12 +215,17 @@ def judge(status: RobotStatus, figures: LinkFigures, timestep_s: float) -> LinkV
         tag=status.tag,
         name=status.name,
         holds=not wrong,
-        verdict=wrong or f"holds {period_ms:g} ms",
+        verdict=wrong or f"holds {period_ms:g} ms{_gap_words(figures)}",
         advice=_advice(status, figures, bool(wrong)),
         uid=uid,
         udp=status.udp,
         figures=figures,
     )
+
+
+def _gap_words(f: LinkFigures) -> str:
+    gap_ms = f.gap_ms or 0.0
+    return f", but nothing was heard for {gap_ms / 1e3:.2f} s" if gap_ms > LONG_GAP_MS else ""
 
 
 def _wrong(status: RobotStatus, f: LinkFigures, period_ms: float) -> str:
@@ -243,13 +256,59 @@ def _advice(status: RobotStatus, f: LinkFigures, fails: bool) -> str:
     if not status.udp and status.connected:
         return "no UDP gets through: let UDP of the same port in, at firewall and access point"
     lossy = max(f.loss_up or 0.0, f.loss_down or 0.0) > LOSS_SHARE
-    if lossy or (fails and ((f.gap_ms or 0.0) >= SILENCE_MS or f.stale)):
+    if lossy or (f.gap_ms or 0.0) > LONG_GAP_MS or (fails and f.stale):
         return "the air is busy, or something is in the way: another channel, 5 GHz, fewer users"
     if fails and (f.late or 0.0) > LATE_SHARE:
         return "the board is late: end what else runs on it (top), or take a longer timestep"
     if fails:
         return "packets wait somewhere: nothing else on this access point, no repeater, no VPN"
     return ""
+
+
+class RunLinkCheck:
+    """Measures the links before a run, under its own packets; robots are to stand meanwhile.
+
+    Args:
+        server: of the run.
+        span_s: for so long.
+        timestep_s: of the experiment.
+        say: takes the result.
+
+    Attributes:
+        verdicts: of all robots, when it is over.
+    """
+
+    def __init__(
+        self,
+        server: VirtualSensorServer,
+        span_s: float,
+        timestep_s: float,
+        say: Callable[[str], None],
+    ) -> None:
+        self.verdicts: list[LinkVerdict] = []
+        self._server, self._span_s, self._timestep_s = server, span_s, timestep_s
+        self._say, self._began_ns = say, 0
+
+    def __call__(self) -> str:
+        """How far it is, for people; "": it is over. It begins when it is asked first."""
+        now_ns = host_ns()
+        if not self._began_ns:
+            self._server.measure()
+            self._began_ns = now_ns
+        spent_s = (now_ns - self._began_ns) / 1e9
+        if spent_s < self._span_s:
+            return f"links are measured: {spent_s:.0f} of {self._span_s:g} s, wheels stand still"
+        if not self.verdicts:
+            figures, robots = self._server.measured(), self._server.robots()
+            self.verdicts = [judge(robots[tag], figures[tag], self._timestep_s) for tag in figures]
+            self._say(f"links over {self._span_s:g} s:\n{table(self.verdicts)}")
+        return ""
+
+    @property
+    def words(self) -> str:
+        """What is wrong with links, for a run's note; "": nothing, or they were not measured."""
+        bad = [verdict for verdict in self.verdicts if verdict.advice]
+        return "; ".join(f"robot {v.tag} before the run: {v.verdict}, {v.advice}" for v in bad)
 
 
 def worst(verdicts: Sequence[LinkVerdict]) -> LinkVerdict | None:

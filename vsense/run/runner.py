@@ -135,12 +135,12 @@ class Runner:
             "defects": counters.defects,
         }
 
-    def wait(self, limit_s: float | None = None) -> Readiness:
+    def wait(self, limit_s: float | None = None, busy: Callable[[], str] = lambda: "") -> Readiness:
         """Runs timesteps until every robot is connected and every marker is seen.
 
         Where runs are held it waits for a START; a START that comes early ends the wait at once.
-        It waits for `limit_s` at the longest, None: for ever. Gives who is there: all, unless the
-        time is over or the wait was interrupted.
+        It waits for `limit_s` at the longest, None: for ever, and then while `busy` gives words.
+        Gives who is there: all, unless the time is over or the wait was interrupted.
         """
         begun_ns = self._clock()
         while True:
@@ -149,9 +149,10 @@ class Runner:
             waited_ns = self._clock() - begun_ns
             over = limit_s is not None and waited_ns > limit_s * 1e9
             anybody = len(readiness.absent) < len(self._robots)
-            if self._interrupted.is_set() or self._may_start(readiness.complete or over, anybody):
+            still = busy() if readiness.complete or over else self._waiting(readiness)
+            if self._interrupted.is_set() or self._may_start(not still, anybody):
                 return readiness
-            self._console.progress(self._waiting(readiness))
+            self._console.progress(still or self._waiting(readiness))
 
     def _may_start(self, ready: bool, anybody: bool) -> bool:
         """Whether the run starts now; without `anybody` connected not even an order starts it."""

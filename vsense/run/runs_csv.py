@@ -28,17 +28,22 @@ COLUMNS = (
     "began", "duration_s", "robots", "tags", "uids", "batteries_v", "light_level", "late",
     "versions", "verdict", "why", "note",
 )  # fmt: skip
-"""The columns that every table begins with; all others are measures."""
+"""The columns that every table begins with."""
+
+OF_LINKS = ("longest_silence_s", "signal_dbm", "power_saving")
+"""Columns that a table has where some run has a value in them; all others are measures."""
 
 FORMER = ("campaign", "experiment")
 """The columns that tables of campaigns began with before there was a runs.csv."""
 
 MODES = ("sim", "lab", "run")
 _MOST_BYTES = 4 << 30
-_NUMBERS: Mapping[str, Callable[[str], Any]] = {
+_Kinds = Mapping[str, Callable[[str], Any]]
+_NUMBERS: _Kinds = {
     "seed": int, "duration_s": float, "robots": int, "light_level": float, "late": float,
+    "longest_silence_s": float, "signal_dbm": int,
 }  # fmt: skip
-_LISTS: Mapping[str, Callable[[str], Any]] = {"tags": int, "uids": str, "batteries_v": float}
+_LISTS: _Kinds = {"tags": int, "uids": str, "batteries_v": float, "power_saving": int}
 _WRITTEN: Mapping[str, Any] = {"encoding": "utf-8", "errors": "backslashreplace"}
 """How the file is written: an argument that is no UTF-8 costs no row."""
 _KINDS = {int: "a whole number", float: "a number"}
@@ -62,6 +67,9 @@ class RunRow:
         versions: of software: words such as vsense=1.2.
         verdict: `VALID` or `VOID`.
         why: it is void.
+        longest_silence_s: in which nothing was heard of some robot that was connected.
+        signal_dbm: the weakest that some robot's radio had.
+        power_saving: tags of robots whose radio's power saving was on.
         measures: the experiment's, at the end; None: not taken.
     """
 
@@ -86,6 +94,9 @@ class RunRow:
     verdict: str = VALID
     why: str = ""
     note: str = ""
+    longest_silence_s: float | None = None
+    signal_dbm: int | None = None
+    power_saving: Sequence[int] = ()
     measures: Mapping[str, float | None] = field(default_factory=dict)
 
     @property
@@ -116,7 +127,7 @@ class RunsFile:
 
     Attributes:
         rows: all rows, the read ones first.
-        measures: names of the measures, in the columns' order.
+        measures: names of the columns beyond `COLUMNS`, in their order.
         repaired: whether the file ended in half a row, which was cut off.
     """
 
@@ -145,7 +156,8 @@ class RunsFile:
         if stamp_of(self.path) != self._seen:
             self._read()
         row = replace(row, measures=_columns_of(row.measures))
-        new = [name for name in row.measures if name not in self.measures]
+        more = [name for name in OF_LINKS if getattr(row, name) not in (None, (), [])]
+        new = [name for name in (*more, *row.measures) if name not in self.measures]
         rows, measures = [*self.rows, row], [*self.measures, *new]
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -231,7 +243,10 @@ def row_of(summary: Mapping[str, Any], mode: str, experiment: Experiment, condit
     `summary` is what its summary.json has.
     """
     swarm = {name: n for name, n in summary.get("swarm", {}).items() if n is not None}
-    volts = [robot["battery_mv"] for robot in summary.get("per_robot", ())]
+    per_robot = summary.get("per_robot", ())
+    volts = [robot["battery_mv"] for robot in per_robot]
+    silences = [s for robot in per_robot if (s := robot.get("longest_silence_s")) is not None]
+    signals = [dbm for robot in per_robot if (dbm := robot.get("signal_dbm")) is not None]
     resting = summary.get("resting", ())
     return RunRow(
         run="",
@@ -250,6 +265,9 @@ def row_of(summary: Mapping[str, Any], mode: str, experiment: Experiment, condit
         verdict=summary["verdict"],
         why=summary["why"],
         note=summary["note"],
+        longest_silence_s=max(silences, default=None),
+        signal_dbm=min(signals, default=None),
+        power_saving=[robot["tag"] for robot in per_robot if robot.get("power_saving")],
         measures={**swarm, **summary.get("measures", summary.get("results", {}))},
     )
 
@@ -320,7 +338,7 @@ def _columns_of(measures: Mapping[str, float | None]) -> dict[str, float | None]
     columns: dict[str, float | None] = {}
     for measure, value in measures.items():
         name = measure
-        while name in ("", *COLUMNS) or (name != measure and name in measures):
+        while name in ("", *COLUMNS, *OF_LINKS) or (name != measure and name in measures):
             name = f"measure_{name}"
         columns[name] = value
     return columns
@@ -328,7 +346,7 @@ def _columns_of(measures: Mapping[str, float | None]) -> dict[str, float | None]
 
 def _row(cells: Mapping[str, str]) -> RunRow:
     """Makes a row; ValueError says what is wrong."""
-    values: dict[str, Any] = {name: cells[name].strip() for name in COLUMNS}
+    values: dict[str, Any] = {n: cells.get(n, "").strip() for n in (*COLUMNS, *OF_LINKS)}
     for name, kind in _NUMBERS.items():
         values[name] = _number(name, values[name], kind) if values[name] else None
     for name, kind in _LISTS.items():
@@ -341,7 +359,7 @@ def _row(cells: Mapping[str, str]) -> RunRow:
     measures = {
         name: _number(name, text.strip(), float) if text.strip() else None
         for name, text in cells.items()
-        if name not in COLUMNS
+        if name not in (*COLUMNS, *OF_LINKS)
     }
     return RunRow(**values, measures=measures)
 
@@ -362,7 +380,7 @@ def _text_of(rows: Sequence[RunRow], measures: Sequence[str]) -> str:
 def _cells(row: RunRow, measures: Sequence[str]) -> list[str]:
     return [
         *(_written(getattr(row, name)) for name in COLUMNS),
-        *("" if value is None else f"{value:.12g}" for value in map(row.measures.get, measures)),
+        *(_written(getattr(row, n) if n in OF_LINKS else row.measures.get(n)) for n in measures),
     ]
 
 

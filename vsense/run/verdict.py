@@ -17,6 +17,7 @@ A run is valid only if it was the run that its file describes. One function deci
 | a robot rested because its battery was low | valid, with a note: nothing else is expected of it |
 | a robot stood because no camera saw it, or for the fence | valid, with a note, unless a plan has a limit |
 | a robot was moved by hand, timesteps were late | valid, unless a plan has a limit |
+| the check of its links has found a weak one | valid, with a note |
 | somebody has changed its world by hand, a controller has complained | valid, with a note |
 """  # noqa: E501 (a table)
 
@@ -123,6 +124,7 @@ class RunRecord:
         unseen: names of tagged objects that were never seen.
         changes: so often somebody has changed the world while it ran.
         complaints: of controllers, in words.
+        link_check: which links were weak before the run, in words.
     """
 
     ended: str = "time"
@@ -134,6 +136,7 @@ class RunRecord:
     unseen: Sequence[str] = ()
     changes: int = 0
     complaints: Sequence[str] = ()
+    link_check: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -319,6 +322,11 @@ def _note_complaints(record: RunRecord, criteria: VoidCriteria) -> str:
     return shorten(record.complaints)
 
 
+def _note_check(record: RunRecord, criteria: VoidCriteria) -> str:
+    return record.link_check
+
+
 _NOTES: Sequence[Callable[[RunRecord, VoidCriteria], str]] = (
-    _note_programs, _note_resting, _note_standing, _note_links, _note_changes, _note_complaints,
+    _note_programs, _note_resting, _note_standing, _note_check, _note_links, _note_changes,
+    _note_complaints,
 )  # fmt: skip

@@ -24,7 +24,7 @@ USB = found(id="Maker-U-9", kind=USB3, address="", serial="9")
 
 
 def write(folder: Path, cameras: list[FoundCamera]) -> None:
-    files.write(folder, cameras, [31, 1843])
+    files.write(folder, cameras, files.Markers([31, 1843], "the test's"))
 
 
 def test_what_is_written_loads(tmp_path: Path) -> None:

@@ -35,7 +35,7 @@ _QUALITY = (cv2.IMWRITE_JPEG_QUALITY, 95)
 _AWAY_M = 1e4
 """Bodies of which nothing is heard are there, out of all pictures."""
 _PATIENCE_S = 2.0
-"""A sender looks so often whether it is to end."""
+"""A sender looks so often whether it is to end, and waits so long for whoever does not read."""
 
 
 class _Pictures(ThreadingHTTPServer):
@@ -45,7 +45,11 @@ class _Pictures(ThreadingHTTPServer):
     allow_reuse_address = True
 
     def __init__(self, port: int, names: Sequence[str]) -> None:
-        super().__init__((HOST, port), _Stream)
+        try:
+            super().__init__((HOST, port), _Stream)
+        except OSError as error:
+            words = f"port {port}: {error.strerror}: expected a free one (--port)"
+            raise VsenseError(words) from None
         self.names = tuple(names)
         self.open = True
         self._changed = Condition()
@@ -67,6 +71,7 @@ class _Pictures(ThreadingHTTPServer):
 class _Stream(BaseHTTPRequestHandler):
     """One camera's pictures, until nobody looks any more."""
 
+    timeout = _PATIENCE_S
     server: _Pictures
 
     def do_GET(self) -> None:
@@ -111,13 +116,12 @@ class NetworkCameras:
         lines_port: int,
         say: Callable[[str], None],
     ) -> None:
-        """Builds the scene of a settled experiment, which takes a second or two.
+        """Builds the scene, which takes a second or two.
 
         Args:
-            experiment: whose arena, walls, robots and objects they see.
+            experiment: is settled; they see its arena, walls, robots and objects.
             seed: of the floor, its dirt and its light, and of the pictures' noise.
-            port: where the cameras are; 0 takes any that is free.
-            lines_port: of the tracker; likewise.
+            port, lines_port: of cameras and tracker; 0 takes any that is free.
             say: takes what happens to the tracker's connection.
 
         Raises:
@@ -133,14 +137,11 @@ class NetworkCameras:
         names = [camera.id for camera in spec.cameras]
         try:
             self._pictures = _Pictures(port, names)
-        except OSError as error:
+        except VsenseError:
             self._lines.close()
-            raise VsenseError(
-                f"port {port}: {error.strerror}: expected a free one, --port"
-            ) from None
-        size_px = spec.cameras[0].width_px, spec.cameras[0].height_px
+            raise
         url = f"http://{HOST}:{self._pictures.server_address[1]}"
-        details = Details(size_px=size_px, rate_hz=RATE_HZ)
+        details = Details(size_px=(spec.shape[2], spec.shape[1]), rate_hz=RATE_HZ)
         self.found = [
             FoundCamera(f"{url}/{name}", URL, url, "rendered", details=details, name=name)
             for name in names

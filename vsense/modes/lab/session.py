@@ -27,7 +27,7 @@ from vsense.modes.lab._swarm import Robot, Swarm
 from vsense.modes.lab.calibrated import CalibratedRig
 from vsense.modes.lab.hardware import NOMINAL, EmulatedLab, LabRobots, to_markers
 from vsense.modes.lab.truth import TruthReader, make_ring
-from vsense.modes.live.session import ROBOT_WAIT_S, ExperimentSession, RunSetup
+from vsense.modes.live.session import ROBOT_WAIT_S, Busy, ExperimentSession, RunSetup
 from vsense.monitor.pictures.run_samples import RunSamples
 from vsense.robots import build
 from vsense.robots.link.status import RobotStatus
@@ -229,11 +229,11 @@ class Session(ExperimentSession):
                 f" {readiness.missing_text()}{logs if readiness.absent else ''}"
             )
 
-    def wait_patiently(self, limit_s: float | None) -> Readiness:
+    def wait_patiently(self, limit_s: float | None, busy: Busy = lambda: "") -> Readiness:
         """See `ExperimentSession`; a daemon that ends is told from now on, and the rest goes on."""
         self._ready = True
         try:
-            return super().wait_patiently(limit_s)
+            return super().wait_patiently(limit_s, busy)
         except VsenseError:
             self.floor.check()
             raise

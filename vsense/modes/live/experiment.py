@@ -34,6 +34,7 @@ from vsense.robots.link.keys import LinkTrust
 from vsense.run import directory as run_directory
 from vsense.run.directory import RunLog
 from vsense.run.leases import RobotLeases
+from vsense.run.link_check import RunLinkCheck
 from vsense.run.robots import Readiness
 from vsense.run.runs_csv import RunRows
 from vsense.run.verdict import exit_code
@@ -154,13 +155,17 @@ class _RealRuns:
         number = session.runner.control.run
         directory = self.series.directory(number)
         self.setup.room.begin_run(session.environment, directory)
-        readiness = self._wait(session, number)
+        check: RunLinkCheck | None = None
+        if number == 1 and self.options.link.link_check:
+            dt_s, span_s = session.experiment.timestep_s, self.options.link.link_check
+            check = RunLinkCheck(session.server, span_s, dt_s, self.log.say)
+        readiness = self._wait(session, number, check)
         session.home()
         if self.setup.interrupted.is_set():
             self.log.end_progress()
             self.log.say("vsense: interrupted before the run: nothing was measured")
             return False
-        run = OneRun(session, directory, readiness, self.log)
+        run = OneRun(session, directory, readiness, self.log, check)
         self.rows.begin(number)
         run.run()
         self.setup.room.recorders.end_run()
@@ -196,8 +201,8 @@ class _RealRuns:
         if host.startswith("127.") or host == "localhost":
             say("only robots on this machine reach that address; for others: --host 0.0.0.0")
 
-    def _wait(self, session: RunSession, number: int) -> Readiness:
-        """Waits until all are there, for the time that is set, or until a START.
+    def _wait(self, session: RunSession, number: int, check: RunLinkCheck | None) -> Readiness:
+        """Waits until all are there, for the time that is set, or until a START; makes a `check`.
 
         Raises as `ExperimentSession.wait_for_some`.
         """
@@ -206,4 +211,4 @@ class _RealRuns:
         limit_s = self.options.start_after
         if limit_s is None and number > 1:
             limit_s = ROBOT_WAIT_S
-        return session.wait_for_some(limit_s)
+        return session.wait_for_some(limit_s, check or (lambda: ""))

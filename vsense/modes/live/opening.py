@@ -38,6 +38,7 @@ class LinkOptions:
         tracking: two files of our own cameras; None: another tracker.
         tracker: see `with_tracker`.
         other_programs: robots that run another program than the file's are taken.
+        link_check: the links are measured for so long [s] before the first run; 0: they are not.
     """
 
     host: str | None = None
@@ -48,6 +49,7 @@ class LinkOptions:
     tracking: tuple[str, str] | None = None
     tracker: tuple[str, int] | None = None
     other_programs: bool = False
+    link_check: float = 0.0
 
     def address(self, experiment: Experiment) -> tuple[str, int]:
         """Where robots of an experiment connect to."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import closing
+from dataclasses import replace
 from itertools import compress
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from vsense.run import figures
 from vsense.run.cast import played
 from vsense.run.directory import RunLog
 from vsense.run.figures import Figures, TimestepSample
+from vsense.run.link_check import RunLinkCheck
 from vsense.run.robots import Readiness, shorten
 from vsense.run.runtime import Step
 from vsense.run.verdict import judged
@@ -153,14 +155,18 @@ class OneRun:
         directory: Path,
         readiness: Readiness,
         log: RunLog,
+        check: RunLinkCheck | None = None,
     ) -> None:
-        """The robots of `session` have been waited for; `directory` exists."""
+        """The robots of `session` have been waited for; `directory` exists.
+
+        `check` was made of their links before the run.
+        """
         self.failure: VsenseError | None = None
         self._session = session
         self._experiment = session.experiment
         self._directory = directory
         self._readiness = readiness
-        self._log = log
+        self._log, self._check = log, check
         self.figures = Figures(session.experiment)
         own = session.source.own
         cameras = () if own is None else own.tracking.tracker.cameras
@@ -229,6 +235,9 @@ class OneRun:
             **self.figures.summary(session.runner, self._readiness, self._results),
         }
         record = session.record_of(self.figures, self.failure)
+        if self._check is not None and self._check.verdicts:
+            summary["link_check"] = [verdict.as_json() for verdict in self._check.verdicts]
+            record = replace(record, link_check=self._check.words)
         summary = judged(summary, record, session.setup.criteria)
         self._log.say(figures.table(summary))
         try:

@@ -52,6 +52,7 @@ from vsense.vision.tracking.opening import masks_px
 TROUBLES = frozenset({"doubt", "defect"})
 """Kinds of link events that somebody has to look after."""
 
+Busy = Callable[[], str]
 ROBOT_WAIT_S = 10.0
 """In a series, every run but the first waits this long for robots, then starts without them."""
 
@@ -204,20 +205,17 @@ class ExperimentSession(ABC):
         if step is not None and step.run_timestep >= 0:
             self._batteries.update(step.run_timestep, robots)
 
-    def wait_patiently(self, limit_s: float | None) -> Readiness:
-        """Waits for all robots, at the longest so long, None: for ever.
+    def wait_patiently(self, limit_s: float | None, busy: Busy = lambda: "") -> Readiness:
+        """Waits for all robots, as `Runner.wait`; those that are missing then may come later."""
+        return self.runner.wait(limit_s, busy)
 
-        Whoever is missing then may come later.
-        """
-        return self.runner.wait(limit_s)
-
-    def wait_for_some(self, limit_s: float | None) -> Readiness:
+    def wait_for_some(self, limit_s: float | None, busy: Busy = lambda: "") -> Readiness:
         """As `wait_patiently`, and says without whom the run starts.
 
         Raises:
             NoRobotError: not one robot is there.
         """
-        readiness = self.wait_patiently(limit_s)
+        readiness = self.wait_patiently(limit_s, busy)
         if readiness.complete or self.setup.interrupted.is_set():
             return readiness
         missing = readiness.missing

@@ -14,6 +14,7 @@ from vsense.modes.live.session import RunSession, RunSetup
 from vsense.monitor.ui.room import ControlRoom, RoomOptions
 from vsense.robots.link.keys import LinkTrust
 from vsense.run.directory import RunLog
+from vsense.run.link_check import RunLinkCheck
 from vsense.run.robots import Readiness
 from vsense.studies.series._folder import SeriesFolder
 from vsense.studies.series._order import PlannedRun
@@ -59,6 +60,7 @@ class RealRuns:
         self._loader, self._cast, self._options = loader, cast, options
         self._console, self._interrupted = console, interrupted
         self._has: dict[int, object] = {}
+        self._is_checked = False
 
     def make(self, runs: Sequence[PlannedRun], folder: SeriesFolder) -> Iterator[RunResult]:
         """Makes the first of these runs, with whoever can play; none where the user ends it.
@@ -104,16 +106,25 @@ class RealRuns:
             session = RunSession(self._setup(staged, room, log), self._options.link.tracking, None)
             with session:
                 room.begin_run(session.environment, directory)
-                readiness = staged.wait(session, self._cast)
+                check = self._link_check(session, log)
+                readiness = staged.wait(session, self._cast, check or (lambda: ""))
                 if self._interrupted.is_set():
                     return {}, None
+                self._is_checked |= check is not None and bool(check.verdicts)
                 if not readiness.complete:
                     return staged.missing(readiness), None
                 low = staged.low(session.runner.robots)
                 session.home()
                 if low or self._interrupted.is_set():
                     return low, None
-                return {}, self._carry_out(staged, session, directory, readiness, log)
+                return {}, self._carry_out(staged, session, directory, readiness, log, check)
+
+    def _link_check(self, session: RunSession, log: RunLog) -> RunLinkCheck | None:
+        """What measures the links before the first run of this process."""
+        span_s = self._options.link.link_check
+        if not span_s or self._is_checked:
+            return None
+        return RunLinkCheck(session.server, span_s, session.experiment.timestep_s, log.say)
 
     def _carry_out(
         self,
@@ -122,10 +133,11 @@ class RealRuns:
         directory: Path,
         readiness: Readiness,
         log: RunLog,
+        check: RunLinkCheck | None,
     ) -> RunOutcome:
         run = staged.run
         log.say(f"run {run.cell.number} of {staged.plan.runs}: {run.in_words()}")
-        live_run = OneRun(session, directory, readiness, log)
+        live_run = OneRun(session, directory, readiness, log, check)
         staged.begin()
         staged.figures = live_run.figures
         live_run.run()

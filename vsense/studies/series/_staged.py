@@ -11,7 +11,7 @@ from vsense.base.errors import UsageError, VsenseError
 from vsense.base.terminal import Console
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment, Pose
-from vsense.modes.live.session import ExperimentSession
+from vsense.modes.live.session import Busy, ExperimentSession
 from vsense.monitor.ui.room import ControlRoom, RoomOptions
 from vsense.robots.link.status import RobotStatus
 from vsense.run.control import Control, State
@@ -69,13 +69,15 @@ class StagedRun:
         """The control room of this run."""
         return ControlRoom(replace(options, series=self.facts()), console)
 
-    def wait(self, session: ExperimentSession, cast: SeriesCast) -> Readiness:
-        """Waits for the robots, and follows whom people have put in meanwhile.
+    def wait(
+        self, session: ExperimentSession, cast: SeriesCast, busy: Busy = lambda: ""
+    ) -> Readiness:
+        """Waits for the robots, as `Runner.wait`, and follows whom people have put in meanwhile.
 
         Raises:
             VsenseError: an experiment cannot be played by them.
         """
-        readiness = session.wait_patiently(self.plan.robots.ready_s)
+        readiness = session.wait_patiently(self.plan.robots.ready_s, busy)
         experiment = session.experiment
         if experiment.casting != self.experiment.casting:
             self.experiment = experiment

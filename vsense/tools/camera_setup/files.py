@@ -191,13 +191,7 @@ _CAMERAS = """\
 
 @dataclass(frozen=True, slots=True)
 class Markers:
-    """The markers that a tracker looks for.
-
-    Attributes:
-        tags: their numbers.
-        whose: where these come from, in words.
-        height_m: above the floor.
-    """
+    """The markers that a tracker looks for; `whose` says where their numbers come from."""
 
     tags: Sequence[int]
     whose: str
@@ -286,17 +280,24 @@ def device(camera: FoundCamera) -> str:
     return camera.address or camera.id if camera.is_genicam and not camera.trouble else camera.id
 
 
-def write(directory: Path, cameras: Sequence[FoundCamera], markers: Markers) -> list[Path]:
-    """Writes both files and the schemas for editors; returns the files. Raises OSError."""
-    directory.mkdir(parents=True, exist_ok=True)
-    pictures.write_schemas(directory)
+def write(directory: Path, cameras: Sequence[FoundCamera], markers: Markers) -> None:
+    """Writes both files and the schemas for editors, and prints the files' names.
+
+    Raises:
+        VsenseError: one cannot be written.
+    """
     texts = {
         RESOURCES_FILE: resources_text(cameras, markers),
         EXPERIMENT_FILE: experiment_text(cameras),
     }
-    for name, text in texts.items():
-        (directory / name).write_text(text, encoding="utf-8")
-    return [directory / name for name in texts]
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        pictures.write_schemas(directory)
+        for name, text in texts.items():
+            (directory / name).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise VsenseError(f"{error.filename}: cannot be written: {error.strerror}") from None
+    print_data("\n".join(str(directory / name) for name in texts))
 
 
 def _within(value: float | None, bounds: Bounds) -> float | None:
@@ -353,20 +354,12 @@ def init_pretended(directory: Path, cameras: Sequence[FoundCamera], markers: Mar
     """
     path = directory / RESOURCES_FILE
     if not path.exists():
-        _write_and_print(directory, cameras, markers)
+        write(directory, cameras, markers)
         return
     used = {spec.source for spec in resources_file.load(path).grabbers.values()}
     if not {camera.id for camera in cameras} <= used:
         raise UsageError(f"{path}: is there already, and names other cameras; take another folder")
     Console().say(f"{path} has these cameras already: it stays as it is")
-
-
-def _write_and_print(directory: Path, cameras: Sequence[FoundCamera], markers: Markers) -> None:
-    try:
-        files = write(directory, cameras, markers)
-    except OSError as error:
-        raise VsenseError(f"{error.filename}: cannot be written: {error.strerror}") from None
-    print_data("\n".join(map(str, files)))
 
 
 def init(directory: Path, force: bool) -> int:
@@ -384,7 +377,7 @@ def init(directory: Path, force: bool) -> int:
         Console().say(f"vsense: {missing}")
     if not cameras:
         raise VsenseError("\n".join(NO_CAMERA))
-    _write_and_print(directory, cameras, Markers.usual())
+    write(directory, cameras, Markers.usual())
     for line in _next(directory, camera_ids(cameras)):
         Console().say(line)
     for id, camera in zip(camera_ids(cameras), cameras):
