@@ -17,6 +17,7 @@ SECTIONS: dict[str, tuple[str, ...]] = {
     "Begin": (
         "vsense/config/experiments/FIRST_HOUR.md",
         "vsense/modes/live/FIRST_DAY.md",
+        "vsense/modes/live/LAB.md",
         "vsense/config/experiments/README.md",
         "vsense/config/ARGOS.md",
     ),
@@ -38,6 +39,7 @@ SECTIONS: dict[str, tuple[str, ...]] = {
         "vsense/studies/series/README.md",
         "vsense/studies/benchmark/README.md",
         "vsense/modes/live/SHARING.md",
+        "vsense/modes/live/HARDWARE.md",
         "vsense/monitor/ui/README.md",
     ),
     "Results": (

@@ -17,7 +17,7 @@ from vsense.world.actuators.base import MountedActuator
 from vsense.world.physics.motion import MAX_SPEED_STEPS_S, STEP_M
 from vsense.world.world import World
 
-DAY = (ROOT / "vsense" / "modes" / "live" / "FIRST_DAY.md").read_text()
+DAY = (ROOT / "vsense" / "modes" / "live" / "LAB.md").read_text()
 COLUMNS = ("arrow4x4", "apriltag_36h11", "aruco_4x4_50")
 
 
