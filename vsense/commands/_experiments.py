@@ -123,8 +123,8 @@ def add_room(parser: argparse.ArgumentParser) -> None:
     _arguments.add_foxglove(parser)
     group = _arguments.add_hold(
         parser,
-        "start no run by itself, but with a key, on the page or with vsense start; after a run"
-        " wait for the next one, until Ctrl-C",
+        "start no run by itself, but with a key, on the page or with vsense control start; after a"
+        " run wait for the next one, until Ctrl-C",
     )
     text = "a series of N runs; the seed of each is the one before plus 1 (default: 1)"
     _arguments.option(group, "--runs", _arguments.positive, "N", text, 1)

@@ -1,4 +1,4 @@
-"""`vsense calibrate`: from pictures of a printed board to camera files."""
+"""`vsense camera calibrate`: from pictures of a printed board to camera files."""
 
 from __future__ import annotations
 

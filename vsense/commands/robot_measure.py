@@ -68,7 +68,7 @@ def _add_tracking(parser: argparse.ArgumentParser) -> None:
         "--tracking",
         nargs=2,
         metavar=("RESOURCES", "SESSION"),
-        help="the overhead cameras: these two files of `vsense track`",
+        help="the overhead cameras: these two files of `vsense camera track`",
     )
 
 

@@ -46,7 +46,7 @@ def add_ends(parser: argparse.ArgumentParser) -> None:
         "--tracking",
         nargs=2,
         metavar=("RESOURCES", "SESSION"),
-        help="track with these two files of `vsense track`: cameras, or recordings in their place",
+        help="track with these two files of `vsense camera track`: cameras, or recordings instead",
     )
     text = (
         "use this tracker, whatever the file names: ADDRESS:PORT speaks the original protocol;"

@@ -1,4 +1,4 @@
-"""`vsense serve`: the arena tracking server."""
+"""`vsense camera serve`: the arena tracking server."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from vsense.commands import _arguments, _hardware, _rosters
 from vsense.modes.live import serve
 
 DESCRIPTION = (
-    "Tracks robots as `vsense track` does and hands the arena state to clients over TCP, in the"
-    " original system's protocol (ONE_SHOT, START_EXPERIMENT, STOP_EXPERIMENT), one client after"
-    " another. A recording is played from its beginning in every run. Ends with Ctrl-C."
+    "Tracks robots as `vsense camera track` does and hands the arena state to clients over TCP, in"
+    " the original system's protocol (ONE_SHOT, START_EXPERIMENT, STOP_EXPERIMENT), one client"
+    " after another. A recording is played from its beginning in every run. Ends with Ctrl-C."
 )
 
 

@@ -159,8 +159,8 @@ ROBOT_RULES = OrderRules(_REPLAYED | _SIMULATED)
 TRACKING_RULES = OrderRules(
     {
         **ROBOT_RULES.refused,
-        OrderKind.EMERGENCY: "vsense track moves no robot and can stop none: stop them where they"
-        " are driven",
+        OrderKind.EMERGENCY: "vsense camera track moves no robot and can stop none: stop them where"
+        " they are driven",
     }
 )
 SIMULATION_RULES = OrderRules(

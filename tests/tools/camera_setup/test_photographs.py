@@ -1,4 +1,4 @@
-"""`vsense markers find`: pictures with OpenCV's own markers, drawn here with exact truth."""
+"""`vsense camera markers find`: pictures with OpenCV's own markers, drawn here with exact truth."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`vsense serve`: arena states for other programs, and the pictures of their runs.
+"""`vsense camera serve`: arena states for other programs, and the pictures of their runs.
 
 Thesis, 2.2.2 and 2.3.1: with `change_root_directory_on_start` each run is a recording of its own,
 without it all runs are one, which goes on with the next run.

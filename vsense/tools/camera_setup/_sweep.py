@@ -1,4 +1,4 @@
-"""`vsense cameras tune --sweep`: tries exposures and gains, and reports the best."""
+"""`vsense camera tune --sweep`: tries exposures and gains, and reports the best."""
 
 from __future__ import annotations
 

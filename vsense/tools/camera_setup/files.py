@@ -1,4 +1,4 @@
-"""`vsense cameras list` and `init`: the cameras that are there, and their configuration files."""
+"""`vsense camera list` and `init`: the cameras that are there, and their configuration files."""
 
 from __future__ import annotations
 
@@ -161,7 +161,7 @@ _GRABBERS = """\
     <!--
       Cameras. Whatever one of them refuses or rounds is told when it is opened.
 
-      device             an IP address, or an id, serial number or MAC address of "vsense cameras"
+      device             an IP address, or an id, serial number, MAC address of "vsense camera list"
       width, height      [px] what it is calibrated with; offset_x, offset_y: where on the sensor
       frame_rate         [1/s] also what the network's load and "too slow" are judged by
       exposure_time_abs  [us] longer is brighter, and smears robots that move
@@ -176,14 +176,14 @@ _GRABBERS = """\
 """
 _TRACKERS = """\
     <!--
-      family        the printed markers, see "vsense markers"
-      tags          the numbers of the markers in the arena; these are "auto:20" of vsense markers
+      family        the printed markers, see "vsense camera markers"
+      tags          the numbers of the markers in the arena: "auto:20" of vsense camera markers
       robot_height  of the markers above the floor [m]
       max_speed     of a robot [m/s]
     -->
 """
 _CAMERAS = """\
-    <!-- Where the cameras hang, and their lenses: the files that "vsense calibrate" writes. -->
+    <!-- Where the cameras hang, and their lenses: files that "vsense camera calibrate" writes. -->
 """
 
 
@@ -348,8 +348,9 @@ def _next(directory: Path, ids: list[str]) -> list[str]:
     step = "" if directory == Path() else f"  cd {directory}\n"
     return [
         f"{cameras}: {', '.join(ids)}. What comes next:",
-        f"{step}  vsense cameras tune {ids[0]} --resources {RESOURCES_FILE} --sweep",
-        f"  vsense cameras shoot {RESOURCES_FILE} --board {BOARD} -o shoot",
-        f"  vsense calibrate rig --board {BOARD} --pictures shoot --floor 'floor_*' -o cameras",
-        f"and then: vsense track {RESOURCES_FILE} {EXPERIMENT_FILE}",
+        f"{step}  vsense camera tune {ids[0]} --resources {RESOURCES_FILE} --sweep",
+        f"  vsense camera shoot {RESOURCES_FILE} --board {BOARD} -o shoot",
+        f"  vsense camera calibrate rig --board {BOARD} --pictures shoot --floor 'floor_*'"
+        " -o cameras",
+        f"and then: vsense camera track {RESOURCES_FILE} {EXPERIMENT_FILE}",
     ]

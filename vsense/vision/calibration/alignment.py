@@ -1,4 +1,4 @@
-"""`vsense arena align`: the arena frame moved onto the real walls, for all cameras together.
+"""`vsense camera arena align`: the arena frame moved onto the real walls, for all cameras together.
 
 Where the arena is, is not in the experiment: it says how large the arena is, and the camera files
 say where. So all camera files turn and shift together, and whatever uses them follows. How the
@@ -296,4 +296,4 @@ def stale_check(folder: Path) -> str:
     """What to say of an earlier check; "" where there was none."""
     if not (folder / CHECK).exists():
         return ""
-    return "the calibration was checked before it was moved: vsense calibrate check again"
+    return "the calibration was checked before it was moved: vsense camera calibrate check again"

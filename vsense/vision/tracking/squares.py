@@ -336,7 +336,7 @@ def codes_of(name: str) -> Codes:
     raise UsageError(
         f"--family: {name} are arrows, which are told from other dark things by their size, and"
         " that takes a calibrated camera: expected ArUco or AprilTag markers; arrows are found by"
-        " `vsense track`, in folders of pictures, too, and by `vsense cameras show`"
+        " `vsense camera track`, in folders of pictures, too, and by `vsense camera show`"
     )
 
 
