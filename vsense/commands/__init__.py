@@ -100,30 +100,17 @@ FORMER_COMMANDS = {
 REMOVED = {"bench": "the benchmarks of vsense itself are in its sources: scripts/bench --help"}
 """Former commands, and where one finds them; this ends with vsense 0.3."""
 
-_RUN = "--dry --set --duration --seed --robots --blind --output --json --web --record --list"
-_CHECK = "--lab --tracking --roster --robots --wait --output --json --web --key --insecure --list"
-COMMON = {
-    "sim": f"{_RUN} --speed --runs --seeds",
-    "lab": f"{_RUN} --hold --runs --home",
-    "run": f"{_RUN} --tracking --tracker --roster",
-    "series": "--example --dry --mode --output --json --jobs --tracking --tracker --roster --web"
-    " --record",
-    "benchmark": "--dry --quick --mode --robots --site --output --json --jobs --tracking --tracker"
-    " --roster --web",
-    "pack": "--output --pictures --no-report --json --name --about --author --license",
-    "camera tune": "--sweep --exposure --gain --rate --resources --family --json",
-    "camera calibrate rig": "--board --pictures --floor --thickness --intrinsics --size --output"
-    " --json",
-    "camera track": "--offline --format --json --snapshot --frames --output --roster --web --hold"
-    " --record",
-    "robot deploy": "--roster --tags --experiment --controller --binary --target --host --base"
-    " --rollback --check --force --json",
-    "robot emulate": "--experiment --roster --host --port --tracker-port --base --key --insecure"
-    " --seed --output",
-    "robot calibrate": f"{_CHECK} --sensors",
-    "robot check": f"{_CHECK} --wiggle",
-}
-"""Of commands with many options those that `--help` shows; `--help all` shows all."""
+FEW = 14
+_COMMON = (
+    "--about --author --base --binary --blind --board --check --controller --dry --duration"
+    " --example --experiment --exposure --floor --frames --gain --json --lab --license --mode"
+    " --name --offline --output --pictures --quick --rate --record --resources --robots --rollback"
+    " --roster --runs --seed --sensors --set --site --snapshot --speed --sweep --tags --target"
+    " --thickness --tracker --tracker-port --tracking --wait --web --wiggle"
+)
+COMMON = frozenset(_COMMON.split())
+"""Where a command has more than a few options, `--help` shows those of this set, and `--help all`
+shows all."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -132,10 +119,8 @@ class Parser(argparse.ArgumentParser):
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings, add_help=False)
         self._bare = False
-        few = self.prog.removeprefix("vsense ") in COMMON
-        text = "show the common options, or all of them" if few else "show this page"
-        nargs = "?" if few else 0
-        self.add_argument("-h", "--help", action=ShowHelp, nargs=nargs, metavar="all", help=text)
+        text = "show this page; --help all: with every option"
+        self.add_argument("-h", "--help", action=ShowHelp, nargs="?", metavar="all", help=text)
 
     def parse_known_args(  # type: ignore[override]
         self, args: Sequence[str] | None = None, namespace: Any = None
@@ -173,21 +158,18 @@ class HelpFormatter(argparse.HelpFormatter):
 
 
 class ShowHelp(argparse.Action):
-    """`--help`: the common options, where a command has many; `--help all`: all."""
+    """`--help`: the common options, where there are many; `--help all`: all."""
 
     def __call__(
         self, parser: argparse.ArgumentParser, _: object, words: object, *__: object
     ) -> NoReturn:
         """Prints the page, and ends the program."""
-        common = COMMON.get(parser.prog.removeprefix("vsense "), "").split()
-        if common and words != "all":
-            shown = {"--help", *common}
-            others = [
-                a for a in parser._actions if a.option_strings and not shown & {*a.option_strings}
-            ]
-            for action in others:
+        options = [a for a in parser._actions if a.option_strings and a is not self]
+        rare = [action for action in options if not COMMON & {*action.option_strings}]
+        if len(options) > FEW and words != "all":
+            for action in rare:
                 action.help = argparse.SUPPRESS
-            parser.epilog = f"{len(others)} more options: {parser.prog} --help all"
+            parser.epilog = f"{len(rare)} more options: {parser.prog} --help all"
         parser.print_help()
         parser.exit()
 

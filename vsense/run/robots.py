@@ -153,19 +153,17 @@ class Readiness:
 
     def progress(self, watched: bool = True) -> str:
         """One line on who is there; `watched` is False before the first arena state."""
-        missing = _without(self._called(self._unheard), self.away.values())
+        missing = _without(self._unheard, self.away.values())
         connected = f"{self.robots - len(self.absent)} of {self.robots} robots connected{missing}"
         if not watched:
             return f"{connected}, no arena state yet"
-        return (
-            f"{connected}, {self.markers - len(self.unseen)} of {self.markers} markers seen"
-            f"{_without(self._called(self.unseen))}"
-        )
+        unseen = _without(self._called(self.unseen))
+        seen = self.markers - len(self.unseen)
+        return f"{connected}, {seen} of {self.markers} markers seen{unseen}"
 
     def missing_text(self) -> str:
-        """Who is missing in which way; "" where none is."""
-        names = {"not connected": self._unheard, "not seen": self.unseen}
-        ways = {way: self._called(missing) for way, missing in names.items()}
+        """Who is missing in which way; "": nobody."""
+        ways = {"not connected": self._unheard, "not seen": self._called(self.unseen)}
         ways["turned away"] = self.refused
         return "; ".join(f"{way}: {', '.join(names)}" for way, names in ways.items() if names)
 
@@ -174,8 +172,8 @@ class Readiness:
 
     @property
     def _unheard(self) -> tuple[str, ...]:
-        """Robots of which nothing is heard: who was turned away is there."""
-        return tuple(name for name in self.absent if name not in self.away)
+        """Robots of which nothing is heard: those that were turned away are there."""
+        return self._called(name for name in self.absent if name not in self.away)
 
 
 def _brief(tag: int, why: str) -> str:
