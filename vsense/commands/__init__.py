@@ -41,7 +41,7 @@ COMMANDS = {
     "report": ("report", "make charts and a page from recordings; several are compared"),
     "export": ("export", "write what a recording holds as tables"),
     "pack": ("pack", "put runs and all that they were made from into one file for others"),
-    "reproduce": ("reproduce", "make everything in a package anew, and say what differs"),
+    "reproduce": ("reproduce", "make everything in a package again, and say what differs"),
     "camera list": ("cameras", "list the cameras that are there"),
     "camera show": ("cameras", "look through a camera, or take one picture"),
     "camera tune": ("cameras", "help with a camera's exposure and gain"),
@@ -54,8 +54,8 @@ COMMANDS = {
     "camera serve": ("serve", "serve arena states to clients of the original tracking system"),
     "camera render": ("render", "draw pictures of the lab's cameras to track, with the truth"),
     "robot": ("robot", "build vsensed for robots, copy it to them, see how they are"),
-    "share": ("share", "let several accounts share the arena: what root types, who is in it"),
-    "doctor": ("doctor", "say what this machine lacks for what, and how to mend it"),
+    "share": ("share", "let several accounts share the arena: what root types, its members"),
+    "doctor": ("doctor", "check this machine: what is missing for what, and how to get it"),
     "completion": ("completion", "let a shell complete commands, options and experiments"),
 }
 """Each command's module and its line in the help. A name of two words is an action of its first."""
@@ -73,7 +73,7 @@ vsense: virtual sensing for real robot swarms
   vsense new mine                  an experiment of your own, its files explained
   vsense sim mine --runs 10        ... ten runs of it, with a table and a chart
   vsense lab mine --web            ... with emulated hardware, from pixels to wheels
-  vsense doctor                    what this machine has, and what it lacks for what
+  vsense doctor                    what this machine has, and what is missing
   vsense docs                      the pages: the first hour, a lab's first day, ...
 
 All commands: vsense --help; those of one: vsense sim --help

@@ -37,8 +37,8 @@ def add_experiment(parser: argparse.ArgumentParser, stage: Stage) -> None:
         parser, "--strict", "refuse a file in which anything is not supported, instead of warning"
     )
     text = (
-        "go on where a controller asks for a sensor or actuator that nobody offers, or is told a"
-        " parameter that it does not read or that is no number: it is only said"
+        "go on where a controller asks for a sensor or actuator that is not there, or is given"
+        " a parameter that it does not read or that is no number: a message says so"
     )
     _arguments.flag(parser, "--lenient", text)
     _arguments.add_code(parser)
@@ -54,7 +54,7 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
     text = "seed of everything that is drawn (default: the file's; 0 draws a fresh one)"
     _arguments.option(parser, "--seed", _arguments.natural, "N", text)
     _arguments.option(parser, "--robots", _arguments.positive, "N", ROBOTS)
-    _arguments.flag(parser, "--blind", "hold the virtual sensors at 0: the control experiment")
+    _arguments.flag(parser, "--blind", "no virtual sensors (all read 0): the control experiment")
     _arguments.flag(parser, "--json", "print the summary, or what --dry says, as one JSON object")
 
 
@@ -76,7 +76,7 @@ def add_trust(parser: argparse.ArgumentParser) -> None:
     """Declares which robots are believed."""
     add_key(parser)
     add_insecure(
-        parser, "take robots that have no key, too: whoever reaches the port can drive robots"
+        parser, "take robots that have no key, too: anyone on the network can drive robots"
     )
 
 

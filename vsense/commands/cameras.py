@@ -55,7 +55,7 @@ def _add_tune(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("what is in the picture")
     text = "of the robots (default: 0.13, an e-puck's maximum)"
     _arguments.option(group, "--speed", _positive, "M/S", text, SPEED_M_S)
-    text = "pixels per metre at the markers (default: told by the markers in the picture)"
+    text = "pixels per metre at the markers (default: from the markers in the picture)"
     _arguments.option(group, "--px-per-m", _positive, "PX", text)
     _arguments.option(group, "--focal-px", _positive, "PX", "or: focal length, with --height-m")
     _arguments.option(group, "--height-m", _positive, "M", "from the lens down to the markers")

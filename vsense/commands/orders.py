@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_process(parser)
     if name == "handover":
         _arguments.flag(parser, "--force", "end a run that is going on, too; its wheels stop")
-        _arguments.flag(parser, "--list", "only say who has which robots")
+        _arguments.flag(parser, "--list", "only say which run has which robots")
     _arguments.flag(parser, "--json", "print the answer as one JSON object")
     if name == "stop":
         text = (

@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _rosters.add_roster(parser, _rosters.MARKERS)
     text = (
         "interface to listen on, 0.0.0.0: all (default: 127.0.0.1, this machine only): the"
-        " original's protocol knows no keys, so whoever reaches the port is served"
+        " original's protocol knows no keys, so any machine that reaches the port is served"
     )
     _arguments.option(parser, "--host", str, "ADDRESS", text, "127.0.0.1")
     text = "TCP port; 0 takes a free one (default: the experiment file's server_port)"

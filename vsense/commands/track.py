@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group = _arguments.add_hold(
         parser,
         "track, but begin no run by itself: a key, the page or vsense control start does; after a"
-        " run wait for the next one, until Ctrl-C. A recording begins anew with each run",
+        " run wait for the next one, until Ctrl-C. A recording begins again with each run",
     )
     _arguments.add_recording(group)
 

@@ -202,7 +202,7 @@ def table(summary: dict[str, Any]) -> str:
             "cameras",
             f"{vision['left_out']} timesteps left out, {vision['old_pictures']} old pictures"
             f" dropped, {vision['overflows']} with more than the tables hold,"
-            f" {vision['camera_events']} times something to tell",
+            f" {vision['camera_events']} messages of cameras",
         ),
         (
             "sensing",

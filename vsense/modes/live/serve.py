@@ -61,7 +61,9 @@ def run(
         if is_loopback(host):
             talk.say("only programs on this machine reach that address; for others: --host 0.0.0.0")
         else:
-            talk.say(f"not authenticated: port {server.port} on {host} serves whoever reaches it")
+            talk.say(
+                f"not authenticated: port {server.port} on {host} serves anyone on the network"
+            )
         pictures = RunPictures(
             lambda: begin_recording(session, talk),
             session.record.change_root_directory_on_start,

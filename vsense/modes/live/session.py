@@ -335,7 +335,7 @@ class ExperimentSession(ABC):
         doubts = [port] if self.setup.trust.insecure else []
         if isinstance(server, MixedServer):
             where = f"original client's port {server.legacy_port} on {host}"
-            doubts.append(f"{where}: whoever has a robot's address is taken for it")
+            doubts.append(f"{where}: any machine with a robot's address is taken for it")
         return doubts
 
     def _close_server(self) -> None:

@@ -217,7 +217,7 @@ class ControlRoom:
                 self.show(step.frames)
         except Exception as error:
             self._failed = True
-            self._trouble(f"the page and the recording are told nothing any more: {error!r}")
+            self._trouble(f"the page and the recording get nothing any more: {error!r}")
 
     def show(self, frames: Sequence[Frame]) -> None:
         """Publishes small pictures of what cameras see, where somebody looks at them."""

@@ -39,7 +39,7 @@ GREETINGS_MAX = 1024
 TAKEN_OVER = "the same robot opened a newer session"
 DEPLOY_HINT = f"bring it one with {BRING}"
 DEPLOY_IT = f"bring it that with {BRING}"
-FORMER_KEY = f"start its vsensed anew, or bring it the newest with {BRING}"
+FORMER_KEY = f"start its vsensed again, or bring it the newest with {BRING}"
 OLDER = f"runs an older vsensed: bring it this one with {BRING}"
 
 

@@ -62,7 +62,7 @@ def measures(findings: Findings) -> Drawing | None:
     if findings.gathered.cones and recording.IN_CONE in series:
         caption += (
             ". The report itself counted the robots in the cone, and those of them whose red LEDs"
-            " were lit, from tracked poses, the cone, and telemetry, where the experiment did not"
+            " were on, from tracked poses, the cone, and telemetry, where the experiment did not"
         )
     return Drawing("measures", "Measures", caption + ".", figure)
 

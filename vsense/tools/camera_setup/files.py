@@ -107,7 +107,7 @@ NO_CAMERA = (
 def list_cameras(as_json: bool) -> int:
     """Prints the table or JSON; without cameras, what to check on standard error, and 1."""
     if sys.stderr.isatty():
-        print("asking who is there ...", end="", file=sys.stderr, flush=True)
+        print("looking for cameras ...", end="", file=sys.stderr, flush=True)
     cameras, missing = find()
     if sys.stderr.isatty():
         print("\r\x1b[K", end="", file=sys.stderr, flush=True)
@@ -159,7 +159,7 @@ TRACKER = "robots"
 
 _GRABBERS = """\
     <!--
-      Cameras. Whatever one of them refuses or rounds is told when it is opened.
+      Cameras. Whatever one of them refuses or rounds is reported when it is opened.
 
       device             an IP address, or an id, serial number, MAC address of "vsense camera list"
       width, height      [px] what it is calibrated with; offset_x, offset_y: where on the sensor

@@ -219,7 +219,7 @@ def undo(folder: Path) -> list[Path]:
     for path in files:
         if not _is_moved(path, folder / path.name, folder / ALIGN):
             raise UsageError(
-                f"{folder / path.name}: is not what was aligned, it was made anew since; what was"
+                f"{folder / path.name}: is not what was aligned, it was made again since; what was"
                 f" before that is in {folder / BEFORE_ALIGN}"
             )
     with failing_as(UsageError, f"{folder}: cannot be written"):

@@ -84,7 +84,7 @@ def run(options: CheckOptions) -> int:
         raise UsageError(f"{path}: cannot be written: {error.strerror}") from None
     for line in as_text(result, data):
         _say(line)
-    _say("runs with these cameras tell it from now on, until their files change")
+    _say("runs with these cameras report it from now on, until their files change")
     print_data(text.rstrip("\n") if options.json else str(path))
     if options.limit is not None and data["worst_mm"] > 1e3 * options.limit:
         raise PoorCalibration(

@@ -167,7 +167,7 @@ def _check_rig(options: RigOptions) -> None:
     if bool(options.points) != bool(options.seen or options.tags):
         raise UsageError("expected --points together with --seen or --tags")
     if not options.board and not options.intrinsics:
-        raise UsageError("known points alone do not tell the lenses: expected --intrinsics")
+        raise UsageError("known points alone do not give the lenses: expected --intrinsics")
     if options.refine and not options.intrinsics:
         raise UsageError("--refine: expected --intrinsics, the lenses to refine")
     if options.tags and not options.pictures:
