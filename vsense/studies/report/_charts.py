@@ -116,7 +116,7 @@ def robots(findings: Findings) -> Drawing | None:
         f"Above: how many robots were seen by the cameras and connected in {findings.part};"
         " grey: nothing was recorded, or no arena state came. Below: how each robot was, by tag,"
         f" the worst in each {strip_s:g} s. Not seen: for more than 1 s. Stopped: its wheels were"
-        " held and nobody wanted that."
+        " held without an order."
     )
     return Drawing("robots", "Robots seen and connected", caption, figure, wide=True)
 
