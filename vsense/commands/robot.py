@@ -110,8 +110,8 @@ def _add_code(parser: argparse.ArgumentParser) -> None:
 def _add_deploy(parser: argparse.ArgumentParser) -> None:
     _rosters.add_roster(
         parser,
-        "the lab's robots, a table [[robot]] each with tag = 23 and host = what ssh is told; what"
-        " was measured of one becomes its settings",
+        "the lab's robots, a table [[robot]] each with tag = 23 and host = what ssh connects to;"
+        " what was measured of one becomes its settings",
     )
     _rosters.add_tags(parser)
     _rosters.add_replace(parser, "with --experiment: bring 37 the controller that 23 runs")
@@ -127,7 +127,7 @@ def _add_deploy(parser: argparse.ArgumentParser) -> None:
     )
     _experiments.add_key(parser)
     _experiments.add_insecure(
-        parser, "bring no keys: the robots obey whoever sends them commands", page=False
+        parser, "bring no keys: the robots obey anyone on the network", page=False
     )
     _add_ways(parser)
 
