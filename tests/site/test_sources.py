@@ -95,7 +95,7 @@ AVOIDED = {
 }
 """Words that had to be read twice, and what is said instead; keys of files stand in backticks."""
 FIRST_DAY = "vsense/modes/live/FIRST_DAY.md"
-"""The page that is written anew just now."""
+"""Its words are checked once its new text is in."""
 CODE = re.compile(r"```.*?```|~~~.*?~~~|`[^`]*`", re.S)
 
 

@@ -236,12 +236,12 @@ def _meant(called: str) -> str:
 
 
 def current(words: Sequence[str]) -> Sequence[str]:
-    """A command line of `vsense camera list`, whose action may be absent, as it is written now."""
+    """A command line that begins with `cameras`, whose action may be absent, as written now."""
     if words[:1] != ["cameras"]:
         return words
-    options = list(takewhile(lambda word: word.startswith("-"), words[1:]))
-    rest = words[1 + len(options) :]
-    return ["camera", *(rest[:1] or ["list"]), *options, *rest[1:]]
+    options = [*takewhile(lambda word: word.startswith("-"), words[1:])]
+    action, *rest = words[1 + len(options) :] or ["list"]
+    return ["camera", action, *options, *rest]
 
 
 def _declare(parser: argparse.ArgumentParser, name: str, typed: str, rest: Sequence[str]) -> None:

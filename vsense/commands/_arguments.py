@@ -319,9 +319,7 @@ def foxglove_of(options: argparse.Namespace) -> FoxgloveAddress | None:
 
 
 ONE_CAMERA = "all pictures are of this camera, whatever their folders"
-INSECURE_PAGE = (
-    "other machines may open the page with plain HTTP: a token that is heard can be used"
-)
+INSECURE_PAGE = "other machines may open the page with plain HTTP, in which tokens can be heard"
 
 
 def web_of(options: argparse.Namespace) -> WebAddress | None:

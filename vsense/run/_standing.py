@@ -89,12 +89,10 @@ class StandingRobots:
     def __init__(self, experiment: Experiment) -> None:
         self._robots = [robot.tag for robot in experiment.robots]
         tags, self._fence = experiment.tags, experiment.fence
-        called = {robot.id: f"robot {robot.tag}" for robot in experiment.robots}
+        called = {id: id for id in tags} | {r.id: f"robot {r.tag}" for r in experiment.robots}
         keep_off = self._fence.keep_off.items()
         # A robot that does not play has no place.
-        self._keep_off = {
-            tags[id]: (called.get(id, id), far_m) for id, far_m in keep_off if id in tags
-        }
+        self._keep_off = {tags[id]: (called[id], far_m) for id, far_m in keep_off if id in tags}
         limit_s = experiment.unseen_s
         self._limit_ns = None if limit_s is None else round(limit_s * 1e9)
         self._last_places: dict[int, tuple[int, NDArray[np.float64]]] = {}

@@ -61,9 +61,7 @@ def run(
         if is_loopback(host):
             talk.say("only programs on this machine reach that address; for others: --host 0.0.0.0")
         else:
-            talk.say(
-                f"not authenticated: port {server.port} on {host} serves anyone on the network"
-            )
+            talk.say(f"not authenticated: port {server.port} on {host} serves every machine")
         pictures = RunPictures(
             lambda: begin_recording(session, talk),
             session.record.change_root_directory_on_start,

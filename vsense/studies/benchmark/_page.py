@@ -247,8 +247,8 @@ def _missions(result: Mapping[str, Any], counter: Counter) -> str:
     )  # fmt: skip
     caption = (
         "A run gives one score. With sensors is better: in how many of all pairs of a run with"
-        " and one without virtual sensors, ties counted half. Margin: two labs"
-        " whose means differ by less are the same."
+        " and one without, ties counted half. Margin: two labs whose means differ by less are the"
+        " same."
     )
     return f"<h2>Missions</h2>\n{counter.table('Scores', caption, heads, rows, texts=(0, 1, 2, 3))}"
 
