@@ -127,7 +127,7 @@ def test_the_experiment_names_the_tracker(said: list[str], monkeypatch: pytest.M
         (TrackerAddress("localhost", 4040, (0.0, 0.0), 0.0, 7), ""),
         (
             TrackerAddress("192.0.2.9", 4040, (0.0, 0.0), 0.0, 7),
-            "the tracker 192.0.2.9:4040: whoever answers in its place moves every robot",
+            "the tracker 192.0.2.9:4040: any program that answers in its place moves every robot",
         ),
     ],
 )

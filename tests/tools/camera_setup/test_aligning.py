@@ -78,7 +78,7 @@ def test_clicks_bring_the_frame_back_and_undo_puts_it_off_again(
     anew["position_m"][0] += 0.001
     moved.write_text(json.dumps(anew))
     assert main(["arena", "align", "--undo", "--cameras", str(cameras)]) == 2
-    assert "made anew since" in capsys.readouterr().err
+    assert "made again since" in capsys.readouterr().err
     assert json.loads(moved.read_text()) == anew, "a calibration is not lost by an undo"
     moved.write_text(kept)
     assert main(["arena", "align", "--undo", "--cameras", str(cameras)]) == 0
