@@ -111,6 +111,11 @@ def test_a_former_name_does_what_the_new_one_does(
     assert parsed[0] == parsed[1] and capsys.readouterr() == ("", "")
 
 
+def test_the_former_family_has_the_help_of_the_new_one(capsys: pytest.CaptureFixture[str]) -> None:
+    pages = [shown_options([name, "--help"], capsys)[0] for name in ("cameras", "camera")]
+    assert pages[0] == pages[1] and "\n    tune " in pages[0]
+
+
 def test_a_former_name_is_in_no_help(capsys: pytest.CaptureFixture[str]) -> None:
     assert not commands.FORMER_COMMANDS.keys() & commands.COMMANDS.keys()
     assert {line.split()[0] for line in FORMER_LINES} <= commands.FORMER_COMMANDS.keys()

@@ -240,8 +240,8 @@ def current(words: Sequence[str]) -> Sequence[str]:
     if words[:1] != ["cameras"]:
         return words
     options = [*takewhile(lambda word: word.startswith("-"), words[1:])]
-    action, *rest = words[1 + len(options) :] or ["list"]
-    return ["camera", action, *options, *rest]
+    actions = words[1 + len(options) :] or ([] if {"-h", "--help"} & {*options} else ["list"])
+    return ["camera", *actions[:1], *options, *actions[1:]]
 
 
 def _declare(parser: argparse.ArgumentParser, name: str, typed: str, rest: Sequence[str]) -> None:
