@@ -323,7 +323,7 @@ static int check_uid(const struct vs_options *o)
 
     if (vs_key_load(&own, why, sizeof why) != 0)
         return say("key", 0, "%s", why);
-    say("key", 1, "%s", own.keyed ? own.key_file : "none: it obeys whoever sends it commands");
+    say("key", 1, "%s", own.keyed ? own.key_file : "none: it obeys anyone who sends commands");
     source = vs_uid_find(&own);
     if (source == NULL)
         return say("uid", 0, "%s", vs_uid_missing);

@@ -26,7 +26,7 @@ static void outlast(int socket, long worker)
 
     if (poll(&word, 1, vs_posix_timeout_ms(0, VS_GUARD_HUNG_NS)) == 0 &&
         vs_restart_end(worker, socket))
-        vs_report("told to end, but the worker hung: ended it");
+        vs_report("asked to end, but the worker hung: ended it");
 }
 
 /* The guard's last act, once nothing has to be guarded: now it may take time to say what
@@ -50,7 +50,7 @@ static void leave(struct vs_guard_link *link, int socket, long worker,
     if (vs_restart_by_service())
         return;
     vs_restart(link->argv);
-    vs_report("cannot start anew: %s", strerror(errno));
+    vs_report("cannot start again: %s", strerror(errno));
 }
 
 static void become_guard(struct vs_guard_link *link, int socket, int found, long worker)

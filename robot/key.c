@@ -85,7 +85,7 @@ int vs_key_load(struct vs_options *o, char *why, size_t why_size)
             vs_format(why, why_size, "%s:%u: expected uid = or key = and 32 hexadecimal digits, "
                       "each once", o->key_file, settings.line);
         else
-            vs_format(why, why_size, "%s: expected two lines, uid = and key =; bring it anew with "
+            vs_format(why, why_size, "%s: expected two lines, uid = and key =; bring it again with "
                       "vsense robot deploy", o->key_file);
         return -1;
     }

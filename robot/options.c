@@ -272,7 +272,7 @@ static int check(struct vs_options *o, char *why, size_t why_size)
     }
     if ((o->key_file != NULL) == o->insecure) {
         vs_format(why, why_size, "%s: expected either --key FILE, which 'vsense robot deploy' "
-                  "brings, or --insecure: obey whoever sends commands",
+                  "brings, or --insecure: obey anyone who sends commands",
                   o->insecure ? "--key and --insecure" : "--key is missing");
         return -1;
     }

@@ -21,7 +21,7 @@ const char vs_options_help[] =
     "                   machine-id, serial number or MAC address, mixed with the tag)\n"
     "  --key FILE       the robot's uid and key, which vsense robot deploy brings: it obeys no\n"
     "                   host that does not know the key\n"
-    "  --insecure       in place of --key: it obeys whoever sends it commands\n"
+    "  --insecure       in place of --key: it obeys anyone who sends commands\n"
     "  --name NAME      for people, at most 31 bytes (default: robot_TAG)\n"
     "  --config FILE    a file of settings, one option in a line, such as: port = 4050. What\n"
     "                   the command line says wins\n"

@@ -36,7 +36,7 @@ static void doubted(struct vs_talk *talk, const struct vs_session *session)
         vs_report("somebody without this session's key ends it in the host's name; going on");
         return;
     }
-    vs_report("a host that does not know this robot's key refuses: %s; bring the key anew with "
+    vs_report("a host that does not know this robot's key refuses: %s; bring the key again with "
               "'vsense robot deploy'", why);
 }
 

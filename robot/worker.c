@@ -97,7 +97,7 @@ static void end(struct vs_worker *w, int status, const char *why)
 {
     w->ended = 1;
     w->status = status;
-    w->why = status == 0 ? "the daemon was told to end" : why;
+    w->why = status == 0 ? "the daemon was asked to end" : why;
 }
 
 /* Without a guard nobody would stop the wheels, so then that comes first. */

@@ -132,7 +132,7 @@ PORTS: Mapping[str, tuple[str, Tests]] = {
             "test_a_place_is_taken_from_nobody_at_another_address",
         ),
     ),
-    "`vsense serve`": (
+    "`vsense camera serve`": (
         "robots/link/_listening",
         ("robots/link/test_arena_server.py::test_a_peer_that_is_no_client_is_let_go",),
     ),
@@ -151,7 +151,7 @@ PORTS: Mapping[str, tuple[str, Tests]] = {
             "test_what_strangers_send_to_a_cameras_ports_is_no_picture",
         ),
     ),
-    "`vsense status`": (
+    "`vsense control status`": (
         "monitor/ui/control_socket",
         (ACCOUNTS, f"{UI}control_socket.py::test_the_folder_is_for_this_user_alone"),
     ),

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from scripts.site.links import broken
 from tests.conftest import require_tool
 
 ROOT = Path(__file__).parent.parent
@@ -199,7 +200,6 @@ OF_TESTS += ("scipy", "distributed", "argcomplete", "foxglove", "xdist")
 @pytest.mark.parametrize(
     ("module", "brought"),
     [
-        ("scripts.site.generated", {"aiohttp", "mcap", "zstandard"}),
         *(("tests.bench.main", brought) for brought in ({"ziglang"}, set())),
     ],
 )
@@ -208,6 +208,19 @@ def test_what_scripts_start_needs_their_own_extras_only(module: str, brought: se
     command = [sys.executable, "-c", IMPORTS, module, *sorted(hidden)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_pages_are_staged_without_what_only_tests_need(tmp_path: Path) -> None:
+    """With what `scripts/docs` installs but Sphinx; and all their links lead somewhere there."""
+    fill = f"\nfrom scripts.site import build\nbuild.stage(build.Path({str(tmp_path)!r}))"
+    hidden = {*OF_TESTS, "ziglang", "sphinx"} - {"aiohttp", "mcap", "zstandard"}
+    command = [sys.executable, "-c", IMPORTS + fill, "scripts.site.build", *sorted(hidden)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=100)
+    assert (done.returncode, done.stderr) == (0, "")
+    staged = [str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*.md")]
+    assert {"index.md", "reference/commands.md", "source/.github/RELEASE.md.md"} <= {*staged}
+    texts = ((page, (tmp_path / page).read_text()) for page in staged)
+    assert [line for page, text in texts for line in broken(tmp_path, page, text)] == []
 
 
 def test_bench_lists_its_subjects(tree: Path) -> None:

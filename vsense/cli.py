@@ -60,9 +60,11 @@ def _run(words: Sequence[str]) -> int:
         completion.answer()
     strangers.raise_limit()
     if words[:1] == ["help"]:
-        words = [*words[1:2], "--help"]
+        every = words[-1:] if words[-1] == "all" else []
+        words = [*(word for word in words[1:] if word != "all"), "--help", *every]
     if not words:
         print_data(commands.START.rstrip())
         return 0
+    words = commands.current(words)
     options = commands.parser(words).parse_args(words)
     return int(options.run(options))

@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 from scripts.site.generated import generated
+from scripts.site.searching import extend_search
 from scripts.site.staging import Stage
 
 
@@ -17,11 +18,19 @@ def build(folder: Path) -> int:
     """Fills the stage and has Sphinx make pages of it; gives Sphinx's exit code."""
     from sphinx.cmd.build import main as sphinx
 
-    Stage(folder / "pages", generated()).fill()
+    stage(folder / "pages")
     shutil.rmtree(folder / "html", ignore_errors=True)
     here = Path(__file__).parent
     options = ["-q", "-W", "--keep-going", "-b", "html", "-c", str(here), "-d", str(folder / "tmp")]
-    return int(sphinx([*options, str(folder / "pages"), str(folder / "html")]))
+    code = int(sphinx([*options, str(folder / "pages"), str(folder / "html")]))
+    if not code:
+        extend_search(folder / "html")
+    return code
+
+
+def stage(folder: Path) -> None:
+    """Fills a folder with all pages, those that are written from the code among them."""
+    Stage(folder, generated()).fill()
 
 
 if __name__ == "__main__":

@@ -33,7 +33,10 @@ def page() -> str:
 
 def parsers(name: str) -> Iterator[argparse.ArgumentParser]:
     """The parser of a command, then those of what stands after it, each with its `prog`."""
-    yield from _below(_child(commands.parser([name]), name))
+    parser = commands.parser(name.split())
+    for word in name.split():
+        parser = _child(parser, word)
+    yield from _below(parser)
 
 
 def _below(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
@@ -59,12 +62,11 @@ def options(parser: argparse.ArgumentParser) -> set[str]:
 
 
 def _overview() -> str:
-    rows = [f"| [`{name}`](#vsense-{name}) | {line} |" for name, (_, line) in _told().items()]
+    rows = [
+        f"| [`{name}`](#vsense-{name.replace(' ', '-')}) | {line} |"
+        for name, (_, line) in commands.COMMANDS.items()
+    ]
     return "\n".join(["| command | |", "| --- | --- |", *rows]) + "\n"
-
-
-def _told() -> dict[str, tuple[str, str]]:
-    return dict(commands.COMMANDS)
 
 
 def _section(name: str) -> str:

@@ -84,7 +84,9 @@ class Stage:
         return self._page_of(path)
 
     def _place(self, page: PurePosixPath) -> PurePosixPath:
-        return PurePosixPath("index.md") if str(page) == HOME else page
+        if str(page) == HOME:
+            return PurePosixPath("index.md")
+        return page if str(page) in pages() else self._page_of(page)
 
     def _page_of(self, path: PurePosixPath) -> PurePosixPath:
         return PurePosixPath(SOURCES) / f"{path}.md"
@@ -98,13 +100,15 @@ class Stage:
 
     def _show(self, path: PurePosixPath) -> None:
         """Writes the page of a source file or folder."""
-        head = f"---\norphan: true\nnosearch: true\n---\n\n# {path}\n\n"
-        place = self._page_of(path)
+        hidden = "---\norphan: true\nnosearch: true\n---\n\n"
+        head, place = f"{hidden}# {path}\n\n", self._page_of(path)
         if (ROOT / path).is_dir():
             inside = sorted(p.name for p in (ROOT / path).iterdir() if _is_source(p))
             rows = [self._row(path / name) for name in inside]
             return self._write(place, head + "\n".join(rows) + "\n")
         text = (ROOT / path).read_text()
+        if path.suffix == ".md":  # which others link to by its headings
+            return self._write(place, hidden + self.rewritten(text, str(path)))
         ticks = "`" * (2 + max((len(t) for t in re.findall("`+", text)), default=1))
         language = LEXERS.get(path.suffix, "text")
         return self._write(place, f"{head}{ticks}{language}\n{text.rstrip()}\n{ticks}\n")

@@ -19,11 +19,11 @@ FILES = {
 
 INTRO = """# Tracking files
 
-`vsense track`, `serve` and `run --tracking` read two files: `resources.xml` says what there is in a
-laboratory, `experiment.xml` what a session uses of it. `vsense cameras init` writes both for the
-cameras that it finds; [from printed markers to an arena state](../vsense/vision/tracking/README.md)
-explains them. This page is made from the schemas that editors complete with:
-[`resources.xsd`](../vsense/config/schema/resources.xsd) and
+`vsense camera track`, `serve` and `run --tracking` read two files: `resources.xml` says what there
+is in a laboratory, `experiment.xml` what a session uses of it. `vsense camera init` writes both for
+the cameras that it finds; [from printed markers to an arena
+state](../vsense/vision/tracking/README.md) explains them. This page is made from the schemas that
+editors complete with: [`resources.xsd`](../vsense/config/schema/resources.xsd) and
 [`experiment.xsd`](../vsense/config/schema/experiment.xsd).
 """
 

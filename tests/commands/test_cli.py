@@ -14,11 +14,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
+from unittest.mock import ANY
 
 import cv2
 import numpy as np
 import pytest
 
+from scripts.site.commands import options, parsers
 from vsense import __version__, cli, commands
 from vsense.base import errors
 from vsense.base.errors import UsageError
@@ -66,7 +68,7 @@ def test_vsense_alone_says_where_to_begin(capsys: pytest.CaptureFixture[str]) ->
     shown = capsys.readouterr().out
     assert 9 <= len(shown.splitlines()) <= 12 and shown == commands.START
     named = {line.split()[1] for line in shown.splitlines() if line.startswith("  vsense")}
-    assert named <= commands.COMMANDS.keys() and "sim" in named
+    assert named <= {*commands.names()} - commands.FORMER_COMMANDS.keys() and "sim" in named
 
 
 def test_every_command_is_in_one_group() -> None:
@@ -74,10 +76,132 @@ def test_every_command_is_in_one_group() -> None:
     assert sorted(grouped) == sorted(commands.COMMANDS)
 
 
-def test_a_former_name_is_a_command_but_in_no_help(capsys: pytest.CaptureFixture[str]) -> None:
-    for former, name in commands.FORMER_COMMANDS.items():
-        assert name in commands.COMMANDS and former not in commands.COMMANDS
-        assert commands.parser([former]).parse_args([former, "x", "y"]).command == former
+FORMER_LINES = {
+    "start": "--json",
+    "stop": "--emergency --all",
+    "replace": "23=37",
+    "handover": "23 --force",
+    "cameras": "",
+    "cameras --json": "",
+    "cameras tune": "cam1 --sweep",
+    "markers": "--ids 1-20 -o sheet.pdf",
+    "calibrate check": "--points points.csv",
+    "arena align": "pollutant --undo",
+    "track": "a.xml b.xml --offline",
+    "serve": "a.xml b.xml",
+    "record": "pollutant folder",
+}
+"""Former commands with their arguments."""
+
+
+@pytest.mark.parametrize("former", FORMER_LINES)
+def test_a_former_name_does_what_the_new_one_does(
+    former: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    typed = [*former.split(), *FORMER_LINES[former].split()]
+    name = commands.FORMER_COMMANDS[typed[0]]
+    rest = typed[1:]
+    if name == "camera" and (not rest or rest[0].startswith("-")):
+        name = "camera list"
+    parsed = [
+        vars(commands.parser(words).parse_args(words))
+        for words in (commands.current(typed), [*name.split(), *rest])
+    ]
+    parsed[0]["command"] = {"record": "render"}.get(former, parsed[0]["command"])
+    assert parsed[0] == parsed[1] and capsys.readouterr() == ("", "")
+
+
+def test_the_former_family_has_the_help_of_the_new_one(capsys: pytest.CaptureFixture[str]) -> None:
+    pages = [shown_options([name, "--help"], capsys)[0] for name in ("cameras", "camera")]
+    assert pages[0] == pages[1] and "\n    tune " in pages[0]
+
+
+def test_a_former_name_is_in_no_help(capsys: pytest.CaptureFixture[str]) -> None:
+    assert not commands.FORMER_COMMANDS.keys() & commands.COMMANDS.keys()
+    assert {line.split()[0] for line in FORMER_LINES} <= commands.FORMER_COMMANDS.keys()
+    for words in (["stop", "--help"], ["stop", "--zzz"]):
+        with pytest.raises(SystemExit):
+            cli.main(words)
+        said = "".join(capsys.readouterr())
+        assert "vsense control stop" in said and "vsense stop" not in said
+
+
+@pytest.mark.parametrize(
+    "words", ["control", "camera", "camera calibrate", "camera arena", "robot"]
+)
+def test_a_family_alone_shows_what_there_is(words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main(words.split())
+    said = capsys.readouterr()
+    assert (ended.value.code, said.out) == (2, "")
+    (listed,) = (
+        action.choices
+        for parser in parsers_of(words)
+        for action in parser._actions
+        if parser.prog == f"vsense {words}" and action.nargs == argparse.PARSER
+    )
+    assert all(f"\n    {name} " in said.err for name in listed)
+
+
+def parsers_of(words: str) -> list[argparse.ArgumentParser]:
+    """The parser of these words, with all below it."""
+    name = words.split()[0]
+    if words in commands.FAMILIES:
+        root = commands.parser([words])
+        return [next(a.choices[words] for a in root._actions if a.nargs == argparse.PARSER)]
+    return list(parsers(words if name in commands.FAMILIES else name))
+
+
+MANY = 14
+"""So many options a page of help shows at most, unless it is asked for all."""
+PAGES = sorted(
+    {p.prog.removeprefix("vsense ") for name in commands.COMMANDS for p in parsers(name)}
+)
+
+
+def shown_options(words: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[str, set[str]]:
+    """A page of help, and the options that have a line there."""
+    with pytest.raises(SystemExit) as ended:
+        cli.main(words)
+    assert ended.value.code == 0
+    page = capsys.readouterr().out
+    return page, {
+        name
+        for line in page.splitlines()
+        for name in re.findall(r"--[a-z][a-z-]*", line.strip().split("  ")[0])
+        if re.match(r"  -", line)
+    }
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_help_shows_few_options_and_on_demand_all(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (parser,) = (p for p in parsers(command_of(name)) if p.prog == f"vsense {name}")
+    actions = (action for action in parser._actions if action.help is not argparse.SUPPRESS)
+    known = {word for action in actions for word in action.option_strings if word[:2] == "--"}
+    page, few = shown_options([*name.split(), "--help"], capsys)
+    assert len(few - {"--help"}) <= MANY
+    _, every = shown_options([*name.split(), "--help", "all"], capsys)
+    assert every == known
+    assert shown_options(["help", *name.split(), "all"], capsys)[1] == known
+    assert page.splitlines()[-1] == last_line(name, len(known) - len(few))
+    assert (few == known) == (len(known - {"--help"}) <= MANY)
+    assert len(few) > 6 or few == known
+
+
+def last_line(name: str, hidden: int) -> str:
+    return f"{hidden} more options: vsense {name} --help all" if hidden else ANY
+
+
+def command_of(name: str) -> str:
+    """The command whose page this is, or an action's of it."""
+    return next(c for c in commands.COMMANDS if f"{name} ".startswith(f"{c} "))
+
+
+def test_the_common_options_are_those_of_some_page() -> None:
+    every = {word for name in commands.COMMANDS for p in parsers(name) for word in options(p)}
+    assert every >= commands.COMMON and commands.FEW == MANY
 
 
 @pytest.mark.parametrize("option", ["--version", "-v"])
@@ -126,8 +250,10 @@ def test_help_may_be_a_word(
     [
         ("simm", "is 'sim' meant?"),
         ("simulate", "is 'sim' meant?"),
-        ("calibration", "is 'calibrate' meant?"),
-        ("xyz", "there are: arena, benchmark, "),
+        ("calibration", "is 'camera calibrate' meant?"),
+        ("paus", "is 'control pause' or "),
+        ("camra", "is 'camera' or 'camera arena' meant?"),
+        ("xyz", "there are: benchmark, camera, completion, control, "),
     ],
 )
 def test_an_unknown_command_tells_what_may_be_meant(
@@ -155,7 +281,7 @@ def test_names_that_may_be_meant() -> None:
 @pytest.mark.parametrize("name", sorted(commands.COMMANDS))
 def test_every_command_has_a_page_of_help(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
-        cli.main([name, "--help"])
+        cli.main([*name.split(), "--help"])
     assert ended.value.code == 0
     assert f"usage: vsense {name}" in capsys.readouterr().out
 
@@ -299,7 +425,9 @@ def test_a_watched_run_is_forked_with_what_it_needs() -> None:
 def test_a_wrong_choice_is_told_with_what_is_meant(capsys: pytest.CaptureFixture[str]) -> None:
     for words, hint in (
         ("robot lst", "'list'"),
+        ("camera lis", "'list'"),
         ("cameras lis", "'list'"),
+        ("control strat", "'start' or 'status'"),
         ("sim x --format pgn", "'png'"),
     ):
         with pytest.raises(SystemExit) as ended:

@@ -30,7 +30,14 @@ def completed(line: str, folder: Path) -> list[str]:
 def test_commands_options_and_experiments_are_completed(tmp_path: Path) -> None:
     (tmp_path / "mine.argos").touch()
     (tmp_path / "mine.c").touch()
+    assert completed("vsense cont", tmp_path) == ["control"]
     assert completed("vsense cal", tmp_path) == ["calibrate"]
+    assert completed("vsense control st", tmp_path) == ["status", "start", "stop"]
+    for line in ("vsense stop --em", "vsense control stop --em"):
+        assert completed(line, tmp_path) == ["--emergency"]
+    for line in ("vsense camera cali", "vsense cameras cali"):
+        assert completed(line, tmp_path) == ["calibrate"]
+    assert completed("vsense camera calibrate r", tmp_path) == ["rig"]
     assert completed("vsense sim m", tmp_path) == ["mine.argos"]
     assert set(completed("vsense lab pollutant", tmp_path)) >= {"pollutant", "pollutant-moving"}
     assert completed("vsense lab pollutant --firm", tmp_path) == ["--firmware-watchdog"]

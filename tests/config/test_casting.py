@@ -125,5 +125,7 @@ def test_who_plays_is_told(file: Path, lab: Path, capsys: pytest.CaptureFixture[
     words = ["--roster", str(lab), "--robots", "3", "--replace", "23=37", "--duration", "1"]
     assert cli.main(["sim", str(file), *words, "-o", str(lab.parent / "out")]) == 0
     said = capsys.readouterr().err
-    assert f"{lab}: robots 30 25 play; not taken: 24 is out of order: left motor stalls" in said
-    assert "robot 37 plays the part of 23 (" in said
+    assert (
+        f"{lab}: robots 30 25 take part; not taken: 24 is out of order: left motor stalls" in said
+    )
+    assert "robot 37 takes the role of 23" in said

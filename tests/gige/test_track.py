@@ -1,4 +1,4 @@
-"""`vsense track` with four GigE Vision cameras at once: with our pictures, and Debian's own."""
+"""`vsense camera track` with four GigE Vision cameras at once: our pictures, and Debian's own."""
 
 from __future__ import annotations
 

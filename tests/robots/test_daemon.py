@@ -162,7 +162,7 @@ def test_told_to_end_it_hands_the_base_back(rig: Rig, number: signal.Signals) ->
     rig.wait_for(lambda: rig.daemon.process.poll() is not None, "the end")
     assert rig.daemon.process.returncode == 0
     rig.wait_for(lambda: rig.host.goodbyes, "a goodbye")
-    assert rig.host.goodbyes[0].text == "the daemon was told to end"
+    assert rig.host.goodbyes[0].text == "the daemon was asked to end"
     rig.wait_for(lambda: rig.base.links[0].program.state.state == lib.FW_ARGOS_WAKE, "'R'")
     assert not rig.moving
     assert not Path(f"/proc/{guard}").exists()

@@ -234,7 +234,7 @@ def test_a_worker_that_hangs_ends_with_its_guard_if_both_are_told_to(
         for pid in (rig.daemon.process.pid, guard):
             os.kill(pid, signal.SIGINT)
         rig.wait_for(lambda: rig.daemon.process.poll() is not None, "the end of the worker")
-        wait_said(rig, 1, "told to end, but the worker hung: ended it")
+        wait_said(rig, 1, "asked to end, but the worker hung: ended it")
         rig.wait_for(lambda: not is_alive(guard), "the end of the guard")
         assert not workers(rig.device) and not rig.moving and len(starts(rig)) == 1
     finally:

@@ -58,7 +58,7 @@ def test_a_robot_with_a_key_obeys_nobody_else(rig: Rig) -> None:
     assert not rig.moving and "connected: " not in rig.daemon.said
     rig.host.refuse = True
     rig.wait_for(lambda: "does not know this robot's key refuses" in rig.daemon.said, "doubt")
-    assert "robot 23 is here already; bring the key anew" in rig.daemon.said
+    assert "robot 23 is here already; bring the key again" in rig.daemon.said
 
 
 @pytest.mark.parametrize("mode", [0o640, 0o604, 0o620, 0o660, 0o666])

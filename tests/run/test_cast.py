@@ -75,7 +75,7 @@ def test_requests_are_checked_against_those_before_them(
     taken: list[int] = []
     spec = foraging(tmp_path)
     cast = Cast(lambda: [spec], taken.append, lambda tag: "is no robot" if tag == 99 else "")
-    assert cast.ask((23, 37), "ben").startswith("robot 37 is put in for 23 (")
+    assert cast.ask((23, 37), "ben").startswith("robot 37 takes the role of 23")
     for pair, text in {
         (24, 37): "37.*experiment",
         (23, 41): "robot.*tag 23",

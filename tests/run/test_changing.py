@@ -147,7 +147,7 @@ def test_a_locked_run_says_so_and_a_blind_one_has_no_sensors() -> None:
     run = ChangedRun(blind=True)
     run.ask(**NOISE, value=0.25)
     run.live(1, {})
-    assert run.answers[0][1] is False and "blind" in run.answers[0][0]
+    assert run.answers[0][1] is False and "without virtual sensors" in run.answers[0][0]
 
 
 def test_hands_make_no_timestep_late_and_no_queue_grows() -> None:

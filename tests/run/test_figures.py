@@ -47,8 +47,8 @@ def test_everything_is_counted() -> None:
     absent = stage.experiment.robots[2].id
     assert summary["missing_at_start"] == [absent]
     assert (summary["verdict"], summary["note"]) == ("void", "")
-    stale_one = stage.experiment.robots[1].id
-    assert summary["why"] == f"{absent} never came; {stale_one} never had fresh readings"
+    words = f"robot {stage.experiment.robots[2].tag} never came; robot {second} never had fresh"
+    assert summary["why"] == f"{words} readings"
     shares = [
         [robot[f"{key}_share"] for key in ("seen", "connected", "stale")]
         for robot in summary["per_robot"]

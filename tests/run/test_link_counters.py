@@ -82,27 +82,25 @@ def test_base_that_does_not_answer_is_told_once_and_so_is_its_return() -> None:
     well, mute = counted(1, battery_low=255), counted(1, stop_cause=StopCause.BASE, battery_low=255)
     assert lines([well] * 9) == []
     assert lines([mute] * 4 + [well]) == [], "a daemon that starts looks for its base for a moment"
-    assert lines([well] + [mute] * 12) == [
-        "robot epuck_7_0: its base does not answer: its wheels are held"
-    ]
+    assert lines([well] + [mute] * 12) == ["robot 7: its base does not answer: its wheels are held"]
     assert lines([mute] * 6 + [well] * 3 + [mute] * 6) == [
-        "robot epuck_7_0: its base does not answer: its wheels are held",
-        "robot epuck_7_0: its base answers again",
-        "robot epuck_7_0: its base does not answer: its wheels are held",
+        "robot 7: its base does not answer: its wheels are held",
+        "robot 7: its base answers again",
+        "robot 7: its base does not answer: its wheels are held",
     ]
 
 
 def test_low_battery_is_told() -> None:
     low = counted(1, battery_low=1)
-    assert lines([low] * 6) == ["robot epuck_7_0: its battery is low"]
+    assert lines([low] * 6) == ["robot 7: its battery is low"]
 
 
 def test_power_saving_is_told_and_an_unknown_one_is_not() -> None:
     on, off, unknown = (counted(1, power_saving=value) for value in (1, 0, 255))
     assert lines([unknown] * 6 + [on] * 6 + [off]) == [
-        "robot epuck_7_0: its Wi-Fi's power saving is on: readings come late;"
+        "robot 7: its Wi-Fi's power saving is on: readings come late;"
         " 'vsense robot deploy' turns it off",
-        "robot epuck_7_0: its Wi-Fi's power saving is off",
+        "robot 7: its Wi-Fi's power saving is off",
     ]
 
 

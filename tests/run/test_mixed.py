@@ -148,7 +148,7 @@ def test_whose_program_crashes_is_named(experiment: Experiment) -> None:
     setup = Setup(str(experiment.path), 0.5, settings={"sheep.die": "1"})
     libraries = {name: str(path) for name, path in shared_objects(experiment).items()}
     task = Task(Job(setup, 1, libraries), setup.load())
-    with pytest.raises(SimError, match=r"a_1_0 \(tag 1\).*'sheep\.c'"):
+    with pytest.raises(SimError, match=r"robot 1, .*'sheep\.c'"):
         list(simulate_all([task], 1, threading.Event(), lambda workers: None))
 
 

@@ -61,8 +61,8 @@ def test_it_is_said_once_and_so_is_its_end() -> None:
     ]
     lines = [line for one in said for line in watch.update({7: one}, None, one.heard_ns or 0)]
     assert lines == [
-        "ROBOT seven does NOT stop: LIFT IT (told to stop 0.20 s ago, it reports that it runs)",
-        "robot seven obeys again",
+        "ROBOT 7 does NOT stop: LIFT IT (told to stop 0.20 s ago, it reports that it runs)",
+        "robot 7 obeys again",
     ]
 
 
@@ -101,7 +101,7 @@ def test_what_the_cameras_saw_before_a_run_counts_for_nothing_after_it() -> None
     watch.update({7: robot(RUNS, 0, Wanted.RUN)}, None, 0)
     for ms in range(0, 1000, 100):
         watch.update({7: robot(STANDS, ms)}, seen(ms, 0.0001 * ms), ms * MS)
-    assert watch.update({7: robot(RUNS, 1000, Wanted.RUN)}, None, S) == ["robot seven obeys again"]
+    assert watch.update({7: robot(RUNS, 1000, Wanted.RUN)}, None, S) == ["robot 7 obeys again"]
     stopped = robot(STANDS, 1100, ordered_ms=1050)
     assert watch.update({7: stopped}, seen(1100, 0.5), 1100 * MS) == []
 
@@ -131,9 +131,9 @@ def test_a_robot_that_moves_without_a_link_is_told_and_who_stands_is_not() -> No
     assert lost(coasting)[1] == []
     watch, ((ms, text),) = lost([0.02 * n for n in range(30)])
     assert 800 <= ms <= 1300
-    assert text.startswith("ROBOT seven moves without a link: LIFT IT (nothing heard for ")
+    assert text.startswith("ROBOT 7 moves without a link: LIFT IT (nothing heard for ")
     (alarm,) = watch.alarms
-    assert (alarm.kind, alarm.text) == ("no_link", "seven moves without a link: lift it")
+    assert (alarm.kind, alarm.text) == ("no_link", "robot 7 moves without a link: lift it")
     assert "the cameras see it move; or switch it off" in alarm.cause
     watch.update({7: robot(RUNS, 3000, Wanted.RUN)}, None, 3000 * MS)
     assert watch.alarms == ()
@@ -149,7 +149,7 @@ def test_who_moves_without_a_link_and_is_told_to_stop_is_told_again() -> None:
             gone = replace(gone, wanted=Wanted.STOP, ordered_ns=ms * MS)
         lines += watch.update({7: gone}, seen(ms, 2e-4 * ms), ms * MS)
     assert [line.partition(":")[0] for line in lines] == [
-        "ROBOT seven moves without a link", "ROBOT seven does NOT stop",
+        "ROBOT 7 moves without a link", "ROBOT 7 does NOT stop",
     ]  # fmt: skip
 
 
@@ -169,7 +169,7 @@ def test_a_robot_that_does_not_obey_is_an_alarm_until_it_does() -> None:
     watch = Obedience()
     watch.update({7: robot(RUNS, 400)}, None, 400 * MS)
     (alarm,) = watch.alarms
-    assert (alarm.kind, alarm.text) == ("disobeys", "seven does NOT stop: lift it")
+    assert (alarm.kind, alarm.text) == ("disobeys", "robot 7 does NOT stop: lift it")
     assert alarm.cause.startswith("told to stop 0.40 s ago, it reports that it runs; ")
     watch.update({7: robot(STANDS, 500)}, None, 500 * MS)
     assert watch.alarms == ()

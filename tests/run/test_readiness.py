@@ -27,12 +27,10 @@ def test_everybody_is_there_or_named(connected: set[int], seen: set[int]) -> Non
 def test_the_words_name_who_is_missing_in_which_way() -> None:
     found = Readiness.of(ROBOTS, OBJECTS, {4, 17}, {30, 17, 4})
     assert found.progress() == (
-        "2 of 3 robots connected (not epuck_30_1), 3 of 4 markers seen (not polluter_99_0)"
+        "2 of 3 robots connected (not 30), 3 of 4 markers seen (not polluter_99_0)"
     )
-    assert found.progress(watched=False) == (
-        "2 of 3 robots connected (not epuck_30_1), no arena state yet"
-    )
-    assert found.missing_text() == "not connected: epuck_30_1; not seen: polluter_99_0"
+    assert found.progress(watched=False) == ("2 of 3 robots connected (not 30), no arena state yet")
+    assert found.missing_text() == "not connected: 30; not seen: polluter_99_0"
     assert Readiness.of(ROBOTS, {}, set(ROBOTS), set(ROBOTS)).progress() == (
         "3 of 3 robots connected, 3 of 3 markers seen"
     )
@@ -42,10 +40,10 @@ def test_who_was_turned_away_is_not_only_absent() -> None:
     refused = {30: OLDER, 4: "", 99: "has no key"}
     found = Readiness.of(ROBOTS, OBJECTS, {4}, set(ROBOTS | OBJECTS), refused)
     assert found.missing_text() == (
-        "not connected: epuck_17_3; turned away: epuck_30_1 runs an older vsensed: bring it this"
+        "not connected: 17; turned away: robot 30 runs an older vsensed: bring it this"
         " one with 'vsense robot deploy'"
     )
-    assert found.progress(False).startswith("1 of 3 robots connected (not epuck_17_3; robot 30: ")
+    assert found.progress(False).startswith("1 of 3 robots connected (not 17; robot 30: ")
     only = Readiness.of(ROBOTS, {}, {4, 17}, set(ROBOTS), refused)
     assert only.progress(False) == (
         "2 of 3 robots connected (robot 30: deploy), no arena state yet"

@@ -81,17 +81,15 @@ def test_who_is_not_seen_for_a_second_stands_until_three_sightings_in_a_row() ->
     hidden = [(7, 8)] * 3 + [(8,)] * 12 + [(7, 8), (7, 8), (8,), (7, 8), (7, 8), (7, 8), (7, 8)]
     unseen, lines = watched(*hidden)
     assert lines == [
-        "1200 robot seven stands: not seen for 1.0 s",
-        "2000 robot seven is seen again and goes on; it stood 0.8 s",
+        "1200 robot 7 stands: not seen for 1.0 s",
+        "2000 robot 7 is seen again and goes on; it stood 0.8 s",
     ]
     assert unseen.reasons == {} and unseen.stood_s(7) == (0.8, 0.0)
 
 
 def test_who_was_never_seen_stands_too() -> None:
     unseen, lines = watched(*[(8,)] * 11)
-    assert unseen.reasons == {7: NOT_SEEN} and lines == [
-        "1000 robot seven stands: not seen for 1.0 s"
-    ]
+    assert unseen.reasons == {7: NOT_SEEN} and lines == ["1000 robot 7 stands: not seen for 1.0 s"]
 
 
 def test_where_robots_drive_on_unseen_nobody_stands() -> None:
@@ -136,7 +134,6 @@ def test_what_the_file_says(attributes: str, expected: float | None, tmp_path: P
 def test_the_runner_holds_that_robot_alone_and_says_how_long_it_stood() -> None:
     stage = Stage(experiment(timesteps=40))
     hidden, other = sorted(robot.tag for robot in stage.experiment.robots)
-    (name,) = (robot.id for robot in stage.experiment.robots if robot.tag == hidden)
     stage.connected, stage.seen = {hidden, other}, {hidden, other}
     stage.runner.wait(0.0)
     held: list[dict[int, str]] = []
@@ -151,8 +148,8 @@ def test_the_runner_holds_that_robot_alone_and_says_how_long_it_stood() -> None:
     first, last = held.index(reason), len(held) - held[::-1].index(reason)
     assert (first, last) == (15, 28), "a second after it was last seen, to its third sighting"
     said = stage.terminal.getvalue()
-    assert f"robot {name} stands: not seen for 1.0 s" in said
-    assert f"robot {name} is seen again and goes on; it stood 1.3 s" in said
+    assert f"robot {hidden} stands: not seen for 1.0 s" in said
+    assert f"robot {hidden} is seen again and goes on; it stood 1.3 s" in said
     assert stage.runner.standing.stood_s(hidden) == (pytest.approx(1.3), 0.0)
 
 
@@ -178,15 +175,15 @@ def test_who_leaves_stands_until_it_is_back_by_a_margin() -> None:
     out, edge, inside = (1.01, 0.0), (0.99, 0.0), (0.97, 0.0)
     lines = led(standing, inside, edge, out, edge, inside, inside, edge, inside, inside, inside)
     assert lines == [
-        "200 robot seven stands: outside of the fence",
-        "900 robot seven is where it may be and goes on; it stood 0.7 s",
+        "200 robot 7 stands: outside of the fence",
+        "900 robot 7 is where it may be and goes on; it stood 0.7 s",
     ]
     assert standing.reasons == {} and standing.stood_s(7) == (0.0, pytest.approx(0.7))
 
 
 def test_who_stands_outside_at_the_start_never_goes() -> None:
     standing = StandingRobots(swarm(FENCE))
-    assert led(standing, (1.5, 0.0)) == ["0 robot seven stands: outside of the fence"]
+    assert led(standing, (1.5, 0.0)) == ["0 robot 7 stands: outside of the fence"]
     assert standing.reasons == {7: "outside of the fence"}
 
 
@@ -195,15 +192,15 @@ def test_without_a_fence_of_its_own_the_arena_is_one() -> None:
     standing = StandingRobots(arena)
     half_m = arena.arena.size_m[0] / 2.0
     assert led(standing, (half_m - 0.03, 0.0)) == []
-    assert led(standing, (half_m + 0.01, 0.0)) == ["0 robot seven stands: outside of the fence"]
+    assert led(standing, (half_m + 0.01, 0.0)) == ["0 robot 7 stands: outside of the fence"]
 
 
 def test_forbidden_zones_and_what_is_kept_off() -> None:
     standing = StandingRobots(swarm(FENCE))
-    assert led(standing, (0.6, 0.7)) == ["0 robot seven stands: in forbidden zone 1"]
+    assert led(standing, (0.6, 0.7)) == ["0 robot 7 stands: in forbidden zone 1"]
     standing.begin()
     lines = standing.update(state(0, seven=(0.0, -0.5), eight=(0.0, 0.5), cap=(0.0, -0.3)))
-    assert lines == ["robot seven stands: nearer than 0.3 m to cap"]
+    assert lines == ["robot 7 stands: nearer than 0.3 m to cap"]
     # Who is not seen is where it was seen last, but not for ever.
     for ms in range(100, 5_000, 100):
         assert standing.update(state(ms, seven=(0.0, -0.5), eight=(0.0, 0.5))) == []
@@ -212,23 +209,23 @@ def test_forbidden_zones_and_what_is_kept_off() -> None:
         for ms in range(5_000, 5_500, 100)
         for line in standing.update(state(ms, seven=(0.0, -0.5), eight=(0.0, 0.5)))
     ]
-    assert lines == ["robot seven is where it may be and goes on; it stood 5.3 s"]
+    assert lines == ["robot 7 is where it may be and goes on; it stood 5.3 s"]
 
 
 def test_robots_keep_off_a_robot_that_goes_on_itself() -> None:
     standing = StandingRobots(swarm(Geofence(SQUARE, (), {"eight": 0.3})))
     led(standing, (0.2, 0.0))
-    assert standing.reasons == {7: "nearer than 0.3 m to eight"}
+    assert standing.reasons == {7: "nearer than 0.3 m to robot 8"}
 
 
 def test_who_left_unseen_stands_when_it_comes_back_outside() -> None:
     standing = StandingRobots(swarm(FENCE))
     lines = led(standing, MIDDLE, *[None] * 11, *[(1.2, 0.0)] * 4, *[MIDDLE] * 3)
     assert lines == [
-        "1000 robot seven stands: not seen for 1.0 s",
-        "1200 robot seven stands: outside of the fence",
-        "1400 robot seven is seen again; it stood 0.4 s",
-        "1800 robot seven is where it may be and goes on; it stood 0.6 s",
+        "1000 robot 7 stands: not seen for 1.0 s",
+        "1200 robot 7 stands: outside of the fence",
+        "1400 robot 7 is seen again; it stood 0.4 s",
+        "1800 robot 7 is where it may be and goes on; it stood 0.6 s",
     ]
 
 

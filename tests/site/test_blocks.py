@@ -28,10 +28,10 @@ ELSEWHERE = {
     r"vsense robot build": "cross-compiles: tests/robots/test_building.py",
     r"vsense robot keys --forget": "needs two keys: tests/robots",
     r"vsensed |iw |ping ": "runs on a robot",
-    r"vsense cameras|cd lab\b|arv-fake|mkdir cameras": "needs cameras: tests/tools/camera_setup",
+    r"vsense camera (list|show|tune|init|shoot)|cd lab\b|arv-fake|mkdir cameras": "needs cameras",
     r"python3 -c \"from vsense import Camera": "tests/tools/camera_setup/test_fake_camera.py",
-    r"vsense calibrate rig": "needs pictures of a board: tests/vision/calibration",
-    r"vsense track (resources|lab/)|vsense track resources": "needs cameras",
+    r"vsense camera calibrate rig": "needs pictures of a board: tests/vision/calibration",
+    r"vsense camera track (resources|lab/)|vsense camera track resources": "needs cameras",
     r"vsense replay (?!.*--retrack)": "serves a page until Ctrl-C: tests/monitor/ui",
     r".*--on tcp": "needs a cluster: tests/modes/sim/test_cluster.py",
     r".*(\.\./ARGoS3|--sources \.\.\.|controllers/foo)": "needs another repository",
@@ -64,7 +64,7 @@ def shorter(command: str, port: int = 4050, lines: int = 4041) -> str:
         command = command.replace("--tracker lines", f"--tracker lines:{lines} --port {port}")
     if command.startswith("vsense robot emulate "):  # the reader has another terminal for it
         command += f" --port {port} --tracker-port {lines} >/dev/null 2>&1 & emulated=$!"
-    if command.startswith("vsense render "):
+    if command.startswith("vsense camera render "):
         command += " --frames 5"
     return command
 

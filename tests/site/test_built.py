@@ -9,7 +9,7 @@ import sys
 from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
-from urllib.parse import unquote, urlsplit
+from urllib.parse import quote, unquote, urlsplit
 
 import pytest
 
@@ -120,5 +120,43 @@ def test_no_page_is_wider_than_a_phone(site: Path, browser: Browser) -> None:
 def test_the_search_finds_a_word_in_pages_that_are_files(site: Path, browser: Browser) -> None:
     page = browser.open((site / "search.html").as_uri() + "?q=drop_out")
     found = "[...document.querySelectorAll('#search-results a')].map(a => a.innerText)"
-    page.until(f"{found}.length > 0 && {found}")
-    assert any("Experiment files" in title for title in page.value(found))
+    page.until(f"{found}.some(title => title.includes('Experiment files'))")
+
+
+RANKED = {
+    "emergency stop": ("The control room", "guide"),
+    "noise_level": ("Virtual sensors", "guide"),
+    "markers": ("From printed markers to an arena state", "guide"),
+    "latency": ("", "guide"),
+    "commands": ("Commands", "reference"),
+    "changelog": ("Changelog", "changes"),
+}
+"""By what somebody looks for: the title that leads, "" where several may, and its kind."""
+
+
+@pytest.mark.parametrize("words", RANKED)
+def test_the_search_ranks_guides_before_reference_before_changes(
+    words: str, site: Path, browser: Browser
+) -> None:
+    """Pages are opened as files, and yet show the words that were looked for."""
+    page = browser.open(f"{(site / 'search.html').as_uri()}?q={quote(words)}")
+    page.until("/finished/.test(document.querySelector('.search-summary')?.innerText)")
+    results = "[...document.querySelectorAll('#search-results li')]"
+    shown = page.value(
+        f"{results}.map(li => [li.querySelector('a').innerText, li.querySelector('a').getAttribute"
+        "('href'), li.querySelector('p.context')?.innerText || ''])"
+    )
+    title, kind = RANKED[words]
+    leader, address, _ = shown[0]
+    assert title in (leader, "") and kind_of(address) == kind, shown[:5]
+    assert words in " ".join(text for *_, text in shown[:3]).lower()
+    assert all(text for *_, text in shown)
+    changes = [n for n, (_, address, _) in enumerate(shown) if kind_of(address) == "changes"]
+    assert kind == "changes" or all(n > 2 for n in changes)
+
+
+def kind_of(address: str) -> str:
+    """Which kind of page an address of the site is."""
+    if address.startswith("CHANGELOG"):
+        return "changes"
+    return "reference" if address.startswith("reference/") else "guide"

@@ -11,7 +11,7 @@ import pytest
 from scripts.site.blocks import blocks, calls, shown
 from scripts.site.commands import options, parsers
 from scripts.site.contents import ROOT, sources
-from vsense.commands import COMMANDS
+from vsense.commands import COMMANDS, FAMILIES, FORMER_COMMANDS
 
 OF_ALL = {"-h", "--help", "--version"}
 NO_ACTION = re.compile(r"[A-Z.<…]|^$")
@@ -49,13 +49,16 @@ def wrong_of_vsense(words: list[str]) -> str:
         return "" if words[0] in OF_ALL else words[0]
     if words[0] == "help":
         return ""
-    if words[0] not in COMMANDS:
-        return words[0]
-    every = known(words[0])
-    called, rest = f"vsense {words[0]}", words[1:]
+    if words[0] in FAMILIES and (len(words) == 1 or NO_ACTION.match(words[1])):
+        return ""
+    name = " ".join(words[: 2 if words[0] in FAMILIES else 1])
+    if name not in COMMANDS:
+        return name
+    every = known(name)
+    called, rest = f"vsense {name}", words[len(name.split()) :]
     if rest and f"{called} {rest[0]}" in every:
         called, rest = f"{called} {rest[0]}", rest[1:]
-    accepted = options(every[called]) | options(every[f"vsense {words[0]}"]) | OF_ALL
+    accepted = options(every[called]) | options(every[f"vsense {name}"]) | OF_ALL
     for word in rest:
         name = word.partition("=")[0]
         is_option = re.match(r"--?[a-zA-Z]", word) is not None
@@ -71,8 +74,39 @@ def test_commands_and_options_are_known(page: str) -> None:
     assert [f"{page}:{line}: {words}" for line, words in found if words] == []
 
 
+OURS = ("vsense", "robot", "c_src", "firmware_bridge", "scripts", ".github")
+TYPED = re.compile(r"vsense (?:(control|camera) ([a-z]+)|([a-z]+))")
+SEAM = re.compile(r'"\s*\n\s*f?"|\s+(?:[#*] |// )?')
+"""What parts a sentence in a source: two strings, or two lines."""
+
+
+def read_by_people() -> dict[str, str]:
+    """Our sources, of which messages and helps are parts, each in one line."""
+    suffixes = {".py", ".js", ".html", ".xml", ".xsd", ".argos", ".toml", ".md", ".c", ".h", ".yml"}
+    files = [p for name in OURS for p in (ROOT / name).rglob("*") if p.suffix in suffixes]
+    return {str(p.relative_to(ROOT)): SEAM.sub(seam, p.read_text()) for p in files}
+
+
+def seam(match: re.Match[str]) -> str:
+    return "" if match[0].startswith('"') else " "
+
+
+def test_what_people_are_told_to_type_is_spelt_as_today() -> None:
+    wrong_words, seen = [], set()
+    for path, text in read_by_people().items():
+        for family, action, word in TYPED.findall(text):
+            seen.add(f"{family} {action}" if family else word)
+            if word in FORMER_COMMANDS or (family and f"{family} {action}" not in COMMANDS):
+                wrong_words.append(f"{path}: vsense {family} {action}{word}")
+    assert wrong_words == []
+    assert len(seen & COMMANDS.keys()) > 25
+
+
 def test_what_is_not_known_is_found() -> None:
     assert wrong(["vsense", "simm"]) == "simm"
+    assert wrong(["vsense", "control", "strat"]) == "control strat"
+    assert wrong(["vsense", "track", "a", "b"]) == "track"
+    assert wrong(["vsense", "camera", "calibrate", "rig", "--bord"]).endswith("rig --bord")
     assert wrong(["vsense", "sim", "x.argos", "--rnus", "3"]) == "vsense sim --rnus"
     assert wrong(["vsense", "robot", "build", "--targt=epuck"]) == "vsense robot build --targt"
     assert wrong(["vsensed", "--host", "a", "--tga", "3"]) == "--tga"
@@ -81,10 +115,10 @@ def test_what_is_not_known_is_found() -> None:
 
 
 def test_calls_of_a_line() -> None:
-    line = "cd lab && vsense track a b > c.jsonl | nc HOST 4041  # so"
+    line = "cd lab && vsense camera track a b > c.jsonl | nc HOST 4041  # so"
     assert list(calls(line)) == [
         ["cd", "lab"],
-        ["vsense", "track", "a", "b"],
+        ["vsense", "camera", "track", "a", "b"],
         ["nc", "HOST", "4041"],
     ]
 

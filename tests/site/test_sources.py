@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import ast
+import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -79,3 +82,43 @@ def test_no_section_is_empty_and_generated_pages_have_their_folder() -> None:
     assert all(SECTIONS.values())
     generated = [page for page in pages() if not (ROOT / page).exists()]
     assert all(page.startswith(GENERATED) for page in generated)
+
+
+AVOIDED = {
+    r"[Aa]new": "again",
+    r"[Ww]hoever": "the robot that, any machine that, a user who",
+    r"(?:is|are|was|were) told": "is reported, gets",
+    r"sighted": "with virtual sensors",
+    r"lit": "with LEDs on",
+    r"(?:is|are|be|as|of|it) void|void (?:runs?|ones?)|voids": "invalid",
+    r"plays? (?:the|its|their) part": "has the role",
+}
+"""Words that had to be read twice, and what is said instead; keys of files stand in backticks."""
+FIRST_DAY = "vsense/modes/live/FIRST_DAY.md"
+"""Its words are checked once its new text is in."""
+CODE = re.compile(r"```.*?```|~~~.*?~~~|`[^`]*`", re.S)
+
+
+def messages(path: Path) -> Iterator[str]:
+    """The strings of a module that people may read: those with a space that are no docstrings."""
+    nodes = [*ast.walk(ast.parse(path.read_text()))]
+    bare = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
+    for node in nodes:
+        text = node.value if isinstance(node, ast.Constant) else None
+        if isinstance(text, str) and " " in text and id(node) not in bare:
+            yield text
+
+
+def test_pages_and_messages_are_in_plain_words() -> None:
+    pages = [page for page in sources() if page not in ("CHANGELOG.md", FIRST_DAY)]
+    read = {page: [(ROOT / page).read_text()] for page in pages}
+    modules = sorted((ROOT / "vsense").rglob("*.py"))
+    read |= {str(path.relative_to(ROOT)): [*messages(path)] for path in modules}
+    avoided = re.compile(rf"\b(?:{'|'.join(AVOIDED)})\b")
+    assert len(read) > 400
+    assert [
+        f"{name}: {word}"
+        for name, texts in read.items()
+        for text in texts
+        for word in avoided.findall(CODE.sub("", text))
+    ] == []

@@ -122,14 +122,14 @@ def test_a_lab_takes_all_its_options(folder: Path, said: Any) -> None:
         for pattern in ("https://.*to-control-it", "Foxglove: ws://", "ready to start: 2 of 2"):
             lab.wait_for(pattern)
         its = f"--process {lab.process.pid} --json"
-        assert said(f"status {its}")["robots"]["tag"] == PLAYING
+        assert said(f"control status {its}")["robots"]["tag"] == PLAYING
         reported = time.monotonic() + 20  # a robot reads its radio now and then
         while said(f"robot status {its}")["signal_dbm"] != [-70, None]:
             assert time.monotonic() < reported
-        assert said(f"start {its}")["text"]
+        assert said(f"control start {its}")["text"]
         lab.wait_for(r"timestep \d")
         for order in ("pause", "start", "stop --emergency", "reset"):
-            assert said(f"{order} {its}")["text"]
+            assert said(f"control {order} {its}")["text"]
     made = json.loads(next(Path("out").rglob("summary.json")).read_text())
     assert (made["seed"], made["blind"]) == (5, True)
 
@@ -155,10 +155,10 @@ def test_robots_are_emulated_measured_and_run(folder: Path, said: Any) -> None:
                 run.wait_for(pattern)
             its = f"--process {run.process.pid} --json"
             for order in ("replace 1843=31", "replace 31=1843"):
-                assert said(f"{order} {its}")["text"]
-            assert said(f"start {its}")["text"]
+                assert said(f"control {order} {its}")["text"]
+            assert said(f"control start {its}")["text"]
             run.wait_for("driving home: 0/2")
-            assert vsense(f"handover {its} --force") == 0
+            assert vsense(f"control handover {its} --force") == 0
             assert run.end() == 130 and "seed 4, 1 s" in "".join(run.said)
 
 
@@ -216,7 +216,7 @@ def test_robots_are_checked_and_calibrated_with_all_options(folder: Path) -> Non
     lab = lab.replace("mixed", "york")
     words = f"robot calibrate foraging {lab} {sensors} -o calibrated --roster swarm.toml {PAGE}"
     until(words, "https://.*to-control-it")
-    assert vsense("render foraging seen --frames 3 --seed 2 --format pgm") == 0
+    assert vsense("camera render foraging seen --frames 3 --seed 2 --format pgm") == 0
     tracked = "--tracking seen/resources.xml seen/experiment.xml --robots 1"
     link = f"--host 127.0.0.1 --port {port}"
     for trust in ("--key swarm.key", "--insecure"):
@@ -240,25 +240,27 @@ def test_files_take_all_options(folder: Path, said: Any) -> None:
     until(
         f"replay {recorded} --speed 2 --insecure {WATCHED}", "https://.*to-control-it", "Foxglove"
     )
-    assert vsense("markers --ids 1 --paper letter --family arrow4x4-thesis -o sheet.pdf") == 0
-    assert said("markers --roster swarm.toml -o robots.pdf --json")["tags"] == [*TAGS]
+    assert (
+        vsense("camera markers --ids 1 --paper letter --family arrow4x4-thesis -o sheet.pdf") == 0
+    )
+    assert said("camera markers --roster swarm.toml -o robots.pdf --json")["tags"] == [*TAGS]
     assert vsense("new other --from phototaxis") == 0 and Path("other/other.argos").exists()
-    assert vsense("calibrate example shown --board charuco:7x5:80mm:4X4_50 --seed 2") == 0
+    assert vsense("camera calibrate example shown --board charuco:7x5:80mm:4X4_50 --seed 2") == 0
 
 
 def test_pictures_are_tracked_served_and_aligned_with_all_options(folder: Path) -> None:
-    assert vsense("render foraging seen --frames 3 --seed 2 --format pgm") == 0
+    assert vsense("camera render foraging seen --frames 3 --seed 2 --format pgm") == 0
     files, port = "seen/resources.xml seen/experiment.xml", free_ports(1)[0]
-    words = f"track {files} --hold --record --roster swarm.toml --insecure -o tracked"
+    words = f"camera track {files} --hold --record --roster swarm.toml --insecure -o tracked"
     until(f"{words} {WATCHED}", "https://.*to-control-it", "Foxglove: ws://")
-    until(f"serve {files} --port {port} --roster swarm.toml", f"port {port}")
+    until(f"camera serve {files} --port {port} --roster swarm.toml", f"port {port}")
     until(
-        "arena align foraging --cameras seen/cameras --pictures seen/pictures --camera cam_0_0"
-        f" --port {port}", f":{port}",
+        "camera arena align foraging --cameras seen/cameras --pictures seen/pictures"
+        f" --camera cam_0_0 --port {port}", f":{port}",
     )  # fmt: skip
     Path("points.csv").write_text("id,x_m,y_m\nnail,0.5,0.4\nscrew,-0.5,0.4\n")
     clicks = "--click cam_0_0:nail:800,600 --click cam_0_0:screw:200,600"
-    words = f"arena align foraging --cameras seen/cameras --points points.csv {clicks}"
+    words = f"camera arena align foraging --cameras seen/cameras --points points.csv {clicks}"
     assert vsense(f"{words} --height 12cm --dry") in (0, 1)
     for command in ("series plan.toml --mode run", "benchmark --quick --mode run"):
         words = f"{command} --roster swarm.toml --tracking {files} --insecure --no-deploy"

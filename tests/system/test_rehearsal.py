@@ -119,7 +119,7 @@ def test_a_robot_with_another_program_is_refused_and_the_run_is_invalid(tmp_path
     assert refused.returncode == 1, refused.stderr
     summary = json.loads(refused.stdout)
     assert summary["verdict"] == "void"
-    assert re.match(rf"epuck_1843_1 was refused: it {runs}: bring", summary["why"])
+    assert re.match(rf"robot 1843 was refused: it {runs}: bring", summary["why"])
     assert f"verdict   INVALID: {summary['why']}" in refused.stderr
     assert summary["per_robot"][0]["connected_share"] == 1.0, "it went on for the other"
     (row,) = read_runs(tmp_path / "refused" / RUNS)
@@ -127,7 +127,7 @@ def test_a_robot_with_another_program_is_refused_and_the_run_is_invalid(tmp_path
     assert taken.returncode == 0, taken.stderr
     summary = json.loads(taken.stdout)
     assert (summary["verdict"], summary["why"]) == ("valid", "")
-    assert re.fullmatch(rf"epuck_1843_1 {runs}", summary["note"])
+    assert re.fullmatch(rf"robot 1843 {runs}", summary["note"])
 
 
 def check_links(measured: subprocess.CompletedProcess[str], stood: NDArray[np.void]) -> None:

@@ -95,11 +95,11 @@ def test_a_run_waits_for_all_starts_them_together_and_ends_in_time(
     for tag in TAGS[:2]:
         floor.connect(tag, port)
     del tracker.places[24]
-    floor.wait_for(program.heard(r"robot 24 \(epuck_24_0\): connected"), "two robots")
+    floor.wait_for(program.heard(r"robot 24: connected"), "two robots")
     floor.live_for(300 * MS)
     assert floor.resting(), "nobody starts before all are there"
     floor.connect(25, port)
-    floor.wait_for(program.heard(r"robot 25 \(epuck_25_0\): connected"), "the third robot")
+    floor.wait_for(program.heard(r"robot 25: connected"), "the third robot")
     floor.live_for(300 * MS)
     assert floor.resting() and "all robots start" not in program.said
     tracker.places[24] = (0.2, 0.1, 0.0)
@@ -165,11 +165,11 @@ def test_a_robot_that_dies_is_missed_and_taken_back_while_the_others_go_on(
     floor.wait_for(floor.moving, "motion")
     floor.disconnect(24)
     floor.wait_for(lambda: floor.resting(24), "its rest")
-    floor.wait_for(program.heard(r"robot 24 \(epuck_24_0\): its connection"), "word of it")
+    floor.wait_for(program.heard(r"robot 24: its connection"), "word of it")
     assert floor.moving(23, 25)
     floor.connect(24, port)
     floor.wait_for(floor.moving, "all in motion")
-    assert program.heard(r"robot 24 \(epuck_24_0\): reconnected")()
+    assert program.heard(r"robot 24: reconnected")()
     program.tell(signal.SIGTERM)
     assert end(floor, program) == 143
     figures = summary(tmp_path)
@@ -186,7 +186,7 @@ def test_who_is_missing_too_long_is_left_behind_and_may_join_later(
     for tag in TAGS[:2]:
         floor.connect(tag, port)
     floor.wait_for(lambda: floor.moving(23, 24), "motion of two")
-    assert "starting without epuck_25_0; not connected: epuck_25_0" in program.said
+    assert "starting without all robots; not connected: 25" in program.said
     floor.connect(25, port)
     floor.wait_for(floor.moving, "motion of all")
     program.tell(signal.SIGINT)
@@ -291,7 +291,7 @@ def test_our_own_tracking_server_drives_a_run_past_its_recording_and_ends_it(
 def test_nobody_at_all_is_no_run(floor: Floor, tracker: Trackers, begin: Callable) -> None:
     program, _ = begin("--start-after", "1")
     assert end(floor, program) == 1
-    names = "epuck_23_0, epuck_24_0, epuck_25_0"
+    names = "23, 24, 25"
     assert f"no robot is there; not connected: {names}\n" in program.said
 
 

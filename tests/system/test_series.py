@@ -64,7 +64,7 @@ def test_a_series_goes_on_whatever_happens(
     for tag in (700, 31):
         floor.connect(tag, port, HOST, networks.command(tag))
     floor.wait_for(lambda: floor.moving(700, 31), "the first run, of two")
-    assert f"starting without epuck_{LATE}_0; not connected: epuck_{LATE}_0" in program.said
+    assert f"starting without all robots; not connected: {LATE}" in program.said
     floor.connect(LATE, port, HOST, networks.command(LATE))
     floor.wait_for(lambda: floor.moving(LATE), "the third robot")
 
@@ -81,7 +81,7 @@ def test_a_series_goes_on_whatever_happens(
     floor.wait_for(floor.moving, "its motion")
     networks.cut(31)
     floor.wait_for(lambda: floor.resting(31), "rest of the robot without a network")
-    floor.wait_for(program.heard(r"robot 31 \(epuck_31_0\): .*lost|nothing heard"), "word of it")
+    floor.wait_for(program.heard(r"robot 31: .*lost|nothing heard"), "word of it")
     assert floor.moving(700, LATE), "the others go on"
     networks.restore(31)
     back_ns = host_ns()

@@ -1,4 +1,4 @@
-"""`vsense serve` on a drawn recording, with a client of the original system."""
+"""`vsense camera serve` on a drawn recording, with a client of the original system."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def start(recording: Path, command: str, *arguments: str, **streams: int) -> sub
 
 
 class Server:
-    """A running `vsense serve`."""
+    """A running `vsense camera serve`."""
 
     def __init__(self, recording: Path) -> None:
         self.process = start(recording, "serve", "--port", "0", stderr=subprocess.PIPE)

@@ -1,4 +1,4 @@
-"""`vsense track` on cameras: pictures over the network, a camera that dies, Ctrl-C."""
+"""`vsense camera track` on cameras: pictures over the network, a camera that dies, Ctrl-C."""
 
 from __future__ import annotations
 

@@ -162,7 +162,7 @@ def test_one_member_stops_the_others_run_and_a_stranger_does_not(lab: Lab) -> No
             assert seen.stdout.startswith(f"wander, {lab.anna}'s: run 1 is running"), seen.stderr
             stopped = lab.ask(lab.ben, "stop", "--emergency", "--all")
             assert stopped.returncode == 0 and "EMERGENCY STOP" in stopped.stdout, stopped.stderr
-            assert f"vsense track, {lab.anna}'s" in stopped.stdout
+            assert f"vsense camera track, {lab.anna}'s" in stopped.stdout
             assert run.stdout.readline() == "robots: STOP\n"
             assert run.stdout.readline().startswith(f"{lab.ben} (terminal): EMERGENCY STOP")
             given = lab.ask(lab.ben, "handover", "23")

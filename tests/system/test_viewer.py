@@ -1,4 +1,4 @@
-"""The Viewer: `vsense track` whose runs are begun, suspended and ended by orders, and recorded."""
+"""The Viewer: `vsense camera track` with runs that orders begin, suspend and end, and record."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def _look_at(viewer: Viewer, out: Path, first: Path) -> None:
     assert [gap.why for gap in recorded.gaps] == ["recording was switched off"]
     findings = read_findings(first)
     assert findings.gathered.ran and findings.gathered.flow.lived == runs[0]["timesteps"]
-    assert findings.only_tracked.startswith("robots were only tracked (vsense track): it has no ")
+    assert findings.only_tracked.startswith("robots were only tracked (vsense camera track): no ")
     assert "no readings (/readings)" in findings.only_tracked
 
 

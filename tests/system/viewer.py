@@ -1,4 +1,4 @@
-"""A `vsense track` whose runs orders begin and end."""
+"""A `vsense camera track` whose runs orders begin and end."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PATIENCE_S = 60.0
 
 
 class Viewer:
-    """A running `vsense track`, spoken to as `vsense start` and its like speak to it."""
+    """A running `vsense camera track`, spoken to as `vsense control` speaks to it."""
 
     def __init__(self, words: list[str], states: Path, folder: Path) -> None:
         """Starts the command in `folder`; its standard output goes to the file `states`."""

@@ -5,7 +5,7 @@ Unix group (`vsense share` says how); what is in it, the group's members see, st
 nobody else does. The group owns it and its mode is 2770: whatever a member makes in it is the
 group's, too. Without such a folder each account has its own runs, keys and leases.
 
-This module needs nothing of vsense but its errors, as `vsense stop --emergency` does.
+This module needs nothing of vsense but its errors, as `vsense control stop --emergency` does.
 """
 
 from __future__ import annotations

@@ -287,7 +287,7 @@ def add_web(
         " only; 0.0.0.0:8080 is every interface, with HTTPS, one token for looking and another for"
         " control, which are printed" + (f" (default: {default[1]})" if default else ""),
     )
-    text = "a file with the lines look=... and control=..., instead of tokens drawn anew"
+    text = "a file with the lines look=... and control=..., instead of new random tokens"
     option(group, "--web-tokens", Path, "FILE", text)
     text = (
         "serve the page with HTTPS and this certificate (PEM); without it, a page that other"
@@ -308,8 +308,8 @@ def add_foxglove(parser: argparse.ArgumentParser) -> None:
         const=("127.0.0.1", FOXGLOVE_PORT),
         metavar="[ADDRESS:]PORT",
         help="serve the same to Foxglove, to look only and on this machine only (default port:"
-        f" {FOXGLOVE_PORT}); with an address such as 0.0.0.0:{FOXGLOVE_PORT} everybody who reaches"
-        " it can look: there are no tokens",
+        f" {FOXGLOVE_PORT}); with an address such as 0.0.0.0:{FOXGLOVE_PORT} any machine that"
+        " reaches it can look: there are no tokens",
     )
 
 
@@ -319,7 +319,7 @@ def foxglove_of(options: argparse.Namespace) -> FoxgloveAddress | None:
 
 
 ONE_CAMERA = "all pictures are of this camera, whatever their folders"
-INSECURE_PAGE = "other machines may open the page with plain HTTP: whoever hears a token can use it"
+INSECURE_PAGE = "other machines may open the page with plain HTTP, in which tokens can be heard"
 
 
 def web_of(options: argparse.Namespace) -> WebAddress | None:

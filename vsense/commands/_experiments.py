@@ -37,8 +37,8 @@ def add_experiment(parser: argparse.ArgumentParser, stage: Stage) -> None:
         parser, "--strict", "refuse a file in which anything is not supported, instead of warning"
     )
     text = (
-        "go on where a controller asks for a sensor or actuator that nobody offers, or is told a"
-        " parameter that it does not read or that is no number: it is only said"
+        "go on where a controller asks for a sensor or actuator that is not there, or is given"
+        " a parameter that it does not read or that is no number: a message says so"
     )
     _arguments.flag(parser, "--lenient", text)
     _arguments.add_code(parser)
@@ -54,7 +54,7 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
     text = "seed of everything that is drawn (default: the file's; 0 draws a fresh one)"
     _arguments.option(parser, "--seed", _arguments.natural, "N", text)
     _arguments.option(parser, "--robots", _arguments.positive, "N", ROBOTS)
-    _arguments.flag(parser, "--blind", "hold the virtual sensors at 0: the control experiment")
+    _arguments.flag(parser, "--blind", "no virtual sensors (all read 0): the control experiment")
     _arguments.flag(parser, "--json", "print the summary, or what --dry says, as one JSON object")
 
 
@@ -76,7 +76,7 @@ def add_trust(parser: argparse.ArgumentParser) -> None:
     """Declares which robots are believed."""
     add_key(parser)
     add_insecure(
-        parser, "take robots that have no key, too: whoever reaches the port can drive robots"
+        parser, "take robots that have no key, too: anyone on the network can drive robots"
     )
 
 
@@ -123,8 +123,8 @@ def add_room(parser: argparse.ArgumentParser) -> None:
     _arguments.add_foxglove(parser)
     group = _arguments.add_hold(
         parser,
-        "start no run by itself, but with a key, on the page or with vsense start; after a run"
-        " wait for the next one, until Ctrl-C",
+        "start no run by itself, but with a key, on the page or with vsense control start; after a"
+        " run wait for the next one, until Ctrl-C",
     )
     text = "a series of N runs; the seed of each is the one before plus 1 (default: 1)"
     _arguments.option(group, "--runs", _arguments.positive, "N", text, 1)

@@ -53,7 +53,7 @@ def add_radios(parser: Any) -> None:
         action="append",
         default=[],
         metavar="TAG=DBM[,MBIT_S][,saves]",
-        help="robot TAG tells of a Wi-Fi with this signal and bit rate, whose power saving is on"
+        help="robot TAG reports a Wi-Fi with this signal and bit rate, whose power saving is on"
         " with saves: 23=-84,5.5,saves; no packet is lost for it; may be given again (default: no"
         " robot has one)",
     )

@@ -35,8 +35,8 @@ def add_home(group: Any) -> None:
         metavar="VOLTS",
         help="before each run: robots with less in their batteries, or whose bases say only that it"
         " is low, are named, drive to their starts and rest there while the others run, until they"
-        " have another one, or a spare of the roster plays for them from the next run on (default:"
-        " 0, nobody rests)",
+        " have another one, or a spare of the roster has their role from the next run on (default:"
+        " 0, no robot rests)",
     )
 
 

@@ -38,11 +38,11 @@ def add_casting(parser: argparse.ArgumentParser, default: str = HERE) -> None:
     """Declares who plays: `--roster` and `--replace`; for `default` see `add_roster`."""
     add_roster(
         parser,
-        f"{MARKERS}, and those that work and are no spares, in their order, play the parts to"
+        f"{MARKERS}, and those that work and are no spares, in their order, take the roles to"
         " which the experiment gives no tags",
         default,
     )
-    add_replace(parser, "23=37: robot 37 plays the part of 23, with its controller, start and name")
+    add_replace(parser, "23=37: robot 37 takes the role of 23, with its controller, start and name")
 
 
 def add_replace(parser: argparse.ArgumentParser, text: str) -> None:

@@ -1,4 +1,4 @@
-"""`vsense arena`: where the experiment's arena is, among the real walls."""
+"""`vsense camera arena`: where the experiment's arena is, among the real walls."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def _add_align(step: Any) -> None:
         type=Path,
         nargs="+",
         metavar="PATH",
-        help="what to drag the corners on: a folder with a folder per camera, as `vsense cameras"
+        help="what to drag the corners on: a folder with a folder per camera, as `vsense camera"
         " shoot` makes it; each camera's last picture counts",
     )
     _arguments.option(step, "--camera", str, "NAME", _arguments.ONE_CAMERA)

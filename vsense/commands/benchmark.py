@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
 DESCRIPTION = (
     "Qualifies a lab, simulated, rendered or real, by three missions that are the same everywhere:"
-    " aggregation, foraging and phototaxis, each sighted and blind, in random order and with"
-    " repetitions, as `vsense series` makes runs. From these runs it tells latency, how true poses"
-    " are, what wheels do and how noisy everything is, and how well each mission went:"
+    " aggregation, foraging and phototaxis, each with and without virtual sensors, in random order"
+    " and with repetitions, as `vsense series` makes runs. From these runs it computes latency, how"
+    " true poses are, what wheels do and how noisy everything is, and how well each mission went:"
     " benchmark.json and a report. Ctrl-C costs the run that goes on; the same command goes on"
     " from there."
 )

@@ -1,4 +1,4 @@
-"""`vsense calibrate`: from pictures of a printed board to camera files."""
+"""`vsense camera calibrate`: from pictures of a printed board to camera files."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ def _add_check(steps: Any) -> None:
         help="say how true the calibration in use is, by measured points or a second board",
         description="Holds what the cameras see against points that were measured with a tape, or"
         " against a second board on the floor; prints how far off each camera is, and keeps that"
-        " beside the camera files: later runs, recordings and reports tell it.",
+        " beside the camera files: later runs, recordings and reports show it.",
     )
     text = "folder with the camera files in use (default: cameras)"
     _arguments.option(step, "--cameras", Path, "DIR", text, Path("cameras"))

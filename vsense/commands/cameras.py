@@ -1,4 +1,4 @@
-"""`vsense cameras`: what is plugged in, how it looks, and how it is set up."""
+"""`vsense camera list`: what is plugged in, how it looks, and how it is set up."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 from vsense.base.errors import UsageError
 from vsense.base.terminal import Console, drop_output, interruption
-from vsense.commands import _arguments, _experiments, _rosters
+from vsense.commands import COMMANDS, _arguments, _experiments, _rosters
 from vsense.commands._arguments import Options
 from vsense.config.experiment import first_robots, load, of_folder
 from vsense.config.placement import settle
@@ -19,16 +19,11 @@ from vsense.tools.camera_setup.showing import ShowOptions
 from vsense.tools.camera_setup.tuning import SPEED_M_S, TuneOptions
 from vsense.vision.cameras.source import Controls
 
-DESCRIPTION = (
-    "Without an action it lists the cameras: GigE Vision, USB3 Vision, V4L2. 'show' looks through"
-    " one, 'tune' helps with its exposure and gain, 'init' writes the configuration files for all"
-    " that are there, and 'shoot' takes pictures of a board with all of them for vsense calibrate."
-    " 'pretend' stands in for cameras at a desk: it renders them, for all that takes cameras."
-)
+DESCRIPTION = "What is plugged in: GigE Vision, USB3 Vision, V4L2."
 
 _ID = (
-    "what `vsense cameras` lists as its id or address, its serial number, /dev/video0, a URL, or"
-    " with --resources the id of a grabber"
+    "what `vsense camera list` lists as its id or address, its serial number, /dev/video0, a URL,"
+    " or with --resources the id of a grabber"
 )
 CAMERAS_PORT = 4060
 """Where rendered cameras are, unless told otherwise."""
@@ -44,10 +39,10 @@ _TAKEN = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
-    parser.add_argument("--json", action="store_true", help="print the list as JSON")
-    actions = parser.add_subparsers(title="actions", metavar="ACTION", dest="action")
-    for name, (text, declare) in _ACTIONS.items():
-        declare(_arguments.add_action(actions, name, text))
+    name = parser.prog.split()[-1]
+    text = COMMANDS[f"camera {name}"][1]
+    parser.description = f"{text[:1].upper()}{text[1:]}."
+    _ACTIONS[name](parser)
 
 
 def _add_show(parser: argparse.ArgumentParser) -> None:
@@ -65,7 +60,7 @@ def _add_tune(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("what is in the picture")
     text = "of the robots (default: 0.13, an e-puck's maximum)"
     _arguments.option(group, "--speed", _positive, "M/S", text, SPEED_M_S)
-    text = "pixels per metre at the markers (default: told by the markers in the picture)"
+    text = "pixels per metre at the markers (default: from the markers in the picture)"
     _arguments.option(group, "--px-per-m", _positive, "PX", text)
     _arguments.option(group, "--focal-px", _positive, "PX", "or: focal length, with --height-m")
     _arguments.option(group, "--height-m", _positive, "M", "from the lens down to the markers")
@@ -117,7 +112,7 @@ def _add_shoot(parser: argparse.ArgumentParser) -> None:
     _arguments.option(parser, "-o --output", Path, "DIR", text, Path("shoot"))
     text = (
         "say in which pictures this board is seen, such as charuco:7x5:80mm:4X4_50; see vsense"
-        " calibrate"
+        " camera calibrate"
     )
     _arguments.option(parser, "--board", str, "BOARD", text)
     text = "take a picture every S seconds, instead of with the Enter key"
@@ -145,21 +140,18 @@ def _add_camera(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_json(parser: argparse.ArgumentParser) -> None:
-    # Without a default of its own: --json before the action counts, too.
-    parser.add_argument(
-        "--json", action="store_true", default=argparse.SUPPRESS, help="print it as JSON"
-    )
+    _arguments.flag(parser, "--json", "print it as JSON")
 
 
 _ACTIONS = {
-    "list": ("show what is there (as without an action)", _add_json),
-    "show": ("look through a camera, or take one picture", _add_show),
-    "tune": ("help with a camera's exposure and gain", _add_tune),
-    "init": ("write the configuration files for what is there", _add_init),
-    "shoot": ("take pictures of a board with all cameras", _add_shoot),
-    "pretend": ("render cameras above emulated robots, to rehearse without any", _add_pretend),
+    "list": _add_json,
+    "show": _add_show,
+    "tune": _add_tune,
+    "init": _add_init,
+    "shoot": _add_shoot,
+    "pretend": _add_pretend,
 }
-"""Each action's line in the help, and what declares its arguments."""
+"""What declares each action's arguments."""
 
 
 def _positive(text: str) -> float:
@@ -187,7 +179,7 @@ def run(options: argparse.Namespace) -> int:
         "pretend": lambda: _pretend(options),
     }
     try:
-        return actions[options.action or "list"]()
+        return actions[options.command]()
     except BrokenPipeError:
         drop_output()
         return 0

@@ -60,5 +60,5 @@ def answer() -> None:
         words = typed.split()
     # The word that is being typed is no command yet.
     done = words[1:] if typed[-1:].isspace() else words[1:-1]
-    named = [word for word in done[:1] if word in commands.COMMANDS]
-    argcomplete.autocomplete(commands.parser(named), always_complete_options="long")
+    known = done[:1] if done[:1] and done[0] in commands.names() else []
+    argcomplete.autocomplete(commands.parser([*known, *done[1:]]), always_complete_options="long")

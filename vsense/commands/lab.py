@@ -59,7 +59,7 @@ def add_cameras(group: Any) -> None:
     _arguments.option(group, "--cameras", _grid, "CxR", text)
     text = (
         "hang the cameras as people do, a little off, and know them only from rendered pictures of"
-        " a board, as `vsense calibrate rig` would (default: the cameras are known exactly)"
+        " a board, as `vsense camera calibrate rig` would (default: the cameras are known exactly)"
     )
     _arguments.flag(group, "--calibrate", text)
 

@@ -1,4 +1,4 @@
-"""`vsense markers`: sheets of markers to print, and markers in pictures."""
+"""`vsense camera markers`: sheets of markers to print, and markers in pictures."""
 
 from __future__ import annotations
 

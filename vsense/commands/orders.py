@@ -1,4 +1,4 @@
-"""`vsense status`, `start`, `stop`, `handover` and their like: to a running experiment."""
+"""`vsense control`: orders and questions to a running experiment."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from vsense.monitor.ui.control_client import Answered
 
 DESCRIPTION = (
     "Talks to the `vsense run` or `vsense lab` that this user, or another member of its lab (see"
-    " `vsense share`), runs on this machine, or, where there is none, to its `vsense track`. Orders"
-    " from here, from its keyboard and from the page are the same, and all see them."
+    " `vsense share`), runs on this machine, or, where there is none, to its `vsense camera track`."
+    " Orders from here, from its keyboard and from the page are the same, and all see them."
 )
 HANDOVER = (
     "Robots belong to one `vsense run` at a time, also between its runs. This ends the run that has"
@@ -29,14 +29,14 @@ HANDOVER = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the arguments of all seven."""
     name = parser.prog.split()[-1]
-    text = COMMANDS[name][1]
+    text = COMMANDS[f"control {name}"][1]
     parser.description = f"{text[:1].upper()}{text[1:]}. {DESCRIPTION}"
     if name == "replace":
         parser.add_argument(
             "pair",
             type=_tag_pair,
             metavar="TAG=TAG",
-            help="23=37: robot 37 plays the part of 23 from the next run on, with its controller,"
+            help="23=37: robot 37 takes the role of 23 from the next run on, with its controller,"
             " start and name; refused while a run goes on",
         )
     if name == "handover":
@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_process(parser)
     if name == "handover":
         _arguments.flag(parser, "--force", "end a run that is going on, too; its wheels stop")
-        _arguments.flag(parser, "--list", "only say who has which robots")
+        _arguments.flag(parser, "--list", "only say which run has which robots")
     _arguments.flag(parser, "--json", "print the answer as one JSON object")
     if name == "stop":
         text = (

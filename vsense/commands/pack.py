@@ -74,7 +74,7 @@ def run(options: argparse.Namespace) -> int:
     for words in packed.lines():
         console.say(words)
     for words in packed.lacks:
-        console.say(f"lacking: {words}", "warning")
+        console.say(f"missing: {words}", "warning")
     if options.json:
         print_data(json.dumps(packed.as_json(), indent=2))
     return 0

@@ -1,4 +1,4 @@
-"""`vsense render`: the lab's pictures as files for `vsense track`."""
+"""`vsense camera render`: the lab's pictures as files for `vsense camera track`."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from vsense.modes.lab.recorder import record
 DESCRIPTION = (
     "Draws what the lab's cameras see of an experiment's robots wandering about, and writes what"
     " real cameras would leave: pictures with timestamps, camera files, the two configuration files"
-    " of `vsense track`, and truth.csv, where every robot truly was. No robot's program runs, and"
-    " nothing is recorded: `vsense lab --record` does that."
+    " of `vsense camera track`, and truth.csv, where every robot truly was. No robot's program"
+    " runs, and nothing is recorded: `vsense lab --record` does that."
 )
 
 
@@ -54,7 +54,7 @@ def run(options: argparse.Namespace) -> int:
     console.end_progress()
     console.say(
         f"vsense: drawn into {options.directory}; now:"
-        f" vsense track {options.directory}/resources.xml {options.directory}/experiment.xml"
+        f" vsense camera track {options.directory}/resources.xml {options.directory}/experiment.xml"
         " --offline"
     )
     return 0

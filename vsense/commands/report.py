@@ -16,10 +16,10 @@ from vsense.studies.report import FORMATS, Questions
 DESCRIPTION = (
     "Makes report.html, one page that holds everything it shows, and its charts as PNG, SVG or PDF:"
     " trajectories, occupancy, the experiment's measures, robots seen and connected, latency, loss"
-    " and gaps. Several recordings are compared as well, each experiment's sighted runs with its"
-    " blind ones, and simulated runs with those of the lab and of real robots. Tables of runs"
-    " (runs.csv, and those of vsense sim --runs) become figures, tests, effect sizes and a"
-    " paragraph for a paper: the run is the unit. Nothing is written over."
+    " and gaps. Several recordings are compared as well, each experiment's runs with virtual"
+    " sensors with those without, and simulated runs with those of the lab and of real robots."
+    " Tables of runs (runs.csv, and those of vsense sim --runs) become figures, tests, effect sizes"
+    " and a paragraph for a paper: the run is the unit. Nothing is written over."
 )
 
 

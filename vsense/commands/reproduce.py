@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _arguments.option(parser, "-o --output", Path, "FOLDER", text)
     text = (
         "compile and run code of the package: controllers and loop functions are programs of"
-        " whoever packed it, and can do what you can"
+        " its author, and can do what you can"
     )
     _arguments.flag(parser, "--trust", text)
     _arguments.flag(parser, "--check", "only compare the checksums")

@@ -41,13 +41,13 @@ DESCRIPTION = (
     " to all of them with ssh, each its own where an experiment has several, writes each robot's"
     " settings, gives each a"
     " key of its own, so that nobody else moves it, and has it start with the board. 'keys' makes"
-    " the swarm's key that theirs are made of, and says who has which. 'status' tells who is"
-    " connected to the `vsense run` or `vsense lab` on this machine: software and controller, link,"
-    " pose, battery, base errors, and what is wrong. 'emulate' stands in for robots and tracker: a"
-    " `vsense run` rehearsed at a desk. 'calibrate' drives robots below the cameras, hands off, and"
-    " finds their wheels, where their markers sit, and what their own sensors read. 'check'"
-    " looks who is there and, with --wiggle, turns one robot after the other: the marker that turns"
-    " must be its own. 'link'"
+    " the swarm's key that theirs are made of, and says which robots have which. 'status' shows"
+    " which are connected to the `vsense run` or `vsense lab` on this machine: software and"
+    " controller, link, pose, battery, base errors, and what is wrong. 'emulate' stands in for"
+    " robots and tracker: a `vsense run` rehearsed at a desk. 'calibrate' drives robots below the"
+    " cameras, hands off, and finds their wheels, where their markers sit, and what their own"
+    " sensors read. 'check' says which robots are there and, with --wiggle, turns one robot after"
+    " the other: the marker that turns must be its own. 'link'"
     " loads all robots with an experiment's traffic, standing still, and names the worst link."
 )
 
@@ -66,7 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         add("calibrate", "measure robots' wheels, markers and sensors with the overhead cameras")
     )
     robot_measure.add_check(
-        add("check", "look who is there, and whether each robot wears its own marker")
+        add("check", "say which robots are there, and whether each robot wears its own marker")
     )
     robot_link.add_arguments(
         add("link", "measure the robots' links under an experiment's own traffic, standing still")
@@ -113,8 +113,8 @@ def _add_code(parser: argparse.ArgumentParser) -> None:
 def _add_deploy(parser: argparse.ArgumentParser) -> None:
     _rosters.add_roster(
         parser,
-        "the lab's robots, a table [[robot]] each with tag = 23 and host = what ssh is told; what"
-        " was measured of one becomes its settings",
+        "the lab's robots, a table [[robot]] each with tag = 23 and host = what ssh connects to;"
+        " what was measured of one becomes its settings",
     )
     _rosters.add_tags(parser)
     _rosters.add_replace(parser, "with --experiment: bring 37 the controller that 23 runs")
@@ -130,7 +130,7 @@ def _add_deploy(parser: argparse.ArgumentParser) -> None:
     )
     _experiments.add_key(parser)
     _experiments.add_insecure(
-        parser, "bring no keys: the robots obey whoever sends them commands", page=False
+        parser, "bring no keys: the robots obey anyone on the network", page=False
     )
     _add_ways(parser)
     text = "send nothing: say what each robot would be sent, and what would be done there"

@@ -55,7 +55,7 @@ def add_ssh(parser: Any) -> None:
         action="append",
         default=[],
         metavar="NAME=VALUE",
-        help="what ssh is told with -o, such as HostKeyAlgorithms=+ssh-rsa for an old board; may"
+        help="what ssh gets with -o, such as HostKeyAlgorithms=+ssh-rsa for an old board; may"
         " be given several times",
     )
 

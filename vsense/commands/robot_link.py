@@ -47,7 +47,7 @@ def _add_link(parser: argparse.ArgumentParser) -> None:
     _arguments.add_link(parser)
     _experiments.add_key(parser)
     _experiments.add_insecure(
-        parser, "take robots that have no key, too: whoever reaches the port can be one", page=False
+        parser, "take robots that have no key, too: anyone on the network can be one", page=False
     )
 
 

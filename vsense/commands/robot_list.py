@@ -50,7 +50,7 @@ def add_status(parser: argparse.ArgumentParser) -> None:
     orders.add_process(parser)
     _rosters.add_roster(
         parser,
-        "show all robots of this roster: part, link and battery as the running experiment tells"
+        "show all robots of this roster: role, link and battery as the running experiment reports"
         " them, or where none runs, whether each board answers ssh and runs vsensed; and what the"
         " roster knows of each (default: only those of the running experiment)",
         default="",

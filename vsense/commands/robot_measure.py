@@ -52,11 +52,11 @@ def add_check(parser: argparse.ArgumentParser) -> None:
     _arguments.add_experiment_name(parser)
     text = (
         "each robot turns 20 degrees and back in its turn, all others stand: the marker that turns"
-        " must be its own (default: nobody moves, it is only looked who is connected and seen)"
+        " must be its own (default: no robot moves, only those connected and seen are listed)"
     )
     _arguments.flag(parser, "--wiggle", text)
     _add_tracking(parser)
-    _rosters.add_roster(parser, "the lab's robots: who plays, and what of it has to be changed")
+    _rosters.add_roster(parser, "the lab's robots: which take part, and what is to be changed")
     _add_session(parser, f"folder for {measuring.CHECK_FILE}", "print what was found as JSON")
     lab = _add_lab(parser, "check a lab's robots, of which some may have a fault")
     _hardware.add_errors(lab)
@@ -68,7 +68,7 @@ def _add_tracking(parser: argparse.ArgumentParser) -> None:
         "--tracking",
         nargs=2,
         metavar=("RESOURCES", "SESSION"),
-        help="the overhead cameras: these two files of `vsense track`",
+        help="the overhead cameras: these two files of `vsense camera track`",
     )
 
 
@@ -85,7 +85,7 @@ def _add_session(parser: argparse.ArgumentParser, folder: str, json_text: str) -
     _experiments.add_key(parser)
     _arguments.add_web(parser, insecure=False)
     _experiments.add_insecure(
-        parser, "take robots that have no key, too: whoever reaches the port can drive robots"
+        parser, "take robots that have no key, too: anyone on the network can drive robots"
     )
 
 

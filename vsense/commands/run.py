@@ -15,8 +15,8 @@ DESCRIPTION = (
     " (--tracking), or from the tracker that the experiment's <framework> names: one that speaks"
     " the original protocol (ats_host, ats_port) or any other one (<vs:tracker format='lines' />)."
     " All robots that are connected and seen start on one signal. Where arena states stay out the"
-    " robots stand still until they are back; whoever drops out may come back at any time. The run"
-    " ends after its length, or with Ctrl-C."
+    " robots stand still until they are back; a robot that drops out may come back at any time. The"
+    " run ends after its length, or with Ctrl-C."
 )
 
 
@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _experiments.add_settings(parser)
     add_ends(parser)
     _experiments.add_legacy_port(parser)
-    text = "start after S s at the latest, without whoever is missing (default: wait for all)"
+    text = "start after S s at the latest, without robots that are missing (default: wait for all)"
     _arguments.option(parser, "--start-after", _arguments.seconds, "S", text)
     text = (
         "serve the devices of ARGoS's elements, such as <epuck_ground>, from the virtual world, as"
@@ -52,7 +52,7 @@ def add_ends(parser: argparse.ArgumentParser, link_check: float = 0.0) -> None:
         "--tracking",
         nargs=2,
         metavar=("RESOURCES", "SESSION"),
-        help="track with these two files of `vsense track`: cameras, or recordings in their place",
+        help="track with these two files of `vsense camera track`: cameras, or recordings instead",
     )
     text = (
         "use this tracker, whatever the file names: ADDRESS:PORT speaks the original protocol;"

@@ -44,8 +44,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _arguments.option(parser, "-o --output", Path, "DIR", text)
     _arguments.flag(parser, "--json", "print how the series stands in the end as one JSON object")
     text = (
-        "go on where a controller asks for a sensor or actuator that nobody offers, or is told a"
-        " parameter that it does not read"
+        "go on where a controller asks for a sensor or actuator that is not there, or is given"
+        " a parameter that it does not read"
     )
     _arguments.flag(parser, "--lenient", text)
     _arguments.add_code(parser)

@@ -1,4 +1,4 @@
-"""`vsense serve`: the arena tracking server."""
+"""`vsense camera serve`: the arena tracking server."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from vsense.commands import _arguments, _hardware, _rosters
 from vsense.modes.live import serve
 
 DESCRIPTION = (
-    "Tracks robots as `vsense track` does and hands the arena state to clients over TCP, in the"
-    " original system's protocol (ONE_SHOT, START_EXPERIMENT, STOP_EXPERIMENT), one client after"
-    " another. A recording is played from its beginning in every run. Ends with Ctrl-C."
+    "Tracks robots as `vsense camera track` does and hands the arena state to clients over TCP, in"
+    " the original system's protocol (ONE_SHOT, START_EXPERIMENT, STOP_EXPERIMENT), one client"
+    " after another. A recording is played from its beginning in every run. Ends with Ctrl-C."
 )
 
 
@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _rosters.add_roster(parser, _rosters.MARKERS)
     text = (
         "interface to listen on, 0.0.0.0: all (default: 127.0.0.1, this machine only): the"
-        " original's protocol knows no keys, so whoever reaches the port is served"
+        " original's protocol knows no keys, so any machine that reaches the port is served"
     )
     _arguments.option(parser, "--host", str, "ADDRESS", text, "127.0.0.1")
     text = "TCP port; 0 takes a free one (default: the experiment file's server_port)"

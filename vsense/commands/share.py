@@ -19,14 +19,14 @@ DESCRIPTION = (
     "Runs, robots and keys belong to a lab, not to an account: where an administrator has made the"
     " lab's folder, members of its Unix group see, pause, stop and hand over each other's runs, and"
     " use one key of the swarm. Without a folder this says what root types to make it; with one,"
-    " who is in it and who has which robots. Nothing is changed."
+    " its members and which of them has which robots. Nothing is changed."
 )
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     parser.add_argument(
-        "users", nargs="*", type=_name, metavar="USER", help="who shall be in it (default: you)"
+        "users", nargs="*", type=_name, metavar="USER", help="its members (default: you)"
     )
     text = f"the Unix group (default: {sharing.GROUP}, or that of the folder that is there)"
     _arguments.option(parser, "--group", _name, "NAME", text)
@@ -64,7 +64,7 @@ def _say_how(options: argparse.Namespace, lab: LabFolder | None, reason: str) ->
     elif reason and not options.users:
         print_data(reason)
     else:
-        head = "as root, once; who is new in the group has to log in again:"
+        head = "as root, once; new members have to log in again:"
         print_data("\n".join([head, *(f"    {line}" for line in lines)]))
     return int(lab is None)
 

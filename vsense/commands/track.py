@@ -1,4 +1,4 @@
-"""`vsense track`: from cameras or recordings to arena states."""
+"""`vsense camera track`: from cameras or recordings to arena states."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ DESCRIPTION = (
     "Finds and follows every robot in the pictures of cameras or recordings, and prints one arena"
     " state per timestep. The resources file says which picture sources, trackers and cameras there"
     " are, the experiment file which of them to use. Lengths are in m, angles in rad, times in ns."
-    " Page, keys and vsense start, pause, stop and reset begin, suspend and end runs: what lies"
-    " between is printed and recorded. With --web and cameras a stop leaves them in the page, and a"
-    " start begins the next run; else tracking ends with the run."
+    " Page, keys and vsense control start, pause, stop and reset begin, suspend and end runs: what"
+    " lies between is printed and recorded. With --web and cameras a stop leaves them in the page,"
+    " and a start begins the next run; else tracking ends with the run."
 )
 
 
@@ -46,8 +46,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _arguments.add_foxglove(parser)
     group = _arguments.add_hold(
         parser,
-        "track, but begin no run by itself: a key, the page or vsense start does; after a run wait"
-        " for the next one, until Ctrl-C. A recording begins anew with each run",
+        "track, but begin no run by itself: a key, the page or vsense control start does; after a"
+        " run wait for the next one, until Ctrl-C. A recording begins again with each run",
     )
     _arguments.add_recording(group)
 

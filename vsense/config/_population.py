@@ -227,7 +227,7 @@ def _larger(count: int) -> str:
 
 
 def _free_tags(family: str, count: int, worn: frozenset[int]) -> list[int]:
-    """Chooses free tags, those of `vsense markers --ids auto:N` first.
+    """Chooses free tags, those of `vsense camera markers --ids auto:N` first.
 
     Another robot at the end of a file leaves the others theirs.
     """

@@ -40,8 +40,8 @@ ENTITIES = {
 
 EPUCK_SETTINGS = {
     "battery": ("text", "the real battery counts"),
-    "vss_host": ("text", "all robots are told the address of <experiment>"),
-    "vss_port": ("number", "all robots are told the address of <experiment>"),
+    "vss_host": ("text", "all robots get the address of <experiment>"),
+    "vss_port": ("number", "all robots get the address of <experiment>"),
 }
 """Attributes of <e-puck> that only a simulated one obeys: their type, and what holds instead."""
 

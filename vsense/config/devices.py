@@ -246,7 +246,7 @@ def _read_section(
 
 
 def _nobodys(element: Element, kind: str) -> DeviceSpec:
-    return DeviceSpec(kind, element.name, "nobody serves it", False)
+    return DeviceSpec(kind, element.name, "nothing serves it", False)
 
 
 def _read_argos(

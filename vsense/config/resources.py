@@ -50,7 +50,7 @@ def read_camera_grabber(id: str, kind: str, element: Element) -> GrabberSpec:
     """Reads a grabber whose `kind` is `CAMERA` or `GENICAM`."""
     expected = {
         CAMERA: "a device such as '/dev/video0', or a URL",
-        GENICAM: "an IP address, or an id that 'vsense cameras' shows",
+        GENICAM: "an IP address, or an id that 'vsense camera list' shows",
     }
     device = element.text("device", None, expected[kind])
     controls = _controls(element, rate_needed=kind == GENICAM)
@@ -173,7 +173,7 @@ def load_camera(resources: Resources, spec: CameraSpec) -> Camera:
     try:
         camera = Camera.from_json(files.read_text(spec.calibration))
     except FileNotFoundError:
-        hint = "is not there: calibrate the cameras first, see vsense calibrate --help"
+        hint = "is not there: calibrate the cameras first, see vsense camera calibrate --help"
         raise resources.error(spec.line, f"{subject} {hint}") from None
     except OSError as error:
         raise resources.error(spec.line, f"{subject} cannot be read: {error.strerror}") from None

@@ -54,7 +54,7 @@ def load_whole(path: str | Path) -> TrackingSession:
     """Reads a tracking session of which no experiment file is named: all that there is.
 
     `path` is a resources file, or a folder with `resources.xml` and perhaps `experiment.xml`, as
-    recordings and `vsense cameras` have them.
+    recordings and `vsense camera list` have them.
 
     Raises:
         UsageError: a file cannot be read.

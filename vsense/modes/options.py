@@ -138,10 +138,9 @@ def _casting_notes(experiment: Experiment) -> Iterator[str]:
     if taken:
         left = [f"{tag} is {why}" for tag, why in reasons.items() if tag not in playing]
         less = f"; not taken: {', '.join(left)}" if left else ""
-        yield f"{casting.roster}: robots {' '.join(map(str, taken))} play{less}"
+        yield f"{casting.roster}: robots {' '.join(map(str, taken))} take part{less}"
     for out, new in casting.replaced:
-        name = next((robot.id for robot in experiment.robots if robot.tag == new), "")
-        yield f"robot {new} plays the part of {out}{f' ({name})' if name else ''}"
+        yield f"robot {new} takes the role of {out}"
     for tag, why in reasons.items():
         if tag in playing and why != SPARE:
-            yield f"robot {tag} is {why}: --replace {tag}=TAG has another one play its part"
+            yield f"robot {tag} is {why}: --replace {tag}=TAG gives another its role"

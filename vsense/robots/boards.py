@@ -282,7 +282,7 @@ def ssh_advice(destination: str, said: Sequence[str]) -> str | None:
         return _older_server(match[1], match[2])
     if "REMOTE HOST IDENTIFICATION HAS CHANGED" in text:
         return (
-            "this board has another host key than the last time; if its card was written anew:"
+            "this board has another host key than the last time; if its card was written again:"
             f" ssh-keygen -R {host}"
         )
     if "Host key verification failed" in text:

@@ -87,11 +87,12 @@ class StandingRobots:
     """
 
     def __init__(self, experiment: Experiment) -> None:
-        self._names = {robot.tag: robot.id for robot in experiment.robots}
+        self._robots = [robot.tag for robot in experiment.robots]
         tags, self._fence = experiment.tags, experiment.fence
+        called = {id: id for id in tags} | {r.id: f"robot {r.tag}" for r in experiment.robots}
         keep_off = self._fence.keep_off.items()
         # A robot that does not play has no place.
-        self._keep_off = {tags[id]: (id, far_m) for id, far_m in keep_off if id in tags}
+        self._keep_off = {tags[id]: (called[id], far_m) for id, far_m in keep_off if id in tags}
         limit_s = experiment.unseen_s
         self._limit_ns = None if limit_s is None else round(limit_s * 1e9)
         self._last_places: dict[int, tuple[int, NDArray[np.float64]]] = {}
@@ -125,15 +126,15 @@ class StandingRobots:
         whys, free = self._places(rows, now_ns, homing)
         seen = set(rows["tag"].tolist())
         lines: list[str] = []
-        for tag, name in self._names.items():
+        for tag in self._robots:
             if tag in exempt:
                 continue
             self._unseen_ns[tag] = 0 if tag in seen else self._unseen_ns[tag] + elapsed_ns
             lost = self._lost(tag) if not homing else ""
             if self._unseen.update(tag, lost, tag in seen, elapsed_ns):
-                lines.append(self._line(tag, name, self._unseen, "is seen again"))
+                lines.append(self._line(tag, self._unseen, "is seen again"))
             if self._fenced.update(tag, whys.get(tag, ""), tag in free, elapsed_ns):
-                lines.append(self._line(tag, name, self._fenced, "is where it may be"))
+                lines.append(self._line(tag, self._fenced, "is where it may be"))
         self.reasons = {**self._fenced.whys, **dict.fromkeys(self._unseen.whys, NOT_SEEN)}
         return lines
 
@@ -147,12 +148,12 @@ class StandingRobots:
         is_lost = self._limit_ns is not None and unseen_ns >= self._limit_ns
         return f"{NOT_SEEN} for {unseen_ns / 1e9:.1f} s" if is_lost else ""
 
-    def _line(self, tag: int, name: str, cause: _Cause, again: str) -> str:
+    def _line(self, tag: int, cause: _Cause, again: str) -> str:
         if tag in cause.whys:
-            return f"robot {name} stands: {cause.whys[tag]}"
+            return f"robot {tag} stands: {cause.whys[tag]}"
         stands = any(tag in other.whys for other in (self._unseen, self._fenced))
         stood = f"it stood {cause.stood_ns[tag] / 1e9:.1f} s"
-        return f"robot {name} {again}{'' if stands else ' and goes on'}; {stood}"
+        return f"robot {tag} {again}{'' if stands else ' and goes on'}; {stood}"
 
     def _places(
         self, rows: NDArray[np.void], now_ns: int, homing: bool

@@ -229,7 +229,7 @@ def _words(robot: RobotStatus, what: str, now_ns: int) -> str:
 
 def _alarm(robot: RobotStatus, what: str, cause: str) -> Alarm:
     kind = "disobeys" if what == _DISOBEYS else "no_link"
-    return Alarm(kind, f"{robot.name} {what}: lift it", f"{cause}; or switch it off")
+    return Alarm(kind, f"robot {robot.tag} {what}: lift it", f"{cause}; or switch it off")
 
 
 def _must_stand_ns(robot: RobotStatus) -> int | None:
@@ -278,11 +278,11 @@ class Obedience:
             if what:
                 alarms.append(_alarm(robot, what, cause))
             if what and self._reported.get(tag) != what:
-                lines.append(f"ROBOT {robot.name} {what}: LIFT IT ({cause})")
+                lines.append(f"ROBOT {tag} {what}: LIFT IT ({cause})")
                 self._reported[tag] = what
             elif not what and (before := self._reported.pop(tag, "")):
                 again = "obeys again" if before == _DISOBEYS else "moves no more"
-                lines.append(f"robot {robot.name} {again}")
+                lines.append(f"robot {tag} {again}")
         self.alarms = tuple(alarms)
         return lines
 

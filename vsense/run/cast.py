@@ -129,16 +129,14 @@ class Cast:
                     for request in pending:
                         experiment = recast(experiment, request.pair)
                     recast(experiment, pair)
-                    names.update({robot.tag: robot.id for robot in experiment.robots})
                 if why := self._able(new):
                     raise OrderError(f"{out}={new}: {why}")
                 self._lease(new)
             except VsenseError as error:
                 raise OrderError(str(error)) from None
 
-        names: dict[int, str] = {}
         self._requests.put(Replacement(pair, by), check)
-        return f"robot {new} is put in for {out} ({names[out]})"
+        return f"robot {new} takes the role of {out}"
 
     def ask_for_spares(self, gone: Mapping[int, str], say: Callable[[str, Level], None]) -> None:
         """Asks for spares in place of robots, each with the reason, while there are some."""

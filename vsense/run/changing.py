@@ -241,7 +241,7 @@ def _number(change: Change) -> float:
 
 def _set_quality(change: Change, environment: Environment) -> str:
     if environment.blind:
-        raise OrderError(f"{change.name}: this run is blind, its sensors are held at 0")
+        raise OrderError(f"{change.name}: this run is without virtual sensors: they are held at 0")
     banks = {part.controller: part.sensors for part in environment.equipment}
     if change.controller not in banks:
         hint = instead(change.controller, banks)

@@ -150,7 +150,7 @@ def _only(who: str, *kinds: OrderKind) -> dict[OrderKind, str]:
 
 _NOT_HERE = {
     OrderKind.RECORD: "nothing is recorded here: start vsense with --record",
-    OrderKind.REPLACE: "nobody can be put in for a robot here",
+    OrderKind.REPLACE: "no robot can be replaced here",
 }
 _REPLAYED = _only("replay", OrderKind.PLAY, OrderKind.SEEK)
 _SIMULATED = _only("replay", OrderKind.SPEED) | _only("simulation", OrderKind.STEP)
@@ -159,8 +159,8 @@ ROBOT_RULES = OrderRules(_REPLAYED | _SIMULATED)
 TRACKING_RULES = OrderRules(
     {
         **ROBOT_RULES.refused,
-        OrderKind.EMERGENCY: "vsense track moves no robot and can stop none: stop them where they"
-        " are driven",
+        OrderKind.EMERGENCY: "vsense camera track moves no robot and can stop none: stop them where"
+        " they are driven",
     }
 )
 SIMULATION_RULES = OrderRules(

@@ -176,7 +176,7 @@ class Figures:
             unseen_s, fenced_s = runner.standing.stood_s(tag)
             rests, why = robot.name in resting, away.get(robot.name, "")
             stood = replace(robot, unseen_s=unseen_s, fenced_s=fenced_s)
-            robots.append(replace(stood, rests=rests, away=why))
+            robots.append(replace(stood, name=f"robot {tag}", rests=rests, away=why))
         return RunRecord(
             ended=runner.ended if failure is None else str(failure),
             endless=not self._experiment.timesteps and is_by_people(runner.ended),

@@ -219,7 +219,7 @@ def by_lease(held: Mapping[int, Lease]) -> dict[Lease, list[int]]:
 def conflict_text(busy: Mapping[int, Lease]) -> str:
     """Who has the robots that somebody else wants, and how they are handed over."""
     lines = [f"{robots(tags)} in use: {lease}" for lease, tags in by_lease(busy).items()]
-    return "\n".join([*lines, "ask for them, or end that run with: vsense handover"])
+    return "\n".join([*lines, "ask for them, or end that run with: vsense control handover"])
 
 
 def robots(tags: Iterable[int]) -> str:

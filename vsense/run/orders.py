@@ -1,7 +1,7 @@
 """Orders of page, terminal and keyboard, carried out by `Control`.
 
-This module needs nothing of vsense but its errors: `vsense stop --emergency` works while the
-compiled libraries are being built anew.
+This module needs nothing of vsense but its errors: `vsense control stop --emergency` works while
+the compiled libraries are being built anew.
 """
 
 from __future__ import annotations

@@ -102,6 +102,7 @@ class Readiness:
         unseen: robots and objects whose marker is not seen.
         refused: of robots that are not connected, why they were turned away.
         away: they by name, and in brief what is to be done: "robot 23: deploy".
+        tags: of robots, by name: texts call a robot by its tag.
     """
 
     robots: int
@@ -110,6 +111,7 @@ class Readiness:
     unseen: tuple[str, ...]
     refused: tuple[str, ...] = ()
     away: Mapping[str, str] = field(default_factory=dict)
+    tags: Mapping[str, int] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -128,7 +130,7 @@ class Readiness:
         away = {t: why for t, why in whys if why and t in robots and t not in connected}
         by_why = defaultdict[str, list[str]](list)
         for tag, why in away.items():
-            by_why[why].append(robots[tag])
+            by_why[why].append(f"robot {tag}")
         return cls(
             robots=len(robots),
             markers=len(robots) + len(objects),
@@ -136,6 +138,7 @@ class Readiness:
             unseen=tuple(n for tag, n in (*robots.items(), *objects.items()) if tag not in seen),
             refused=tuple(f"{shorten(names)} {why}" for why, names in by_why.items()),
             away={robots[tag]: _brief(tag, why) for tag, why in away.items()},
+            tags={name: tag for tag, name in robots.items()},
         )
 
     @property
@@ -154,21 +157,23 @@ class Readiness:
         connected = f"{self.robots - len(self.absent)} of {self.robots} robots connected{missing}"
         if not watched:
             return f"{connected}, no arena state yet"
-        return (
-            f"{connected}, {self.markers - len(self.unseen)} of {self.markers} markers seen"
-            f"{_without(self.unseen)}"
-        )
+        unseen = _without(self._called(self.unseen))
+        seen = self.markers - len(self.unseen)
+        return f"{connected}, {seen} of {self.markers} markers seen{unseen}"
 
     def missing_text(self) -> str:
-        """Who is missing in which way; "" where none is."""
-        ways = {"not connected": self._unheard, "not seen": self.unseen}
+        """Who is missing in which way; "": nobody."""
+        ways = {"not connected": self._unheard, "not seen": self._called(self.unseen)}
         ways["turned away"] = self.refused
         return "; ".join(f"{way}: {', '.join(names)}" for way, names in ways.items() if names)
 
+    def _called(self, names: Iterable[str]) -> tuple[str, ...]:
+        return tuple(str(self.tags.get(name, name)) for name in names)
+
     @property
     def _unheard(self) -> tuple[str, ...]:
-        """Robots of which nothing is heard: who was turned away is there."""
-        return tuple(name for name in self.absent if name not in self.away)
+        """Robots of which nothing is heard: those that were turned away are there."""
+        return self._called(name for name in self.absent if name not in self.away)
 
 
 def _brief(tag: int, why: str) -> str:
@@ -218,12 +223,12 @@ class RobotAlarms:
                     self._since_ns.pop(key, None)
                     if key in self._reported:
                         self._reported.remove(key)
-                        lines.append(f"robot {status.name}: {over}")
+                        lines.append(f"robot {tag}: {over}")
                     continue
                 lasted_ns = now_ns - self._since_ns.setdefault(key, now_ns)
                 if lasted_ns >= TROUBLE_DELAY_NS and key not in self._reported:
                     self._reported.add(key)
-                    lines.append(f"robot {status.name}: {begun}")
+                    lines.append(f"robot {tag}: {begun}")
         return lines
 
 

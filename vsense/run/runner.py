@@ -304,7 +304,7 @@ class Runner:
             self._hold_robots(step.state)
         robots = self.robots = self._server.robots()
         for status in self.counters.update(robots):
-            self._console.say(f"robot {status.name}: its guard was replaced", "warning")
+            self._console.say(f"robot {status.tag}: its guard was replaced", "warning")
         for line in self._alarms.update(robots, self._clock()):
             self._console.say(line, "warning")
         self._say_disobedience(robots, None if step is None else step.state)

@@ -78,7 +78,7 @@ class RobotRecord:
     """What was there of one robot of the file; by default all that is expected.
 
     Attributes:
-        name: its own in the experiment.
+        name: what people call it, such as "robot 31".
         rests: it stood in the run because its battery was low.
         came, seen: it had a link, and a camera saw it, at some time.
         refused: why it was turned away, in words; "": it was not, or came later.

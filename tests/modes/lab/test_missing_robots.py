@@ -36,7 +36,7 @@ def session(run: int, connected: set[int]) -> tuple[Session, list[str]]:
 
 def test_the_first_run_needs_all_robots() -> None:
     made, _ = session(1, {1})
-    with pytest.raises(LabError, match="not ready after 20 s; not connected: right"):
+    with pytest.raises(LabError, match="not ready after 20 s; not connected: 2"):
         made.wait_until_ready()
 
 
@@ -44,12 +44,12 @@ def test_a_later_run_goes_on_without_who_is_missing() -> None:
     made, said = session(2, {1})
     made.wait_until_ready()
     assert len(said) == 1
-    assert said[0].startswith("warning: starting without right; not connected: right")
+    assert said[0].startswith("warning: starting without all robots; not connected: 2")
 
 
 def test_no_run_goes_on_without_anybody() -> None:
     made, _ = session(2, set())
-    with pytest.raises(NoRobotError, match="no robot is there; not connected: left, right"):
+    with pytest.raises(NoRobotError, match="no robot is there; not connected: 1, 2"):
         made.wait_until_ready()
 
 
@@ -70,8 +70,7 @@ def test_who_has_too_little_in_its_battery_is_named_and_rests(
     assert made.resting == tuple(f"epuck_{tag}" for tag in sorted(resting))
     words = {1: "has 3.40 V left", 2: "has a low battery"}
     assert said == [
-        f"warning: robot {tag} (epuck_{tag}) {words[tag]}: it stands in this run"
-        for tag in sorted(resting)
+        f"warning: robot {tag} {words[tag]}: it stands in this run" for tag in sorted(resting)
     ]
 
 

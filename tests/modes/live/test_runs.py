@@ -1,4 +1,4 @@
-"""The runs of `vsense track`: what Record switches, and what a disk that fails costs."""
+"""The runs of `vsense camera track`: what Record switches, and what a disk that fails costs."""
 
 from __future__ import annotations
 

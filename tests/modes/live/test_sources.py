@@ -122,12 +122,12 @@ def test_the_experiment_names_the_tracker(said: list[str], monkeypatch: pytest.M
         (JsonLinesTracker("127.0.0.1", 0, 7), ""),
         (
             JsonLinesTracker("0.0.0.0", 0, 7),
-            r"port \d+ on 0.0.0.0: whoever writes lines moves every",
+            r"port \d+ on 0.0.0.0: any program there moves every",
         ),
         (TrackerAddress("localhost", 4040, (0.0, 0.0), 0.0, 7), ""),
         (
             TrackerAddress("192.0.2.9", 4040, (0.0, 0.0), 0.0, 7),
-            "the tracker 192.0.2.9:4040: whoever answers in its place moves every robot",
+            "the tracker 192.0.2.9:4040: any program that answers in its place moves every robot",
         ),
     ],
 )

@@ -179,7 +179,7 @@ def test_who_crashes_is_named_and_a_run_that_kills_its_workers_is_given_up(
         path = tmp_path / f"{len(said)}.csv"
         assert main(["sim", experiment, *faults, "-o", str(path)]) == 1
         said.append(capsys.readouterr().err.splitlines()[-1])
-    assert "wanderer.fault=1, seed 1: robot epuck_31_0 (tag 31), in timestep 4" in said[0]
+    assert "wanderer.fault=1, seed 1: robot 31, in timestep 4" in said[0]
     assert said[0] == said[1]
     faults = ["--set", "wanderer.fault=7", "--duration", "1", "--runs", "1", "--on", address]
     assert main(["sim", experiment, *faults, "-o", str(tmp_path / "killed.csv")]) == 1

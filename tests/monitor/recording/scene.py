@@ -71,7 +71,7 @@ def frames(timestep: int, cameras: int = 2) -> Sequence[Frame]:
 
 
 def session_files(folder: Path, mask: Mask | None = None) -> tuple[Path, Path]:
-    """The scene as a recording of `vsense track`."""
+    """The scene as a recording of `vsense camera track`."""
     pictures = PictureRecorder(folder, CAMERAS)
     pictures.write(frames(0))
     pictures.close()

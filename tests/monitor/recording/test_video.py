@@ -282,7 +282,7 @@ def test_a_late_beginning_is_interrupted_before_its_first_frame(
 
 
 def tracked(step_of: dict[int, int]) -> list[Message]:
-    """As `vsense track` records it: no timestep's length; the run's timesteps by picture."""
+    """As `vsense camera track` records it: no timestep's length; the run's timesteps by picture."""
     first, *others = messages()
     told = [Message("/experiment", first.time_ns, {**first.data, "timestep_s": None})]
     for each in others:

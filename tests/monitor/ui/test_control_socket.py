@@ -157,7 +157,7 @@ def test_the_status_shows_the_run_and_its_robots(
 def test_a_reader_that_has_left_ends_nothing(
     bell: ControlSocket, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As in `vsense status | head`."""
+    """As in `vsense control status | head`."""
     for words in (["status"], ["robot", "status"], ["pause", "--json"], ["stop", "--all"]):
         reader, writer = os.pipe()
         os.close(reader)

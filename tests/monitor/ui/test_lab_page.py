@@ -143,7 +143,7 @@ def test_a_lab_is_steered_from_its_page(lab: HeldLab, opened: Open) -> None:
     assert orders == [2, 0, 0], "all readings are the same again, in every bit"
     assert said.count("viewer 1 (127.0.0.1): run 1 is paused") == 1
     assert "the next run has seed 2: the robots stay where they stand" in said
-    assert f"robot {SPARE} plays the part of {part} (" in said
+    assert f"robot {SPARE} takes the role of {part}" in said
     rows = read_runs(lab.directory / "runs.csv")
     assert [part in row.tags for row in rows] == [True, False, False]
     assert [SPARE in row.tags for row in rows] == [False, True, True]

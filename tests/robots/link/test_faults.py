@@ -134,7 +134,7 @@ def test_a_silent_robot_is_told_and_the_other_goes_on(
     for step in range(1, 6):
         frozen.advance(250 * MS)
         assert works(still, two, step)
-    assert still.wait("lost", 1).text == "robot 1 (epuck_1): nothing heard for 1 s"
+    assert still.wait("lost", 1).text == "robot 1: nothing heard for 1 s"
     assert still.kinds(2) == ["connected"]
 
 
@@ -173,7 +173,7 @@ def test_a_robot_that_breaks_the_protocol_is_named_and_may_come_again(
     one.event(Event.GOODBYE)
     assert one.session.notice.code == GoodbyeCause.PROTOCOL
     text = still.wait("protocol_error", 1).text
-    assert text.startswith("robot 1 (epuck_1): broke the protocol: ")
+    assert text.startswith("robot 1: broke the protocol: ")
     assert works(still, two, 1)
     one.join()
     assert still.server.robots()[1].sessions == 2

@@ -210,7 +210,7 @@ def told_defect(hand: Hand, tag: int = 1) -> None:
     """It was told once, with its cause and place, and counted for this robot."""
     (event,) = [event for event in hand.told if event.kind == "defect"]
     assert event.tag == tag
-    assert f"robot {tag} (epuck_{tag}): a defect in vsense has ended its session" in event.text
+    assert f"robot {tag}: a defect in vsense has ended its session" in event.text
     assert "OverflowError: int too big to convert (vsense/robots/link/" in event.text
     robots = hand.shared.roster.robots.values()
     assert [robot.status(hand.clock()).defects for robot in robots] == [1, 0]

@@ -134,8 +134,8 @@ def test_who_gets_a_tag_that_was_given_before(uid: bytes, after_ns: int, kind: s
 @pytest.mark.parametrize(
     ("uptime_s", "words"),
     [
-        (20, "robot 5 (epuck_5): was switched on again (battery swapped?), up for 20 s; reconn"),
-        (560, "robot 5 (epuck_5): reconnected from"),  # its daemon alone began anew
+        (20, "robot 5: was switched on again (battery swapped?), up for 20 s; reconn"),
+        (560, "robot 5: reconnected from"),  # its daemon alone began anew
     ],
 )
 def test_a_battery_swap_is_an_event(uptime_s: int, words: str) -> None:
@@ -286,9 +286,9 @@ def test_a_robot_with_the_program_of_others_is_refused_with_both_names(
         _, notice = decode(answer.packet, answer_key(PUBLISHED, packet))
         assert isinstance(notice, Notice) and notice.code == RefuseCode.CONTROLLER
         runs = f"'{name}' ({digest})" if digest else f"'{name}'"
-        expected = f"robot 5 (epuck_5) runs {runs}, the file says 'predator' (111111111111): bring"
+        expected = f"robot 5 runs {runs}, the file says 'predator' (111111111111): bring"
         assert notice.text.startswith(expected) and expected in answer.event.text
-        assert f"robot 5 (epuck_5) {ours.robots[5].status(S).refused}".startswith(expected)
+        assert f"robot 5 {ours.robots[5].status(S).refused}".startswith(expected)
         join(ours, greeting(5, "predator", "1" * 12), "here", S)
         assert ours.robots[5].status(S).refused == ""
 

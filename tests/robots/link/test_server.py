@@ -22,7 +22,7 @@ def test_a_robot_joins_and_is_told_everything(server: Server, robot: MakeRobot) 
     assert one.session.params == "speed_cm_s=10\n"
     assert one.session.c.timestep_ns == 100 * MS
     event = server.wait("connected", 1)
-    assert event.text == "robot 1 (epuck_1): connected from 127.0.0.1, controller test"
+    assert event.text == "robot 1: connected from 127.0.0.1, controller test"
     status = server.server.robots()[1]
     assert (status.name, status.controller, status.uid) == ("epuck_1", "test", b"\1" * 16)
     assert (status.version, status.hash) == ("9.9", "abc")
@@ -189,7 +189,7 @@ def test_defect_03_a_robot_that_reconnects_in_mid_run_has_its_data_at_once(
     one.until(lambda: bool(one.session.c.open) and one.session.c.timestep == 9)
     assert (one.session.c.wanted, one.value()) == (Wanted.RUN, 1.0)
     one.say()
-    assert still.wait("reconnected", 1).text.startswith("robot 1 (epuck_1): reconnected from")
+    assert still.wait("reconnected", 1).text.startswith("robot 1: reconnected from")
     assert still.server.robots()[1].sessions == 2
 
 
@@ -220,7 +220,7 @@ def test_another_robot_with_the_same_tag_is_refused_and_both_sides_say_so(
 def test_who_says_goodbye_frees_its_tag_at_once(still: Server, robot: MakeRobot) -> None:
     one = robot(still, 1).join()
     one.tcp.sendall(one.session.goodbye(GoodbyeCause.END, "battery empty", one.now_ns()))
-    assert still.wait("goodbye", 1).text == "robot 1 (epuck_1): says goodbye: battery empty"
+    assert still.wait("goodbye", 1).text == "robot 1: says goodbye: battery empty"
     robot(still, 1, uid=b"spare" + bytes(11)).join()
     assert "lost" not in still.kinds(1)
 

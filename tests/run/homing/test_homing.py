@@ -74,7 +74,7 @@ def test_a_robot_that_does_not_move_is_freed_then_left_and_named() -> None:
     assert [line for line in planned.news if "to free it" in line][-1].endswith(
         "try 3 of 3 to free it"
     )
-    assert planned.news[-1] == "robot 1 (epuck_1) is left where it is, 1.00 m from its start: stuck"
+    assert planned.news[-1] == "robot 1 is left where it is, 1.00 m from its start: stuck"
     assert planned.arrivals()[0].trouble == "stuck"
     assert planned.step(state(200, stuck), {}) == {1: STAY}
 
@@ -113,8 +113,8 @@ def test_who_stays_unseen_is_left_where_it_was_and_named() -> None:
         seen = {1: homes[1], 3: Pose(0.0, 0.3, 0.0)} if number < 3 else {1: homes[1]}
         planned.step(state(number, seen), {})
     assert planned.done
-    assert "robot 3 (epuck_3) is left where it is, 0.50 m from its start: not seen" in planned.news
-    assert "robot 2 (epuck_2) is left where it is: not seen" in planned.news, "it never was seen"
+    assert "robot 3 is left where it is, 0.50 m from its start: not seen" in planned.news
+    assert "robot 2 is left where it is: not seen" in planned.news, "it never was seen"
     assert {a.tag: a.trouble for a in planned.arrivals()} == {1: "", 2: "not seen", 3: "not seen"}
 
 

@@ -123,7 +123,7 @@ def test_what_was_changed_in_the_result_is_found(made: Path, tmp_path: Path) -> 
     edit("benchmark.json", '"deviations": [', '"deviations": ["none", ')(folder)
     edit("runs.csv", ",valid,,", ",void,,")(folder)
     wrong = {what: " | ".join(texts) for what, texts in wrong_of(folder).items()}
-    assert "run-001 is void and does not say why" in wrong["runs"]
+    assert "run-001 is invalid and does not say why" in wrong["runs"]
     assert "0 valid runs, expected one" in wrong["runs"]
     assert "the result and runs.csv have another verdict" in wrong["runs"]
     assert wrong["deviations"].startswith("deviations: ")

@@ -248,7 +248,7 @@ def test_the_page_says_all_of_a_study(page: tuple[Path, dict[str, Any]]) -> None
         "18 runs compared", "foraging, lab: sighted against blind against <noise>",
         "Run-to-run spread", "Comparisons", "For the methods of a paper",
     ]  # fmt: skip
-    assert "n: sighted 6 (void: 0), blind 5 (void: 1), &lt;noise&gt; 6 (void: 0)" in text
+    assert "n: sighted 6 (invalid: 0), blind 5 (invalid: 1), &lt;noise&gt; 6 (invalid: 0)" in text
     assert "robot 23 lost for 7 s" in text and "Friedman test (exact), 5 complete blocks" in text
     assert "each of 17 valid runs gives one value" in text and "1 further run was invalid" in text
     assert "SciPy" in text and "seed 1" in text

@@ -169,7 +169,7 @@ def test_a_run_that_fails_ends_the_campaign_and_is_named(
     faults = ("--set", "wanderer.fault=0,1", "--duration", "1", "--runs", "2", "-j", "1")
     assert sim(experiment, *faults, "-o", path) == 1
     said = capsys.readouterr().err
-    assert "wanderer.fault=1, seed 1: robot epuck_31_0 (tag 31)" in said
+    assert "wanderer.fault=1, seed 1: robot 31" in said
     assert "SIGSEGV" in said
     assert path.read_text().count("\n") == 3
 

@@ -54,7 +54,7 @@ def test_spares_play_in_every_condition_until_there_are_none(tmp_path: Path) -> 
     cast, said, (first, second, third) = cast_of(tmp_path)
     assert cast.put_in_for({second: "is not seen"}) == []
     assert cast.tags == {first, 61, third}
-    assert f"robot {second} is not seen: robot 61 plays its part from now on" in said.getvalue()
+    assert f"robot {second} is not seen: robot 61 has its role from now on" in said.getvalue()
     # The spare itself breaks: whoever was replaced does not come back by itself.
     assert cast.put_in_for({61: "was lost", third: "was lost"}) == [third]
     assert cast.tags == {first, 62, third}

@@ -95,7 +95,7 @@ class Scripted:
 
 
 def options(wanted: Controls | None = None, **values: Any) -> TuneOptions:
-    """What `vsense cameras tune` is told, its defaults for what is not given."""
+    """What `vsense camera tune` is told, its defaults for what is not given."""
     unsaid = dict.fromkeys(("resources", "px_per_m", "height_m", "focal_px", "camera"))
     usual = {"family": "arrow4x4", "speed": 0.13, "marker_height": 0.06}
     return TuneOptions(**{"id": "cam", "wanted": wanted or Controls(), **unsaid, **usual, **values})

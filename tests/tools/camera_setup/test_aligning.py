@@ -1,4 +1,4 @@
-"""`vsense arena align`: a frame that was put off comes back, by pixels and by the page.
+"""`vsense camera arena align`: a frame that was put off comes back, by pixels and by the page.
 
 The shipped experiments have the arena of `ARENA`.
 """
@@ -67,7 +67,7 @@ def test_clicks_bring_the_frame_back_and_undo_puts_it_off_again(
     told = capsys.readouterr()
     found = json.loads(told.out)
     assert found["rms_mm"] < 0.05 and found["shift"]["yaw_deg"] == pytest.approx(-1.5, abs=1e-3)
-    assert "4 camera files moved" in told.err and "vsense calibrate check again" in told.err
+    assert "4 camera files moved" in told.err and "vsense camera calibrate check again" in told.err
     for camera, true in zip(read(cameras), CAMERAS):
         assert camera.position_m == pytest.approx(true.position_m, abs=1e-4)
         assert camera.rotation == pytest.approx(true.rotation, abs=1e-4)
@@ -78,7 +78,7 @@ def test_clicks_bring_the_frame_back_and_undo_puts_it_off_again(
     anew["position_m"][0] += 0.001
     moved.write_text(json.dumps(anew))
     assert main(["arena", "align", "--undo", "--cameras", str(cameras)]) == 2
-    assert "made anew since" in capsys.readouterr().err
+    assert "made again since" in capsys.readouterr().err
     assert json.loads(moved.read_text()) == anew, "a calibration is not lost by an undo"
     moved.write_text(kept)
     assert main(["arena", "align", "--undo", "--cameras", str(cameras)]) == 0

@@ -334,7 +334,7 @@ def test_moments_with_all_cameras_of_a_file(camera: Simulator, tmp_path: Path) -
     folder = tmp_path / "shoot"
     words = ("shoot", str(path), "-o", str(folder), "--board", "charuco:7x5:80mm:4X4_50")
     done = run(*words, input="\ntilt\n")
-    assert "floor_01: cam1 no board" in done.stderr and "vsense calibrate rig" in done.stderr
+    assert "floor_01: cam1 no board" in done.stderr and "vsense camera calibrate rig" in done.stderr
     done = run(*words, "--every", "0.2", "--count", "1", "--name", "board", "--json")
     assert json.loads(done.stdout) == {"board_01": {"cam1": 0}}
     taken = sorted(path.name for path in (folder / "cam1").iterdir())

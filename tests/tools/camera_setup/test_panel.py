@@ -36,7 +36,7 @@ def test_unknown_things_say_what_would_tell_them() -> None:
     shown = made.view(made.camera.picture().image, made.camera.picture().image, None)
     text = "\n".join(_panel.lines(shown))
     assert "markers   none of arrow4x4" in text
-    assert "blur      unknown: no marker in the picture tells its scale; give --px-per-m" in text
+    assert "blur      unknown: no marker in the picture gives its scale; give --px-per-m" in text
     assert "noise     unknown" in text
 
 

@@ -1,4 +1,4 @@
-"""`vsense markers find`: pictures with OpenCV's own markers, drawn here with exact truth."""
+"""`vsense camera markers find`: pictures with OpenCV's own markers, drawn here with exact truth."""
 
 from __future__ import annotations
 
@@ -189,7 +189,7 @@ def test_a_huge_picture_is_refused_whatever_its_format(
         (["{tmp}/none.png"], "{tmp}/none.png: there is no such picture or folder"),
         (["{tmp}"], "{tmp}: holds no pictures, expected .png, .jpg"),
         (["{tmp}", "--family", "DICT_4X4_51"], "'DICT_4X4_51' is neither the path of a definition"),
-        (["{tmp}", "--family", "arrow4x4"], "arrow4x4 are arrows, which are told from other dark"),
+        (["{tmp}", "--family", "arrow4x4"], "arrow4x4 are arrows, which are recognized among dark"),
         (["{tmp}", "--family", "{tmp}/no.yml"], "{tmp}/no.yml: there is no such dictionary file"),
         (["{tmp}", "--family", "{tmp}/no.json"], "{tmp}/no.json: No such file"),
         (["{data}", "--draw", "{data}/SOURCE.md"], "--draw: {data}/SOURCE.md: cannot be made"),

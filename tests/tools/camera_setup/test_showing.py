@@ -1,4 +1,4 @@
-"""`vsense cameras show`: interrupted before it shows anything, and small markers told."""
+"""`vsense camera show`: interrupted before it shows anything, and small markers told."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`vsense cameras tune` on a terminal and on a pipe, with a scripted camera."""
+"""`vsense camera tune` on a terminal and on a pipe, with a scripted camera."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `vsense cameras init` writes loads, and is left alone where it is there already."""
+"""What `vsense camera init` writes loads, and is left alone where it is there already."""
 
 from __future__ import annotations
 
@@ -145,7 +145,12 @@ def test_init_says_what_comes_next(
     assert run(tmp_path / "lab") == 0
     out, err = capsys.readouterr()
     assert out.split() == [str(tmp_path / "lab" / f"{n}.xml") for n in ("resources", "experiment")]
-    for command in ("cameras tune cam1", "cameras shoot", "calibrate rig", "vsense track"):
+    for command in (
+        "camera tune cam1",
+        "camera shoot",
+        "camera calibrate rig",
+        "vsense camera track",
+    ):
         assert command in err
     assert "vsense: cam2: Maker-Model-8: another program" in err
 

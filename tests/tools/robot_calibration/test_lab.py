@@ -86,7 +86,7 @@ def test_real_robots_of_which_none_is_there_are_named(
     assert main(words.split()) == 2
     assert "expected a <box> with vs:physical='true'" in capsys.readouterr().err
     assert main(words.split()[:-2]) == 1
-    assert "nobody can be calibrated: not connected: one" in capsys.readouterr().err
+    assert "no robot can be calibrated: not connected: 23" in capsys.readouterr().err
 
 
 @pytest.mark.campaign

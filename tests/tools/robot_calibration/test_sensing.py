@@ -137,7 +137,7 @@ def test_one_that_is_held_before_a_wall_gives_up() -> None:
 def test_a_sensor_that_does_not_answer_is_named_and_wheels_are_kept() -> None:
     arena, tag = one(lambda arena, timestep, moment: replace(moment, readings={}))
     found, troubles = arena.swarm.sensors_of(tag, "")
-    assert not found and "tells no proximity readings" in troubles["proximity"]
+    assert not found and "reports no proximity readings" in troubles["proximity"]
     assert tag in arena.swarm.fits and tag not in arena.swarm.failed
 
 

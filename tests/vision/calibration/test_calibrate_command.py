@@ -1,4 +1,4 @@
-"""`vsense calibrate` as a lab types it, from pictures on the disk to camera files on the disk."""
+"""`vsense camera calibrate` as a lab types it, from pictures to camera files on the disk."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`vsense calibrate check`: errors that were put into cameras or points are what it tells."""
+"""`vsense camera calibrate check`: it reports the errors that were put into cameras or points."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_a_frame_that_is_off_is_told_as_such(
     told = capsys.readouterr()
     assert "all together 13.00 mm rms, 13.00 mm at worst, at 5 points" in told.err
     assert "0.00 mm rms where the frame as a whole fits best: -12.0 mm along x, +5.0" in told.err
-    assert "vsense arena align" in told.err and "13.0 mm at worst, expected 5 mm" in told.err
+    assert "vsense camera arena align" in told.err and "13.0 mm at worst, expected 5 mm" in told.err
 
 
 def test_a_camera_that_was_pushed_is_told(

@@ -134,7 +134,7 @@ def glare(camera: Camera, robots: Sequence[Robot], rng: np.random.Generator) -> 
 
 @cache
 def roster(name: str) -> tuple[int, ...]:
-    """Returns the tags that `vsense markers --ids auto:20` chooses."""
+    """Returns the tags that `vsense camera markers --ids auto:20` chooses."""
     return tuple(families.parse_tags(f"auto:{ROBOTS}", load_family(name)))
 
 

@@ -332,7 +332,7 @@ def swarm_rows(swarm: dict[str, int | None] | None, robots: int) -> list[tuple[s
         inside, lit = swarm[f"in_cone_{when}_turn"], swarm[f"lit_{when}_turn"]
         if inside is not None:
             moment = f"{when} the wind turned" if turned else "at the end"
-            text = f"{inside} of {robots} robots in the cone {moment}, {lit} of them lit"
+            text = f"{inside} of {robots} robots in the cone {moment}, {lit} of them with LEDs on"
             rows.append(("swarm", text))
     return rows
 

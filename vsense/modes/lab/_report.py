@@ -201,12 +201,12 @@ def table(summary: dict[str, Any]) -> str:
         (
             "cameras",
             f"{vision['left_out']} timesteps left out, {vision['old_pictures']} old pictures"
-            f" dropped, {vision['overflows']} with more than the tables hold,"
-            f" {vision['camera_events']} times something to tell",
+            f" dropped, {vision['overflows']} with too many markers,"
+            f" {vision['camera_events']} messages of cameras",
         ),
         (
             "sensing",
-            f"{sensing['readings']} of {sensing['expected']} readings held,"
+            f"{sensing['readings']} of {sensing['expected']} readings at the robots,"
             f" {percent(sensing['fresh_share'], 2)} fresh{_agreement(sensing)}",
         ),
         *_metrics.swarm_rows(summary.get("swarm"), summary["robots"]),

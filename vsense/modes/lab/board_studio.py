@@ -1,4 +1,4 @@
-"""Pictures of a calibration board as the lab's cameras see it, to try `vsense calibrate` with."""
+"""Pictures of a calibration board as the lab's cameras see it, for `vsense camera calibrate`."""
 
 from __future__ import annotations
 
@@ -234,9 +234,9 @@ def write(directory: Path, board_text: str, seed: int, experiment: Experiment | 
     print(directory / "pictures")
     x, y, _ = plan[0][1].shift
     print(
-        f"{count} pictures of {len(cameras)} cameras; now: vsense calibrate rig --board {board} "
-        f"--pictures {directory / 'pictures'} --floor 'floor_*' --origin={x:.3f},{y:.3f},0 "
-        "-o cameras",
+        f"{count} pictures of {len(cameras)} cameras; now: vsense camera calibrate rig --board"
+        f" {board} --pictures {directory / 'pictures'} --floor 'floor_*' --origin={x:.3f},{y:.3f},0"
+        " -o cameras",
         file=sys.stderr,
     )
     return 0

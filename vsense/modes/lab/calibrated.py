@@ -1,8 +1,8 @@
 """The lab's cameras as people have real ones: hung by hand, and known from pictures of a board.
 
 `vsense lab --calibrate` draws how each camera hangs and what its lens is like, renders a board for
-those cameras, does on the pictures what `vsense calibrate rig` does, and tracks with what that has
-found. The robots are rendered through the true cameras all the while.
+those cameras, does on the pictures what `vsense camera calibrate rig` does, and tracks with what
+that has found. The robots are rendered through the true cameras all the while.
 """
 
 from __future__ import annotations
@@ -32,7 +32,8 @@ Origin = tuple[float, float, float]
 
 BOARD = "charuco:7x5:80mm:4X4_50"
 CAMERAS_FOLDER = "cameras"
-"""In the runs' folder: files as of `vsense calibrate rig`, and the true cameras in `truth`."""
+"""In the runs' folder: files as of `vsense camera calibrate rig`, and the true cameras in
+`truth`."""
 
 HUNG_M = 0.015
 """A camera hangs up to so far from its place, along each axis."""
@@ -54,7 +55,7 @@ _MARGIN_M = 0.04
 _STEP_M = 0.05
 _AHEAD_M = 0.02
 _USUAL = 4
-"""Cameras for which the pictures of `vsense calibrate example` are enough."""
+"""Cameras for which the pictures of `vsense camera calibrate example` are enough."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -209,7 +209,7 @@ def _progress(console: Console, session: Session) -> Callable[[Step], None]:
         console.progress(
             f"{step.run_timestep * experiment.timestep_s:5.1f}{length} s"
             f"  timestep {step.run_timestep}  robots {connected}/{len(robots)}"
-            f"{_measured(session)}  lit {lit}  picture to sent {latency_ms:.0f} ms"
+            f"{_measured(session)}  LEDs on {lit}  picture to sent {latency_ms:.0f} ms"
         )
 
     return show

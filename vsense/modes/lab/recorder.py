@@ -1,4 +1,4 @@
-"""Records the lab's pictures of a wandering swarm, which `vsense track` takes as its cameras.
+"""Records the lab's pictures of a wandering swarm, for `vsense camera track` in place of cameras.
 
 It does not run in real time; random wheel speeds drive the robots instead of daemons. The same seed
 gives the same recording.

@@ -153,7 +153,7 @@ class Rehearsal:
             for robot, how in self._swarm.fallen():
                 alive -= 1
                 again = self._swarm.script(robot.tag)
-                self._say(f"robot {robot.tag} ({robot.name}): its daemon {how}; again: {again}")
+                self._say(f"robot {robot.tag}: its daemon {how}; again: {again}")
             run = "connected to a run" if self._tracker.connected else "waiting for a run"
             time_s = (host_ns() - began_ns) / 1e9
             progress(f"{time_s:.1f} s  {alive} of {self.robots} daemons  tracker {run}")

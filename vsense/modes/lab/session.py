@@ -245,9 +245,9 @@ class Session(ExperimentSession):
             log = self.swarm.log(robot.tag)
             if not self._ready:
                 said = log.read_text(errors="replace").strip().splitlines()
-                raise LabError(f"robot {robot.name}: its daemon {how}: {said[-1] if said else ''}")
+                raise LabError(f"robot {robot.tag}: its daemon {how}: {said[-1] if said else ''}")
             self.setup.console.say(
-                f"robot {robot.name}: its daemon {how} (log: {log});"
+                f"robot {robot.tag}: its daemon {how} (log: {log});"
                 " the experiment goes on without it;"
                 f" start it again with {self.swarm.script(robot.tag)}"
             )

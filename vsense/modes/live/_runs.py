@@ -1,4 +1,4 @@
-"""The runs of `vsense track`: what orders begin and end, what each has shown, and what is kept.
+"""The runs of `vsense camera track`: what orders begin and end, what each shows, and what is kept.
 
 Thesis, 2.3.1: with `change_root_directory_on_start` each run is what lies between a start and a
 stop, and has a recording of its own; without it all are one, which a stop only suspends.

@@ -206,7 +206,7 @@ def _original(
 
     name, doubt = f"the tracker {client.name}", ""
     if not is_loopback(tracker.host):
-        doubt = f"{name}: whoever answers in its place moves every robot"
+        doubt = f"{name}: any program that answers in its place moves every robot"
     return SteadySource(
         *("original", name, client, experiment.timestep_ns, figures),
         doubt=doubt,
@@ -224,7 +224,7 @@ def _lines(
 
     name, doubt = f"a tracker that writes lines to {tracker.host}, port {listener.port}", ""
     if not is_loopback(tracker.host):
-        doubt = f"port {listener.port} on {tracker.host}: whoever writes lines moves every robot"
+        doubt = f"port {listener.port} on {tracker.host}: any program there moves every robot"
     return SteadySource(
         *("lines", name, listener, experiment.timestep_ns, figures),
         doubt=doubt,

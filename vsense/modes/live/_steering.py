@@ -81,7 +81,7 @@ class RunSteering:
         )
 
     def status(self) -> Data:
-        """The answer to `vsense status`; any thread."""
+        """The answer to `vsense control status`; any thread."""
         publisher, server = self._publisher, self._server
         name = publisher.environment.experiment.name
         status = self._room.status_data(name, self._facts.command, publisher.run_data())

@@ -203,7 +203,7 @@ def say_trust(trust: LinkTrust, say: Callable[[str], None]) -> None:
     for note in trust.notes:
         say(note)
     if trust.insecure:
-        say("--insecure: robots without a key are taken; whoever reaches the port can drive them")
+        say("--insecure: robots without a key are taken; anyone on the network can drive them")
 
 
 def say_link(server: VirtualSensorServer, doubts: Sequence[str], console: Console) -> None:
@@ -212,6 +212,6 @@ def say_link(server: VirtualSensorServer, doubts: Sequence[str], console: Consol
     if isinstance(server, MixedServer):
         console.say(f"and with the original client on port {server.legacy_port}")
         for name in server.unknown:
-            console.say(f"the original client does not know the sensor '{name}': not told to it")
+            console.say(f"the original client does not know the sensor '{name}': not sent to it")
     for doubt in doubts:
         console.say(f"not authenticated: {doubt}", "warning")

@@ -191,7 +191,7 @@ class OneRun:
             for step, sample in timesteps:
                 robots = runner.robots
                 self._portrait.add(step.run_timestep, world, robots, step.frames)
-                lost = [status.name for status in robots.values() if not status.connected]
+                lost = [str(tag) for tag, status in robots.items() if not status.connected]
                 self._log.progress(self._line(step, sample, lost))
                 # Lent pictures go back during a pause.
                 del step
@@ -213,7 +213,7 @@ class OneRun:
             f"{step.run_timestep * experiment.timestep_s:5.1f}{length} s"
             f"  timestep {step.run_timestep}"
             f"  robots {sample.connected}/{robots}{without}  seen {sample.seen}/{robots}"
-            f"  stale {sample.stale}"
+            f"  old readings {sample.stale}"
             f"  capture to sent {(step.sent_ns - step.capture_ns) / 1e6:.0f} ms"
         )
 

@@ -1,4 +1,4 @@
-"""`vsense serve`: arena states for other programs, and the pictures of their runs.
+"""`vsense camera serve`: arena states for other programs, and the pictures of their runs.
 
 Thesis, 2.2.2 and 2.3.1: with `change_root_directory_on_start` each run is a recording of its own,
 without it all runs are one, which goes on with the next run.
@@ -61,7 +61,7 @@ def run(
         if is_loopback(host):
             talk.say("only programs on this machine reach that address; for others: --host 0.0.0.0")
         else:
-            talk.say(f"not authenticated: port {server.port} on {host} serves whoever reaches it")
+            talk.say(f"not authenticated: port {server.port} on {host} serves every machine")
         pictures = RunPictures(
             lambda: begin_recording(session, talk),
             session.record.change_root_directory_on_start,

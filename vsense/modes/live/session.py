@@ -38,7 +38,6 @@ from vsense.run.robots import (
     expected_robots,
     low_batteries,
     make_server,
-    shorten,
 )
 from vsense.run.runner import Runner
 from vsense.run.runtime import Runtime, Step
@@ -221,7 +220,7 @@ class ExperimentSession(ABC):
         missing = readiness.missing
         if not {robot.id for robot in self.experiment.robots} - set(missing):
             raise NoRobotError(f"no robot is there; {readiness.missing_text()}")
-        words = f"starting without {shorten(missing)}; {readiness.missing_text()}"
+        words = f"starting without all robots; {readiness.missing_text()}"
         self.setup.console.say(words, "warning")
         return readiness
 
@@ -243,8 +242,7 @@ class ExperimentSession(ABC):
         """Has those whose batteries are low rest in the run, and says who they are."""
         low = low_batteries(self.runner.robots, self.setup.battery_v)
         for tag, volts in low.items():
-            name = self.runner.robots[tag].name
-            words = f"robot {tag} ({name}) {battery_words(volts)}: it stands in this run"
+            words = f"robot {tag} {battery_words(volts)}: it stands in this run"
             self.setup.console.say(words, "warning")
         self.resting = tuple(self.runner.robots[tag].name for tag in low)
         self.server.rest(low)
@@ -267,15 +265,14 @@ class ExperimentSession(ABC):
             try:
                 self._recast(wish.pair)
             except VsenseError as error:
-                text = f"robot {new} is not put in for {out}: {error}"
+                text = f"robot {new} does not take the role of {out}: {error}"
                 self.setup.console.say(text, "trouble")
                 continue
-            name = next(robot.id for robot in self.experiment.robots if robot.tag == new)
             part = parts_of(self.experiment)[new]
-            whose = "its own part" if part == new else f"the part of {part}"
+            whose = "its own role" if part == new else f"the role of {part}"
             control = self.runner.control
             run = control.run + (control.state is State.ENDED)
-            text = f"robot {new} plays {whose} ({name}) from run {run} on"
+            text = f"robot {new} takes {whose} from run {run} on"
             self.setup.console.say(f"{wish.by}: {text}", "warning")
 
     def _put_in_spares(self) -> None:
@@ -336,7 +333,7 @@ class ExperimentSession(ABC):
         doubts = [port] if self.setup.trust.insecure else []
         if isinstance(server, MixedServer):
             where = f"original client's port {server.legacy_port} on {host}"
-            doubts.append(f"{where}: whoever has a robot's address is taken for it")
+            doubts.append(f"{where}: any machine with a robot's address is taken for it")
         return doubts
 
     def _close_server(self) -> None:

@@ -1,4 +1,4 @@
-"""`vsense track`: the loop over a session's timesteps, its recording, and the live line."""
+"""`vsense camera track`: the loop over a session's timesteps, its recording, and the live line."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ Found = Mapping[str, NDArray[np.void]]
 
 @dataclass(frozen=True, slots=True)
 class TrackOptions:
-    """What `vsense track` is asked for.
+    """What `vsense camera track` is asked for.
 
     Attributes:
         resources, experiment: paths of the two files; without an experiment file all that the

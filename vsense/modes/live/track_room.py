@@ -1,6 +1,6 @@
-"""The control room of `vsense track`: shows cameras and arena states, and steers what is kept.
+"""The control room of `vsense camera track`: shows cameras and states, and steers what is kept.
 
-The thesis's Viewer (2.3.1). `vsense cameras show` shows its pictures here, too, without runs.
+The thesis's Viewer (2.3.1). `vsense camera show` shows its pictures here, too, without runs.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ class TrackRoom:
             self._bus.notify("/run", now_ns, self._run)
 
     def status(self) -> dict[str, Any]:
-        """The answer to `vsense status`; any thread."""
+        """The answer to `vsense control status`; any thread."""
         state, directory = self._state, None if self._runs is None else self._runs.directory
         return {
             **self._room.status_data(name_of(self._session), "track", self._run()),

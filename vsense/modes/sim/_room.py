@@ -1,7 +1,7 @@
 """The page of a simulation: takes its orders, and publishes what the simulation tells.
 
-Nothing here moves a robot: there is no emergency stop. `vsense stop --emergency` does not find a
-simulation, which would only stand between somebody and the robots that move.
+Nothing here moves a robot: there is no emergency stop. `vsense control stop --emergency` does not
+find a simulation, which would only stand between somebody and the robots that move.
 """
 
 from __future__ import annotations

@@ -113,9 +113,7 @@ class Task:
             return self.named(f"{when}: loop functions '{loop.label}' ({loop.path}): {function}")
         controller = experiment.controllers[number]
         spec = [r for r in experiment.robots if r.controller == controller.id][robot - 1]
-        return self.named(
-            f"robot {spec.id} (tag {spec.tag}), {when}: its controller '{controller.library}'"
-        )
+        return self.named(f"robot {spec.tag}, {when}: its controller '{controller.library}'")
 
 
 def record_of(result: dict[str, Any], ended: str = "") -> RunRecord:

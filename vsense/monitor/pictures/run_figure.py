@@ -79,7 +79,7 @@ def save(run: RunFigure, path: Path, blind: bool, subtitle: str) -> None:
 
     If `blind`, the virtual sensors were held at 0; `subtitle` is how it was run.
     """
-    heading = f"{run.experiment.name}{', blind' if blind else ''}"
+    heading = f"{run.experiment.name}{', without virtual sensors' if blind else ''}"
     if not cv2.imwrite(str(path), draw(run, heading, subtitle)):
         raise RunPictureError(f"{path}: cannot be written")
 
@@ -173,7 +173,7 @@ def _note(run: RunFigure, row: int) -> str:
     if run.inside is not None:
         inside = run.inside[row]
         count, lit = int(inside.sum()), int((inside & run.lit[row]).sum())
-        return f"{count} robot{'s' if count != 1 else ''} in the cone, {lit} of them lit"
+        return f"{count} robot{'s' if count != 1 else ''} in the cone, {lit} of them with LEDs on"
     measures = run.samples.measures().items()
     return ", ".join(f"{spoken(name)} {values[row]:.3g}" for name, values in measures)
 
@@ -187,7 +187,7 @@ def charts(run: RunFigure) -> list[Chart]:
         counts = run.inside.sum(axis=1), (run.inside & run.lit).sum(axis=1)
         series = [
             ChartSeries(name, values.astype(np.float64), colour)
-            for name, values, colour in zip(("in the cone", "lit"), counts, (CONE, LIT))
+            for name, values, colour in zip(("in the cone", "LEDs on"), counts, (CONE, LIT))
         ]
         turn_s = (run.turn or 0) * run.experiment.timestep_s
         marks = [] if run.turn is None else [(turn_s, "the wind turns")]

@@ -76,7 +76,7 @@ def calibration_words(calibration: Mapping[str, Any]) -> str:
     if not isinstance(checks, Sequence) or not isinstance(stale, Sequence):
         return ""
     if not checks:
-        return "the calibration was never checked: vsense calibrate check says how true it is"
+        return "the calibration was never checked: vsense camera calibrate check does"
     check = checks[-1] if isinstance(checks[-1], Mapping) else {}
     rms, worst = check.get("rms_mm"), check.get("worst_mm")
     when = str(check.get("when", "?")).split("T")[0]

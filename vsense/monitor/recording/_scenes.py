@@ -183,7 +183,7 @@ class RecordedScenes:
     def _run_time_s(self, timestep: int, capture_ns: int) -> float | None:
         """The run's time at a state, -1 being outside of a run; None where it is not known.
 
-        Without a timestep's length it is the time between captures, as `vsense track` counts it.
+        Without a timestep's length it is the time between captures, as in `vsense camera track`.
         """
         if self._timestep_s:
             return timestep * self._timestep_s if timestep >= 0 else None

@@ -364,12 +364,12 @@ _TOPICS: dict[str, tuple[str, Schemas]] = {
         {"locked": _YES, "sensors": _COLUMN, "fields": _COLUMN, "params": _OBJECT},
     ),
     PARTS: (
-        "Which robot plays which part of the experiment, in columns; `part` is the file's tag.",
+        "Which robot has which role in the experiment, in columns; `part` is the file's tag.",
         {"run": _INTEGER, "timestep": _INTEGER, **dict.fromkeys(PART_COLUMNS, _COLUMN)},
     ),
     "/robots": ("What is known of every robot, in columns.", dict.fromkeys(ROBOT_COLUMNS, _COLUMN)),
     "/cameras": ("How the cameras are.", {"cameras": _COLUMN}),
-    "/event": ("Something that people were told.", {"text": _TEXT, "level": _TEXT, "by": _TEXT}),
+    "/event": ("A message for people.", {"text": _TEXT, "level": _TEXT, "by": _TEXT}),
     GAP: (
         "What is missing: from, to, how many messages and pictures, and why.",
         {"from_ns": _INTEGER, "to_ns": _INTEGER, "messages": _INTEGER, "pictures": _INTEGER,

@@ -1,4 +1,4 @@
-"""Recordings of pictures as folders, which `vsense track` takes as they are.
+"""Recordings of pictures as folders, which `vsense camera track` takes as they are.
 
 Each camera has a folder with numbered pictures and their timestamps; two XML files lie beside them.
 """

@@ -99,7 +99,7 @@ class PageAccess:
         """What people should know of how the page is encrypted."""
         if self.tls is None and not is_loopback(self.web.host):
             return [
-                "not encrypted: the page's tokens go over plain HTTP; whoever hears one can use it"
+                "not encrypted: the page's tokens go over plain HTTP; one that is heard can be used"
             ]
         if self.tls is None or not self.tls.fingerprint:
             return []

@@ -72,7 +72,7 @@ class FoxgloveAddress:
         if is_loopback(self.host):
             return []
         return [
-            f"Foxglove: everybody who reaches {self.host} can look: there are no tokens, and"
+            f"Foxglove: any machine that reaches {self.host} can look: there are no tokens, and"
             " nothing is encrypted"
         ]
 
@@ -132,7 +132,7 @@ def read_tokens(path: Path) -> Tokens:
             raise VsenseError(f"{path}: no line '{name}=...': both tokens are needed")
     if tokens["look"] == tokens["control"]:
         raise VsenseError(
-            f"{path}: look and control are the same token: whoever looks would control"
+            f"{path}: look and control are the same token: users who only look would control"
         )
     return Tokens(tokens["look"], tokens["control"])
 
@@ -220,7 +220,7 @@ class AccessControl:
             who = "an account that is not known" if uid is None else sharing.user_name(uid)
             raise Forbidden(
                 f"this page is {sharing.user_name()}'s, and not for {who}: with"
-                " --web-tokens FILE whoever has a token may come in"
+                " --web-tokens FILE users with a token may come in"
             )
 
     def rights(self, token: str | None, cookies: Mapping[str, str]) -> Rights:

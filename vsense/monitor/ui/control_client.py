@@ -28,7 +28,7 @@ BRIEF_S = 0.5
 
 _NOTHING_RUNS = (
     "no experiment runs on this machine: start one with vsense run or vsense lab, or only track"
-    " robots with vsense track"
+    " robots with vsense camera track"
 )
 
 

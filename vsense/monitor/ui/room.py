@@ -93,7 +93,7 @@ class RoomCallbacks:
 
     Attributes:
         give: carries orders out.
-        status: the answer to `vsense status`; None: no terminal finds this process.
+        status: the answer to `vsense control status`; None: no terminal finds this process.
         hand_over: ends the process for somebody who wants its robots.
         ask: takes changes of the world; None: there can be none.
         time_s: since the run's beginning; None: before it.
@@ -166,7 +166,7 @@ class ControlRoom:
         try:
             socket = ControlSocket(status, callbacks.give, callbacks.kind, callbacks.hand_over)
         except ControlSocketError as error:
-            self.console.say(f"vsense status and its like will not find this process: {error}")
+            self.console.say(f"`vsense control` will not find this process: {error}")
             return
         self._stack.callback(socket.close)
         if socket.alone:
@@ -179,7 +179,7 @@ class ControlRoom:
             if self.locked and order.kind is OrderKind.REPLACE:
                 raise OrderError(
                     "this run is locked (--locked): a robot is put in from the terminal, with"
-                    f" vsense replace {order.pair[0]}={order.pair[1]}"
+                    f" vsense control replace {order.pair[0]}={order.pair[1]}"
                 )
             return give(order)
 
@@ -217,14 +217,14 @@ class ControlRoom:
                 self.show(step.frames)
         except Exception as error:
             self._failed = True
-            self._trouble(f"the page and the recording are told nothing any more: {error!r}")
+            self._trouble(f"the page and the recording get nothing any more: {error!r}")
 
     def show(self, frames: Sequence[Frame]) -> None:
         """Publishes small pictures of what cameras see, where somebody looks at them."""
         self._preview.offer(frames)
 
     def status_data(self, name: str, command: str, run: Data) -> Data:
-        """What every process says to `vsense status`; `run` is its message /run."""
+        """What every process says to `vsense control status`; `run` is its message /run."""
         series = self._options.series
         return {
             "name": name,

@@ -74,7 +74,7 @@ CAUSES = {
     StopCause.NO_BEAT: "its controller does not answer",
     StopCause.BASE: "its base does not answer",
     StopCause.GUARD: "its guard was replaced",
-    StopCause.SIGNAL: "it was told to end",
+    StopCause.SIGNAL: "it was asked to end",
     StopCause.BATTERY: "its battery is empty",
 }
 """Why wheels are held without an order."""

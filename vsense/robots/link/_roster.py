@@ -39,7 +39,7 @@ GREETINGS_MAX = 1024
 TAKEN_OVER = "the same robot opened a newer session"
 DEPLOY_HINT = f"bring it one with {BRING}"
 DEPLOY_IT = f"bring it that with {BRING}"
-FORMER_KEY = f"start its vsensed anew, or bring it the newest with {BRING}"
+FORMER_KEY = f"start its vsensed again, or bring it the newest with {BRING}"
 OLDER = f"runs an older vsensed: bring it this one with {BRING}"
 
 
@@ -270,8 +270,7 @@ class SessionTable:
         robot = self.robots.get(tag)
         if robot is not None:
             robot.refused = OLDER
-        name = f"robot {tag}{f' ({robot.name})' if robot else ''}"
-        return self.refuse(RefuseCode.HELLO, f"{name} {OLDER}", origin, now_ns, tag)
+        return self.refuse(RefuseCode.HELLO, f"robot {tag} {OLDER}", origin, now_ns, tag)
 
     def _key_note(self, number: int | None) -> str:
         """What to say of a robot's key, if anything."""
@@ -285,8 +284,8 @@ class SessionTable:
         robot = self.robots.get(hello.tag)
         if robot is not None:
             robot.refused = text
-        name = f"robot {hello.tag}{f' ({robot.name})' if robot else ''}"
-        return self.refuse(RefuseCode.KEY, f"{name} {text}", origin, now_ns, hello.tag, packet)
+        text = f"robot {hello.tag} {text}"
+        return self.refuse(RefuseCode.KEY, text, origin, now_ns, hello.tag, packet)
 
     def _turn_away(self, greeting: Greeting, now_ns: int, code: RefuseCode, text: str) -> Answer:
         tag, packet = greeting.hello.tag, greeting.packet

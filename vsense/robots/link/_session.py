@@ -121,7 +121,7 @@ class HostSession:
     @property
     def label(self) -> str:
         """The robot for people."""
-        return f"robot {self.tag} ({self.name})"
+        return f"robot {self.tag}"
 
     @property
     def runs(self) -> tuple[str, str]:

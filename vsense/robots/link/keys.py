@@ -6,7 +6,7 @@ highest number is the one that robots are given. A robot that it has not reached
 with its older one, and told of, so that nobody is locked out; one that it has reached is not, and
 where it has reached all, the older one is forgotten: no former key is good for ever.
 
-    # Swarm keys of vsense. Whoever reads them can be every robot, and the host.
+    # Swarm keys of vsense. A user who reads them can be every robot, and the host.
     2 = 64 hexadecimal digits
     1 = 64 hexadecimal digits
 """
@@ -37,7 +37,7 @@ MAX_KEY_FILE_BYTES = 16_384
 
 _PERSON = b"vs-robot"
 _LINE = re.compile(r"([1-9][0-9]{0,5})\s*=\s*([0-9a-fA-F]{64})")
-_HEAD = "# Swarm keys of vsense. Whoever reads them can be every robot, and the host.\n"
+_HEAD = "# Swarm keys of vsense. A user who reads them can be every robot, and the host.\n"
 
 
 class KeySource(Protocol):

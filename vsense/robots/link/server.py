@@ -195,7 +195,7 @@ class VirtualSensorServer:
         with self._lock:
             gone = self._roster.recast(expected)
         self._throttle.expect(expected.keys())
-        network.part(gone, "another robot plays its part")
+        network.part(gone, "another robot has its role")
 
     def silence(self, silent: bool = True) -> None:
         """Sends no STATE any more, or again, so that telemetry can catch up.

@@ -115,7 +115,7 @@ class Traveller:
     @property
     def label(self) -> str:
         """The robot for people."""
-        return f"robot {self.tag} ({self.name})"
+        return f"robot {self.tag}"
 
     @property
     def left_m(self) -> float:

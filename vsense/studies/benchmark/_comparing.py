@@ -217,8 +217,8 @@ def own_figures(result: Mapping[str, Any]) -> Iterator[tuple[str, str, float | N
         "noise of a standing robot's x [mm]": standing.get("x"),
         "noise of a standing robot's heading [deg]": standing.get("heading"),
         "noise of its virtual light sensor": standing.get("light"),
-        "way over told, mean of robots": _middle(noise, "way_over_told"),
-        "way over told, spread of robots [%]": _apart(noise, "way_over_told"),
+        "way over reported, mean of robots": _middle(noise, "way_over_told"),
+        "way over reported, spread of robots [%]": _apart(noise, "way_over_told"),
         "noise of way in a timestep [mm]": _middle(noise, "forward_noise_mm"),
         "noise of turn in a timestep [deg]": _middle(noise, "turn_noise_deg"),
     }

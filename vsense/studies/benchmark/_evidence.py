@@ -130,7 +130,7 @@ def misplaced(plan: SeriesPlan, rows: Sequence[RunRow]) -> Iterator[str]:
         if row.valid:
             valid.setdefault((row.condition, row.start, row.repetition), []).append(row)
         elif not row.why:
-            yield f"{row.run} is void and does not say why"
+            yield f"{row.run} is invalid and does not say why"
     for cell in cells(plan):
         placed = valid.pop((cell.condition, cell.start, str(cell.repetition)), [])
         where = f"{cell.condition}, {cell.start}, repetition {cell.repetition}"

@@ -44,7 +44,7 @@ def _latency_chart(stations: Mapping[str, Mapping[str, float]]) -> Drawing:
 def _wheels_chart(robots: Sequence[Mapping[str, Any]]) -> Drawing:
     figure = _plot.new_figure(_plot.width_of(True))
     panels = (
-        ("way_over_told", "way over told [%]", 100.0),
+        ("way_over_told", "way over reported [%]", 100.0),
         ("forward_noise_mm", "noise of way in a timestep [mm]", 1.0),
         ("turn_noise_deg", "noise of turn in a timestep [deg]", 1.0),
     )
@@ -63,8 +63,8 @@ def _wheels_chart(robots: Sequence[Mapping[str, Any]]) -> Drawing:
         else:
             _plot.from_zero(axes, values)
     caption = (
-        "Each robot by its tag. Way over told: 100 % is a nominal e-puck. Noise: standard deviation"
-        " of what a timestep's motion differs from that of its wheels."
+        "Each robot by its tag. Way over reported: 100 % is a nominal e-puck. Noise: standard"
+        " deviation of what a timestep's motion differs from that of its wheels."
     )
     return Drawing("wheels", "Wheels, as the runs show them", caption, figure, wide=True)
 
@@ -188,7 +188,7 @@ def _poses(result: Mapping[str, Any], counter: Counter) -> str:
             f" {_with(last['rms_mm'], 'mm')} rms, {_with(last['worst_mm'], 'mm')} at worst."
         )
     elif result["mode"] == "run":
-        words.append("The calibration was never checked: how true poses are, nobody knows.")
+        words.append("The calibration was never checked: how true poses are is not known.")
     standing = [
         [row["what"], figure_of(row["sigma"]), row["unit"] or DASH, str(row["samples"])]
         for row in result["noise"]["standing"]
@@ -218,13 +218,13 @@ def _wheels(result: Mapping[str, Any], charts: Charts, counter: Counter) -> str:
     if not rows:
         return "<h2>Wheels</h2>\n<p>Too little is known of how robots drove.</p>\n"
     heads = (
-        "robot", "way over told", "right over left", "axle over nominal", "noise of way [mm]",
+        "robot", "way over reported", "right over left", "axle over nominal", "noise of way [mm]",
         "noise of turn [deg]", "timesteps", "measured before",
     )  # fmt: skip
     caption = (
-        "By least squares on what robots told of their wheels and where cameras saw them, from one"
-        " timestep to the next; noise: what is left over in a timestep. Measured before: by vsense"
-        " robot calibrate, in the roster; robots correct their wheels by it."
+        "By least squares on what robots reported of their wheels and where cameras saw them, from"
+        " one timestep to the next; noise: what is left over in a timestep. Measured before: by"
+        " vsense robot calibrate, in the roster; robots correct their wheels by it."
     )
     figures = counter.figures(charts.keep("", [_wheels_chart(robots)])) if charts.form else ""
     return f"<h2>Wheels</h2>\n{figures}{counter.table('Wheels', caption, heads, rows, texts=(7,))}"
@@ -242,12 +242,13 @@ def _missions(result: Mapping[str, Any], counter: Counter) -> str:
         for mission in result["missions"]
     ]
     heads = (
-        "mission", "score", "unit", "better is", "sighted, median", "blind, median",
-        "sighted is better [%]", "shift", "margin",
+        "mission", "score", "unit", "better is", "with sensors, median", "without, median",
+        "with sensors is better [%]", "shift", "margin",
     )  # fmt: skip
     caption = (
-        "A run gives one score. Sighted is better: in how many of all pairs of a sighted and a"
-        " blind run, ties counted half. Margin: two labs whose means differ by less are the same."
+        "A run gives one score. With sensors is better: in how many of all pairs of a run with"
+        " and one without, ties counted half. Margin: two labs whose means differ by less are the"
+        " same."
     )
     return f"<h2>Missions</h2>\n{counter.table('Scores', caption, heads, rows, texts=(0, 1, 2, 3))}"
 

@@ -68,8 +68,8 @@ def accuracy(runs: Sequence[RunEvidence]) -> dict[str, Any]:
     """How true poses are.
 
     `truth`: in the lab, what was read of markers against where they truly were; `calibration`: what
-    `vsense calibrate check` found of the cameras in use, or the lab of those of `--calibrate`; both
-    None where nothing is known. `seen_share`: robots that were seen in a timestep.
+    `vsense camera calibrate check` found of the cameras in use, or the lab of those of
+    `--calibrate`; both None where nothing is known. `seen_share`: robots seen in a timestep.
     """
     tracked = [run.summary["tracking"] for run in runs if "tracking" in run.summary]
     calibrations = [run.calibration for run in runs if run.calibration]

@@ -233,7 +233,7 @@ def _summary(facts: Mapping[str, Any]) -> Iterator[str]:
         f"{facts['benchmark']}, {facts['site']} ({facts['mode']}): {counts['valid']} runs,"
         f" {counts['void']} invalid"
     )
-    rows = [("mission", "score", "unit", "sighted", "blind", "sighted is better")]
+    rows = [("mission", "score", "unit", "with sensors", "without", "with is better")]
     for mission in facts["missions"]:
         medians = (f"{mission[arm]['median']:.4g}" for arm in ("sighted", "blind"))
         share = f"{100 * mission['sighted_better']:.0f} %"

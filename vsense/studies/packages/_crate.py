@@ -180,7 +180,7 @@ def _people(title: Title) -> list[CrateEntity]:
 
 def _license(title: Title) -> CrateEntity:
     if not title.license:
-        words = "Nobody has said what others may do with this package."
+        words = "It is not said what others may do with this package."
         return {
             "@id": _NO_LICENSE,
             "@type": "CreativeWork",
@@ -283,5 +283,5 @@ def readme(name: str, contents: PackageContents, all_series: Sequence[FoundSerie
         out = ", ".join(f"{what} ({count})" for what, count in contents.left_out.items())
         lines += ["", f"Left out or replaced: {out}."]
     if contents.lacks:
-        lines += ["", "What is lacking:", "", *(f"* {words}" for words in contents.lacks)]
+        lines += ["", "What is missing:", "", *(f"* {words}" for words in contents.lacks)]
     return "\n".join([*lines, ""])

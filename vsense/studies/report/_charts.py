@@ -62,7 +62,7 @@ def measures(findings: Findings) -> Drawing | None:
     if findings.gathered.cones and recording.IN_CONE in series:
         caption += (
             ". The report itself counted the robots in the cone, and those of them whose red LEDs"
-            " were lit, from tracked poses, the cone, and telemetry, where the experiment did not"
+            " were on, from tracked poses, the cone, and telemetry, where the experiment did not"
         )
     return Drawing("measures", "Measures", caption + ".", figure)
 
@@ -116,7 +116,7 @@ def robots(findings: Findings) -> Drawing | None:
         f"Above: how many robots were seen by the cameras and connected in {findings.part};"
         " grey: nothing was recorded, or no arena state came. Below: how each robot was, by tag,"
         f" the worst in each {strip_s:g} s. Not seen: for more than 1 s. Stopped: its wheels were"
-        " held and nobody wanted that."
+        " held without an order."
     )
     return Drawing("robots", "Robots seen and connected", caption, figure, wide=True)
 

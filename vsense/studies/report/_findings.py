@@ -142,10 +142,10 @@ class Findings:
 
     @property
     def only_tracked(self) -> str:
-        """What a recording of `vsense track` cannot show, in words; "" where it is another one."""
+        """What a recording of `vsense camera track` cannot show, in words; "": another one."""
         if self.gathered.facts.command != "track":
             return ""
-        return f"robots were only tracked (vsense track): it has no {', no '.join(self.lacks)}"
+        return f"robots were only tracked (vsense camera track): no {', no '.join(self.lacks)}"
 
 
 def read_findings(path: Path, progress: Callable[[float], None] = lambda share: None) -> Findings:

@@ -50,7 +50,7 @@ def robots(findings: Findings, counter: Counter) -> str:
     caption = (
         "Distance and speed while a robot was seen: times of more than 1 s without it are left out,"
         " and moves of less than 5 mm count once they add up. Stops: how often its wheels were held"
-        f" and nobody wanted that. {DASH}: nobody told."
+        f" without an order. {DASH}: not reported."
     )
     rows = list(zip(*(cells for _, cells in columns)))
     texts = [place for place, head in enumerate(heads) if head in ("robot", "controller")]
@@ -67,9 +67,9 @@ def parts(findings: Findings, counter: Counter) -> str:
     ]
     if not rows:
         return ""
-    caption = "Who plays a part by its own tag has that tag. Before the run times are below 0."
-    heads = ("part", "its tag", "robot", "uid", "from [s]")
-    return counter.table("Who played", caption, heads, rows, texts=(0, 3))
+    caption = "A role is called by the tag in the file. Before the run times are below 0."
+    heads = ("role", "its tag", "robot", "uid", "from [s]")
+    return counter.table("Roles", caption, heads, rows, texts=(0, 3))
 
 
 def _time_s(time_ns: int, findings: Findings) -> float:

@@ -166,7 +166,7 @@ class SeriesCast:
         for tag, why in gone.items():
             text = f"robot {tag} {why}; there is no spare for it"
             if tag in spares:
-                text = f"robot {tag} {why}: robot {spares[tag]} plays its part from now on"
+                text = f"robot {tag} {why}: robot {spares[tag]} has its role from now on"
             self._console.say(text, "warning")
         for pair in spares.items():
             self._recast(pair)

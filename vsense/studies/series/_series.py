@@ -126,7 +126,7 @@ class SeriesLoop:
             say(f"{self.in_words()}; it goes on from there")
         for names in duplicates(folder.rows):
             say(
-                f"{names} are the same run and all valid: one of them has to be void in the table",
+                f"{names} are the same run and all valid: one has to become 'void' in the table",
                 "warning",
             )
         for text in folder.plan_changes:

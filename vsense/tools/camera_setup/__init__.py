@@ -1,1 +1,1 @@
-"""The command `vsense cameras`: what is plugged in, how it looks, and how it is set up."""
+"""The command `vsense camera list`: what is plugged in, how it looks, and how it is set up."""

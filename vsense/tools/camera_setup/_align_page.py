@@ -1,4 +1,4 @@
-"""The page of `vsense arena align`: cameras' pictures, and the arena's corners to drag onto them.
+"""The page of `vsense camera arena align`: cameras' pictures, and arena corners to drag.
 
 It is served to this machine only, at an address that nobody guesses. The page draws; what a click
 means is computed here.
@@ -88,7 +88,7 @@ class AlignTask:
         )
         with self._lock:
             if self.saved is not None:
-                raise UsageError("this was saved already; start vsense arena align again")
+                raise UsageError("this was saved already; start vsense camera arena align again")
             self._save(solution)
             self.saved = solution
         return {"saved": alignment.as_json(solution)}
@@ -181,7 +181,7 @@ class _Handler(BaseHTTPRequestHandler):
         path = self._path()
         task = self.server.task
         if path is None:
-            self._send(404, b"vsense arena align: not here", "text/plain")
+            self._send(404, b"vsense camera arena align: not here", "text/plain")
         elif path in _FILES:
             name, kind = _FILES[path]
             file = resources.files("vsense.tools.camera_setup") / "align" / name

@@ -186,10 +186,10 @@ def _noise(reading: ExposureReading) -> str:
 
 def _blur(reading: ExposureReading) -> str:
     if reading.scale is None:
-        return "unknown: no marker in the picture tells its scale; give --px-per-m"
+        return "unknown: no marker in the picture gives its scale; give --px-per-m"
     scale = f"{reading.scale.px_per_m:.0f} px/m ({reading.scale.source})"
     if reading.blur_px is None:
-        return f"unknown: the camera does not tell its exposure; {scale}"
+        return f"unknown: the camera does not report its exposure; {scale}"
     return f"{reading.blur_px:.1f} px at {reading.speed_m_s:g} m/s, {scale}"
 
 

@@ -1,4 +1,4 @@
-"""`vsense cameras tune --sweep`: tries exposures and gains, and reports the best."""
+"""`vsense camera tune --sweep`: tries exposures and gains, and reports the best."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def run(tuner: Tuner, interrupted: threading.Event, as_json: bool) -> bool:
     camera = tuner.camera
     controls = camera.controls
     if controls is None or controls.value(EXPOSURE) is None:
-        raise VsenseError(f"{camera.id}: does not tell its exposure: there is nothing to try")
+        raise VsenseError(f"{camera.id}: does not report its exposure: there is nothing to try")
     own = {name: controls.value(name) for name in (EXPOSURE, GAIN)}
     put_back = controls.remember()
     rows: list[PanelView] = []

@@ -1,4 +1,4 @@
-"""`vsense arena align`, from camera files and pictures or pixels to moved camera files."""
+"""`vsense camera arena align`, from camera files and pictures or pixels to moved camera files."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from vsense.vision.cameras.camera import Camera, Floats
 
 @dataclass(frozen=True, slots=True)
 class AlignOptions:
-    """How the frame is moved; see `vsense arena align -h`. `height` is in m."""
+    """How the frame is moved; see `vsense camera arena align -h`. `height` is in m."""
 
     cameras: Path
     points: Path | None
@@ -71,7 +71,7 @@ def _with_page(
     """Serves the page until something was saved, or Ctrl-C."""
     if not options.pictures:
         raise UsageError(
-            "expected --pictures, of all cameras at one moment (vsense cameras shoot takes them),"
+            "expected --pictures, of all cameras at one moment (vsense camera shoot takes them),"
             " or --click, or --seen"
         )
     pictures = alignment.pictures_of(options.pictures, options.camera, cameras, options.cameras)

@@ -1,4 +1,4 @@
-"""`vsense cameras list` and `init`: the cameras that are there, and their configuration files."""
+"""`vsense camera list` and `init`: the cameras that are there, and their configuration files."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ NO_CAMERA = (
 def list_cameras(as_json: bool) -> int:
     """Prints the table or JSON; without cameras, what to check on standard error, and 1."""
     if sys.stderr.isatty():
-        print("asking who is there ...", end="", file=sys.stderr, flush=True)
+        print("looking for cameras ...", end="", file=sys.stderr, flush=True)
     cameras, missing = find()
     if sys.stderr.isatty():
         print("\r\x1b[K", end="", file=sys.stderr, flush=True)
@@ -161,9 +161,9 @@ ROSTER = "auto:20"
 
 _GRABBERS = """\
     <!--
-      Cameras. Whatever one of them refuses or rounds is told when it is opened.
+      Cameras. Whatever one of them refuses or rounds is reported when it is opened.
 
-      device             an IP address, or an id, serial number or MAC address of "vsense cameras"
+      device             an IP address, or an id, serial number, MAC address of "vsense camera list"
       width, height      [px] what it is calibrated with; offset_x, offset_y: where on the sensor
       frame_rate         [1/s] also what the network's load and "too slow" are judged by
       exposure_time_abs  [us] longer is brighter, and smears robots that move
@@ -178,14 +178,14 @@ _GRABBERS = """\
 """
 _TRACKERS = """\
     <!--
-      family        the printed markers, see "vsense markers"
+      family        the printed markers, see "vsense camera markers"
       tags          the numbers of the markers in the arena; {whose}
       robot_height  of the markers above the floor [m]
       max_speed     of a robot [m/s]
     -->
 """
 _CAMERAS = """\
-    <!-- Where the cameras hang, and their lenses: the files that "vsense calibrate" writes. -->
+    <!-- Where the cameras hang, and their lenses: files that "vsense camera calibrate" writes. -->
 """
 
 
@@ -208,7 +208,7 @@ class Markers:
         if lab is not None:
             return cls(lab.tags, f"these are those of {lab.path}")
         tags = families.parse_tags(ROSTER, load_family(FAMILY))
-        return cls(tags, f'these are "{ROSTER}" of vsense markers')
+        return cls(tags, f'these are "{ROSTER}" of vsense camera markers')
 
 
 def resources_text(cameras: Sequence[FoundCamera], markers: Markers) -> str:
@@ -391,8 +391,9 @@ def _next(directory: Path, ids: list[str]) -> list[str]:
     step = "" if directory == Path() else f"  cd {directory}\n"
     return [
         f"{cameras}: {', '.join(ids)}. What comes next:",
-        f"{step}  vsense cameras tune {ids[0]} --resources {RESOURCES_FILE} --sweep",
-        f"  vsense cameras shoot {RESOURCES_FILE} --board {BOARD} -o shoot",
-        f"  vsense calibrate rig --board {BOARD} --pictures shoot --floor 'floor_*' -o cameras",
-        f"and then: vsense track {RESOURCES_FILE} {EXPERIMENT_FILE}",
+        f"{step}  vsense camera tune {ids[0]} --resources {RESOURCES_FILE} --sweep",
+        f"  vsense camera shoot {RESOURCES_FILE} --board {BOARD} -o shoot",
+        f"  vsense camera calibrate rig --board {BOARD} --pictures shoot --floor 'floor_*'"
+        " -o cameras",
+        f"and then: vsense camera track {RESOURCES_FILE} {EXPERIMENT_FILE}",
     ]

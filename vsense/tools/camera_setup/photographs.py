@@ -1,4 +1,4 @@
-"""`vsense markers find`: square markers in pictures of any camera, calibrated or not."""
+"""`vsense camera markers find`: square markers in pictures of any camera, calibrated or not."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _LINE, _LETTERS = 1 / 60, 1 / 100
 
 @dataclass(frozen=True, slots=True)
 class FindOptions:
-    """What `vsense markers find` is asked for.
+    """What `vsense camera markers find` is asked for.
 
     Attributes:
         pictures: picture files, and folders with such.

@@ -1,4 +1,4 @@
-"""`vsense cameras shoot`: pictures of a board with all cameras at once, for vsense calibrate.
+"""`vsense camera shoot`: pictures of a board with all cameras at once, for vsense camera calibrate.
 
 Moments are named floor_01, floor_02 and so on; no name is used twice.
 """
@@ -83,7 +83,7 @@ SHOOT_TIMEOUT_S = 0.2
 
 @dataclass(frozen=True, slots=True)
 class ShootOptions:
-    """Which pictures are taken; see `vsense cameras shoot -h`.
+    """Which pictures are taken; see `vsense camera shoot -h`.
 
     Attributes:
         board: Looked for in the pictures, as `Board.parse` reads it; None: nothing.
@@ -334,5 +334,6 @@ def _end(shoot: ShootingSession, options: ShootOptions, console: Console) -> Non
     console.say(f"{moments} in {options.output}. What comes next:")
     board = options.board or "BOARD"
     console.say(
-        f"  vsense calibrate rig --board {board} --pictures {options.output}{floor} -o cameras"
+        f"  vsense camera calibrate rig --board {board} --pictures {options.output}{floor}"
+        " -o cameras"
     )

@@ -1,4 +1,4 @@
-"""`vsense cameras show`: one picture into a file, or live pictures in the page."""
+"""`vsense camera show`: one picture into a file, or live pictures in the page."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ SHOW_TIMEOUT_S = 0.5
 
 @dataclass(frozen=True, slots=True)
 class ShowOptions:
-    """Which camera is shown; see `vsense cameras show -h`.
+    """Which camera is shown; see `vsense camera show -h`.
 
     `id`, `wanted` and `resources` are as in `choose`. `save`: one picture goes into this file; else
     `web` says where the page is.

@@ -1,4 +1,4 @@
-"""`vsense cameras tune`: shows the effect of exposure and gain on a camera's pictures."""
+"""`vsense camera tune`: shows the effect of exposure and gain on a camera's pictures."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ RETRY_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class TuneOptions:
-    """Which camera is tuned, and what the user knows of it; see `vsense cameras tune -h`.
+    """Which camera is tuned, and what the user knows of it; see `vsense camera tune -h`.
 
     `id`, `wanted` and `resources` are as in `choose`; `speed` [m/s] is the robots'; `height_m` is
     from the lens down to the markers, `marker_height` [m] from the floor up to them, for `camera`.

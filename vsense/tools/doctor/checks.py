@@ -142,7 +142,7 @@ def _ports() -> Iterator[Finding]:
         robots.udp.close()
         yield Finding("robots' port", OK, f"{ROBOTS_PORT}, TCP and UDP")
     except VsenseError as error:
-        yield Finding("robots' port", LACKS, str(error), "vsense status   # or run with --port 0")
+        yield Finding("robots' port", LACKS, str(error), "vsense control status   # or --port 0")
     try:
         network.listen("127.0.0.1", PAGE_PORT)[0].close()
         yield Finding("page's port", OK, str(PAGE_PORT))

@@ -1,7 +1,7 @@
 """Carries a calibration out: all robots' routines, in a lab or with real robots.
 
-What stops a run stops a calibration: Ctrl-C, the page, `vsense stop`. Whatever fails, the robots
-are told to stand, and where nobody tells them anything any more they stand by themselves.
+What stops a run stops a calibration: Ctrl-C, the page, `vsense control stop`. Whatever fails, the
+robots are told to stand, and where nobody tells them anything any more they stand by themselves.
 """
 
 from __future__ import annotations

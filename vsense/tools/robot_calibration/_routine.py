@@ -34,9 +34,7 @@ ARM_M = 0.05
 """A turn counts as much as a way this far from the middle."""
 LEAST_POSES, ENOUGH, TRIES = 8, 14, 3
 """Poses of a part of a drive, and of all of it; and how often it is tried."""
-UNSTEADY = (
-    "its motors did not turn as they were told: see its log, and whether this computer is slow"
-)
+UNSTEADY = "its motors did not turn as commanded: see its log, and whether this computer is slow"
 SETTLE_S = 0.6
 """After a command its robot may still do what it was told before."""
 UNSEEN_S = 1.0
@@ -265,7 +263,7 @@ class MotionRoutine:
             if abs(off) < AIM_RAD:
                 return
             if self._moment.time_s > limit_s:
-                raise RobotFailed("does not turn where it is told to: is it held?")
+                raise RobotFailed("does not turn as commanded: is it held?")
             if abs(off) > FAR_RAD:
                 turn = 0 if math.isinf(off) else round(math.copysign(TURN_STEPS_S, off))
                 yield from self._step((-turn, turn))

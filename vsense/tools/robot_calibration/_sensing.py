@@ -169,8 +169,8 @@ class SensorRoutine(MotionRoutine):
         while name not in self._moment.readings:
             if self._moment.time_s > until_s:
                 raise BadReadings(
-                    f"it tells no {name} readings: has it such sensors, does its base setting name"
-                    " them, and is its controller 'calibrate' as new as this computer?"
+                    f"it reports no {name} readings: has it such sensors, does its base setting"
+                    " name them, and is its controller 'calibrate' as new as this computer?"
                 )
             yield from self._step(_STILL)
 

@@ -128,7 +128,8 @@ def fit_proximity(looks: Sequence[WallLook]) -> SensorFit:
     if abs(error) > MOST_ERROR_M:
         raise BadReadings(
             f"the wall seems to stand {1000 * error:+.0f} mm from where the experiment has it,"
-            f" at most {1000 * MOST_ERROR_M:g} are made good: measure it, or 'vsense arena align'"
+            f" at most {1000 * MOST_ERROR_M:g} are corrected: measure it, or"
+            " 'vsense camera arena align'"
         )
     return _result([sensor.named(error) for sensor in sensors], error, raw.size)
 

@@ -218,7 +218,7 @@ def _wait(session: ExperimentSession, limit_s: float) -> None:
         raise CutShort(session.setup.interrupted.code)
     if {robot.id for robot in session.experiment.robots} <= set(readiness.missing):
         # Without a tracker no timestep would ever come to leave them out.
-        raise VsenseError(f"nobody can be calibrated: {readiness.missing_text()}")
+        raise VsenseError(f"no robot can be calibrated: {readiness.missing_text()}")
 
 
 def _results(

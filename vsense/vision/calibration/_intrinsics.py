@@ -113,7 +113,7 @@ def too_flat(poses: Sequence[BoardPose]) -> str | None:
         return None
     return (
         f"all views of the board have the same tilt within {spread:.0f} degrees, so focal length "
-        "and distance cannot be told apart; tilt it by 20 to 45 degrees to each side"
+        "and distance cannot be separated; tilt it by 20 to 45 degrees to each side"
     )
 
 

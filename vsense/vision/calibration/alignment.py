@@ -1,4 +1,4 @@
-"""`vsense arena align`: the arena frame moved onto the real walls, for all cameras together.
+"""`vsense camera arena align`: the arena frame moved onto the real walls, for all cameras together.
 
 Where the arena is, is not in the experiment: it says how large the arena is, and the camera files
 say where. So all camera files turn and shift together, and whatever uses them follows. How the
@@ -219,7 +219,7 @@ def undo(folder: Path) -> list[Path]:
     for path in files:
         if not _is_moved(path, folder / path.name, folder / ALIGN):
             raise UsageError(
-                f"{folder / path.name}: is not what was aligned, it was made anew since; what was"
+                f"{folder / path.name}: is not what was aligned, it was made again since; what was"
                 f" before that is in {folder / BEFORE_ALIGN}"
             )
     with failing_as(UsageError, f"{folder}: cannot be written"):
@@ -296,4 +296,4 @@ def stale_check(folder: Path) -> str:
     """What to say of an earlier check; "" where there was none."""
     if not (folder / CHECK).exists():
         return ""
-    return "the calibration was checked before it was moved: vsense calibrate check again"
+    return "the calibration was checked before it was moved: vsense camera calibrate check again"

@@ -1,7 +1,7 @@
 """What was checked of a calibration, kept beside its camera files, and told with later runs.
 
-`vsense calibrate check` writes `report/check.json` beside the camera files. It holds a digest of
-each camera, so that a check says when it is of another calibration than the one in use.
+`vsense camera calibrate check` writes `report/check.json` beside the camera files. It holds a
+digest of each camera, so that a check says when it is of another calibration than the one in use.
 """
 
 from __future__ import annotations

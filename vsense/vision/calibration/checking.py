@@ -1,4 +1,4 @@
-"""`vsense calibrate check`, from files and pictures on the disk to `report/check.json`."""
+"""`vsense camera calibrate check`, from files and pictures on the disk to `report/check.json`."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _FRAME_SHARE = 0.7
 
 @dataclass(frozen=True, slots=True)
 class CheckOptions:
-    """What a calibration is checked with; see `vsense calibrate check -h`.
+    """What a calibration is checked with; see `vsense camera calibrate check -h`.
 
     `limit` and `thickness` are in m.
     """
@@ -84,7 +84,7 @@ def run(options: CheckOptions) -> int:
         raise UsageError(f"{path}: cannot be written: {error.strerror}") from None
     for line in as_text(result, data):
         _say(line)
-    _say("runs with these cameras tell it from now on, until their files change")
+    _say("runs with these cameras report it from now on, until their files change")
     print_data(text.rstrip("\n") if options.json else str(path))
     if options.limit is not None and data["worst_mm"] > 1e3 * options.limit:
         raise PoorCalibration(
@@ -291,7 +291,7 @@ def _blame(result: PointCheck, data: Mapping[str, Any]) -> list[str]:
         return []
     text = f"{data['shape_rms_mm']:.2f} mm rms where the frame as a whole fits best"
     if data["shape_rms_mm"] < _FRAME_SHARE * data["rms_mm"]:
-        return [f"{text}: {result.shift.in_words()}; vsense arena align moves it there"]
+        return [f"{text}: {result.shift.in_words()}; vsense camera arena align moves it there"]
     return [text]
 
 

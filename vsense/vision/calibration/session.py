@@ -1,4 +1,4 @@
-"""`vsense calibrate`, from paths on the disk to camera files on the disk."""
+"""`vsense camera calibrate`, from paths on the disk to camera files on the disk."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _DPI = 300
 
 @dataclass(frozen=True, slots=True)
 class LensOptions:
-    """What lenses are calibrated from, and where the files go; see `vsense calibrate -h`.
+    """What lenses are calibrated from, and where the files go; see `vsense camera calibrate -h`.
 
     `board` is None where only known points are seen; `size` is of the corners' pictures [px].
     """
@@ -62,7 +62,7 @@ class LensOptions:
 
 @dataclass(frozen=True, slots=True)
 class RigOptions(LensOptions):
-    """What a rig is calibrated from; see `vsense calibrate rig -h`.
+    """What a rig is calibrated from; see `vsense camera calibrate rig -h`.
 
     `origin` is x, y [m] and yaw [degrees]; `thickness` and `accuracy` are in m.
     """
@@ -167,7 +167,7 @@ def _check_rig(options: RigOptions) -> None:
     if bool(options.points) != bool(options.seen or options.tags):
         raise UsageError("expected --points together with --seen or --tags")
     if not options.board and not options.intrinsics:
-        raise UsageError("known points alone do not tell the lenses: expected --intrinsics")
+        raise UsageError("known points alone do not give the lenses: expected --intrinsics")
     if options.refine and not options.intrinsics:
         raise UsageError("--refine: expected --intrinsics, the lenses to refine")
     if options.tags and not options.pictures:

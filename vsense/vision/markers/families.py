@@ -154,7 +154,7 @@ def confusion(family: Family, tags: Iterable[int]) -> str:
         return ""
     words = f"tags {min(pairs)[0]} and {min(pairs)[1]} differ in one cell"
     words += f" ({len(pairs)} such pairs)" if len(pairs) > 1 else ""
-    return f"{words}: cameras may confuse them; vsense markers --ids auto:N chooses better ones"
+    return f"{words}: cameras may confuse them; vsense camera markers --ids auto:N has better ones"
 
 
 def parse_tags(text: str, family: MarkerFamily | SquareFamily) -> list[int]:

@@ -210,7 +210,7 @@ def _fitting(text: Text, width_mm: float) -> float:
 def _frame(page: Page, title: str) -> None:
     """Draws the page's title and the bar that shows whether the printer kept the scale."""
     top = page.height_mm - _MARGIN_MM - 3.0
-    page.items.append(Text(_MARGIN_MM, top, 3.2, f"vsense markers: {title}"))
+    page.items.append(Text(_MARGIN_MM, top, 3.2, f"vsense camera markers: {title}"))
     left, base = _MARGIN_MM, _MARGIN_MM + 1.5
     page.items.append(line(left, base, left + _BAR_MM, base, 0.3))
     for step in range(11):
@@ -226,7 +226,7 @@ def _frame(page: Page, title: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class SheetOptions:
-    """Which markers are drawn into which file; see `vsense markers -h`.
+    """Which markers are drawn into which file; see `vsense camera markers -h`.
 
     Attributes:
         output: NAME.pdf, or NAME.png; several pages become NAME-1.png, NAME-2.png, ...

@@ -196,7 +196,7 @@ def _of_aravis(id: str, wanted: Controls) -> GrabberSpec:
 def _listed_text(listed: Sequence[ListedCamera]) -> str:
     names = [camera.id for camera in listed] + [device.path for device in _v4l2.devices()]
     if not names:
-        return "there are none; see vsense cameras"
+        return "there are none; see vsense camera list"
     return f"there {'is' if len(names) == 1 else 'are'} {', '.join(names)}"
 
 

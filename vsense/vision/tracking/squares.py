@@ -334,9 +334,9 @@ def codes_of(name: str) -> Codes:
     if isinstance(family, SquareFamily):
         return family.codes
     raise UsageError(
-        f"--family: {name} are arrows, which are told from other dark things by their size, and"
+        f"--family: {name} are arrows, which are recognized among dark things by their size, and"
         " that takes a calibrated camera: expected ArUco or AprilTag markers; arrows are found by"
-        " `vsense track`, in folders of pictures, too, and by `vsense cameras show`"
+        " `vsense camera track`, in folders of pictures, too, and by `vsense camera show`"
     )
 
 

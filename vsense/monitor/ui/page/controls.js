@@ -46,7 +46,7 @@ export class Controls {
     const { mode } = document.body.dataset;
     if (mode === "replay") return;
     if (mode === "sim") this.#pauseSimulation();
-    else if (mode === "track") this.notify("vsense track moves no robot: stop them where they are driven", false);
+    else if (mode === "track") this.notify("camera track moves no robot: stop them where they are driven", false);
     else if (!this.store.you.control) this.order("emergency", 1);
     else if (!this.connection.stopAll()) this.notify("EMERGENCY STOP is not delivered: there is no connection", false);
   }

@@ -38,7 +38,7 @@ export class Replace {
     }
     const able = this.connection.open && Boolean(run?.can?.includes("replace"));
     if (this.button.disabled === able) this.button.disabled = !able;
-    this.button.title = able ? "It plays this part from the next run on" : "Between runs only";
+    this.button.title = able ? "It has this role from the next run on" : "Between runs only";
   }
 
   /** Who plays the chosen part now stays chosen.

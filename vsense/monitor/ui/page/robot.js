@@ -107,7 +107,7 @@ export class Robot {
       ["program", robot ? `${robot.controller ?? "–"} ${robot.hash ?? ""}` : "–"],
     ];
     const { part, uid } = this.store.part(tag);
-    if (part !== undefined && part !== tag) facts.push(["plays", `the part of ${part}`]);
+    if (part !== undefined && part !== tag) facts.push(["role", `that of ${part}`]);
     if (uid) facts.push(["uid", uid]);
     if (robot?.base_errors) facts.push(["errors", `${robot.base_errors}: ${ERRORS}`]);
     for (const [name, value] of Object.entries(robot?.shown ?? {})) {

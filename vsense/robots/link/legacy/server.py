@@ -121,7 +121,7 @@ class LegacyServer(ListeningServer):
             text = f"refused a robot with the original client from {origin}: {why}"
             self._throttle.notify(LinkEvent("refused", None, text, self._clock(), origin))
             return
-        text = f"robot {robot.tag} ({robot.name}): connected with the original client"
+        text = f"robot {robot.tag}: connected with the original client"
         self._notify("connected", robot.tag, text)
 
     def _why_not(self, octet: int, origin: str) -> str:
@@ -170,7 +170,7 @@ class LegacyServer(ListeningServer):
         self._dismiss(connection)
         if why:
             robot = connection.robot
-            self._notify("lost", robot.tag, f"robot {robot.tag} ({robot.name}): {why}")
+            self._notify("lost", robot.tag, f"robot {robot.tag}: {why}")
 
     def _notify(self, kind: EventKind, tag: int | None, text: str) -> None:
         self._throttle.notify(LinkEvent(kind, tag, text, self._clock()))

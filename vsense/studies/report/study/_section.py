@@ -155,7 +155,7 @@ def caption(result: StudyResult, outcome: MeasureResult) -> str:
     if few:
         words += f"; line: median, no box of fewer than {FEWEST_BOXED} runs ({', '.join(few)})"
     counts = [
-        f"{arm.label} {len(values)} (void: {len(arm.voids)})"
+        f"{arm.label} {len(values)} (invalid: {len(arm.voids)})"
         for arm, values in zip(arms, outcome.values)
     ]
     return f"{words}. n: {', '.join(counts)}. Void runs are not drawn."
@@ -292,7 +292,7 @@ def _rows(outcome: MeasureResult, several: bool, tests: bool) -> Iterable[list[s
 
 def _voids(result: StudyResult, counter: Counter) -> str:
     rows = [
-        [run.run, arm.label, run.series or DASH, run.why or "no reason is told"]
+        [run.run, arm.label, run.series or DASH, run.why or "no reason is given"]
         for arm in result.study.arms
         for run in arm.voids
     ]

@@ -285,5 +285,5 @@ try {
   await Promise.all(cameras.map(load));
   list();
 } catch (error) {
-  showTrouble(`This page has lost vsense arena align: ${error.message}`);
+  showTrouble(`This page has lost vsense camera arena align: ${error.message}`);
 }
