@@ -242,7 +242,7 @@ def _seen(files: tuple[str, str], console: Console) -> list[int]:
 
 def _next(path: Path, new: Sequence[Mapping[str, Any]], options: argparse.Namespace) -> list[str]:
     """What comes next."""
-    lines = [f"their markers: vsense markers --roster {path} -o markers.pdf"]
+    lines = [f"their markers: vsense camera markers --roster {path} -o markers.pdf"]
     if any("host" not in values for values in new):
         lines.append(f'{path} does not say yet how robots are reached: host = "root@ADDRESS"')
     if options.tracking is not None and len(new) > 1:

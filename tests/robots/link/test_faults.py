@@ -26,8 +26,10 @@ from tests.robots.link.rig import (
 from tests.wire.robot_session import Event, RobotSession
 from vsense.base.native import lib
 from vsense.robots.link._links import HELLO_NS, UNGREETED_EACH, UNGREETED_MAX
+from vsense.robots.link._roster import TAG_HINT
 from vsense.robots.link.keys import INSECURE
 from vsense.robots.link.server import LinkError, LinkEvent, VirtualSensorServer
+from vsense.robots.link.status import cut_text
 from vsense.robots.link.table import ExpectedRobot
 from vsense.robots.link.wire import (
     GoodbyeCause,
@@ -272,8 +274,9 @@ def test_an_unknown_tag_is_refused_and_both_sides_say_so(
     one = robot(still, tag).connect()
     one.event(Event.REFUSED)
     assert one.session.notice.code == RefuseCode.TAG_UNKNOWN
-    text = f"tag {tag} is not in this experiment; expected: 1, 2"
-    assert one.session.notice.text == text
+    text = f"tag {tag} is not in this experiment; expected: 1, 2. {TAG_HINT}"
+    assert one.session.notice.text == cut_text(text)
+    assert "--for EXPERIMENT" in text and "--roster robots.toml" in text
     assert still.wait("refused", tag).text == f"refused a robot from 127.0.0.1: {text}"
 
 

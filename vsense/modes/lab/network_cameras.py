@@ -2,9 +2,9 @@
 
 `vsense camera pretend` is what stands in for a lab's cameras at a desk: grabber, tracker and
 calibration are those of real ones. Where robots are is heard as lines of a tracker
-(`vsense/robots/link/TRACKERS.md`), such as those of `vsense robot emulate`. Each camera sends JPEG
-pictures by HTTP, as many real ones do (multipart/x-mixed-replace, RFC 2046, 5.1), to this machine
-only.
+(`vsense/robots/link/TRACKERS.md`), such as those of `vsense robot emulate`. Each camera sends its
+pictures by HTTP to this machine only, as a stream of raw frames (yuv4mpeg(5)), which FFmpeg opens
+as it does that of a real one: two processors have no time for JPEGs of four cameras.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from threading import Condition, Event
 
-import cv2
 import numpy as np
 
 from vsense.base.arena import ArenaState
@@ -31,11 +30,12 @@ from vsense.robots.link.trackers.lines import TRACKER_SILENCE_NS, ArenaListener
 from vsense.vision.cameras.discovery import RATE_HZ, URL, Details, FoundCamera
 
 HOST = "127.0.0.1"
-_QUALITY = (cv2.IMWRITE_JPEG_QUALITY, 95)
 _AWAY_M = 1e4
 """Bodies of which nothing is heard are there, out of all pictures."""
 _PATIENCE_S = 2.0
-"""A sender looks so often whether it is to end, and waits so long for whoever does not read."""
+"""A sender looks so often whether it is to end."""
+_READ_S = 10.0
+"""It waits so long for a reader that takes nothing."""
 
 
 class _Pictures(ThreadingHTTPServer):
@@ -71,7 +71,7 @@ class _Pictures(ThreadingHTTPServer):
 class _Stream(BaseHTTPRequestHandler):
     """One camera's pictures, until nobody looks any more."""
 
-    timeout = _PATIENCE_S
+    timeout = _READ_S
     server: _Pictures
 
     def do_GET(self) -> None:
@@ -82,19 +82,26 @@ class _Stream(BaseHTTPRequestHandler):
             self.send_error(HTTPStatus.NOT_FOUND, explain=f"the cameras are {expected}")
             return
         self.send_response(HTTPStatus.OK)
-        self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
+        self.send_header("Content-Type", "video/x-yuv4mpeg")
         self.end_headers()
-        camera, number = self.server.names.index(name), 0
+        try:
+            self._send(self.server.names.index(name))
+        except OSError:  # nobody looks any more
+            return
+
+    def _send(self, camera: int) -> None:
+        number = 0
         while self.server.open:
-            number, image = self.server.after(number, camera)
+            before = number
+            number, image = self.server.after(before, camera)
             if image is None:
                 continue
-            data = cv2.imencode(".jpg", image, _QUALITY)[1].tobytes()
-            head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(data)}\r\n\r\n"
-            try:
-                self.wfile.write(head.encode() + data + b"\r\n")
-            except OSError:  # nobody looks any more
-                return
+            if not before:
+                height, width = image.shape
+                head = f"YUV4MPEG2 W{width} H{height} F{RATE_HZ:g}:1 Ip A1:1 Cmono\n"
+                self.wfile.write(head.encode())
+            self.wfile.write(b"FRAME\n")
+            self.wfile.write(image.data)
 
     def log_message(self, format: str, *args: object) -> None:
         """Says nothing: the terminal has a line of its own."""
@@ -141,7 +148,7 @@ class NetworkCameras:
             self._lines.close()
             raise
         url = f"http://{HOST}:{self._pictures.server_address[1]}"
-        details = Details(size_px=(spec.shape[2], spec.shape[1]), rate_hz=RATE_HZ)
+        details = Details(size_px=(spec.shape[2], spec.shape[1]))
         self.found = [
             FoundCamera(f"{url}/{name}", URL, url, "rendered", details=details, name=name)
             for name in names

@@ -73,6 +73,13 @@ class Proved:
     events: list[LinkEvent]
 
 
+TAG_HINT = (
+    "Its markers: vsense camera markers --for EXPERIMENT; the lab's: vsense camera markers --roster"
+    " robots.toml, whose robots an experiment without tags takes"
+)
+"""What helps where robots wear other markers than an experiment's file has."""
+
+
 class SessionTable:
     """The robots of the experiment.
 
@@ -161,7 +168,7 @@ class SessionTable:
         robot = self.robots.get(hello.tag)
         if robot is None:
             tags = ", ".join(map(str, sorted(self.robots))) or "none"
-            text = f"tag {hello.tag} is not in this experiment; expected: {tags}"
+            text = f"tag {hello.tag} is not in this experiment; expected: {tags}. {TAG_HINT}"
             return refuse(RefuseCode.TAG_UNKNOWN, text)
         if self._was_heard(hello):
             text = f"{robot.label}: somebody at {origin} repeats a greeting of it: not answered"

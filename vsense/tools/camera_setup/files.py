@@ -25,7 +25,7 @@ from vsense.config.resources import (
 )
 from vsense.config.tracking_session import EXPERIMENT_FILE, RESOURCES_FILE
 from vsense.monitor.recording import pictures
-from vsense.vision.cameras.discovery import RATE_HZ, FoundCamera, find
+from vsense.vision.cameras.discovery import RATE_HZ, URL, FoundCamera, find
 from vsense.vision.cameras.source import (
     FREE,
     PIXEL_FORMATS,
@@ -266,7 +266,7 @@ def grabber(id: str, camera: FoundCamera, trigger: str, rate_hz: float) -> str:
         rows.append({"width": size_px[0], "height": size_px[1]})
         if genicam:
             rows[-1] |= {"offset_x": 0, "offset_y": 0}
-    rows.append({"frame_rate": rate_hz})
+    rows.append({"frame_rate": None if camera.kind == URL else rate_hz})  # it sends as it likes
     rows[-1] |= {"exposure_time_abs": _within(details.exposure_us, EXPOSURE_RANGE_US)}
     rows[-1] |= {"gain_raw": _within(details.gain, GAIN_RANGE)}
     if genicam:
