@@ -310,7 +310,7 @@ class Anew(Killed):
     def end(self, stage: Stage) -> None:
         said = len(stage.lab.said)
         super().end(stage)
-        back = re.compile(rf"robot {stage.tags[self.place]} .*reconnected")
+        back = re.compile(rf"robot {stage.tags[self.place]}: .*reconnected")
         stage.wait(
             lambda: any(map(back.search, stage.lab.said[said:])),
             f"reconnection at a round trip of {2 * self.late_s:.2f} s",

@@ -334,7 +334,7 @@ def test_an_experiment_brings_each_robot_its_own_program(
         assert {r.controller for r in server.robots().values()} == {"predator", "prey", ""}
         shutil.copy(boards / "left/usr/local/bin/vsensed", tmp_path / "vsensed")
         assert deploy(tmp_path, lines.splitlines()[1], *words, "--force") == 0
-        both = r": robot 7488 \(prey_7488_0\) runs 'predator' \(\w+\), the file says 'prey' \(\w+\)"
+        both = r": robot 7488 runs 'predator' \(\w+\), the file says 'prey' \(\w+\)"
         assert re.search(both, wait("refused", prey).text)
         words += ["--experiment", "predator_prey"]
         assert deploy(tmp_path, "right tag=5 spare=true\n", *words) == 2

@@ -9,7 +9,7 @@ from functools import cache
 import pytest
 
 from scripts.site.blocks import blocks, calls, shown
-from scripts.site.commands import options, parsers
+from scripts.site.commands import options, page, parsers
 from scripts.site.contents import ROOT, sources
 from vsense.commands import COMMANDS, FAMILIES, FORMER_COMMANDS
 
@@ -72,6 +72,20 @@ def test_commands_and_options_are_known(page: str) -> None:
     text = (ROOT / page).read_text()
     found = [(line, wrong(call)) for line, words in shown(text) for call in calls(words)]
     assert [f"{page}:{line}: {words}" for line, words in found if words] == []
+
+
+def test_the_page_of_commands_has_every_option() -> None:
+    parts = re.split(r"^#+ (vsense .*)$", page(), flags=re.M)
+    shown_there = dict(zip(parts[1::2], parts[2::2], strict=True))
+    lacking = [
+        f"{parser.prog} {action.option_strings[-1]}"
+        for name in COMMANDS
+        for parser in parsers(name)
+        for action in parser._actions
+        if action.option_strings and action.help is not argparse.SUPPRESS
+        if action.option_strings[-1] not in shown_there[parser.prog]
+    ]
+    assert lacking == [] and len(shown_there) > 40
 
 
 OURS = ("vsense", "robot", "c_src", "firmware_bridge", "scripts", ".github")

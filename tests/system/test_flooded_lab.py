@@ -94,7 +94,7 @@ def test_strangers_on_two_ports_cost_nobody_anything(tmp_path: Path, room: None)
     told = lab.wait_for("was killed by SIGKILL .*the experiment goes on")
     again = subprocess.Popen(["sh", told.split("start it again with ")[1].strip()])
     try:
-        lab.wait_for(rf"robot {tag} .*connect")
+        lab.wait_for(rf"robot {tag}: .*connect")
         with urllib.request.urlopen(url, timeout=10.0) as answer:
             assert answer.status == 200
 

@@ -96,9 +96,9 @@ def test_nobody_crosses_the_fence_by_more_than_its_stop_takes(
         assert 0.0 < took_s < MOST_S[tag]
         assert over_m <= SPEED_M_S * took_s + 0.003
         assert x_m.max() - x_m[-1] < 0.001 and 0.5 < per_robot[tag]["stood_fenced_s"] < 9.0
-        assert f"robot robot_{tag}_{tag} stands: outside of the fence" in done.stderr
-    assert re.search(r"robot robot_2_2 stands: not seen for 1\.\d s", done.stderr)
-    assert "robot robot_2_2 is seen again; it stood" in done.stderr, "and stays where it is"
+        assert f"robot {tag} stands: outside of the fence" in done.stderr
+    assert re.search(r"robot 2 stands: not seen for 1\.\d s", done.stderr)
+    assert "robot 2 is seen again; it stood" in done.stderr, "and stays where it is"
     assert "goes on" not in done.stderr
     row = (tmp_path / "run" / "runs.csv").read_text()
-    assert re.search(r"robot_1_1 stood \d\.\d s for the fence", row)
+    assert re.search(r"robot 1 stood \d\.\d s for the fence", row)

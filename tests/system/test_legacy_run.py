@@ -64,10 +64,10 @@ def test_a_mixed_swarm_runs_together(floor: Floor, tmp_path: Path) -> None:
     legacy_port = int(re.findall(r"original client on port (\d+)", program.said)[0])
     robots = "not authenticated: robots' port on 0.0.0.0 (--insecure): anybody can drive robots"
     floor.wait_for(program.heard(re.escape(robots)), "what is said of robots without keys")
-    said = f"not authenticated: original client's port {legacy_port} on 0.0.0.0: whoever"
+    said = f"not authenticated: original client's port {legacy_port} on 0.0.0.0: any machine"
     floor.wait_for(program.heard(said), "what is open")
     port = int(re.findall(r"waiting for robots on .*, port (\d+)", program.said)[0])
-    floor.wait_for(program.heard("does not know the sensor 'leds': not told to it"), "a word")
+    floor.wait_for(program.heard("does not know the sensor 'leds': not sent to it"), "a word")
     floor.connect(24, port)
     floor.wait_for(program.heard(r"robot 24: connected"), "vsensed")
     floor.live_for(300 * MS)
