@@ -413,11 +413,11 @@ def test_functions_fit_a_screen() -> None:
 
 BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
-    "vsense in Python": (("vsense",), (".py",), 478, 96800, 400),
+    "vsense in Python": (("vsense",), (".py",), 478, 96900, 400),
     "the page": (("vsense",), (".js", ".css", ".html"), 45, 5900, 300),
     "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 241, 26800, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 32, 6800, 510),
-    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 610, 100700, 642),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 611, 100900, 642),
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 

@@ -24,7 +24,7 @@ from tests.rigs.places import ROOT
 from vsense.config import roster
 from vsense.run.runs_csv import RUNS, read_runs
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.paced]
 
 PAGE = ROOT / "vsense" / "modes" / "live" / "FIRST_DAY.md"
 OWN_TERMINAL = "# in a terminal of its own"
@@ -135,7 +135,7 @@ def test_the_first_day_is_typed_from_an_empty_folder(
     there = roster.read(day.folder / "robots.toml")
     (row,) = read_runs(day.folder / "run1" / RUNS)
     # The markers that were printed are the roster's, and those of the first run.
-    assert list(map(int, printed.split())) == sorted(row.tags) == sorted(there.tags)
+    assert tuple(map(int, printed.split())) == tuple(row.tags) == there.tags
     assert row.valid and row.robots == 4, row.why
     assert row.longest_silence_s is not None and "links over" in by_name["run"]
     assert "4 of 4 robots are as they should be" in "".join(said.values())

@@ -78,7 +78,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--tracking",
         nargs=2,
         metavar=("RESOURCES", "SESSION"),
-        help="look with these cameras for 3 s (two files of `vsense track`): robots get the tags of"
+        help="look with these cameras for 3 s (two files of `vsense camera track`): robots get the tags of"
         " markers that are seen first, so put the robots that are new below them",
     )
     text = f"of the markers: other robots get those of its tags that stay apart (default: {FAMILY})"
