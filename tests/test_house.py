@@ -417,7 +417,7 @@ BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     "the page": (("vsense",), (".js", ".css", ".html"), 45, 5800, 297),
     "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 241, 26800, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 32, 6800, 510),
-    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 609, 100300, 622),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 609, 100400, 622),
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 
