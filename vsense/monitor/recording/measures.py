@@ -117,7 +117,9 @@ def measures_of(world: World, robots: Iterable[int], leds: Mapping[int, int]) ->
     rows = world.robots[np.isin(world.robots["tag"], list(robots))]
     places = dict(zip(rows["tag"].tolist(), zip(rows["x_m"].tolist(), rows["y_m"].tolist())))
     cones = [cone.vertices() for source in world.sources if (cone := world.cone(source))]
-    return {**count_swarm(places, leds, cones if world.sources else None), **world.results}
+    counts = count_swarm(places, leds, cones if world.sources else None)
+    # The experiment's own come first, and hold where it counts the same.
+    return {**world.results, **counts, **world.results}
 
 
 class RecordedMeasures:
@@ -166,7 +168,8 @@ class RecordedMeasures:
         cones = [tuple(zip(c["x_m"], c["y_m"], strict=True)) for c in data.get("cones") or []]
         self._pollutes |= bool(cones)
         counts = count_swarm(self._places, self._leds, cones if self._pollutes else None)
-        measures = {**counts, **(data.get("measures") or {})}
+        own = data.get("measures") or {}
+        measures = {**own, **counts, **own}
         numbers = {name: value for name, value in measures.items() if value is not None}
         history = self.of_runs.setdefault(self._run, MeasureHistory())
         history.add(timestep, numbers)

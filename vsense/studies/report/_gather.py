@@ -308,7 +308,8 @@ class Gatherer:
         if self.cones:
             # The LEDs of one timestep ago: the robots report later than the world.
             counts = count_swarm(self.tracks.places_m, self.links.leds, cones)
-            measures = {n: counts[n] for n in (recording.IN_CONE, recording.LIT_IN_CONE)} | measures
+            measures.setdefault(recording.IN_CONE, counts[recording.IN_CONE])
+            measures.setdefault(recording.LIT_IN_CONE, counts[recording.LIT_IN_CONE])
         for name, value in measures.items():
             parsed = number(value)
             if parsed is not None:
