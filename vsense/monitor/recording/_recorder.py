@@ -26,6 +26,7 @@ from vsense.base.terminal import Level
 from vsense.monitor.foxglove.channels import Channels
 from vsense.monitor.recording import form, megabytes
 from vsense.monitor.recording._waiting import Waiting, WaitingBounds, WaitingItem, WaitingPicture
+from vsense.monitor.recording.pictures import png_of
 from vsense.monitor.recording.writer import FLUSH_S, RecordingWriter, gap_message
 from vsense.vision.tracking import recorded_tracker
 from vsense.vision.tracking.arena_tracker import ArenaTracker
@@ -36,13 +37,6 @@ FORETELL_S = 10.0
 _CLOSE_S = 30.0
 _FIRST_SIZE = 2_048
 """Assumed size of a topic's first message."""
-
-# Measured on rendered and on real pictures: the smallest and the fastest of the lossless ones.
-_PNG = (
-    *(cv2.IMWRITE_PNG_COMPRESSION, 1),
-    *(cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY),
-    *(cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_AVG),
-)
 
 
 @dataclass(slots=True)
@@ -339,7 +333,7 @@ class Recorder:
 def _encoded(picture: WaitingPicture, topic: str) -> Message:
     """Makes the message of a picture."""
     frame = picture.frame
-    blob = cv2.imencode(".png", frame.image, _PNG)[1].tobytes()
+    blob = png_of(frame.image)
     height_px, width_px = frame.image.shape
     data = {
         "camera": frame.camera,
