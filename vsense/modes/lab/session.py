@@ -177,7 +177,8 @@ class Session(ExperimentSession):
         for robot, base in zip(experiment.robots, self.floor.bases):
             settings = self.robots.settings.get(robot.tag, {})
             self.swarm.start(daemons[robot.controller], robot.tag, robot.id, base, settings)
-        self.setup.room.recorders.watch_family(experiment.marker, self.tracking)
+        recorders = self.setup.room.recorders
+        recorders.watch_family(experiment.marker, self.tracking, experiment.timestep_s)
         scene = self._scene("lab", self.cameras, {}, self.tracking.troubles)
         if self.rig is not None:
             scene = replace(scene, calibration=self.rig.checked)

@@ -373,7 +373,9 @@ class RunSession(ExperimentSession):
         if own is not None:
             session = own.session
             # Recordings hold what the tracker sees.
-            self.setup.room.recorders.watch_session(session, own.tracking)
+            timestep_s = self.experiment.timestep_s
+            recorders = self.setup.room.recorders
+            recorders.watch_session(session, own.tracking, timestep_s=timestep_s)
             scene = replace(
                 scene,
                 cameras=[view.camera for view in session.views],
