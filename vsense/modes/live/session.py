@@ -372,9 +372,7 @@ class RunSession(ExperimentSession):
         scene = self._scene("run", (), {}, Troubles())
         if own is not None:
             session = own.session
-            # Recordings hold what the tracker sees.
-            timestep_s = self.experiment.timestep_s
-            recorders = self.setup.room.recorders
+            recorders, timestep_s = self.setup.room.recorders, self.experiment.timestep_s
             recorders.watch_session(session, own.tracking, timestep_s=timestep_s)
             scene = replace(
                 scene,
