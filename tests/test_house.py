@@ -413,7 +413,7 @@ def test_functions_fit_a_screen() -> None:
 
 BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
-    "vsense in Python": (("vsense",), (".py",), 475, 96200, 402),
+    "vsense in Python": (("vsense",), (".py",), 475, 96200, 400),
     "the page": (("vsense",), (".js", ".css", ".html"), 45, 5800, 300),
     "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 241, 26800, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 32, 6800, 510),
@@ -423,7 +423,7 @@ BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
 
 CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 65900, 48, 19
 """Lines of code in `vsense/`; imports between rooms, and between folders inside of rooms."""
-DOORS_MAX, NAMES_MAX = 185, 733
+DOORS_MAX, NAMES_MAX = 185, 734
 """Modules that another room imports, and names taken from them."""
 SPLATS_MAX, OUTSIDE_MAX = 10, 216
 """Calls `f(*(a, b))`; attributes that are assigned from outside of their object."""
