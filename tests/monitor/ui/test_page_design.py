@@ -103,9 +103,12 @@ def test_a_sensed_colour_has_its_numbers_and_its_colour(served: Serve, opened: O
     page.value(f"vsense.choice.choose({puppet.swarm.tags[1]})")
     page.until("document.querySelectorAll('#readings .bars').length === 2")
     puppet.silent = True
+    # What was on its way may still come, and is written over again.
     page.value(
-        "vsense.store.experiment.controllers[0].sensors[1] = { name: 'rgb_ground', count: 4 },"
-        " [...vsense.store.readings.values()].forEach(r => r.values[0][1] = [200, 40, 10, 255])"
+        "setInterval(() => { vsense.store.experiment.controllers[0].sensors[1] ="
+        " { name: 'rgb_ground', layout: '4*u1', count: 4 };"
+        " for (const r of vsense.store.readings.values()) r.values[0][1] = [200, 40, 10, 255];"
+        " }, 50)"
     )
     cell = "document.querySelector('#readings').rows[1].cells[1]"
     page.until(f"{cell}.innerText === '200, 40, 10, 255'")
