@@ -413,17 +413,17 @@ def test_functions_fit_a_screen() -> None:
 
 BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
-    "vsense in Python": (("vsense",), (".py",), 478, 96900, 400),
-    "the page": (("vsense",), (".js", ".css", ".html"), 45, 5900, 300),
+    "vsense in Python": (("vsense",), (".py",), 478, 97100, 400),
+    "the page": (("vsense",), (".js", ".css", ".html"), 45, 5800, 300),
     "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 241, 26800, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 32, 6800, 510),
-    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 611, 100900, 642),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 612, 101400, 642),
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 
-CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 66400, 48, 19
+CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 66600, 48, 19
 """Lines of code in `vsense/`; imports between rooms, and between folders inside of rooms."""
-DOORS_MAX, NAMES_MAX = 185, 735
+DOORS_MAX, NAMES_MAX = 186, 741
 """Modules that another room imports, and names taken from them."""
 SPLATS_MAX, OUTSIDE_MAX = 10, 221
 """Calls `f(*(a, b))`; attributes that are assigned from outside of their object."""

@@ -18,6 +18,7 @@ from vsense.config.placement import settle
 from vsense.config.specs import Experiment, Stage
 from vsense.modes.options import say_warnings
 from vsense.run.runs_csv import read_runs
+from vsense.studies.series.run import PlannedSeries, SeriesOptions
 
 DRAWN = 'min="-1.48,-1.18,0" max="1.48,1.18,0"'
 """Where foraging's robots are drawn."""
@@ -130,6 +131,18 @@ def test_real_robots_beyond_the_file_are_the_rosters(tmp_path: Path) -> None:
     assert f"{words}; a roster gives them others: vsense robot init" in warning
 
 
+PLAN = """
+mode = "{mode}"
+experiment = "{path}"
+duration_s = 1
+[[condition]]
+name = "sighted"
+[[start]]
+name = "drawn"
+seed = 7
+"""
+
+
 @pytest.mark.parametrize("stage", [Stage.SIM, Stage.LAB])
 def test_tags_that_cameras_confuse_are_reported_where_there_are_cameras(
     stage: Stage, tmp_path: Path, capsys
@@ -137,7 +150,14 @@ def test_tags_that_cameras_confuse_are_reported_where_there_are_cameras(
     path = edited(tmp_path, ('vs:tags="31 1843', 'vs:tags="31 30'))
     say_warnings(load(path, stage=stage), Console())
     words = f"vsense: {path}: tags 30 and 31 differ in one cell: cameras may confuse them"
-    assert (words in capsys.readouterr().err) is (stage is Stage.LAB)
+    has_cameras = stage is Stage.LAB
+    assert (words in capsys.readouterr().err) is has_cameras
+    assert cli.main([stage.value, str(path), "--dry"]) == 0
+    assert ("tags 30 and 31 differ in one cell" in capsys.readouterr().out) is has_cameras
+    plan = tmp_path / "plan.toml"
+    plan.write_text(PLAN.format(mode=stage.value, path=path))
+    warnings = "\n".join(PlannedSeries(plan, SeriesOptions())._warnings())
+    assert ("tags 30 and 31 differ in one cell" in warnings) is has_cameras
 
 
 @pytest.mark.parametrize("command", ["sim", "lab --port 0", "sim --runs 2"])
@@ -155,6 +175,21 @@ def test_robots_without_room_are_refused_before_any_folder_is_made(
     assert cli.main([words, str(path), *options]) == 2
     said = capsys.readouterr().err
     assert "all 1000 places drawn for 'epuck_31_0' are outside of the arena or" in said
+    assert list(here.iterdir()) == []
+
+
+def test_every_seed_of_a_campaign_is_tried_before_any_file_is_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
+    here = tmp_path / "here"
+    here.mkdir()
+    monkeypatch.chdir(here)
+    path = edited(tmp_path, (DRAWN, 'min="-0.16,-0.16,0" max="0.16,0.16,0"'))
+    settle(load(path), 5)
+    with pytest.raises(ConfigError, match="13 of 15 have a place"):
+        settle(load(path), 6)
+    assert cli.main(["sim", str(path), "--seeds", "5,6", "--duration", "1"]) == 2
+    assert "13 of 15 have a place" in capsys.readouterr().err
     assert list(here.iterdir()) == []
 
 

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
+from tests.conftest import require_tool
 from vsense import cli
+from vsense.commands.orders import robot_table
 from vsense.commands.robot_list import boards_now, run_now, table
 from vsense.config import battery_history, roster
 from vsense.config.battery_history import BatteryRow, minutes_left
@@ -89,12 +92,66 @@ def test_minutes_are_of_runs_that_tell() -> None:
 def test_without_a_run_boards_are_asked(known: Path) -> None:
     def call(command: Sequence[str]) -> tuple[int, str]:
         assert command[0] == "ssh" and "BatchMode=yes" in command
-        return (0, "runs\n") if "root@10.0.0.23" in command else (255, "Permission denied (x)")
+        said = "vsensed 0.1.0, controller foraging a1b2c3d4\nruns\n"
+        return (0, said) if "root@10.0.0.23" in command else (255, "Permission denied (x)")
 
     now = boards_now(roster.read(known), call)
     assert now.keys() == {23, 37}
     assert now[23].text == "on, vsensed runs" and now[37].text == "no answer"
     assert "ssh-copy-id root@10.0.0.37" in now[37].trouble
+    assert now[23].data == {"version": "0.1.0", "controller": "foraging", "hash": "a1b2c3d4"}
+    assert "mixed" not in table(roster.read(known), HISTORY, now)
+
+
+def test_a_board_is_asked_what_its_daemon_says_of_itself(known: Path, tmp_path: Path) -> None:
+    """The words that ssh takes, by a shell: beside a process that is called vsensed."""
+    daemon = tmp_path / "vsensed"
+    source = tmp_path / "daemon.c"
+    source.write_text(
+        "#include <stdio.h>\n#include <unistd.h>\n"
+        'int main(int n, char **a) { (void)a; if (n > 1) puts("vsensed 9, controller c ff");'
+        " else pause(); return 0; }\n"
+    )
+    require_tool("cc", "build-essential")
+    subprocess.run(["cc", "-o", str(daemon), str(source)], check=True)
+    process = subprocess.Popen([str(daemon)])
+    (tmp_path / "pidof").write_text(f"#!/bin/sh\necho {process.pid} 1\n")
+    (tmp_path / "pidof").chmod(0o755)
+    environment = {**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}"}
+
+    def call(command: Sequence[str]) -> tuple[int, str]:
+        done = subprocess.run(
+            ["sh", "-c", command[-1]], capture_output=True, text=True, env=environment, check=False
+        )
+        return done.returncode, done.stdout
+
+    try:
+        now = boards_now(roster.read(known), call)
+    finally:
+        process.kill()
+        process.wait()
+    assert now[23].text == "on, vsensed runs"
+    assert now[23].data == {"version": "9", "controller": "c", "hash": "ff"}
+
+
+def test_mixed_daemons_are_named(known: Path) -> None:
+    usual = {"version": "0.1.0", "controller": "foraging", "hash": "a1"}
+    robots = (
+        row(tag=37, name="ant_37", **usual), row(tag=23, name="ant_23", **usual | {"hash": "b2"}),
+        row(tag=40, name="ant_40", **usual | {"version": "0.2.0", "controller": "prey"}),
+    )  # fmt: skip
+    said = table(roster.read(known), HISTORY, run_now(columns(*robots))).splitlines()[-2:]
+    assert [line.partition(":")[0] for line in said] == ["mixed daemons", "mixed daemons"]
+    assert "vsensed 0.1.0 on " in said[0] and "; 0.2.0 on " in said[0]
+    assert "foraging a1 on " in said[1] or "foraging b2 on " in said[1]
+    assert "vsense robot deploy" in said[0]
+    rows = columns(*robots) | {"expected": ["foraging"] * 3, "authenticated": [True] * 3}
+    (versions, sources) = robot_table(rows).splitlines()[-2:]
+    assert versions.startswith("mixed daemons: vsensed 0.1.0 on ant_37, ant_23; 0.2.0 on ant_40:")
+    assert sources.startswith("mixed daemons: foraging a1 on ant_37; b2 on ant_23:")
+    same = columns(*(row(tag=n, name=f"r{n}", **usual) for n in (1, 2)))
+    same |= {"expected": ["foraging"] * 2, "authenticated": [True] * 2}
+    assert "mixed" not in robot_table(same)
 
 
 def test_the_command_asks_with_ssh_and_tells_programs(

@@ -13,6 +13,7 @@ from vsense.base.arena import POSE, ArenaState
 from vsense.robots.link.wire import StopCause, Telemetry
 from vsense.run.alarms import Overload
 from vsense.run.runtime import Step
+from vsense.run.verdict import RunRecord, VoidCriteria, judged
 
 MS = 1_000_000
 DT_NS = 100 * MS
@@ -37,6 +38,9 @@ def test_a_run_on_time_is_silent() -> None:
     assert said([step(n, 10, 5, 95 if n % 11 == 0 else 5) for n in range(990)]) == []
 
 
+INVALID = "a run is invalid where more than 10 % are left out"
+
+
 @pytest.mark.parametrize(
     ("stages_ms", "cause"),
     [
@@ -54,7 +58,7 @@ def test_it_says_what_takes_the_time(stages_ms: tuple[int, int, int], cause: str
     steps = [step(n, *stages_ms) for n in range(0, 200, 2)]
     assert said(steps, stage.robots())[0] == (
         100,
-        "this computer makes 5.0 of 10 timesteps per second; results are not usable:"
+        f"this computer makes 5.0 of 10 timesteps per second; {INVALID}:"
         " of 101 in the last 10 s 51 were late and 50 left out;"
         f" robots stood still for old readings 50 % of the time; {cause}",
     )
@@ -73,10 +77,17 @@ def test_at_the_end_the_whole_run_is_judged_once() -> None:
     for n in range(0, 400, 4):
         overload.add(step(n, 250, 50, 50), {})
     assert overload.verdict() == (
-        "this computer made 2.5 of 10 timesteps per second; results are not usable: of 397 100"
+        f"this computer made 2.5 of 10 timesteps per second; {INVALID}: of 397 100"
         " were late and 297 left out"
     )
     assert overload.verdict() is None
+    # What is said and the verdict agree, on either side of the limit.
+    for left_out, why in ((11, "11.0 % of the timesteps left out: too slow"), (10, "")):
+        steps = {"timesteps": 100 - left_out, "left_out_timesteps": left_out, "late_timesteps": 11}
+        assert judged(steps, RunRecord(), VoidCriteria())["why"] == why
+        for n in range(left_out, 100):
+            overload.add(step(n if n > left_out else 0, 10, 0, 0), {})
+        assert (INVALID in str(overload.verdict())) is bool(why)
     for n in range(100):
         overload.add(step(n, *((200, 0, 0) if n % 5 == 0 else (10, 0, 0))), {})
     assert overload.verdict() == "timesteps were late: of 100 20 were late and 0 left out"
@@ -123,7 +134,7 @@ def test_it_is_an_alarm_as_long_as_it_lasts() -> None:
         overload.add(some, {})
     assert overload.alarm is not None and overload.alarm.kind == "overload"
     assert overload.alarm.text == "this computer makes 5.0 of 10 timesteps per second"
-    assert overload.alarm.cause == "results are not usable; world and sensors take 120 ms of 100 ms"
+    assert overload.alarm.cause == f"{INVALID}; world and sensors take 120 ms of 100 ms"
     for some in (step(n, 10, 5, 5) for n in range(220, 440)):
         overload.add(some, {})
     assert overload.alarm is None

@@ -52,44 +52,45 @@ ROBOTS: list[tuple[dict[str, Any], VoidCriteria, str, str]] = [
 ]
 
 
-@pytest.mark.parametrize(("robot", "criteria", "why", "note"), ROBOTS)
-def test_what_a_robot_did_not_do(
-    robot: dict[str, Any], criteria: VoidCriteria, why: str, note: str
-) -> None:
-    verdict = judge(run(robot), criteria)
-    assert (verdict.why, verdict.note) == (why, note)
-
-
-def test_the_table_above_has_every_way_in_which_a_robot_can_differ() -> None:
-    named = {name for robot, *_ in ROBOTS for name in robot}
-    assert named == {field.name for field in fields(RobotRecord)} - {"name"}
+RUNS: list[tuple[dict[str, Any], VoidCriteria, str, str]] = [
+    ({"ended": "stopped by ben"}, NO_PLAN, "stopped by ben before its end", ""),
+    ({"ended": ""}, NO_PLAN, "failed before its end", ""),
+    ({"ended": "stopped by ben"}, LENIENT, "", ""),
+    ({"ended": "interrupted", "endless": True}, NO_PLAN, "", ""),
+    ({"ended": "stop", "timesteps": False}, LENIENT, "nothing was measured: stop", ""),
+    ({"late": 0.02}, PLAN, "2.0 % of the timesteps late", ""),
+    ({"late": 0.01}, PLAN, "", ""),
+    ({"late": 0.1}, NO_PLAN, "", ""),
+    ({"late": 0.9}, NO_PLAN, "", "90.0 % of the timesteps late"),
+    ({"late": 0.9, "left_out": 0.1}, NO_PLAN, "", "90.0 % of the timesteps late"),
+    ({"late": 0.9, "left_out": 0.2}, NO_PLAN, "20.0 % of the timesteps left out: too slow", ""),
+    ({"late": 0.3, "left_out": 0.2}, VoidCriteria(late=0.4), "", "30.0 % of the timesteps late"),
+    ({"silent_s": 1.1}, NO_PLAN, "no arena state for 1.1 s", ""),
+    ({"silent_s": 0.9}, NO_PLAN, "", ""),
+    ({"unseen": ["lamp"]}, NO_PLAN, "never seen: lamp", ""),
+    ({"changes": 1}, NO_PLAN, "", "its world was changed once by hand"),
+    ({"changes": 3}, NO_PLAN, "", "its world was changed 3 times by hand"),
+    ({"link_check": "robot 3 sleeps"}, NO_PLAN, "", "robot 3 sleeps"),
+    ({"complaints": ["mine asks for x"]}, NO_PLAN, "", "mine asks for x"),
+]
 
 
 @pytest.mark.parametrize(
-    ("known", "criteria", "why", "note"),
-    [
-        ({"ended": "stopped by ben"}, NO_PLAN, "stopped by ben before its end", ""),
-        ({"ended": ""}, NO_PLAN, "failed before its end", ""),
-        ({"ended": "stopped by ben"}, LENIENT, "", ""),
-        ({"ended": "interrupted", "endless": True}, NO_PLAN, "", ""),
-        ({"ended": "stop", "timesteps": False}, LENIENT, "nothing was measured: stop", ""),
-        ({"late": 0.02}, PLAN, "2.0 % of the timesteps late", ""),
-        ({"late": 0.01}, PLAN, "", ""),
-        ({"late": 0.9}, NO_PLAN, "", ""),
-        ({"silent_s": 1.1}, NO_PLAN, "no arena state for 1.1 s", ""),
-        ({"silent_s": 0.9}, NO_PLAN, "", ""),
-        ({"unseen": ["lamp"]}, NO_PLAN, "never seen: lamp", ""),
-        ({"changes": 1}, NO_PLAN, "", "its world was changed once by hand"),
-        ({"changes": 3}, NO_PLAN, "", "its world was changed 3 times by hand"),
-        ({"link_check": "robot 3 sleeps"}, NO_PLAN, "", "robot 3 sleeps"),
-        ({"complaints": ["mine asks for x"]}, NO_PLAN, "", "mine asks for x"),
-    ],
+    ("record", "criteria", "why", "note"),
+    [*((run(robot), *rest) for robot, *rest in ROBOTS), *((run(**k), *rest) for k, *rest in RUNS)],
 )
-def test_what_a_run_was_not(
-    known: dict[str, Any], criteria: VoidCriteria, why: str, note: str
+def test_what_was_not_as_the_file_describes_it(
+    record: RunRecord, criteria: VoidCriteria, why: str, note: str
 ) -> None:
-    verdict = judge(run(**known), criteria)
+    verdict = judge(record, criteria)
     assert (verdict.why, verdict.note) == (why, note)
+
+
+def test_the_tables_above_have_every_way_in_which_a_run_can_differ() -> None:
+    named = {name for robot, *_ in ROBOTS for name in robot}
+    assert named == {field.name for field in fields(RobotRecord)} - {"name"}
+    named = {name for known, *_ in RUNS for name in known}
+    assert named == {field.name for field in fields(RunRecord)} - {"robots"}
 
 
 def test_all_reasons_stand_one_after_the_other_and_many_robots_are_counted() -> None:

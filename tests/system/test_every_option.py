@@ -44,6 +44,8 @@ name = "sighted"
 [[start]]
 name = "drawn"
 seed = 7
+[void]
+late = 1.0
 """
 
 

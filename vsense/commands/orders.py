@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from vsense.base.errors import UsageError
@@ -209,6 +209,10 @@ def seen_table(rows: Mapping[str, list[Any]]) -> str:
     return "\n".join(aligned([("tag", "x [m]", "y [m]", "yaw [rad]", "seen"), *lines]))
 
 
+_SHOWN = 6
+"""Robots that are named where many are alike."""
+
+
 def robot_table(rows: Mapping[str, list[Any]]) -> str:
     """A line for each robot."""
     head = (
@@ -217,7 +221,35 @@ def robot_table(rows: Mapping[str, list[Any]]) -> str:
     )
     robots = ({key: rows[key][n] for key in rows} for n in range(len(rows["tag"])))
     mixed = len(set(rows["expected"])) > 1
-    return "\n".join(aligned([head, *(_cells(robot, mixed) for robot in robots)]))
+    lines = aligned([head, *(_cells(robot, mixed) for robot in robots)])
+    return "\n".join([*lines, *mixed_daemons(dict(zip(rows["name"], by_robot(rows))))])
+
+
+def by_robot(columns: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
+    """The robots of `/robots`, a row each."""
+    return [dict(zip(columns, values)) for values in zip(*columns.values())]
+
+
+def mixed_daemons(robots: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
+    """Says where robots run different vsensed, or different sources of one controller.
+
+    `robots` have, by name, "version", "controller" and "hash" of what they say that they run.
+    """
+    kinds: dict[str, dict[str, list[str]]] = {}
+    for name, row in robots.items():
+        for what, which in (
+            ("vsensed", row.get("version")),
+            (row.get("controller"), row.get("hash")),
+        ):
+            if what and which:
+                kinds.setdefault(what, {}).setdefault(which, []).append(name)
+    for what, names in kinds.items():
+        if len(names) > 1:
+            words = "; ".join(
+                f"{which} on {', '.join(those[:_SHOWN])}{' ...' * (len(those) > _SHOWN)}"
+                for which, those in names.items()
+            )
+            yield f"mixed daemons: {what} {words}: vsense robot deploy brings all the same"
 
 
 def _cells(robot: Mapping[str, Any], mixed: bool) -> tuple[str, ...]:

@@ -7,6 +7,7 @@ import json
 import re
 from pathlib import Path
 
+from vsense.base.errors import UsageError
 from vsense.base.terminal import Console, interruption, print_data
 from vsense.commands import _arguments, report
 from vsense.studies.packages.pack import PackOptions, pack
@@ -16,6 +17,14 @@ DESCRIPTION = (
     " tables, recordings, a report and checksums, described as an RO-Crate 1.1. vsense reproduce"
     " makes all of it again. Keys, addresses, accounts and paths are left out or replaced, and"
     " named. The same runs give the same bytes."
+)
+
+_PICTURES = (
+    "with the cameras' pictures, which may be gigabytes; outside of the arena they are painted over"
+)
+_UNMASKED = (
+    "with --pictures: as they are, with the people who walk around the arena; and videos, and the"
+    " pictures of real runs"
 )
 
 
@@ -30,9 +39,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     text = "the package, a new file (default: as the first RUNS, with .zip)"
     _arguments.option(parser, "-o --output", Path, "FILE", text)
-    _arguments.flag(
-        parser, "--pictures", "with the cameras' pictures and videos, which may be gigabytes"
-    )
+    _arguments.flag(parser, "--pictures", _PICTURES)
+    _arguments.flag(parser, "--unmasked", _UNMASKED)
     _arguments.flag(parser, "--no-report", "without a report")
     _arguments.flag(parser, "--json", "print what was packed as one JSON object")
     group = parser.add_argument_group("what is said of it")
@@ -57,6 +65,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Packs; 0."""
+    if options.unmasked and not options.pictures:
+        raise UsageError("--unmasked belongs to --pictures")
     wanted = PackOptions(
         options.output,
         options.name or "",
@@ -65,6 +75,7 @@ def run(options: argparse.Namespace) -> int:
         options.license or "",
         options.date or "",
         options.pictures,
+        options.unmasked,
         None if options.no_report else report.questions_of(options),
     )
     console = Console()

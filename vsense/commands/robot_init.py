@@ -78,8 +78,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--tracking",
         nargs=2,
         metavar=("RESOURCES", "SESSION"),
-        help="look with these cameras for 3 s (two files of `vsense camera track`): robots get the tags"
-        " of markers that are seen first, so put the robots that are new below them",
+        help="look with these cameras for 3 s (two files of `vsense camera track`): robots get the"
+        " tags of markers that are seen first, so put the robots that are new below them",
     )
     text = f"of the markers: other robots get those of its tags that stay apart (default: {FAMILY})"
     _arguments.option(parser, "--family", str, "NAME", text, FAMILY)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -18,6 +19,11 @@ from vsense.robots import boards
 
 EMPTY_V = 3.4
 """Where the roster has no battery_stop_mv, an e-puck's battery is taken to be empty here."""
+
+_PROGRAM = re.compile(
+    r"vsensed (?P<version>\S+), controller (?P<controller>\S+)(?: (?P<hash>\S+))?"
+)
+"""What `vsensed --version` prints."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,8 +93,7 @@ def _print(roster: Roster, now: Mapping[int, RobotNow] | None, as_json: bool) ->
 
 def run_now(columns: Mapping[str, Sequence[Any]]) -> dict[int, RobotNow]:
     """What a running experiment tells of its robots, in the columns of `/robots`."""
-    rows = [dict(zip(columns, values)) for values in zip(*columns.values())]
-    return {row["tag"]: _now(row) for row in rows}
+    return {row["tag"]: _now(row) for row in orders.by_robot(columns)}
 
 
 def _now(row: Mapping[str, Any]) -> RobotNow:
@@ -109,7 +114,9 @@ def boards_now(
     `call` runs a command, and gives its exit code and what it said.
     """
     asked = [robot for robot in roster.robots if robot.host]
-    words = "pidof vsensed >/dev/null && echo runs || echo stands"
+    words = (
+        "if p=$(pidof vsensed); then /proc/${p%% *}/exe --version; echo runs; else echo stands; fi"
+    )
     answers = boards.call_all([boards.ssh_command(robot.host, (), words) for robot in asked], call)
     return {robot.tag: _answer(robot, *answer) for robot, answer in zip(asked, answers)}
 
@@ -118,7 +125,9 @@ def _answer(robot: RosterRobot, code: int, said: str) -> RobotNow:
     if code:
         return RobotNow("no answer", trouble=boards.ssh_advice(robot.host, said.splitlines()) or "")
     is_on = said.split()[-1:] == ["runs"]
-    return RobotNow("on, vsensed runs" if is_on else "on, no vsensed")
+    runs = _PROGRAM.search(said)
+    text = "on, vsensed runs" if is_on else "on, no vsensed"
+    return RobotNow(text, data=runs.groupdict() if is_on and runs else None)
 
 
 def table(
@@ -149,7 +158,10 @@ def table(
             )
         )
     ready = sum(robot.is_ready for robot in roster.robots)
-    return "\n".join([*aligned(rows), f"{ready} of {len(roster.robots)} robots can be taken"])
+    lines = [*aligned(rows), f"{ready} of {len(roster.robots)} robots can be taken"]
+    programs = {r.name or str(r.tag): (now or {}).get(r.tag, _ABSENT).data for r in roster.robots}
+    known = {name: data for name, data in programs.items() if data is not None}
+    return "\n".join([*lines, *orders.mixed_daemons(known)])
 
 
 _ABSENT = RobotNow("-")

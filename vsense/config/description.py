@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from vsense.base.native import lib
-from vsense.config.specs import ControllerSpec, Experiment
+from vsense.config.specs import ControllerSpec, Experiment, Stage
+from vsense.vision.markers.families import confusion, load_family
 from vsense.world.entities import Box, Cylinder, Entity, Light, VirtualRobot, Zone
 from vsense.world.sensors.base import layout_dtype
 
@@ -95,12 +96,22 @@ def _body_rows(experiment: Experiment) -> list[tuple[str, str]]:
     ]
     if experiment.objects:
         rows.append(("objects", _tagged([(thing.id, thing.tag) for thing in experiment.objects])))
+    if words := tag_confusion(experiment):
+        rows.append(("tags", words))
     for name, kind in _KINDS:
         placed = [e for e in experiment.entities if isinstance(e, kind)]
         drawn = [s.entity for s in experiment.distributed if isinstance(s.entity, kind)]
         if placed or drawn:
             rows.append((name, _counted([*placed, *drawn], len(drawn), kind)))
     return rows
+
+
+def tag_confusion(experiment: Experiment) -> str:
+    """Which tags cameras may confuse, in words; "": none, or there are no cameras."""
+    if experiment.stage is Stage.SIM:
+        return ""
+    tags = [*(robot.tag for robot in experiment.robots), *(o.tag for o in experiment.objects)]
+    return confusion(load_family(experiment.marker.family), tags)
 
 
 def _counted(entities: Sequence[Entity], drawn: int, kind: type[Entity]) -> str:

@@ -11,14 +11,13 @@ from typing import Any
 
 from vsense.base.terminal import Console
 from vsense.config.casting import Casting
-from vsense.config.description import as_json, describe
+from vsense.config.description import as_json, describe, tag_confusion
 from vsense.config.experiment import first_robots, load
 from vsense.config.placement import settle
 from vsense.config.roster import SPARE
 from vsense.config.specs import Experiment, Stage
 from vsense.robots.sources import CodeOptions
 from vsense.run import asked, directory
-from vsense.vision.markers.families import confusion, load_family
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,9 +120,7 @@ def say_warnings(experiment: Experiment, console: Console) -> None:
     """Says what of the experiment's file is not supported, and who plays for whom."""
     for warning in experiment.warnings:
         console.say(f"vsense: {warning}")
-    tags = [*(r.tag for r in experiment.robots), *(o.tag for o in experiment.objects)]
-    family = load_family(experiment.marker.family)
-    if experiment.stage is not Stage.SIM and (words := confusion(family, tags)):
+    if words := tag_confusion(experiment):
         console.say(f"vsense: {experiment.file}: {words}", "warning")
     for text in _casting_notes(experiment):
         console.say(text)

@@ -69,7 +69,8 @@ def replay(
     with ExitStack() as stack:
         with interrupted.at_once():
             opened = stack.enter_context(open_recording(path))
-        _say_state(console, opened)
+        for line in opened.lacks():
+            console.say(f"vsense: {line}", "warning")
         if options.retrack:
             return _retrack(opened, session, options.settings, console, interrupted)
         if options.resense:
@@ -137,11 +138,3 @@ def _resense(
             return None
     console.end_progress()
     return sensing.comparison
-
-
-def _say_state(console: Console, opened: Recording) -> None:
-    """Says what people should know before they believe a recording."""
-    if not opened.complete:
-        console.say(f"vsense: {opened.path} was cut off: its last second may be missing")
-    if opened.gaps:
-        console.say(f"vsense: {opened.path} has {len(opened.gaps)} gaps")

@@ -16,12 +16,11 @@ from vsense.robots.link.status import RobotStatus
 from vsense.robots.link.wire import StopCause, Wanted
 from vsense.run._standing import NOT_SEEN
 from vsense.run.runtime import Step
+from vsense.run.verdict import MOST_LATE
 
 SILENCE_NS = 500_000_000
 """Robots have stopped 400 ms after the last arena state: such a pause is told by itself."""
 LATENESS_WINDOW_S = 10.0
-MOST_LATE = 0.1
-"""Of a window's timesteps so many may be late or left out before anything is said."""
 ON_TIME_SHARE = 0.7
 """Of what a computer made at its limit, so much it makes on time."""
 REPEAT = 6
@@ -149,8 +148,8 @@ class Overload:
             return "timesteps are late"
         hz = 1e9 / self._dt_ns
         return (
-            f"{self._who} {makes} {hz * done / wanted:.1f} of {hz:g} timesteps per second; results"
-            " are not usable"
+            f"{self._who} {makes} {hz * done / wanted:.1f} of {hz:g} timesteps per second; a run"
+            f" is invalid where more than {100 * MOST_LATE:g} % are left out"
         )
 
     def verdict(self) -> str | None:

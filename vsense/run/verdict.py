@@ -16,7 +16,9 @@ A run is valid only if it was the run that its file describes. One function deci
 | a robot did not reach its start before the run | invalid, unless a plan says otherwise |
 | a robot rested because its battery was low | valid, with a note: nothing else is expected of it |
 | a robot stood because no camera saw it, or for the fence | valid, with a note, unless a plan has a limit |
-| a robot was moved by hand, timesteps were late | valid, unless a plan has a limit |
+| more than `MOST_LATE` of its timesteps were left out | invalid, unless a plan has a limit of late ones |
+| more than `MOST_LATE` of its timesteps were late | valid, with a note, unless a plan has a limit |
+| a robot was moved by hand | valid, unless a plan has a limit |
 | the check of its links has found a weak one | valid, with a note |
 | somebody has changed its world by hand, a controller has complained | valid, with a note |
 """  # noqa: E501 (a table)
@@ -33,6 +35,9 @@ VALID, VOID = "valid", "void"
 
 LINK_S = 1.0
 """A link that is down, or wheels that are held, for a shorter time have changed no run."""
+
+MOST_LATE = 0.1
+"""Of its timesteps more may not be left out; where more are late, that is worth a word."""
 
 _BY_PEOPLE = ("interrupted", "stopped by", "reset by", "emergency")
 """How the reasons begin for which people end runs."""
@@ -118,7 +123,8 @@ class RunRecord:
         ended: why it ended; "time": its length was over.
         endless: it has no length.
         timesteps: it had one at least.
-        late: share of timesteps that were late or left out, 0..1; None: not known.
+        late: share of its timesteps that were late or left out, 0..1.
+        left_out: share of those that were left out, 0..1.
         robots: those of the file.
         silent_s: the longest time without an arena state.
         unseen: names of tagged objects that were never seen.
@@ -130,7 +136,8 @@ class RunRecord:
     ended: str = "time"
     endless: bool = False
     timesteps: bool = True
-    late: float | None = None
+    late: float = 0.0
+    left_out: float = 0.0
     robots: Sequence[RobotRecord] = ()
     silent_s: float = 0.0
     unseen: Sequence[str] = ()
@@ -176,7 +183,9 @@ def late_share(summary: Mapping[str, Any]) -> float | None:
 
 def judged(summary: Mapping[str, Any], record: RunRecord, criteria: VoidCriteria) -> dict[str, Any]:
     """A summary with the verdict; how late its timesteps were is the summary's."""
-    verdict = judge(replace(record, late=late_share(summary)), criteria)
+    late, left_out = late_share(summary) or 0.0, summary["left_out_timesteps"]
+    left_out /= max(summary["timesteps"] + left_out, 1)
+    verdict = judge(replace(record, late=late, left_out=left_out), criteria)
     return {**summary, "ended": record.ended, **verdict.facts()}
 
 
@@ -282,8 +291,11 @@ def _of_fence(record: RunRecord, criteria: VoidCriteria) -> str:
 
 
 def _of_late(record: RunRecord, criteria: VoidCriteria) -> str:
-    late, limit = record.late or 0.0, criteria.late
-    return f"{100 * late:.1f} % of the timesteps late" if limit is not None and late > limit else ""
+    if criteria.late is None:
+        share, most, words = record.left_out, MOST_LATE, "left out: too slow"
+    else:
+        share, most, words = record.late, criteria.late, "late"
+    return f"{100 * share:.1f} % of the timesteps {words}" if share > most else ""
 
 
 _RULES: Sequence[Callable[[RunRecord, VoidCriteria], str]] = (
@@ -313,6 +325,12 @@ def _note_links(record: RunRecord, criteria: VoidCriteria) -> str:
     return _listed(brief, lambda robot: f"had no link for {robot.unlinked_s:.1f} s")
 
 
+def _note_late(record: RunRecord, criteria: VoidCriteria) -> str:
+    # Where they make the run invalid it has been said.
+    noted = record.late > MOST_LATE and not _of_late(record, criteria)
+    return f"{100 * record.late:.1f} % of the timesteps late" if noted else ""
+
+
 def _note_changes(record: RunRecord, criteria: VoidCriteria) -> str:
     times = "once" if record.changes == 1 else f"{record.changes} times"
     return f"its world was changed {times} by hand" if record.changes else ""
@@ -327,6 +345,6 @@ def _note_check(record: RunRecord, criteria: VoidCriteria) -> str:
 
 
 _NOTES: Sequence[Callable[[RunRecord, VoidCriteria], str]] = (
-    _note_programs, _note_resting, _note_standing, _note_check, _note_links, _note_changes,
-    _note_complaints,
+    _note_programs, _note_resting, _note_standing, _note_check, _note_links, _note_late,
+    _note_changes, _note_complaints,
 )  # fmt: skip

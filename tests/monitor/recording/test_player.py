@@ -182,3 +182,45 @@ def test_the_thread_plays_to_the_end(tmp_path: Path) -> None:
         assert ended.wait(30.0)
         player.close()
     assert seen == list(range(200))
+
+
+def test_the_measures_of_each_run_are_there_from_its_beginning(tmp_path: Path) -> None:
+    cone = {"x_m": [0.0, 2.0, 2.0], "y_m": [0.0, -1.0, 1.0]}
+    facts = {"mode": "live", "name": "x", "timestep_s": 0.1, "objects": [{"tag": 99}]}
+    sent = [Message("/experiment", BEGIN_NS, facts)]
+    for n in range(40):
+        at_ns, run, timestep = BEGIN_NS + n * SECOND_NS // 10, 1 + n // 20, n % 20
+        robots = {"tag": [7, 8, 99], "x_m": [n / 20, 1.0, 1.0], "y_m": [0.0, 3.0, 0.0]}
+        signals = {"timestep": timestep, "time_s": timestep / 10, "measures": {"items": n}}
+        sent += [
+            Message("/run", at_ns, {"state": "running", "run": run}),
+            Message("/robots", at_ns, {"tag": [7, 8], "leds": [255 * (n > 10), 0]}),
+            Message("/arena", at_ns, {"robots": robots}),
+            Message("/signals", at_ns, {**signals, "cones": [cone] if n else []}),
+        ]
+    sent.append(Message("/signals", sent[-1].time_ns, {"timestep": "damaged"}))
+    histories: list[Message] = []
+    with open_recording(record(tmp_path / "run.mcap", sent)) as recording:
+        bus, arrived = MessageBus(), threading.Event()
+
+        def take(message: Message) -> None:
+            histories.append(message)
+            arrived.set()
+
+        bus.join(take, "/history".__eq__)
+        player = Player(recording, bus)
+        player.start()
+        assert arrived.wait(20)
+        arrived.clear()
+        player.give(Order(OrderKind.SEEK, "test", 3.0))
+        assert arrived.wait(20)
+        player.close()
+    first, second = (message.data for message in histories)
+    assert (first["run"], second["run"]) == (1, 2)
+    assert first["time_s"] == second["time_s"] == [n / 10 for n in range(20)]
+    last = {name: column["last"] for name, column in first["measures"].items()}
+    assert last["items"] == tuple(range(20))
+    # Nobody knows before the first cone that there will be one; a thing in it is no robot.
+    assert last["robots_in_cone"] == (None, *[1] * 19)
+    assert last["lit_in_cone"] == (None, *[0] * 10, *[1] * 9)
+    assert last["LEDs on"] == (*[0] * 11, *[1] * 9)

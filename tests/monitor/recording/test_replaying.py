@@ -54,7 +54,10 @@ class Page:
 def test_it_waits_for_play_and_ends_when_somebody_interrupts(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    file = record(tmp_path / "run.mcap", [Message("/arena", BEGIN_NS, {})])
+    gap = {"from_ns": 0, "to_ns": 10**9, "messages": 2, "pictures": 13, "why": "the processor"}
+    file = record(
+        tmp_path / "run.mcap", [Message("/arena", BEGIN_NS, {}), Message("/gap", BEGIN_NS, gap)]
+    )
     pages: list[Page] = []
 
     def make(runs: WatchedBus) -> Page:
@@ -67,7 +70,9 @@ def test_it_waits_for_play_and_ends_when_somebody_interrupts(
         assert replay_recording(file, wanted, Console(), interrupted) is None
         assert interrupted.code == 130
     assert pages[0].closed
-    assert "vsense: plays 0.0 s" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "vsense: plays 0.0 s" in said
+    assert "lacks 2 messages and 13 pictures of 1.0 s: the processor" in said
 
 
 def test_it_tracks_again(

@@ -52,6 +52,7 @@ class Puppet:
         held: why robots stand alone: tag -> words.
         stopped: publishes no arena states any more, as a run without cameras.
         silent: publishes nothing at all.
+        unrecorded: cameras that are well, and whose pictures are not there.
     """
 
     def __init__(self, robots: int = 15, cameras: int = 4, mode: str = "live") -> None:
@@ -65,6 +66,7 @@ class Puppet:
         self.fence: dict[str, Any] | None = None
         self.trouble: dict[int, str] = {}
         self.held: dict[int, str] = {}
+        self.unrecorded: set[int] = set()
         self.camera_trouble: dict[int, tuple[str, str]] = {}
         self.by: str | None = None
         self.recording = False
@@ -325,7 +327,7 @@ class Puppet:
         for camera in range(self.cameras):
             topic = f"/picture/cam{camera}"
             lost = self.camera_trouble.get(camera, ("ok", ""))[0] == "lost"
-            if self.bus.wants(topic) and not lost:
+            if self.bus.wants(topic) and not lost and camera not in self.unrecorded:
                 about = {"camera": f"cam{camera}", "timestep": self.total,
                          "capture_ns": self.total * 10**8, "format": "jpeg", "width_px": width,
                          "height_px": height, "scale": play.PICTURE_SCALE}  # fmt: skip

@@ -106,7 +106,7 @@ def test_a_lab_is_steered_from_its_page(lab: HeldLab, opened: Open) -> None:
     state(page, "running")
     page.until(f"vsense.arena.drawn.robots.length === {ROBOTS} + 1")
     # Who comes late has the run's charts from its beginning.
-    page.until("vsense.store.measures.get('in the cone')?.times[0] === 0")
+    page.until("vsense.store.measures.get('robots_in_cone')?.times[0] === 0")
     change(page)
     drive(page)
     emergency_ns = host_ns()

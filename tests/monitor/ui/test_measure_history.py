@@ -18,7 +18,13 @@ from tests.monitor.ui.portrait import state
 from tests.monitor.ui.puppet import running
 from tests.rigs.processes import Program
 from vsense.monitor.recording.form import is_recorded
-from vsense.monitor.ui._measure_history import BUCKETS_MAX, LEDS_ON, MeasureHistory
+from vsense.monitor.recording.measures import (
+    BUCKETS_MAX,
+    LEDS_ON,
+    MeasureHistory,
+    count_swarm,
+)
+from vsense.world.pollution import PollutantSource
 
 LINES = (
     "[...vsense.store.measures].map(([name, line]) => [name, line.times, line.values, line.spans])"
@@ -59,6 +65,21 @@ def test_leds_are_a_measure_from_the_beginning_where_one_was_ever_on() -> None:
     assert list(history.data(1, 0.1)["measures"]) == ["items"]
     history.add(1, {LEDS_ON: 2, "items": 1})
     assert history.data(1, 0.1)["measures"][LEDS_ON]["last"] == (0, 2)
+
+
+def test_robots_in_a_cone_are_those_that_the_world_calls_polluted() -> None:
+    cone = PollutantSource(9, 0.7, 1.1, 1.5).cone_at(0.2, -0.1, 0)
+    places = np.random.default_rng(1).uniform(-2, 2, (300, 2))
+    inside = np.flatnonzero(cone.contains(places))
+    assert 5 < len(inside) < 150
+    leds = {int(inside[0]): 1, int(inside[1]): 1 << 8, 299: 0}
+    by_tag = dict(enumerate(map(tuple, places.tolist())))
+    for corners in (cone.vertices(), cone.vertices()[::-1]):
+        counts = count_swarm(by_tag, leds, [corners])
+        # A body LED is on, and is none of the red ones.
+        assert counts == {LEDS_ON: 2, "robots_in_cone": len(inside), "lit_in_cone": 1}
+    assert count_swarm(by_tag, leds, None) == {LEDS_ON: 2}
+    assert count_swarm({}, {}, []) == {LEDS_ON: 0, "robots_in_cone": 0, "lit_in_cone": 0}
 
 
 def chart(page: Page, name: str) -> tuple[list[float], list[float], list[list[float] | None]]:

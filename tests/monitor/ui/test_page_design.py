@@ -84,6 +84,40 @@ def test_pictures_are_as_large_as_their_worth(served: Serve, opened: Open) -> No
     assert top + height <= box(page, "main")[1]
 
 
+def test_a_toast_of_a_phone_covers_neither_the_top_line_nor_the_emergency_stop(
+    served: Serve, opened: Open
+) -> None:
+    _, _, url = served(running())
+    page = opened(url)
+    page.size(390, 844)
+    page.until("innerWidth === 390")
+    page.value("vsense.controls.notify('cannot start: the run is running', false)")
+    left, top, width, height = box(page, ".toast")
+    assert left >= 0 and left + width <= 390
+    assert top > 300 and top + height <= box(page, "#emergency")[1]
+
+
+def test_a_sensed_colour_has_its_numbers_and_its_colour(served: Serve, opened: Open) -> None:
+    puppet, _, url = served(running())
+    page = opened(url)
+    page.value(f"vsense.choice.choose({puppet.swarm.tags[1]})")
+    page.until("document.querySelectorAll('#readings .bars').length === 2")
+    puppet.silent = True
+    # What was on its way may still come, and is written over again.
+    page.value(
+        "setInterval(() => { vsense.store.experiment.controllers[0].sensors[1] ="
+        " { name: 'rgb_ground', layout: '4*u1', count: 4 };"
+        " for (const r of vsense.store.readings.values()) r.values[0][1] = [200, 40, 10, 255];"
+        " }, 50)"
+    )
+    cell = "document.querySelector('#readings').rows[1].cells[1]"
+    page.until(f"{cell}.innerText === '200, 40, 10, 255'")
+    assert page.value(f"getComputedStyle({cell}.querySelector('i')).backgroundColor") == (
+        "rgb(200, 40, 10)"
+    )
+    assert page.value(f"{cell}.scrollWidth <= {cell}.clientWidth"), "nothing is cut"
+
+
 def test_names_touch_neither_each_other_nor_walls(served: Serve, opened: Open) -> None:
     puppet, _, url = served(running(60))
     page = opened(url)

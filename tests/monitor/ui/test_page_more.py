@@ -145,6 +145,35 @@ def test_a_sought_replay_keeps_its_chart(served: Serve, opened: Open) -> None:
     )
 
 
+def test_a_replay_draws_no_poses_of_now_over_old_pictures(served: Serve, opened: Open) -> None:
+    puppet = Puppet(mode="replay")
+    puppet.unrecorded = {1}
+    _, _, url = served(puppet)
+    page = opened(url)
+    page.key(" ")
+    words = "[...document.querySelectorAll('.cell strong')].map(e => e.innerText)"
+    states = "[...document.querySelector('#watch').tBodies[0].rows].map(r => r.cells[3].innerText)"
+    page.until(f"{words}.join() === ',no picture is recorded here,,'")
+    page.until(f"{states}.join() === 'ok,no picture is recorded here,ok,ok'")
+    puppet.unrecorded = {0, 1}
+    page.until(f"{words}[0].includes('s old')")
+    age = float(str(page.value(f"{words}[0]")).split()[-3])
+    assert 1.5 < age < 10
+    rings = (
+        "[0, 2].map(at => { const cell = [...vsense.cameras.cells.values()][at];"
+        " const { width, height } = cell.canvas;"
+        " const data = cell.pen.getImageData(0, 24, width, height - 24).data; let n = 0;"
+        " for (let k = 0; k < data.length; k += 4)"
+        " n += data[k] < 90 && data[k + 1] > 180 && data[k + 2] > 220; return n; })"
+    )
+    page.until(f"{rings}[0] === 0")
+    assert page.value(f"{rings}[1]") > 50, "a picture of now has the rings of now"
+    # Sought back, the picture is one of later.
+    page.value("vsense.controls.order('seek', 0.1)")
+    page.until(f"{words}[0].includes('s younger') || {words}[0].includes('s old')")
+    page.until(f"{rings}[0] === 0")
+
+
 def test_the_page_without_controls_falls_onto_the_floor(served: Serve, opened: Open) -> None:
     _, _, url = served(running(), Tokens("to-look-only", "to-control-it"))
     page = opened(url.replace("/?token=to-control-it", "/screen?token=to-look-only"))

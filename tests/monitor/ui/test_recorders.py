@@ -5,13 +5,22 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from tests.monitor.recording.conftest import picture
+from vsense.base.arena import Frame
 from vsense.base.message_bus import Message, MessageBus
+from vsense.config.specs import MarkerSpec
+from vsense.monitor.recording import _recorder
+from vsense.monitor.recording._waiting import WaitingPicture
 from vsense.monitor.recording.reader import open_recording
 from vsense.monitor.ui.recorders import Recorders
 from vsense.run.directory import LOG_TXT, RunLog
+from vsense.vision.cameras.camera import Camera
+from vsense.vision.markers.families import load_family
+from vsense.vision.tracking.arena_tracker import ArenaTracker
 
 PATIENCE_S = 20.0
 
@@ -127,3 +136,57 @@ def test_a_suspended_run_is_not_recorded_and_says_so(tmp_path: Path) -> None:
     made = runs.recorders.end_run()
     assert runs.told(1) == [1, 4] and made["bytes"] == runs.path(1).stat().st_size
     assert [gap.why for gap in open_recording(runs.path(1)).gaps] == ["recording was switched off"]
+
+
+class Tracking:
+    """Cameras whose pictures the recorders get."""
+
+    record: Callable[[list[Frame]], None]
+
+    def __init__(self) -> None:
+        camera = Camera.looking_down("left", 0.0, 0.0, 2.0, 100.0, (80, 60))
+        self.tracker = ArenaTracker.for_family([camera], load_family("arrow4x4"), {31: 0.06})
+
+
+@pytest.mark.parametrize("early", [True, False])
+@pytest.mark.parametrize(("slow_s", "lab"), [(0.0, True), (0.1, True), (0.1, False)])
+def test_before_a_run_its_pictures_are_tried(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, slow_s: float, lab: bool, early: bool
+) -> None:
+    """Twenty pictures come in a second; where each takes 0.1 s, ten can be written."""
+    encoded = _recorder._encoded
+
+    def slow(item: WaitingPicture, topic: str) -> Message:
+        time.sleep(slow_s)
+        return encoded(item, topic)
+
+    monkeypatch.setattr(_recorder, "_encoded", slow)
+    runs, tracking = Runs(tmp_path, wanted=True), Tracking()
+    runs.recorders = Recorders(runs.bus, True, True, runs.troubles.append, runs.said.append)
+    if lab:
+        marker = MarkerSpec("arrow4x4", 0.06, 1)
+        runs.recorders.watch_family(marker, tracking, 0.05)  # type: ignore[arg-type]
+    else:
+        session = SimpleNamespace(record=SimpleNamespace(record_image=False))
+        described = lambda session: {}  # noqa: E731
+        monkeypatch.setattr("vsense.vision.tracking.recorded_tracker.of_session", described)
+        runs.recorders.watch_session(session, tracking, timestep_s=0.05)  # type: ignore[arg-type]
+    for number in range(2):
+        if early is bool(number):
+            runs.begin(1)
+        tracking.record([picture(number)])
+    (words,) = [text for text in runs.said if text.startswith("pictures: about ")]
+    assert runs.said.index(words) < 2, "before anything of the run is there"
+    if not slow_s:
+        assert words.endswith("of 20 in a second this computer writes all")
+    else:
+        able, way = words.rpartition(" writes ")[2].split(": some will be left out; ")
+        assert 0 < float(able) <= 11
+        if lab:
+            slower = float(way.removesuffix(" would do").removeprefix("--pace "))
+            assert slower == pytest.approx(0.8 * float(able) / 20.0, abs=0.05)
+        else:
+            assert way == "fewer cameras would do"
+    runs.recorders.end_run()
+    tracking.tracker.close()
+    assert [path.name for path in tmp_path.iterdir()] == ["run-1.mcap"], "nothing is left of it"

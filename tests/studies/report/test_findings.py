@@ -34,6 +34,7 @@ from vsense.studies.report._gather import (
     Gatherer,
     RobotTrack,
 )
+from vsense.studies.report.report import make_report
 
 
 @pytest.fixture(scope="module")
@@ -170,6 +171,11 @@ def test_silences_and_gaps(tmp_path: Path) -> None:
     assert (silence.from_s, silence.to_s) == pytest.approx((1.9, 3.0))
     assert (lost.from_s, lost.to_s) == pytest.approx((3.1, 5.0)), "and it is no silence, too"
     assert lost.text == "7 messages, 0 pictures: the disk was full"
+    (words,) = as_json(found)["lacking"]
+    assert words.endswith("lacks 7 messages and 0 pictures of 1.9 s: the disk was full")
+    made = make_report([found.path], tmp_path / "report")
+    assert list(made.warnings()) == [words]
+    assert words in made.files[0].read_text(), "at the page's top"
 
 
 def test_a_pause_is_not_driven_through(tmp_path: Path) -> None:

@@ -11,7 +11,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vsense.studies.report import _plot
+from vsense.run.runs_csv import RunRow
+from vsense.studies.report import Questions, _plot
+from vsense.studies.report._charts import compared
+from vsense.studies.report._compare import campaign_runs, groups
+from vsense.studies.report.study._collect import TableOfRuns
+from vsense.studies.report.study._results import results_of
+from vsense.studies.report.study._section import boxes
 from vsense.studies.series._comparison import draw
 
 finite = st.floats(-1e9, 1e9)
@@ -49,15 +55,57 @@ def test_runs_median_box_and_mean_are_where_they_belong() -> None:
     values = [[1.0, 2.0, 4.0, 8.0], [3.0, 3.5, 5.0, 6.0, 10.0]]
     (axes,) = draw("it", [{"a.b": "1"}, {"a.b": "2"}], {"walked_m": values}).axes
     assert axes.get_xlabel() == "walked [m]"
-    assert [line.get_xdata().tolist() for line in axes.lines] == values
-    boxes = [(box.get_x(), box.get_x() + box.get_width()) for box in axes.patches]
+    dots, means = axes.lines[::2], axes.lines[1::2]
+    assert [line.get_xdata().tolist() for line in dots] == values
+    assert [float(line.get_xdata()[0]) for line in means] == [3.75, 5.5]
     medians = [c.get_segments()[0][0, 0] for c in axes.collections]
-    for place, (line, some) in enumerate(zip(axes.lines, values)):
-        low, middle, high = statistics.quantiles(some, n=4, method="inclusive")
-        assert boxes[2 * place] == boxes[2 * place + 1] == (low, pytest.approx(high))
-        assert medians[place] == middle
-        assert (np.abs(line.get_ydata() - place) < 0.5).all()
-    assert [text.get_text() for text in axes.texts] == ["3.75", "5.5"]
+    assert medians == [statistics.median(some) for some in values]
+    low, _, high = statistics.quantiles(values[1], n=4, method="inclusive")
+    boxes = [(box.get_x(), box.get_x() + box.get_width()) for box in axes.patches]
+    assert boxes == [(low, pytest.approx(high))] * 2, "four runs have no box"
+    assert all((np.abs(line.get_ydata() - place) < 0.5).all() for place, line in enumerate(dots))
+
+
+@pytest.mark.parametrize(
+    ("values", "low", "high", "whole"),
+    [
+        ([2.0, 3.0, 4.0], 0.0, 4.16, True),  # near 0: from 0
+        ([0.0, 0.0], -0.04, 1.0, True),
+        ([3.0, 3.0], 0.0, 3.12, True),
+        ([40.5, 41.0], 40.48, 41.02, False),  # varies a little around much
+        ([-1.0, 2.0], -1.12, 2.12, True),
+        ([-5.0, -2.0], -5.2, 0.0, True),
+    ],
+)
+def test_an_axis_begins_where_the_data_ask_and_no_dot_is_cut(
+    values: list[float], low: float, high: float, whole: bool
+) -> None:
+    (axes,) = draw("it", [{}], {"items": [values]}).axes
+    assert axes.get_xlim() == pytest.approx((low, high))
+    assert all(not line.get_clip_on() for line in axes.lines)
+    ticks = [tick for tick in axes.get_xticks() if low <= tick <= high]
+    assert len(ticks) > 1 and all(float(tick).is_integer() for tick in ticks) is whole
+
+
+def test_a_report_draws_the_same_chart() -> None:
+    values = [[2.0, 3.0, 3.0, 4.0, 4.0], [6.0, 7.0]]
+    rows = [RunRow(run=f"{c}{n}", mode="sim", experiment="it", condition=f"a.b={c + 1}", seed=n,
+                   measures={"items": v})
+            for c, group in enumerate(values) for n, v in enumerate(group)]  # fmt: skip
+    table = TableOfRuns(Path("it.csv"), rows)
+    (result,) = results_of(rows, Questions(tests=False), lambda text: None)
+    (drawing,) = boxes(result, "x-")
+    (ours,) = draw("it", [{"a.b": "1"}, {"a.b": "2"}], {"items": values}).axes
+    (theirs,) = drawing.figure.axes
+    assert theirs.get_xlim() == ours.get_xlim()
+    for one, other in zip(theirs.lines, ours.lines, strict=True):
+        assert np.array_equal(one.get_xydata(), other.get_xydata())
+    assert [b.get_bbox().bounds for b in theirs.patches] == [
+        b.get_bbox().bounds for b in ours.patches
+    ]
+    # Another chart of the same numbers, of recordings that are compared.
+    (end,) = [d for d in compared(groups([], campaign_runs(table))) if d.name.endswith("-end")]
+    assert end.figure.axes[0].get_xlim() == ours.get_xlim()
 
 
 def test_a_campaign_without_settings_is_one_row(tmp_path: Path) -> None:

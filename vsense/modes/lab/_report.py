@@ -17,14 +17,12 @@ from vsense.config.specs import Experiment, RobotSpec
 from vsense.modes.lab import _metrics
 from vsense.modes.lab._metrics import SwarmTruth
 from vsense.modes.lab._microcontrollers import read_actuations
-from vsense.modes.lab._optics import vignetting
 from vsense.modes.lab._reach import drawn
 from vsense.modes.lab._swarm import read_trace
 from vsense.modes.lab.hardware import report_all
 from vsense.modes.lab.session import RunNotes, Session
 from vsense.modes.lab.truth import read_truth
 from vsense.monitor.pictures import run_figure
-from vsense.monitor.pictures.run_figure import RunCameras
 from vsense.robots.link.status import RING_LEDS
 from vsense.run.figures import StepTimes, late_text, link_row, number, percent
 from vsense.run.verdict import judged, table_rows
@@ -154,11 +152,10 @@ def draw(session: Session, recording: RunNotes, run: _metrics.MeasuredRun, path:
     poses = np.concatenate((run.truth.poses, run.object_poses), axis=1)
     part = drawn(session.environment.world, experiment.arena, poses)
     figure = run.truth.figure(experiment, numbers, recording.samples, part)
-    seen = RunCameras(session.cameras, experiment.marker.height_m, vignetting)
-    seen.pictures.update(recording.all_pictures())
+    recording.seen.unpack()
     cameras = len(session.cameras)
     subtitle = f"{len(run.tags)} robots seen by {cameras} cameras, seed {recording.seed}"
-    run_figure.save(replace(figure, cameras=seen), path, session.setup.blind, subtitle)
+    run_figure.save(replace(figure, cameras=recording.seen), path, session.setup.blind, subtitle)
 
 
 def _agreement(sensing: dict[str, Any]) -> str:

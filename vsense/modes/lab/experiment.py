@@ -7,8 +7,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from vsense.base import clock
 from vsense.base.errors import CutShort, UsageError, VsenseError
 from vsense.base.terminal import Console, interruption, spoken
@@ -23,6 +21,8 @@ from vsense.modes.lab.session import Session
 from vsense.modes.live.opening import StagedOptions, check_ports, say_link, say_trust
 from vsense.modes.live.session import RunSetup
 from vsense.modes.options import say_warnings
+from vsense.monitor.recording.measures import measures_of
+from vsense.monitor.ui.publisher import leds_of
 from vsense.monitor.ui.room import ControlRoom
 from vsense.robots.link.key_process import KeyProcess
 from vsense.robots.link.keys import INSECURE, LinkTrust
@@ -202,27 +202,18 @@ def _progress(console: Console, session: Session) -> Callable[[Step], None]:
         if step.run_timestep == COMPLAINTS_TIMESTEP:
             for complaint in session.swarm.complaints():
                 console.say(f"vsense: {complaint}")
-        robots = session.runner.robots.values()
-        connected = sum(robot.connected for robot in robots)
-        lit = sum(robot.lit for robot in robots if robot.connected)
+        robots = session.runner.robots
+        connected = sum(robot.connected for robot in robots.values())
+        measures = measures_of(session.environment.world, robots, leds_of(robots))
+        measured = "".join(f"  {spoken(name)} {value:.3g}" for name, value in measures.items())
         latency_ms = (step.sent_ns - step.ready_ns) / 1e6
         console.progress(
             f"{step.run_timestep * experiment.timestep_s:5.1f}{length} s"
             f"  timestep {step.run_timestep}  robots {connected}/{len(robots)}"
-            f"{_measured(session)}  LEDs on {lit}  picture to sent {latency_ms:.0f} ms"
+            f"{measured}  picture to sent {latency_ms:.0f} ms"
         )
 
     return show
-
-
-def _measured(session: Session) -> str:
-    """The host's measure of success: robots in the cone, or the experiment's measures."""
-    world, source = session.environment.world, session.experiment.source
-    if source is None:
-        return "".join(f"  {spoken(name)} {value:.3g}" for name, value in world.results.items())
-    cone, robots = world.cone(source), world.robots
-    places = np.stack((robots["x_m"], robots["y_m"]), axis=-1)
-    return f"  in the cone {0 if cone is None else int(cone.contains(places).sum())}"
 
 
 def _report_all(

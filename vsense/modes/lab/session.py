@@ -8,12 +8,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from vsense.base.arena import Frame
-from vsense.base.canvas import Image
 from vsense.base.errors import VsenseError
 from vsense.base.shared import LabError
 from vsense.config.casting import Pair
@@ -22,12 +18,14 @@ from vsense.modes.lab._camera_spec import robot_body, spec_for
 from vsense.modes.lab._canary import Canary
 from vsense.modes.lab._grabber import LabGrabber
 from vsense.modes.lab._metrics import TrackingTally
+from vsense.modes.lab._optics import vignetting
 from vsense.modes.lab._physics_process import PhysicsHandle
 from vsense.modes.lab._swarm import Robot, Swarm
 from vsense.modes.lab.calibrated import CalibratedRig
 from vsense.modes.lab.hardware import NOMINAL, EmulatedLab, LabRobots, to_markers
 from vsense.modes.lab.truth import TruthReader, make_ring
 from vsense.modes.live.session import ROBOT_WAIT_S, Busy, ExperimentSession, RunSetup
+from vsense.monitor.pictures.run_figure import RunCameras
 from vsense.monitor.pictures.run_samples import RunSamples
 from vsense.robots import build
 from vsense.robots.link.status import RobotStatus
@@ -40,8 +38,6 @@ from vsense.run.verdict import RunRecord
 from vsense.vision.markers.families import load_family
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 from vsense.vision.tracking.camera_tracking import CameraTracking
-
-_QUALITY = (cv2.IMWRITE_JPEG_QUALITY, 90)
 
 READY_TIMEOUT_S = 20.0
 """All robots must be connected and seen within this time."""
@@ -67,8 +63,7 @@ class RunNotes:
         tracking: what was read of the markers, against the truth.
         samples: the virtual world and the experiment's measures over time.
         measures: the experiment's own, of the whole run.
-        pictures: the cameras' pictures at chosen timesteps of the run, by the camera's name.
-        packed: the same of a run that others follow, as JPEG: runs may be many.
+        seen: the cameras' pictures at chosen timesteps of the run.
         link: `sent`, `received`, `dropped` packets with readings, `reconnects`, `defects`.
         lateness_ms: the canary's ticks.
     """
@@ -76,6 +71,7 @@ class RunNotes:
     samples: RunSamples
     figures: Figures
     tracking: TrackingTally
+    seen: RunCameras
     seed: int
     directory: Path
     experiment: Experiment
@@ -84,32 +80,8 @@ class RunNotes:
     resting: tuple[str, ...] = ()
     record: RunRecord = field(default_factory=lambda: RunRecord(ended=""))
     measures: dict[str, float] = field(default_factory=dict)
-    pictures: dict[int, dict[str, Image]] = field(default_factory=dict)
-    packed: dict[int, dict[str, NDArray[np.uint8]]] = field(default_factory=dict)
     link: dict[str, int] = field(default_factory=no_link)
     lateness_ms: list[float] = field(default_factory=list)
-
-    def keep(self, timestep: int, frames: Sequence[Frame]) -> None:
-        """Copies a timestep's pictures: their slots return to the cameras."""
-        self.pictures[timestep] = {frame.camera: frame.image.copy() for frame in frames}
-
-    def pack(self) -> None:
-        """Packs all pictures."""
-        for timestep, images in self.pictures.items():
-            coded = {
-                name: cv2.imencode(".jpg", image, _QUALITY)[1] for name, image in images.items()
-            }
-            self.packed[timestep] = coded
-        self.pictures.clear()
-
-    def all_pictures(self) -> dict[int, dict[str, Image]]:
-        """The pictures, packed or not."""
-
-        def unpacked(data: NDArray[np.uint8]) -> Image:
-            return np.asarray(cv2.imdecode(data, cv2.IMREAD_UNCHANGED), np.uint8)
-
-        known = {t: {n: unpacked(d) for n, d in coded.items()} for t, coded in self.packed.items()}
-        return {**known, **self.pictures}
 
 
 class Session(ExperimentSession):
@@ -177,7 +149,8 @@ class Session(ExperimentSession):
         for robot, base in zip(experiment.robots, self.floor.bases):
             settings = self.robots.settings.get(robot.tag, {})
             self.swarm.start(daemons[robot.controller], robot.tag, robot.id, base, settings)
-        self.setup.room.recorders.watch_family(experiment.marker, self.tracking)
+        recorders = self.setup.room.recorders
+        recorders.watch_family(experiment.marker, self.tracking, experiment.timestep_s)
         scene = self._scene("lab", self.cameras, {}, self.tracking.troubles)
         if self.rig is not None:
             scene = replace(scene, calibration=self.rig.checked)
@@ -252,6 +225,20 @@ class Session(ExperimentSession):
                 f" start it again with {self.swarm.script(robot.tag)}"
             )
 
+    def _notes(self, directory: Path) -> RunNotes:
+        experiment = self.experiment
+        return RunNotes(
+            RunSamples(experiment),
+            Figures(experiment),
+            TrackingTally(self._tags),
+            RunCameras(self.cameras, experiment.marker.height_m, vignetting),
+            self.environment.seed,
+            directory,
+            experiment,
+            tuple(self.swarm.robots),
+            resting=self.resting,
+        )
+
     def run(self, directory: Path, observe: Callable[[Step], None]) -> None:
         """Starts all robots together, handles the run's timesteps, and stops them.
 
@@ -260,17 +247,7 @@ class Session(ExperimentSession):
         Raises:
             VsenseError: something has failed; what was recorded until then is kept.
         """
-        experiment = self.experiment
-        notes = RunNotes(
-            RunSamples(experiment),
-            Figures(experiment),
-            TrackingTally(self._tags),
-            self.environment.seed,
-            directory,
-            experiment,
-            tuple(self.swarm.robots),
-            resting=self.resting,
-        )
+        notes = self._notes(directory)
         self.recordings.append(notes)
         canary = Canary()
         self._stack.callback(canary.close)
@@ -307,20 +284,20 @@ class Session(ExperimentSession):
                 for step, _ in timesteps:
                     self._judge(step, notes.tracking)
                     samples.add(step.run_timestep, world)
-                    if step.run_timestep in samples.timesteps or not notes.pictures:
+                    if step.run_timestep in samples.timesteps or not notes.seen.pictures:
                         # The first ones have the memory that later ones take: none grows then.
-                        notes.pictures.clear()
-                        notes.keep(step.run_timestep, step.frames)
+                        notes.seen.pictures.clear()
+                        notes.seen.keep(step.run_timestep, step.frames)
                     observe(step)
         finally:
             samples.end(self.environment.world)
             if step is not None:
-                notes.keep(step.run_timestep, step.frames)
+                notes.seen.keep(step.run_timestep, step.frames)
 
     def next_run(self) -> None:
         """See `ExperimentSession`."""
         for notes in self.recordings:
-            notes.pack()
+            notes.seen.pack()
         super().next_run()
 
     def _unable(self, tag: int) -> str:

@@ -142,7 +142,8 @@ class RunPictures:
             self._give_up(error)
         self._say(recorder.in_words())
         if recorder.dropped:
-            self._say(f"the disk was too slow: {recorder.dropped} timesteps were not recorded")
+            why = "could not be encoded and written as fast as they came"
+            self._say(f"the pictures of {recorder.dropped} timesteps {why}: they are left out")
 
 
 def begin_recording(session: TrackingSession, talk: Talk) -> BackgroundRecorder | None:

@@ -367,8 +367,8 @@ class RunSession(ExperimentSession):
         scene = self._scene("run", (), {}, Troubles())
         if own is not None:
             session = own.session
-            # Recordings hold what the tracker sees.
-            self.setup.room.recorders.watch_session(session, own.tracking)
+            recorders, timestep_s = self.setup.room.recorders, self.experiment.timestep_s
+            recorders.watch_session(session, own.tracking, timestep_s=timestep_s)
             scene = replace(
                 scene,
                 cameras=[view.camera for view in session.views],

@@ -135,8 +135,8 @@ def _check(options: TrackOptions, session: TrackingSession) -> None:
         raise UsageError(f"--offline: {session.file} uses cameras, expected recordings")
     if options.offline and options.is_watched:
         raise UsageError(
-            "--offline: is faster than anybody looks; --web, --foxglove, --hold and --record"
-            " go at the pictures' own pace"
+            "--offline tracks as fast as it can; leave it out where --web, --foxglove, --hold or"
+            " --record need the pictures' own pace"
         )
 
 

@@ -10,8 +10,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from vsense.base.errors import VsenseError, failing_as
 from vsense.base.files import read_bytes
 from vsense.base.message_bus import MessageBus
@@ -87,12 +85,13 @@ class SimPublisher(Publisher):
         self.update(Step(state.timestep, run_timestep, *times_ns, state, ()), {})
         self.tell_events()
 
-    def note(self, run_timestep: int, leds_on: int) -> None:
+    def note(self, run_timestep: int, leds: Mapping[int, int]) -> None:
         """Does nothing: `keep` has every timestep, also those that nobody is shown."""
 
     def keep(self, run_timestep: int) -> None:
         """Keeps the measures of a timestep of the run, see `Publisher.note`."""
-        super().note(run_timestep, int(np.count_nonzero(self._simulation.leds)))
+        run = self._simulation
+        super().note(run_timestep, dict(zip(run.record.tags, run.leds.tolist())))
 
     def tell_events(self) -> None:
         """Publishes what controllers and loop functions have logged since the last call."""

@@ -304,6 +304,7 @@ def ticks(low: float, high: float, most: int) -> Floats:
 
 
 _PAPER: Colour = (255, 255, 255)
+_QUALITY = (cv2.IMWRITE_JPEG_QUALITY, 90)
 
 
 class RunCameras:
@@ -320,6 +321,7 @@ class RunCameras:
 
     def __init__(self, cameras: Sequence[Camera], top_m: float, shade: Shade | None = None) -> None:
         self.pictures: dict[int, Mapping[str, Image]] = {}
+        self._packed: dict[int, dict[str, Image]] = {}
         self._cameras, self._top_m, self._shade = cameras, top_m, shade
 
     def keep(self, timestep: int, frames: Sequence[Frame]) -> None:
@@ -332,6 +334,22 @@ class RunCameras:
     def drop(self, timestep: int) -> None:
         """Forgets the pictures of a timestep, if there are any."""
         self.pictures.pop(timestep, None)
+
+    def pack(self) -> None:
+        """Keeps all pictures as JPEG, of a run that others follow: runs may be many."""
+        for timestep, images in self.pictures.items():
+            self._packed[timestep] = {
+                name: cv2.imencode(".jpg", image, _QUALITY)[1] for name, image in images.items()
+            }
+        self.pictures.clear()
+
+    def unpack(self) -> None:
+        """Makes pictures of what was packed."""
+        for timestep, coded in self._packed.items():
+            self.pictures[timestep] = {
+                name: np.asarray(cv2.imdecode(data, cv2.IMREAD_UNCHANGED), np.uint8)
+                for name, data in coded.items()
+            }
 
     def newest(self, timestep: int, reach: int) -> int | None:
         """The newest timestep with pictures up to this one, at most `reach` before it."""

@@ -10,7 +10,9 @@ from typing import Any
 from vsense.base.clock import host_ns
 from vsense.base.message_bus import Message, MessageBus
 from vsense.monitor.recording import form
-from vsense.monitor.recording.reader import Recording, read_gap
+from vsense.monitor.recording.form import Data
+from vsense.monitor.recording.measures import RecordedMeasures
+from vsense.monitor.recording.reader import Recording, open_recording, read_gap
 from vsense.run.orders import Order, OrderError, OrderKind
 
 SLOWEST_REPLAY, FASTEST_REPLAY = 0.1, 100.0
@@ -58,7 +60,9 @@ class Player:
         self._joined = bus.joined
         self._published_ns = 0
         self._shown_ns: dict[str, int] = {}
-        self._thread: threading.Thread | None = None
+        self._threads: list[threading.Thread] = []
+        self._histories: dict[int, Data] = {}
+        self._history_shown: tuple[Any, int, bool] | None = None
 
     def start(self) -> None:
         """Goes on in its own thread, until `close`; shows the first arena state until PLAY."""
@@ -66,16 +70,17 @@ class Player:
         begin_ns = self._recording.begin_ns
         times_ns = [message.time_ns for message in first if message is not None]
         self._from_ns = max([begin_ns, *times_ns]) - begin_ns + AFTER_NS
-        self._thread = threading.Thread(target=self._run, name="replay", daemon=True)
-        self._thread.start()
+        for work in (self._run, self._measure):
+            self._threads.append(threading.Thread(target=work, name="replay", daemon=True))
+            self._threads[-1].start()
 
     def close(self) -> None:
-        """Ends the thread."""
+        """Ends the threads."""
         with self._orders:
             self._closed = True
             self._orders.notify()
-        if self._thread is not None:
-            self._thread.join()
+        for thread in self._threads:
+            thread.join()
 
     def give(self, order: Order) -> str:
         """Carries out PLAY, PAUSE, SPEED and SEEK; OrderError for others; see `Give`."""
@@ -121,6 +126,18 @@ class Player:
             with self._orders:
                 if not (self._closed or self._changed):
                     self._orders.wait(wait_ns / 1e9)
+
+    def _measure(self) -> None:
+        """Reads the measures of the whole recording, beside what is played of it."""
+        with open_recording(self._recording.path) as recording:
+            measures = RecordedMeasures(recording.experiment)
+            for message in recording.messages(measures.TOPICS):
+                measures.take(message)
+                if self._closed:
+                    return
+        with self._orders:
+            self._histories, self._changed = measures.data(), True
+            self._orders.notify()
 
     def _position_ns(self) -> int:
         if not self._playing:
@@ -263,3 +280,8 @@ class Player:
         time_ns = self._recording.begin_ns + round(1e9 * replay["position_s"])
         data = {**(last.data if last else {}), "can": _CAN, "replay": replay}
         self._bus.publish(Message("/run", last.time_ns if last else time_ns, data))
+        run = data.get("run")
+        version = run, self._bus.joined, run in self._histories
+        if version != self._history_shown and run in self._histories:
+            self._bus.publish(Message("/history", time_ns, self._histories[run]))
+        self._history_shown = version

@@ -26,23 +26,18 @@ from vsense.base.terminal import Level
 from vsense.monitor.foxglove.channels import Channels
 from vsense.monitor.recording import form, megabytes
 from vsense.monitor.recording._waiting import Waiting, WaitingBounds, WaitingItem, WaitingPicture
+from vsense.monitor.recording.pictures import png_of
 from vsense.monitor.recording.writer import FLUSH_S, RecordingWriter, gap_message
 from vsense.vision.tracking import recorded_tracker
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 
 WRITE_RETRY_S = 1.0
+TRIAL_S = 1.0
 FORETELL_S = 10.0
 """After so long it is known what a minute costs."""
 _CLOSE_S = 30.0
 _FIRST_SIZE = 2_048
 """Assumed size of a topic's first message."""
-
-# Measured on rendered and on real pictures: the smallest and the fastest of the lossless ones.
-_PNG = (
-    *(cv2.IMWRITE_PNG_COMPRESSION, 1),
-    *(cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY),
-    *(cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_AVG),
-)
 
 
 @dataclass(slots=True)
@@ -339,7 +334,7 @@ class Recorder:
 def _encoded(picture: WaitingPicture, topic: str) -> Message:
     """Makes the message of a picture."""
     frame = picture.frame
-    blob = cv2.imencode(".png", frame.image, _PNG)[1].tobytes()
+    blob = png_of(frame.image)
     height_px, width_px = frame.image.shape
     data = {
         "camera": frame.camera,
@@ -354,3 +349,31 @@ def _encoded(picture: WaitingPicture, topic: str) -> Message:
         "pictures": picture.pictures,
     }
     return Message(topic, picture.time_ns, data, blob)
+
+
+def try_pictures(frames: Sequence[Frame], folder: Path) -> tuple[float, float]:
+    """Writes pictures into a folder for `TRIAL_S`, as a recording does; nothing is left of it.
+
+    Returns:
+        How many were written in a second, and the bytes of one on the disk.
+
+    Raises:
+        RecordingError, OSError: the folder cannot be written.
+    """
+    path = folder / f".trial-{time.monotonic_ns()}.mcap"
+    writer = RecordingWriter(path, 0, 0)
+    path.unlink()
+    begun, written, flushes = time.monotonic(), 0, 1
+    try:
+        while (spent := time.monotonic() - begun) < TRIAL_S:
+            frame = frames[written % len(frames)]
+            item = WaitingPicture(frame, 0, 0, len(frames))
+            writer.add(_encoded(item, f"{form.PICTURE}{frame.camera}"))
+            written += 1
+            if spent > flushes * FLUSH_S or writer.is_full:
+                writer.flush()
+                flushes += 1
+        writer.flush()
+        return written / (time.monotonic() - begun), writer.bytes / written
+    finally:
+        writer.close()

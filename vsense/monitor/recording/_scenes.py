@@ -23,6 +23,8 @@ from vsense.monitor.pictures._scene import ArenaMoment, Senses
 from vsense.monitor.pictures._world_snapshot import WorldSnapshot, floor_raster, grid, make_snapshot
 from vsense.monitor.recording import IN_CONE, LIT_IN_CONE
 from vsense.monitor.recording.form import ExperimentMessage
+from vsense.monitor.recording.measures import count_swarm
+from vsense.robots.link.status import RING_LEDS
 from vsense.world.entities import (
     BODY_HEIGHT_M,
     Arena,
@@ -43,7 +45,6 @@ DAMAGED = (KeyError, TypeError, ValueError, IndexError, AttributeError, Overflow
 _KINDS: dict[str, type[Entity]] = {
     "box": Box, "cylinder": Cylinder, "light": Light, "zone": Zone, "robot": VirtualRobot,
 }  # fmt: skip
-_RING_LEDS = 0xFF
 _STATES_MAX = 150
 """Arena states that a picture may belong to: pictures come later than their states."""
 _TRAIL = 40
@@ -158,7 +159,7 @@ class RecordedScenes:
         things = [row[1:3] for row in rows if row[0] in self._objects]
         poses = np.array([row[1:] for row in robots], np.float64).reshape(-1, 3)
         tags = [row[0] for row in robots]
-        lit = np.array([bool(self._leds.get(tag, 0) & _RING_LEDS) for tag in tags], bool)
+        lit = np.array([bool(self._leds.get(tag, 0) & RING_LEDS) for tag in tags], bool)
         snapshot = self._snapshot(tags)
         self._trails.append({tag: (x, y) for tag, (x, y, _) in zip(tags, poses.tolist())})
         middle = np.array([*self.arena.centre_m[:2], 0.0])
@@ -226,11 +227,10 @@ class RecordedScenes:
         cones = moment.snapshot.cones
         if self.time_s is None or not cones or IN_CONE in measures:
             return
-        inside = np.zeros(len(moment.poses), bool)
-        for cone in cones:
-            inside |= _within(cone, moment.poses[:, :2])
-        self._measure(IN_CONE, self.time_s, int(inside.sum()))
-        self._measure(LIT_IN_CONE, self.time_s, int((inside & moment.lit).sum()))
+        places = {int(name): (x, y) for name, (x, y, _) in zip(moment.names, moment.poses.tolist())}
+        counts = count_swarm(places, self._leds, cones)
+        for name in (IN_CONE, LIT_IN_CONE):
+            self._measure(name, self.time_s, counts[name])
 
     def _senses(self, tags: list[int]) -> Senses | None:
         """What the chosen robot senses; None where it is not there, or no readings are."""
@@ -317,12 +317,3 @@ def _field(data: Mapping[str, Any], arena: Arena) -> Floats:
     across, down = (cells[:, k].reshape(size).astype(np.float32) for k in (0, 1))
     sampled = cv2.remap(levels, across, down, cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE)
     return np.asarray(sampled, np.float64) / 255.0
-
-
-def _within(triangle: Floats, points: Floats) -> Any:
-    """Which (n, 2) points lie in a triangle whose corners are counter-clockwise."""
-    inside = np.ones(len(points), bool)
-    for start, end in zip(triangle, np.roll(triangle, -1, axis=0)):
-        along, apart = end - start, points - start
-        inside &= along[0] * apart[:, 1] - along[1] * apart[:, 0] >= 0.0
-    return inside

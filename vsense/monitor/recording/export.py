@@ -99,7 +99,7 @@ def _check(options: ExportOptions) -> None:
 
 def _tables(opened: Recording, folder: Path, console: Console) -> Exported:
     rows = export_csv(opened, folder)
-    lacking = _say_state(opened, console)
+    lacking = _say_lacking(opened, console)
     tables = {f"{folder / name}.csv": count for name, count in rows.items()}
     facts = {"tables": tables, "lacking": lacking}
     return Exported(facts, [f"{name}: {n} rows" for name, n in tables.items()])
@@ -126,7 +126,7 @@ def _video(
 
     complete = film.write(path, show, interrupted.is_set)
     console.end_progress()
-    lacking = _say_state(opened, console)
+    lacking = _say_lacking(opened, console)
     if not complete:
         console.say(f"vsense: interrupted; nothing is left of {path}")
         return None
@@ -146,33 +146,21 @@ def _foxglove(opened: Recording, path: Path, console: Console) -> Exported:
     show = lambda share: console.progress(f"for Foxglove: {share:.0%}")  # noqa: E731
     sizes = export_foxglove(opened, path, show)
     console.end_progress()
-    _say_damage(opened, console)
+    lacking = _say_lacking(opened, console)
     return Exported(
-        {"files": sizes}, [f"{name}: {size / 1e6:.1f} MB" for name, size in sizes.items()]
+        {"files": sizes, "lacking": lacking},
+        [f"{name}: {size / 1e6:.1f} MB" for name, size in sizes.items()],
     )
 
 
-def _say_state(opened: Recording, console: Console) -> dict[str, Any]:
+def _say_lacking(opened: Recording, console: Console) -> dict[str, Any]:
     """Says what the recording lacks; gives that for scripts."""
-    if not opened.complete:
-        console.say(f"vsense: {opened.path} was cut off: its last second may be missing")
-    _say_damage(opened, console)
+    for line in opened.lacks():
+        console.say(f"vsense: {line}", "warning")
     gaps = opened.gaps
     messages, pictures = sum(gap.messages for gap in gaps), sum(gap.pictures for gap in gaps)
     length_s = sum(gap.to_ns - gap.from_ns for gap in gaps) / 1e9
-    if gaps:
-        more = f" (and {len(gaps) - 1} more)" if len(gaps) > 1 else ""
-        console.say(
-            f"vsense: {opened.path} lacks {messages} messages and {pictures} pictures of"
-            f" {length_s:.1f} s: {gaps[0].why}{more}",
-            "warning",
-        )
     return {"gaps": len(gaps), "messages": messages, "pictures": pictures, "seconds": length_s}
-
-
-def _say_damage(opened: Recording, console: Console) -> None:
-    if opened.damaged:
-        console.say(f"vsense: {len(opened.damaged)} parts of {opened.path} are damaged")
 
 
 def export_csv(recording: Recording, folder: Path) -> dict[str, int]:

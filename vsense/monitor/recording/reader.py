@@ -91,6 +91,23 @@ class Recording:
             self._gaps = [gap for gap in map(read_gap, marks) if gap is not None]
         return self._gaps
 
+    def lacks(self) -> list[str]:
+        """What it lacks, a sentence each; what is damaged, as far as it was read until now."""
+        lines = []
+        if not self.complete:
+            lines.append(f"{self.path} was cut off: its last second may be missing")
+        if self.damaged:
+            lines.append(f"{len(self.damaged)} parts of {self.path} are damaged")
+        if gaps := self.gaps:
+            messages, pictures = sum(gap.messages for gap in gaps), sum(g.pictures for g in gaps)
+            length_s = sum(gap.to_ns - gap.from_ns for gap in gaps) / 1e9
+            more = f" (and {len(gaps) - 1} more)" if len(gaps) > 1 else ""
+            lines.append(
+                f"{self.path} lacks {messages} messages and {pictures} pictures of"
+                f" {length_s:.1f} s: {gaps[0].why}{more}"
+            )
+        return lines
+
     def messages(self, topics: Choice = None, start_s: float = 0.0) -> Iterator[Message]:
         """Gives messages of `topics` in the order of the recording, from `start_s` after its
         beginning. What is damaged is left out and noted in `damaged`.

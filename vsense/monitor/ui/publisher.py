@@ -20,8 +20,8 @@ from vsense.base.clock import host_ns, pace
 from vsense.base.message_bus import Message, MessageBus
 from vsense.monitor.recording import _senses, form
 from vsense.monitor.recording.form import PARTS, PICTURE, SETTINGS_TOPIC, Data, RunMessage
+from vsense.monitor.recording.measures import MeasureHistory, measures_of
 from vsense.monitor.ui import messages
-from vsense.monitor.ui._measure_history import MeasureHistory, measures_of
 from vsense.monitor.ui.messages import ExperimentFacts
 from vsense.monitor.ui.tables import CameraTable, RobotTable
 from vsense.robots.link.status import RobotStatus
@@ -166,7 +166,7 @@ class Publisher:
         self._if_new(PARTS, (self._control.run, tuple(robots), uids), parts, now_ns)
         if step is not None:
             self._publish_step(step, now_ns)
-            self.note(step.run_timestep, _lit(robots))
+            self.note(step.run_timestep, leds_of(robots))
         if now_ns >= self._due_ns:
             self._bus.notify("/cameras", now_ns, lambda: self._cameras.data(now_ns))
         self._publish_run(now_ns)
@@ -174,11 +174,11 @@ class Publisher:
             self.publish_history()
         self._bus.notify("/robots", now_ns, lambda: self.robots_data(robots))
 
-    def note(self, run_timestep: int, leds_on: int) -> None:
-        """Keeps the measures of a timestep of the run; so many robots have a LED on."""
+    def note(self, run_timestep: int, leds: Mapping[int, int]) -> None:
+        """Keeps the measures of a timestep of the run; `leds` are bits by tag."""
         if run_timestep >= 0:
             tags = (robot.tag for robot in self.environment.experiment.robots)
-            self._history.add(run_timestep, measures_of(self.environment.world, tags, leds_on))
+            self._history.add(run_timestep, measures_of(self.environment.world, tags, leds))
 
     def publish_history(self) -> None:
         """Publishes the measures since the run began, where a listener lacks some of them."""
@@ -290,10 +290,9 @@ class Publisher:
             self._bus.publish(Message(topic, now_ns, make()))
 
 
-def _lit(robots: Mapping[int, RobotStatus]) -> int:
-    """How many robots report a LED that is on."""
-    reports = (robot.telemetry for robot in robots.values())
-    return sum(report is not None and report.leds != 0 for report in reports)
+def leds_of(robots: Mapping[int, RobotStatus]) -> dict[int, int]:
+    """The LEDs of the robots that have reported them, bits by tag."""
+    return {tag: robot.telemetry.leds for tag, robot in robots.items() if robot.telemetry}
 
 
 def _arena(step: Step) -> Data:

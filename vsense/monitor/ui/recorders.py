@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vsense.base.arena import Frame
+from vsense.base.clock import pace
 from vsense.base.errors import VsenseError
 from vsense.base.message_bus import MessageBus
 from vsense.base.terminal import Level
@@ -50,6 +54,10 @@ class Recorders:
         say: Callable[[str], None] = lambda text: None,
     ) -> None:
         self._tracker: Mapping[str, Any] | None = None
+        # Until pictures were tried: how long a timestep is, and the newest pictures.
+        self._timestep_s: float | None = None
+        self._sample: Sequence[Frame] = ()
+        self._can_slow = False
         self._bus = bus
         self._wanted = wanted
         self._pictures = pictures
@@ -64,6 +72,7 @@ class Recorders:
         self.end_run()
         with self._lock:
             self._path, self._suspended = path, False
+            self._try()
             if self._wanted and self._open():
                 self._say(f"recording to {path}")
 
@@ -133,10 +142,15 @@ class Recorders:
         return f"recording is off: {recorder.path}"
 
     def watch_session(
-        self, session: TrackingSession, tracking: CameraTracking, by_file: bool = True
+        self,
+        session: TrackingSession,
+        tracking: CameraTracking,
+        by_file: bool = True,
+        timestep_s: float | None = None,
     ) -> None:
         """Records the pictures of a tracking session, if options or, `by_file`, its file want them.
 
+        With `timestep_s`, it is tried before the first run whether this computer keeps up.
         UsageError if a library is missing.
         """
         wanted = by_file and session.record.record_image
@@ -147,10 +161,10 @@ class Recorders:
 
             return recorded_tracker.of_session(session)
 
-        self._watch(tracking, describe)
+        self._watch(tracking, describe, timestep_s)
 
-    def watch_family(self, marker: MarkerSpec, tracking: CameraTracking) -> None:
-        """Records the pictures of cameras that look for one family of markers, if wanted.
+    def watch_family(self, marker: MarkerSpec, tracking: CameraTracking, timestep_s: float) -> None:
+        """Records the pictures of a lab's cameras, if wanted: it can go slower (`--pace`).
 
         UsageError if a library is missing.
         """
@@ -162,21 +176,57 @@ class Recorders:
 
             return recorded_tracker.of_family(cameras, marker.family, heights_m, offsets=offsets)
 
-        self._watch(tracking, describe)
+        self._can_slow = True
+        self._watch(tracking, describe, timestep_s)
 
-    def _watch(self, tracking: CameraTracking, describe: Callable[[], Mapping[str, Any]]) -> None:
+    def _watch(
+        self,
+        tracking: CameraTracking,
+        describe: Callable[[], Mapping[str, Any]],
+        timestep_s: float | None,
+    ) -> None:
         """`describe` imports the arena tracker, which only pictures need."""
         if not self._pictures:
             return
         recording.require()
-        self._tracker = describe()
+        self._tracker, self._timestep_s = describe(), timestep_s
 
         def record(frames: Sequence[Frame]) -> None:
+            if self._timestep_s is not None:
+                self._keep(frames)
             recorder = self._recorder
             if recorder is not None:
                 recorder.pictures(frames, tracking.tracker)
 
         tracking.record = record
+
+    def _keep(self, frames: Sequence[Frame]) -> None:
+        """Keeps pictures until they are tried; the first of a run wait for that."""
+        with self._lock:
+            self._sample = [replace(frame, image=frame.image.copy()) for frame in frames]
+            self._try()
+
+    def _try(self) -> None:
+        """Says once, before a run, what its pictures cost, and whether this computer keeps up."""
+        timestep_s, path, sample = self._timestep_s, self._path, self._sample
+        if timestep_s is None or path is None or not sample:
+            return
+        self._timestep_s, self._sample = None, ()
+        from vsense.monitor.recording._recorder import try_pictures
+
+        # What cannot be written is said by the recording itself.
+        with suppress(VsenseError, OSError):
+            able, size = try_pictures(sample, path.parent)
+            rate = len(sample) / timestep_s
+            words = (
+                f"pictures: about {recording.megabytes(60.0 * size * rate)} for each minute of the"
+                f" run; of {rate * pace():.0f} in a second this computer writes"
+            )
+            if able >= rate * pace():
+                return self._say(f"{words} all")
+            slower = max(math.floor(80.0 * able / rate) / 100.0, 0.01)
+            way = f"--pace {slower:g} would do" if self._can_slow else "fewer cameras would do"
+            self._say(f"{words} {able:.0f}: some will be left out; {way}")
 
     def state(self) -> Data:
         """The "recording" of the message /run."""

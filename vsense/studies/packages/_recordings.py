@@ -20,6 +20,7 @@ from vsense.modes.sim.watch import Flag
 from vsense.monitor.recording import form
 from vsense.monitor.recording.form import ExperimentMessage
 from vsense.monitor.recording.foxglove_export import copy_messages
+from vsense.monitor.recording.pictures import PicturePainter
 from vsense.monitor.recording.reader import Recording, open_recording
 from vsense.monitor.recording.resense import Resensing
 from vsense.monitor.recording.retrack import Retracking
@@ -34,9 +35,16 @@ from vsense.studies.packages._places import PackagePlaces, Scrubber, Untrusted, 
 
 @dataclass(frozen=True, slots=True)
 class CopiedRecording:
-    """What became of a recording: whether pictures were left out, and what it lacks, in words."""
+    """What became of a recording.
+
+    Attributes:
+        left_out: pictures were left out.
+        painted: pictures in which what is outside of the arena was painted over.
+        lacks: what it lacks, in words.
+    """
 
     left_out: bool
+    painted: int
     lacks: Sequence[str]
 
 
@@ -48,16 +56,19 @@ def copy(
     path: Path,
     into: Path,
     scrubber: Scrubber,
-    pictures: bool,
+    kept: tuple[bool, bool],
     progress: Callable[[float], None] = lambda share: None,
 ) -> CopiedRecording:
     """Writes a recording as it goes into a package.
+
+    Args:
+        kept: whether pictures go in, and are painted over outside of the arena.
 
     Raises:
         RecordingError: it is none.
         PackageError: it cannot be written.
     """
-    left_out = False
+    left_out, (pictures, masked) = False, kept
     topics: set[str] = set()
 
     def change(message: Message) -> Message | None:
@@ -66,13 +77,16 @@ def copy(
         if not pictures and message.topic.startswith((form.PICTURE, form.TRACKER_TOPIC)):
             left_out = True
             return None
+        if masked and message.topic.startswith(form.PICTURE):
+            return painter.painted(message)
         return _scrubbed(message, scrubber)
 
     with open_recording(path) as recording, failing_as(PackageError, f"{into}: cannot be written"):
+        painter = PicturePainter(recording.experiment)
         writer = RecordingWriter(into, recording.begin_ns, recording.utc_shift_ns)
         copy_messages(recording, writer, progress, change)
-        lacks = _lacks(recording, topics, left_out)
-    return CopiedRecording(left_out, lacks)
+        lacks = [*_lacks(recording, topics, left_out), *painter.lacks()]
+    return CopiedRecording(left_out, len(painter.pictures), lacks)
 
 
 def _lacks(recording: Recording, topics: Collection[str], left_out: bool) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -39,7 +40,8 @@ class PackOptions:
         name, about: of the package, for people; "": made of its runs.
         authors, license: who made it, and the licence's address; "": not said.
         date: its day, as ISO 8601; "": that of its last run.
-        pictures: the cameras' pictures and videos go in.
+        pictures: the cameras' pictures go in, painted over outside of the arena.
+        unmasked: they go in as they are, and with them what cannot be painted over, as videos.
         asked: what the report asks of tables; None: there is no report.
     """
 
@@ -50,6 +52,7 @@ class PackOptions:
     license: str = ""
     date: str = ""
     pictures: bool = False
+    unmasked: bool = False
     asked: Questions | None = field(default_factory=Questions)
 
     @staticmethod
@@ -80,7 +83,7 @@ class PackedFiles:
         runs, files, size: how many, and their bytes, unpacked.
         lacks: what cannot be made again, and why.
         left_out: what was replaced or left out, and how often.
-        pictures_bytes: of what pictures and videos would add.
+        pictures_bytes: of what pictures would add.
     """
 
     package: Path
@@ -147,7 +150,7 @@ class Packing:
         self._origins: dict[Path, tuple[str, origin.RunOrigin]] = {}
         self._described: list[Described] = []
         self._lacks: list[str] = []
-        self._out: dict[str, int] = {}
+        self._out = Counter[str]()
         self._pictures_bytes = 0
         self._runs: list[PackedRun] = []
         self._title = _title(options, all_series)
@@ -160,7 +163,7 @@ class Packing:
         for series in self._series:
             self._add_series(series)
         report = self._add_report()
-        counts = {**self._scrubber.counts, **self._out}
+        counts = {**self._scrubber.counts, **+self._out}
         contents = PackageContents(
             __version__,
             self._runs,
@@ -180,7 +183,7 @@ class Packing:
             len(source) if isinstance(source, bytes) else source.stat().st_size
             for source in self.entries.values()
         )
-        out = {**self._scrubber.counts, **self._out}
+        out = {**self._scrubber.counts, **+self._out}
         runs, files, more = len(self._runs), len(self.entries), self._pictures_bytes
         return PackedFiles(package, runs, files, size, self._lacks, out, more)
 
@@ -231,7 +234,7 @@ class Packing:
         if run.folder is not None:
             files = sorted(path for path in run.folder.rglob("*") if path.is_file())
             inner = [path for path in files if not series.is_of_other(path, run)]
-            self._add_files(series, inner, where, run.folder)
+            self._add_files(series, inner, where, run.folder, run.facts.mode == "run")
         for name, path in run.files.items():
             self._add(f"{series.name}/{name}", path, _kind(name), "")
         recordings = [self._name(series, run, path) for path in run.recordings]
@@ -272,8 +275,9 @@ class Packing:
         files: Sequence[Path],
         where: str = "",
         folder: Path | None = None,
+        real: bool = False,
     ) -> None:
-        """Adds files of several runs, or of the run in `folder`, as far as they are known."""
+        """Adds files of several runs, or of the run in `folder`; a `real` one's PNG show people."""
         base, place = folder or series.folder, where or series.name
         for path in files:
             name = path.relative_to(base).as_posix()
@@ -284,9 +288,8 @@ class Packing:
             if kind is None or path.is_symlink() or _archive.wrong_name(packed_name):
                 if not _kinds.is_passed_over(name):
                     self._leave_out("files of other kinds, such as keys and robots' logs")
-            elif kind.large and not self._options.pictures:
-                self._leave_out("videos")
-                self._pictures_bytes += path.stat().st_size
+            elif (kind.large or (real and kind.media == _kinds.PNG)) and not self._options.unmasked:
+                self._leave_out("videos, and pictures of real runs (--unmasked)")
             else:
                 self._add(packed_name, path, kind, place)
 
@@ -318,9 +321,10 @@ class Packing:
         from vsense.studies.packages import _recordings as recordings
 
         into = self._stage / f"{len(self.entries)}{MCAP}"
-        pictures = self._options.pictures
-        progress = lambda share: self._show(f"copying {path}: {100 * share:.0f} %")  # noqa: E731
-        copied = recordings.copy(path, into, self._scrubber, pictures, progress)
+        show = lambda share: self._show(f"copying {path}: {100 * share:.0f} %")  # noqa: E731
+        kept = self._options.pictures, not self._options.unmasked
+        copied = recordings.copy(path, into, self._scrubber, kept, show)
+        self._leave_out("pictures, painted over outside of the arena (--unmasked)", copied.painted)
         if copied.left_out:
             self._leave_out("recordings' pictures (--pictures)")
             self._pictures_bytes += path.stat().st_size - into.stat().st_size
@@ -372,8 +376,8 @@ class Packing:
         self.entries[name] = source
         self._described.append(Described(name, title, about, media))
 
-    def _leave_out(self, what: str) -> None:
-        self._out[what] = self._out.get(what, 0) + 1
+    def _leave_out(self, what: str, count: int = 1) -> None:
+        self._out[what] += count
 
 
 def _title(options: PackOptions, all_series: Sequence[FoundSeries]) -> Title:

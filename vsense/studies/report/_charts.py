@@ -13,7 +13,7 @@ from vsense.base.canvas import Floats
 from vsense.base.terminal import spoken
 from vsense.monitor import recording
 from vsense.studies.report import _plot
-from vsense.studies.report._compare import Group, curve, measure_names, statistics
+from vsense.studies.report._compare import Group, curve, measure_names
 from vsense.studies.report._findings import Findings
 from vsense.studies.report._flow import FINE, LOST, STOPPED, UNSEEN
 from vsense.studies.report._plot import Drawing
@@ -283,29 +283,15 @@ def few(members: Sequence[Group]) -> str:
 
 
 def _ends(members: Sequence[Group], name: str, file: str) -> Drawing:
-    figure = _plot.new_figure()
+    groups = [(group, colour) for group, colour, _ in _styles(members) if group.ends(name)]
+    values = [group.ends(name) for group, _ in groups]
+    labels = [
+        f"{_plot.wrapped(_plot.label(group.condition), 26)}\n(n = {len(ends)})"
+        for (group, _), ends in zip(groups, values)
+    ]
+    figure = _plot.new_figure(height_in=0.6 + _plot.runs_height(labels))
     axes = figure.subplots()
-    ink, labels, limits = _plot.setting("text.color"), list[str](), [0.0]
-    for group, colour, _ in _styles(members):
-        values = group.ends(name)
-        if not values:
-            continue
-        place, statistic = len(labels), statistics(values)
-        spread = statistic.spread or 0.0
-        offsets = 0.16 * (np.arange(len(values)) / max(len(values) - 1, 1) - 0.5)
-        axes.plot(place - 0.12 + offsets, values, "o", color=colour, ms=4, alpha=0.8, clip_on=False)
-        if statistic.spread is not None:
-            axes.errorbar(place + 0.12, statistic.mean, spread, fmt="_", color=ink, ms=9, capsize=3)
-        words = _plot.wrapped(_plot.label(group.condition), max(36 // len(members), 12))
-        labels.append(f"{words}\n(n = {len(values)})")
-        limits += [*values, statistic.mean - spread, statistic.mean + spread]
-    _plot.from_zero(axes, limits)
-    axes.set_xlim(-0.6, len(labels) - 0.4)
-    axes.set_xticks(range(len(labels)), labels)
-    axes.grid(False, axis="x")
-    axes.set_ylabel(textwrap.fill(f"{_plot.measure_label(name)}, at the end", 26))
-    caption = (
-        f"A dot for each run of {members[0].experiment}: the last value. Lines: mean ± one standard"
-        f" deviation of the runs.{few(members)}"
-    )
+    _plot.draw_runs(axes, name, values, [colour for _, colour in groups])
+    axes.set_yticks(range(len(labels)), labels)
+    caption = f"The last value of the runs of {members[0].experiment}; {_plot.RUNS_LEGEND}."
     return Drawing(file, f"{spoken(name)} at the end".capitalize(), caption, figure)

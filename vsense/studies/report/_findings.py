@@ -63,6 +63,7 @@ class Findings:
         begun: when the recording began, UTC.
         complete: it was ended in order.
         damaged: parts that could not be read.
+        lacking: what the recording lacks, in sentences.
         duration_s: of the recording.
         zero_ns: when the run began; without a run, the first arena state or the recording.
         run_s: length of the run as far as it is recorded.
@@ -74,6 +75,7 @@ class Findings:
     begun: datetime | None
     complete: bool
     damaged: int
+    lacking: Sequence[str]
     duration_s: float
     zero_ns: int
     run_s: float
@@ -169,6 +171,7 @@ def read_findings(path: Path, progress: Callable[[float], None] = lambda share: 
             begun=_utc(recording.begin_ns + recording.utc_shift_ns),
             complete=recording.complete,
             damaged=len(recording.damaged),
+            lacking=recording.lacks(),
             duration_s=recording.duration_s,
             zero_ns=zero_ns,
             # The last timestep has a duration, too.
@@ -255,6 +258,7 @@ def as_json(findings: Findings) -> dict[str, Any]:
         "begun_utc": None if findings.begun is None else findings.begun.isoformat(),
         "complete": findings.complete,
         "damaged_parts": findings.damaged,
+        "lacking": list(findings.lacking),
         "odd_messages": gathered.odd,
         "changes": gathered.changes,
         "lacks": findings.lacks,

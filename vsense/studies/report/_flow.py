@@ -177,7 +177,7 @@ class SeenRobots:
     Attributes:
         of: by tag.
         losses: times without link.
-        lit: tags of the robots whose ring LEDs are on now.
+        leds: the LEDs that are on now, bits by tag.
         connected: how many are connected now; -1: not known yet.
     """
 
@@ -185,7 +185,7 @@ class SeenRobots:
         self._names = names
         self.of: dict[int, LinkHealth] = {}
         self.losses: list[Interval] = []
-        self.lit: set[int] = set()
+        self.leds: dict[int, int] = {}
         self.connected = -1
         self._open: dict[int, Interval] = {}
 
@@ -202,15 +202,15 @@ class SeenRobots:
         )
         columns = [data.get(name) or none for name in names]
         states: dict[int, int] = {}
-        self.lit = set()
+        self.leds = {}
         for tag, connected, cause, battery, errors, leds, *air in zip(tags, *columns, strict=True):
             health = self.of.get(tag) or self.of.setdefault(tag, LinkHealth())
             health.add(bool(connected), str(cause or ""), battery, errors)
             health.hear(*air)
             self._link(time_ns, tag, bool(connected))
             states[tag] = LOST if not connected else STOPPED if cause else FINE
-            if isinstance(leds, int) and leds & 0xFF:
-                self.lit.add(tag)
+            if isinstance(leds, int):
+                self.leds[tag] = leds
         self.connected = sum(state != LOST for state in states.values())
         return states
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from vsense.base.message_bus import Message
 from vsense.monitor import recording
 from vsense.monitor.recording.form import ORDERS_TOPIC, PARTS, RunMessage
+from vsense.monitor.recording.measures import count_swarm
 from vsense.monitor.recording.reader import Recording
 from vsense.studies.report._facts import MOST_ASPECT, MOST_M, Facts, clock_ns, number, read_facts
 from vsense.studies.report._flow import FINE, UNSEEN, CameraCounts, Flow, SeenRobots, Strips
@@ -305,11 +306,10 @@ class Gatherer:
         for number_, cone in enumerate(cones):
             self.cones[number_] = (self.cones.get(number_, (cone, cone))[0], cone)
         if self.cones:
-            places = self.tracks.places_m.items()
-            inside = [tag for tag, at in places if any(_holds(cone, at) for cone in cones)]
-            measures.setdefault(recording.IN_CONE, len(inside))
             # The LEDs of one timestep ago: the robots report later than the world.
-            measures.setdefault(recording.LIT_IN_CONE, sum(tag in self.links.lit for tag in inside))
+            counts = count_swarm(self.tracks.places_m, self.links.leds, cones)
+            measures.setdefault(recording.IN_CONE, counts[recording.IN_CONE])
+            measures.setdefault(recording.LIT_IN_CONE, counts[recording.LIT_IN_CONE])
         for name, value in measures.items():
             parsed = number(value)
             if parsed is not None:
@@ -371,11 +371,3 @@ def read_cone(data: Mapping[str, Any]) -> ConePoints:
     if len(corners) != 3 or not (np.abs(corners) < MOST_M).all():
         raise ValueError("expected a triangle")
     return corners
-
-
-def _holds(cone: ConePoints, at: tuple[float, float]) -> bool:
-    turns = [
-        (bx - ax) * (at[1] - ay) - (by - ay) * (at[0] - ax)
-        for (ax, ay), (bx, by) in zip(cone, (*cone[1:], cone[0]), strict=True)
-    ]
-    return min(turns) >= 0.0 or max(turns) <= 0.0

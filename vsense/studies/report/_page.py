@@ -160,11 +160,8 @@ def _run(chapter: Chapter, counter: Counter) -> Iterator[str]:
 
 def _notes(findings: Findings) -> Iterator[str]:
     gathered = findings.gathered
-    if not findings.complete:
-        yield note("This recording was cut off: its last second may be missing.", "warning")
-    if findings.damaged:
-        words = f"{findings.damaged} parts of this recording are damaged and left out."
-        yield note(words, "trouble")
+    for words in findings.lacking:
+        yield note(f"{words}.", "warning")
     if gathered.odd:
         yield note(f"{gathered.odd} messages could not be understood and are left out.", "warning")
     if gathered.flow.lived and not gathered.ran:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import logging
 import re
+import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from vsense.base.canvas import Floats
 from vsense.base.errors import UsageError, VsenseError
 from vsense.base.terminal import spoken
 
@@ -230,7 +232,80 @@ def steps(axes: Axes, times: ArrayLike, values: ArrayLike, colour: str, **style:
 
 
 def from_zero(axes: Axes, values: Sequence[float]) -> None:
-    """Makes an axis begin at 0, or below it where a value is."""
+    """Makes an axis begin at 0, or below it where a value is; counts have whole numbers."""
     low, high = min(0.0, *values), max(0.0, *values)
     room = 0.08 * (high - low) or 1.0
     axes.set_ylim(low - (room if low < 0.0 else 0.0), high + room)
+    _whole_ticks(axes.yaxis, values)
+
+
+def _whole_ticks(axis: Any, values: Sequence[float]) -> None:
+    from matplotlib.ticker import MaxNLocator
+
+    if all(float(value).is_integer() for value in values):
+        axis.set_major_locator(MaxNLocator("auto", integer=True))
+
+
+FEWEST_BOXED = 5
+"""Runs that a box needs."""
+RUNS_LEGEND = "dot: a run; line: median; box: quartiles; diamond: mean"
+_HALF = 0.32
+"""Half of a box's height, in rows."""
+_GOLDEN = 0.618034
+_LINE_IN, _GAP_IN = 0.13, 0.14
+"""Height of a line of a condition's name, and room between two conditions [inch]."""
+
+
+def runs_height(labels: Sequence[str]) -> float:
+    """How high the rows of `draw_runs` are [inch]."""
+    return len(labels) * (_LINE_IN * max(text.count("\n") + 1 for text in labels) + _GAP_IN)
+
+
+def draw_runs(
+    axes: Axes, measure: str, groups: Sequence[Sequence[float]], colours: Sequence[str] = ("C0",)
+) -> None:
+    """Draws what runs have measured, a row for each group; the first on top.
+
+    The axis begins at 0 where the values are near it, and has whole numbers for counts.
+    """
+    for place, values in enumerate(groups):
+        if len(values):
+            _row(axes, place, np.asarray(values, np.float64), colours[place % len(colours)])
+    axes.set(xlabel=textwrap.fill(measure_label(measure), 40), ylim=(len(groups) - 0.5, -0.5))
+    axes.grid(False, axis="y")
+    axes.tick_params("y", length=0)
+    every = [float(value) for values in groups for value in values]
+    if every:
+        axes.set_xlim(_span(min(every), max(every)))
+        _whole_ticks(axes.xaxis, every)
+
+
+def _span(least: float, most: float) -> tuple[float, float]:
+    """An axis for values: from 0, unless they vary a little around much; with room at its ends."""
+    low = 0.0 if least > 0.0 and (least < 0.6 * most or least == most) else least
+    high = 0.0 if most < 0.0 and (most > 0.6 * least or least == most) else most
+    high = low + 1.0 if high == low else high
+    room = 0.04 * (high - low)
+    return low - room * (low == least), high + room * (high == most)
+
+
+def _row(axes: Axes, place: int, values: Floats, colour: str) -> None:
+    """The runs of one group: box, median, a dot each, and their mean."""
+    ink = setting("text.color")
+    low, middle, high = np.percentile(values, (25, 50, 75))
+    if len(values) >= FEWEST_BOXED:
+        axes.barh(place, high - low, 2 * _HALF, low, facecolor=colour, alpha=0.2)
+        axes.barh(place, high - low, 2 * _HALF, low, fill=False, edgecolor=colour, linewidth=0.8)
+    axes.vlines(middle, place - _HALF, place + _HALF, color=ink, linewidth=1.4)
+    # Runs that gave the same lie beside each other: steps of the golden ratio spread them.
+    offsets = 1.4 * _HALF * ((np.arange(len(values)) * _GOLDEN) % 1.0 - 0.5)
+    # What lies on the axis is whole, too.
+    dots: dict[str, Any] = {
+        "color": colour,
+        "markersize": 2.8,
+        "alpha": 0.85,
+        "markeredgewidth": 0.0,
+    }
+    axes.plot(values, place + offsets, "o", clip_on=False, zorder=3, **dots)
+    mean: dict[str, Any] = {"markerfacecolor": setting("axes.facecolor"), "markeredgecolor": ink}
+    axes.plot(values.mean(), place, "D", clip_on=False, zorder=4, markersize=4.0, **mean)

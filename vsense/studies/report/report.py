@@ -67,10 +67,7 @@ class Report:
         yield from self.missing
         yield from self.notes
         for run in self.findings:
-            if not run.complete:
-                yield f"{run.path} was cut off: its last second may be missing"
-            if run.damaged:
-                yield f"{run.damaged} parts of {run.path} are damaged"
+            yield from run.lacking
             if run.only_tracked:
                 yield f"{run.path}: {run.only_tracked}"
             if not run.gathered.ran:

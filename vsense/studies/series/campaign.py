@@ -214,7 +214,8 @@ def _complete(
 def prepare(campaign: Campaign) -> tuple[SeriesPlan, dict[str, PlannedExperiment]]:
     """Makes the plan, and loads what its conditions run.
 
-    A setting that cannot be had, and robots that find no room, are found before the first run.
+    A setting that cannot be had, and robots that find no room with any seed, are found before the
+    first run.
 
     Raises:
         VsenseError: an experiment cannot be loaded, or a controller not be built; or, unless it is
@@ -226,7 +227,8 @@ def prepare(campaign: Campaign) -> tuple[SeriesPlan, dict[str, PlannedExperiment
         experiment = replace(campaign.setup, settings=settings).load()
         if not campaign.lenient:
             asked.check(experiment)
-        settle(experiment, (campaign.sweep.seeds or (1,))[0])
+        for seed in campaign.sweep.seeds or (1,):
+            settle(experiment, seed)
         condition = Condition(condition_of(blind, settings), file, settings=settings, blind=blind)
         by_condition[condition.name] = PlannedExperiment(condition, experiment, settings)
     first = next(iter(by_condition.values()))

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from vsense.base.errors import UsageError
 from vsense.base.terminal import Console, Interruption, interruption, print_data
 from vsense.config.casting import Casting, Pair
+from vsense.config.description import tag_confusion
 from vsense.config.roster import Roster, find_roster
 from vsense.modes import origin
 from vsense.modes.lab.hardware import EmulatedLab
@@ -140,7 +141,9 @@ class PlannedSeries:
             return self._make_all(loop, console, interrupted)
 
     def _warnings(self) -> set[str]:
-        return {text for p in self.by_condition.values() for text in p.experiment.warnings}
+        experiments = [planned.experiment for planned in self.by_condition.values()]
+        tags = {words for experiment in experiments if (words := tag_confusion(experiment))}
+        return tags | {text for experiment in experiments for text in experiment.warnings}
 
     def _loader_of(self, options: SeriesOptions) -> PlanLoader:
         real = self.plan.mode == "run"

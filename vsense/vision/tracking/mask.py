@@ -20,6 +20,7 @@ from vsense.base.native import kernels
 from vsense.vision.cameras.camera import Camera
 
 Floats = NDArray[np.float64]
+Image = NDArray[np.uint8]
 
 MASK_MARGIN_M = 0.05
 """Usual margin: markers of robots that touch the arena's border are inside."""
@@ -27,6 +28,8 @@ _KEPT = 256
 """Cameras and heights whose blocks are not computed anew."""
 _LEAST_AREA_M2 = 1e-4
 _DRAWN_PX = 4
+_HEIGHTS = 4
+"""Heights between the floor and the tops of what is kept that are projected."""
 
 
 class MaskError(VsenseError):
@@ -128,11 +131,40 @@ def outlines_px(mask: Mask, camera: Camera, height_m: float) -> list[list[tuple[
 
     They are as coarse as `_DRAWN_PX`. Where nothing of the arena is in the picture there are none.
     """
+    kept = _kept(mask, camera, height_m)
+    contours, _ = cv2.findContours(kept, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    polygons = [cv2.approxPolyDP(c, 0.7, True).reshape(-1, 2) * _DRAWN_PX for c in contours]
+    return [[(float(x), float(y)) for x, y in polygon] for polygon in polygons if len(polygon) > 2]
+
+
+def painted(image: Image, mask: Mask, camera: Camera, top_m: float) -> Image:
+    """Returns a grey picture with an even grey where it shows nothing of what the mask keeps.
+
+    What is up to `top_m` above the kept floor stays to be seen, and what stands in front of it.
+    """
+    kept = _everything_kept(mask, camera, top_m)
+    size = image.shape[1], image.shape[0]
+    is_kept = np.asarray(cv2.resize(kept, size, interpolation=cv2.INTER_NEAREST)) != 0
+    grey = np.uint8(image[is_kept].mean() if is_kept.any() else 0)
+    return np.where(is_kept, image, grey)
+
+
+@lru_cache(maxsize=_KEPT)
+def _everything_kept(mask: Mask, camera: Camera, top_m: float) -> Image:
+    kept = np.maximum.reduce(
+        [_kept(mask, camera, height) for height in np.linspace(0.0, top_m, _HEIGHTS)]
+    )
+    # Not a pixel of the arena is lost for the coarse grid.
+    kept = cv2.dilate(kept, np.ones((3, 3), np.uint8))
+    size = kept.shape[1] * _DRAWN_PX, kept.shape[0] * _DRAWN_PX
+    fine = cv2.resize(kept, size, interpolation=cv2.INTER_NEAREST)
+    return np.ascontiguousarray(fine[: camera.height_px, : camera.width_px], np.uint8)
+
+
+def _kept(mask: Mask, camera: Camera, height_m: float) -> Image:
+    """What of a picture shows a kept place at a height, a number for each `_DRAWN_PX`: 1 or 0."""
     columns, lines = (-(-size // _DRAWN_PX) + 1 for size in (camera.width_px, camera.height_px))
     points = np.stack(np.meshgrid(np.arange(columns), np.arange(lines)), axis=-1) * _DRAWN_PX
     with np.errstate(all="ignore"):
         places = camera.to_plane(points.reshape(-1, 2).astype(np.float64), height_m)
-    inside = mask.keeps(places).reshape(lines, columns).astype(np.uint8)
-    contours, _ = cv2.findContours(inside, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    polygons = [cv2.approxPolyDP(c, 0.7, True).reshape(-1, 2) * _DRAWN_PX for c in contours]
-    return [[(float(x), float(y)) for x, y in polygon] for polygon in polygons if len(polygon) > 2]
+    return mask.keeps(places).reshape(lines, columns).astype(np.uint8)

@@ -6,19 +6,27 @@ import { Names } from "./names.js";
 import { Overlay } from "./overlay.js";
 import { colours } from "./theme.js";
 
-const OLD_NS = 1.5e9;
+const OLD_S = 1.5;
+/** An arena state and a picture are of one time if no more lies between them. */
+const SAME_NS = 3e8;
 const PAINT_MS = 300;
 const CAPTION_PX = 24;
 /** @type {Record<string, string>} */
 const STATES = { ok: "ok", moved: "has been moved", dark: "is dark", frozen: "is frozen", lost: "is lost" };
 
-/** What a camera's state is called in a sentence about it.
- * @param {string} state */
+/** @param {string} state in a sentence about a camera. */
 export const stateWords = (state) => STATES[state] ?? state;
+
+/** The arena state that a picture belongs to; null where none that is known is of its time.
+ * @param {Store} store @param {PictureMessage} picture @returns {ArenaMessage | null} */
+function arenaOf({ images }, { timestep, capture_ns }) {
+  const off = (/** @type {ArenaMessage} */ state) => Math.abs(state.capture_ns - capture_ns);
+  const [near = null] = [...images.values()].filter((state) => off(state) < SAME_NS).sort((a, b) => off(a) - off(b));
+  return images.get(timestep) ?? near;
+}
 
 /** One camera: a canvas, its name, and what is wrong with it. */
 class Cell {
-  /** Of the newest picture that was decoded. */
   #number = 0;
   #busy = false;
   /** What lay over the picture when it was painted, and when that was [ms]. */
@@ -26,6 +34,8 @@ class Cell {
   /** @type {number | null} */
   #chosen = null;
   #painted = 0;
+  /** Whether nothing is known of the picture's time: then nothing is drawn into it. */
+  #alone = false;
   /** @type {ImageBitmap | undefined} */
   bitmap;
   /** The picture that is shown.
@@ -65,7 +75,8 @@ class Cell {
     // A world that changes in every timestep waits for the next picture, if there is one soon.
     const isDue = overlayKey !== this.#overlayKey && performance.now() - this.#painted > PAINT_MS;
     const resized = fit(this.canvas);
-    if ((resized || switched || isDue) && this.bitmap) {
+    const isAlone = Boolean(this.shown && !arenaOf(this.store, this.shown));
+    if ((resized || switched || isDue || isAlone !== this.#alone) && this.bitmap) {
       [this.#overlayKey, this.#chosen] = [overlayKey, chosen];
       this.#paint();
     }
@@ -98,8 +109,9 @@ class Cell {
     pen.fillStyle = "#20262d";
     pen.fillRect(0, 0, canvas.width, canvas.height);
     pen.drawImage(bitmap, left, top, width, height);
-    // Found in this very picture where that is still known, else in the newest.
-    const arena = store.images.get(shown.timestep) ?? store.arena;
+    // What was found in this very picture: no pose of another time lies over it.
+    const arena = arenaOf(store, shown);
+    this.#alone = !arena;
     pen.save();
     pen.beginPath();
     pen.rect(left, top, width, height);
@@ -107,7 +119,8 @@ class Cell {
     pen.translate(left, top);
     const scale = width / camera.width_px;
     if (camera.mask_px) this.#drawMask(camera.mask_px, scale);
-    if (this.#overlayKey && camera.model?.rotation) this.#drawOverlay(camera.model, arena, scale);
+    const isKnown = arena || !store.arena;
+    if (this.#overlayKey && camera.model?.rotation && isKnown) this.#drawOverlay(camera.model, arena, scale);
     if (arena?.images) this.#drawImages(arena, scale);
     pen.restore();
   }
@@ -179,11 +192,15 @@ class Cell {
   render(state) {
     const { store, shown } = this;
     write(this.rate, state ? rate(state.rate_hz) : "");
-    const old = shown && store.arena && store.arena.capture_ns - shown.capture_ns > OLD_NS;
+    const age_s = shown && store.arena ? (store.arena.capture_ns - shown.capture_ns) / 1e9 : 0;
     const bad = state && state.state !== "ok";
     mark(this.element, "bad", bad);
-    let words = old ? "the picture is old" : "";
-    if (!this.bitmap) words = "no picture yet";
+    let words = "";
+    // A fast replay shows fewer of the pictures.
+    if (age_s > OLD_S * Math.max(1, store.run?.replay?.speed ?? 1)) words = `the picture is ${age_s.toFixed(1)} s old`;
+    if (age_s < -OLD_S) words = `the picture is ${(-age_s).toFixed(1)} s younger`;
+    if (!this.bitmap) words = store.run?.replay ? "no picture is recorded here" : "no picture yet";
+    mark(this.canvas, "old", Boolean(words));
     if (bad) words = `${stateWords(state.state)}${state.text ? `: ${state.text}` : ""}`;
     write(this.text, words);
     this.text.hidden = !words;
@@ -257,10 +274,13 @@ export class Cameras {
   #renderRow(index, camera) {
     const row = this.rows.rows[index] ?? this.rows.insertRow();
     while (row.cells.length < 4) row.insertCell();
-    const words = camera.text ? `${camera.state}: ${camera.text}` : camera.state;
+    // A recording can have the health of a camera and lack its pictures.
+    const isShown = this.store.run?.replay && this.panel.clientWidth && camera.state === "ok";
+    const lacks = (isShown && this.cells.get(camera.id)?.text.textContent) || "";
+    const words = camera.text ? `${camera.state}: ${camera.text}` : lacks || camera.state;
     [camera.id, rate(camera.rate_hz), String(camera.dropped), words].forEach((text, at) => write(row.cells[at], text));
     mark(row.cells[3], "bad", camera.state !== "ok");
-    mark(row.cells[3], "ok", camera.state === "ok");
+    mark(row.cells[3], "ok", camera.state === "ok" && !lacks);
   }
 
   /** @param {CameraDescription[]} cameras */

@@ -3,7 +3,7 @@
 import { drawChart, numbersIn } from "./chart.js";
 import { byId, fit, make, write } from "./dom.js";
 import { clock, labelOf, reading } from "./format.js";
-import { ofSwarm, Series } from "./series.js";
+import { Series } from "./series.js";
 
 const OWN = 6;
 const MOST = 12;
@@ -90,7 +90,6 @@ export class Measures {
     const { store } = this;
     const time = store.now.time_s;
     if (!store.run || time === null || store.now.timestep < 0) return;
-    for (const [name, value] of Object.entries(ofSwarm(store))) store.addMeasure(name, time, value);
     for (const [key, source] of this.chosen) {
       const series = this.series.get(key) ?? new Series();
       this.series.set(key, series);

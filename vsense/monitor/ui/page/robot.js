@@ -12,6 +12,8 @@ import * as theme from "./theme.js";
 
 const UP = Math.PI / 2;
 const BARS_FROM = 3;
+/** Reads red, green, blue and alpha, 0 to 255 each. */
+const COLOUR_SENSOR = "rgb_ground";
 
 /** @typedef {{ x: number, y: number, yaw: number, speed: number }} Pose */
 /** What of a fact can be charted.
@@ -193,14 +195,17 @@ export class Robot {
     inside(cell, "i").style.background = colour ?? "transparent";
   }
 
-  /** Few numbers are written, many are bars: nobody reads twenty-four decimals.
+  /** Few numbers are written, a colour is shown beside its numbers, many numbers are bars.
    * @param {HTMLElement} cell @param {Sensor} sensor @param {(number | null)[]} values
    * @param {number | null} age_ns */
   #renderValues(cell, sensor, values, age_ns) {
     const shown = measured(sensor, values);
-    if (age_ns === null || shown.length < BARS_FROM) {
+    const isColour = sensor.name === COLOUR_SENSOR;
+    if (age_ns === null || shown.length < BARS_FROM || isColour) {
       const text = age_ns === null ? "–" : shown.map(reading).join(", ");
       write(cell, sensor.unit && age_ns !== null ? `${text} ${sensor.unit}` : text);
+      if (isColour && !cell.querySelector("i")) cell.prepend(make("i"));
+      if (isColour) inside(cell, "i").style.background = age_ns === null ? "" : rgb(shown.slice(0, 3));
       return;
     }
     const peak = this.store.peak(sensor.name, shown);

@@ -34,7 +34,7 @@ export function sceneOf(brush, store, colours, chosen, arena, signals) {
   return { brush, pen: brush.pen, view: brush.view, store, colours, chosen, arena, signals, style, body };
 }
 
-/** @param {number[]} colour */
+/** @param {(number | null)[]} colour */
 export const rgb = (colour) => `rgb(${colour.join(" ")})`;
 
 /** The outline of a thing on the floor.

@@ -7,7 +7,6 @@ import { byId, elements, make, remember, remembered, write } from "./dom.js";
 import { capital, clock, labelOf, reading } from "./format.js";
 import { homography, matrix3d } from "./homography.js";
 import { FromAbove } from "./projections.js";
-import { ofSwarm } from "./series.js";
 import { Store } from "./store.js";
 import * as theme from "./theme.js";
 
@@ -146,13 +145,11 @@ function render() {
 }
 
 function renderFigures() {
-  /** @type {Record<string, number | null>} */
-  const measures = { ...ofSwarm(store) };
-  for (const [name, series] of store.measures) measures[name] = series.last?.[0] ?? null;
-  const rows = Object.entries(measures).slice(0, FIGURES);
+  const rows = [...store.measures].slice(0, FIGURES);
   const box = byId("figures");
   while (box.childElementCount > rows.length) box.lastElementChild?.remove();
-  rows.forEach(([name, value], at) => {
+  rows.forEach(([name, series], at) => {
+    const value = series.at(store.now.time_s ?? Infinity)?.[0] ?? null;
     if (at === box.childElementCount) box.append(make("span", {}, make("i"), make("b")));
     const row = box.children[at];
     const { label, unit } = labelOf(name);

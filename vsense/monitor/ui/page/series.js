@@ -67,39 +67,6 @@ export class Series {
 /** @param {number | null} low @param {number | null} high @returns {[number, number] | undefined} */
 const spanOf = (low, high) => (low === null || high === null || low === high ? undefined : [low, high]);
 
-/** How many robots are in the polluted cone, and how many have a LED on; nothing where there can be none.
- * @param {Store} store */
-export function ofSwarm(store) {
-  const { signals, arena, robots } = store;
-  /** @type {Record<string, number>} */
-  const counts = {};
-  const cones = signals?.cones ?? [];
-  if (cones.length || store.hadCone) {
-    store.hadCone = true;
-    const { tag, x_m: x, y_m: y } = arena?.robots ?? { tag: [], x_m: [], y_m: [] };
-    const isIn = (/** @type {number} */ row) => cones.some((cone) => within(cone, x[row], y[row]));
-    counts["in the cone"] = tag.filter((robot, row) => store.rows.has(robot) && isIn(row)).length;
-  }
-  const lit = (robots?.leds ?? []).filter(Boolean).length;
-  if (lit || store.hadLight) {
-    store.hadLight = true;
-    counts["LEDs on"] = lit;
-  }
-  return counts;
-}
-
-/** @param {{ x_m: number[], y_m: number[] }} cone @param {number} px @param {number} py */
-function within({ x_m: x, y_m: y }, px, py) {
-  let side = 0;
-  for (let at = 0; at < x.length; at += 1) {
-    const next = (at + 1) % x.length;
-    const turn = Math.sign((x[next] - x[at]) * (py - y[at]) - (y[next] - y[at]) * (px - x[at]));
-    if (turn && side && turn !== side) return false;
-    side ||= turn;
-  }
-  return true;
-}
-
 /** Makes an element one that opens a chart; null: none.
  * @param {HTMLElement} element @param {ChartSource | null} source */
 export function chartable(element, source) {

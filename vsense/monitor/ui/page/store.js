@@ -39,8 +39,6 @@ class RunNews {
   /** By tag, in `/robots`.
    * @type {Map<number, number>} */
   rows = new Map();
-  hadCone = false;
-  hadLight = false;
   /** Where the run is, by whatever said it last. */
   now = { timestep: -1, time_s: /** @type {number | null} */ (0) };
   /** The newest picture of each camera.
@@ -151,7 +149,6 @@ export class Store extends RunNews {
     if (this.#number !== null && this.#number !== data.run) {
       this.measures.clear();
       this.peaks.clear();
-      this.hadCone = this.hadLight = false;
     }
     this.#number = data.run;
     if (data.state !== this.#state) this.pressed = data.by;
