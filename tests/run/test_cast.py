@@ -113,7 +113,7 @@ def test_only_between_runs() -> None:
     asked: list[tuple[tuple[int, int], str]] = []
     fixed = Control(lambda wanted: None, lambda text: None)
     order = Order(OrderKind.REPLACE, "ben", pair=(23, 37))
-    with pytest.raises(OrderError, match="nobody"):
+    with pytest.raises(OrderError, match="no robot can be replaced here"):
         fixed.give(order)
     assert OrderKind.REPLACE not in fixed.can
 
