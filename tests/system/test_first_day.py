@@ -141,4 +141,5 @@ def test_the_first_day_is_typed_from_an_empty_folder(
     assert "4 of 4 robots are as they should be" in "".join(said.values())
     assert (day.folder / "report" / "report.html").exists()
     made = {path.name for path in day.folder.iterdir()}
-    assert made == {"first", "robots.toml", "markers.pdf", "lab", "shots", "runs", "run1", "report"}
+    lab = {"robots.toml", "robots.battery.csv", "markers.pdf", "lab", "shots"}
+    assert made == {"first", *lab, "runs", "run1", "report"}
