@@ -413,15 +413,15 @@ def test_functions_fit_a_screen() -> None:
 
 BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
-    "vsense in Python": (("vsense",), (".py",), 478, 97100, 400),
+    "vsense in Python": (("vsense",), (".py",), 478, 97300, 400),
     "the page": (("vsense",), (".js", ".css", ".html"), 45, 5800, 300),
     "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 241, 26800, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 32, 6800, 510),
-    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 612, 101400, 642),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 612, 101500, 657),
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 
-CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 66600, 48, 19
+CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 66700, 48, 19
 """Lines of code in `vsense/`; imports between rooms, and between folders inside of rooms."""
 DOORS_MAX, NAMES_MAX = 186, 741
 """Modules that another room imports, and names taken from them."""
@@ -573,7 +573,6 @@ PRINTING = {
     "vsense.modes.live.track": "arena states: numbers",
     "vsense.modes.lab.board_studio": "a rig's, for those who develop it",
     "vsense.monitor.foxglove._layout": "a file that is shipped",
-    "vsense.tools.camera_setup.files": "that it asks, on a terminal",
     "vsense.vision.calibration.session": "how many pictures, on a terminal",
     **{
         f"vsense.{name}": "to the process that started it"

@@ -114,6 +114,21 @@ def test_a_dry_run_says_what_would_be_sent_and_reaches_nobody(
     assert first["vsensed_bytes"] == (board / "usr/local/bin/vsensed").stat().st_size
 
 
+def test_a_new_experiment_is_brought_to_as_many_robots_as_there_are(
+    boards: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["new", "first"]) == 0
+    assert cli.main(["robot", "init", "root@192.168.1.30-31"]) == 0
+    words = ["--experiment", "first", "--host", "10.0.0.1", "--base", "argos:/dev/ttyS0"]
+    words = ["robot", "deploy", *words, "--insecure", "--target", "host", "--dry", "--json"]
+    assert cli.main(words) == 2, "its file has ten robots"
+    capsys.readouterr()
+    assert cli.main([*words, "--robots", "2"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert [row["robot"] for row in facts] == ["root@192.168.1.30", "root@192.168.1.31"]
+    assert all(row["vsensed_bytes"] > 10_000 and not row["key"] for row in facts)
+
+
 def test_who_is_not_root_is_told_so(
     boards: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

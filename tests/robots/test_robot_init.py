@@ -6,6 +6,7 @@ The `ssh` is that of `boards`: a folder for each board.
 from __future__ import annotations
 
 import json
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -88,16 +89,101 @@ def test_one_robot_is_added_by_name(boards, tmp_path, capsys) -> None:
     assert init("--add", "left", "--roster", "lab.toml") == 0
     assert init("--add", "right", "pi@right", "--roster", "lab.toml") == 0
     left, right = roster.read(tmp_path / "lab.toml").robots
-    assert (left.name, left.host) == ("left", "") and (right.name, right.host) == (
-        "right",
-        "pi@right",
-    )
+    assert (left.name, left.host, right.name, right.host) == ("left", "", "right", "pi@right")
     before = (tmp_path / "lab.toml").read_bytes()
     assert init("--add", "right", "--roster", "lab.toml") == 2, "two of one name"
     assert "name right is that of the robot in line" in capsys.readouterr().err
-    assert init("--add", "x", "a", "b", "--roster", "lab.toml") == 2
-    assert "--add: 2 hosts are given: expected one at most" in capsys.readouterr().err
+    for more in (["a", "b"], ["--robots", "3"]):
+        assert init("--add", "x", *more, "--roster", "lab.toml") == 2
+        assert "--add adds one robot" in capsys.readouterr().err
+    assert init("--add", "x", "pi@right", "--roster", "lab.toml") == 0
+    assert "pi@right is in the roster already" in capsys.readouterr().err
     assert (tmp_path / "lab.toml").read_bytes() == before
+
+
+def test_robots_of_a_rehearsal_are_given_their_boards(boards, tmp_path, capsys) -> None:
+    path = tmp_path / "robots.toml"
+    assert init("--robots", "3") == 0
+    path.write_text(path.read_text().replace("[[robot]]", "[[robot]] # mine", 1))
+    # A board that tells a tag is that robot; the others are the first ones.
+    has_settings(boards, "root@b", CONF.replace("tag = 40", f"tag = {APART[0]}"))
+    assert init("root@a", "root@b", "root@c", "root@d", "--base", "pipuck") == 0
+    assert f"4 robots, 1 new: {APART[3]}, 3 have a host now" in capsys.readouterr().out
+    robots = roster.read(path).robots
+    assert [robot.tag for robot in robots] == APART[:4]
+    assert [robot.host for robot in robots] == ["root@b", "root@a", "root@c", "root@d"]
+    assert robots[0].name == "blue" and {robot.base for robot in robots} == {"pipuck"}
+    assert "[[robot]] # mine" in path.read_text()
+
+
+@pytest.mark.parametrize(
+    ("line", "why"),
+    [
+        ("tag = 5 # comment", "expected a whole number"),
+        ("tag = 70000", "expected a whole number from 0 to 65535"),
+        (f"tag = {'9' * 6000}", "expected a whole number"),
+        ('name = a"b', "expected a text without blanks"),
+        ("name = a\x1b[31mb", "expected text without control characters"),
+        ("base = $(reboot)", "expected a base of vsensed"),
+        ("uid = 12", "expected the 32 hexadecimal digits"),
+        ("tag = 40", "root@good has it, too"),
+        ("name = blue", "root@good has it, too"),
+    ],
+)
+def test_what_a_board_says_of_itself_and_cannot_be_costs_that_setting_alone(
+    line: str, why: str, boards, tmp_path, capsys
+) -> None:
+    has_settings(boards, "root@good")
+    has_settings(boards, "root@odd", f"{line}\n")
+    assert init("root@good", "root@odd", "root@fine") == 0
+    err = capsys.readouterr().err
+    assert f"root@odd: its {line.split()[0]} is left out" in err and why in err
+    robots = roster.read(tmp_path / "robots.toml").robots
+    assert [(robot.host, robot.tag) for robot in robots] == [
+        ("root@good", 40),
+        ("root@odd", APART[0]),
+        ("root@fine", APART[1]),
+    ]
+
+
+def test_a_name_in_any_script_is_kept(boards, tmp_path) -> None:
+    has_settings(boards, "root@odd", "name = 🤖é\n")
+    assert init("root@odd") == 0
+    assert roster.read(tmp_path / "robots.toml").robots[0].name == "🤖é"
+
+
+@pytest.mark.parametrize("text", ["", "# none yet\n", '[defaults]\nbase = "pipuck"\n', "\r\n"])
+def test_a_roster_that_names_no_robot_yet_is_extended(text: str, boards, tmp_path) -> None:
+    path = tmp_path / "robots.toml"
+    path.write_text(text)
+    assert init("--robots", "2") == 0 and tags(path) == APART[:2]
+    assert text.strip() in path.read_text()
+
+
+def test_an_inline_array_is_refused_in_words(boards, tmp_path, capsys) -> None:
+    path = tmp_path / "robots.toml"
+    path.write_text("robot = [{tag = 1}]\n")
+    assert init("--robots", "2") == 2
+    assert "its robots are an inline array: write each as a table" in capsys.readouterr().err
+    assert path.read_text() == "robot = [{tag = 1}]\n"
+
+
+def test_two_that_begin_a_roster_at_once_lose_nothing(boards, tmp_path) -> None:
+    with ThreadPoolExecutor(8) as pool:
+        made = pool.map(
+            lambda n: roster.extend(tmp_path / "robots.toml", [{"tag": n}], robot_init.HEAD),
+            range(8),
+        )
+        assert len(list(made)) == 8
+    assert sorted(tags(tmp_path / "robots.toml")) == list(range(8))
+
+
+def test_more_robots_than_are_well_apart_wear_whatever_is_free(boards, tmp_path, capsys) -> None:
+    assert init("--robots", "300") == 0
+    assert len(set(tags(tmp_path / "robots.toml"))) == 300
+    assert init("--robots", "60", "--family", "aruco_4x4_50", "--roster", "few.toml") == 2
+    assert "the family aruco_4x4_50 has 50 markers" in capsys.readouterr().err
+    assert not (tmp_path / "few.toml").exists()
 
 
 @pytest.mark.parametrize("host", ["10.0.0.40-30", "10.0.0.1-256", "-o", "a b", "root@$(reboot)"])
@@ -118,3 +204,13 @@ def test_markers_that_cameras_see_come_first(boards, tmp_path, capsys) -> None:
     assert tags(tmp_path / "robots.toml") == [31, 1843, 4334]
     err = capsys.readouterr().err
     assert "the cameras see 31 1843 4334" in err and "robot check EXPERIMENT --wiggle" in err
+
+
+def test_cameras_that_give_no_picture_write_nothing(boards, tmp_path, monkeypatch, capsys) -> None:
+    frames = str(tmp_path / "frames")
+    assert cli.main(["render", "foraging", frames, "--frames", "1", "--format", "pgm"]) == 0
+    monkeypatch.setattr(robot_init, "LOOK_NS", 0)
+    files = f"{frames}/resources.xml", f"{frames}/experiment.xml"
+    assert init("--robots", "3", "--tracking", *files) == 1
+    assert "no camera gave a picture; nothing is written" in capsys.readouterr().err
+    assert not (tmp_path / "robots.toml").exists()

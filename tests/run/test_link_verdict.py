@@ -17,7 +17,8 @@ from vsense import cli
 from vsense.base.clock import host_ns
 from vsense.robots.link.status import LinkFigures
 from vsense.robots.link.table import ExpectedRobot
-from vsense.run.link_check import LinkLoad, as_json, judge, table, worst
+from vsense.run import link_check
+from vsense.run.link_check import LinkLoad, RunLinkCheck, as_json, judge, table, worst
 
 GOOD = LinkFigures(
     heard_s=60.0,
@@ -83,6 +84,40 @@ def test_the_worst_is_named_and_all_is_in_the_table() -> None:
     assert worst([good, asleep]) is asleep, "it holds, and something is to be done about it"
     told = as_json([good, weak], {"experiment": "foraging"})
     assert (told["holds"], told["worst"], told["robots"][0]["gap_ms"]) == (False, 8, 80.0)
+
+
+class MeasuredServer:
+    """What a check asks of a server: two robots, and one with the original's client."""
+
+    def __init__(self) -> None:
+        self.began = 0
+
+    def measure(self) -> None:
+        self.began += 1
+
+    def measured(self) -> dict[int, LinkFigures]:
+        gone = LinkFigures()
+        return {7: replace(GOOD, power_saving=True), 8: gone, 9: gone}
+
+    def robots(self) -> dict[int, Any]:
+        there = replace(THERE, sessions=1)
+        away = replace(there, tag=8, connected=False)
+        return {7: there, 8: away, 9: replace(there, tag=9, sessions=0)}
+
+
+def test_a_check_before_a_run_measures_those_that_have_sessions(monkeypatch) -> None:
+    server, said, now_ns = MeasuredServer(), list[str](), [10**9]
+    monkeypatch.setattr(link_check, "host_ns", lambda: now_ns[0])
+    check = RunLinkCheck(server, 2.0, 0.1, said.append)  # type: ignore[arg-type]
+    assert not check.cut_short and check() == "links are measured: 0 of 2 s, wheels stand still"
+    now_ns[0] += 10**9
+    assert check().startswith("links are measured: 1 of 2 s") and check.cut_short
+    now_ns[0] += 10**9
+    assert check() == check() == "" and server.began == 1 and not check.cut_short
+    assert [verdict.tag for verdict in check.verdicts] == [7, 8]
+    # Whoever never came is in the run's own words.
+    assert check.words.startswith("robot 7 before the run: holds 100 ms, power saving is on")
+    assert "robot 8" not in check.words and "links over 2 s" in said[0]
 
 
 def test_what_goes_wrong_with_the_link_is_said_and_that_it_begins_is_not() -> None:

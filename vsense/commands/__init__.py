@@ -104,7 +104,8 @@ REMOVED = {"bench": "the benchmarks of vsense itself are in its sources: scripts
 FEW = 14
 _COMMON = (
     "--about --author --base --binary --blind --board --check --controller --dry --duration"
-    " --example --experiment --exposure --floor --frames --gain --json --lab --license --mode"
+    " --example --experiment --exposure --floor --frames --gain --lab --license"
+    " --link-check --mode"
     " --name --offline --output --pictures --quick --rate --record --resources --robots --rollback"
     " --roster --runs --seed --sensors --set --site --snapshot --speed --sweep --tags --target"
     " --thickness --tracker --tracker-port --tracking --wait --web --wiggle"
@@ -241,7 +242,9 @@ def current(words: Sequence[str]) -> Sequence[str]:
     if words[:1] != ["cameras"]:
         return words
     options = [*takewhile(lambda word: word.startswith("-"), words[1:])]
-    actions = words[1 + len(options) :] or ([] if {"-h", "--help"} & {*options} else ["list"])
+    if {"-h", "--help"} & {*options}:
+        return ["camera", *words[1:]]
+    actions = words[1 + len(options) :] or ["list"]
     return ["camera", *actions[:1], *options, *actions[1:]]
 
 

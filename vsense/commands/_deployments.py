@@ -57,7 +57,8 @@ def _planned_table(planned: Sequence[Mapping[str, Any]]) -> str:
         "daemon": "/usr/local/bin/vsensed is replaced, and started again",
     }
     every = (
-        "vsensed goes to /usr/local/bin, settings to /etc/vsensed.conf, a key to /etc/vsensed.key;"
+        "vsensed goes to /usr/local/bin, settings to /etc/vsensed.conf"
+        f"{', a key to /etc/vsensed.key' * any(facts['key'] for facts in planned)};"
         f" it is started now and at each start ({first['service']}); the radio's power saving is"
         " turned off"
     )

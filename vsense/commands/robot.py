@@ -25,7 +25,7 @@ from vsense.commands import (
     robot_measure,
 )
 from vsense.config.casting import Casting
-from vsense.config.experiment import load, of_folder
+from vsense.config.experiment import first_robots, load, of_folder
 from vsense.config.roster import Roster
 from vsense.config.specs import Experiment
 from vsense.robots import boards, deploying, finding, key_holders
@@ -152,6 +152,8 @@ def _add_what(parser: argparse.ArgumentParser) -> None:
         " --host settings and service go with it, without it they stay as they are"
     )
     _arguments.option(parser, "--experiment", of_folder, "NAME", text)
+    text = f"with --experiment: {_experiments.ROBOTS}"
+    _arguments.option(parser, "--robots", _arguments.positive, "N", text)
     parser.add_argument(
         "--target",
         choices=list(boards.TARGETS),
@@ -314,9 +316,10 @@ def _binaries(
 
     Where all of them run the same, whoever has no part in it, as a spare, is brought that, too.
     """
-    casting = Casting.of(roster, options.replace)
+    casting = Casting.of(roster, options.replace, options.robots)
     code = _arguments.code_of(options)
-    experiment = load(options.experiment, code=code, casting=casting)
+    loaded = load(options.experiment, code=code, casting=casting)
+    experiment = first_robots(loaded, options.robots)
     parts = {robot.tag: robot.controller for robot in experiment.robots}
     alike = set(parts.values())
     driven, idle = {}, []

@@ -7,17 +7,17 @@ import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from vsense.base.clock import host_ns
-from vsense.base.errors import GrabberError, NoMorePictures, UsageError
+from vsense.base.errors import GrabberError, NoMorePictures, UsageError, VsenseError
 from vsense.base.files import read_bytes
-from vsense.base.terminal import Console, print_data
+from vsense.base.terminal import Console, print_data, printable
 from vsense.commands import _arguments, _rosters
 from vsense.config import roster, tracking_session
-from vsense.config.roster import FILE_NAME
+from vsense.config.roster import FILE_NAME, Roster, RosterRobot
 from vsense.config.roster_fields import ROBOT_FIELDS
 from vsense.robots import boards
 from vsense.vision.markers.families import confusion, load_family, ranked_tags
@@ -31,6 +31,8 @@ NEIGHBOURS = Path("/proc/net/arp")
 _COMPLETE = "0x2"
 """A neighbour whose hardware address is known. Source: Linux, ATF_COM."""
 _MOST = 256
+_MOST_APART = 100
+"""Choosing takes about 10 ms a tag; the robots of larger swarms wear whatever is free."""
 
 _ASK = 'cat "${VSENSED_ROOT:-}/etc/vsensed.conf" 2>/dev/null; true'
 _KNOWN = ("tag", "name", "uid", "base")
@@ -112,31 +114,70 @@ def run(options: argparse.Namespace) -> int:
     Raises:
         UsageError: there is nothing to add, or no marker is left.
         ConfigError: the roster is wrong, or would be.
+        VsenseError: the cameras give no picture.
     """
     path: Path = options.roster or Path(FILE_NAME)
-    known = roster.read(path).robots if path.exists() else ()
-    console = Console()
+    known, console = roster.read_known(path), Console()
     asked = [host for group in options.hosts for host in group]
-    if options.add is not None and len(asked) > 1:
-        raise UsageError(f"--add: {len(asked)} hosts are given: expected one at most")
-    found = _boards(asked, options, {robot.host for robot in known}, console)
-    count = max(len(found), (options.robots or 0) - len(known), int(options.add is not None))
-    if not count:
+    if options.add is not None and (len(asked) > 1 or options.robots is not None):
+        raise UsageError("--add adds one robot: expected one HOST at most, and no --robots")
+    found = _boards(asked, options, known, console)
+    filled = _filled(found, known, options)
+    new_boards = [board for board in found if board.host not in filled]
+    more = (options.robots or 0) - len(known)
+    count = max(len(new_boards), more, int(options.add is not None and not asked))
+    if not count and not filled:
         console.say(_nothing(path, len(known), options))
         return int(not known)
-    found += [AskedBoard("")] * (count - len(found))
-    new = _robots(found, options, [robot.tag for robot in known], console)
-    after = roster.extend(path, new, HEAD)
-    tags = [robot.tag for robot in after.robots]
-    if options.json:
-        print_data(json.dumps({"roster": str(path), "new": new, "tags": tags}, indent=2))
-    else:
-        print_data(f"{path}: {len(tags)} robots, {count} new: {' '.join(map(str, tags[-count:]))}")
-    if words := confusion(load_family(options.family), tags):
-        console.say(f"vsense: {words}", "warning")
-    for line in _next(path, new, options):
-        console.say(line)
+    new_boards += [AskedBoard("")] * (count - len(new_boards))
+    new = _robots(new_boards, options, [robot.tag for robot in known], console)
+    if filled:
+        changes = {tag: values for _, (tag, values) in filled.items()}
+        roster.update(path, changes)
+    after = roster.extend(path, new, HEAD) if new else roster.read(path)
+    _say(path, after, [*(tag for tag, _ in filled.values())], new, options, console)
     return 0
+
+
+def _say(
+    path: Path,
+    after: Roster,
+    filled: Sequence[int],
+    new: Sequence[Mapping[str, Any]],
+    options: argparse.Namespace,
+    console: Console,
+) -> None:
+    """Says what has become of the roster, and what comes next."""
+    facts = {"roster": str(path), "new": new, "filled": filled, "tags": after.tags}
+    words = [f"{len(after.tags)} robots"]
+    words += [f"{len(new)} new: {' '.join(str(robot['tag']) for robot in new)}"] if new else []
+    words += [f"{len(filled)} have a host now: {' '.join(map(str, filled))}"] if filled else []
+    print_data(json.dumps(facts, indent=2) if options.json else f"{path}: {', '.join(words)}")
+    if text := confusion(load_family(options.family), after.tags):
+        console.say(f"vsense: {text}", "warning")
+    for line in _next(path, after, new, options):
+        console.say(line)
+
+
+def _filled(
+    found: Sequence[AskedBoard], known: Sequence[RosterRobot], options: argparse.Namespace
+) -> dict[str, tuple[int, dict[str, Any]]]:
+    """By host, which robot of the roster that has no host is on a board, and what is new of it.
+
+    A board that tells a tag is that robot; the others are the first ones.
+    """
+    open_tags = [robot.tag for robot in known if not robot.host]
+    told = {board.settings.get("tag") for board in found}
+    free = iter([tag for tag in open_tags if tag not in told])
+    filled = {}
+    for board in found if options.add is None else ():
+        own = board.settings.get("tag")
+        tag = next(free, None) if own is None else own if own in open_tags else None
+        if tag is not None:
+            more = {name: value for name, value in board.settings.items() if name != "tag"}
+            base = {} if options.base is None else {"base": options.base}
+            filled[board.host] = tag, {"host": board.host, **more, **base}
+    return filled
 
 
 def _nothing(path: Path, known: int, options: argparse.Namespace) -> str:
@@ -150,20 +191,61 @@ def _nothing(path: Path, known: int, options: argparse.Namespace) -> str:
 
 
 def _boards(
-    asked: Sequence[str], options: argparse.Namespace, known: set[str], console: Console
+    asked: Sequence[str],
+    options: argparse.Namespace,
+    known: Sequence[RosterRobot],
+    console: Console,
 ) -> list[AskedBoard]:
     """The new boards: those that are named, or, where nothing is, those that answer."""
     given = bool(asked) or options.robots is not None or options.add is not None
     named = list(asked) if given else [f"root@{address}" for address in neighbours()]
-    new = [host for host in dict.fromkeys(named) if host not in known]
+    hosts_known = {robot.host for robot in known}
     for host in asked:
-        if host in known:
+        if host in hosts_known:
             console.say(f"{host} is in the roster already")
-    boards_there = ask(new)
-    for board in boards_there if given else ():
-        if not board.answers:
-            console.say(f"{board.host} does not answer: {board.trouble}", "warning")
-    return [board for board in boards_there if given or board.answers]
+    there = ask([host for host in dict.fromkeys(named) if host not in hosts_known])
+    if given:
+        for board in there:
+            if not board.answers:
+                console.say(f"{board.host} does not answer: {board.trouble}", "warning")
+    taken = {
+        name: {value: robot.host for robot in known if (value := getattr(robot, name))}
+        for name in ("tag", "uid", "name")
+    }
+    return [_checked(board, taken, console) for board in there if given or board.answers]
+
+
+def _checked(
+    board: AskedBoard, taken: Mapping[str, dict[Any, str]], console: Console
+) -> AskedBoard:
+    """A board without what the roster cannot hold of its settings, which is said.
+
+    `taken` has who has a tag, a uid, a name; the board's are added.
+    """
+    settings: dict[str, Any] = {}
+    for name, value in board.settings.items():
+        expected = _unusable(name, value)
+        other = taken.get(name, {}).get(value, "") if not expected else ""
+        if expected or other:
+            why = f"expected {expected}" if expected else f"{other} has it, too"
+            shown = printable(str(value))[:60]
+            console.say(f"{board.host}: its {name} is left out, {shown!r}: {why}", "warning")
+            continue
+        settings[name] = value
+        if name in taken:
+            taken[name][value] = board.host
+    return replace(board, settings=settings)
+
+
+def _unusable(name: str, value: Any) -> str:
+    """What a setting was expected to be; "": the roster can hold it."""
+    if not str(value).isprintable():
+        return "text without control characters"
+    try:
+        ROBOT_FIELDS[name](value)
+    except ValueError as error:
+        return str(error)
+    return ""
 
 
 def neighbours() -> list[str]:
@@ -191,7 +273,8 @@ def _board(host: str, code: int, said: str) -> AskedBoard:
     settings: dict[str, Any] = {}
     for name, value in ((name.strip(), value.strip()) for name, _, value in pairs):
         if name in _KNOWN and value:
-            settings[name] = int(value) if name == "tag" and value.isdecimal() else value
+            is_number = name == "tag" and value.isascii() and value.isdecimal() and len(value) < 6
+            settings[name] = int(value) if is_number else value
     return AskedBoard(host, settings=settings)
 
 
@@ -215,14 +298,23 @@ def _robots(
 
 
 def _free(seen: Sequence[int], family: str, taken: set[int], count: int) -> Iterator[int]:
-    """Tags that nobody has: those that are seen first, then those that stay apart."""
-    apart = ranked_tags(load_family(family), count + len(taken) + len(seen))
-    return (tag for tag in dict.fromkeys([*seen, *apart]) if tag not in taken)
+    """Tags that nobody has: those that are seen first, then those that stay apart, then any.
+
+    Raises:
+        UsageError: the family has not so many.
+    """
+    known = load_family(family)
+    wanted = count + len(taken) + len(seen)
+    if wanted > known.tags:
+        raise UsageError(f"{wanted} robots: the family {family} has {known.tags} markers")
+    apart = ranked_tags(known, min(wanted, _MOST_APART))
+    tags = dict.fromkeys([*seen, *apart, *(range(known.tags) if wanted > _MOST_APART else ())])
+    return (tag for tag in tags if tag not in taken)
 
 
 def _seen(files: tuple[str, str], console: Console) -> list[int]:
     """The tags that cameras see within some seconds."""
-    session, tags = tracking_session.load(*files), set[int]()
+    session, tags, states = tracking_session.load(*files), set[int](), 0
     with closing(open_tracking(session, host_ns, console.say)) as tracking:
         end_ns = host_ns() + LOOK_NS
         while host_ns() < end_ns:
@@ -233,18 +325,23 @@ def _seen(files: tuple[str, str], console: Console) -> list[int]:
             except GrabberError as error:
                 console.say(str(error), "warning")
                 continue
+            states += 1
             tags |= {int(pose["tag"]) for pose in state.robots if pose["seen"]}
             console.progress(f"looking for markers: {len(tags)} seen")
     console.end_progress()
+    if not states:
+        raise VsenseError(f"{files[0]}: no camera gave a picture; nothing is written")
     console.say(f"the cameras see {' '.join(map(str, sorted(tags))) or 'no marker'}")
     return sorted(tags)
 
 
-def _next(path: Path, new: Sequence[Mapping[str, Any]], options: argparse.Namespace) -> list[str]:
+def _next(
+    path: Path, after: Roster, new: Sequence[Mapping[str, Any]], options: argparse.Namespace
+) -> list[str]:
     """What comes next."""
     lines = [f"their markers: vsense camera markers --roster {path} -o markers.pdf"]
-    if any("host" not in values for values in new):
-        lines.append(f'{path} does not say yet how robots are reached: host = "root@ADDRESS"')
+    if not all(robot.host for robot in after.robots):
+        lines.append("how robots are reached, when there are some: vsense robot init root@ADDRESS")
     if options.tracking is not None and len(new) > 1:
         lines.append(
             "which robot wears which marker: vsense robot check EXPERIMENT --wiggle"

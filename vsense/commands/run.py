@@ -26,7 +26,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _experiments.add_settings(parser)
     add_ends(parser)
     _experiments.add_legacy_port(parser)
-    text = "start after S s at the latest, without robots that are missing (default: wait for all)"
+    text = (
+        "wait for robots for S s at the longest, then start without those that are missing"
+        " (default: wait for all)"
+    )
     _arguments.option(parser, "--start-after", _arguments.seconds, "S", text)
     text = (
         "serve the devices of ARGoS's elements, such as <epuck_ground>, from the virtual world, as"

@@ -22,12 +22,12 @@ import json
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from vsense.base.errors import ConfigError, UsageError
+from vsense.base.errors import ConfigError, UsageError, failing_as
 from vsense.base.files import MOST_FILE_BYTES, replace_text
 from vsense.base.toml import TomlFile, decode_toml, read_toml_text
 from vsense.config.roster_fields import DEFAULTS, LAB, MarkerOffset, RobotCalibration
@@ -186,36 +186,55 @@ def update(path: Path, changes: Mapping[int, Mapping[str, Any]]) -> Roster:
     return after
 
 
+def read_known(path: Path) -> tuple[RosterRobot, ...]:
+    """Reads the robots of a roster that may name none yet, or not be there; raises as `read`."""
+    return _read(path, read_toml_text(path), least=0).robots if path.exists() else ()
+
+
 def extend(path: Path, robots: Sequence[Mapping[str, Any]], head: str) -> Roster:
     """Adds robots to the end of a roster, or writes one that begins with the text `head`.
 
-    All else in it stays. `robots` have values by name as in the file; a file that is there is
-    replaced as a whole.
+    All else in it stays. The file is replaced as a whole, and by one process at a time.
+
+    Args:
+        path: the roster.
+        robots: their values by name, as in the file.
+        head: for a file that is not there.
 
     Returns:
         The roster as it is now.
 
     Raises:
-        UsageError: it cannot be read or written.
+        UsageError: it cannot be read or written, or has its robots in an inline array.
         ConfigError: something in it is wrong, or would be: two robots with one tag, for example.
     """
     tables = [
-        "".join(["[[robot]]\n", *(f"{name} = {json.dumps(v)}\n" for name, v in values.items())])
+        "".join(["[[robot]]\n", *(f"{n} = {_toml(value)}\n" for n, value in values.items())])
         for values in robots
     ]
     new = "\n".join(tables)
     if not path.exists():
-        text = f"{head}\n{new}"
-        roster = _read(path, text)
-        _replace(path, text)
-        return roster
-    read(path)
-    path = path.resolve()
+        _read(path, new)  # nothing is left of a file that would be wrong
+    read_known(path)  # which refuses pipes and devices
+    with failing_as(UsageError, f"cannot write {path}"), suppress(FileExistsError):
+        path.open("x").close()
+    path = path.resolve()  # a link to it stays one
     with _locked(path) as file:
-        text = f"{decode_toml(path, file.read(MOST_FILE_BYTES)).rstrip()}\n\n{new}"
-        roster = _read(path, text)
+        before = decode_toml(path, file.read(MOST_FILE_BYTES))
+        text = "\n\n".join([(before or head).rstrip(), new])
+        try:
+            roster = _read(path, text)
+        except ConfigError:
+            if re.search(r"^\s*robot\s*=", before, re.MULTILINE):
+                words = "its robots are an inline array: write each as a table [[robot]]"
+                raise UsageError(f"{path}: {words}") from None
+            raise
         _replace(path, text)
     return roster
+
+
+def _toml(value: str | int) -> str:
+    return json.dumps(value, ensure_ascii=False)
 
 
 def _replace(path: Path, text: str) -> None:
@@ -289,18 +308,18 @@ def _locked(path: Path) -> Iterator[BinaryIO]:
                 return
 
 
-def _read(path: Path, text: str) -> Roster:
+def _read(path: Path, text: str, least: int = 1) -> Roster:
     try:
         file = TomlFile(path, text)
     except ConfigError:
         _refuse_lines(path, text)
         raise
     values = file.read(LAB)
-    if not values.get("robot"):
+    if len(values.get("robot", ())) < least:
         raise UsageError(f"{path} names no robot: expected tables [[robot]] with tag = 23")
     defaults = values.get("defaults", {})
     robots = []
-    for number, own in enumerate(values["robot"]):
+    for number, own in enumerate(values.get("robot", ())):
         if "tag" not in own:
             words = "this robot has no tag: expected tag = 0..65535"
             raise file.error(words, "robot", number)

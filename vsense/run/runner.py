@@ -152,7 +152,8 @@ class Runner:
             still = busy() if readiness.complete or over else self._waiting(readiness)
             if self._interrupted.is_set() or self._may_start(not still, anybody):
                 return readiness
-            self._console.progress(still or self._waiting(readiness))
+            alone = self.control.state is not State.EMERGENCY and still
+            self._console.progress(alone or self._waiting(readiness))
 
     def _may_start(self, ready: bool, anybody: bool) -> bool:
         """Whether the run starts now; without `anybody` connected not even an order starts it."""

@@ -211,4 +211,7 @@ class _RealRuns:
         limit_s = self.options.start_after
         if limit_s is None and number > 1:
             limit_s = ROBOT_WAIT_S
-        return session.wait_for_some(limit_s, check or (lambda: ""))
+        readiness = session.wait_for_some(limit_s, check or (lambda: ""))
+        if check is not None and check.cut_short:
+            self.log.say("the check of the links has not come to its end: nothing is kept of it")
+        return readiness

@@ -332,7 +332,7 @@ class PicturePainter:
         self._mask: Mask | None = None
         with suppress(KeyError, TypeError, ValueError, AttributeError, MaskError):
             tops = (float(robot.get("height_m") or 0.0) for robot in facts.robots)
-            self._top_m = max(TOP_M, *tops)
+            self._top_m = max([TOP_M, *tops])
             size_m, centre_m = ((facts.arena or {})[name] for name in ("size_m", "centre_m"))
             self._mask = Mask(Arena(tuple(size_m), tuple(centre_m)).corners_m, ARENA_MARGIN_M)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any
 from xml.sax.saxutils import quoteattr
 
 from vsense.base.errors import UsageError, VsenseError
-from vsense.base.terminal import Console, aligned, print_data
+from vsense.base.terminal import Console, aligned, patience, print_data
 from vsense.config import resources as resources_file
 from vsense.config import roster
 from vsense.config.resources import (
@@ -107,11 +106,8 @@ NO_CAMERA = (
 
 def list_cameras(as_json: bool) -> int:
     """Prints the table or JSON; without cameras, what to check on standard error, and 1."""
-    if sys.stderr.isatty():
-        print("looking for cameras ...", end="", file=sys.stderr, flush=True)
-    cameras, missing = find()
-    if sys.stderr.isatty():
-        print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+    with patience(Console(), "looking for cameras"):
+        cameras, missing = find()
     if as_json:
         print_data(json.dumps([facts(camera) for camera in cameras], indent=2))
     elif cameras:
@@ -158,6 +154,7 @@ def _of_file(id: str, wanted: Controls, path: str) -> GrabberSpec:
 FAMILY = "arrow4x4"
 TRACKER = "robots"
 ROSTER = "auto:20"
+_FILES = (RESOURCES_FILE, EXPERIMENT_FILE)
 
 _GRABBERS = """\
     <!--
@@ -286,10 +283,7 @@ def write(directory: Path, cameras: Sequence[FoundCamera], markers: Markers) -> 
     Raises:
         VsenseError: one cannot be written.
     """
-    texts = {
-        RESOURCES_FILE: resources_text(cameras, markers),
-        EXPERIMENT_FILE: experiment_text(cameras),
-    }
+    texts = dict(zip(_FILES, (resources_text(cameras, markers), experiment_text(cameras))))
     try:
         directory.mkdir(parents=True, exist_ok=True)
         pictures.write_schemas(directory)
@@ -348,18 +342,24 @@ BOARD = "charuco:7x5:80mm:4X4_50"
 def init_pretended(directory: Path, cameras: Sequence[FoundCamera], markers: Markers) -> None:
     """Writes the files for rendered cameras into a folder; those that are theirs already stay.
 
-    Raises:
-        UsageError: there is a file that names other cameras.
-        VsenseError: a file cannot be written.
+    Raises UsageError where there are files of others; else as `write`.
     """
-    path = directory / RESOURCES_FILE
-    if not path.exists():
+    there = [directory / name for name in _FILES if (directory / name).exists()]
+    if not there:
         write(directory, cameras, markers)
         return
-    used = {spec.source for spec in resources_file.load(path).grabbers.values()}
-    if not {camera.id for camera in cameras} <= used:
-        raise UsageError(f"{path}: is there already, and names other cameras; take another folder")
-    Console().say(f"{path} has these cameras already: it stays as it is")
+    used = resources_file.load(there[0]) if len(there) == len(_FILES) else None
+    if (
+        used is None
+        or {c.id for c in cameras} != {g.source for g in used.grabbers.values()}
+        or any(
+            tracker.family != markers.family or not {*markers.tags} <= tracker.heights_m.keys()
+            for tracker in used.trackers.values()
+        )
+    ):
+        words = "is there already, of other cameras or markers; take another folder"
+        raise UsageError(f"{there[0]}: {words}")
+    Console().say(f"{there[0]} has these cameras already: it stays as it is")
 
 
 def init(directory: Path, force: bool) -> int:
@@ -369,7 +369,7 @@ def init(directory: Path, force: bool) -> int:
         UsageError: A file exists already.
         VsenseError: There is no camera, or a file cannot be written.
     """
-    there = [name for name in (RESOURCES_FILE, EXPERIMENT_FILE) if (directory / name).exists()]
+    there = [name for name in _FILES if (directory / name).exists()]
     if there and not force:
         raise UsageError(f"{directory / there[0]}: is there already; --force writes over it")
     cameras, missing = find()
