@@ -121,7 +121,7 @@ class Overload:
             was_bad, self._bad, self.alarm = self._bad, 0, None
             return "timesteps are on time again" if was_bad else None
         self._bad += 1
-        slow = self._slow("makes", self._lived, wanted)
+        slow = self._slow("make" if " and " in self._who else "makes", self._lived, wanted)
         late = f"{self._cause()} of {self._dt_ns / 1e6:.0f} ms{self._advice(self._lived / wanted)}"
         headline, _, more = slow.partition("; ")
         self.alarm = Alarm("overload", headline, f"{more}; {late}" if more else late)

@@ -26,7 +26,7 @@ def session(run: int, connected: set[int]) -> tuple[Session, list[str]]:
     made, said = object.__new__(Session), list[str]()
     readiness = Readiness.of(ROBOTS, {}, connected, frozenset(connected), {})
     control = SimpleNamespace(run=run, asked=False)
-    made.runner = SimpleNamespace(wait=lambda limit_s: readiness, control=control)
+    made.runner = SimpleNamespace(wait=lambda limit_s, busy=None: readiness, control=control)
     console = SimpleNamespace(say=lambda text, level: said.append(f"{level}: {text}"))
     made.setup = SimpleNamespace(interrupted=threading.Event(), console=console)
     made.experiment = SimpleNamespace(robots=[SimpleNamespace(id=n) for n in ROBOTS.values()])

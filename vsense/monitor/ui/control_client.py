@@ -112,6 +112,10 @@ def _find(process: int | None, all_too: bool = False) -> Path:
     return next(iter(there.values()))
 
 
+_TYPED = {"track": "camera track"}
+"""Commands that are typed in another way than they call themselves."""
+
+
 def _running(processes: Mapping[int, Path]) -> str:
     """What runs, one line each, so that everybody knows which is his."""
     if not processes:
@@ -127,7 +131,8 @@ def describe(number: int, path: Path) -> tuple[str, ...]:
         port = f"robots' port {answer['port']}" if "port" in answer else ""
         now = answer["run"]
         age = f"run {now['run']} {now['state']}, {now['time_s']:.0f} s"
-        command, where = f"vsense {answer['command']}{whose(answer)}", str(answer["directory"])
+        typed = _TYPED.get(answer["command"], answer["command"])
+        command, where = f"vsense {typed}{whose(answer)}", str(answer["directory"])
         return str(number), str(answer["name"]), command, port, age, where
     except (OSError, ValueError, KeyError, TypeError):
         return str(number), "does not answer", "", "", "", ""
