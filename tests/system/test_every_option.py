@@ -169,6 +169,19 @@ def test_cameras_are_calibrated_wherever_there_is_a_lab(folder: Path) -> None:
         until(f"{words} --calibrate --cameras 2x2 -o {words[:3]}", "the board in 1 of")
 
 
+def test_pretended_cameras_take_all_their_options(folder: Path) -> None:
+    port, lines = free_ports(2)
+    words = f"camera pretend rig --experiment walk.argos --robots 2 {CODE} {CAST} --seed 3"
+    until(f"{words} --port {port} --tracker-port {lines}", f"on port {lines}, which says")
+    text = Path("rig/resources.xml").read_text()
+    assert f"http://127.0.0.1:{port}/cam_0_0" in text and "31" not in text.partition("tags=")[2]
+    # They are there already; the files of others stay as they are.
+    until(f"{words} --port {port} --tracker-port {lines}", "it stays as it is")
+    other = f"camera pretend rig --experiment foraging --port {port} --tracker-port {lines}"
+    assert vsense(other) == 2 and Path("rig/resources.xml").read_text() == text
+    assert vsense("robot init --robots 2 --family aruco_4x4_50 --roster own.toml") == 0
+
+
 def test_series_and_benchmarks_take_all_their_options(folder: Path) -> None:
     port, lines = free_ports(2)
     lab = f"{CAST} {SWARM} {ERRORS} --cameras 2x2 --pace 0.9 --port {port} {WATCHED}"
@@ -277,5 +290,6 @@ def test_benchmarks_take_all_their_options(folder: Path) -> None:
     link = f"--host 127.0.0.1 --port {port} --tracker lines:{lines} --virtual-devices"
     real = f"--roster swarm.toml {link} --target host --no-deploy --sudo --ssh-option Port=9"
     words = f"benchmark --quick --mode run -o run {real} --key swarm.key --other-programs"
+    words += " --link-check 2"
     until(words, "port|connected")
     assert vsense("benchmark --quick --dry -j 2 --allow-upgrade") == 0
