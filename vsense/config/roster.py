@@ -144,8 +144,8 @@ def require_roster(path: Path | None) -> Roster:
     roster = find_roster(path)
     if roster is None:
         raise UsageError(
-            f"no roster: expected --roster FILE, or {FILE_NAME} here, with a table [[robot]] for"
-            " each robot: see 'vsense docs robot'"
+            f"no roster: expected --roster FILE, or {FILE_NAME} here; 'vsense robot init' writes"
+            " it, 'vsense docs robot' says what stands in it"
         )
     return roster
 
