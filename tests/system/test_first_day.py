@@ -15,6 +15,7 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -75,14 +76,12 @@ class Day:
         join = ("nsenter", "-t", str(self._shell.pid), "-U", "-n", "--preserve-credentials")
         return [*join, "sh", "-c", f"exec {command}"]
 
+    def _here(self) -> dict[str, Any]:
+        return {"cwd": self.folder, "env": self._env, "text": True}
+
     def _finish(self, command: str) -> str:
         done = subprocess.run(
-            self._joined(command),
-            cwd=self.folder,
-            env=self._env,
-            capture_output=True,
-            text=True,
-            timeout=PATIENCE_S,
+            self._joined(command), **self._here(), capture_output=True, timeout=PATIENCE_S
         )
         assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
         return done.stdout + done.stderr
@@ -90,15 +89,8 @@ class Day:
     def _start(self, command: str, ready: str) -> str:
         said = self.folder.parent / f"terminal-{len(self._going_on)}"
         with said.open("w") as file:
-            process = subprocess.Popen(
-                self._joined(command),
-                cwd=self.folder,
-                env=self._env,
-                stdout=file,
-                stderr=file,
-                text=True,
-                start_new_session=True,
-            )
+            own = {"stdout": file, "stderr": file, "start_new_session": True}
+            process = subprocess.Popen(self._joined(command), **self._here(), **own)
         self._going_on.append((process, said))
         limit_s = time.monotonic() + PATIENCE_S
         while ready not in said.read_text():

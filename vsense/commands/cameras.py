@@ -193,13 +193,14 @@ def _pretend(options: argparse.Namespace) -> int:
     loaded = load(options.experiment, stage=Stage.LAB, code=code, casting=casting)
     experiment = settle(first_robots(loaded, options.robots), options.seed)
     console, marker = Console(), experiment.marker
-    tags = [*(r.tag for r in experiment.robots), *(thing.tag for thing in experiment.objects)]
     whose = f"these are those of {experiment.file}"
     console.progress("building the scene")
     place = options.seed, options.port, options.tracker_port, console.say
     with interruption() as interrupted, NetworkCameras(experiment, *place) as cameras:
         console.end_progress()
-        markers = files.Markers(tags, whose, marker.family, marker.height_m)
+        markers = files.Markers(
+            list(experiment.tags.values()), whose, marker.family, marker.height_m
+        )
         files.init_pretended(options.directory, cameras.found, markers)
         console.say(
             f"{len(cameras.found)} cameras above {experiment.name}'s arena; they wait for"

@@ -219,10 +219,10 @@ def robot_table(rows: Mapping[str, list[Any]]) -> str:
         *("robot", "tag", "software", "controller", "link", "signal", "pose", "battery"),
         *("base errors", ""),
     )
-    robots = ({key: rows[key][n] for key in rows} for n in range(len(rows["tag"])))
+    robots = by_robot(rows)
     mixed = len(set(rows["expected"])) > 1
     lines = aligned([head, *(_cells(robot, mixed) for robot in robots)])
-    return "\n".join([*lines, *mixed_daemons(dict(zip(rows["name"], by_robot(rows))))])
+    return "\n".join([*lines, *mixed_daemons(dict(zip(rows["name"], robots)))])
 
 
 def by_robot(columns: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:

@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +18,11 @@ from vsense.base.files import read_bytes
 from vsense.base.terminal import Console, print_data, printable
 from vsense.commands import _arguments, _rosters
 from vsense.config import roster, tracking_session
+from vsense.config.casting import free_tags
 from vsense.config.roster import FILE_NAME, Roster, RosterRobot
 from vsense.config.roster_fields import ROBOT_FIELDS
 from vsense.robots import boards
-from vsense.vision.markers.families import confusion, load_family, ranked_tags
+from vsense.vision.markers.families import confusion, load_family
 from vsense.vision.tracking.opening import open_tracking
 
 FAMILY = "arrow4x4"
@@ -31,8 +33,6 @@ NEIGHBOURS = Path("/proc/net/arp")
 _COMPLETE = "0x2"
 """A neighbour whose hardware address is known. Source: Linux, ATF_COM."""
 _MOST = 256
-_MOST_APART = 100
-"""Choosing takes about 10 ms a tag; the robots of larger swarms wear whatever is free."""
 
 _ASK = 'cat "${VSENSED_ROOT:-}/etc/vsensed.conf" 2>/dev/null; true'
 _KNOWN = ("tag", "name", "uid", "base")
@@ -307,9 +307,9 @@ def _free(seen: Sequence[int], family: str, taken: set[int], count: int) -> Iter
     wanted = count + len(taken) + len(seen)
     if wanted > known.tags:
         raise UsageError(f"{wanted} robots: the family {family} has {known.tags} markers")
-    apart = ranked_tags(known, min(wanted, _MOST_APART))
-    tags = dict.fromkeys([*seen, *apart, *(range(known.tags) if wanted > _MOST_APART else ())])
-    return (tag for tag in tags if tag not in taken)
+    return chain(
+        (tag for tag in seen if tag not in taken), free_tags(family, count, {*taken, *seen})
+    )
 
 
 def _seen(files: tuple[str, str], console: Console) -> list[int]:

@@ -16,23 +16,19 @@ import math
 import random
 from collections.abc import Collection, Mapping
 from dataclasses import replace
-from functools import cache
 from itertools import accumulate, islice, pairwise
 
 from vsense.base.errors import ConfigError, UsageError
 from vsense.base.files import read_bytes
 from vsense.base.xml.element import Document, Element
 from vsense.config._robots import MAX_TAG, ArenaContents, add_crowd, add_epuck
-from vsense.config.casting import Casting
+from vsense.config.casting import Casting, free_tags
 from vsense.config.specs import LoopSpec, Stage
-from vsense.vision.markers.families import known_families, load_family, ranked_tags
+from vsense.vision.markers.families import known_families, load_family
 from vsense.world.entities import Arena, WorldError
 from vsense.world.loop_functions import LoopFunctions
 
 HOOK = "populate"
-
-_MOST_CHOSEN = 128
-"""Choosing takes about 10 ms a tag; the robots of larger swarms wear whatever is free."""
 
 
 class Space:
@@ -194,7 +190,7 @@ def _give_tags(
     if not names:
         return
     worn = frozenset(bodies.lines_of_tags) | frozenset(owned)
-    free = _free_tags(family, len(names), worn)
+    free = free_tags(family, len(names), worn)
     if bodies.stage is Stage.SIM:
         beyond = (tag for tag in range(load_family(family).tags, MAX_TAG + 1) if tag not in worn)
         free += islice(beyond, len(names) - len(free))
@@ -224,25 +220,6 @@ def _larger(count: int) -> str:
     sizes = {name: load_family(name).tags for name in known_families()}
     words = " or ".join(f"{name} ({tags})" for name, tags in sizes.items() if tags >= count)
     return words and f"; --set marker.family=NAME takes a larger one: {words}"
-
-
-def _free_tags(family: str, count: int, worn: frozenset[int]) -> list[int]:
-    """Chooses free tags, those of `vsense camera markers --ids auto:N` first.
-
-    Another robot at the end of a file leaves the others theirs.
-    """
-    chosen = _well_apart(family, min(count + len(worn), _MOST_CHOSEN))
-    taken = worn | set(chosen)
-    rest = (tag for tag in range(load_family(family).tags) if tag not in taken)
-    free = [tag for tag in chosen if tag not in worn][:count]
-    return [*free, *islice(rest, count - len(free))]
-
-
-@cache
-def _well_apart(family: str, count: int) -> tuple[int, ...]:
-    """See `ranked_tags`; all that there are of a family that has not so many."""
-    markers = load_family(family)
-    return tuple(ranked_tags(markers, min(count, markers.tags)))
 
 
 def _put_in(bodies: ArenaContents, casting: Casting) -> None:

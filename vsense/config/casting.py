@@ -9,10 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
+from functools import cache
+from itertools import islice
 from typing import Any
 
 from vsense.base.errors import UsageError
 from vsense.config.roster import SPARE, Roster
+from vsense.vision.markers.families import load_family, ranked_tags
 
 Pair = tuple[int, int]
 """A tag, and that of the robot that plays in its place."""
@@ -102,3 +105,26 @@ def pair(text: str) -> Pair:
     if len(tags) != 2 or tags[0] == tags[1]:
         raise ValueError(f"expected two tags, such as 23=37, got {text[:40]!r}")
     return tags[0], tags[1]
+
+
+_MOST_CHOSEN = 128
+"""Choosing takes about 10 ms a tag; the robots of larger swarms wear whatever is free."""
+
+
+def free_tags(family: str, count: int, worn: Collection[int]) -> list[int]:
+    """Chooses free tags, those of `vsense camera markers --ids auto:N` first.
+
+    Another robot at the end of a file leaves the others theirs.
+    """
+    chosen = _well_apart(family, min(count + len(worn), _MOST_CHOSEN))
+    taken = {*worn, *chosen}
+    rest = (tag for tag in range(load_family(family).tags) if tag not in taken)
+    free = [tag for tag in chosen if tag not in worn][:count]
+    return [*free, *islice(rest, count - len(free))]
+
+
+@cache
+def _well_apart(family: str, count: int) -> tuple[int, ...]:
+    """See `ranked_tags`; all that there are of a family that has not so many."""
+    markers = load_family(family)
+    return tuple(ranked_tags(markers, min(count, markers.tags)))

@@ -110,8 +110,7 @@ def tag_confusion(experiment: Experiment) -> str:
     """Which tags cameras may confuse, in words; "": none, or there are no cameras."""
     if experiment.stage is Stage.SIM:
         return ""
-    tags = [*(robot.tag for robot in experiment.robots), *(o.tag for o in experiment.objects)]
-    return confusion(load_family(experiment.marker.family), tags)
+    return confusion(load_family(experiment.marker.family), experiment.tags.values())
 
 
 def _counted(entities: Sequence[Entity], drawn: int, kind: type[Entity]) -> str:

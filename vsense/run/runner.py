@@ -149,11 +149,12 @@ class Runner:
             waited_ns = self._clock() - begun_ns
             over = limit_s is not None and waited_ns > limit_s * 1e9
             anybody = len(readiness.absent) < len(self._robots)
-            still = busy() if readiness.complete or over else self._waiting(readiness)
+            waiting = self._waiting(readiness)
+            still = busy() if readiness.complete or over else waiting
             if self._interrupted.is_set() or self._may_start(not still, anybody):
                 return readiness
-            alone = self.control.state is not State.EMERGENCY and still
-            self._console.progress(alone or self._waiting(readiness))
+            stopped = self.control.state is State.EMERGENCY
+            self._console.progress(waiting if stopped or not still else still)
 
     def _may_start(self, ready: bool, anybody: bool) -> bool:
         """Whether the run starts now; without `anybody` connected not even an order starts it."""

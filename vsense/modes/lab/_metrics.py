@@ -367,7 +367,7 @@ def depths_in_cone(
     source, robots = experiment.source, len(experiment.robots)
     if source is None:
         return None
-    tags = [*(robot.tag for robot in experiment.robots), *(t.tag for t in experiment.objects)]
+    tags = list(experiment.tags.values())
     turn = experiment.turn_timestep
     turned = np.zeros(len(poses), bool) if turn is None else run_timesteps >= turn
     depth_m = np.full((len(poses), robots), -np.inf)

@@ -20,11 +20,11 @@ import numpy as np
 
 from vsense.base.arena import ArenaState
 from vsense.base.clock import host_ns
-from vsense.base.errors import VsenseError
 from vsense.config.specs import Experiment
 from vsense.modes.lab._camera_spec import spec_for
 from vsense.modes.lab._optics import Floats, Image8
 from vsense.modes.lab._renderer import Studio
+from vsense.robots.link.network import listen
 from vsense.robots.link.status import LinkError
 from vsense.robots.link.trackers.lines import TRACKER_SILENCE_NS, ArenaListener
 from vsense.vision.cameras.discovery import RATE_HZ, URL, Details, FoundCamera
@@ -42,14 +42,12 @@ class _Pictures(ThreadingHTTPServer):
     """Sends the newest picture of each camera to whoever asks for it, as it comes."""
 
     daemon_threads = True
-    allow_reuse_address = True
 
     def __init__(self, port: int, names: Sequence[str]) -> None:
-        try:
-            super().__init__((HOST, port), _Stream)
-        except OSError as error:
-            words = f"port {port}: {error.strerror}: expected a free one (--port)"
-            raise VsenseError(words) from None
+        taken, self.port = listen(HOST, port)
+        super().__init__((HOST, self.port), _Stream, bind_and_activate=False)
+        self.socket.close()
+        self.socket = taken
         self.names = tuple(names)
         self.open = True
         self._changed = Condition()
@@ -133,21 +131,20 @@ class NetworkCameras:
 
         Raises:
             TooLargeArena: it takes too many cameras.
-            VsenseError: a port is taken.
+            LinkError: a port is taken.
         """
         spec = spec_for(experiment, "", seed, Path())
-        tags = [*(r.tag for r in experiment.robots), *(thing.tag for thing in experiment.objects)]
-        self._rows = {tag: row for row, tag in enumerate(tags)}
+        self._rows = {tag: row for row, tag in enumerate(experiment.tags.values())}
         self._images = np.zeros(spec.shape, np.uint8)
         self._lines = ArenaListener(HOST, lines_port, list(self._rows), say)
         self.lines_port = self._lines.port
         names = [camera.id for camera in spec.cameras]
         try:
             self._pictures = _Pictures(port, names)
-        except VsenseError:
+        except LinkError:
             self._lines.close()
             raise
-        url = f"http://{HOST}:{self._pictures.server_address[1]}"
+        url = f"http://{HOST}:{self._pictures.port}"
         details = Details(size_px=(spec.shape[2], spec.shape[1]))
         self.found = [
             FoundCamera(f"{url}/{name}", URL, url, "rendered", details=details, name=name)
@@ -180,8 +177,9 @@ class NetworkCameras:
             dark = np.zeros(len(self._rows), np.uint16)
             self._studio.expose(timestep, poses[np.newaxis], dark, self._images)
             self._pictures.show(self._images)
-            there = int((poses[:, 0] < _AWAY_M).sum())
-            heard = "no tracker writes" if state is None else f"{there} of {len(poses)} bodies"
+            heard = "no tracker writes"
+            if state is not None:
+                heard = f"{len(state.robots)} of {len(poses)} bodies"
             progress(f"{timestep} pictures of {len(self.found)} cameras  {heard}")
 
     def _next(self, last: ArenaState | None) -> ArenaState | None:

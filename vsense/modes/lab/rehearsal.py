@@ -119,8 +119,7 @@ class Rehearsal:
         """
         self.robots = len(experiment.robots)
         self._timestep_ns = experiment.timestep_ns
-        self._tags = [robot.tag for robot in experiment.robots]
-        self._tags += [thing.tag for thing in experiment.objects]
+        self._tags = list(experiment.tags.values())
         self._tracker, self._say = tracker, say
         daemons = {c.id: build.daemon(c.program) for c in experiment.controllers}
         with ExitStack() as stack:

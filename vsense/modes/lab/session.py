@@ -172,8 +172,7 @@ class Session(ExperimentSession):
     @property
     def _tags(self) -> list[int]:
         """The markers of all bodies, in the order of the truth."""
-        experiment = self.experiment
-        return [*(r.tag for r in experiment.robots), *(t.tag for t in experiment.objects)]
+        return list(self.experiment.tags.values())
 
     def wait_until_ready(self) -> None:
         """Handles timesteps until every robot is connected and every tag is seen.

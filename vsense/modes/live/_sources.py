@@ -234,4 +234,4 @@ def _lines(
 
 def _tags(experiment: Experiment) -> list[int]:
     """Tags of all that wears a marker."""
-    return [*(r.tag for r in experiment.robots), *(thing.tag for thing in experiment.objects)]
+    return list(experiment.tags.values())

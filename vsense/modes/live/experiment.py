@@ -155,10 +155,9 @@ class _RealRuns:
         number = session.runner.control.run
         directory = self.series.directory(number)
         self.setup.room.begin_run(session.environment, directory)
-        check: RunLinkCheck | None = None
-        if number == 1 and self.options.link.link_check:
-            dt_s, span_s = session.experiment.timestep_s, self.options.link.link_check
-            check = RunLinkCheck(session.server, span_s, dt_s, self.log.say)
+        span_s = self.options.link.link_check if number == 1 else 0.0
+        dt_s = session.experiment.timestep_s
+        check = RunLinkCheck(session.server, span_s, dt_s, self.log.say)
         readiness = self._wait(session, number, check)
         session.home()
         if self.setup.interrupted.is_set():
@@ -201,7 +200,7 @@ class _RealRuns:
         if host.startswith("127.") or host == "localhost":
             say("only robots on this machine reach that address; for others: --host 0.0.0.0")
 
-    def _wait(self, session: RunSession, number: int, check: RunLinkCheck | None) -> Readiness:
+    def _wait(self, session: RunSession, number: int, check: RunLinkCheck) -> Readiness:
         """Waits until all are there, for the time that is set, or until a START; makes a `check`.
 
         Raises as `ExperimentSession.wait_for_some`.
@@ -211,7 +210,7 @@ class _RealRuns:
         limit_s = self.options.start_after
         if limit_s is None and number > 1:
             limit_s = ROBOT_WAIT_S
-        readiness = session.wait_for_some(limit_s, check or (lambda: ""))
-        if check is not None and check.cut_short:
+        readiness = session.wait_for_some(limit_s, check)
+        if check.cut_short:
             self.log.say("the check of the links has not come to its end: nothing is kept of it")
         return readiness

@@ -155,7 +155,7 @@ class OneRun:
         directory: Path,
         readiness: Readiness,
         log: RunLog,
-        check: RunLinkCheck | None = None,
+        check: RunLinkCheck,
     ) -> None:
         """The robots of `session` have been waited for; `directory` exists.
 
@@ -235,7 +235,7 @@ class OneRun:
             **self.figures.summary(session.runner, self._readiness, self._results),
         }
         record = session.record_of(self.figures, self.failure)
-        if self._check is not None and self._check.verdicts:
+        if self._check.verdicts:
             summary["link_check"] = [verdict.as_json() for verdict in self._check.verdicts]
             record = replace(record, link_check=self._check.words)
         summary = judged(summary, record, session.setup.criteria)

@@ -107,10 +107,10 @@ class RealRuns:
             with session:
                 room.begin_run(session.environment, directory)
                 check = self._link_check(session, log)
-                readiness = staged.wait(session, self._cast, check or (lambda: ""))
+                readiness = staged.wait(session, self._cast, check)
                 if self._interrupted.is_set():
                     return {}, None
-                self._is_checked |= check is not None and bool(check.verdicts)
+                self._is_checked |= bool(check.verdicts)
                 if not readiness.complete:
                     return staged.missing(readiness), None
                 low = staged.low(session.runner.robots)
@@ -119,11 +119,9 @@ class RealRuns:
                     return low, None
                 return {}, self._carry_out(staged, session, directory, readiness, log, check)
 
-    def _link_check(self, session: RunSession, log: RunLog) -> RunLinkCheck | None:
+    def _link_check(self, session: RunSession, log: RunLog) -> RunLinkCheck:
         """What measures the links before the first run of this process."""
-        span_s = self._options.link.link_check
-        if not span_s or self._is_checked:
-            return None
+        span_s = 0.0 if self._is_checked else self._options.link.link_check
         return RunLinkCheck(session.server, span_s, session.experiment.timestep_s, log.say)
 
     def _carry_out(
@@ -133,7 +131,7 @@ class RealRuns:
         directory: Path,
         readiness: Readiness,
         log: RunLog,
-        check: RunLinkCheck | None,
+        check: RunLinkCheck,
     ) -> RunOutcome:
         run = staged.run
         log.say(f"run {run.cell.number} of {staged.plan.runs}: {run.in_words()}")

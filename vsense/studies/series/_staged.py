@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,7 +11,7 @@ from vsense.base.errors import UsageError, VsenseError
 from vsense.base.terminal import Console
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment, Pose
-from vsense.modes.live.session import Busy, ExperimentSession
+from vsense.modes.live.session import ExperimentSession
 from vsense.monitor.ui.room import ControlRoom, RoomOptions
 from vsense.robots.link.status import RobotStatus
 from vsense.run.control import Control, State
@@ -70,7 +70,7 @@ class StagedRun:
         return ControlRoom(replace(options, series=self.facts()), console)
 
     def wait(
-        self, session: ExperimentSession, cast: SeriesCast, busy: Busy = lambda: ""
+        self, session: ExperimentSession, cast: SeriesCast, busy: Callable[[], str] = lambda: ""
     ) -> Readiness:
         """Waits for the robots, as `Runner.wait`, and follows whom people have put in meanwhile.
 
