@@ -37,6 +37,7 @@
 #ifndef VS_CONTROLLER_H
 #define VS_CONTROLLER_H
 
+#include <limits.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -58,8 +59,8 @@ struct vs_robot;
 struct vs_controller {
     const char *name;  /* at most 31 characters */
     size_t state_size; /* [byte] at most VS_CONTROLLER_STATE_MAX */
-    /* Begins a run: *state is all zeros, wheels 0, LEDs off. Bind sensors and read
-     * parameters here. Called again when a new run or another table comes. */
+    /* Begins a run: *state is all zeros, wheels 0, LEDs off. Bind sensors and read parameters
+     * here. Called again when a new run or another table comes. */
     void (*init)(void *state, struct vs_robot *robot);
     /* One control step: read, think, set wheels and LEDs. */
     void (*step)(void *state, struct vs_robot *robot);
@@ -77,8 +78,7 @@ struct vs_reading {
     uint64_t age_ns; /* [ns] since it was measured, UINT64_MAX if not known */
 };
 
-/* Binds a sensor by name; for init. Always gives a handle: of a sensor that nobody
- * offers the reading is not known. */
+/* Binds a sensor by name; for init. Of one that nobody offers the reading is not known. */
 int vs_robot_sensor(struct vs_robot *robot, const char *name);
 
 /* The sensor's newest reading. */
@@ -98,16 +98,17 @@ void vs_robot_actuate(struct vs_robot *robot, int actuator, int index, double va
 /* Parameter of the experiment, fallback if it names none or no number. */
 double vs_robot_param(struct vs_robot *robot, const char *name, double fallback);
 
-/* Parameter of the experiment as text, into text[size] with a final zero; at most size - 1
- * bytes of it. Returns the bytes that the experiment gives, -1 if it does not name it. All
- * parameters together are at most 4096 bytes. */
+/* The same, from least to most (INT_MAX: or more); another one is refused, a robot clips it. */
+double vs_robot_param_in(struct vs_robot *robot, const char *name, double fallback, int least,
+                         int most);
+
+/* Parameter of the experiment as text, into text[size] with a final zero; at most size - 1 bytes of
+ * it. Returns the bytes that the experiment gives, -1: it names none. All together: 4096 bytes. */
 int vs_robot_param_text(struct vs_robot *robot, const char *name, char *text, size_t size);
 
-/*
- * Shows a named value to people: on the page, in recordings and exports. Stays until it is
+/* Shows a named value to people: on the page, in recordings and exports. Stays until it is
  * set again or the run ends. Names of 1 to 15 bytes, texts of at most 48, all of them
- * together at most 255 bytes: a number costs 6 bytes and its name, a text 3 and its name.
- */
+ * together at most 255 bytes: a number costs 6 bytes and its name, a text 3 and its name. */
 void vs_robot_show(struct vs_robot *robot, const char *name, double value);
 void vs_robot_show_text(struct vs_robot *robot, const char *name, const char *text);
 
@@ -139,8 +140,7 @@ int vs_robot_rgb_leds(const struct vs_robot *robot);
 /* [s] length of a timestep; control steps are about that far apart. */
 double vs_robot_timestep_s(const struct vs_robot *robot);
 
-/* [rad] where ps0..ps7 look, counter-clockwise from straight ahead.
- * Source: e-puck proto of Webots. */
+/* [rad] where ps0..ps7 look, counter-clockwise from ahead. Source: e-puck proto of Webots. */
 extern const double vs_robot_sensor_angle_rad[8];
 
 #ifdef __cplusplus

@@ -6,7 +6,6 @@
 
 #include "leds.h"
 #include "../c_src/vs_bytes.h"
-#include "number.h"
 
 #define F4_MAX 3.4028234663852886e38 /* the largest finite single */
 
@@ -70,7 +69,7 @@ int vs_robot_is_stale(const struct vs_session *session, uint64_t age_ns)
     return age_ns > UINT64_MAX / 10 || 10 * age_ns > session->timestep_ns * VS_STALE_TENTHS;
 }
 
-static void complain(struct vs_robot *robot, const char *what, const char *name)
+void vs_robot_complain(struct vs_robot *robot, const char *what, const char *name)
 {
     if (robot->complain != NULL)
         robot->complain(robot->context, what, name);
@@ -110,7 +109,7 @@ int vs_robot_sensor(struct vs_robot *robot, const char *name)
     if (own >= 0 && (robot->base_ns == 0 || vs_base_has(&robot->base, own)))
         return index == NONE ? OWN + own : FUSED + own * VS_TABLE_MAX + index;
     if (index == NONE)
-        complain(robot, "nobody offers the sensor", name);
+        vs_robot_complain(robot, "nobody offers the sensor", name);
     return index; /* nothing here to fuse it with */
 }
 
@@ -122,7 +121,7 @@ int vs_robot_actuator(struct vs_robot *robot, const char *name)
         return index;
     if (strcmp(name, "message") == 0 && vs_base_has(&robot->base, VS_BASE_RAB))
         return OWN_MESSAGE;
-    complain(robot, "nobody offers the virtual actuator", name);
+    vs_robot_complain(robot, "nobody offers the virtual actuator", name);
     return NONE;
 }
 
@@ -280,83 +279,8 @@ static void show(struct vs_robot *robot, const char *name, float number, const c
     if (err == VS_OK || robot->show_failed)
         return;
     robot->show_failed = 1;
-    complain(robot, err == VS_ERR_SPACE ? "no room to show"
-                                        : "cannot show (1 to 15 bytes, a text at most 48)", name);
-}
-
-static const char *next_line(const char *line)
-{
-    line += strcspn(line, "\n");
-    return *line == '\n' ? line + 1 : line;
-}
-
-/* The line "name=value\n", NULL if there is none. */
-static const char *find_param(const char *line, const char *name)
-{
-    size_t len = strlen(name);
-
-    for (; *line != '\0'; line = next_line(line))
-        if (strncmp(line, name, len) == 0 && line[len] == '=')
-            return line;
-    return NULL;
-}
-
-/* What stands behind "name=", NULL if the experiment does not name the parameter. */
-static const char *ask_param(struct vs_robot *robot, const char *name)
-{
-    const char *line = find_param(robot->session->params, name);
-    size_t at;
-
-    if (line == NULL)
-        return NULL;
-    at = (size_t)(line - robot->session->params);
-    robot->asked[at / 8] |= (uint8_t)(1u << at % 8);
-    return line + strlen(name) + 1;
-}
-
-int vs_robot_param_text(struct vs_robot *robot, const char *name, char *text, size_t size)
-{
-    const char *value = ask_param(robot, name);
-    size_t len = value != NULL ? strcspn(value, "\n") : 0;
-    size_t kept = len < size ? len : size - 1;
-
-    if (value == NULL)
-        return -1;
-    if (size > 0) {
-        memcpy(text, value, kept);
-        text[kept] = '\0';
-    }
-    return (int)len;
-}
-
-double vs_robot_param(struct vs_robot *robot, const char *name, double fallback)
-{
-    const char *text = ask_param(robot, name);
-    size_t len;
-    double value;
-
-    if (text == NULL)
-        return fallback;
-    text += strspn(text, " \t");
-    len = vs_number_read(text, &value);
-    if (len > 0 && (text[len] == '\n' || text[len] == '\0'))
-        return value;
-    complain(robot, "expected a number as parameter", name);
-    return fallback;
-}
-
-const char *vs_robot_unasked_param(const struct vs_robot *robot, const char *after)
-{
-    const char *params = robot->session->params;
-    const char *line = after == NULL ? params : next_line(after);
-
-    for (; *line != '\0'; line = next_line(line)) {
-        size_t at = (size_t)(line - params);
-
-        if ((robot->asked[at / 8] >> at % 8 & 1) == 0)
-            return line;
-    }
-    return NULL;
+    vs_robot_complain(robot, err == VS_ERR_SPACE ? "no room to show"
+                      : "cannot show (1 to 15 bytes, a text at most 48)", name);
 }
 
 void vs_robot_show(struct vs_robot *robot, const char *name, double value)

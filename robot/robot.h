@@ -35,7 +35,7 @@ struct vs_robot {
     uint32_t heard_until;   /* those that this control step sees */
     uint32_t bound;         /* bit n: entry n of the table is bound */
     uint8_t asked[VS_PARAMS_ROOM / 8]; /* bit n: the parameter at params[n] was asked for */
-    /* told, unless NULL, what init asked for in vain: what, and its name */
+    /* called, unless NULL, by vs_robot_complain */
     void (*complain)(void *context, const char *what, const char *name);
     void *context;
 };
@@ -52,6 +52,9 @@ void vs_robot_begin_step(struct vs_robot *robot);
 
 /* Outside a run: LEDs off, nothing to say. */
 void vs_robot_rest(struct vs_robot *robot);
+
+/* Reports what a controller asked for in vain: what, and its name. */
+void vs_robot_complain(struct vs_robot *robot, const char *what, const char *name);
 
 /* The first parameter "name=value" behind after (NULL: of all) that no controller asked
  * for, NULL if there is none. */

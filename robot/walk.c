@@ -151,7 +151,8 @@ void vs_walk_rest(struct vs_walk *walk, struct vs_robot *robot)
 /* A parameter that is a speed: forwards, and no faster than the motors can. */
 static double speed_param_steps_s(struct vs_robot *robot)
 {
-    double speed_steps_s = vs_robot_param(robot, "speed_cm_s", 10.0) * VS_ROBOT_STEPS_PER_CM;
+    double speed_steps_s =
+        vs_robot_param_in(robot, "speed_cm_s", 10.0, 0, INT_MAX) * VS_ROBOT_STEPS_PER_CM;
 
     if (speed_steps_s > VS_ROBOT_MAX_STEPS_S)
         return VS_ROBOT_MAX_STEPS_S;
@@ -162,8 +163,8 @@ void vs_walk_init(struct vs_walk *walk, struct vs_robot *robot)
 {
     walk->proximity = vs_robot_sensor(robot, "proximity");
     walk->speed_steps_s = speed_param_steps_s(robot);
-    walk->walk_s = vs_robot_param(robot, "walk_s", 4.0);
-    walk->near_raw = vs_robot_param(robot, "near_raw", 150.0);
+    walk->walk_s = vs_robot_param_in(robot, "walk_s", 4.0, 0, INT_MAX);
+    walk->near_raw = vs_robot_param_in(robot, "near_raw", 150.0, 0, INT_MAX);
     walk->direction = 1.0;
     begin_straight(walk, robot);
 }

@@ -415,7 +415,7 @@ BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
     "vsense in Python": (("vsense",), (".py",), 478, 97300, 400),
     "the page": (("vsense",), (".js", ".css", ".html"), 45, 5800, 300),
-    "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 241, 26800, 400),
+    "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 242, 26850, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 32, 6800, 510),
     "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 612, 101500, 657),
 }

@@ -31,7 +31,7 @@ static void init(void *state, struct vs_robot *robot)
     struct cleaner *s = state;
 
     s->pollutant = vs_robot_sensor(robot, "pollutant");
-    s->stop_probability = vs_robot_param(robot, "stop_probability", 0.3);
+    s->stop_probability = vs_robot_param_in(robot, "stop_probability", 0.3, 0, 1);
     vs_walk_init(&s->walk, robot);
 }
 

@@ -21,7 +21,8 @@ static void init(void *state, struct vs_robot *robot)
 
     s->pollutant = vs_robot_sensor(robot, "pollutant");
     s->brush = vs_robot_actuator(robot, "cleaning");
-    s->cleaning_steps_s = vs_robot_param(robot, "cleaning_cm_s", 1.0) * VS_ROBOT_STEPS_PER_CM;
+    s->cleaning_steps_s =
+        vs_robot_param_in(robot, "cleaning_cm_s", 1.0, 0, INT_MAX) * VS_ROBOT_STEPS_PER_CM;
     vs_walk_init(&s->walk, robot);
     s->wandering_steps_s = s->walk.speed_steps_s;
 }

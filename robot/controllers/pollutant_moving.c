@@ -39,8 +39,9 @@ static void init(void *state, struct vs_robot *robot)
 
     s->pollutant = vs_robot_sensor(robot, "pollutant");
     s->destination = vs_robot_sensor(robot, "destination");
-    s->stop_probability = vs_robot_param(robot, "stop_probability", 0.3);
-    s->polluter_steps_s = vs_robot_param(robot, "polluter_cm_s", 2.0) * VS_ROBOT_STEPS_PER_CM;
+    s->stop_probability = vs_robot_param_in(robot, "stop_probability", 0.3, 0, 1);
+    s->polluter_steps_s =
+        vs_robot_param_in(robot, "polluter_cm_s", 2.0, 0, INT_MAX) * VS_ROBOT_STEPS_PER_CM;
     vs_walk_init(&s->walk, robot);
     s->cleaner_steps_s = s->walk.speed_steps_s;
 }

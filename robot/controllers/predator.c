@@ -31,7 +31,7 @@ static void init(void *state, struct vs_robot *robot)
     s->lights = vs_robot_sensor(robot, "leds");
     s->scent = vs_robot_sensor(robot, "scent");
     s->lamp = vs_robot_actuator(robot, "led_color");
-    s->least_scent = vs_robot_param(robot, "scent", 0.5);
+    s->least_scent = vs_robot_param_in(robot, "scent", 0.5, 0, INT_MAX);
     vs_walk_init(&s->walk, robot);
 }
 

@@ -36,9 +36,9 @@ static void init(void *state, struct vs_robot *robot)
     s->lights = vs_robot_sensor(robot, "leds");
     s->lamp = vs_robot_actuator(robot, "led_color");
     s->gland = vs_robot_actuator(robot, "scent_release");
-    s->caught_cm = vs_robot_param(robot, "caught_cm", 12.0);
-    s->rest_s = vs_robot_param(robot, "rest_s", 10.0);
-    s->release = vs_robot_param(robot, "release", 1.0);
+    s->caught_cm = vs_robot_param_in(robot, "caught_cm", 12.0, 0, INT_MAX);
+    s->rest_s = vs_robot_param_in(robot, "rest_s", 10.0, 0, INT_MAX);
+    s->release = vs_robot_param_in(robot, "release", 1.0, 0, INT_MAX);
     vs_walk_init(&s->walk, robot);
     vs_robot_show(robot, "caught", 0.0);
 }

@@ -289,6 +289,22 @@ static void test_parameters(void)
     CHECK(w.complaints == 2);
 }
 
+static void test_parameters_within_bounds(void)
+{
+    struct world w;
+
+    begin(&w, "a=1.5\nlow=-0.1\nhuge=1e20\nbad=x");
+    CHECK(fabs(vs_robot_param_in(&w.robot, "a", 9, 1, 2) - 1.5) < 1e-12);
+    CHECK(fabs(vs_robot_param_in(&w.robot, "huge", 9, 0, INT_MAX) - 1e20) < 1e8);
+    CHECK(fabs(vs_robot_param_in(&w.robot, "absent", 9, 0, 1) - 9) < 1e-12);
+    CHECK(w.complaints == 0);
+    CHECK(fabs(vs_robot_param_in(&w.robot, "low", 9, 0, INT_MAX)) < 1e-12);
+    CHECK(fabs(vs_robot_param_in(&w.robot, "a", 9, 0, 1) - 1) < 1e-12);
+    CHECK(fabs(vs_robot_param_in(&w.robot, "a", 9, 2, 3) - 2) < 1e-12);
+    CHECK(fabs(vs_robot_param_in(&w.robot, "bad", 9, 0, 1) - 9) < 1e-12);
+    CHECK(w.complaints == 4);
+}
+
 /* A misspelt parameter must not pass unseen. */
 static void test_parameters_that_nobody_asks_for(void)
 {
@@ -607,6 +623,7 @@ int main(void)
     test_exact_name_wins_over_the_fused_one();
     test_actuators_are_clipped_to_their_type();
     test_parameters();
+    test_parameters_within_bounds();
     test_parameters_that_nobody_asks_for();
     test_text_parameters();
     test_shown_values();

@@ -27,6 +27,8 @@ def compiler() -> None:
         ("walks_s", "1", "reads no parameter 'walks_s'; is 'walk_s' meant?"),
         ("x", "1", "reads no parameter 'x'; there are: near_raw, speed_cm_s, stop_probability, "),
         ("walk_s", "many", "its parameter 'walk_s' is 'many', expected a number"),
+        ("walk_s", "-1", "its parameter 'walk_s' is '-1', expected a number of 0 or more"),
+        ("stop_probability", "1.1", "is '1.1', expected a number from 0 to 1"),
     ],
 )
 def test_a_parameter_that_nobody_reads_or_that_is_no_number(

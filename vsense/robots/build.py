@@ -40,7 +40,7 @@ no machine fuses two roundings into one, so that a seed gives the same run on al
 
 RUNTIME_PARTS = (
     *("err", "bytes", "tag", "wire", "table", "shown", "body"),
-    *("peer", "clock", "offer", "greeting", "session"),
+    *("peer", "clock", "offer", "format", "greeting", "session"),
 )
 """What of `c_src/` a robot's controller runtime needs beside `robot/`: the protocol's own files."""
 

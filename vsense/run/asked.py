@@ -1,8 +1,8 @@
 """What controllers ask for and nobody offers, and what they are told and do not read.
 
 Each program is loaded into a process of its own, begins a run as one robot, and makes one control
-step: what it has asked for until then is known before anything starts. `robot/robot.c` and
-`robot/inprocess.c` have the words of its complaints.
+step: what it has asked for until then is known before anything starts. `robot/params.c`,
+`robot/robot.c` and `robot/inprocess.c` have the words of its complaints.
 
 What cannot be found out here, without a compiler or of a program that fails at once, is no error
 here. Nor is a parameter whose name stands in the sources, which may be read in some cases only; nor
@@ -49,10 +49,10 @@ _BOARDS = {own.name for section in OWN_DEVICES.values() for own in section.value
 _WORDS = {
     "sensor": re.compile(r"controller '.*': nobody offers the sensor '(.*)'"),
     "virtual actuator": re.compile(r"controller '.*': nobody offers the virtual actuator '(.*)'"),
-    "number": re.compile(r"controller '.*': expected a number as parameter '(.*)'"),
+    "number": re.compile(r"controller '.*': expected a number(?P<range>.*) as parameter '(.*)'"),
     "parameter": re.compile(r"controller '.*' does not know the parameter '(.*)': ignored"),
 }
-_READS = re.compile(rb'\bvs_robot_param(?:_text)?\s*\(\s*\w+\s*,\s*"([^"\n]+)"')
+_READS = re.compile(rb'\bvs_robot_param(?:_in|_text)?\s*\(\s*\w+\s*,\s*"([^"\n]+)"')
 
 
 def check(experiment: Experiment) -> None:
@@ -74,9 +74,10 @@ def _refusal(experiment: Experiment, spec: ControllerSpec, complaint: str) -> st
         match = words.fullmatch(complaint)
         if match is None:
             continue
-        name = match[1]
+        *_, name = match.groups()
         if kind == "number":
-            return f"its parameter {name!r} is {spec.params[name]!r}, expected a number"
+            wrong = f"its parameter {name!r} is {spec.params[name]!r}"
+            return f"{wrong}, expected a number{match['range']}"
         if kind == "parameter":
             names = None if _stands_in(spec, name) else _parameters(spec)
             wrong = f"its program reads no parameter {name!r}"
