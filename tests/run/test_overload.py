@@ -38,7 +38,7 @@ def test_a_run_on_time_is_silent() -> None:
     assert said([step(n, 10, 5, 95 if n % 11 == 0 else 5) for n in range(990)]) == []
 
 
-INVALID = "a run is invalid where more than 10 % are left out"
+INVALID = "a run with more than 10 % left out is invalid, unless its plan says otherwise"
 
 
 @pytest.mark.parametrize(

@@ -148,8 +148,9 @@ class Overload:
             return "timesteps are late"
         hz = 1e9 / self._dt_ns
         return (
-            f"{self._who} {makes} {hz * done / wanted:.1f} of {hz:g} timesteps per second; a run"
-            f" is invalid where more than {100 * MOST_LATE:g} % are left out"
+            f"{self._who} {makes} {hz * done / wanted:.1f} of {hz:g} timesteps per second;"
+            f" a run with more than {100 * MOST_LATE:g} % left out is invalid, unless its plan says"
+            " otherwise"
         )
 
     def verdict(self) -> str | None:

@@ -43,6 +43,10 @@ function ofPlan({ name, condition, start, repetition, attempt }) {
  * @param {ExperimentMessage | null} experiment */
 const hasLatency = (experiment) => experiment?.command !== "sim";
 
+/** What is played was written then, and on another disk.
+ * @param {ExperimentMessage | null} experiment */
+const isLive = (experiment) => experiment?.mode !== "replay";
+
 /** @param {RunMessage} run @param {Store} store @returns {Figure} */
 function showRate(run, { experiment }) {
   if (run.sim) return [run.state === "running" ? `${times(run.sim.reached)} ×` : "–", "of real time"];
@@ -77,13 +81,14 @@ const TILES = [
     has: hasLatency, unit: "ms", value: (run) => run.latency_ms?.p99,
   },
   {
-    name: "recording", show: showRecording,
+    name: "recording", show: showRecording, has: isLive,
     unit: "MB", value: (run) => (run.recording?.on ? run.recording.bytes / 1e6 : null),
   },
   {
     name: "disk left",
     show: ({ disk_free_bytes: free }) => [bytes(free), "", (free ?? Infinity) < DISK_LOW_BYTES ? "warn" : ""],
-    unit: "GB", value: (run) => (typeof run.disk_free_bytes === "number" ? run.disk_free_bytes / 1e9 : null),
+    has: isLive, unit: "GB",
+    value: (run) => (typeof run.disk_free_bytes === "number" ? run.disk_free_bytes / 1e9 : null),
   },
 ];
 
