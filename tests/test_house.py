@@ -417,7 +417,7 @@ BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     "the page": (("vsense",), (".js", ".css", ".html"), 45, 5800, 300),
     "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 242, 26850, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 32, 6800, 510),
-    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 612, 101500, 657),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 612, 101600, 657),
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 

@@ -188,3 +188,20 @@ def test_what_is_not_closed_is_named_with_its_line(data: bytes, line: int, words
     with pytest.raises(ConfigError) as caught:
         parse(data, "x.xml", of_argos=True)
     assert (caught.value.line, words in caught.value.message) == (line, True), caught.value.message
+
+
+def test_values_without_quotes_are_taken_as_argos_takes_them() -> None:
+    """Source: argos3's tinyxmlparser.cpp, TiXmlAttribute::Parse: up to a blank, `/` or `>`."""
+    text = b"<a b=1 c = x\n d=\"e=f\" g=h><!-- i=j --><k l=0.5/><m n='o=p'>q = r</m></a>"
+    root = parse(text, "x.argos", of_argos=True)
+    found = {key: e.peek(key) for e in root.walk() for key in "bcdgln" if e.peek(key) is not None}
+    assert found == {"b": "1", "c": "x", "d": "e=f", "g": "h", "l": "0.5", "n": "o=p"}
+    assert [e.line for e in root.walk()] == [1, 2, 2]
+    assert list(root.walk())[2].take_text() == "q = r"
+    assert (1, "the value '1' has no quotes (nor have 3 more); XML asks for them") in (
+        root.document.passed_over
+    )
+    with pytest.raises(ConfigError, match=r"x\.argos:1: not well-formed"):
+        parse(b'<a b=1" />', "x.argos", of_argos=True)
+    with pytest.raises(ConfigError, match=r"x\.xml:1: not well-formed"):
+        parse(b"<a b=1 />", "x.xml")

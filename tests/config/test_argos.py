@@ -16,27 +16,26 @@ from vsense.world.entities import Light
 
 ARGOS = DATA / "argos"
 
-NO_ROBOT = "holds no real robot, expected <e-puck>; it has "
 FILES = {
-    "custom_distributions": (55, "<light> (line 57); the <loop_functions> in line "),
-    "diffusion_1": (118, "<box> (line 121), <foot-bot> (line 135)"),
-    "diffusion_10": (35, "<box> (line 37), <foot-bot> (line 63), <cylinder> (line 89)"),
-    "epuck_obstacleavoidance": (0, ""),
-    "eyebot_circle": (45, "<foot-bot> (line 48), <eye-bot> (line 52)"),
-    "eyebot_flocking": (39, "<light> (line 40), <eye-bot> (line 45)"),
-    "flocking": (45, "<light> (line 47), <foot-bot> (line 68)"),
-    "foraging": (
-        78,
-        "<floor> (line 80), <box> (line 84), <light> (line 97), <foot-bot> (line 126)",
+    "custom_distributions": (
+        55,
+        "<arena>: holds no real robot, expected <e-puck>; it has <light> ",
     ),
-    "gripping": (34, "<foot-bot> (line 36), <cylinder> (line 45)"),
-    "id": (42, "<box> (line 44), <foot-bot> (line 61), <cylinder> (line 79)"),
-    "manualcontrol": (46, "<box> (line 48), <foot-bot> (line 65), <cylinder> (line 83)"),
-    "multiple_engines": (35, "<box> (line 37), <foot-bot> (line 63), <cylinder> (line 89)"),
-    "synchronization": (35, "<box> (line 37), <foot-bot> (line 60)"),
-    "trajectory": (48, "<box> (line 50), <foot-bot> (line 67), <cylinder> (line 85); the <loop"),
+    "diffusion_1": (135, "this file has 1 <foot-bot>, no <e-puck>: "),
+    "diffusion_10": (63, "this file has 10 <foot-bot>, no <e-puck>: "),
+    "epuck_obstacleavoidance": (0, ""),
+    "eyebot_circle": (48, "this file has 1 <foot-bot> and 1 <eye-bot>, no <e-puck>: "),
+    "eyebot_flocking": (45, "this file has 10 <eye-bot>, no <e-puck>: "),
+    "flocking": (68, "this file has 10 <foot-bot>, no <e-puck>: "),
+    "foraging": (126, "this file has 20 <foot-bot>, no <e-puck>: "),
+    "gripping": (36, "this file has 1 <foot-bot>, no <e-puck>: "),
+    "id": (61, "this file has 10 <foot-bot>, no <e-puck>: "),
+    "manualcontrol": (65, "this file has 10 <foot-bot>, no <e-puck>: "),
+    "multiple_engines": (63, "this file has 100 <foot-bot>, no <e-puck>: "),
+    "synchronization": (60, "this file has 16 <foot-bot>, no <e-puck>: "),
+    "trajectory": (67, "this file has 10 <foot-bot>, no <e-puck>: "),
 }
-"""Line of the refusal and what it says that the arena has; 0: the file loads."""
+"""Line of the refusal and how it begins; 0: the file loads."""
 
 AS_EPUCKS = {
     "custom_distributions": None,
@@ -120,14 +119,55 @@ def test_the_table_holds_every_file() -> None:
 
 @pytest.mark.parametrize("name", sorted(FILES))
 def test_a_file_of_argos_loads_or_says_what_is_missing(name: str) -> None:
-    line, has = FILES[name]
+    line, words = FILES[name]
     if not line:
         assert len(load(ARGOS / f"{name}.argos").robots) == 50
         return
     with pytest.raises(ConfigError) as caught:
         load(ARGOS / f"{name}.argos")
     assert caught.value.line == line
-    assert caught.value.message.startswith(f"<arena>: {NO_ROBOT}{has}")
+    assert caught.value.message.startswith(words)
+
+
+THYMIO = """<argos-configuration>
+  <framework><experiment length="@LENGTH@" ticks_per_second="10" /></framework>
+  <controllers><lua_controller id="c" /></controllers>
+  <arena size="2, 2, 1" center="0, 0, 0.5">
+    <box id="wall" size="9,9,9" movable=false><body position="9,9,9" orientation="0,0,0" /></box>
+    <distribute>
+      <position method="uniform" min="-1,-1,0" max="1,1,0" />
+      <orientation method="constant" values="0,0,0" />
+      <entity quantity="QUANTITY" max_trials="9">
+        <Thymio id="t"><controller config="c" /></Thymio>
+      </entity>
+    </distribute>
+  </arena>
+</argos-configuration>
+"""
+
+
+@pytest.mark.parametrize(("quantity", "many"), [("20", "20 <Thymio>"), ("@N@", "<Thymio> robots")])
+def test_other_robots_are_named_before_anything_else_can_fail(
+    quantity: str, many: str, tmp_path: Path
+) -> None:
+    """The length is a template's, the box lies outside: neither is what its user has to know."""
+    path = tmp_path / "thymio.argos"
+    path.write_text(THYMIO.replace("QUANTITY", quantity))
+    with pytest.raises(ConfigError, match=f"this file has {many}, no <e-puck>") as caught:
+        load(path)
+    assert caught.value.line == 10
+
+
+def test_other_robots_beside_e_pucks_are_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "mixed.argos"
+    text = (ARGOS / "epuck_obstacleavoidance.argos").read_text()
+    crowd = THYMIO[THYMIO.index("    <distribute>") : THYMIO.index("  </arena>")]
+    more = crowd.replace("QUANTITY", "3") + '<Thymio id="t9"><controller config="c" /></Thymio>'
+    path.write_text(text.replace("</arena>", more + "</arena>"))
+    mixed = load(path)
+    assert len(mixed.robots) == 50
+    left_out = [words for words in mixed.warnings if "only e-pucks are driven here" in words]
+    assert len(left_out) == 2 and all("<Thymio>" in words for words in left_out)
 
 
 def test_the_e_puck_example_says_what_happens_instead() -> None:

@@ -127,11 +127,12 @@ class DistributedCrowd:
 def read_distribute(element: Element, number: int) -> DistributedCrowd | None:
     """Reads a `<distribute>`, the arena's `number`th; None where there is nothing to place."""
     entity = element.child("entity")
-    inner = entity.children(ROBOT_ELEMENT, OBJECT_ELEMENT, *THINGS, *argos.ENTITIES)
+    others = argos.others_in(entity)
+    inner = entity.children(ROBOT_ELEMENT, OBJECT_ELEMENT, *THINGS, *others)
     if len(inner) != 1:
         raise entity.error(f"holds {len(inner)} known elements, expected one, such as <e-puck>")
-    if inner[0].name in argos.ENTITIES:
-        element.leave_out(f"of its <{inner[0].name}>: {argos.ENTITIES[inner[0].name]}")
+    if inner[0].name in others:
+        element.leave_out(f"of its <{inner[0].name}>: {others[inner[0].name]}")
         return None
     least = 0 if entity.document.lenient else 1
     quantity = entity.integer("quantity", least, MAX_QUANTITY)

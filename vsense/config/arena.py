@@ -60,16 +60,18 @@ def read_arena(
     if (floor := element.optional_child("floor")) is not None:
         bodies.floor = read_floor(floor, folder)
         bodies.claim_id(floor, bodies.floor.id)
-    kinds = (ROBOT_ELEMENT, OBJECT_ELEMENT, DISTRIBUTE, FIELD_ELEMENT, *THINGS, *argos.ENTITIES)
-    for child in element.children(*kinds):
-        _read_child(child, bodies)
+    kinds = (ROBOT_ELEMENT, OBJECT_ELEMENT, DISTRIBUTE, FIELD_ELEMENT, *THINGS)
+    others = argos.others_in(element)
+    for child in element.children(*kinds, *others):
+        if child.name in others:
+            child.leave_out(others[child.name])
+        else:
+            _read_child(child, bodies)
     return bodies
 
 
 def _read_child(element: Element, bodies: ArenaContents) -> None:
-    if element.name in argos.ENTITIES:
-        element.leave_out(argos.ENTITIES[element.name])
-    elif element.name == ROBOT_ELEMENT:
+    if element.name == ROBOT_ELEMENT:
         add_epuck(element, bodies)
     elif element.name == OBJECT_ELEMENT:
         add_object(element, bodies)

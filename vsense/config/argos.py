@@ -13,10 +13,11 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from vsense.base.errors import ConfigError
 from vsense.base.xml.element import Element
 from vsense.robots.build import source_tree
 from vsense.robots.compiling import PROGRAM_SUFFIXES
@@ -37,6 +38,40 @@ ENTITIES = {
     "prototype": "only boxes and cylinders stand here",
 }
 """Children of <arena> and <entity>, and why they are not in the arena."""
+
+
+def others_in(section: Element) -> dict[str, str]:
+    """Names of an arena's or an entity's children that are left out, and why: of `ENTITIES`, and
+    robots of any other kind, which are those with a controller."""
+    names = {child.name for child in section.below() if child.below("controller")}
+    return {**ENTITIES, **dict.fromkeys(names - {"e-puck"}, _OTHER_ROBOT)}
+
+
+def refuse_other_robots(arena: Element) -> None:
+    """Raises ConfigError where an arena holds robots, and no e-puck."""
+    crowds = [crowd for place in arena.below("distribute") for crowd in place.below("entity")]
+    robots: dict[str, list[tuple[Element, str]]] = {}
+    for section in (arena, *crowds):
+        others = others_in(section)
+        for child in section.below():
+            if child.name == "e-puck":
+                return
+            if others.get(child.name) == _OTHER_ROBOT:
+                many = "1" if section is arena else section.peek("quantity") or ""
+                robots.setdefault(child.name, []).append((child, many))
+    if robots:
+        kinds = [_counted(name, [many for _, many in each]) for name, each in robots.items()]
+        first, file = next(iter(robots.values()))[0][0], arena.document.file
+        words = f"this file has {' and '.join(kinds)}, no <e-puck>: {_OTHER_ROBOT}"
+        raise ConfigError(file, first.line, words)
+
+
+def _counted(name: str, quantities: Sequence[str]) -> str:
+    """How many robots of a kind there are; without the number where a quantity is no number."""
+    if all(many.isdecimal() for many in quantities):
+        return f"{sum(map(int, quantities))} <{name}>"
+    return f"<{name}> robots"
+
 
 EPUCK_SETTINGS = {
     "battery": ("text", "the real battery counts"),

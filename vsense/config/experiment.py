@@ -121,6 +121,7 @@ def read(
     root = parse(data, file, of_argos=True)
     if root.name != "argos-configuration":
         raise root.error("is the outermost element, expected <argos-configuration>")
+    argos.refuse_other_robots(root.child("arena"))
     applied = apply(root, settings or {}, names_of_virtual())
     serves = _Serves(stage, virtual_devices or stage is not Stage.RUN, code or CodeOptions())
     experiment = _read_understood(root, path, length_s, serves, casting or Casting())

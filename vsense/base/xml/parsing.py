@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import codecs
 import re
+from collections.abc import Callable
 from xml.parsers import expat
 
 from vsense.base.errors import ConfigError
@@ -25,11 +26,13 @@ _SEPARATOR = " "
 _OURS = "vs:"
 
 _TAKEN = re.compile(
-    rb"""<!\[CDATA\[(?:.*?\]\]>|.*)|<!--(?:(.*?)-->|.*)|("[^"<]*"|'[^'<]*')([A-Za-z_:]?)""",
+    rb"""<!\[CDATA\[(?:.*?\]\]>|.*)|<!--(?:(.*?)-->|.*)|("[^"<]*"|'[^'<]*')([A-Za-z_:]?)"""
+    rb"""|>[^<]*|(?<=[\w.:-])\s*=\s*([^\s"'<>/]+)(["']?)""",
     re.DOTALL,
 )
-"""What TinyXML takes beside XML: any comment up to the first `-->`, and attributes without a blank
-between them. What does not end reaches to the end of the file, which is searched once."""
+"""What TinyXML takes beside XML: any comment up to the first `-->`, attributes without a blank
+between them, and values without quotes unless a quote ends them. What does not end reaches to the
+end of the file, which is searched once."""
 
 
 def parse(data: bytes, file: str, of_argos: bool = False) -> Element:
@@ -37,8 +40,8 @@ def parse(data: bytes, file: str, of_argos: bool = False) -> Element:
 
     Args:
         of_argos: take what ARGoS's parser takes: dashes in comments, attributes without blanks
-            between them, and with a warning text between the elements. The document is
-            lenient if it has no name of our namespace.
+            between them, and with a warning values without quotes and text between the elements.
+            The document is lenient if it has no name of our namespace.
 
     Raises:
         ConfigError: the file is too large or too deep, is not well-formed, holds a DOCTYPE,
@@ -49,8 +52,13 @@ def parse(data: bytes, file: str, of_argos: bool = False) -> Element:
     if not of_argos:
         return _TreeBuilder(file).build(data)
     readable, line = _as_utf8(data)
-    root = _TreeBuilder(file, stray_text=True).build(_TAKEN.sub(_repaired, readable))
+    bare: list[re.Match[bytes]] = []
+    root = _TreeBuilder(file, stray_text=True).build(_TAKEN.sub(_repairing(bare), readable))
     root.document.lenient = not _uses_namespace(root)
+    if bare:
+        first, more = bare[0], f" (nor have {len(bare) - 1} more)" if bare[1:] else ""
+        words = f"the value {first[4].decode()[:40]!r} has no quotes{more}; XML asks for them"
+        root.document.passed_over.append((1 + readable.count(b"\n", 0, first.start(4)), words))
     if line:
         warning = line, "what is no UTF-8 is read as Latin-1; with encoding= in line 1 it is sure"
         root.document.passed_over.append(warning)
@@ -75,12 +83,20 @@ def _as_utf8(data: bytes) -> tuple[bytes, int]:
 _ENCODING = re.compile(rb"""\s*<\?xml[^>]*?\sencoding\s*=\s*["']([^"'>]*)["']""")
 
 
-def _repaired(match: re.Match[bytes]) -> bytes:
-    """Makes XML of what `_TAKEN` finds: blank dashes in a comment, a blank after a value."""
-    comment, value, after = match.groups()
-    if comment is not None:
-        return b"<!--" + comment.replace(b"-", b" ") + b"-->"
-    return value + b" " + after if after else match[0]
+def _repairing(bare: list[re.Match[bytes]]) -> Callable[[re.Match[bytes]], bytes]:
+    """What makes XML of what `_TAKEN` finds: blank dashes in a comment, a blank after a value, quotes
+    around one; those that had none are appended to `bare`."""
+
+    def repaired(match: re.Match[bytes]) -> bytes:
+        comment, value, after, unquoted, quote = match.groups()
+        if comment is not None:
+            return b"<!--" + comment.replace(b"-", b" ") + b"-->"
+        if unquoted is not None and not quote:
+            bare.append(match)
+            return b'="' + unquoted + b'"' + b"\n" * match[0].count(b"\n")
+        return value + b" " + after if after else match[0]
+
+    return repaired
 
 
 def _uses_namespace(root: Element) -> bool:
