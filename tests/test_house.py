@@ -413,15 +413,15 @@ def test_functions_fit_a_screen() -> None:
 
 BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
-    "vsense in Python": (("vsense",), (".py",), 478, 97300, 400),
-    "the page": (("vsense",), (".js", ".css", ".html"), 45, 5800, 300),
+    "vsense in Python": (("vsense",), (".py",), 478, 97400, 400),
+    "the page": (("vsense",), (".js", ".css", ".html"), 45, 5900, 300),
     "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 242, 26850, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 32, 6800, 510),
-    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 612, 101600, 657),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 612, 101700, 657),
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 
-CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 66700, 48, 19
+CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 66800, 48, 19
 """Lines of code in `vsense/`; imports between rooms, and between folders inside of rooms."""
 DOORS_MAX, NAMES_MAX = 186, 741
 """Modules that another room imports, and names taken from them."""

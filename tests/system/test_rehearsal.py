@@ -17,6 +17,7 @@ from tests.rigs.processes import free_port
 from tests.system.rehearsal import TAGS, VSENSE, Curtain, emulated
 from vsense.config.experiment import SHIPPED_FOLDER
 from vsense.modes.lab._microcontrollers import read_actuations
+from vsense.monitor.recording.reader import open_recording
 from vsense.robots import build
 from vsense.run.runs_csv import RUNS, read_runs
 
@@ -113,7 +114,7 @@ def test_a_robot_with_another_program_is_refused_and_the_run_is_invalid(tmp_path
     words = ("--duration", "2", "--json", "-o")
     with emulated(tmp_path, experiment=str(older_second(tmp_path))) as others:
         stage = replace(others, experiment="foraging")
-        refused = stage.run(*words, str(tmp_path / "refused"), "--start-after", "3")
+        refused = stage.run(*words, str(tmp_path / "refused"), "--start-after", "3", "--record")
         taken = stage.run(*words, str(tmp_path / "taken"), "--other-programs")
     runs = r"runs 'foraging' \(\w{12}\), the file says 'foraging' \(\w{12}\)"
     assert refused.returncode == 1, refused.stderr
@@ -124,6 +125,10 @@ def test_a_robot_with_another_program_is_refused_and_the_run_is_invalid(tmp_path
     assert summary["per_robot"][0]["connected_share"] == 1.0, "it went on for the other"
     (row,) = read_runs(tmp_path / "refused" / RUNS)
     assert (row.verdict, row.why, row.note) == ("void", summary["why"], "")
+    assert f"this run is invalid: {summary['why']}" in refused.stderr
+    with open_recording(tmp_path / "refused" / "foraging.mcap") as recording:
+        assert (recording.run.verdict, recording.run.why) == ("void", summary["why"])
+        assert recording.lacks()[0].endswith(f"its run is invalid: {summary['why']}")
     assert taken.returncode == 0, taken.stderr
     summary = json.loads(taken.stdout)
     assert (summary["verdict"], summary["why"]) == ("valid", "")

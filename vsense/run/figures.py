@@ -177,10 +177,13 @@ class Figures:
             rests, why = robot.name in resting, away.get(robot.name, "")
             stood = replace(robot, unseen_s=unseen_s, fenced_s=fenced_s)
             robots.append(replace(stood, name=f"robot {tag}", rests=rests, away=why))
+        wanted, late, left_out = self._counts(runner.ended)
         return RunRecord(
             ended=runner.ended if failure is None else str(failure),
             endless=not self._experiment.timesteps and is_by_people(runner.ended),
             timesteps=len(self.steps) > 0,
+            late=late / max(wanted, 1),
+            left_out=left_out / max(wanted, 1),
             robots=robots,
             silent_s=max((silence.duration_s for silence in runner.silences), default=0.0),
             unseen=self.witness.unseen,
@@ -194,18 +197,14 @@ class Figures:
 
         `readiness` says who was there when it began, `results` are the experiment's own.
         """
-        wanted = self._last_run_timestep + 1
-        if runner.ended == "time":
-            wanted = self._experiment.timesteps
         timesteps = len(self.steps)
-        capture_ns, _, _, sent_ns = self.steps.columns()[2:]
-        late = sent_ns - capture_ns > self._dt_ns
+        wanted, late, left_out = self._counts(runner.ended)
         counts = list(self._robots.values())
         return {
             "ended": runner.ended,
             "timesteps": timesteps,
-            "late_timesteps": int(late.sum()) + wanted - timesteps,
-            "left_out_timesteps": wanted - timesteps,
+            "late_timesteps": late,
+            "left_out_timesteps": left_out,
             "duration_s": round(wanted * self._dt_ns / 1e9, 3),
             "missing_at_start": list(readiness.missing),
             "light_level": self.light_level,
@@ -224,6 +223,14 @@ class Figures:
             ],
             "results": dict(results),
         }
+
+    def _counts(self, ended: str) -> tuple[int, int, int]:
+        """How many timesteps there should have been, how many of them were late or left out, and
+        how many were left out."""
+        wanted = self._experiment.timesteps if ended == "time" else self._last_run_timestep + 1
+        capture_ns, _, _, sent_ns = self.steps.columns()[2:]
+        left_out = wanted - len(self.steps)
+        return wanted, int((sent_ns - capture_ns > self._dt_ns).sum()) + left_out, left_out
 
     def _robot(self, tag: int, name: str, stood_s: tuple[float, float]) -> dict[str, Any]:
         counted, timesteps = self._robots[tag], len(self.steps)
@@ -311,7 +318,7 @@ def table(summary: Mapping[str, Any]) -> str:
         cells = "".join(f"{percent(share):>10}" for share in shares)
         battery_mv = robot["battery_mv"]
         volts = "-" if battery_mv is None else f"{battery_mv / 1000.0:.2f} V"
-        lines.append(f"{'':<10}{robot['name']:<32}{cells}{volts:>10}")
+        lines.append(f"{'':<10}{robot['tag']:<32}{cells}{volts:>10}")
     if worst := worst_links(summary["per_robot"]):
         lines.append(f"{'':<10}worst links: {'; '.join(worst)}")
     return "\n".join(lines)

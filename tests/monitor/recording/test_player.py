@@ -184,6 +184,55 @@ def test_the_thread_plays_to_the_end(tmp_path: Path) -> None:
     assert seen == list(range(200))
 
 
+def test_messages_that_were_written_late_do_not_hold_it_back(tmp_path: Path) -> None:
+    """As pictures in a recording of a slow computer, whose encoder was seconds behind."""
+    sent = [Message("/arena", BEGIN_NS + n * SECOND_NS // 10, {"n": n}) for n in range(101)]
+    late = [Message("/cameras", BEGIN_NS + n * SECOND_NS // 10, {}) for n in range(0, 60, 2)]
+    for place, message in enumerate(late):
+        sent.insert(70 + 2 * place, message)
+    with open_recording(record(tmp_path / "run.mcap", sent)) as recording:
+        replay = Replay(recording)
+        replay.order(OrderKind.PLAY, 1)
+        assert replay.arenas(10.5) == list(range(101))
+        assert replay.state() == (False, 10.0)
+
+
+def test_it_begins_in_the_run_when_its_robots_are_known_and_with_its_verdict(
+    tmp_path: Path,
+) -> None:
+    def at(seconds: float) -> int:
+        return BEGIN_NS + round(seconds * SECOND_NS)
+
+    sent = [Message("/experiment", at(0.0), {"name": "x"})]
+    sent += [Message("/arena", at(n / 10), {"n": n}) for n in range(30)]
+    sent.append(Message("/robots", at(1.0), {"trouble": ["not connected"]}))
+    sent.append(Message("/run", at(1.5), {"state": "waiting"}))
+    sent.append(Message("/run", at(3.0), {"state": "running"}))
+    sent += [Message("/arena", at(n / 10), {"run_timestep": n - 31}) for n in range(30, 40)]
+    sent.insert(-8, Message("/robots", at(3.15), {"trouble": [""]}))
+    why = "robot 23 never came"
+    sent.append(Message("/run", at(4.0), {"state": "ended", "verdict": "void", "why": why}))
+    seen: dict[str, Message] = {}
+    with open_recording(record(tmp_path / "run.mcap", sent)) as recording:
+        assert recording.lacks() == [f"{recording.path}: its run is invalid: {why}"]
+        bus, begun = MessageBus(), threading.Event()
+
+        def take(message: Message) -> None:
+            seen[message.topic] = message
+            if {"/run", "/robots", "/arena"} <= seen.keys():
+                begun.set()
+
+        bus.join(take, lambda topic: True)
+        player = Player(recording, bus)
+        player.start()
+        assert begun.wait(20)
+        player.close()
+    assert seen["/robots"].data["trouble"] == [""] and seen["/arena"].data["run_timestep"] == 0
+    run = seen["/run"].data
+    assert (run["state"], run["why"]) == ("running", why)
+    assert not run["replay"]["playing"]
+
+
 def test_the_measures_of_each_run_are_there_from_its_beginning(tmp_path: Path) -> None:
     cone = {"x_m": [0.0, 2.0, 2.0], "y_m": [0.0, -1.0, 1.0]}
     facts = {"mode": "live", "name": "x", "timestep_s": 0.1, "objects": [{"tag": 99}]}

@@ -84,8 +84,8 @@ _ENCODING = re.compile(rb"""\s*<\?xml[^>]*?\sencoding\s*=\s*["']([^"'>]*)["']"""
 
 
 def _repairing(bare: list[re.Match[bytes]]) -> Callable[[re.Match[bytes]], bytes]:
-    """What makes XML of what `_TAKEN` finds: blank dashes in a comment, a blank after a value, quotes
-    around one; those that had none are appended to `bare`."""
+    """What makes XML of what `_TAKEN` finds: blank dashes in a comment, a blank after a value,
+    quotes around one; those that had none are appended to `bare`."""
 
     def repaired(match: re.Match[bytes]) -> bytes:
         comment, value, after, unquoted, quote = match.groups()

@@ -259,6 +259,7 @@ class Session(ExperimentSession):
         notes.parts = played(self.experiment, self.runner.robots)
         notes.link, notes.lateness_ms = self.runner.link_figures(), canary.end()
         notes.record = self.record_of(notes.figures, failure)
+        self.judge(notes.record)
         if failure is not None:
             # Without physics the cameras fail, too: report what failed first.
             self.floor.check()

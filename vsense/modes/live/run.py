@@ -28,7 +28,7 @@ from vsense.run.figures import Figures, TimestepSample
 from vsense.run.link_check import RunLinkCheck
 from vsense.run.robots import Readiness, shorten
 from vsense.run.runtime import Step
-from vsense.run.verdict import judged
+from vsense.run.verdict import RunRecord, judged
 from vsense.vision.cameras.camera import Camera
 from vsense.world.world import NEVER_NS, World
 
@@ -172,6 +172,7 @@ class OneRun:
         cameras = () if own is None else own.tracking.tracker.cameras
         self._portrait = Portrait(session.experiment, cameras)
         self._results: dict[str, float] = {}
+        self._record = RunRecord(timesteps=False)
 
     def run(self) -> None:
         """Carries out the run to its end; a failure is kept for after the report."""
@@ -182,7 +183,10 @@ class OneRun:
             except VsenseError as error:
                 self._session.setup.room.fail(error)
                 self.failure = self.failure or error
+        record = self._session.record_of(self.figures, self.failure)
+        self._record = replace(record, link_check=self._check.words)
         self._log.end_progress()
+        self._session.judge(self._record)
 
     def _timesteps(self) -> None:
         runner, world = self._session.runner, self._session.environment.world
@@ -234,11 +238,9 @@ class OneRun:
             "source": session.source.figures(),
             **self.figures.summary(session.runner, self._readiness, self._results),
         }
-        record = session.record_of(self.figures, self.failure)
         if self._check.verdicts:
             summary["link_check"] = [verdict.as_json() for verdict in self._check.verdicts]
-            record = replace(record, link_check=self._check.words)
-        summary = judged(summary, record, session.setup.criteria)
+        summary = judged(summary, self._record, session.setup.criteria)
         self._log.say(figures.table(summary))
         try:
             run_directory.write_summary(self._directory, summary, False)

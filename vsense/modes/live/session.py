@@ -41,7 +41,7 @@ from vsense.run.robots import (
 )
 from vsense.run.runner import Runner
 from vsense.run.runtime import Runtime, Step
-from vsense.run.verdict import RunRecord, VoidCriteria
+from vsense.run.verdict import RunRecord, VoidCriteria, judge
 from vsense.run.watch import ArenaSource
 from vsense.vision.calibration.checked import of_tracking
 from vsense.vision.cameras.camera import Camera
@@ -301,6 +301,11 @@ class ExperimentSession(ABC):
     def record_of(self, figures: Figures, failure: VsenseError | None) -> RunRecord:
         """What there was of the run that is over: by its figures, and what has ended it."""
         return figures.record(self.runner, self.resting, self.away, self._changes.carried, failure)
+
+    def judge(self, record: RunRecord) -> None:
+        """Has page, recording and terminal know whether the run that is over is valid."""
+        if record.timesteps:
+            self.setup.room.judge(judge(record, self.setup.criteria).facts())
 
     def next_run(self) -> None:
         """Goes back to before the start of the next run, whose seed is one more."""

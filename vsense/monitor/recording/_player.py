@@ -13,6 +13,7 @@ from vsense.monitor.recording import form
 from vsense.monitor.recording.form import Data
 from vsense.monitor.recording.measures import RecordedMeasures
 from vsense.monitor.recording.reader import Recording, open_recording, read_gap
+from vsense.run.control import State
 from vsense.run.orders import Order, OrderError, OrderKind
 
 SLOWEST_REPLAY, FASTEST_REPLAY = 0.1, 100.0
@@ -26,6 +27,7 @@ LATE_NS = 1_000_000_000
 """A player that is later than this does not catch up."""
 AFTER_NS = 1000
 """A replay begins so long after its first arena state, which is shown then."""
+_RUNNING = State.RUNNING.value
 _BURST = 50
 _CAN = ["play", "pause", "speed", "seek"]
 _PASSING = ("/event", form.GAP)
@@ -47,6 +49,8 @@ class Player:
         self._recording = recording
         self._bus = bus
         self._clock = clock
+        end = recording.run
+        self._judged = {"verdict": end.verdict, "why": end.why}
         self._has_pictures = any(topic.startswith(form.PICTURE) for topic in recording.topics)
         self._duration_ns = round(1e9 * recording.duration_s)
         self._orders = threading.Condition()
@@ -58,7 +62,7 @@ class Player:
         self._next: Message | None = None
         self._current: dict[str, Message] = {}
         self._joined = bus.joined
-        self._published_ns = 0
+        self._published_ns = self._reached_ns = 0
         self._shown_ns: dict[str, int] = {}
         self._threads: list[threading.Thread] = []
         self._histories: dict[int, Data] = {}
@@ -66,13 +70,31 @@ class Player:
 
     def start(self) -> None:
         """Goes on in its own thread, until `close`; shows the first arena state until PLAY."""
-        first = [next(self._recording.messages(t.__eq__), None) for t in ("/experiment", "/arena")]
-        begin_ns = self._recording.begin_ns
-        times_ns = [message.time_ns for message in first if message is not None]
-        self._from_ns = max([begin_ns, *times_ns]) - begin_ns + AFTER_NS
+        self._from_ns = self._first_ns() + AFTER_NS
         for work in (self._run, self._measure):
             self._threads.append(threading.Thread(target=work, name="replay", daemon=True))
             self._threads[-1].start()
+
+    def _first_ns(self) -> int:
+        """Where a run begins, and arena and robots in it are known; 0 is the recording's begin.
+
+        What robots did before the run is in many recordings, and not what people look for.
+        """
+        at_ns = self._next_ns("/run", 0, lambda data: data.get("state") == _RUNNING)
+        if at_ns is None:
+            at_ns = self._next_ns("/experiment", 0) or 0
+        runs = lambda data: data.get("run_timestep") != -1  # noqa: E731
+        for topic in ("/arena", "/robots"):
+            at_ns = self._next_ns(topic, at_ns, runs) or at_ns
+        return at_ns
+
+    def _next_ns(
+        self, topic: str, from_ns: int, fits: Callable[[Data], bool] = lambda data: True
+    ) -> int | None:
+        """When the first message of a topic comes that fits, since the recording's begin [ns]."""
+        messages = self._recording.messages({topic}, from_ns / 1e9)
+        message = next((message for message in messages if fits(message.data)), None)
+        return None if message is None else message.time_ns - self._recording.begin_ns
 
     def close(self) -> None:
         """Ends the threads."""
@@ -172,7 +194,7 @@ class Player:
 
     def _begin_at(self, position_ns: int) -> None:
         """Opens the recording at a place, and finds the newest messages there."""
-        before_s = (position_ns + 1) / 1e9
+        before_s, self._reached_ns = (position_ns + 1) / 1e9, 0
         self._shown_ns.clear()
         if position_ns > 0:
             self._current = self._recording.newest(self._is_lasting, before_s)
@@ -210,10 +232,12 @@ class Player:
                 return round((at_ns - position_ns) / self._speed)
             self._publish(message)
             self._next = next(self._coming, None)
-            if position_ns - at_ns > LATE_NS * max(self._speed, 1.0) and at_ns > 0:
+            # A recorder that was late has written some messages long after younger ones.
+            self._reached_ns = reached_ns = max(self._reached_ns, at_ns)
+            if position_ns - reached_ns > LATE_NS * max(self._speed, 1.0) and reached_ns > 0:
                 with self._orders:
                     if self._playing and not self._seeking:
-                        self._anchor(at_ns)
+                        self._anchor(reached_ns)
                 return 0
         return 0
 
@@ -278,7 +302,7 @@ class Player:
             }
         last = self._current.get("/run")
         time_ns = self._recording.begin_ns + round(1e9 * replay["position_s"])
-        data = {**(last.data if last else {}), "can": _CAN, "replay": replay}
+        data = {**(last.data if last else {}), **self._judged, "can": _CAN, "replay": replay}
         self._bus.publish(Message("/run", last.time_ns if last else time_ns, data))
         run = data.get("run")
         version = run, self._bus.joined, run in self._histories

@@ -299,6 +299,8 @@ class RunMessage(_Message):
     doubts: list[str] = field(default_factory=list)
     alarms: list[Data] = field(default_factory=list)
     spares: list[int] = field(default_factory=list)
+    verdict: str | None = None
+    why: str = ""
 
 
 def _columns(*names: str) -> dict[str, Any]:

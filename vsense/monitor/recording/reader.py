@@ -12,7 +12,7 @@ from vsense.base.files import open_bytes
 from vsense.base.message_bus import Message
 from vsense.monitor.recording import _chunks, form
 from vsense.monitor.recording._chunks import ChunkPlace, Contents, DamagedError, Raw, Topic, scan
-from vsense.monitor.recording.form import RecordingError
+from vsense.monitor.recording.form import RecordingError, RunMessage
 
 Choice = Collection[str] | Callable[[str], bool] | None
 """Topics by their names or by a test; None: all."""
@@ -91,9 +91,17 @@ class Recording:
             self._gaps = [gap for gap in map(read_gap, marks) if gap is not None]
         return self._gaps
 
+    @property
+    def run(self) -> RunMessage:
+        """The newest `/run`, which has the verdict on a run that came to its end."""
+        newest = self.newest({"/run"})
+        return RunMessage.read(newest["/run"].data) if newest else RunMessage()
+
     def lacks(self) -> list[str]:
-        """What it lacks, a sentence each; what is damaged, as far as it was read until now."""
-        lines = []
+        """What is wrong with it, a sentence each: its run is invalid, something is missing, or
+        damaged, as far as it was read until now."""
+        why = self.run.why
+        lines = [f"{self.path}: its run is invalid: {why}"] if why else []
         if not self.complete:
             lines.append(f"{self.path} was cut off: its last second may be missing")
         if self.damaged:

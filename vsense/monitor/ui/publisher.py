@@ -136,6 +136,8 @@ class Publisher:
         self._published: dict[str, object] = {}
         self._due_ns = self._fields_due_ns = self._late = 0
         self._run_timestep = self._joined = -1
+        self._verdict: str | None = None
+        self._why = ""
         self._history, self._history_due_ns = MeasureHistory(), 0
 
     def _equip(self, environment: Environment) -> None:
@@ -245,7 +247,13 @@ class Publisher:
         self.environment = environment
         self._history = MeasureHistory()
         self._run_timestep, self._late = -1, 0
+        self._verdict, self._why = None, ""
         self._published.clear()
+
+    def judge(self, facts: Mapping[str, str]) -> None:
+        """Publishes the verdict on the run that is over; `facts` as summaries have them."""
+        self._verdict, self._why = facts["verdict"], facts["why"]
+        self._publish_run(self._clock())
 
     @property
     def time_s(self) -> float | None:
@@ -271,11 +279,13 @@ class Publisher:
             silent_s=None if newest_ns is None else silence_s(now_ns - newest_ns),
             **self._rates.data(),
             **self._room_data(),
+            verdict=self._verdict,
+            why=self._why,
         ).data()
 
     def _publish_run(self, now_ns: int) -> None:
         control = self._control
-        key = (control.state, control.run, control.by, control.can)
+        key = (control.state, control.run, control.by, control.can, self._verdict)
         if self._published.get("/run") == key and now_ns < self._due_ns:
             return
         self._published["/run"] = key

@@ -219,6 +219,14 @@ class ControlRoom:
             self._failed = True
             self._trouble(f"the page and the recording get nothing any more: {error!r}")
 
+    def judge(self, facts: Mapping[str, str]) -> None:
+        """Publishes the verdict on the run that is over, and says why it is invalid, if it is;
+        `facts` as summaries have them."""
+        if not self._failed:
+            self._publisher.judge(facts)
+        if facts["why"]:
+            self._trouble(f"this run is invalid: {facts['why']}")
+
     def show(self, frames: Sequence[Frame]) -> None:
         """Publishes small pictures of what cameras see, where somebody looks at them."""
         self._preview.offer(frames)

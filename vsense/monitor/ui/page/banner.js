@@ -64,6 +64,8 @@ function ofRun({ run, experiment, runHeard }) {
   if (experiment && performance.now() - runHeard > SILENT_RUN_MS) {
     rows.push(trouble("No news from the run", "vsense is there, but reports nothing of the experiment"));
   }
+  // An emergency has a banner of its own, which says what to do.
+  if (run?.why && run.state !== "emergency") rows.push(trouble(`Run ${run.run} is invalid`, run.why));
   if (run && run.silent_s !== null && run.silent_s >= SILENT_S) {
     rows.push(trouble(`Nothing seen for ${run.silent_s.toFixed(0)} s`, "no camera gives an arena state"));
   }

@@ -139,7 +139,8 @@ export class Tiles {
       link: this.connection.open ? "open" : "lost",
     });
     const replayWords = run?.replay?.playing ? "replay" : "replay, paused";
-    const words = isReplay ? replayWords : WORDS[state] ?? state;
+    const judged = run?.verdict ? `, ${run.why ? "invalid" : run.verdict}` : "";
+    const words = (isReplay ? replayWords : WORDS[state] ?? state) + judged;
     write(byId("state"), this.connection.open ? capital(words) : "No connection");
     write(byId("name"), experiment ? experiment.name : "no run yet");
     document.title = experiment ? `${experiment.name}: ${state} – vsense` : "vsense";

@@ -89,6 +89,8 @@ interface RunMessage {
   doubts?: string[];
   alarms?: { kind: string; text: string; cause: string }[];
   spares?: number[];
+  verdict?: string | null;
+  why?: string;
   replay?: ReplayState | null;
   sim?: { speed: number | null; reached: number } | null;
 }
