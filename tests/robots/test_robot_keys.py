@@ -57,7 +57,7 @@ def test_one_command_makes_the_first_key(file: Path, capsys: pytest.CaptureFixtu
     assert ask("--key", str(file)) == 2
     assert "no swarm key" in capsys.readouterr().err and not file.exists()
     assert ask("--key", str(file), "--new-key") == 0
-    assert capsys.readouterr().out == f"{file}: keys 1; robots are given 1\n"
+    assert capsys.readouterr().out == f"{file} holds key 1; robots are brought key 1\n"
     assert stat.S_IMODE(file.stat().st_mode) == 0o600
     assert stat.S_IMODE(file.parent.stat().st_mode) == 0o700
     assert len(keys.read(file).keys[1]) == 32
@@ -97,7 +97,7 @@ def test_a_new_key_names_whom_it_did_not_reach_and_locks_nobody_out(
     capsys.readouterr()
     assert ask("--key", str(file), "--new-key", "--roster", "robots.toml") == 1
     out = capsys.readouterr().out
-    assert "keys 1, 2; robots are given 2" in out
+    assert "holds key 1, 2; robots are brought key 2" in out
     assert "root@off, tag 2: ssh: connect to host root@off port 22: No route to host" in out
     for tag, name in ((2, "b"), (3, "c"), (4, "d")):
         assert f"robot {tag} (root@{name}) was not reached with key 2: the host still takes" in out

@@ -92,7 +92,8 @@ def run(options: argparse.Namespace) -> int:
         more = tracker, console.say, radios
         with closing(Rehearsal(experiment, directory, seed, *setting, *more)) as rehearsal:
             console.say(f"they connect to {host}, port {address[1]}; their tracker to port {port}")
-            console.say(f"in another terminal: {_command(options, address[1], port)}")
+            command = _command(options, address[1], port)
+            console.say(f"without cameras, in another terminal: {command}")
             rehearsal.run(interrupted, console.progress)
         console.end_progress()
     return interrupted.code

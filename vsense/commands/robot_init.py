@@ -207,7 +207,8 @@ def _boards(
     if given:
         for board in there:
             if not board.answers:
-                console.say(f"{board.host} does not answer: {board.trouble}", "warning")
+                words = "does not answer, and is written in unasked"
+                console.say(f"{board.host} {words}: {board.trouble}", "warning")
     taken = {
         name: {value: robot.host for robot in known if (value := getattr(robot, name))}
         for name in ("tag", "uid", "name")

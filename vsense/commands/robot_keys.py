@@ -160,7 +160,7 @@ def key_table(
 ) -> str:
     """The swarm's keys, a row for every robot that was given one, and those with an older one."""
     numbers = ", ".join(map(str, sorted(store.numbers)))
-    lines = [f"{path}: keys {numbers}; robots are given {store.newest}"]
+    lines = [f"{path} holds key {numbers}; robots are brought key {store.newest}"]
     if holders:
         rows = [("robot", "tag", "key", "since", "uid")]
         rows += [(h.destination, str(h.tag), str(h.key), h.since, h.uid) for h in holders]

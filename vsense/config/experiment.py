@@ -329,7 +329,7 @@ def _find(name: str) -> tuple[Path, str]:
     if path.suffix == ARGOS_SUFFIX or (os.path.isfile(name) and not is_program):
         return path, name
     if os.path.isdir(name):
-        raise UsageError(f"{name}: is a folder: expected the path of the {ARGOS_SUFFIX} file in it")
+        return _find(of_folder(name))
     here = [str(file) for file in path.parent.glob(f"*{ARGOS_SUFFIX}")]
     words = "there is no such file, and none of that name comes with vsense"
     if os.path.isfile(name):

@@ -311,7 +311,7 @@ def test_timesteps_of_a_simulation_have_what_it_has(recorded: tuple[Path, Path])
 def test_report_and_export_take_it(recorded: tuple[Path, Path], tmp_path: Path) -> None:
     file = recorded[1] / "foraging.mcap"
     found = read_findings(file)
-    assert found.label == "foraging, simulation, sighted, seed 9"
+    assert found.label == "foraging, simulation, seed 9"
     assert found.gathered.ran and not found.incidents and not found.lacks and not found.latency
     assert main(["export", str(file), "--csv", "-o", str(tmp_path / "tables")]) == 0
     exported = list(csv.DictReader((tmp_path / "tables" / "measures.csv").open()))

@@ -70,7 +70,7 @@ def test_kinds_of_runs_are_groups_of_their_own(kinds: list[Findings], table: Pat
     found = _compare.groups(kinds, read_campaign(table))
     assert [(group.condition, group.count) for group in found] == [
         ("simulation", 1), ("simulation (sensor.noise=0)", 2), ("simulation (sensor.noise=0.2)", 1),
-        ("lab", 1), ("real robots", 1), ("recorded pictures", 1),
+        ("lab", 1), ("robots", 1), ("recorded pictures", 1),
     ]  # fmt: skip
     end = _compare.table(found)["items home, at the end"]
     assert (end["simulation (sensor.noise=0)"].mean, end["lab"].values) == (15.0, [19.0])
@@ -84,15 +84,15 @@ def test_a_simulated_run_has_neither_latencies_nor_links(kinds: list[Findings]) 
     real, simulated = kinds[0], kinds[2]
     assert real.latency and not simulated.latency and not simulated.lacks
     assert _charts.robots(simulated) is None
-    assert simulated.label == "hand, simulation, sighted, seed 1"
+    assert simulated.label == "hand, simulation, seed 1"
 
 
 def test_the_page_says_what_is_compared(tmp_path: Path, table: Path) -> None:
     real = write(tmp_path / "real.mcap", made_by("run"))
     assert main(["report", str(table), str(real), "-o", str(tmp_path / "out")]) == 0
     text = (tmp_path / "out" / "report.html").read_text()
-    assert "hand: simulation and real robots compared" in text
-    assert "Runs: 2 simulation (sensor.noise=0), 1 simulation (sensor.noise=0.2), 1 real" in text
+    assert "hand: simulation and robots compared" in text
+    assert "Runs: 2 simulation (sensor.noise=0), 1 simulation (sensor.noise=0.2), 1 robots" in text
     assert "Of one run there is no spread" in text and "4 runs compared" in text
     assert "2: 1 … 2" in text, "the campaign's row of the table of runs"
 

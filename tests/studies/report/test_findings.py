@@ -47,7 +47,7 @@ def test_the_run_is_what_counts(found: Findings) -> None:
     assert found.zero_ns == ZERO_NS
     assert found.run_s == pytest.approx(2.0)
     assert (found.gathered.flow.lived, found.gathered.flow.missed) == (TIMESTEPS - 1, 1)
-    assert found.label == "hand, lab, sighted, seed 1"
+    assert found.label == "hand, lab, seed 1"
     assert found.complete and not found.damaged and not found.lacks and not found.gathered.odd
     assert found.gathered.late == 4
 

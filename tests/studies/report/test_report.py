@@ -35,7 +35,7 @@ def test_the_page_holds_every_section(tmp_path: Path) -> None:
     text = (folder / REPORT_PAGE).read_text()
     read = Reader(text)
     assert read.headings == [
-        "hand, lab, sighted, seed 1", "Measures", "Robots", "Loss and gaps", "Events",
+        "hand, lab, seed 1", "Measures", "Robots", "Loss and gaps", "Events",
     ]  # fmt: skip
     numbers = re.findall(r"<b>Figure (\d+)\.", text)
     assert numbers == [str(place + 1) for place in range(len(PICTURES))]

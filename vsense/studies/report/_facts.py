@@ -25,7 +25,7 @@ MOST_ASPECT = 4.0
 
 
 SIMULATION, RECORDED = "simulation", "recorded pictures"
-RUN_KINDS = {"sim": SIMULATION, "lab": "lab", "run": "real robots"}
+RUN_KINDS = {"sim": SIMULATION, "lab": "lab", "run": "robots"}
 """Kinds of runs, by the command that made them, in the order in which they are shown. `RECORDED`: a
 run whose cameras are recordings."""
 

@@ -90,8 +90,8 @@ class Findings:
         words = [facts.name or self.path.stem]
         if facts.kind:
             words.append(facts.kind)
-        if facts.blind is not None:
-            words.append("blind" if facts.blind else "sighted")
+        if facts.blind:
+            words.append("without virtual sensors")
         if facts.seed is not None:
             words.append(f"seed {facts.seed}")
         return ", ".join(words)
