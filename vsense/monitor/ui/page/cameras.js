@@ -119,9 +119,9 @@ class Cell {
     pen.translate(left, top);
     const scale = width / camera.width_px;
     if (camera.mask_px) this.#drawMask(camera.mask_px, scale);
-    const isKnown = arena || !store.arena;
-    if (this.#overlayKey && camera.model?.rotation && isKnown) this.#drawOverlay(camera.model, arena, scale);
-    if (arena?.images) this.#drawImages(arena, scale);
+    const model = this.#overlayKey && (arena || !store.arena) && camera.model?.rotation ? camera.model : null;
+    const words = model ? this.#drawOverlay(model, arena, scale) : [];
+    if (arena?.images) this.#drawImages(arena, scale, words);
     pen.restore();
   }
 
@@ -143,12 +143,12 @@ class Cell {
   #drawOverlay(model, arena, zoom) {
     const { canvas, pen, store } = this;
     this.#overlay ??= new Overlay(model, store, () => this.#paint());
-    this.#overlay.draw(pen, zoom, canvas.width / Math.max(canvas.clientWidth, 1), arena, this.#chosen);
+    return this.#overlay.draw(pen, zoom, canvas.width / Math.max(canvas.clientWidth, 1), arena, this.#chosen);
   }
 
   /** What the tracker found in the picture.
-   * @param {ArenaMessage} arena @param {number} zoom */
-  #drawImages(arena, zoom) {
+   * @param {ArenaMessage} arena @param {number} zoom @param {import("./names.js").Rectangle[]} words to keep off */
+  #drawImages(arena, zoom, words) {
     const { pen, canvas, camera, store } = this;
     const { tag, camera: which, x_px, y_px, yaw_px_rad } = arena.images;
     const index = arena.cameras.indexOf(camera.id);
@@ -169,12 +169,12 @@ class Cell {
       pen.lineTo(x + 1.9 * size * Math.cos(yaw_px_rad[row]), y - 1.9 * size * Math.sin(yaw_px_rad[row]));
       pen.stroke();
       const rank = tag[row] === this.#chosen ? 0 : 1;
-      things.push({ tag: tag[row], text: String(tag[row]), x, y, rank });
+      things.push({ tag: tag[row], text: store.label(tag[row]), x, y, rank });
     }
     // The camera's own name stands above.
     const room = { left: 0, top: CAPTION_PX * ratio, right: camera.width_px * zoom, bottom: camera.height_px * zoom };
     const letters = Math.min(Math.max(12, canvas.clientWidth / 24), 14) * ratio;
-    this.names.write(pen, things, size, letters, room, [], { ink: "#fff", halo: "#000c", sign: "#fff" });
+    this.names.write(pen, things, size, letters, room, words, { ink: "#fff", halo: "#000c", sign: "#fff" });
   }
 
   /** How large a robot is in the picture, about: as a share of the arena that a camera sees.

@@ -22,7 +22,7 @@ export class Overlay {
     this.ground = new Ground(this.lens, loaded);
   }
 
-  /** Draws what there was at an arena state.
+  /** Draws what there was at an arena state; gives where words stand.
    * @param {Pen} pen @param {number} zoom pixels of the canvas in one of the camera
    * @param {number} ratio pixels of the canvas in one of the screen @param {ArenaMessage | null} arena
    * @param {number | null} chosen */
@@ -46,6 +46,7 @@ export class Overlay {
     drawStrangers(scene);
     drawRobots(scene);
     pen.restore();
+    return view.words;
   }
 
   /** @param {Pen} pen @param {number} zoom @param {HTMLCanvasElement | null} canvas */

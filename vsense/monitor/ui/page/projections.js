@@ -108,6 +108,9 @@ export class FromAbove {
  * @implements {View} */
 export class ThroughLens {
   flat = false;
+  /** Where words were written.
+   * @type {import("./names.js").Rectangle[]} */
+  words = [];
 
   /**
    * @param {Lens} lens

@@ -1,7 +1,7 @@
 // The virtual world: one drawing for the arena from above and for cameras' pictures.
 // As vsense/monitor/pictures/_scene.py draws them for videos; where things are is the view's matter.
 
-import { FromAbove, rim } from "./projections.js";
+import { FromAbove, ThroughLens, rim } from "./projections.js";
 
 const BODY_RADIUS_M = 0.035;
 const LAMP_M = 0.035;
@@ -172,7 +172,7 @@ export function drawLabel({ pen, view, colours }, text, point, below = 0, line =
   const [x, y] = [spot[0], spot[1] + below * spot[2] + line * 13 * view.ratio];
   pen.textAlign = "center";
   pen.font = `${view.flat ? "" : "600 "}${12 * view.ratio}px system-ui, sans-serif`;
-  if (view.flat) {
+  if (!(view instanceof ThroughLens)) {
     pen.fillStyle = colours.muted;
     pen.fillText(text, x, y + 4 * view.ratio);
   } else {
@@ -181,6 +181,8 @@ export function drawLabel({ pen, view, colours }, text, point, below = 0, line =
     pen.strokeText(text, x, y);
     pen.fillStyle = "#fff";
     pen.fillText(text, x, y);
+    const [half, high, low] = [pen.measureText(text).width / 2, 12 * view.ratio, 3 * view.ratio];
+    view.words.push({ left: x - half, top: y - high, right: x + half, bottom: y + low });
   }
   pen.textAlign = "left";
 }

@@ -248,9 +248,7 @@ export function drawNames(scene, robots, names, hovered) {
   const things = robots.map(({ tag, x_px, y_px }) => {
     const sign = inTrouble(scene, tag);
     const rank = tag === chosen || tag === hovered ? 0 : 2 - Number(sign);
-    // ARGoS adds tag and number to the names of things that it distributes.
-    const text = store.objects.has(tag) ? store.name(tag).replace(`_${tag}_`, " ").replace(/ \d+$/, "") : String(tag);
-    return { tag, text, x: x_px, y: y_px, sign, rank };
+    return { tag, text: store.label(tag), x: x_px, y: y_px, sign, rank };
   });
   const size = Math.max(12, Math.min(15, (0.062 * zoom) / ratio)) * ratio;
   const [left, top, width, height] = view.edges;

@@ -235,10 +235,13 @@ export class Store extends RunNews {
     return (timestep === undefined ? undefined : this.shows.get(timestep)) ?? this.signals;
   }
 
-  /** What people call a tag.
+  /** In the experiment's file. @param {number} tag */
+  name = (tag) => this.names.get(tag) ?? String(tag);
+
+  /** A robot's tag; a thing's name, to which ARGoS adds tag and number where it distributes it.
    * @param {number} tag */
-  name(tag) {
-    return this.names.get(tag) ?? String(tag);
+  label(tag) {
+    return this.objects.has(tag) ? this.name(tag).replace(`_${tag}_`, " ").replace(/ \d+$/, "") : String(tag);
   }
 
   /** A robot's row of `/robots`, or null.
