@@ -56,10 +56,7 @@ def test_boards_that_answer_tell_their_settings(boards, tmp_path, capsys) -> Non
     # An option is for all new robots; of what a board says it is the newer word.
     assert {row["base"] for row in new} == {"argos:/dev/ttyS0"}
     # Who does not answer is in it all the same: it was named.
-    assert (
-        "root@off does not answer, and is written in unasked: ssh: connect to host root@off port 22: No route"
-        in err
-    )
+    assert "root@off does not answer, and is written in unasked: ssh: connect to host" in err
     read = roster.read(tmp_path / "robots.toml").robots
     assert [robot.host for robot in read[:3]] == [f"root@10.0.0.{n}" for n in (30, 31, 32)]
     assert init("root@10.0.0.31") == 0

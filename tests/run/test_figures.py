@@ -147,6 +147,6 @@ def test_the_table_says_it_all() -> None:
     assert any("2.00 of 2 robots seen" in line and "never" in line for line in lines)
     assert any("20 of 20 datagrams received" in line for line in lines)
     assert any(line.split() == ["measure", "cleaned:", "12.5"] for line in lines)
-    name = stage.experiment.robots[0].id
+    name = str(stage.experiment.robots[0].tag)
     cells = ["100.0", "%", "100.0", "%", "0.0", "%", "-"]
     assert any(line.split() == [name, *cells] for line in lines)

@@ -91,6 +91,9 @@ def test_at_the_end_the_whole_run_is_judged_once() -> None:
     for n in range(100):
         overload.add(step(n, *((200, 0, 0) if n % 5 == 0 else (10, 0, 0))), {})
     assert overload.verdict() == "timesteps were late: of 100 20 were late and 0 left out"
+    for n in range(80):
+        overload.add(step(n, 10, 0, 0), {})
+    assert str(overload.verdict(100)).endswith("of 100 0 were late and 20 left out"), "as its table"
 
 
 def test_a_run_that_can_be_slower_is_told_a_pace_that_would_do() -> None:

@@ -43,17 +43,14 @@ class Alarm:
 
 @dataclass(slots=True)
 class Tally:
-    """The timesteps of a run: the first and the last one, how many were made, and how many late."""
+    """The timesteps of a run: the last one, how many were made, and how many late."""
 
-    first: int = 0
     last: int = -1
     done: int = 0
     late: int = 0
 
     def add(self, run_timestep: int, late: bool) -> None:
         """Counts a timestep."""
-        if not self.done:
-            self.first = run_timestep
         self.last = run_timestep
         self.done += 1
         self.late += late
@@ -153,10 +150,11 @@ class Overload:
             " otherwise"
         )
 
-    def verdict(self) -> str | None:
-        """What there is to say of the whole run; None: it was on time."""
+    def verdict(self, timesteps: int = 0) -> str | None:
+        """What there is to say of the whole run, which had so many or, 0, ended with its last one;
+        None: it was on time."""
         tally, self._tally, self.alarm = self._tally, Tally(), None
-        wanted = tally.last - tally.first + 1
+        wanted = timesteps or tally.last + 1
         if tally.late + wanted - tally.done <= MOST_LATE * wanted:
             return None
         words = self._slow("made", tally.done, wanted).replace("are late", "were late")

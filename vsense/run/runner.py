@@ -280,7 +280,7 @@ class Runner:
         if self._silent:
             self._note_silence()
         self.control.end("interrupted")
-        verdict = self._overload.verdict()
+        verdict = self._overload.verdict(self._timesteps if self.ended == "time" else 0)
         if verdict is not None:
             self._console.say(verdict, "warning")
         self._see_them_stand()
