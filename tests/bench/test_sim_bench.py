@@ -90,7 +90,7 @@ def test_argos_is_given_the_same_world_without_what_it_does_not_know() -> None:
 
 
 def test_the_ratio_is_that_of_medians() -> None:
-    rates = {15: {"argos": [10.0, 20.0, 40.0], "vsense": [90.0, 30.0, 60.0]}}
-    (row,) = beside_argos.rows_of(rates)
-    assert row["ratio"] == 3.0
-    assert row["ratios"] == [1.5, 1.5, 9.0]
+    ours = {"port": [90.0, 30.0, 60.0], "file": [20.0, 20.0, 20.0]}
+    (row,) = beside_argos.rows_of({15: {"argos": [10.0, 20.0, 40.0], **ours}})
+    assert (row["port_ratio"], row["file_ratio"]) == (3.0, 1.0)
+    assert row["port_ratios"] == [1.5, 1.5, 9.0]

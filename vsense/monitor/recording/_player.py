@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from vsense.base.clock import host_ns
@@ -89,7 +89,10 @@ class Player:
         return at_ns
 
     def _next_ns(
-        self, topic: str, from_ns: int, fits: Callable[[Data], bool] = lambda data: True
+        self,
+        topic: str,
+        from_ns: int,
+        fits: Callable[[Mapping[str, Any]], bool] = lambda data: True,
     ) -> int | None:
         """When the first message of a topic comes that fits, since the recording's begin [ns]."""
         messages = self._recording.messages({topic}, from_ns / 1e9)
