@@ -413,6 +413,7 @@ def test_an_unknown_experiment_may_be_a_file_beside(
         ("mine/mine.c", r"that is a program: expected .* is 'mine/mine\.argos' meant\?"),
         ("mine/mine.py", r"that is a program: expected .* is 'mine/mine\.argos' meant\?"),
         ("mine/mien.c", r"there is no such file, .* is 'mine/mine\.argos' meant\?"),
+        ("minne", r"there is no such file, .* is 'mine' meant\?"),
         ("mine/mien", r"there is no such file, .* is 'mine/mine\.argos' meant\?"),
     ],
 )

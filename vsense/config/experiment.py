@@ -331,6 +331,7 @@ def _find(name: str) -> tuple[Path, str]:
     if os.path.isdir(name):
         return _find(of_folder(name))
     here = [str(file) for file in path.parent.glob(f"*{ARGOS_SUFFIX}")]
+    here += [str(file.parent) for file in path.parent.glob(f"*/*{ARGOS_SUFFIX}")]
     words = "there is no such file, and none of that name comes with vsense"
     if os.path.isfile(name):
         words = f"that is a program: expected the {ARGOS_SUFFIX} file that names it"

@@ -261,7 +261,7 @@ class _SingleRun:
         for complaint in result["complaints"]:
             self.console.say(f"vsense: {complaint}")
         for time_s, text in result["events"]:
-            self.console.say(f"{time_s:8.1f} s  {text}")
+            self.console.print_only(f"{time_s:8.1f} s  {text}")  # a page has heard it in the run
         more = result["events_in_all"] - len(result["events"])
         if more:
             self.console.say(f"{more} more events: {directory / LOGGED}")
