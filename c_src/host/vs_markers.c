@@ -90,10 +90,14 @@ static int map_pixel(const struct vs_view *view, double x_px, double y_px, doubl
 static int begin_marker(const struct vs_search *search, const struct vs_view *view,
                         const struct vs_shape *shape, struct vs_marker *marker)
 {
-    double centroid_m[2], map[4], ahead[2];
+    double centroid_m[2], map[4], ahead[2], bend, area_m2;
     int is_marker;
 
     if (!map_pixel(view, shape->x_px, shape->y_px, centroid_m, map))
+        return 0;
+    bend = map[0] * map[3] - map[1] * map[2];
+    area_m2 = shape->area_px2 * (bend < 0.0 ? -bend : bend);
+    if (!(area_m2 > search->gate.least_m2 && area_m2 < search->gate.most_m2))
         return 0;
     is_marker = search->gate.least_square > 0.0
                     ? vs_shape_corners(&shape->moments, map, &search->gate, ahead)

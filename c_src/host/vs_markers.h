@@ -82,10 +82,10 @@ struct vs_marker {
 
 /* What a marker looks like: its size in the picture, its proportions on its plane. */
 struct vs_shape_gate {
-    double length_px;    /* between the two corners farthest apart */
-    double area_px2;     /* of the outline, cells included */
-    double least_area;   /* accepted share of area_px2 (0.4) */
-    double most_area;    /* accepted share of area_px2 (1.6) */
+    double least_px;     /* sides of the box around it, where a picture shows it smallest */
+    double most_px;      /* and where it is largest: an inclined camera has both */
+    double least_px2, most_px2; /* area of the outline, cells included; likewise */
+    double least_m2, most_m2;   /* the same on its plane, where it is */
     double least_aspect; /* variance along over variance across (1.2) */
     double most_aspect;  /* the same (2.9) */
     double least_taper;  /* how much it must come to a point (0.12) */

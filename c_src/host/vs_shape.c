@@ -3,9 +3,7 @@
 
 #include "vs_math.h"
 
-#define LENGTH_MOST 1.45  /* accepted length, of the gate's: blur makes things longer */
-#define LENGTH_LEAST 0.35 /* accepted width: an arrow's is 0.58 of its length */
-#define DARK_LEAST 0.2    /* accepted dark share of the outline's area: the rest is cells */
+#define DARK_LEAST 0.5 /* accepted dark share of the least area: the rest is cells */
 
 /* Left and right border of each scanned row of one component [px]. */
 struct borders {
@@ -248,13 +246,11 @@ static int has_size(const struct vs_part *part, const struct vs_shape_gate *gate
 {
     double width = part->right - part->left;
     double height = VS_SCAN_STEP * (part->bottom - part->top + 1);
-    double least = LENGTH_LEAST * gate->length_px;
-    double most = LENGTH_MOST * gate->length_px;
 
-    return width > least && height > least && width < most && height < most &&
-           part->bottom - part->top < VS_SHAPE_ROWS &&
-           width * height > gate->least_area * gate->area_px2 &&
-           part->dark_px * (double)VS_SCAN_STEP > DARK_LEAST * gate->area_px2;
+    return width > gate->least_px && height > gate->least_px && width < gate->most_px &&
+           height < gate->most_px && part->bottom - part->top < VS_SHAPE_ROWS &&
+           width * height > gate->least_px2 &&
+           part->dark_px * (double)VS_SCAN_STEP > DARK_LEAST * gate->least_px2;
 }
 
 static int look_at(struct vs_scan *s, uint32_t root, const struct vs_shape_gate *gate,
@@ -268,8 +264,8 @@ static int look_at(struct vs_scan *s, uint32_t root, const struct vs_shape_gate 
     make_convex(b.left, b.rows, -1.0);
     make_convex(b.right, b.rows, 1.0);
     area = find_centroid(&b, top, shape);
-    if (!(area * VS_SCAN_STEP > gate->least_area * gate->area_px2 &&
-          area * VS_SCAN_STEP < gate->most_area * gate->area_px2))
+    shape->area_px2 = area * VS_SCAN_STEP;
+    if (!(shape->area_px2 > gate->least_px2 && shape->area_px2 < gate->most_px2))
         return 0;
     add_moments(&b, top, area, shape);
     if (gate->least_square > 0.0)

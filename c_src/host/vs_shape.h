@@ -22,6 +22,7 @@ struct vs_moments {
 struct vs_shape {
     double x_px; /* centroid */
     double y_px;
+    double area_px2;
     struct vs_moments moments; /* in the picture */
 };
 

@@ -87,10 +87,12 @@ static void make_search(struct vs_search *s)
     s->print_256 = 102;
     s->lead_m = 0.0053 * (1.5 - 0.8);
     s->least_apart_m = 0.035;
-    s->gate.length_px = 9.5 * 0.0053 * 800.0;
-    s->gate.area_px2 = 45.0 * 0.0053 * 0.0053 * 800.0 * 800.0;
-    s->gate.least_area = 0.4;
-    s->gate.most_area = 1.6;
+    s->gate.least_px = 0.35 * 9.5 * 0.0053 * 800.0;
+    s->gate.most_px = 1.45 * 9.5 * 0.0053 * 800.0;
+    s->gate.least_m2 = 0.4 * 45.0 * 0.0053 * 0.0053;
+    s->gate.most_m2 = 1.6 * 45.0 * 0.0053 * 0.0053;
+    s->gate.least_px2 = s->gate.least_m2 * 800.0 * 800.0;
+    s->gate.most_px2 = s->gate.most_m2 * 800.0 * 800.0;
     s->gate.least_aspect = 1.2;
     s->gate.most_aspect = 2.9;
     s->gate.least_taper = 0.12;

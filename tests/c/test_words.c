@@ -261,10 +261,12 @@ static void make_search(struct vs_search *s)
     s->print_256 = 80;
     s->has_veil = 1;
     s->least_apart_m = 0.035;
-    s->gate.length_px = 6.0 * CELL_M * PER_M * sqrt(2.0);
-    s->gate.area_px2 = 36.0 * CELL_M * CELL_M * PER_M * PER_M;
-    s->gate.least_area = 0.4;
-    s->gate.most_area = 1.6;
+    s->gate.least_px = 0.35 * 6.0 * CELL_M * PER_M * sqrt(2.0);
+    s->gate.most_px = 1.45 * 6.0 * CELL_M * PER_M * sqrt(2.0);
+    s->gate.least_m2 = 0.4 * 36.0 * CELL_M * CELL_M;
+    s->gate.most_m2 = 1.6 * 36.0 * CELL_M * CELL_M;
+    s->gate.least_px2 = s->gate.least_m2 * PER_M * PER_M;
+    s->gate.most_px2 = s->gate.most_m2 * PER_M * PER_M;
     s->gate.least_aspect = 1.0;
     s->gate.most_aspect = 1.7;
     s->gate.least_square = 0.2;

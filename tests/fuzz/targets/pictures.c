@@ -239,7 +239,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     struct input in = {data, size};
     struct vs_search search = {36,    100,  0,   0.0,
                                {{0, 0}, {0, 0}}, 102, 0, NULL,
-                               0.005, 0.03, {20.0, 150.0, 0.1, 4.0, 1.0, 9.0, 0.0, 0.0}};
+                               0.005, 0.03, {7.0, 29.0, 15.0, 600.0, 0.0, 1e9, 1.0, 9.0, 0.0, 0.0}};
     struct vs_window window;
     struct vs_view view;
     uint8_t *skipped;
@@ -255,8 +255,10 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     search.least_contrast = (int8_t)take_u8(&in);
     search.level_256 = take_u16(&in) % 300;
     search.lead_m = number(&in, 0.005);
-    search.gate.length_px = number(&in, 30.0);
-    search.gate.area_px2 = number(&in, 300.0);
+    search.gate.least_px = number(&in, 10.0);
+    search.gate.most_px = number(&in, 43.0);
+    search.gate.least_px2 = number(&in, 30.0);
+    search.gate.most_px2 = number(&in, 1200.0);
     window.left = (int16_t)take_u16(&in);
     window.top = (int16_t)take_u16(&in);
     window.right = take_u8(&in) & 7 ? view.picture.width_px : (int32_t)take_u32(&in);

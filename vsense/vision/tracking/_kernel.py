@@ -37,7 +37,13 @@ _CAPACITY = 1024
 _KEPT = 1024
 """Cameras and heights whose scales are not computed anew."""
 _SCALE_DOUBT = 0.12
-_LEAST_AREA, _MOST_AREA = 0.4, 1.6
+_LEAST_AREA, _MOST_AREA = 0.36, 1.76
+"""Accepted shares of an outline's area."""
+_LEAST_LENGTH, _MOST_LENGTH = 0.35, 1.45
+"""Accepted sides of the box around an outline, as shares of its length: an arrow is 0.58 as wide as
+long, and blur makes things longer."""
+_LEAST_DISC_PX = 10.0
+"""Of a disc that is smaller in some direction nothing can be read."""
 
 
 Rescan = tuple[int, int]
@@ -269,10 +275,10 @@ class Kernel:
     def _prepare(self, image: Image, camera: Camera, height_m: float) -> _View:
         key = (camera, height_m)
         if key not in self._views:
-            low, high = least_and_most_scale(camera, height_m)
+            scales = scales_of(camera, height_m)
             passes = self._limits.passes, self._limits.warm
-            outline, warm = (self._outline(limits, low) for limits in passes)
-            search = self._search(low, high)
+            outline, warm = (self._outline(limits, scales.least) for limits in passes)
+            search = self._search(scales)
             blocks = None
             if self._mask is not None:
                 blocks = blocks_of(self._mask, camera, height_m, self._disc_m)
@@ -309,12 +315,15 @@ class Kernel:
         outline.codes = self._codes
         return outline
 
-    def _search(self, low: float, high: float) -> Any:
-        """Describes what to search for, from the scales in the picture [px/m]."""
+    def _search(self, scales: Scales) -> Any:
+        """Describes what to search for, from the scales in the picture."""
         limits, shape = self._limits, self._shape
+        # Of a camera with the horizon in its picture the least scale is 0.
+        readable = min(0.5 * _LEAST_DISC_PX / self._disc_m, scales.greatest)
+        low, short = max(scales.least, readable), max(scales.shortest, readable)
         lead_mm = (shape.origin_mm - shape.centroid_mm)[0]
         search = kernel_ffi.new("struct vs_search *")
-        is_thin = 1e-3 * shape.frame_mm * low < limits.thin_px
+        is_thin = 1e-3 * shape.frame_mm * scales.least < limits.thin_px
         search.least_contrast, search.level_256 = limits.contrast, limits.level
         search.pale_contrast, search.pale_fit = limits.pale
         again = limits.thin_again if is_thin else limits.again
@@ -323,9 +332,12 @@ class Kernel:
         search.print_256, search.has_veil = limits.print, limits.has_veil
         search.lead_m, search.least_apart_m = 1e-3 * float(lead_mm), self._apart_m
         gate = search.gate
-        gate.length_px = 1e-3 * shape.length_mm * high
-        gate.area_px2 = 1e-6 * shape.area_mm2 * low * high
-        gate.least_area, gate.most_area = _LEAST_AREA * low / high, _MOST_AREA * high / low
+        length_m, area_m2 = 1e-3 * shape.length_mm, 1e-6 * shape.area_mm2
+        gate.least_px = _LEAST_LENGTH * length_m * short
+        gate.most_px = _MOST_LENGTH * length_m * scales.longest
+        gate.least_m2, gate.most_m2 = _LEAST_AREA * area_m2, _MOST_AREA * area_m2
+        gate.least_px2 = gate.least_m2 * low**2
+        gate.most_px2 = gate.most_m2 * scales.greatest**2
         gate.least_aspect, gate.most_aspect = limits.roundest, limits.slimmest
         gate.least_taper, gate.least_square = limits.taper, limits.square
         return search
@@ -349,14 +361,25 @@ def _view(camera: Camera, height_m: float) -> Any:
     return view
 
 
+class Scales(NamedTuple):
+    """Scales in a picture [px/m]: the least and the greatest by area, and in any direction."""
+
+    least: float
+    greatest: float
+    shortest: float
+    longest: float
+
+
 @lru_cache(maxsize=_KEPT)
-def least_and_most_scale(camera: Camera, height_m: float) -> tuple[float, float]:
-    """Returns the least and the greatest scale [px/m] in a picture, by area."""
+def scales_of(camera: Camera, height_m: float) -> Scales:
+    """Returns the scales of a plane in a camera's picture."""
     columns = np.linspace(0.0, camera.width_px - 1.0, 5)
     rows = np.linspace(0.0, camera.height_px - 1.0, 5)
     pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 1, 2)
     steps = np.array([(-0.5, 0.0), (0.5, 0.0), (0.0, -0.5), (0.0, 0.5)])
     near = camera.to_plane(pixels + steps, height_m)
     slopes = np.stack((near[:, 1] - near[:, 0], near[:, 3] - near[:, 2]), axis=1)
-    scale = 1.0 / np.sqrt(np.abs(np.linalg.det(slopes)))
-    return float(scale.min()), float(scale.max())
+    sizes = 1.0 / np.linalg.svd(slopes, compute_uv=False)
+    by_area = np.sqrt(sizes.prod(axis=1))
+    extremes = by_area.min(), by_area.max(), sizes.min(), sizes.max()
+    return Scales(*map(float, extremes))

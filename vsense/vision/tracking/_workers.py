@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from vsense.vision.cameras._camera_array import Index
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import MarkerFamily, SquareFamily
-from vsense.vision.tracking._kernel import MARKER, Image, Kernel, least_and_most_scale
+from vsense.vision.tracking._kernel import MARKER, Image, Kernel, scales_of
 from vsense.vision.tracking._prediction import MarkerSearch
 from vsense.vision.tracking._rows import Rows, each_once, gather, stack_rows
 from vsense.vision.tracking.mask import Mask
@@ -66,7 +66,7 @@ class LayeredKernel:
         See `Kernel.inside_m`.
         """
         layers = self._layers_of(camera)
-        least = min(least_and_most_scale(camera, height_m)[0] for height_m in layers)
+        least = min(scales_of(camera, height_m).least for height_m in layers)
         return self._kernel.inside_m * least
 
     def search(
