@@ -10,7 +10,7 @@ start-up, whose time is reported apart, does not count.
 
 `--whole FILE` runs published files from their beginning to their end instead, in ARGoS and in a
 campaign of `--runs` seeds, and compares the processor time of a run. The file's libraries are built
-already; `--sources` says where `vsense sim` finds their sources.
+already; options of `vsense sim` follow `--`, such as `--sources`: where it finds their sources.
 """
 
 from __future__ import annotations
@@ -127,12 +127,12 @@ def rows_of(rates: dict[int, dict[str, list[float]]]) -> list[dict[str, Any]]:
 def whole(contest: Contest, options: argparse.Namespace) -> list[dict[str, Any]]:
     """Published files, whole: the processor time of a run [s] in both, in turn."""
     rows = []
-    more = [word for source in options.sources for word in ("--sources", source)]
     for file in options.whole:
+        contest.campaign_s(file, 1, options.options)  # builds its sources
         turns = []
         for _ in range(options.rounds):
             argos = cpu_s(["argos3", "-z", "-c", str(file)])
-            ours = contest.campaign_s(file, options.runs, more) / options.runs
+            ours = contest.campaign_s(file, options.runs, options.options) / options.runs
             turns.append((argos, ours))
             print(f"{file.name}: ARGoS {argos:.2f}, vsense {ours:.2f} CPU-s", file=sys.stderr)
         argos_s, vsense_s = (statistics.median(column) for column in zip(*turns))
@@ -168,9 +168,7 @@ def main() -> int:
         "--whole", type=Path, nargs="+", default=[], metavar="FILE", help="published files, whole"
     )
     parser.add_argument("--runs", type=int, default=30, help="of each, in vsense (default: 30)")
-    parser.add_argument(
-        "--sources", action="append", default=[], metavar="NAME=PATH", help="as for vsense sim"
-    )
+    parser.add_argument("options", nargs="*", help="of vsense sim, after --")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="vsense-bench-") as folder:
         contest = Contest(Path(folder))
