@@ -43,7 +43,12 @@ _MAX_SHOWN = 300
 
 
 class UsersCode:
-    """One Python file of a user; `file` is its name in errors."""
+    """One Python file of a user; `file` is its name in errors.
+
+    `ran` is whether this process has run any.
+    """
+
+    ran = False
 
     def __init__(self, path: Path, error: Callable[[str, int, str], VsenseError]) -> None:
         """Modules beside the file at `path` may be imported in it.
@@ -72,7 +77,7 @@ class UsersCode:
             raise self.error(1, f"cannot be read: {reason}") from None
         module = ModuleType(name)
         module.__file__ = self.file
-        before = set(sys.modules)
+        UsersCode.ran, before = True, set(sys.modules)
         # Dataclasses look the module that they are made in up by its name.
         sys.modules[name] = module
         with self.watch():

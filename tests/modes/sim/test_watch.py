@@ -100,6 +100,32 @@ def test_one_run_is_like_any_other(write_experiment) -> None:
     assert one[0]["timesteps"] == 10 and one[0]["robots"] == 15
 
 
+def test_runs_of_one_setup_share_what_is_read_of_its_files(write_experiment) -> None:
+    """The first run reads them in its own process, the second one's worker for all that follow."""
+    path = write_experiment("kept")
+    tasks = [task_of(path, "6", seed) for seed in (1, 2, 3, 1, 2, 3)]
+    found = []
+    for _, run in simulate_all(tasks, 1, threading.Event(), lambda workers: None):
+        found.append({key: value for key, value in run.items() if not key.endswith("_s")})
+        if len(found) == 2:
+            path.write_text("nobody reads this")
+    assert found[3:] == found[:3]
+
+
+def test_what_users_python_does_when_files_are_read_is_done_in_every_run(write_experiment) -> None:
+    loop = '<loop_functions library="none" label="counts"/>\n  <arena '
+    path = write_experiment("counts", ("<arena ", loop))
+    log = path.with_name("log.txt")
+    path.with_name("counts.py").write_text(
+        f"def populate(space):\n    with open({str(log)!r}, 'a') as log:\n        log.write('x')\n"
+    )
+    path.write_text(path.read_text().replace('library="none"', 'library="counts.py"'))
+    tasks = [task_of(path, "6", seed) for seed in (1, 2, 3)]
+    log.unlink()
+    results(*tasks)
+    assert log.read_text() == "xxx"
+
+
 def test_what_a_user_can_mend_comes_through_as_it_is(write_experiment) -> None:
     good = task_of(write_experiment("crowded"))
     write_experiment(

@@ -38,20 +38,25 @@ from typing import Any
 from vsense.base.errors import VsenseError
 from vsense.base.processes import read_line
 from vsense.base.terminal import Console
+from vsense.config.specs import Experiment
 from vsense.modes.sim import fingerprint
 from vsense.modes.sim._kept import KeptRun, prepare
 from vsense.modes.sim._simulation import Simulation
-from vsense.modes.sim.job import Job
+from vsense.modes.sim.job import Job, Setup
 from vsense.robots.crashes import CrashNote
 from vsense.robots.inprocess import declarations
 from vsense.run.programs import RUN_PROGRESS_BYTES, shared_objects
+from vsense.world.loop_functions import UsersCode
 
 EVENTS_TOLD = 20
 """Of what controllers log so many lines come with the result; events.csv has them all."""
 
 
-def simulate(job: Job, progress: Any, page: Connection | None = None) -> dict[str, Any]:
-    """Does one run; `progress`: see `Programs`; `page`: whoever watches and paces it.
+def simulate(
+    job: Job, progress: Any, page: Connection | None = None, experiment: Experiment | None = None
+) -> dict[str, Any]:
+    """Does one run; `progress`: see `Programs`; `page`: whoever watches and paces it; `experiment`:
+    what the job's setup loads, None: it has yet to be loaded.
 
     Returns:
         The experiment's `name`, number of `robots` and `timesteps`, `timestep_s`, `wall_s` that
@@ -63,7 +68,7 @@ def simulate(job: Job, progress: Any, page: Connection | None = None) -> dict[st
     Raises:
         VsenseError: the run cannot be had.
     """
-    experiment = job.setup.load()
+    experiment = experiment or job.setup.load()
     libraries = {name: Path(path) for name, path in job.libraries.items()}
     run = Simulation(experiment, libraries, job.seed, job.setup.blind, progress)
     files = KeptRun(run, job, page)
@@ -80,24 +85,23 @@ def simulate(job: Job, progress: Any, page: Connection | None = None) -> dict[st
     recording = files.end()
     files.save()
     return {
-        "name": experiment.name,
-        "robots": len(experiment.robots),
+        **_notes(run, files),
+        "recording": recording,
         "timesteps": len(run.record.timesteps),
-        "timestep_s": experiment.timestep_s,
         "wall_s": wall_s,
         "cpu_s": cpu_s,
         "measures": measures,
-        "recording": recording,
-        **_notes(run, files),
     }
 
 
 def _notes(run: Simulation, files: KeptRun) -> dict[str, Any]:
-    """What became of it, and what controllers complained of and logged."""
-    events = run.record.events
+    """What it was, what became of it, and what controllers complained of and logged."""
+    experiment, events = run.environment.experiment, run.record.events
+    whose = {"name": experiment.name, "robots": len(experiment.robots)}
+    whose["timestep_s"] = experiment.timestep_s
     events_data = {"events": events[:EVENTS_TOLD], "events_in_all": len(events)}
     facts = {"complete": run.is_whole, "changes": files.changes, "complaints": run.complaints()}
-    return {"swarm": run.record.swarm(), **facts, **events_data}
+    return {**whose, "swarm": run.record.swarm(), **facts, **events_data}
 
 
 class NotHere(VsenseError):
@@ -149,6 +153,8 @@ class Worker:
         self._answers = answers
         self._page = page
         self._crash = CrashNote()
+        self._shared: Setup | None = None
+        self._experiment: Experiment | None = None
 
     def work(self) -> None:
         """Does jobs until standard input ends."""
@@ -161,6 +167,7 @@ class Worker:
     def _do(self, line: bytes) -> dict[str, Any] | None:
         """Does a job in a fork; None where the parent has ended it."""
         prepare(line, self._page is not None)
+        setup = self._share(line)
         source, target = os.pipe()
         # The fork dies with this process, even in an endless loop: see `_die_with_parent`.
         alive, life = os.pipe()
@@ -181,8 +188,25 @@ class Worker:
         if answer is None:
             return None
         if status == 0 and answer:
-            return dict(json.loads(answer))
+            facts: dict[str, Any] = json.loads(answer)
+            if facts.pop("shares", False) and self._shared is None:
+                self._shared = setup
+            return facts
         return {"status": status, "place": self._crash.words()}
+
+    def _share(self, line: bytes) -> Setup | None:
+        """Loads the experiment of a job like the one before, for all that follow; gives its setup.
+
+        The first is loaded in its fork: it may fail, and what a user's Python code leaves behind
+        is no other run's business.
+        """
+        job = Job.from_line(line)
+        if job.origin is not None or job.setup != self._shared:
+            self._shared = self._experiment = None
+        elif self._experiment is None:
+            with suppress(VsenseError):  # the fork will say so
+                self._experiment = job.setup.load()
+        return None if job.origin is not None else job.setup
 
     def _answer(self, line: bytes, target: int) -> None:
         """In the fork: does the job, writes its answer, and ends the process."""
@@ -195,7 +219,10 @@ class Worker:
             self._crash.watch()
             try:
                 job = settled(Job.from_line(line))
-                answer: dict[str, Any] = {"result": simulate(job, self._progress, self._page)}
+                experiment = self._experiment or job.setup.load()
+                shares = not UsersCode.ran
+                result = simulate(job, self._progress, self._page, experiment)
+                answer: dict[str, Any] = {"result": result, "shares": shares}
             except NotHere as error:
                 answer = {"refused": str(error)}
             except VsenseError as error:
