@@ -15,6 +15,7 @@
 #include "log.hpp"
 #include "quaternion.hpp"
 #include "random.hpp"
+#include "rays.hpp"
 #include "text.hpp"
 #include "types.hpp"
 #include "vectors.hpp"

@@ -295,6 +295,7 @@ VsLoopKind::VsLoopKind(const char *its_label, CLoopFunctions *(*makes)(),
     : label(its_label), make(makes), objective(gives), next(kinds)
 {
     kinds = this;
+    CFactory<CLoopFunctions>::Register(label, "", "", "", "", "", make);
 }
 
 /* ------------------------------------------------------------------ the simulator */

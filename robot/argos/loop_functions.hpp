@@ -10,6 +10,7 @@
 #include <stdexcept>
 
 #include "entities.hpp"
+#include "plugins.hpp"
 
 /* What a call of the loop functions gives; it is there until the next call. */
 struct vs_loop_answer

@@ -14,9 +14,12 @@
 #include <argos3/core/utility/math/general.h>
 #include <argos3/core/utility/math/quaternion.h>
 #include <argos3/core/utility/math/range.h>
+#include <argos3/core/utility/math/ray2.h>
+#include <argos3/core/utility/math/ray3.h>
 #include <argos3/core/utility/math/rng.h>
 #include <argos3/core/utility/math/vector2.h>
 #include <argos3/core/utility/math/vector3.h>
+#include <argos3/core/utility/plugins/factory.h>
 #include <argos3/core/utility/string_utilities.h>
 
 #include <cstdio>
@@ -356,6 +359,80 @@ static void Configuration()
     Show("node", empty.Value());
 }
 
+static void Rays()
+{
+    const CRay2 flat(CVector2(0.3, -1.2), CVector2(2.1, 0.7));
+    CRay3 ray(CVector3(1.0, 2.0, 3.0), CVector3(0.6, 0.0, -0.8), 2.5);
+    CVector2 plane;
+    CVector3 space;
+    std::ostringstream text;
+    Show("length", flat.GetLength());
+    Show("distance", flat.GetDistance(-0.4));
+    flat.GetPoint(plane, 1.5);
+    Show("point", plane.GetX() + 10.0 * plane.GetY());
+    flat.GetDirection(plane);
+    Show("direction", plane.GetX() + 10.0 * plane.GetY());
+    flat.GetInverseDirection(plane);
+    Show("inverse", plane.GetX() + 10.0 * plane.GetY());
+    flat.ToVector(plane);
+    Show("vector", plane.GetX() + 10.0 * plane.GetY());
+    Show("end", ray.GetEnd().GetX() + 10.0 * ray.GetEnd().GetZ());
+    ray.SetLength(0.7);
+    Show("length", ray.GetLength());
+    Show("distance", ray.GetDistance(0.3));
+    ray.GetPoint(space, 0.25);
+    Show("point", space.GetX() + 10.0 * space.GetZ());
+    Show("vector", ray.ToVector(space).GetX());
+    ray.GetEnd().SetX(9.0);
+    ray.SetStart(CVector3());
+    text << flat << " " << ray;
+    Show("rays", text.str());
+    /* One digit each: long and short ones, parallel, touching, and such as miss. */
+    std::string meets;
+    CRandom::CRNG numbers(7);
+    const CRange<Real> range(-1.5, 1.5);
+    for (int i = 0; i < 200; ++i) {
+        Real at[8];
+        for (Real &each : at)
+            each = i % 2 ? numbers.Uniform(range) : Round(numbers.Uniform(range) * 2.0) / 2.0;
+        const CRay2 one(CVector2(at[0], at[1]), CVector2(at[2], at[3]));
+        meets += one.Intersects(CRay2(CVector2(at[4], at[5]), CVector2(at[6], at[7]))) ? '1' : '0';
+    }
+    Show("meets", meets);
+}
+
+class CShape
+{
+public:
+    virtual ~CShape() {}
+    virtual int Corners() const = 0;
+};
+
+class CSquare : public CShape
+{
+public:
+    int Corners() const override { return 4; }
+};
+
+class CBar : public CSquare
+{
+public:
+    int Corners() const override { return 2; }
+};
+
+static void Factories()
+{
+    const std::string labels[] = {"bar", "square"};
+    for (const std::string &label : labels) {
+        CShape *shape = CFactory<CShape>::New(label);
+        Show(label.c_str(), shape->Corners());
+        delete shape;
+    }
+    Show("exists", CFactory<CShape>::Exists("bar") + 2 * CFactory<CShape>::Exists("round"));
+    for (const auto &known : CFactory<CShape>::GetTypeMap())
+        Show("known", known.first + " of " + known.second->Author);
+}
+
 /* What fails, and how: only that it does is ARGoS's, the words are not. */
 template <typename F> static void Fails(const char *name, F call)
 {
@@ -383,6 +460,7 @@ static void Failures()
     Fails("many values", [&] { Real r[2]; ParseValues<Real>(std::string("1,2,3"), 2, r, ','); });
     Fails("no color", [&] { CColor().Set("pink"); });
     Fails("no byte", [&] { CByteArray b(3, 1); UInt32 r; b >> r; });
+    Fails("no class", [&] { CFactory<CShape>::New("round"); });
     Fails("other type", [&] { int i = 1; CAny a(&i); any_cast<float *>(a); });
     Fails("same type", [&] { int i = 1; CAny a(&i); Show("any", *any_cast<int *>(a)); });
     try {
@@ -404,6 +482,11 @@ int main()
     Bytes();
     Texts();
     Configuration();
+    Rays();
+    Factories();
     Failures();
     return 0;
 }
+
+REGISTER_SYMBOL(CShape, CSquare, "square", "A. Nobody", "1.0", "a shape", "of four sides", "new")
+REGISTER_SYMBOL(CShape, CBar, "bar", "B. Nobody", "1.0", "a shape", "of one side", "new")
