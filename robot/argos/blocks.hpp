@@ -21,9 +21,10 @@ public:
 class CWallEntity : public CComposableEntity
 {
 public:
-    /* `yaw`: of its blocks, whose x axis leads into the arena. */
-    CWallEntity(CComposableEntity *parent, const std::string &id, const CVector3 &middle,
-                const CRadians &yaw, const CVector3 &size, UInt32 blocks, Real gap);
+    /* Of blocks of this size, whose x axis leads into the arena; `gap`: between two LEDs of one. */
+    CWallEntity(CComposableEntity *arena, const std::string &id, const CVector3 &middle,
+                const CQuaternion &orientation, const CVector3 &size, const std::string &medium,
+                UInt32 blocks, Real gap = 0.03, Real mass = 1.0);
 
     std::string GetTypeDescription() const override { return "wall"; }
     CPositionalEntity &GetPositionalEntity() { return m_pose; }
@@ -38,7 +39,6 @@ private:
 class CArenaEntity : public CComposableEntity
 {
 public:
-    /* `gap`: between two LEDs of a block. */
     CArenaEntity(const std::string &id, const CVector3 &position, const CQuaternion &orientation,
                  const CVector3 &size, const std::string &medium, UInt32 blocks, UInt32 edges,
                  Real gap = 0.03, Real mass = 1.0);
@@ -46,6 +46,12 @@ public:
     std::string GetTypeDescription() const override { return "arena"; }
     CPositionalEntity &GetPositionalEntity() { return m_pose; }
     const std::vector<CWallEntity *> &GetWalls() { return m_walls; }
+    /* A wall that was made for this arena, such as one across it. */
+    void AddWall(CWallEntity &wall)
+    {
+        m_walls.push_back(&wall);
+        VsAddPart(wall);
+    }
     void SetArenaColor(CColor color);
     void SetWallColor(SInt32 wall, CColor color);
     void SetBoxColor(SInt32 block, SInt32 wall, CColor color);

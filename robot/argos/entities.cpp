@@ -294,11 +294,13 @@ std::string CEPuckEntity::VsDescribe() const
 
 /* ------------------------------------------------------------------ arenas of blocks */
 
-CWallEntity::CWallEntity(CComposableEntity *parent, const std::string &id, const CVector3 &middle,
-                         const CRadians &yaw, const CVector3 &size, UInt32 blocks, Real gap)
-    : CComposableEntity(parent, id), m_pose(this, "pose_0", middle)
+CWallEntity::CWallEntity(CComposableEntity *arena, const std::string &id, const CVector3 &middle,
+                         const CQuaternion &turn, const CVector3 &size, const std::string &,
+                         UInt32 blocks, Real gap, Real)
+    : CComposableEntity(arena, id), m_pose(this, "pose_0", middle, turn)
 {
-    const CQuaternion turn(yaw, CVector3::Z);
+    CRadians yaw, y, x;
+    turn.ToEulerAngles(yaw, y, x);
     const Real first = (blocks * size.GetY() - size.GetY()) / 2.0;
     const UInt32 leds = static_cast<UInt32>(std::ceil(size.GetY() / gap));
     for (UInt32 i = 0; i < blocks; ++i) {
@@ -320,7 +322,7 @@ std::string CWallEntity::VsDescribe() const
 
 CArenaEntity::CArenaEntity(const std::string &id, const CVector3 &position,
                            const CQuaternion &orientation, const CVector3 &size,
-                           const std::string &, UInt32 blocks, UInt32 edges, Real gap, Real)
+                           const std::string &medium, UInt32 blocks, UInt32 edges, Real gap, Real)
     : CComposableEntity(nullptr, id), m_pose(this, "pose_0", position, orientation)
 {
     const CRadians each = CRadians::TWO_PI / static_cast<Real>(edges);
@@ -329,12 +331,10 @@ CArenaEntity::CArenaEntity(const std::string &id, const CVector3 &position,
     m_radius = size.GetY() * blocks / (2.0 * Tan(each / 2.0));
     for (UInt32 i = 0; i < edges; ++i) {
         const CRadians angle = z + each * static_cast<Real>(i);
-        CWallEntity *wall = new CWallEntity(
-            this, id + ".wall_" + ToString(i), position + CVector3(m_radius * Cos(angle),
-                                                                  m_radius * Sin(angle), 0.0),
-            angle - CRadians::PI, size, blocks, gap);
-        m_walls.push_back(wall);
-        VsAddPart(*wall);
+        const CVector3 middle(m_radius * Cos(angle), m_radius * Sin(angle), 0.0);
+        AddWall(*new CWallEntity(this, id + ".wall_" + ToString(i), position + middle,
+                                 CQuaternion(angle - CRadians::PI, CVector3::Z), size, medium,
+                                 blocks, gap));
     }
 }
 

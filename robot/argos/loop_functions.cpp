@@ -402,9 +402,12 @@ void CLoopFunctions::RemoveEntity(CEntity &entity)
         THROW_ARGOSEXCEPTION("RemoveEntity: \"" << entity.GetId() << "\" is a "
                              << entity.GetTypeDescription()
                              << ": boxes, cylinders and lights can be removed");
-    if (dynamic_cast<CArenaEntity *>(&entity) != nullptr)
-        THROW_ARGOSEXCEPTION("RemoveEntity: an arena of blocks stays");
-    said += "gone\t" + entity.GetId() + "\n";
+    if (CArenaEntity *arena = dynamic_cast<CArenaEntity *>(&entity)) {
+        for (CWallEntity *wall : arena->GetWalls())
+            for (CBlockEntity *block : wall->GetBlocks())
+                said += "gone\t" + block->GetId() + "\n";
+    } else
+        said += "gone\t" + entity.GetId() + "\n";
     GetSpace().VsRemove(entity);
 }
 

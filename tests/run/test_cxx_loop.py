@@ -150,7 +150,7 @@ def test_an_arena_of_blocks_has_its_place_and_colours(mission: Callable[..., Pat
     run = simulated(mission(edges="6"))
     blocks = [e for e in run.environment.world.boxes() if e.id.startswith("walls.")]
     assert len(blocks) == 12
-    assert "loop functions: 12 blocks" in [
+    assert "loop functions: 14 blocks" in [
         f"loop functions: {text}" for text in run.environment.said()
     ]
     inner_m = 0.5 / np.tan(np.pi / 6)
@@ -168,7 +168,16 @@ def test_an_arena_of_blocks_has_its_place_and_colours(mission: Callable[..., Pat
     ]
     assert {led.color for led in red.leds} == {(255, 0, 0)}
     assert {led.color for e in blocks if e is not red for led in e.leds} == {(0, 0, 255)}
-    assert run._physics.near.cdata.boxes == 14, "they are solid: with them there and added"
+    across = [e for e in run.environment.world.boxes() if e.id.startswith("across.")]
+    away = 0.125 * np.sin(np.pi / 4)
+    assert [e.id for e in across] == ["across.block_1", "across.block_2"]
+    assert across[0].position_m[:2] == pytest.approx((0.2 - away, 0.1 + away))
+    assert across[1].position_m[:2] == pytest.approx((0.2 + away, 0.1 - away))
+    assert {led.color for e in across for led in e.leds} == {(0, 255, 0)}
+    assert len(across[0].leds) == 2 and across[0].yaw_rad == pytest.approx(np.pi / 4)
+    assert run._physics.near.cdata.boxes == 16, "they are solid: with them there and added"
+    run.run()
+    assert [e.id for e in run.environment.world.boxes()] == ["there", "added"], "all removed"
 
 
 def test_a_seed_repeats_a_run(mission: Callable[..., Path]) -> None:

@@ -49,9 +49,13 @@ public:
       if(unEdges > 0) {
          CArenaEntity* pcArena = new CArenaEntity("walls", CVector3(), CQuaternion(), CVector3(0.01, 0.5, 0.1), "leds",
                                                   2, unEdges, 0.25, 1.0);
+         pcArena->AddWall(*new CWallEntity(pcArena, "across", CVector3(0.2, 0.1, 0.0),
+                                           CQuaternion(CRadians::PI_OVER_FOUR, CVector3::Z),
+                                           CVector3(0.01, 0.25, 0.1), "leds", 2, 0.125, 1.0));
          AddEntity(*pcArena);
          pcArena->SetArenaColor(CColor::BLUE);
          pcArena->SetBoxColor(1, 2, CColor::RED);
+         pcArena->SetWallColor(unEdges + 1, CColor::GREEN);
          LOG << GetSpace().GetEntitiesByType("block").size() << " blocks" << std::endl;
       }
       MoveRobots();
@@ -67,6 +71,7 @@ public:
 
    virtual void Destroy() {
       LOG << "destroyed" << std::endl;
+      if(GetSpace().GetEntityMapPerId().count("walls") > 0) RemoveEntity("walls");
       Fail("Destroy");
    }
 
