@@ -14,6 +14,7 @@ from vsense.config import argos
 from vsense.config.experiment import load
 from vsense.modes.sim._simulation import Simulation
 from vsense.robots import boards, build
+from vsense.robots._compiled import SHOWN_LINES
 from vsense.robots.compiling import BuildError, Sources, native, own_cxxflags
 from vsense.robots.sources import ProgramSources
 from vsense.run.programs import shared_objects
@@ -149,6 +150,43 @@ def test_flags_have_quotes_as_in_a_shell_and_are_named_where_they_are_wrong(
     monkeypatch.setenv("CXXFLAGS", "-fno-such-thing")
     with pytest.raises(BuildError, match=r"does not build with CXXFLAGS=-fno-such-thing:\n"):
         build.shared("walker.cpp", walker.parent)
+
+
+MANY_WORDS = """
+#include <map>
+struct Pair { int x; };
+static void Fill(std::map<Pair, int> &all) { all[Pair()] = undeclared; }
+"""
+"""Four errors at most, and notes of every operator < that the library has."""
+
+
+def test_of_a_compilers_words_the_errors_are_shown(walker: Path) -> None:
+    walker.write_text(walker.read_text() + MANY_WORDS)
+    line = walker.read_text().splitlines().index(MANY_WORDS.splitlines()[3]) + 1
+    with pytest.raises(BuildError) as told:
+        build.shared("walker.cpp", walker.parent)
+    first, *lines = str(told.value).splitlines()
+    assert first == f"the controller {walker} does not build:"
+    errors = [n for n, words in enumerate(lines) if " error: " in words]
+    notes = [n for n, words in enumerate(lines) if " note: " in words]
+    assert any(lines[n].startswith(f"{walker}:{line}:") for n in errors)
+    assert any("operator<" in lines[n] for n in errors) and max(errors) < min(notes)
+    assert len(lines) == SHOWN_LINES + 1 and lines[-1].endswith(" more lines)")
+
+
+def test_of_a_linkers_words_each_missing_symbol_is_shown_once(walker: Path) -> None:
+    seen = '__attribute__((visibility("default")))'
+    body = "{ return Absent(Kind()) + Gone(Kind()); }"
+    calls = "".join(f"{seen} int Call{n}() {body}\n" for n in range(30))
+    absent = f"namespace own {{ struct Kind {{}}; int Absent(Kind); int Gone(Kind); {calls} }}"
+    walker.write_text(f"{absent}\n{walker.read_text()}")
+    with pytest.raises(BuildError) as told:
+        build.shared("walker.cpp", walker.parent)
+    first, absent, gone, *others = str(told.value).splitlines()
+    assert first == f"the controller {walker} does not build:"
+    assert absent.endswith("undefined reference to `own::Absent(own::Kind)' (30 times)")
+    assert gone.endswith("undefined reference to `own::Gone(own::Kind)' (30 times)")
+    assert len(others) < 4
 
 
 def test_another_compiler_makes_a_new_build(walker: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -65,6 +65,9 @@ _GET_CONTROLLER = re.compile(
 """Comments, texts, and where loop functions ask for the object of a controller."""
 
 
+_SHOWN_USES = 3
+
+
 def forwarding(argos: Path, cache: Path) -> Path:
     """Gives the folder that is searched for ARGoS's headers, made in `cache` where needed.
 
@@ -121,20 +124,28 @@ def needs_runtime(program: ProgramSources) -> bool:
     return any(match[1] for path in program.own_files() for match in _WORDS.finditer(content(path)))
 
 
-def explain_controllers(program: ProgramSources) -> str:
-    """What a user can do whose loop functions use a controller's class; "": they do not."""
-    places = [
-        f"{path}:{_line_at(path, use.start())}: GetController()"
+def controller_uses(program: ProgramSources) -> list[tuple[Path, int]]:
+    """Where loop functions ask for the object of a controller: files and lines."""
+    return [
+        (path, _line_at(path, use.start()))
         for path in program.own_files()
         for use in _GET_CONTROLLER.finditer(content(path))
         if use[1]
     ]
+
+
+def explain_controllers(program: ProgramSources) -> str:
+    """What a user can do whose loop functions use a controller's class; "": they do not."""
+    places = [f"{path}:{line}: GetController()" for path, line in controller_uses(program)]
     if not places:
         return ""
+    if len(places) > _SHOWN_USES:
+        places[_SHOWN_USES:] = [f"and in {len(places) - _SHOWN_USES} lines more"]
     words = (
-        "they use the class of a controller. Controllers run apart from loop functions here, in the"
-        " end on robots: their members are out of reach. Have the controller show what is wanted of"
-        " it with its LEDs, which loop functions see (GetLEDEquippedEntity()); lines for ARGoS"
+        "they use the class of a controller, which they reach in `vsense sim` only, where one"
+        " <..._controller> in C++ drives all robots: elsewhere it runs on robots. Have the"
+        " controller show what is wanted of it with its LEDs, which loop functions see"
+        " (GetLEDEquippedEntity()); lines for ARGoS"
         f" alone go between #ifndef VSENSE and #endif; see {ARGOS_PAGE}"
     )
     return "\n".join([words, *places])

@@ -160,6 +160,76 @@ def _line(source: Path, name: str) -> str:
     return f":{text.count(chr(10), 0, match.end()) + 1}" if match else ""
 
 
+SHOWN_LINES = 20
+"""Of a compiler's or a linker's words so many are shown."""
+_SHOWN_COLUMNS = 240
+
+_OLDER = "ISO C++17 does not allow"
+"""What GCC and Clang say of code that is older."""
+
+_ERROR = re.compile(r"(?:^|: )(?:fatal )?error: |undefined reference to |multiple definition of ")
+_REMARK = re.compile(r": (?:warning|note|remark): ")
+_CONTEXT = re.compile(
+    r"In file included from |\s+from \S+:\d|\S.*: In .*:$|\S.*:\s+required from |\S.*: in function "
+)
+"""What GCC, Clang and linkers say before what it belongs to."""
+_MISSING = re.compile(r"^(?:\S*ld(?:\.\w+)?: )?(.*undefined reference to [`'](.*)')$")
+
+
+def shortened(said: str) -> str:
+    """What helps of a compiler's or a linker's words: errors first, each symbol that is missing
+    once, then notes as far as there is room; warnings only where there is nothing else."""
+    lines = said.strip().splitlines()
+    if len(lines) > SHOWN_LINES:
+        errors, remarks = _sorted(lines)
+        kept = (errors + remarks if errors else lines)[:SHOWN_LINES]
+        lines = [*kept, f"({len(lines) - len(kept)} more lines)"]
+    return "\n".join(
+        line if len(line) <= _SHOWN_COLUMNS else f"{line[:_SHOWN_COLUMNS]}..." for line in lines
+    )
+
+
+def _sorted(lines: Sequence[str]) -> tuple[list[str], list[str]]:
+    """The lines of errors, and those of notes; what comes before and after one belongs to it."""
+    errors, remarks, context = list[str](), list[str](), list[str]()
+    missing, target = dict[str, list[int]](), list[str]()
+    for line in lines:
+        if match := _MISSING.match(line):
+            missing.setdefault(match[2], [len(errors), 0])[1] += 1
+            errors += [match[1]] * (missing[match[2]][1] == 1)
+            context, target = [], []
+        elif _ERROR.search(line):
+            target = errors
+            target += [*context, line]
+            context = []
+        elif match := _REMARK.search(line):
+            target = [] if "warning" in match[0] else remarks
+            target.append(line)
+            context = []
+        elif _CONTEXT.match(line):
+            context.append(line)
+        else:
+            target.append(line)
+    for place, count in missing.values():
+        errors[place] += f" ({count} times)" * (count > 1)
+    return errors, remarks
+
+
+def explained(
+    said: str, program: ProgramSources, ours: Sequence[Path], what: str, flags: Sequence[str]
+) -> str:
+    """Why a build has failed: who is to blame, and what the compiler says that helps.
+
+    Args:
+        said: the compiler's words.
+        ours, what: see `blamed`.
+        flags: of the user's own.
+    """
+    with_flags = f" with CXXFLAGS={' '.join(flags)}" if flags else ""
+    older = "\nolder C++ is compiled with CXXFLAGS=-std=gnu++11" * (_OLDER in said)
+    return f"{blamed(said, program, ours, what)}{with_flags}:\n{shortened(said)}{older}"
+
+
 def blamed(said: str, program: ProgramSources, ours: Sequence[Path], what: str) -> str:
     """Says which source a compiler's words are about; a linker's words name no line.
 

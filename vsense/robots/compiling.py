@@ -49,9 +49,6 @@ HASH_PART = "controller_hash"
 HASH_DIGITS = 12
 """Of a controller's hash so many are told: enough to tell any two apart."""
 
-_OLDER = "ISO C++17 does not allow"
-"""What GCC and Clang say of code that is older."""
-
 APT_LINE = "sudo apt install build-essential python3-dev python3-venv"
 
 
@@ -343,13 +340,11 @@ class Sources:
         folders = [f"-I{folder}" for folder in self.includes]
         result = toolchain.run([*language, *toolchain.flags, *folders, *arguments])
         if result.returncode != 0:
-            said = result.stderr.strip()
-            flags = " ".join(flag for flag in own_cxxflags() if flag in arguments)
-            with_flags = f" with CXXFLAGS={flags}" if flags else ""
-            older = "\nolder C++ is compiled with CXXFLAGS=-std=gnu++11" * (_OLDER in said)
+            flags = [flag for flag in own_cxxflags() if flag in arguments]
             ours = (*self.own, *self.own_cxx)
-            blame = _compiled.blamed(said, self.program, ours, self.what)
-            raise BuildError(f"{blame}{with_flags}:\n{said}{older}")
+            raise BuildError(
+                _compiled.explained(result.stderr, self.program, ours, self.what, flags)
+            )
         return result.stdout
 
 
