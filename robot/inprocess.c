@@ -10,6 +10,7 @@
 #define LINE_BYTES 128
 #define COMPLAINTS_BYTES 4096
 #define STEP_E9 1000000000
+#define RUN 1                  /* the session's only one */
 #define RATE_E3 18251          /* [1e-3/EPUCK_IMU_DIGITS rad/s] of turning when a wheel makes a step
                                   a second more than the other one, 53 mm away */
 
@@ -197,7 +198,7 @@ static void hear(struct mind *mind, uint32_t robot, const struct vs_inprocess_ti
         memcpy(s->state.payload, now->values + robot * bytes, bytes);
     for (i = 0; i < sensors; i++)
         s->state.older_us[i] = older_us(now->capture_ns, now->captures_ns[robot * sensors + i]);
-    s->run = 1;
+    s->run = RUN;
     s->timestep = now->timestep;
     s->capture_ns = s->newest_capture_ns = now->capture_ns;
     s->received_ns = s->fresh_ns = now->now_ns;
@@ -292,6 +293,18 @@ const char *vs_inprocess_failure(const struct vs_inprocess *all, uint32_t *robot
             return words;
     }
     return NULL;
+}
+
+void vs_inprocess_begin(struct vs_inprocess *all)
+{
+    uint32_t i;
+
+    for (i = 0; i < all->robots; i++) {
+        all->progress->robot = i + 1;
+        all->minds[i].session.run = RUN;
+        vs_loop_begin(&all->minds[i].loop);
+    }
+    all->progress->robot = 0;
 }
 
 void vs_inprocess_end(struct vs_inprocess *all)

@@ -62,6 +62,9 @@ int vs_inprocess_init(struct vs_inprocess *all, uint32_t robots,
 int vs_inprocess_welcome(struct vs_inprocess *all, uint32_t robot, uint16_t tag,
                          const uint8_t *packet, size_t len);
 
+/* Every controller begins its run now, and not with its first control step. */
+void vs_inprocess_begin(struct vs_inprocess *all);
+
 /* One timestep, later than the one before, of robots that all got the same table. Errors:
  * VS_ERR_STATE after vs_inprocess_end: nothing happens. */
 int vs_inprocess_step(struct vs_inprocess *all, struct vs_inprocess_timestep *now);

@@ -125,7 +125,7 @@ void vs_loop_event(struct vs_loop *loop, enum vs_event event, const struct vs_in
     look_at_wish(loop);
 }
 
-static void begin_run(struct vs_loop *loop)
+void vs_loop_begin(struct vs_loop *loop)
 {
     const struct vs_session *s = loop->session;
 
@@ -166,7 +166,7 @@ static void run_controller(struct vs_loop *loop, const struct vs_instant *now)
     struct vs_step *step = &loop->step;
     int16_t most = vs_safety_max_steps_s(&loop->robot.base, loop->v_max_nm_s);
 
-    begin_run(loop);
+    vs_loop_begin(loop);
     loop->timestep_new = 0;
     loop->robot.session_ns = now->session_ns;
     loop->robot.now_ns = now->base_ns;

@@ -111,6 +111,10 @@ void vs_loop_guard_lost(struct vs_loop *loop);
 /* The daemon ends: wheels 0 from now on. */
 void vs_loop_end(struct vs_loop *loop);
 
+/* The controller begins the run that the session has now, unless it has: a control step does the
+ * same before. */
+void vs_loop_begin(struct vs_loop *loop);
+
 /* Why the wheels are held, or VS_CAUSE_NONE. */
 enum vs_stop_cause vs_loop_cause(const struct vs_loop *loop, const struct vs_instant *now);
 

@@ -9,6 +9,10 @@
 
 #include "../layer.h"
 
+#ifdef VS_ARGOS_TOGETHER
+#include "entities.hpp"
+#endif
+
 #if !VS_ARGOS_EXCEPTIONS
 #include <csetjmp>
 #endif
@@ -27,6 +31,21 @@ struct State
     void *memory; /* that it lies in */
     TConfigurationNode *params;
 };
+
+#ifdef VS_ARGOS_TOGETHER
+struct Running
+{
+    State *state;
+    vs_robot *robot;
+};
+
+/* Every robot's controller, by the robot's id. */
+std::map<std::string, Running> &AllRunning()
+{
+    static std::map<std::string, Running> all;
+    return all;
+}
+#endif
 
 /* Whose turn it is: one process may run many robots, one after the other. */
 vs_robot *s_robot;
@@ -94,6 +113,9 @@ void Begin(State *state)
     state->controller = registered->Make(state->memory);
     state->controller->SetId(HostParam("vs:id"));
     state->params = ReadParams();
+#ifdef VS_ARGOS_TOGETHER
+    AllRunning()[state->controller->GetId()] = Running{state, s_robot};
+#endif
     state->controller->Init(*state->params);
 }
 
@@ -114,6 +136,9 @@ void End(State *state)
     state->controller = nullptr;
     if (controller == nullptr)
         return;
+#ifdef VS_ARGOS_TOGETHER
+    AllRunning().erase(controller->GetId());
+#endif
     controller->Destroy();
     controller->~CCI_Controller();
     std::free(state->memory);
@@ -254,8 +279,26 @@ CCI_Actuator *CCI_Controller::VsActuator(const std::string &element, const VsDev
 
 }  // namespace argos
 
-extern "C" void vs_argos_log(int, const char *line)
+#ifdef VS_ARGOS_TOGETHER
+/* What loop functions then call of it may ask for its devices. */
+argos::CCI_Controller *argos::VsControllerOf(const std::string &robot)
 {
+    const auto found = AllRunning().find(robot);
+    if (found == AllRunning().end())
+        return nullptr;
+    s_robot = found->second.robot;
+    s_is_step = false;
+    return found->second.state->controller;
+}
+#endif
+
+extern "C" void vs_argos_log(int is_error, const char *line)
+{
+#ifdef VS_ARGOS_TOGETHER
+    if (argos::VsLoopLogs(is_error != 0, line))
+        return;
+#endif
+    (void)is_error;
     if (argos::s_robot != nullptr)
         vs_robot_log(argos::s_robot, line);
 }

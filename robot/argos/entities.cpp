@@ -108,10 +108,12 @@ CEntity *CComposableEntity::VsPart(const std::string &type) const
 
 CCI_Controller &CControllableEntity::GetController()
 {
-    THROW_ARGOSEXCEPTION("GetController() of \"" << GetContext()
-                         << "\": vsense runs controllers apart from loop functions, on the robots"
-                            " or in the robots' part of the simulation. Have the controller send"
-                            " what is wanted of it with a virtual actuator, or show it");
+#ifdef VS_ARGOS_TOGETHER
+    if (CCI_Controller *found = VsControllerOf(GetRootEntity().GetId()))
+        return *found;
+#endif
+    THROW_ARGOSEXCEPTION("GetController() of \"" << GetContext() << "\": it runs apart from loop"
+                         " functions; have it show what is wanted of it with its LEDs");
 }
 
 /* ------------------------------------------------------------------ LEDs */

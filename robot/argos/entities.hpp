@@ -173,7 +173,13 @@ private:
     CEntity::TVector m_parts;
 };
 
-/* A robot's program. It runs elsewhere: on the robot, or in another part of the simulation. */
+/* Where controllers and loop functions are compiled together, controller.cpp has the object of a
+ * robot's controller, nullptr: it has none; and loop_functions.cpp takes what is logged while a
+ * loop function runs, false: none does. */
+CCI_Controller *VsControllerOf(const std::string &robot);
+bool VsLoopLogs(bool is_error, const char *line);
+
+/* A robot's program. */
 class CControllableEntity : public CEntity
 {
 public:
@@ -181,6 +187,7 @@ public:
 
     CControllableEntity(CComposableEntity *parent, const std::string &id) : CEntity(parent, id) {}
     std::string GetTypeDescription() const override { return "controller"; }
+    /* Throws where it runs on the robot, or is not compiled together with the loop functions. */
     CCI_Controller &GetController();
 };
 

@@ -38,6 +38,7 @@ VsLoopKind *kind = nullptr;
 std::vector<CEPuckEntity *> robots;
 std::string said;
 std::vector<UInt8> colors;
+bool is_called = false; /* a loop function runs */
 
 CSpace &Space()
 {
@@ -413,15 +414,24 @@ void CLoopFunctions::RemoveEntity(CEntity &entity)
 
 }  // namespace argos
 
+bool argos::VsLoopLogs(bool is_error, const char *line)
+{
+    if (is_called)
+        Say(is_error ? "logerr" : "log", line);
+    return is_called;
+}
+
+#ifndef VS_ARGOS_TOGETHER
 extern "C" void vs_argos_log(int is_error, const char *line)
 {
-    argos::Say(is_error ? "logerr" : "log", line);
+    argos::VsLoopLogs(is_error, line);
 }
 
 extern "C" void vs_argos_fail(const char *words)
 {
     throw std::runtime_error(words);
 }
+#endif
 
 /* What a user throws ends here: nothing of C++ reaches the host. */
 extern "C" void vs_loop_call(const char *text, size_t size, const double *numbers, size_t count,
@@ -432,6 +442,7 @@ extern "C" void vs_loop_call(const char *text, size_t size, const double *number
     const std::string what = lines.empty() ? "" : lines[0];
     said.clear();
     colors.clear();
+    is_called = true;
     try {
         lines.erase(lines.begin(), lines.begin() + !lines.empty());
         Call(what, lines, numbers, count);
@@ -441,6 +452,7 @@ extern "C" void vs_loop_call(const char *text, size_t size, const double *number
         Say("error", "something was thrown that is no std::exception");
     }
     SayChanges();
+    is_called = false;
     answer->text = said.data();
     answer->text_size = said.size();
     answer->colors = colors.data();

@@ -226,7 +226,7 @@ def test_what_they_throw_names_the_function(mission: Callable[..., Path], where:
 @pytest.mark.parametrize(
     ("how", "words"),
     [
-        ("controller", "controllers apart"),
+        ("controller", "apart from loop functions"),
         ("robot", 'AddEntity: "another".*<distribute>'),
     ],
 )

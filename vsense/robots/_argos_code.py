@@ -49,6 +49,9 @@ CONTROLLER_PARTS = (
 LOOP_PARTS = ("base", "configuration", "random", "entities", "loop_functions")
 """What of `robot/argos/` loop functions need."""
 
+TOGETHER = "controller with its loop functions"
+"""What messages call a program of both, in which loop functions reach controllers."""
+
 ENTRY = "controller"
 """Which of these makes the program's class a controller of the daemon."""
 
@@ -66,6 +69,22 @@ _GET_CONTROLLER = re.compile(
 
 
 _SHOWN_USES = 3
+
+
+def together(source: Path, what: str) -> list[str]:
+    """What those of our files are told that are another code in such a program."""
+    is_other = what == TOGETHER and source.stem in ("controller", "entities", "loop_functions")
+    return ["-DVS_ARGOS_TOGETHER"] if is_other else []
+
+
+def lenient(version: str) -> list[str]:
+    """What has a function return anything that ends without the value that it owes.
+
+    With GCC, which calls itself so in its `version`, it otherwise runs on into whatever code
+    follows, but not in a build without optimisation: published controllers have such functions.
+    """
+    is_gcc = "Free Software Foundation" in version
+    return ["-fsanitize=unreachable", "-fsanitize-undefined-trap-on-error"] if is_gcc else []
 
 
 def forwarding(argos: Path, cache: Path) -> Path:

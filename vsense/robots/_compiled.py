@@ -242,13 +242,13 @@ def blamed(said: str, program: ProgramSources, ours: Sequence[Path], what: str) 
         return re.search(rf"(?:^|from ){re.escape(str(path))}:\d", said, re.M) is not None
 
     does = f"{'do' if what.endswith('s') else 'does'} not build"
-    if program.is_argos and re.search("undefined (reference|symbol)", said):
-        is_controller = what == "controller"
-        explain = (
-            _argos_code.explain_simulator if is_controller else _argos_code.explain_controllers
-        )
-        if why := explain(program):
-            return f"the {what} {program.sources[0]} {does}: {why}"
+    explain = {
+        "controller": _argos_code.explain_simulator,
+        "loop functions": _argos_code.explain_controllers,
+    }.get(what)
+    is_missing = program.is_argos and re.search("undefined (reference|symbol)", said)
+    if is_missing and explain and (why := explain(program)):
+        return f"the {what} {program.sources[0]} {does}: {why}"
     named = [path for path in program.sources if is_named(path)]
     if named:
         return f"the {what} {named[0]} {does}"

@@ -18,7 +18,14 @@ from pathlib import Path
 
 from vsense.base.errors import UsageError, instead
 from vsense.robots import _cache
-from vsense.robots._argos_code import CONTROLLER_PARTS, FLAGS, LOOP_PARTS, STANDARD
+from vsense.robots._argos_code import (
+    CONTROLLER_PARTS,
+    FLAGS,
+    LOOP_PARTS,
+    STANDARD,
+    TOGETHER,
+    controller_uses,
+)
 from vsense.robots._cache import cache_directory
 from vsense.robots.compiling import (
     CFLAGS,
@@ -142,6 +149,11 @@ class SourceTree:
         own_cxx, folder = self._argos(program, LOOP_PARTS), _cache_for(program)
         return Sources((), program, self.includes(), own_cxx, cache=folder, what="loop functions")
 
+    def together(self, program: ProgramSources) -> Sources:
+        """What robots of a simulation are made of whose loop functions use their controller."""
+        parts = list(dict.fromkeys((*CONTROLLER_PARTS, *LOOP_PARTS)))
+        return replace(self.runtime(program), own_cxx=self._argos(program, parts), what=TOGETHER)
+
     def _argos(
         self, program: ProgramSources, parts: Sequence[str] = CONTROLLER_PARTS
     ) -> list[Path]:
@@ -237,7 +249,24 @@ def shared(controller: str | ProgramSources, beside: Path | None = None) -> Path
     tree = source_tree()
     program = tree.program(controller, beside)
     target = cache_directory() / _fingerprint(tree, program) / "inprocess.so"
-    return _cache.built(target, partial(_compile_runtime, tree, program))
+    return _cache.built(target, partial(_link_runtime, tree.runtime(program)))
+
+
+def are_together(controller: ProgramSources, loop: ProgramSources) -> bool:
+    """Whether loop functions ask for the objects of a controller that is for ARGoS, too."""
+    return controller.is_argos and bool(controller_uses(loop))
+
+
+def shared_with_loop_functions(controller: ProgramSources, loop: ProgramSources) -> Path:
+    """Gives one shared object of both, which is that of `shared` and that of `loop_functions`.
+
+    Raises:
+        BuildError: no compiler, a source that does not compile, or no cache directory.
+    """
+    tree, program = source_tree(), controller.together(loop)
+    sources = tree.together(program)
+    target = cache_directory() / _fingerprint(tree, program, sources) / "inprocess.so"
+    return _cache.built(target, partial(_link_runtime, sources))
 
 
 def loop_functions(program: ProgramSources) -> Path:
@@ -268,10 +297,9 @@ def compile_daemon(tree: SourceTree, program: ProgramSources, target: Path) -> N
     _cache.with_parts(sources, compiler).link_daemon(compiler, target)
 
 
-def _compile_runtime(tree: SourceTree, program: ProgramSources, target: Path) -> None:
+def _link_runtime(sources: Sources, target: Path) -> None:
     compiler = native()
-    runtime = _cache.with_parts(tree.runtime(program), compiler, SHARED_FLAGS)
-    runtime.link(compiler, target, SHARED_FLAGS)
+    _cache.with_parts(sources, compiler, SHARED_FLAGS).link(compiler, target, SHARED_FLAGS)
 
 
 def _cache_for(program: ProgramSources) -> Path | None:

@@ -198,6 +198,7 @@ class Sources:
         flags = [flag for flag in flags if flag.startswith("-f")]  # for code, not for its linker
         compiler = toolchain.for_cxx()
         version, ours = compiler.version(), self._for_all()
+        ours += _argos_code.lenient(version) if self.program.is_argos else []
 
         def compiled(numbered: tuple[int, Path]) -> str:
             number, source = numbered
@@ -328,6 +329,7 @@ class Sources:
         elif source.stem == _argos_code.ENTRY:
             label, name = program.label, program.short_name
             options = [f'-DVS_ARGOS_LABEL="{label}"', f'-DVS_ARGOS_NAME="{name}"']
+        options += _argos_code.together(source, self.what)
         language = [_argos_code.STANDARD, *SECTIONS, *_argos_code.FLAGS, "-fno-threadsafe-statics"]
         return language, [*for_all, *options, *own_cxxflags()]
 

@@ -163,6 +163,15 @@ class CompiledProgram:
         name: bytes = self._ffi.string(self._lib.vs_inprocess_controller())
         return name.decode(errors="replace")
 
+    def begin(self) -> None:
+        """Every controller begins its run now, and not with its first control step.
+
+        Raises:
+            ControllerFailure: a controller cannot.
+        """
+        self._lib.vs_inprocess_begin(self._all)
+        self.check()
+
     def step(
         self,
         wanted: Wanted,

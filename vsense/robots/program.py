@@ -27,7 +27,8 @@ from vsense.robots.sources import ProgramSources
 class Program(Protocol):
     """Controls the robots of one controller. It reads no clock: all times are given.
 
-    Raises ControllerFailure from `step`, `check` and `end` where a controller cannot go on.
+    Raises ControllerFailure from `begin`, `step`, `check` and `end` where a controller cannot go
+    on.
     """
 
     @property
@@ -41,6 +42,9 @@ class Program(Protocol):
     @property
     def leds(self) -> NDArray[np.uint16]:
         """(n,) bits 0-7 ring, 8 body, 9 front."""
+
+    def begin(self) -> None:
+        """Every controller begins now; see `CompiledProgram.begin`."""
 
     def step(
         self,

@@ -116,6 +116,12 @@ class ProgramSources:
         """The same as a robot tells it, where it is written for ARGoS."""
         return self.name.encode()[:MAX_NAME_BYTES].decode(errors="ignore")
 
+    def together(self, other: ProgramSources) -> ProgramSources:
+        """All files of both; the label is its own."""
+        sources = dict.fromkeys((*self.sources, *other.sources))
+        includes = dict.fromkeys((*self.includes, *other.includes))
+        return ProgramSources(tuple(sources), tuple(includes), self.label)
+
     def own_files(self) -> list[Path]:
         """Its sources and all headers of its own."""
         used = headers(self.sources, self.includes)

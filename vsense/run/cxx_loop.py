@@ -9,15 +9,19 @@ from __future__ import annotations
 import math
 import re
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vsense.config.specs import Experiment, LoopSpec
+from vsense.robots import build
+from vsense.robots.link.table import Table
 from vsense.robots.loop_library import Colors, CxxLoopError, LoopCaller
+from vsense.robots.sources import ProgramSources
 from vsense.run._loop_process import LoopProcess
 from vsense.world.entities import (
     MAX_INTENSITY,
@@ -36,6 +40,8 @@ from vsense.world.world import NEVER_NS, World
 
 Floats = NDArray[np.float64]
 PoseTuple = tuple[float, float, float]
+Tables = Mapping[str, Table]
+"""Sensor tables by a controller's id."""
 
 _MAX_PIXELS = 10_000_000
 _NO_NUMBERS = np.zeros(0)
@@ -52,11 +58,16 @@ class LoopHost:
 
     Attributes:
         open: gives what calls a shared object of them.
-        moves: see `CxxLoopFunctions`.
+        moves: whether robots and what stands in the arena go where the functions put them: in a
+            simulation. Otherwise they are real, and the first try is told.
+        find: gives their shared object.
+        begin: begins the controllers whose objects they use, before their Init, as ARGoS does.
     """
 
     open: Callable[[Path], LoopCaller] = LoopProcess
     moves: bool = False
+    find: Callable[[ProgramSources], Path] = build.loop_functions
+    begin: Callable[[Tables], None] = lambda tables: None
 
 
 OBJECTIVE = "objective"
@@ -90,10 +101,6 @@ class LoopFloor(Floor):
 class CxxLoopFunctions:
     """The hooks of a run: those of `vsense.world.loop_functions.LoopFunctions`, called in C++.
 
-    Args:
-        moves: whether robots and what stands in the arena go where the functions put them: in a
-            simulation. Otherwise they are real, and the first try is told.
-
     Attributes:
         steps: both of them.
         is_alive: they can be called.
@@ -108,11 +115,13 @@ class CxxLoopFunctions:
     steps, robots_may_change = STEPS, False
 
     def __init__(
-        self, experiment: Experiment, spec: LoopSpec, seed: int, caller: LoopCaller, moves: bool
+        self, experiment: Experiment, spec: LoopSpec, seed: int, host: LoopHost, tables: Tables
     ) -> None:
-        """Makes them, and calls their Init."""
+        """Makes them, and calls their Init; `spec` names a program."""
+        assert spec.program is not None
         self._experiment, self._spec, self._seed = experiment, spec, seed
-        self._caller, self._moves = caller, moves
+        self._caller, self._moves = host.open(host.find(spec.program)), host.moves
+        self._begin_controllers = partial(host.begin, tables)
         self._lock = threading.RLock()
         self.is_alive, self.finished = False, False
         self.said: list[str] = []
@@ -204,6 +213,7 @@ class CxxLoopFunctions:
         self.is_alive = True
         self._call("world", [*self._world(), "\t".join(("robots", *names))], _NO_NUMBERS)
         self._call("construct", [self._spec.label], _NO_NUMBERS)
+        self._begin_controllers()
         settings = [f"|{line}" for line in self._spec.settings.splitlines()]
         self._pending = self._call("Init", settings, rows)
         for words in _of(self._pending, "robot", 6):

@@ -17,7 +17,6 @@ from vsense.base.readings import SwarmReadings
 from vsense.config.arena import floor_of, make_field
 from vsense.config.placement import settle
 from vsense.config.specs import ControllerSpec, Experiment
-from vsense.robots import build
 from vsense.robots.link.table import Direction, Entry, Table
 from vsense.run.cxx_loop import CxxLoopFunctions, LoopHost
 from vsense.world.actuators.bank import NO_SENDERS, ActuatorBank
@@ -89,22 +88,22 @@ class Environment:
         self.seed = seed
         self.blind = blind
         self._host = host
-        self._loop = _loop_functions(settled, seed, host)
+        self.equipment = self._equipped()
+        self._loop = _loop_functions(settled, seed, host, self.tables)
         self.world = _world(settled, seed, self._loop)
-        self._begin()
+        if self._loop is not None:
+            self._loop.reset(self.world)
         self._swarm = self._virtual_swarm()
 
-    def _begin(self) -> None:
-        """Equips all robots anew and calls the user's `reset`."""
+    def _equipped(self) -> tuple[Equipment, ...]:
+        """Equips all robots anew."""
         experiment = self.experiment
         driven = {r.tag: experiment.controller_of(r).id for r in experiment.robots}
         driven |= {r.tag: experiment.controller_of(r).id for r in experiment.virtual_robots}
-        self.equipment = tuple(
+        return tuple(
             self._equip(controller, [tag for tag, name in driven.items() if name == controller.id])
             for controller in experiment.controllers
         )
-        if self._loop is not None:
-            self._loop.reset(self.world)
 
     def _equip(self, controller: ControllerSpec, tags: Sequence[int]) -> Equipment:
         """Equips the robots of a controller; devices of each controller have noise of their own."""
@@ -162,8 +161,10 @@ class Environment:
     def reset(self) -> None:
         """Goes back to the state before the run; what the cameras saw last stays."""
         self.world.reset()
-        self._loop = None if self._loop is None else self._loop.renewed()
-        self._begin()
+        self.equipment = self._equipped()
+        if self._loop is not None:
+            self._loop = self._loop.renewed()
+            self._loop.reset(self.world)
         self._swarm = self._virtual_swarm()
 
     def following(self) -> Environment:
@@ -258,15 +259,16 @@ def _emptied(lines: list[str]) -> list[str]:
     return held
 
 
-def _loop_functions(experiment: Experiment, seed: int, host: LoopHost) -> Hooks | None:
+def _loop_functions(
+    experiment: Experiment, seed: int, host: LoopHost, tables: Mapping[str, Table]
+) -> Hooks | None:
     """Loads the user's functions; each run has its own."""
     spec = experiment.loop_functions
     if spec is None:
         return None
     if spec.program is None:
         return LoopFunctions(spec.path, spec.label, spec.params)
-    caller = host.open(build.loop_functions(spec.program))
-    return CxxLoopFunctions(experiment, spec, seed, caller, host.moves)
+    return CxxLoopFunctions(experiment, spec, seed, host, tables)
 
 
 def _world(experiment: Experiment, seed: int, loop: Hooks | None) -> World:

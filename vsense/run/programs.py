@@ -27,22 +27,29 @@ RUN_PROGRESS_BYTES = inprocess.PROGRESS_BYTES + 4
 def shared_objects(experiment: Experiment) -> dict[str, Path]:
     """Gives the program of each controller, by its id, as a shared object; builds what is missing.
 
+    In a simulation: loop functions that use the controller's class are part of the only one.
+
     Raises:
         UsageError: there is no such controller.
         BuildError: no compiler, or a source that does not compile.
     """
-    loop_object(experiment)
+    spec = experiment.loop_functions
+    loop = None if spec is None else spec.program
+    if loop is not None and are_together(experiment):
+        (controller,) = experiment.controllers
+        return {controller.id: build.shared_with_loop_functions(controller.program, loop)}
+    if loop is not None:
+        build.loop_functions(loop)
     return {c.id: kind_of(c.program).build(c.program) for c in experiment.controllers}
 
 
-def loop_object(experiment: Experiment) -> Path | None:
-    """Gives its loop functions as a shared object, built if it is missing; None: not in C++.
-
-    Raises:
-        BuildError: see `shared_objects`.
-    """
-    spec = experiment.loop_functions
-    return None if spec is None or spec.program is None else build.loop_functions(spec.program)
+def are_together(experiment: Experiment) -> bool:
+    """Whether loop functions ask for the objects of the only controller: a simulation has both in
+    one shared object then."""
+    spec, controllers = experiment.loop_functions, experiment.controllers
+    if spec is None or spec.program is None or len(controllers) != 1:
+        return False
+    return build.are_together(controllers[0].program, spec.program)
 
 
 _NAME = re.compile(r"\bvs_controller\s*=\s*\{[^\"{};]*\"([^\"]+)\"")
@@ -132,6 +139,19 @@ class Programs:
                 given = libraries[spec.id], tags, tables[spec.id], step_ns, seed, params
                 with loading(note, number):
                     self._parts.append((number, rows, open_program(*given, own)))
+
+    def begin(self) -> None:
+        """Every controller begins now; see `Program.begin`.
+
+        Raises:
+            SimError: a controller cannot, as `step`.
+        """
+        for number, _, robots in self._parts:
+            self._present[0] = number
+            try:
+                robots.begin()
+            except ControllerFailure as failure:
+                raise self._placed(number, failure) from None
 
     def step(
         self,

@@ -22,15 +22,14 @@ from vsense.base.readings import SwarmReadings
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment
 from vsense.modes.sim._chain import Chain, ChainedParts, ChainTimes, chained
+from vsense.modes.sim._loop_host import LoopFunctionsHost
 from vsense.modes.sim._record import SimulatedTracker, SimulationRecord
 from vsense.monitor.pictures.run_samples import RunSamples
 from vsense.robots.inprocess import ACT_NS, CONTROL_NS
 from vsense.robots.link.wire import Wanted
-from vsense.robots.loop_library import FUNCTIONS, Colors, LoopLibrary
 from vsense.run.changing import Ground
-from vsense.run.cxx_loop import LoopHost
 from vsense.run.environment import Environment, physics_of
-from vsense.run.programs import LOADING, LOADING_LOOP, RUN_PROGRESS_BYTES, Programs, loading
+from vsense.run.programs import RUN_PROGRESS_BYTES
 from vsense.world.entities import Box, Cylinder
 from vsense.world.physics.motion import Floats, NoisyWheels, Physics, obstacles
 from vsense.world.physics.proximity_ring import ProximityRing
@@ -48,31 +47,6 @@ is composed after 24 ms, and they measure every 10 ms."""
 
 MAX_TIMESTEPS = 1 << 30
 """As many timesteps as there are."""
-
-LOOP_FUNCTION = 0x10000
-"""What `Programs` notes as the number of its controller is this and more while loop functions in
-C++ run: which of `FUNCTIONS`."""
-
-
-class _Watched(LoopLibrary):
-    """Loop functions in this process; which function runs stands in the memory of `Programs`."""
-
-    def __init__(self, library: Path, progress: Any, timestep: Callable[[], int]) -> None:
-        with loading(progress, LOADING_LOOP - LOADING):
-            super().__init__(library)
-        self._note = memoryview(progress).cast("B").cast("I")
-        self._timestep = timestep
-
-    def call(
-        self, function: str, lines: Sequence[str], numbers: NDArray[np.float64]
-    ) -> tuple[str, Colors]:
-        before = self._note[2]
-        self._note[0], self._note[2] = self._timestep(), LOOP_FUNCTION + FUNCTIONS.index(function)
-        # As if a robot were in its control step: so an endless loop is noticed.
-        self._note[1] = 1
-        answer = super().call(function, lines, numbers)
-        self._note[1], self._note[2] = 0, before
-        return answer
 
 
 class _Event(NamedTuple):
@@ -125,7 +99,8 @@ class Simulation:
         progress = bytearray(RUN_PROGRESS_BYTES) if progress is None else progress
         # Loop functions may begin below, and ask for the timestep.
         self._timestep, self._numbers, self.chain, self.is_whole = 0, 0, None, True
-        self.environment = Environment(experiment, seed, blind, self._host(progress))
+        host = LoopFunctionsHost(experiment, libraries, seed, progress, self._present)
+        self.environment = Environment(experiment, seed, blind, host.loop_host())
         self.record = SimulationRecord(experiment)
         self.samples = self.observe = None
         self.gate: Callable[[int], int] = lambda run_timestep: MAX_TIMESTEPS
@@ -133,19 +108,13 @@ class Simulation:
         self._physics = physics_of(experiment, EPOCH_NS)
         self._rings = ProximityRing(self._physics.near, seed)
         self._tracker = SimulatedTracker((*self.record.tags, *self.record.object_tags), seed)
-        controllers = {r.tag: r.controller for r in experiment.robots}
         self._slip = NoisyWheels(experiment.wheel_noises, seed)
-        tables = self.environment.tables
-        self._robots = Programs(experiment, controllers, libraries, tables, seed, progress)
+        self._robots = host.robots or host.opened(self.environment.tables)
         self._driven, self._leds = self._robots.wheels_steps_s.copy(), self._robots.leds.copy()
         self._reports, self._events = dict[int, bytes](), list[_Event]()
         self._names, self._now_ns = {r.tag: r.id for r in experiment.robots}, EPOCH_NS
         self._version, self._standing = -1, _standing(experiment.boxes, experiment.cylinders)
         self._follow()
-
-    def _host(self, progress: Any) -> LoopHost:
-        """Where loop functions in C++ run: here, and what they move is moved."""
-        return LoopHost(lambda path: _Watched(path, progress, self._present), moves=True)
 
     def _present(self) -> int:
         """The timestep that is under way."""
@@ -175,10 +144,11 @@ class Simulation:
                 self.is_whole = most > 0
                 break
         self._advance(self._capture_ns())
-        self._robots.end()
         if self.samples is not None:
             self.samples.end(self.environment.world)
+        # Loop functions may use the controllers to the last.
         results = self.environment.end()
+        self._robots.end()
         self._note_said(len(self.record.timesteps) - 1)
         return results
 

@@ -11,8 +11,9 @@ from typing import Any
 from vsense.base.errors import VsenseError
 from vsense.base.processes import describe_exit
 from vsense.config.specs import Experiment
+from vsense.modes.sim._loop_host import LOOP_FUNCTION
 from vsense.modes.sim._record import EventLog
-from vsense.modes.sim._simulation import LOOP_FUNCTION, WARM_UP_TIMESTEPS
+from vsense.modes.sim._simulation import WARM_UP_TIMESTEPS
 from vsense.modes.sim.job import Job
 from vsense.robots.inprocess import SimError
 from vsense.robots.loop_library import FUNCTIONS
