@@ -125,7 +125,8 @@ void vs_loop_event(struct vs_loop *loop, enum vs_event event, const struct vs_in
     look_at_wish(loop);
 }
 
-void vs_loop_begin(struct vs_loop *loop)
+/* In line: of its two callers a daemon has one. */
+static inline void begin_run(struct vs_loop *loop)
 {
     const struct vs_session *s = loop->session;
 
@@ -141,6 +142,11 @@ void vs_loop_begin(struct vs_loop *loop)
     loop->run = s->run;
     loop->offer = s->offer;
     loop->seed = s->seed;
+}
+
+void vs_loop_begin(struct vs_loop *loop)
+{
+    begin_run(loop);
 }
 
 /* A step of the walk home: the controller knows nothing of it, and the LEDs are off. */
@@ -166,7 +172,7 @@ static void run_controller(struct vs_loop *loop, const struct vs_instant *now)
     struct vs_step *step = &loop->step;
     int16_t most = vs_safety_max_steps_s(&loop->robot.base, loop->v_max_nm_s);
 
-    vs_loop_begin(loop);
+    begin_run(loop);
     loop->timestep_new = 0;
     loop->robot.session_ns = now->session_ns;
     loop->robot.now_ns = now->base_ns;

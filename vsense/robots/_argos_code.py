@@ -70,6 +70,8 @@ _GET_CONTROLLER = re.compile(
 
 _SHOWN_USES = 3
 
+_PLUGINS = "argos3/plugins/"
+
 
 def together(source: Path, what: str) -> list[str]:
     """What those of our files are told that are another code in such a program."""
@@ -127,7 +129,10 @@ def missing_headers(program: ProgramSources) -> list[tuple[Path, int, str]]:
 
 def explain_missing(missing: Sequence[tuple[Path, int, str]]) -> str:
     """What a user can do about missing headers."""
-    lines = [f"{path}:{line}: <{name}>" for path, line, name in missing]
+    lines = [
+        f"{path}:{line}: <{name}>{', part of a plug-in' * name.startswith(_PLUGINS)}"
+        for path, line, name in missing
+    ]
     words = (
         "vsense has none of these headers of ARGoS. One of a library of your own, or of another"
         " repository's, is found with --include PREFIX=FOLDER (such as"
