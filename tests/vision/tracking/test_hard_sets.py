@@ -12,7 +12,7 @@ import pytest
 
 from tests.vision.tracking.hard_sets import FAMILIES, SCALES_PX_PER_M, SETS, score
 
-PICTURES, CHANCE = 2, 2
+PICTURES, CHANCE = 2, 3
 NAMED = {
     "small": {
         "easy": (40, 40, 40, 40),
