@@ -30,6 +30,8 @@ struct vs_floor {
     double size_m[2];
     uint8_t color[4];            /* of a plain floor */
     const struct vs_zone *zones; /* later ones lie over earlier ones */
+    int (*ask)(void *whom, const double *points_m, uint32_t n, double *colors);
+    void *whom;                  /* who knows the colours, as vs_floor_sample; NULL: nobody */
 };
 
 /* Which of n points, x and y each, lie in a zone: 1 or 0 each. */
@@ -37,11 +39,23 @@ void vs_zone_contains(const struct vs_zone *zone, const double *points_m, uint32
                       uint8_t *inside);
 
 /* Colours of the floor at n points, four numbers each: that of the pixel in which the point lies;
- * outside of the picture, of the nearest one. */
-void vs_floor_sample(const struct vs_floor *floor, const double *points_m, uint32_t n,
-                     double *colors);
+ * outside of the picture, of the nearest one. Errors: those of ask. */
+int vs_floor_sample(const struct vs_floor *floor, const double *points_m, uint32_t n,
+                    double *colors);
 
-/* Colours under the centres of all robots, four numbers each; floor is a struct vs_floor. VS_OK. */
-int vs_floor_read(const void *floor, const struct vs_scene *scene, double *readings);
+/* Sensors that look at the floor. */
+struct vs_ground {
+    const struct vs_floor *floor;
+    uint32_t points;       /* where a robot looks, in its own frame: */
+    const double *ahead_m; /* [points] */
+    const double *left_m;  /* [points] */
+    const double *grey;    /* [3] brightness of each unit of red, green, blue; NULL: colours are read */
+    double *points_m;      /* [robots * points * 2] scratch, */
+    double *colors;        /* [robots * points * 4] and NULL where colours are read */
+};
+
+/* Reads brightnesses [robots * points], 0 to 1, or colours [robots * points * 4]; ground is a
+ * struct vs_ground. Errors: as vs_floor_sample. */
+int vs_ground_read(const void *ground, const struct vs_scene *scene, double *readings);
 
 #endif

@@ -45,4 +45,11 @@ double vs_line_meet(const struct vs_obstacle *body, const struct vs_line *line, 
 int32_t vs_line_cell(const struct vs_obstacles *obstacles, double from_corner_m,
                      int32_t cells);
 
+/*
+ * Whether a body, but skip, comes within reach_m of a place, seen from above: 0 where none does,
+ * 1 where one does or nearly does. Errors: VS_ERR_ARGUMENT for a place as in vs_line_aim.
+ */
+int vs_line_near(const struct vs_obstacles *obstacles, double x_m, double y_m, double reach_m,
+                 int32_t skip);
+
 #endif

@@ -80,6 +80,45 @@ static int overlap(const struct vs_obstacles *s, const struct vs_obstacle *body,
            fabs(y_m * body->cosine - x_m * body->sine) <= body->half_y_m + half_m;
 }
 
+/* Whether a body comes within reach_m of a place; the corners of a box count as more than round. */
+static int is_within(const struct vs_obstacle *body, double x_m, double y_m, double reach_m)
+{
+    double east_m = x_m - body->x_m, north_m = y_m - body->y_m;
+    double near_m = body->radius_m + reach_m;
+
+    if (body->radius_m > 0.0)
+        return east_m * east_m + north_m * north_m <= near_m * near_m;
+    return fabs(east_m * body->cosine + north_m * body->sine) <= body->half_x_m + reach_m &&
+           fabs(north_m * body->cosine - east_m * body->sine) <= body->half_y_m + reach_m;
+}
+
+int vs_line_near(const struct vs_obstacles *s, double x_m, double y_m, double reach_m,
+                 int32_t skip)
+{
+    double limit = VS_OBSTACLES_LIMIT_M;
+    int32_t row, column, rows[2], columns[2];
+    uint32_t i;
+
+    if (!vs_is_within(x_m, -limit, limit) || !vs_is_within(y_m, -limit, limit))
+        return VS_ERR_ARGUMENT;
+    if (s->columns == 0)
+        return 0;
+    columns[0] = vs_line_cell(s, x_m - reach_m - s->left_m, s->columns);
+    columns[1] = vs_line_cell(s, x_m + reach_m - s->left_m, s->columns);
+    rows[0] = vs_line_cell(s, y_m - reach_m - s->near_m, s->rows);
+    rows[1] = vs_line_cell(s, y_m + reach_m - s->near_m, s->rows);
+    for (row = rows[0]; row <= rows[1]; row++)
+        for (column = columns[0]; column <= columns[1]; column++) {
+            const uint32_t *first = s->first + row * s->columns + column;
+
+            for (i = first[0]; i < first[1]; i++)
+                if ((int32_t)s->inside[i] != skip &&
+                    is_within(&s->bodies[s->inside[i]], x_m, y_m, reach_m))
+                    return 1;
+        }
+    return 0;
+}
+
 /*
  * Counts the cells of one body. With first, each cell's count grows; with inside too, first
  * holds where each cell's part of inside ends, and the body is noted before that.

@@ -273,13 +273,60 @@ static void destinations_are_seen_by_robots(void)
     CHECK(readings[8] == 0.0 && readings[9] == 0.0);
 }
 
+/* Who is asked for colours: they are the places, and y is at least 0. */
+static int answer(void *whom, const double *points_m, uint32_t n, double *colors)
+{
+    uint32_t i, c;
+
+    *(uint32_t *)whom += n;
+    for (i = 0; i < n; i++) {
+        if (points_m[2 * i + 1] < 0.0)
+            return VS_ERR_STATE;
+        for (c = 0; c < 4; c++)
+            colors[4 * i + c] = points_m[2 * i + c % 2];
+    }
+    return VS_OK;
+}
+
+/* Two robots look ahead and to the left of that on a floor that somebody knows; one is turned. */
+static void floors_are_asked(void)
+{
+    uint32_t asked = 0;
+    struct vs_floor floor = {NULL, 0, 0, 0, 0, {0.0}, {0.0}, {9, 9, 9, 9}, NULL, answer, &asked};
+    double ahead_m[] = {8.0, 8.0}, left_m[] = {0.0, 4.0}, points_m[8], colors[16], greys[4];
+    double grey[] = {1.0 / 64.0, 1.0 / 128.0, 1.0 / 64.0};
+    struct vs_ground ground = {&floor, 2, ahead_m, left_m, grey, points_m, colors};
+    double places[] = {1.0, 2.0, 0.0, 10.0, -20.0, PI / 2.0};
+    struct vs_scene scene = scene_of(places, 2);
+
+    CHECK(vs_ground_read(&ground, &scene, greys) == VS_ERR_STATE);
+    scene.robots = 1;
+    CHECK(vs_ground_read(&ground, &scene, greys) == VS_OK && asked == 6);
+    CHECK(greys[0] == (9.0 * 2.0 + 1.0) / 64.0 && greys[1] == (9.0 * 2.0 + 3.0) / 64.0);
+    places[0] = -8.0;
+    places[1] = 128.0;
+    CHECK(vs_ground_read(&ground, &scene, greys) == VS_OK && greys[0] == 1.0);
+    places[1] = 0.0;
+    places[0] = -10.0;
+    CHECK(vs_ground_read(&ground, &scene, greys) == VS_OK && greys[0] == 0.0);
+    CHECK(fabs(points_m[0] + 2.0) < 1e-12 && fabs(points_m[3] - 4.0) < 1e-12);
+    scene.first += scene.stride;
+    places[4] = 20.0;
+    CHECK(vs_ground_read(&ground, &scene, greys) == VS_OK);
+    CHECK(fabs(points_m[0] - 10.0) < 1e-12 && fabs(points_m[1] - 28.0) < 1e-12);
+    CHECK(fabs(points_m[2] - 6.0) < 1e-12 && fabs(points_m[3] - 28.0) < 1e-12);
+}
+
 /* A picture of 2 by 2 pixels round (1, 0), a circle over it, a turned rectangle over both. */
 static void floors_have_colors(void)
 {
     static const uint8_t image[] = {1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12};
     struct vs_zone zones[2] = {{1.5, 0.5, 0.04, 1.0, 0.0, {0.0, 0.0}, {20, 21, 22, 255}},
                                {1.5, 0.5, -1.0, 0.0, 1.0, {0.3, 0.05}, {30, 31, 32, 255}}};
-    struct vs_floor floor = {image, 2, 2, 3, 0, {1.0, 0.0}, {2.0, 2.0}, {90, 91, 92, 255}, zones};
+    struct vs_floor floor = {image, 2, 2, 3, 0, {1.0, 0.0}, {2.0, 2.0}, {90, 91, 92, 255}, zones,
+                             NULL, NULL};
+    double nowhere[] = {0.0}, scratch_m[4];
+    struct vs_ground ground = {&floor, 1, nowhere, nowhere, NULL, scratch_m, NULL};
     double points_m[] = {0.5, 0.5, 1.5, 0.5, 0.5, -0.5, 1.0, 0.0, 9.0, -9.0, NAN, 1.0};
     double expected[] = {1.0, 4.0, 7.0, 4.0, 10.0, 1.0}, colors[24];
     double places[] = {1.5, 0.75, 0.0, 1.65, 0.5, 0.0};
@@ -287,15 +334,15 @@ static void floors_have_colors(void)
     uint8_t inside[6];
     uint32_t i;
 
-    vs_floor_sample(&floor, points_m, 6, colors);
+    CHECK(vs_floor_sample(&floor, points_m, 6, colors) == VS_OK);
     for (i = 0; i < 6; i++)
         CHECK(colors[4 * i] == expected[i] && colors[4 * i + 3] == 255.0);
     floor.zones_count = 2;
-    CHECK(vs_floor_read(&floor, &scene, colors) == VS_OK);
+    CHECK(vs_ground_read(&ground, &scene, colors) == VS_OK);
     CHECK(colors[0] == 30.0 && colors[4] == 20.0 && colors[6] == 22.0);
     floor.image = NULL;
     floor.zones_count = 1;
-    CHECK(vs_floor_read(&floor, &scene, colors) == VS_OK);
+    CHECK(vs_ground_read(&ground, &scene, colors) == VS_OK);
     CHECK(colors[0] == 90.0 && colors[4] == 20.0);
     vs_zone_contains(&zones[0], points_m, 6, inside);
     CHECK(inside[1] == 1 && inside[0] + inside[2] + inside[3] + inside[4] + inside[5] == 0);
@@ -407,5 +454,6 @@ int main(void)
     reports_are_levels_and_growth();
     destinations_are_seen_by_robots();
     floors_have_colors();
+    floors_are_asked();
     return 0;
 }

@@ -35,7 +35,7 @@ KERNEL_SUITES = {
     "test_leds": [*RAYS, HOST / "vs_leds.c"],
     "test_world": [
         *(*RAYS, HOST / "vs_world.c"),
-        *(HOST / f"vs_{part}.c" for part in ("scene", "field", "floor", "places")),
+        *(HOST / f"vs_{part}.c" for part in ("scene", "field", "floor", "libm", "places")),
     ],
     "test_physics": PHYSICS,
     "test_sim": [

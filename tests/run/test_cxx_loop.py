@@ -105,8 +105,10 @@ def test_a_simulation_goes_as_they_say(mission: Callable[..., Path]) -> None:
 
 def test_what_stands_and_shines_changes(mission: Callable[..., Path]) -> None:
     run = simulated(mission(edge="0.0"))
-    run.run()
     world = run.environment.world
+    # Who has looked once is shown the last floor, when the functions are there no longer.
+    assert world.floor.picture(48) is not None
+    run.run()
     assert isinstance(moved := world.entities["added"], Box)
     assert (moved.position_m, moved.yaw_rad) == ((0.6, 0.6, 0.0), 0.0)
     assert moved.physical, "what stands in ARGoS's arena is solid"
@@ -114,7 +116,7 @@ def test_what_stands_and_shines_changes(mission: Callable[..., Path]) -> None:
     assert "post" not in world.entities
     assert isinstance(lamp := world.entities["lamp"], Light)
     assert (lamp.intensity, lamp.color, lamp.position_m) == (1.25, (0, 0, 255), (0.0, 0.0, 0.5))
-    image = world.floor.image
+    image = world.floor.picture(48)
     assert image is not None
     columns = (image == 0).all(axis=(0, 2))
     # 48 pixels over 2.4 m: the edge at 0.3 m is that of pixel 30.
@@ -220,7 +222,25 @@ def test_what_they_throw_names_the_function(mission: Callable[..., Path], where:
     with pytest.raises(
         VsenseError, match=rf"'mission' \(mission\.cpp\): in {where}: thrown in {where}"
     ):
-        simulated(path).run()
+        run = simulated(path)
+        run.environment.world.floor.sample([(0.0, 0.0)])
+        run.run()
+
+
+@pytest.mark.parametrize("chained", [True, False])
+def test_a_floor_that_throws_ends_the_run(
+    mission: Callable[..., Path], monkeypatch: pytest.MonkeyPatch, chained: bool
+) -> None:
+    """Where the ground sensor asks in C, and where in Python."""
+    path = mission(fails_in="GetFloorColor", how="throw", fails_from="9")
+    ground = '<sensors><epuck_ground implementation="rot_z_only" /></sensors>'
+    path.write_text(path.read_text().replace("<sensors />", ground))
+    run = simulated(path)
+    if not chained:
+        monkeypatch.setattr(run, "_chained", lambda: None)
+    with pytest.raises(VsenseError, match=r"^loop functions 'mission'.*: thrown in GetFloorColor$"):
+        run.run()
+    assert (run.chain is not None, len(run.record.timesteps)) == (chained, 8)
 
 
 @pytest.mark.parametrize(
@@ -323,6 +343,7 @@ def test_a_process_of_their_own_may_break(
     monkeypatch.setattr(_loop_process, "CALL_LIMIT_S", 0.3)
     experiment = load(mission(fails_in="PostStep", how=how))
     here = Environment(experiment, 7)
+    here.world.floor.picture(100)
     with pytest.raises(VsenseError, match=rf"loop functions 'mission' \(mission\.cpp\): {words}"):
         here.step(state(places(experiment), 100_000_000), 0, {})
     # The world is there for the recording's end, and its floor for whoever draws it.

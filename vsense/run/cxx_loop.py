@@ -15,13 +15,14 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from vsense.config.specs import Experiment, LoopSpec
 from vsense.robots import build
 from vsense.robots.link.table import Table
 from vsense.robots.loop_library import Colors, CxxLoopError, LoopCaller
 from vsense.robots.sources import ProgramSources
+from vsense.run._loop_floor import FloorPainter, LoopFloor
 from vsense.run._loop_process import LoopProcess
 from vsense.world.entities import (
     MAX_INTENSITY,
@@ -34,7 +35,7 @@ from vsense.world.entities import (
     VirtualRobot,
     WorldError,
 )
-from vsense.world.fields import OPAQUE, Floor
+from vsense.world.fields import Floor
 from vsense.world.loop_functions import STEPS
 from vsense.world.world import NEVER_NS, World
 
@@ -43,7 +44,6 @@ PoseTuple = tuple[float, float, float]
 Tables = Mapping[str, Table]
 """Sensor tables by a controller's id."""
 
-_MAX_PIXELS = 10_000_000
 _NO_NUMBERS = np.zeros(0)
 _SCORE = re.compile(
     r"\s*(?:\[\w+\]\s*)?(?P<name>[A-Za-z_][\w /.-]*?)?\s*[:=]?\s*"
@@ -74,30 +74,6 @@ OBJECTIVE = "objective"
 """What a result is called that has no name."""
 
 
-@dataclass(frozen=True)
-class LoopFloor(Floor):
-    """A floor that asks GetFloorColor wherever a colour is wanted; its picture is for people."""
-
-    loop: CxxLoopFunctions | None = None
-
-    @property
-    def is_painted(self) -> bool:
-        """See `Floor.is_painted`."""
-        return False
-
-    def sample(self, points_m: ArrayLike) -> Floats:
-        """See `Floor.sample`; as in ARGoS, no pixel is between the point and its colour."""
-        points = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
-        if self.loop is None or not self.loop.is_alive or not len(points):
-            return super().sample(points)
-        colors = np.full((len(points), 4), OPAQUE)
-        colors[:, :3] = self.loop.colors(points)
-        for zone in self.zones:
-            if zone.color is not None:
-                colors[zone.contains(points)] = (*zone.color, OPAQUE)
-        return colors
-
-
 class CxxLoopFunctions:
     """The hooks of a run: those of `vsense.world.loop_functions.LoopFunctions`, called in C++.
 
@@ -123,13 +99,14 @@ class CxxLoopFunctions:
         self._caller, self._moves = host.open(host.find(spec.program)), host.moves
         self._begin_controllers = partial(host.begin, tables)
         self._lock = threading.RLock()
-        self.is_alive, self.finished = False, False
+        self.is_alive, self.finished, self._answers = False, False, False
         self.said: list[str] = []
         self.moved: dict[int, PoseTuple] = {}
         self._reported: set[str] = set()
         self._pending: list[list[str]] | None = None
         self._measures: dict[str, float] = {}
-        self._floor: tuple[Arena, float] | None = None
+        self._floor: LoopFloor | None = None
+        self._painter = FloorPainter(self._colors)
         self._shown = np.zeros((0, 0, 3), dtype=np.uint8)
         self._begin()
 
@@ -145,7 +122,7 @@ class CxxLoopFunctions:
             self.finished = False
             self._apply(world, self._call("Reset", [], self._rows(world)))
             if self._floor is not None:
-                world.floor = self.floor(*self._floor)
+                world.floor = self._floor
         self._apply(world, self._pending or [])
         self._pending = None
 
@@ -174,27 +151,23 @@ class CxxLoopFunctions:
             if match is not None and float(match["value"]) not in results.values():
                 results[(match["name"] or OBJECTIVE).strip()] = float(match["value"])
         self._apply(world, lines)
+        self._painter.end()
         self._apply(world, self._call("Destroy", [], _NO_NUMBERS))
-        self.is_alive = False
+        self.is_alive = self._answers = False
         self._caller.close()
         return {name: value for name, value in results.items() if math.isfinite(value)}
 
     def floor(self, arena: Arena, pixels_per_m: float) -> Floor:
-        """Makes the floor that GetFloorColor gives, pixel by pixel where people look at it."""
+        """Makes the floor that GetFloorColor gives."""
         size, centre = arena.size_m[:2], arena.centre_m[:2]
-        width, height = (max(round(s * pixels_per_m), 1) for s in size)
-        if width * height > _MAX_PIXELS:
-            pixels = f"{width} x {height} pixels, expected at most {_MAX_PIXELS}"
-            raise self._wrong("GetFloorColor", f"the floor would have {pixels}")
-        x_m = centre[0] + size[0] * ((np.arange(width) + 0.5) / width - 0.5)
-        y_m = centre[1] + size[1] * (0.5 - (np.arange(height) + 0.5) / height)
-        points = np.stack(np.meshgrid(x_m, y_m), axis=-1).reshape(-1, 2)
-        image = self.colors(points).reshape(height, width, 3)
-        self._floor = arena, pixels_per_m
-        return LoopFloor(image, (size[0], size[1]), (centre[0], centre[1]), loop=self)
+        painter, density = self._painter, pixels_per_m
+        self._floor = LoopFloor(None, size, centre, painter=painter, pixels_per_m=density)
+        return self._floor
 
-    def colors(self, points_m: Floats) -> NDArray[np.uint8]:
+    def _colors(self, points_m: Floats) -> Colors | None:
         """What GetFloorColor gives at points (n, 2): (n, 3)."""
+        if not self._answers:
+            return None
         with self._lock:
             said, colors = self._guarded("GetFloorColor", [], points_m)
         self._hear("GetFloorColor", said)
@@ -210,7 +183,7 @@ class CxxLoopFunctions:
         self._sent = names
         poses = np.array([(robot.x_m, robot.y_m, robot.yaw_rad) for robot in virtual])
         rows = np.concatenate([self._starts, poses.reshape(-1, 3)])
-        self.is_alive = True
+        self.is_alive = self._answers = True
         self._call("world", [*self._world(), "\t".join(("robots", *names))], _NO_NUMBERS)
         self._call("construct", [self._spec.label], _NO_NUMBERS)
         self._begin_controllers()
@@ -286,7 +259,7 @@ class CxxLoopFunctions:
         try:
             return self._caller.call(function, lines, numbers)
         except CxxLoopError as error:
-            self.is_alive = False
+            self.is_alive = self._answers = False
             raise CxxLoopError(f"{self._named()}: {error}") from None
 
     def _wrong(self, function: str, message: str) -> CxxLoopError:
@@ -303,7 +276,7 @@ class CxxLoopFunctions:
             elif words[0] == "finished":
                 self.finished = True
             elif words[0] == "floor" and self._floor is not None:
-                world.floor = self.floor(*self._floor)
+                world.floor = self._floor
             elif words[0] in ("box", "cylinder", "light", "gone"):
                 self._change(world, words)
         self._move_virtual(world)

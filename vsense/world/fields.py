@@ -7,7 +7,7 @@ pheromone, is a grid that evaporates and diffuses.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vsense.base.native import kernel_ffi, kernels
+from vsense.base.native import check, kernel_ffi, kernels
 from vsense.world.entities import Arena, Color, WorldError, Zone
 
 Image = NDArray[np.uint8]
@@ -71,25 +71,41 @@ class Floor:
         points = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
         colors = np.empty((len(points), 4))
         given, target = (kernel_ffi.from_buffer("double[]", array) for array in (points, colors))
-        kernels.vs_floor_sample(self.cdata, given, len(points), target)
+        code = kernels.vs_floor_sample(self.cdata, given, len(points), target)
+        self.check()
+        check(code, "the floor")
         return colors
 
-    @property
-    def is_painted(self) -> bool:
-        """Whether `cdata` says all: nobody has to be asked for a colour."""
-        return True
+    def picture(self, most_px: int) -> Image | None:
+        """Its picture with so many rows and columns at most; None: it is plain."""
+        if self.image is None:
+            return None
+        step = -(-max(self.image.shape[:2]) // most_px)
+        return self.image[::step, ::step]
+
+    def check(self) -> None:
+        """Raises the error with which whoever was asked for colours has failed."""
 
     @cached_property
     def cdata(self) -> Any:
         """The `struct vs_floor *`."""
-        struct: Any = kernel_ffi.new("struct vs_floor *")
-        struct.color = (*self.color, int(OPAQUE))
-        struct.centre_m, struct.size_m = self.centre_m, self.size_m
+        members: dict[str, Any] = {
+            "color": (*self.color, int(OPAQUE)),
+            "centre_m": self.centre_m,
+            "size_m": self.size_m,
+            "zones": self._zones,
+            "zones_count": len(self._zones),
+            **self._known_by,
+        }
         if self.image is not None:
-            struct.rows, struct.columns, struct.channels = self.image.shape
-            struct.image = kernel_ffi.from_buffer("uint8_t[]", self._pixels)
-        struct.zones, struct.zones_count = self._zones, len(self._zones)
-        return struct
+            members["image"] = kernel_ffi.from_buffer("uint8_t[]", self._pixels)
+            members["rows"], members["columns"], members["channels"] = self.image.shape
+        return kernel_ffi.new("struct vs_floor *", members)
+
+    @property
+    def _known_by(self) -> Mapping[str, Any]:
+        """Who is asked for the colours, as members of `cdata`."""
+        return {}
 
     @cached_property
     def _zones(self) -> Any:

@@ -15,7 +15,6 @@ from vsense.world.entities import VIRTUAL_TAG_MIN, Box, Cylinder, VirtualRobot
 from vsense.world.sensors import proximity
 from vsense.world.sensors.bank import SensorBank
 from vsense.world.sensors.base import Scope
-from vsense.world.sensors.proximity import response
 
 ONE_LINE = 'vs:ring="4" vs:field_of_view="0"'
 
@@ -29,6 +28,13 @@ def wall(gap_m: float, physical: bool = False) -> Box:
     return Box("wall", (0.036 + gap_m + 0.01, 0.0, 0.0), (0.02, 1.0, 0.1), physical=physical)
 
 
+def shares_at(gaps_m: Sequence[float]) -> list[float]:
+    """What one sensor of each of many robots reads before a wall, so far from it."""
+    places = {tag: (-gap_m, 0.2 * tag, 0.0) for tag, gap_m in enumerate(gaps_m)}
+    wide = Box("wall", (0.036 + 0.01, 0.0, 0.0), (0.02, 1000.0, 0.1))
+    return [reading[0] / 4095.0 for reading in read(ring(), places, [wide])]
+
+
 @pytest.mark.parametrize(
     ("distance", "share"),
     [
@@ -37,15 +43,15 @@ def wall(gap_m: float, physical: bool = False) -> Box:
         (0.02, 298.701 * 4e-4 - 0.737922 + 1.08212),
         (0.04, 298.701 * 16e-4 - 1.475844 + 1.08212),
         (0.0501, 0.0),
-        (math.inf, 0.0),
+        (1.0, 0.0),
     ],
 )
 def test_the_response_by_hand(distance: float, share: float) -> None:
-    assert float(response(np.array(distance))) == pytest.approx(share)
+    assert shares_at([distance]) == [pytest.approx(share)]
 
 
 def test_the_response_never_rises_with_the_distance() -> None:
-    felt = response(np.linspace(0.0, 0.06, 601))
+    felt = shares_at(np.linspace(0.0, 0.06, 601).tolist())
     assert (np.diff(felt) <= 1e-12).all()
     assert (felt[0], felt[-1]) == (1.0, 0.0)
 
@@ -67,7 +73,7 @@ def test_what_is_too_low_or_floats_above_is_not_felt() -> None:
 def test_the_own_body_is_not_felt_but_others_are() -> None:
     places = {1: (0.0, 0.0, 0.0), 2: (0.09, 0.0, 0.0)}
     first, second = read(ring(), places)
-    felt = 4095 * float(response(np.array(0.09 - 0.036 - 0.035)))
+    felt = 4095 * shares_at([0.09 - 0.036 - 0.035])[0]
     assert first == pytest.approx([felt, 0, 0, 0])
     assert second == pytest.approx([0, 0, felt, 0])
 
@@ -116,9 +122,8 @@ def test_no_robot_hides_between_two_sensors_of_a_fused_ring() -> None:
 
 def test_a_longer_range_stretches_the_curve() -> None:
     long = ring('vs:range="0.5"')
-    assert read(long, {1: (0, 0, 0)}, [wall(0.2)])[0][0] == pytest.approx(
-        4095 * float(response(np.array(0.02)))
-    )
+    (share,) = shares_at([0.02])
+    assert read(long, {1: (0, 0, 0)}, [wall(0.2)])[0][0] == pytest.approx(4095 * share)
 
 
 def test_it_travels_as_the_whole_numbers_of_the_real_ring() -> None:

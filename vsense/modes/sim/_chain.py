@@ -144,7 +144,8 @@ class Chain:
                 return
 
     def _failure(self, code: int) -> VsenseError:
-        """The error that C has given."""
+        """The error that C has given; raises that of whoever was asked for the floor."""
+        self._world.floor.check()
         at, number = self.cdata.at, self.cdata.failed
         if at == _SEEN:
             names = [kernel.name for bank in self._banks for kernel in bank.acting_in_c]

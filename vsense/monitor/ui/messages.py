@@ -58,11 +58,9 @@ def entity(thing: Entity) -> Data:
 def floor_data(floor: Floor) -> Data:
     """The floor without its zones, its picture as PNG."""
     png = None
-    if floor.image is not None:
-        image = floor.image
-        step = -(-max(image.shape[:2]) // MOST_FLOOR_PX)
-        order = [2, 1, 0, 3][: image.shape[2]]
-        encoded = cv2.imencode(".png", image[::step, ::step, order])[1]
+    image = floor.picture(MOST_FLOOR_PX)
+    if image is not None:
+        encoded = cv2.imencode(".png", image[..., [2, 1, 0, 3][: image.shape[2]]])[1]
         png = base64.b64encode(encoded.tobytes()).decode()
     return {
         "color": list(floor.color),

@@ -28,7 +28,7 @@ from vsense.base.native import kernel_ffi, kernels
 from vsense.base.xml.element import Element
 from vsense.world.sensors import _places
 from vsense.world.sensors.base import ReadFunction, Readings, Robots, Scope
-from vsense.world.sensors.geometry import SensedScene
+from vsense.world.sensors.geometry import read_in_c
 from vsense.world.sensors.quality import Scale
 from vsense.world.world import World
 
@@ -50,16 +50,14 @@ class DestinationSensor:
 
     def read(self, world: World, robots: Robots) -> Readings:
         """Reads the destinations; see `VirtualSensor.read`."""
-        readings = np.empty((len(robots), 5))
-        given = kernel_ffi.from_buffer("double[]", readings)
-        destinations = self._destinations(world, robots)
-        kernels.vs_destinations_read(destinations.cdata, SensedScene(world, robots).cdata, given)
-        return readings
+        return read_in_c(self._kernel(world, robots), world, robots, 5)
 
     def kernel(self, world: World, robots: Robots) -> ReadFunction | None:
         """See `vsense/world/sensors/base.py`."""
-        if isinstance(self.target, _places.TaggedPlace):  # it moves by itself
-            return None
+        moves = isinstance(self.target, _places.TaggedPlace)  # by itself
+        return None if moves else self._kernel(world, robots)
+
+    def _kernel(self, world: World, robots: Robots) -> ReadFunction:
         destinations = self._destinations(world, robots)
         return ReadFunction(kernels, "vs_destinations_read", destinations.cdata, owner=destinations)
 

@@ -17,10 +17,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from vsense.base.native import kernel_ffi, kernels
+from vsense.base.native import kernels
 from vsense.base.xml.element import Element
 from vsense.world.sensors.base import ReadFunction, Readings, Robots, Scope
-from vsense.world.sensors.geometry import SensedScene
+from vsense.world.sensors.geometry import read_in_c
 from vsense.world.sensors.quality import Scale
 from vsense.world.world import World
 
@@ -38,11 +38,7 @@ class FieldSensor:
 
     def read(self, world: World, robots: Robots) -> Readings:
         """Reads value and gradient; see `VirtualSensor.read`."""
-        readings = np.empty((len(robots), 3))
-        given = kernel_ffi.from_buffer("double[]", readings)
-        scene = SensedScene(world, robots)
-        kernels.vs_field_sense(world.fields[self.field].as_c(), scene.cdata, given)
-        return readings
+        return read_in_c(self.kernel(world, robots), world, robots, 3)
 
     def kernel(self, world: World, robots: Robots) -> ReadFunction:
         """See `vsense/world/sensors/base.py`."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,10 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vsense.base.arena import POSE, wrap_angle
-from vsense.base.native import kernel_ffi, kernels
+from vsense.base.native import check, kernel_ffi, kernels
 from vsense.base.xml.element import Element
+from vsense.world.fields import Floor
 from vsense.world.rays import MovingBodies
-from vsense.world.sensors.base import Robots
+from vsense.world.sensors.base import ReadFunction, Readings, Robots
 from vsense.world.sensors.quality import Floats
 from vsense.world.world import World
 
@@ -118,6 +120,47 @@ class SensedScene:
             self.cdata.own = kernel_ffi.from_buffer("int32_t[]", self._own)
         if bodies is not None:
             self.cdata.obstacles = bodies.cdata
+
+
+def read_in_c(kernel: ReadFunction, world: World, robots: Robots, count: int) -> Readings:
+    """Reads a sensor of `count` numbers by its kernel, as the chain of a simulation does.
+
+    Raises:
+        VsenseError: a place is no place, or whoever was asked for the floor has failed.
+    """
+    readings = np.empty((len(robots), count))
+    bodies = world.bodies() if kernel.bodies else None
+    scene = SensedScene(world, robots, rows_of(world, robots), bodies)
+    given = kernel_ffi.from_buffer("double[]", readings)
+    code = getattr(kernel.library, kernel.name)(kernel.cdata, scene.cdata, given)
+    world.floor.check()
+    check(code, "lines of sight")
+    return readings
+
+
+class GroundPoints:
+    """Where robots look at the floor: `cdata` is a `struct vs_ground *`."""
+
+    def __init__(
+        self,
+        floor: Floor,
+        robots: int,
+        points_m: Sequence[tuple[float, float]],
+        grey: Sequence[float] = (),
+    ) -> None:
+        """Points ahead and to the left; `grey` is the brightness of a unit of each colour, if
+        brightness is read."""
+        count = robots * len(points_m)
+        ahead_m, left_m = (kernel_ffi.new("double[]", axis) for axis in zip(*points_m))
+        rooms = (kernel_ffi.new("double[]", size * count) for size in (2, 4))
+        weights = kernel_ffi.new("double[]", grey) if grey else kernel_ffi.NULL
+        self._arrays = floor, ahead_m, left_m, weights, *rooms
+        members = floor.cdata, len(points_m), *self._arrays[1:]
+        self.cdata = kernel_ffi.new("struct vs_ground *", members)
+
+    def kernel(self) -> ReadFunction:
+        """What reads it."""
+        return ReadFunction(kernels, "vs_ground_read", self.cdata, owner=self)
 
 
 def seen_from(robots: Robots, x_m: ArrayLike, y_m: ArrayLike) -> tuple[Floats, Floats]:

@@ -16,11 +16,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
 from vsense.base.xml.element import Element
-from vsense.world.sensors.base import Readings, Robots, Scope
-from vsense.world.sensors.geometry import points_at
+from vsense.world.sensors.base import ReadFunction, Readings, Robots, Scope
+from vsense.world.sensors.geometry import GroundPoints, read_in_c
 from vsense.world.sensors.quality import Scale
 from vsense.world.world import World
 
@@ -32,7 +30,7 @@ AHEAD_M = 0.03
 LEFT_M = (0.009, 0.0, -0.009)
 """Where the three look, in the robot's frame. Source: iridia.md section 3."""
 
-GREY = np.array([0.299, 0.587, 0.114]) / 255.0
+GREY = tuple(share / 255.0 for share in (0.299, 0.587, 0.114))
 """Brightness of red, green, blue. Source: as above."""
 
 
@@ -46,10 +44,12 @@ class GroundSensor:
 
     def read(self, world: World, robots: Robots) -> Readings:
         """Reads the floor's brightness; see `VirtualSensor.read`."""
-        points = points_at(robots, AHEAD_M, LEFT_M)
-        grey = world.floor.sample(points.reshape(-1, 2))[:, :3] @ GREY
-        # The three weights add up to 1 but for a rounding.
-        return np.clip(grey, 0.0, 1.0).reshape(len(robots), len(LEFT_M))
+        return read_in_c(self.kernel(world, robots), world, robots, len(LEFT_M))
+
+    def kernel(self, world: World, robots: Robots) -> ReadFunction:
+        """See `vsense/world/sensors/base.py`."""
+        points_m = [(AHEAD_M, left_m) for left_m in LEFT_M]
+        return GroundPoints(world.floor, len(robots), points_m, GREY).kernel()
 
 
 def from_xml(element: Element, scope: Scope) -> GroundSensor:

@@ -21,11 +21,11 @@ from typing import Any
 
 import numpy as np
 
-from vsense.base.native import check, kernel_ffi, kernels
+from vsense.base.native import kernel_ffi, kernels
 from vsense.base.xml.element import Element
 from vsense.world.sensors._neighbours import Reach, without_empty
 from vsense.world.sensors.base import ReadFunction, Readings, Robots, Scope
-from vsense.world.sensors.geometry import SensedScene, rows_of
+from vsense.world.sensors.geometry import read_in_c
 from vsense.world.sensors.quality import Floats, Scale
 from vsense.world.world import World
 
@@ -49,12 +49,7 @@ class LedSensor:
 
     def read(self, world: World, robots: Robots) -> Readings:
         """Reads the blobs; see `VirtualSensor.read`."""
-        readings = np.empty((len(robots), 1 + 5 * self.max_blobs))
-        bodies = None if self.reach.height_m is None else world.bodies()
-        scene = SensedScene(world, robots, rows_of(world, robots), bodies)
-        given = kernel_ffi.from_buffer("double[]", readings)
-        check(kernels.vs_leds_read(self._as_c(world), scene.cdata, given), "lines of sight")
-        return readings
+        return read_in_c(self.kernel(world, robots), world, robots, 1 + 5 * self.max_blobs)
 
     def kernel(self, world: World, robots: Robots) -> ReadFunction:
         """See `vsense/world/sensors/base.py`."""

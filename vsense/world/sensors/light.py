@@ -34,7 +34,7 @@ from typing import Any
 
 import numpy as np
 
-from vsense.base.native import check, kernel_ffi, kernels
+from vsense.base.native import kernel_ffi, kernels
 from vsense.base.xml.element import Element
 from vsense.world.sensors.base import ReadFunction, Readings, Robots, Scope
 from vsense.world.sensors.geometry import (
@@ -42,9 +42,8 @@ from vsense.world.sensors.geometry import (
     RING_HEIGHT_M,
     RING_RADIUS_M,
     Ring,
-    SensedScene,
     field_of_view,
-    rows_of,
+    read_in_c,
 )
 from vsense.world.sensors.quality import Floats, Scale
 from vsense.world.world import World
@@ -93,17 +92,16 @@ class LightSensor:
     def read(self, world: World, robots: Robots) -> Readings:
         """Reads the ring; see `VirtualSensor.read`."""
         count = len(self.ring)
-        readings = np.empty((len(robots), 2 * count if self.angles else count))
+        readings = read_in_c(self._kernel, world, robots, 2 * count if self.angles else count)
         readings[:, count:] = self.ring.angles_rad if self.angles else 0.0
-        scene = SensedScene(world, robots, rows_of(world, robots), world.bodies())
-        given = kernel_ffi.from_buffer("double[]", readings)
-        check(kernels.vs_light_read(self.cdata, scene.cdata, given), "lines of sight")
         return readings
 
     def kernel(self, world: World, robots: Robots) -> ReadFunction | None:
         """See `vsense/world/sensors/base.py`."""
-        if self.angles:
-            return None
+        return None if self.angles else self._kernel
+
+    @property
+    def _kernel(self) -> ReadFunction:
         return ReadFunction(kernels, "vs_light_read", self.cdata, self.occlusions)
 
     @cached_property

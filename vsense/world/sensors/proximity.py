@@ -34,17 +34,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.native import kernel_ffi, kernels
 from vsense.base.xml.element import Element
 from vsense.world.entities import Box, Cylinder
-from vsense.world.rays import NOBODY, Bodies, disc_rows, entity_rows
-from vsense.world.sensors.base import Readings, Robots, Scope
-from vsense.world.sensors.geometry import Ring, rows_of
-from vsense.world.sensors.quality import Floats, Scale
+from vsense.world.rays import Bodies, disc_rows, entity_rows
+from vsense.world.sensors.base import ReadFunction, Readings, Robots, Scope
+from vsense.world.sensors.geometry import RING_HEIGHT_M, RING_RADIUS_M, Ring, read_in_c
+from vsense.world.sensors.quality import Scale
 from vsense.world.world import World
 
 ELEMENTS = ("virtual_proximity_sensor",)
@@ -93,37 +93,41 @@ class ProximitySensor:
 
     def read(self, world: World, robots: Robots) -> Readings:
         """Reads the ring; see `VirtualSensor.read`."""
-        distances_m = self._distances(world, robots)
-        if self.generic:
-            return self.full * np.exp(-distances_m)
-        return self.full * response(distances_m * (RANGE_M / self.range_m))
+        return read_in_c(self.kernel(world, robots), world, robots, len(self.ring))
 
-    def _distances(self, world: World, robots: Robots) -> Floats:
-        """Distances of the nearest thing from each sensor, (n, k) [m]; inf where there is none."""
+    def kernel(self, world: World, robots: Robots) -> ReadFunction:
+        """See `vsense/world/sensors/base.py`."""
+        ring = _ProximityRing(self, _virtual_bodies(world) if self.virtual_only else None)
+        return ReadFunction(kernels, "vs_proximity_read", ring.cdata, not self.virtual_only, ring)
+
+
+class _ProximityRing:
+    """A ring as C takes it: `cdata` is a `struct vs_proximity_ring *`."""
+
+    def __init__(self, sensor: ProximitySensor, bodies: Bodies | None) -> None:
+        """`bodies` are what it senses; None: all of the scene."""
         fan = np.zeros(1)
-        if self.field_of_view_rad > 0.0:
-            fan = self.field_of_view_rad / 2.0 * np.linspace(-1.0, 1.0, _RAYS)
-        headings = self.ring.headings(robots)[:, :, None] + fan
-        starts = np.repeat(self.ring.points(robots)[:, :, None, :], len(fan), axis=2)
-        ends = starts.copy()
-        ends[..., 0] += self.range_m * np.cos(headings)
-        ends[..., 1] += self.range_m * np.sin(headings)
-        bodies: Bodies = _virtual_bodies(world) if self.virtual_only else world.bodies()
-        skip: Any = NOBODY
-        if not self.virtual_only:
-            skip = np.repeat(rows_of(world, robots), len(self.ring) * len(fan))
-        shares = bodies.nearest(starts.reshape(-1, 3), ends.reshape(-1, 3), skip)
-        if self.blind_within:
-            shares[shares <= 0.0] = np.inf
-        nearest: Floats = self.range_m * shares.reshape(headings.shape).min(axis=2)
-        return nearest
-
-
-def response(distance_m: Floats) -> Floats:
-    """Reading of ARGoS's sensor at a distance, in [0, 1]; 0 beyond RANGE_M."""
-    near = np.minimum(distance_m, RANGE_M)
-    curve = 298.701 * near**2 - 36.8961 * near + 1.08212
-    return np.where(distance_m <= RANGE_M, np.clip(curve, 0.0, 1.0), 0.0)
+        if sensor.field_of_view_rad > 0.0:
+            fan = sensor.field_of_view_rad / 2.0 * np.linspace(-1.0, 1.0, _RAYS)
+        self._arrays = bodies, np.ascontiguousarray(sensor.ring.places_rad), fan
+        places_rad, fan_rad = (
+            kernel_ffi.from_buffer("double[]", array) for array in self._arrays[1:]
+        )
+        members = {
+            "sensors": len(sensor.ring),
+            "rays": len(fan),
+            "places_rad": places_rad,
+            "fan_rad": fan_rad,
+            "radius_m": RING_RADIUS_M,
+            "height_m": RING_HEIGHT_M,
+            "range_m": sensor.range_m,
+            "share": RANGE_M / sensor.range_m,
+            "full": sensor.full,
+            "generic": sensor.generic,
+            "blind_within": sensor.blind_within,
+            "bodies": kernel_ffi.NULL if bodies is None else bodies.cdata,
+        }
+        self.cdata = kernel_ffi.new("struct vs_proximity_ring *", members)
 
 
 def _virtual_bodies(world: World) -> Bodies:

@@ -14,12 +14,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
-from vsense.base.native import kernel_ffi, kernels
 from vsense.base.xml.element import Element
 from vsense.world.sensors.base import ReadFunction, Readings, Robots, Scope
-from vsense.world.sensors.geometry import SensedScene
+from vsense.world.sensors.geometry import GroundPoints, read_in_c
 from vsense.world.sensors.quality import Scale
 from vsense.world.world import World
 
@@ -36,18 +33,11 @@ class RgbGroundSensor:
 
     def read(self, world: World, robots: Robots) -> Readings:
         """Reads the floor's colour; see `VirtualSensor.read`."""
-        if not world.floor.is_painted:
-            return world.floor.sample(np.stack((robots["x_m"], robots["y_m"]), axis=-1))
-        readings = np.empty((len(robots), 4))
-        given = kernel_ffi.from_buffer("double[]", readings)
-        kernels.vs_floor_read(world.floor.cdata, SensedScene(world, robots).cdata, given)
-        return readings
+        return read_in_c(self.kernel(world, robots), world, robots, 4)
 
-    def kernel(self, world: World, robots: Robots) -> ReadFunction | None:
+    def kernel(self, world: World, robots: Robots) -> ReadFunction:
         """See `vsense/world/sensors/base.py`."""
-        floor = world.floor
-        # That of loop functions in C++ asks them for its colours.
-        return ReadFunction(kernels, "vs_floor_read", floor.cdata) if floor.is_painted else None
+        return GroundPoints(world.floor, len(robots), [(0.0, 0.0)]).kernel()
 
 
 def from_xml(element: Element, scope: Scope) -> RgbGroundSensor:

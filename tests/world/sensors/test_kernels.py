@@ -1,0 +1,126 @@
+"""The sensors in C against the same in NumPy, over random worlds: the same bits."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.world.sensors import numpy_sensors
+from tests.world.sensors.scenes import STEP_NS, Place, arena_state, element, sensor
+from vsense.world.entities import VIRTUAL_TAG_MIN, Box, Cylinder, Entity, VirtualRobot, Zone
+from vsense.world.fields import Floor
+from vsense.world.sensors import proximity
+from vsense.world.sensors.base import Scope
+from vsense.world.world import BODY_MEMORY_NS, World
+
+STEP_M = 0.0175
+"""Places lie on a lattice of a quarter of a body: so many touch, or are the same."""
+
+lattice = st.integers(-12, 12).map(lambda steps: STEP_M * steps)
+anywhere = st.floats(-0.25, 0.25)
+coordinates = st.one_of(lattice, anywhere)
+yaws = st.one_of(
+    st.integers(-8, 8).map(lambda eighths: eighths * math.pi / 8), st.floats(-math.pi, math.pi)
+)
+places = st.tuples(coordinates, coordinates, yaws)
+sizes = st.sampled_from([0.0, 0.01, 0.035, 0.07, 0.3])
+heights = st.sampled_from([0.0, 0.031, 0.032, 0.052, 0.053, 0.1, 0.122])
+
+
+def boxes(name: str) -> st.SearchStrategy[Entity]:
+    made = st.builds(
+        lambda place, low, size, up, real: Box(
+            name, (*place[:2], low), (max(size, 0.001), 0.02, up + 0.001), place[2], real
+        ),
+        *(places, heights, sizes, heights, st.booleans()),
+    )
+    return made
+
+
+def posts(name: str) -> st.SearchStrategy[Entity]:
+    return st.builds(
+        lambda place, low, size, up, real: Cylinder(
+            name, (*place[:2], low), size + 0.001, up + 0.001, real
+        ),
+        *(places, heights, sizes, heights, st.booleans()),
+    )
+
+
+def ghosts(number: int) -> st.SearchStrategy[Entity]:
+    return places.map(lambda p: VirtualRobot(f"ghost{number}", VIRTUAL_TAG_MIN + number, *p))
+
+
+@st.composite
+def worlds(draw: st.DrawFn) -> World:
+    """Robots, virtual ones, things and a floor; the last two robots may not have been seen."""
+    seen = draw(st.lists(places, min_size=1, max_size=7))
+    entities = [
+        *(draw(boxes(f"box{i}")) for i in range(draw(st.integers(0, 3)))),
+        *(draw(posts(f"post{i}")) for i in range(draw(st.integers(0, 3)))),
+        *(draw(ghosts(i)) for i in range(draw(st.integers(0, 2)))),
+        *([Zone("spot", "circle", 0.1, 0.0, radius_m=0.1, color=(9, 60, 200))]),
+    ]
+    pixels = np.random.default_rng(len(seen)).integers(0, 256, (9, 7, 4), np.uint8)
+    floor = Floor(pixels, draw(st.sampled_from([(0.3, 0.4), (2.0, 2.0)])), (0.01, 0.0))
+    world = World([*range(len(seen)), 100, 101], entities=entities, floor=floor, seed=len(seen))
+    once: dict[int, Place] = {100: draw(places)} if draw(st.booleans()) else {}
+    world.update(arena_state(once), 0)
+    later_ns = draw(st.sampled_from([STEP_NS, BODY_MEMORY_NS + STEP_NS + 1]))
+    world.update(arena_state(dict(enumerate(seen)), later_ns), 1)
+    return world
+
+
+def argos(name: str, module: Any, more: str = "", most: int = 9) -> Any:
+    return module.from_argos(element(f"<{name} {more}/>"), Scope({}, 0, most=most, leds=9))
+
+
+PROXIMITY = {
+    "argos": argos("epuck_proximity", proximity),
+    "plain": sensor('<virtual_proximity_sensor vs:ring="epuck" />'),
+    "fused": sensor('<virtual_proximity_sensor vs:fuse="true" />'),
+    "all fused": sensor('<virtual_proximity_sensor vs:fuse="true" vs:obstacles="all" />'),
+    "far": sensor('<virtual_proximity_sensor vs:ring="5" vs:range="0.4" vs:field_of_view="100" />'),
+}
+
+
+@pytest.mark.parametrize("name", PROXIMITY)
+@given(world=worlds())
+@settings(max_examples=60)
+def test_proximity(name: str, world: World) -> None:
+    device, robots = PROXIMITY[name], world.robots[: world.real_robots]
+    expected = numpy_sensors.proximity(device, world, robots)
+    np.testing.assert_array_equal(device.read(world, robots), expected)
+
+
+@given(world=worlds())
+def test_generic_proximity_but_for_the_last_bit_of_exponentials(world: World) -> None:
+    """NumPy computes them with the processor's widest instructions, C with the C library."""
+    device, robots = argos("proximity", proximity), world.robots
+    expected = numpy_sensors.proximity(device, world, robots)
+    np.testing.assert_array_max_ulp(device.read(world, robots), expected, 1)
+
+
+@given(world=worlds())
+def test_ground(world: World) -> None:
+    robots = world.robots[: world.real_robots]
+    readings = sensor("<virtual_ground_sensor />").read(world, robots)
+    np.testing.assert_array_equal(readings, numpy_sensors.ground(world, robots))
+
+
+@pytest.mark.parametrize("order", [(0, 2, 1), (1, 2, 0)])
+def test_the_sum_of_colours_is_the_same_single_in_any_order(order: tuple[int, ...]) -> None:
+    """So the order in which BLAS adds, which depends on the row, was never seen by a robot."""
+    levels = np.arange(256.0)
+    shares = [
+        (levels * share).reshape([-1 if axis == i else 1 for axis in range(3)])
+        for i, share in enumerate(numpy_sensors.GREY)
+    ]
+    a, b, c = (shares[i] for i in order)
+    other = np.clip((a + b) + c, 0.0, 1.0).astype(np.float32)
+    ours = np.clip((shares[0] + shares[1]) + shares[2], 0.0, 1.0).astype(np.float32)
+    assert np.array_equal(ours, other)
