@@ -144,11 +144,15 @@ KERNELS = Library(
         "c_src/host/vs_world.h",
         "c_src/host/vs_field.h",
         "c_src/host/vs_leds.h",
+        "c_src/host/vs_random.h",
+        "c_src/host/vs_noticed.h",
+        "c_src/host/vs_hearing.h",
         "c_src/host/vs_physics.h",
         "c_src/host/vs_ring.h",
         "c_src/host/vs_sprites.h",
         "c_src/host/vs_sim.h",
     ),
+    layouts=("c_src/host/vs_noticed.h",),
     besides=("c_src/vs_err.h",),
 )
 

@@ -3,6 +3,8 @@
 
 #include <math.h>
 
+#define PI 3.14159265358979323846
+
 void vs_libm_direction(double angle_rad, double *cosine, double *sine)
 {
     *cosine = cos(angle_rad);
@@ -12,4 +14,32 @@ void vs_libm_direction(double angle_rad, double *cosine, double *sine)
 double vs_libm_exp(double exponent)
 {
     return exp(exponent);
+}
+
+double vs_libm_bearing(double y, double x)
+{
+    return atan2(y, x);
+}
+
+double vs_libm_root(double value)
+{
+    return sqrt(value);
+}
+
+double vs_libm_distance(double x, double y)
+{
+    return hypot(x, y);
+}
+
+double vs_libm_wrap(double angle_rad)
+{
+    double rest = PI - angle_rad;
+    double wrapped;
+
+    if (!(fabs(rest) < 2.0 * PI)) /* else it is its own remainder */
+        rest = fmod(rest, 2.0 * PI);
+    if (rest < 0.0)
+        rest += 2.0 * PI;
+    wrapped = PI - rest;
+    return wrapped > -PI ? wrapped : PI;
 }

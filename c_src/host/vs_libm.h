@@ -13,4 +13,14 @@ void vs_libm_direction(double angle_rad, double *cosine, double *sine);
 /* numpy.exp; where NumPy has wider instructions for it, the last bit may differ. */
 double vs_libm_exp(double exponent);
 
+/* numpy.arctan2; likewise. */
+double vs_libm_bearing(double y, double x);
+
+/* numpy.sqrt and numpy.hypot. */
+double vs_libm_root(double value);
+double vs_libm_distance(double x, double y);
+
+/* wrap_angle of vsense/base/arena.py: the same angle in (-pi, pi]. */
+double vs_libm_wrap(double angle_rad);
+
 #endif

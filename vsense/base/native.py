@@ -7,10 +7,14 @@ warns when a library is missing or older than the C sources beside it.
 
 from __future__ import annotations
 
+import ctypes
 import hashlib
 import warnings
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from numpy.random import _generator
 
 from vsense.base.errors import VsenseError
 
@@ -23,6 +27,7 @@ __all__ = [
     "kernel_ffi",
     "kernels",
     "lib",
+    "random_in_c",
     "stale_files",
 ]
 
@@ -62,6 +67,24 @@ def check(code: int, what: str = "") -> int:
     if code < 0:
         raise WireError(code, what)
     return code
+
+
+def random_in_c(random: np.random.Generator, normal: bool = False) -> Any:
+    """The `struct vs_random *` that draws from a generator, `normal` numbers too if need be.
+
+    Generator and structure have to live as long as it is used. Source: NumPy's manual, "Extending
+    via CFFI", for the library that has the normal distribution.
+    """
+    own = random.bit_generator.ctypes
+    functions: list[Any] = [own.next_double, None]
+    if normal:
+        functions[1] = ctypes.CDLL(_generator.__file__).random_standard_normal
+    next_double, standard_normal = (
+        kernel_ffi.cast("double (*)(void *)", ctypes.cast(function, ctypes.c_void_p).value or 0)
+        for function in functions
+    )
+    state, bits = (kernel_ffi.cast("void *", p.value) for p in (own.state, own.bit_generator))
+    return kernel_ffi.new("struct vs_random *", (next_double, state, standard_normal, bits))
 
 
 def stale_files(root: Path) -> list[str]:

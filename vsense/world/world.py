@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.arena import ArenaState
+from vsense.base.native import kernels
 from vsense.world._inventory import Inventory
 from vsense.world.entities import (
     Arena,
@@ -55,12 +56,14 @@ class Results(UserDict[str, float]):
 BODY_MEMORY_NS = DEFAULT_MEMORY_NS
 """A tagged thing that is not seen stands in the way so long where it was seen last."""
 
-MESSAGE_MAX = 16
+MESSAGE_MAX: int = kernels.VS_MESSAGE_MAX
 """Bytes of the longest virtual message."""
 
-MESSAGE = np.dtype([("length", "u1"), ("data", "u1", (MESSAGE_MAX,)), ("range_m", "f8")])
-"""A robot's message to its neighbours: `length` bytes of `data`; length 0: nothing. It is heard up
-to `range_m`; 0: as far as the receiver says."""
+MESSAGE = np.dtype(
+    [("length", "u1"), ("data", "u1", (MESSAGE_MAX,)), ("range_m", "f8")], align=True
+)
+"""A robot's message to its neighbours, as `struct vs_message`: `length` bytes of `data`; length 0:
+nothing. It is heard up to `range_m`; 0: as far as the receiver says."""
 
 ROBOT_LEDS = 11
 """LEDs of an e-puck of ARGoS: its ring of 8, counter-clockwise from the front left, and three

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.world.entities import Box, Cylinder
+from vsense.base.arena import wrap_angle
+from vsense.world.entities import BODY_RADIUS_M, Box, Cylinder
 from vsense.world.rays import NOBODY, Bodies, disc_rows, entity_rows
-from vsense.world.sensors.geometry import points_at, rows_of
+from vsense.world.sensors._neighbours import Reach
+from vsense.world.sensors.geometry import points_at, rows_of, within
 from vsense.world.sensors.ground import AHEAD_M, LEFT_M
 from vsense.world.sensors.proximity import RANGE_M, ProximitySensor
+from vsense.world.sensors.range_and_bearing import ArgosNoise, RangeAndBearingSensor
+from vsense.world.sightings import NEVER_NS
 from vsense.world.world import World
 
 Floats = NDArray[np.float64]
@@ -65,3 +70,143 @@ def ground(world: World, robots: Robots) -> Floats:
     red, green, blue, _ = world.floor.sample(points.reshape(-1, 2)).T
     grey = red * GREY[0] + green * GREY[1] + blue * GREY[2]
     return np.clip(grey, 0.0, 1.0).reshape(len(robots), len(LEFT_M))
+
+
+@dataclass(frozen=True, slots=True)
+class Pairs:
+    """Pairs of receiver and sender, ordered by receiver; arrays (p,).
+
+    Attributes:
+        receiver: rows of the robots that were asked about.
+        sender: rows of `world.robots`.
+        distance_m: between the centres.
+        bearing_rad: of the sender as the receiver sees it, in (-pi, pi].
+    """
+
+    receiver: NDArray[np.intp]
+    sender: NDArray[np.intp]
+    distance_m: Floats
+    bearing_rad: Floats
+
+    def __len__(self) -> int:
+        return len(self.receiver)
+
+    def select(self, choice: NDArray[np.bool_] | NDArray[np.intp]) -> Pairs:
+        """Gives some of the pairs: those of a mask, or in the order of indices."""
+        return Pairs(
+            self.receiver[choice],
+            self.sender[choice],
+            self.distance_m[choice],
+            self.bearing_rad[choice],
+        )
+
+    def first(self, count: int, order: Floats) -> Pairs:
+        """Keeps at most `count` pairs of each receiver: those of the least `order` (p,)."""
+        pairs = self.select(np.lexsort((order, self.receiver)))
+        return pairs.select(pairs.rank() < count)
+
+    def rank(self) -> NDArray[np.intp]:
+        """Counts each receiver's pairs: (p,) from 0."""
+        begins = np.searchsorted(self.receiver, self.receiver)
+        return np.arange(len(self.receiver)) - begins
+
+    def counts(self, receivers: int) -> NDArray[np.intp]:
+        """Gives how many pairs each of the receivers has."""
+        return np.bincount(self.receiver, minlength=receivers)
+
+    def reading(self, receivers: int, places: int, columns: Floats) -> Floats:
+        """Lays numbers (p, w) of each pair out as readings, (receivers, 1 + places * w).
+
+        A reading is the count of a receiver's pairs, at most `places`, then their numbers; 0 where
+        there is none.
+        """
+        width = columns.shape[1]
+        reading: Floats = np.zeros((receivers, 1 + places * width))
+        reading[:, 0] = self.counts(receivers)
+        first = 1 + width * self.rank()
+        reading[self.receiver[:, None], first[:, None] + np.arange(width)] = columns
+        return reading
+
+
+def near_pairs(
+    reach: Reach, world: World, robots: Robots, candidates: NDArray[np.bool_], reaches_m: Floats
+) -> Pairs:
+    """Pairs of `robots` (n,) and `candidates` (m,), a mask of `world.robots`."""
+    own, poses = rows_of(world, robots), world.robots
+    east = poses["x_m"] - robots["x_m"][:, None]
+    north = poses["y_m"] - robots["y_m"][:, None]
+    range_m = np.where(reaches_m > 0.0, reaches_m, reach.range_m)
+    near = east * east + north * north < np.square(range_m)
+    near &= candidates & (poses["capture_ns"] != NEVER_NS)
+    near[np.arange(len(own)), own] = False
+    # Only few of all pairs are near: the others need no bearing.
+    receiver, sender = np.nonzero(near)
+    east, north = east[near], north[near]
+    bearing = wrap_angle(np.arctan2(north, east) - robots["yaw_rad"][receiver])
+    pairs = Pairs(receiver, sender, np.hypot(east, north), bearing)
+    pairs = pairs.select(within(bearing, reach.field_of_view_rad))
+    if reach.height_m is None or len(pairs) == 0:
+        return pairs
+    lines = np.empty((2, len(pairs), 3))
+    for line, ends in zip(lines, (robots[pairs.receiver], poses[pairs.sender])):
+        line[:, 0], line[:, 1], line[:, 2] = ends["x_m"], ends["y_m"], reach.height_m
+    both = np.stack((own[pairs.receiver], pairs.sender), axis=1)
+    return pairs.select(~world.bodies().blocked(lines[0], lines[1], both))
+
+
+_REAL_CM = np.array([0.0, 2.0, 5.0, 10.0, 15.0, 30.0, 45.0, 60.0, 80.0])
+_REAL_MU = np.array(
+    [7.64689, 7.596525, 7.24955, 7.084636, 6.984497, 6.917447, 6.823188, 6.828551, 6.828551]
+)
+_REAL_SIGMA = np.array(
+    [
+        0.3570609, 0.319231, 0.1926492, 0.1529397, 0.109233, 0.1216533, 0.1531546, 0.1418425,
+        0.1418425,
+    ]
+)  # fmt: skip
+_POWER = 9.06422181283387, -0.00565074879677167
+
+
+def disturbed(
+    noise: ArgosNoise, pairs: Pairs, random: np.random.Generator
+) -> tuple[Floats, Floats]:
+    """Ranges between the bodies [cm] and bearings [rad] of pairs, (p,) each."""
+    distance_m, bearing_rad = pairs.distance_m, pairs.bearing_rad
+    if noise.std_dev_m > 0.0:
+        away_m = random.normal(0.0, noise.std_dev_m, len(pairs))
+        inclination = random.uniform(0.0, np.pi, len(pairs))
+        azimuth = random.uniform(0.0, 2.0 * np.pi, len(pairs))
+        flat_m = away_m * np.sin(inclination)
+        ahead_m = distance_m * np.cos(bearing_rad) + flat_m * np.cos(azimuth)
+        left_m = distance_m * np.sin(bearing_rad) + flat_m * np.sin(azimuth)
+        up_m = away_m * np.cos(inclination)
+        distance_m = np.sqrt(ahead_m**2 + left_m**2 + up_m**2)
+        bearing_rad = np.arctan2(left_m, ahead_m)
+    range_cm = 100.0 * (distance_m - 2.0 * BODY_RADIUS_M)
+    if noise.real_range:
+        mu, sigma = (np.interp(range_cm, _REAL_CM, table) for table in (_REAL_MU, _REAL_SIGMA))
+        power = np.exp(mu + sigma * random.normal(0.0, 1.0, len(pairs)))
+        range_cm = np.exp(_POWER[0] + _POWER[1] * power)
+    return range_cm, bearing_rad
+
+
+def range_and_bearing(
+    sensor: RangeAndBearingSensor, world: World, robots: Robots, random: np.random.Generator
+) -> Floats:
+    """What `RangeAndBearingSensor.read` gives; draws from `random`."""
+    messages, places = world.messages, sensor.max_messages
+    heard = (messages["length"] > 0) | (not sensor.speaking_only)
+    pairs = near_pairs(sensor.reach, world, robots, heard, messages["range_m"])
+    if sensor.noise is not None or pairs.counts(len(robots)).max(initial=0) > places:
+        pairs = pairs.first(places, random.random(len(pairs)))
+    if sensor.loss_probability > 0.0:
+        pairs = pairs.select(random.random(len(pairs)) >= sensor.loss_probability)
+    range_cm = 100.0 * np.maximum(pairs.distance_m - 2.0 * BODY_RADIUS_M, 0.0)
+    bearing_rad = pairs.bearing_rad
+    if sensor.noise is not None:
+        range_cm, bearing_rad = disturbed(sensor.noise, pairs, random)
+    data = messages["data"][pairs.sender, : sensor.data_size].astype(np.float64)
+    silent = np.arange(sensor.data_size) >= messages["length"][pairs.sender][:, None]
+    data[silent] = 0.0
+    columns = np.column_stack((range_cm, bearing_rad, data))
+    return pairs.reading(len(robots), places, columns)

@@ -12,11 +12,12 @@ from hypothesis import strategies as st
 
 from tests.world.sensors import numpy_sensors
 from tests.world.sensors.scenes import STEP_NS, Place, arena_state, element, sensor
+from vsense.world.actuators.messages import MessagesActuator
 from vsense.world.entities import VIRTUAL_TAG_MIN, Box, Cylinder, Entity, VirtualRobot, Zone
 from vsense.world.fields import Floor
-from vsense.world.sensors import proximity
+from vsense.world.sensors import proximity, range_and_bearing
 from vsense.world.sensors.base import Scope
-from vsense.world.world import BODY_MEMORY_NS, World
+from vsense.world.world import BODY_MEMORY_NS, MESSAGE_MAX, World
 
 STEP_M = 0.0175
 """Places lie on a lattice of a quarter of a body: so many touch, or are the same."""
@@ -124,3 +125,85 @@ def test_the_sum_of_colours_is_the_same_single_in_any_order(order: tuple[int, ..
     other = np.clip((a + b) + c, 0.0, 1.0).astype(np.float32)
     ours = np.clip((shares[0] + shares[1]) + shares[2], 0.0, 1.0).astype(np.float32)
     assert np.array_equal(ours, other)
+
+
+@st.composite
+def talking(draw: st.DrawFn) -> World:
+    """A world in which some say something, as far as they say."""
+    world = draw(worlds())
+    random = np.random.default_rng(draw(st.integers(0, 99)))
+    count = len(world.robots)
+    world.messages["length"] = random.integers(0, 5, count)
+    world.messages["data"] = random.integers(0, 256, (count, MESSAGE_MAX))
+    world.messages["range_m"] = random.choice([0.0, 4 * STEP_M, 0.2, 0.8], count)
+    return world
+
+
+HEARING = {
+    "all": sensor("<virtual_range_and_bearing_sensor />"),
+    "too many": sensor('<virtual_range_and_bearing_sensor vs:max_messages="2" data_size="2" />'),
+    "speaking": sensor(
+        '<virtual_range_and_bearing_sensor vs:hear="speaking" range="0.105" vs:field_of_view="180"'
+        ' check_occlusions="false" loss_probability="0.3" data_size="1" />'
+    ),
+    "argos": argos("epuck_range_and_bearing", range_and_bearing, 'loss_probability="0.4"'),
+    "two": argos("epuck_range_and_bearing", range_and_bearing, 'max_packets="2"'),
+    "any robot's": argos("range_and_bearing", range_and_bearing),
+}
+NOISY = {
+    "noise": argos("epuck_range_and_bearing", range_and_bearing, 'noise_std_dev="0.02"'),
+    "real range": argos(
+        "epuck_range_and_bearing", range_and_bearing, 'noise_std_dev="0.3" real_range_noise="true"'
+    ),
+}
+
+
+def both_heard(device: Any, world: World) -> tuple[Any, Any]:
+    """What is read in C and in NumPy, which draw the same numbers."""
+    robots = world.robots[: world.real_robots]
+    before = np.random.Generator(np.random.PCG64())
+    before.bit_generator.state = world.random.bit_generator.state
+    readings = device.read(world, robots)
+    expected = numpy_sensors.range_and_bearing(device, world, robots, before)
+    assert world.random.bit_generator.state == before.bit_generator.state
+    return readings, expected
+
+
+@pytest.mark.parametrize("name", HEARING)
+@given(world=talking())
+@settings(max_examples=60)
+def test_range_and_bearing(name: str, world: World) -> None:
+    """But for the last bit of arcus tangents, as with exponentials above."""
+    readings, expected = both_heard(HEARING[name], world)
+    bearings = np.zeros(readings.shape[1], dtype=bool)
+    bearings[2 :: 2 + HEARING[name].data_size] = True
+    np.testing.assert_array_equal(readings[:, ~bearings], expected[:, ~bearings])
+    np.testing.assert_allclose(readings[:, bearings], expected[:, bearings], rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("name", NOISY)
+@given(world=talking())
+def test_noisy_range_and_bearing(name: str, world: World) -> None:
+    readings, expected = both_heard(NOISY[name], world)
+    np.testing.assert_allclose(readings, expected, rtol=1e-13, atol=1e-13)
+
+
+@given(
+    world=talking(),
+    size=st.integers(1, MESSAGE_MAX),
+    numbers=st.lists(st.integers(0, 255), min_size=3 * MESSAGE_MAX, max_size=3 * MESSAGE_MAX),
+    lengths=st.lists(st.integers(0, MESSAGE_MAX), min_size=3, max_size=3),
+)
+def test_messages(world: World, size: int, numbers: list[int], lengths: list[int]) -> None:
+    rows = np.array([2, 0, 1])
+    values = np.zeros((3, 1 + size))
+    values[:, 0] = np.minimum(lengths, size)
+    values[:, 1:] = np.reshape(numbers, (3, -1))[:, :size]
+    expected = world.messages.copy()
+    expected["length"][rows], expected["range_m"][rows] = values[:, 0], 0.7
+    said = np.arange(size) < values[:, :1]
+    expected["data"][rows] = 0
+    expected["data"][rows[:, None], np.arange(size)] = np.where(said, values[:, 1:], 0.0)
+    MessagesActuator(size, range_m=0.7).apply(world, rows, values, values)
+    for field in ("length", "data", "range_m"):
+        np.testing.assert_array_equal(world.messages[field], expected[field])

@@ -18,9 +18,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vsense.base.native import kernel_ffi, kernels
 from vsense.base.xml.element import Element
-from vsense.world.actuators.base import RowNumbers
-from vsense.world.sensors.base import Scope
+from vsense.world.actuators.base import ApplyFunction, RowNumbers
+from vsense.world.sensors.base import Robots, Scope
+from vsense.world.sensors.geometry import rows_of
 from vsense.world.sensors.quality import Floats, Scale
 from vsense.world.world import MESSAGE_MAX, World
 
@@ -55,13 +57,26 @@ class MessagesActuator:
 
     def apply(self, world: World, rows: RowNumbers, values: Floats, increments: Floats) -> None:
         """Sets the messages; see `VirtualActuator.apply`."""
-        lengths = values[:, 0].astype(np.uint8)
-        said = np.arange(self.size) < lengths[:, None]
-        data = np.zeros((len(rows), MESSAGE_MAX), dtype=np.uint8)
-        data[:, : self.size] = np.where(said, values[:, 1:], 0.0)
-        world.messages["length"][rows] = lengths
-        world.messages["range_m"][rows] = self.range_m
-        world.messages["data"][rows] = data
+        levels = kernel_ffi.from_buffer("double[]", np.ascontiguousarray(values))
+        speech = _Speech(self, world, rows)
+        kernels.vs_speech_set(speech.cdata, kernel_ffi.NULL, levels, kernel_ffi.NULL)
+
+    def kernel(self, world: World, robots: Robots) -> ApplyFunction:
+        """See `vsense/world/actuators/base.py`."""
+        speech = _Speech(self, world, rows_of(world, robots))
+        return ApplyFunction(kernels, "vs_speech_set", speech.cdata, owner=speech)
+
+
+class _Speech:
+    """Where robots' messages go: `cdata` is a `struct vs_speech *`."""
+
+    def __init__(self, actuator: MessagesActuator, world: World, rows: RowNumbers) -> None:
+        """`rows` (n,) are the robots' in the world; it holds until an entity changes."""
+        self._arrays = np.ascontiguousarray(rows, dtype=np.int32), world.messages
+        given = kernel_ffi.from_buffer("int32_t[]", self._arrays[0])
+        messages = kernel_ffi.cast("struct vs_message *", self._arrays[1].ctypes.data)
+        members = len(rows), given, messages, actuator.size, actuator.range_m
+        self.cdata = kernel_ffi.new("struct vs_speech *", members)
 
 
 def from_xml(element: Element, scope: Scope) -> MessagesActuator:

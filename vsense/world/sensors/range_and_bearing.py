@@ -31,10 +31,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vsense.base.native import kernel_ffi, kernels, random_in_c
 from vsense.base.xml.element import Element
 from vsense.world.entities import BODY_RADIUS_M
-from vsense.world.sensors._neighbours import Pairs, Reach, without_empty
-from vsense.world.sensors.base import Readings, Robots, Scope
+from vsense.world.sensors._neighbours import Reach, without_empty
+from vsense.world.sensors.base import ReadFunction, Readings, Robots, Scope
+from vsense.world.sensors.geometry import read_in_c
 from vsense.world.sensors.quality import Floats, Scale
 from vsense.world.world import MESSAGE_MAX, World
 
@@ -52,21 +54,6 @@ _ARGOS_BYTES = 480
 _MAX_NOISE_M = 1e3
 _MAX_PACKETS = 2**32 - 1
 
-_REAL_CM = np.array([0.0, 2.0, 5.0, 10.0, 15.0, 30.0, 45.0, 60.0, 80.0])
-_REAL_MU = np.array(
-    [7.64689, 7.596525, 7.24955, 7.084636, 6.984497, 6.917447, 6.823188, 6.828551, 6.828551]
-)
-_REAL_SIGMA = np.array(
-    [
-        0.3570609, 0.319231, 0.1926492, 0.1529397, 0.109233, 0.1216533, 0.1531546, 0.1418425,
-        0.1418425,
-    ]
-)  # fmt: skip
-"""What the real board measures at a distance: power, log-normal. Source: argos3-epuck,
-epuck_range_and_bearing_default_sensor.cpp lines 78-96."""
-_POWER = 9.06422181283387, -0.00565074879677167
-"""exp(a + b * power) is the distance [cm] that it tells. Source: as above, lines 33-34."""
-
 
 @dataclass(frozen=True, slots=True)
 class ArgosNoise:
@@ -75,31 +62,11 @@ class ArgosNoise:
     Attributes:
         std_dev_m: of the length of the vector that is added to it; its inclination is uniform in
             [0, pi], its azimuth in [0, 2 pi].
-        real_range: the range is what the real board would measure, see `_REAL_CM`.
+        real_range: the range is what the real board would measure.
     """
 
     std_dev_m: float
     real_range: bool
-
-    def apply(self, pairs: Pairs, random: np.random.Generator) -> tuple[Floats, Floats]:
-        """Ranges between the bodies [cm] and bearings [rad] of pairs, (p,) each."""
-        distance_m, bearing_rad = pairs.distance_m, pairs.bearing_rad
-        if self.std_dev_m > 0.0:
-            away_m = random.normal(0.0, self.std_dev_m, len(pairs))
-            inclination = random.uniform(0.0, np.pi, len(pairs))
-            azimuth = random.uniform(0.0, 2.0 * np.pi, len(pairs))
-            flat_m = away_m * np.sin(inclination)
-            ahead_m = distance_m * np.cos(bearing_rad) + flat_m * np.cos(azimuth)
-            left_m = distance_m * np.sin(bearing_rad) + flat_m * np.sin(azimuth)
-            up_m = away_m * np.cos(inclination)
-            distance_m = np.sqrt(ahead_m**2 + left_m**2 + up_m**2)
-            bearing_rad = np.arctan2(left_m, ahead_m)
-        range_cm = 100.0 * (distance_m - 2.0 * BODY_RADIUS_M)
-        if self.real_range:
-            mu, sigma = (np.interp(range_cm, _REAL_CM, table) for table in (_REAL_MU, _REAL_SIGMA))
-            power = np.exp(mu + sigma * random.normal(0.0, 1.0, len(pairs)))
-            range_cm = np.exp(_POWER[0] + _POWER[1] * power)
-        return range_cm, bearing_rad
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,45 +85,58 @@ class RangeAndBearingSensor:
 
     def read(self, world: World, robots: Robots) -> Readings:
         """Reads the messages; see `VirtualSensor.read`."""
-        speaking = world.messages["length"] > 0
-        heard = speaking if self.speaking_only else np.ones_like(speaking)
-        reaches_m = world.messages["range_m"]
-        pairs = self.reach.pairs(world, robots, heard, reaches_m)
-        if self.noise is not None:
-            return self._as_argos(world, robots, pairs, self.noise)
-        pairs = self._arrived(pairs, len(robots), world.random)
-        range_cm = 100.0 * np.maximum(pairs.distance_m - 2.0 * BODY_RADIUS_M, 0.0)
-        return self._reading(world, len(robots), pairs, range_cm, pairs.bearing_rad)
+        count = 1 + self.max_messages * (2 + self.data_size)
+        return read_in_c(self.kernel(world, robots), world, robots, count)
 
-    def _as_argos(self, world: World, robots: Robots, pairs: Pairs, noise: ArgosNoise) -> Readings:
-        """The reading in ARGoS's order and with its noise."""
-        random = world.random
-        pairs = pairs.first(self.max_messages, random.random(len(pairs)))
-        if self.loss_probability > 0.0:
-            pairs = pairs.select(random.random(len(pairs)) >= self.loss_probability)
-        range_cm, bearing_rad = noise.apply(pairs, random)
-        return self._reading(world, len(robots), pairs, range_cm, bearing_rad)
-
-    def _reading(
-        self, world: World, receivers: int, pairs: Pairs, range_cm: Floats, bearing_rad: Floats
-    ) -> Readings:
-        data = world.messages["data"][pairs.sender, : self.data_size].astype(np.float64)
-        silent = np.arange(self.data_size) >= world.messages["length"][pairs.sender][:, None]
-        data[silent] = 0.0
-        columns = np.column_stack((range_cm, bearing_rad, data))
-        return pairs.reading(receivers, self.max_messages, columns)
+    def kernel(self, world: World, robots: Robots) -> ReadFunction:
+        """See `vsense/world/sensors/base.py`."""
+        hearing = _Hearing(self, world, len(robots))
+        occlusions = self.reach.height_m is not None
+        return ReadFunction(kernels, "vs_hearing_read", hearing.cdata, occlusions, hearing)
 
     def tidy(self, values: Floats) -> Floats:
         """Leaves no noise in the places without a message."""
         return without_empty(values, self.max_messages)
 
-    def _arrived(self, pairs: Pairs, receivers: int, random: np.random.Generator) -> Pairs:
-        """Drops the messages that have no place, then those that are lost."""
-        if pairs.counts(receivers).max(initial=0) > self.max_messages:
-            pairs = pairs.first(self.max_messages, random.random(len(pairs)))
-        if self.loss_probability > 0.0:
-            pairs = pairs.select(random.random(len(pairs)) >= self.loss_probability)
-        return pairs
+
+class _Hearing:
+    """How robots hear each other as C takes it: `cdata` is a `struct vs_hearing *`."""
+
+    def __init__(self, sensor: RangeAndBearingSensor, world: World, robots: int) -> None:
+        """For so many robots, until one comes or goes."""
+        noise = sensor.noise or ArgosNoise(0.0, False)
+        normal = noise.std_dev_m > 0.0 or noise.real_range
+        room = max(robots * sensor.max_messages, 1)
+        self._arrays = (
+            world.random,
+            random_in_c(world.random, normal),
+            world.messages,
+            kernel_ffi.new("double[]", 3 * len(world.robots)),
+            kernel_ffi.new("struct vs_noticed[]", room),
+            kernel_ffi.new("uint32_t[]", max(robots, 1)),
+        )
+        _, random, messages, places_m, heard, counts = self._arrays
+        members = {
+            "world": world.sightings.cdata,
+            "messages": kernel_ffi.cast("struct vs_message *", messages.ctypes.data),
+            "random": random,
+            "range_m": sensor.reach.range_m,
+            "view_rad": sensor.reach.field_of_view_rad,
+            "height_m": sensor.reach.height_m or 0.0,
+            "occlusions": sensor.reach.height_m is not None,
+            "speaking": sensor.speaking_only,
+            "most": sensor.max_messages,
+            "size": sensor.data_size,
+            "loss": sensor.loss_probability,
+            "body_m": BODY_RADIUS_M,
+            "shuffled": sensor.noise is not None,
+            "noise_m": noise.std_dev_m,
+            "real_range": noise.real_range,
+            "places_m": places_m,
+            "heard": heard,
+            "counts": counts,
+        }
+        self.cdata = kernel_ffi.new("struct vs_hearing *", members)
 
 
 def from_xml(element: Element, scope: Scope) -> RangeAndBearingSensor:
