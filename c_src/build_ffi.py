@@ -147,6 +147,7 @@ KERNELS = Library(
         "c_src/host/vs_random.h",
         "c_src/host/vs_noticed.h",
         "c_src/host/vs_hearing.h",
+        "c_src/host/vs_camera.h",
         "c_src/host/vs_physics.h",
         "c_src/host/vs_ring.h",
         "c_src/host/vs_sprites.h",

@@ -210,6 +210,81 @@ static void step(void *state, struct vs_robot *robot)
 const struct vs_controller vs_controller = {"leaving", sizeof(struct leaving), init, step};
 """
 
+HEARING = r"""
+#include "controller.h"
+
+struct hearing { int sensors[4]; int message, leds, steps; };
+
+static void init(void *state, struct vs_robot *robot)
+{
+    static const char *names[] = {"proximity", "ground", "range_and_bearing",
+                                  "omnidirectional_camera"};
+    struct hearing *s = state;
+
+    for (int i = 0; i < 4; i++)
+        s->sensors[i] = vs_robot_sensor(robot, names[i]);
+    s->message = vs_robot_actuator(robot, "message");
+    s->leds = vs_robot_actuator(robot, "rgb_leds");
+}
+
+static void step(void *state, struct vs_robot *robot)
+{
+    struct hearing *s = state;
+    double values[128], sum = 0.0;
+
+    for (int i = 0; i < 4; i++) {
+        int count = vs_robot_values(robot, s->sensors[i], values, 128);
+
+        for (int k = 0; k < count; k++)
+            sum += values[k] * (1 + k % 3);
+    }
+    sum -= 200.0 * (int)(sum / 200.0);
+    vs_robot_actuate(robot, s->message, 0, s->steps++ % 5);
+    for (int k = 1; k < 5; k++)
+        vs_robot_actuate(robot, s->message, k, (int)sum + k);
+    for (int k = 0; k < 9; k++)
+        vs_robot_actuate(robot, s->leds, k, k % 3 ? (int)sum : 0);
+    vs_robot_set_wheels(robot, 300 + (int)sum, 300 - (int)sum);
+}
+
+const struct vs_controller vs_controller = {"hearing", sizeof(struct hearing), init, step};
+"""
+
+
+def test_what_published_files_ask_for_is_all_c(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All devices of a published e-puck, with noise that is drawn from the world's chance."""
+    (tmp_path / "hearing.c").write_text(HEARING)
+    rab = "<epuck_range_and_bearing implementation='medium' medium='rab' data_size='4' {} />"
+    wheels = '<epuck_wheels implementation="default" />'
+    ring = '<epuck_proximity implementation="default" />'
+    heard = rab.format("loss_probability='0.5' noise_std_dev='0.02' real_range_noise='true'")
+    seen = "<epuck_omnidirectional_camera medium='leds' noise_std_dev='0.02' />"
+    shining = "<epuck_rgb_leds medium='leds' />" + rab.format("range='0.7'")
+    experiment = world_of(
+        tmp_path,
+        12,
+        (wheels, wheels + shining),
+        (ring, ring.replace("/>", "vs:virtual='true' noise_level='0.05' />") + heard + seen),
+        (LIGHT, LIGHT + "<epuck_ground implementation='rot_z_only' noise_level='0.05' />"),
+        ('<led id="leds" />', '<led id="leds" /><range_and_bearing id="rab" />'),
+        (f'library="{CONTROLLER}"', 'library="hearing.c"'),
+    )
+    stops = []
+    whole = Chain.run
+
+    def stopped(chain: Chain, *args: int) -> None:
+        whole(chain, *args)
+        stops.append(chain.cdata.stops)
+
+    monkeypatch.setattr(Chain, "run", stopped)
+    in_c, in_python, timesteps = both_ways(experiment, monkeypatch)
+    assert in_c == in_python
+    assert timesteps == experiment.timesteps - 1
+    assert set(stops) == {0}
+
+
 CHANGES = {
     "only looks": "    world.results['east'] = float(world.robots['x_m'].mean())",
     "moves a zone": "    world.move('goal', 0.1 * t % 1.0, 0.0)",

@@ -11,9 +11,13 @@ from numpy.typing import NDArray
 from vsense.base.arena import wrap_angle
 from vsense.world.entities import BODY_RADIUS_M, Box, Cylinder
 from vsense.world.rays import NOBODY, Bodies, disc_rows, entity_rows
-from vsense.world.sensors._neighbours import Reach
-from vsense.world.sensors.geometry import points_at, rows_of, within
+from vsense.world.sensors.geometry import Reach, points_at, rows_of, within
 from vsense.world.sensors.ground import AHEAD_M, LEFT_M
+from vsense.world.sensors.omnidirectional_camera import (
+    CAMERA_HEIGHT_M,
+    LEDS_M,
+    OmnidirectionalCamera,
+)
 from vsense.world.sensors.proximity import RANGE_M, ProximitySensor
 from vsense.world.sensors.range_and_bearing import ArgosNoise, RangeAndBearingSensor
 from vsense.world.sightings import NEVER_NS
@@ -210,3 +214,84 @@ def range_and_bearing(
     data[silent] = 0.0
     columns = np.column_stack((range_cm, bearing_rad, data))
     return pairs.reading(len(robots), places, columns)
+
+
+def camera(
+    sensor: OmnidirectionalCamera, world: World, robots: Robots, random: np.random.Generator
+) -> Floats:
+    """What `OmnidirectionalCamera.read` gives; draws from `random`."""
+    leds_m, colors, owners = lit_leds(world)
+    cameras_m = np.empty((len(robots), 3))
+    cameras_m[:, 0], cameras_m[:, 1] = robots["x_m"], robots["y_m"]
+    cameras_m[:, 2] = CAMERA_HEIGHT_M
+    own = rows_of(world, robots)
+    ways_m = leds_m - cameras_m[:, None, :]
+    if sensor.square:
+        near = (np.abs(ways_m[..., :2]) < sensor.reach_m).all(axis=2)
+    else:
+        near = np.einsum("nli,nli->nl", ways_m, ways_m) < sensor.reach_m**2
+    near &= (owners != own[:, None]) & (ways_m[..., 2] < CAMERA_HEIGHT_M)
+    seeing, seen = np.nonzero(near)
+    free = ~world.bodies().blocked(cameras_m[seeing], leds_m[seen], own[seeing])
+    seeing, seen = seeing[free], seen[free]
+    flat_m = shifted(sensor, ways_m[seeing, seen, :2], random)
+    bearing = np.arctan2(flat_m[:, 1], flat_m[:, 0]) - robots["yaw_rad"][seeing]
+    blobs = Pairs(seeing, seen, np.hypot(*flat_m.T), np.asarray(wrap_angle(bearing)))
+    blobs = blobs.first(sensor.max_blobs, blobs.distance_m)
+    columns = np.column_stack(
+        (100.0 * blobs.distance_m, blobs.bearing_rad, colors[blobs.sender].astype(np.float64))
+    )
+    return blobs.reading(len(robots), sensor.max_blobs, columns)
+
+
+def shifted(sensor: OmnidirectionalCamera, flat_m: Floats, random: np.random.Generator) -> Floats:
+    """Moves places (b, 2) on the floor."""
+    if sensor.noise_std_dev <= 0.0:
+        return flat_m
+    away_m = random.normal(0.0, sensor.noise_std_dev, len(flat_m))
+    if sensor.square:
+        away_m *= np.hypot(*flat_m.T)
+    towards = random.uniform(0.0, 2.0 * np.pi, len(flat_m))
+    moved_m: Floats = flat_m + np.column_stack((away_m * np.cos(towards), away_m * np.sin(towards)))
+    return moved_m
+
+
+def lit_leds(world: World) -> tuple[Floats, NDArray[np.uint8], NDArray[np.intp]]:
+    """All LEDs that are lit.
+
+    Returns:
+        Places (l, 3) [m], colours (l, 3), and whose they are (l,): rows of `world.robots`, -1: of
+        a box or cylinder.
+    """
+    robots, colors = world.robots, world.led_colors
+    lit = colors.any(axis=2) & (robots["capture_ns"] != NEVER_NS)[:, None]
+    owners, leds = np.nonzero(lit)
+    cosine, sine = np.cos(robots["yaw_rad"][owners]), np.sin(robots["yaw_rad"][owners])
+    ahead, left, up = LEDS_M[leds].T
+    places = np.column_stack(
+        (
+            robots["x_m"][owners] + ahead * cosine - left * sine,
+            robots["y_m"][owners] + ahead * sine + left * cosine,
+            up,
+        )
+    )
+    things: list[Box | Cylinder] = [*world.boxes(), *world.cylinders()]
+    shown = [
+        (*_place(thing, led.offset_m), *led.color)
+        for thing in things
+        for led in thing.leds
+        if any(led.color)
+    ]
+    still = np.array(shown).reshape(-1, 6)
+    return (
+        np.concatenate((places, still[:, :3])),
+        np.concatenate((colors[owners, leds], still[:, 3:].astype(np.uint8))),
+        np.concatenate((owners, np.full(len(still), -1))),
+    )
+
+
+def _place(thing: Box | Cylinder, offset_m: tuple[float, float, float]) -> tuple[float, ...]:
+    yaw_rad = thing.yaw_rad if isinstance(thing, Box) else 0.0
+    cosine, sine = np.cos(yaw_rad), np.sin(yaw_rad)
+    (x, y, z), (ahead, left, up) = thing.position_m, offset_m
+    return x + ahead * cosine - left * sine, y + ahead * sine + left * cosine, z + up

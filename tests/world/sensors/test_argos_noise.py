@@ -15,11 +15,13 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.rigs.places import DATA
+from tests.world.sensors.scenes import rows, world_of
 from vsense.base.arena import POSE, ArenaState
 from vsense.config.experiment import read
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment, Stage
 from vsense.run.environment import Environment
+from vsense.world.entities import Cylinder, Led
 from vsense.world.sensors.omnidirectional_camera import OmnidirectionalCamera
 
 MEASURED = json.loads((DATA / "argos-noise/quantiles.json").read_text())
@@ -186,7 +188,22 @@ def test_messages_are_lost_as_often_as_in_argos(folder: Path) -> None:
 
 def test_a_cameras_noise_goes_all_ways_alike() -> None:
     """Its direction is uniform, its length normal. Source: epuck_omnidirectional_camera."""
-    camera = OmnidirectionalCamera(0.5, False, 0.05, 4)
-    away_m = camera._noisy(np.zeros((20_000, 2)), np.random.default_rng(1))
+    camera = OmnidirectionalCamera(0.5, False, 0.05, 1)
+    places = {tag: (2.0 * tag, 0.0, 0.0) for tag in range(500)}
+    lamps = [
+        Cylinder(
+            f"lamp{tag}",
+            (x_m + 0.2, 0.0, 0.0),
+            0.01,
+            0.01,
+            leds=(Led((0.0, 0.0, 0.1), (255, 0, 0)),),
+        )
+        for tag, (x_m, *_) in places.items()
+    ]
+    world = world_of(places, lamps)
+    seen = np.concatenate([rows(camera, world) for _ in range(40)])
+    assert (seen[:, 0] == 1.0).all()
+    away_m = 0.01 * seen[:, 1:2] * np.stack((np.cos(seen[:, 2]), np.sin(seen[:, 2])), axis=1)
+    away_m[:, 0] -= 0.2
     assert away_m.std(axis=0) == pytest.approx([0.05 / np.sqrt(2.0)] * 2, rel=0.03)
     assert abs(np.corrcoef(away_m.T)[0, 1]) < 0.03 and (abs(away_m.mean(axis=0)) < 1e-3).all()

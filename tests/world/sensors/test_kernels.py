@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from tests.world.sensors import numpy_sensors
 from tests.world.sensors.scenes import STEP_NS, Place, arena_state, element, sensor
+from vsense.world.actuators import leds as leds_actuators
 from vsense.world.actuators.messages import MessagesActuator
-from vsense.world.entities import VIRTUAL_TAG_MIN, Box, Cylinder, Entity, VirtualRobot, Zone
+from vsense.world.entities import VIRTUAL_TAG_MIN, Box, Cylinder, Entity, Led, VirtualRobot, Zone
 from vsense.world.fields import Floor
-from vsense.world.sensors import proximity, range_and_bearing
+from vsense.world.sensors import omnidirectional_camera, proximity, range_and_bearing
 from vsense.world.sensors.base import Scope
+from vsense.world.sensors.omnidirectional_camera import OmnidirectionalCamera
 from vsense.world.world import BODY_MEMORY_NS, MESSAGE_MAX, World
 
 STEP_M = 0.0175
@@ -33,22 +37,30 @@ sizes = st.sampled_from([0.0, 0.01, 0.035, 0.07, 0.3])
 heights = st.sampled_from([0.0, 0.031, 0.032, 0.052, 0.053, 0.1, 0.122])
 
 
+leds = st.lists(
+    st.builds(
+        lambda ahead, left, up, red: Led((ahead, left, up), (red, 0, 7 * (red > 1))),
+        *(lattice, lattice, st.sampled_from([0.04, 0.1, 0.1221, 0.243, 0.245]), st.integers(0, 3)),
+    ),
+    max_size=3,
+).map(tuple)
+
+
 def boxes(name: str) -> st.SearchStrategy[Entity]:
-    made = st.builds(
-        lambda place, low, size, up, real: Box(
-            name, (*place[:2], low), (max(size, 0.001), 0.02, up + 0.001), place[2], real
+    return st.builds(
+        lambda place, low, size, up, real, lamps: Box(
+            name, (*place[:2], low), (max(size, 0.001), 0.02, up + 0.001), place[2], real, lamps
         ),
-        *(places, heights, sizes, heights, st.booleans()),
+        *(places, heights, sizes, heights, st.booleans(), leds),
     )
-    return made
 
 
 def posts(name: str) -> st.SearchStrategy[Entity]:
     return st.builds(
-        lambda place, low, size, up, real: Cylinder(
-            name, (*place[:2], low), size + 0.001, up + 0.001, real
+        lambda place, low, size, up, real, lamps: Cylinder(
+            name, (*place[:2], low), size + 0.001, up + 0.001, real, lamps
         ),
-        *(places, heights, sizes, heights, st.booleans()),
+        *(places, heights, sizes, heights, st.booleans(), leds),
     )
 
 
@@ -158,13 +170,15 @@ NOISY = {
 }
 
 
-def both_heard(device: Any, world: World) -> tuple[Any, Any]:
+def both_ways(
+    device: Any, world: World, reference: Callable[..., Any]
+) -> tuple[NDArray[Any], NDArray[Any]]:
     """What is read in C and in NumPy, which draw the same numbers."""
     robots = world.robots[: world.real_robots]
     before = np.random.Generator(np.random.PCG64())
     before.bit_generator.state = world.random.bit_generator.state
     readings = device.read(world, robots)
-    expected = numpy_sensors.range_and_bearing(device, world, robots, before)
+    expected = reference(device, world, robots, before)
     assert world.random.bit_generator.state == before.bit_generator.state
     return readings, expected
 
@@ -174,17 +188,17 @@ def both_heard(device: Any, world: World) -> tuple[Any, Any]:
 @settings(max_examples=60)
 def test_range_and_bearing(name: str, world: World) -> None:
     """But for the last bit of arcus tangents, as with exponentials above."""
-    readings, expected = both_heard(HEARING[name], world)
+    readings, expected = both_ways(HEARING[name], world, numpy_sensors.range_and_bearing)
     bearings = np.zeros(readings.shape[1], dtype=bool)
     bearings[2 :: 2 + HEARING[name].data_size] = True
     np.testing.assert_array_equal(readings[:, ~bearings], expected[:, ~bearings])
-    np.testing.assert_allclose(readings[:, bearings], expected[:, bearings], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(readings[:, bearings], expected[:, bearings], rtol=0, atol=5e-15)
 
 
 @pytest.mark.parametrize("name", NOISY)
 @given(world=talking())
 def test_noisy_range_and_bearing(name: str, world: World) -> None:
-    readings, expected = both_heard(NOISY[name], world)
+    readings, expected = both_ways(NOISY[name], world, numpy_sensors.range_and_bearing)
     np.testing.assert_allclose(readings, expected, rtol=1e-13, atol=1e-13)
 
 
@@ -207,3 +221,60 @@ def test_messages(world: World, size: int, numbers: list[int], lengths: list[int
     MessagesActuator(size, range_m=0.7).apply(world, rows, values, values)
     for field in ("length", "data", "range_m"):
         np.testing.assert_array_equal(world.messages[field], expected[field])
+
+
+@st.composite
+def shining(draw: st.DrawFn) -> World:
+    """A world in which some LEDs of robots are lit."""
+    world = draw(worlds())
+    random = np.random.default_rng(draw(st.integers(0, 99)))
+    world.led_colors[:] = random.integers(0, 256, world.led_colors.shape)
+    world.led_colors[random.random(world.led_colors.shape[:2]) < 0.7] = 0
+    return world
+
+
+CAMERAS = {
+    "epuck": argos("epuck_omnidirectional_camera", omnidirectional_camera),
+    "few places": OmnidirectionalCamera(0.2, False, 0.0, 2),
+    "square": OmnidirectionalCamera(0.105, True, 0.0, 25),
+    "noisy": OmnidirectionalCamera(0.3, False, 0.05, 5),
+    "noisy square": OmnidirectionalCamera(0.2, True, 0.3, 9),
+}
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+@given(world=shining())
+@settings(max_examples=60)
+def test_camera(name: str, world: World) -> None:
+    """But for the last bit of arcus tangents."""
+    readings, expected = both_ways(CAMERAS[name], world, numpy_sensors.camera)
+    bearings = np.zeros(readings.shape[1], dtype=bool)
+    bearings[2::5] = True
+    np.testing.assert_array_equal(readings[:, ~bearings], expected[:, ~bearings])
+    np.testing.assert_allclose(readings[:, bearings], expected[:, bearings], rtol=0, atol=5e-15)
+
+
+@pytest.mark.parametrize("xml", ["epuck_rgb_leds", "leds", "epuck_base_leds"])
+@given(
+    world=shining(),
+    numbers=st.lists(st.integers(0, 255), min_size=3 * 33, max_size=3 * 33),
+    dark=st.integers(0, 33),
+)
+def test_single_leds(xml: str, world: World, numbers: list[int], dark: int) -> None:
+    actuator, rows = leds_actuators.from_argos(element(f"<{xml} />"), Scope({}, 0)), [2, 0, 1]
+    count, first = {"epuck_rgb_leds": (3, 8), "leds": (11, 0), "epuck_base_leds": (8, 0)}[xml]
+    width = count if xml == "epuck_base_leds" else 3 * count
+    values = np.reshape(numbers, (3, 33))[:, :width] * 1.0
+    values[:, dark:] = 0.0
+    expected = world.led_colors.copy()
+    if width == count:
+        red = np.array([255, 0, 0])
+        expected[rows, :count] = np.where(values[:, ::-1, None] > 0.0, red, 0)
+    else:
+        expected[rows, first : first + count] = values.reshape(3, count, 3)
+    whole = world.leds.copy()
+    whole[rows] = expected[rows].max(axis=1)
+    assert actuator.layout == f"{width}*u1"
+    actuator.apply(world, np.array(rows), values, values)
+    np.testing.assert_array_equal(world.led_colors, expected)
+    np.testing.assert_array_equal(world.leds, whole)

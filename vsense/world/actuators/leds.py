@@ -24,7 +24,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vsense.base.native import kernel_ffi, kernels
 from vsense.base.xml.element import Element
@@ -42,7 +41,6 @@ _BRIGHTNESS = Scale(unit=_FULL, low=0.0, high=_FULL)
 _SWITCHES = Scale(unit=0.0, low=0.0, high=_FULL)
 _RING = 8
 """The first LEDs of `World.led_colors`; the coloured ones follow."""
-_RED = np.array([255, 0, 0], dtype=np.uint8)
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,42 +78,52 @@ class _Shine:
 
 @dataclass(frozen=True, slots=True)
 class SingleLedsActuator:
-    """Sets the LEDs from `first` on of `World.led_colors`, three numbers each."""
+    """Sets `count` LEDs from `first` on of `World.led_colors`, three numbers each.
+
+    Of `switches` each has one number, from the last LED to the first, and is red or off.
+    """
 
     name: str
     first: int
     count: int
-    scale: Scale = _BRIGHTNESS
+    switches: bool = False
+
+    @property
+    def scale(self) -> Scale:
+        """What is a switch has no noise."""
+        return _SWITCHES if self.switches else _BRIGHTNESS
 
     @property
     def layout(self) -> str:
-        """Red, green and blue of one LED after the other."""
-        return f"{3 * self.count}*u1"
+        """The numbers of one LED after the other."""
+        return f"{self.count if self.switches else 3 * self.count}*u1"
 
     def apply(self, world: World, rows: RowNumbers, values: Floats, increments: Floats) -> None:
         """Lights them; see `VirtualActuator.apply`."""
-        colors = np.rint(values).astype(np.uint8).reshape(len(rows), self.count, 3)
-        _light(world, rows, self.first, colors)
+        lamps = _Lamps(self, world, rows)
+        levels = kernel_ffi.from_buffer("double[]", np.rint(values))
+        kernels.vs_lamps_light(lamps.cdata, kernel_ffi.NULL, levels, kernel_ffi.NULL)
+
+    def kernel(self, world: World, robots: Robots) -> ApplyFunction:
+        """See `vsense/world/actuators/base.py`."""
+        lamps = _Lamps(self, world, rows_of(world, robots))
+        return ApplyFunction(kernels, "vs_lamps_light", lamps.cdata, owner=lamps)
 
 
-@dataclass(frozen=True, slots=True)
-class BaseLedsActuator:
-    """Switches the red LEDs of the ring."""
+class _Lamps:
+    """LEDs of robots as C takes them: `cdata` is a `struct vs_lamps *`."""
 
-    name: str = "base_leds"
-    layout: str = f"{_RING}*u1"
-    scale: Scale = _SWITCHES
-
-    def apply(self, world: World, rows: RowNumbers, values: Floats, increments: Floats) -> None:
-        """Switches them; see `VirtualActuator.apply`."""
-        lit = np.rint(values[:, ::-1, None]) > 0.0
-        _light(world, rows, 0, np.where(lit, _RED, np.uint8(0)))
-
-
-def _light(world: World, rows: RowNumbers, first: int, colors: NDArray[np.uint8]) -> None:
-    """Sets LEDs (m, k, 3) of robots (m,), and what the robot shows as a whole."""
-    world.led_colors[rows, first : first + colors.shape[1]] = colors
-    world.leds[rows] = world.led_colors[rows].max(axis=1)
+    def __init__(self, actuator: SingleLedsActuator, world: World, rows: RowNumbers) -> None:
+        """`rows` (n,) are the robots' in the world; it holds until an entity changes."""
+        numbers = np.ascontiguousarray(rows, dtype=np.int32)
+        self._arrays = numbers, world.led_colors, world.leds
+        own, colors, shown = (
+            kernel_ffi.from_buffer(kind, array)
+            for kind, array in zip(("int32_t[]", "uint8_t[]", "uint8_t[]"), self._arrays)
+        )
+        parts = actuator.first, actuator.count, actuator.switches
+        members = len(rows), own, colors, shown, ROBOT_LEDS, *parts
+        self.cdata = kernel_ffi.new("struct vs_lamps *", members)
 
 
 def from_xml(element: Element, scope: Scope) -> LedsActuator:
@@ -126,7 +134,7 @@ def from_xml(element: Element, scope: Scope) -> LedsActuator:
 def from_argos(element: Element, scope: Scope) -> VirtualActuator:
     """Makes the actuator that one of ARGoS's elements asks for."""
     if element.name == "epuck_base_leds":
-        return BaseLedsActuator()
+        return SingleLedsActuator("base_leds", 0, _RING, switches=True)
     if element.name == "leds":
         return SingleLedsActuator("leds", 0, ROBOT_LEDS)
     return SingleLedsActuator("rgb_leds", _RING, ROBOT_LEDS - _RING)

@@ -27,6 +27,7 @@ RING_RADIUS_M = 0.036
 RING_HEIGHT_M = 0.032
 """Their height above the floor. Source: as above."""
 
+_MAX_RANGE_M = 1000.0
 _MAX_RING: int = kernels.VS_LIGHT_SENSORS_MAX
 _PLACE_AT: int = POSE.fields["x_m"][1]  # type: ignore[index]
 """Where a row of POSE has x_m, y_m, yaw_rad."""
@@ -120,6 +121,39 @@ class SensedScene:
             self.cdata.own = kernel_ffi.from_buffer("int32_t[]", self._own)
         if bodies is not None:
             self.cdata.obstacles = bodies.cdata
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """The robots that a robot notices at all.
+
+    Attributes:
+        range_m: they are nearer than this.
+        field_of_view_rad: they are within this angle around straight ahead.
+        height_m: lines of sight are this high above the floor; None: nothing is in the way.
+    """
+
+    range_m: float
+    field_of_view_rad: float
+    height_m: float | None
+
+    @classmethod
+    def from_xml(cls, element: Element, range_key: str, default_m: float, height_m: float) -> Reach:
+        """Reads `range_key` [m], `vs:field_of_view` [deg] and `check_occlusions`."""
+        return cls(
+            element.number(range_key, 0.001, _MAX_RANGE_M, "m", default_m),
+            field_of_view(element),
+            height_m if element.boolean("check_occlusions", True) else None,
+        )
+
+
+def without_empty(readings: Floats, places: int) -> Floats:
+    """Sets what lies beyond each reading's count to 0."""
+    width = (readings.shape[1] - 1) // places
+    place = np.repeat(np.arange(places), width)
+    tidy: Floats = readings.copy()
+    tidy[:, 1:][place >= np.rint(readings[:, :1])] = 0.0
+    return tidy
 
 
 def read_in_c(kernel: ReadFunction, world: World, robots: Robots, count: int) -> Readings:

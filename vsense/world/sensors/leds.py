@@ -23,9 +23,8 @@ import numpy as np
 
 from vsense.base.native import kernel_ffi, kernels
 from vsense.base.xml.element import Element
-from vsense.world.sensors._neighbours import Reach, without_empty
 from vsense.world.sensors.base import ReadFunction, Readings, Robots, Scope
-from vsense.world.sensors.geometry import read_in_c
+from vsense.world.sensors.geometry import Reach, read_in_c, without_empty
 from vsense.world.sensors.quality import Floats, Scale
 from vsense.world.world import World
 

@@ -22,19 +22,17 @@ colored_blob_omnidirectional_camera_rotzonly_sensor.cpp.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vsense.base.arena import wrap_angle
+from vsense.base.native import kernel_ffi, kernels, random_in_c
 from vsense.base.xml.element import Element
 from vsense.world.entities import Box, Cylinder
-from vsense.world.sensors._neighbours import Pairs, without_empty
-from vsense.world.sensors.base import Readings, Robots, Scope
-from vsense.world.sensors.geometry import rows_of
+from vsense.world.sensors.base import ReadFunction, Readings, Robots, Scope
+from vsense.world.sensors.geometry import read_in_c, without_empty
 from vsense.world.sensors.quality import Floats, Scale
-from vsense.world.sightings import NEVER_NS
-from vsense.world.world import World
+from vsense.world.world import ROBOT_LEDS, World
 
 ELEMENTS = ()
 ARGOS_ELEMENTS = ("epuck_omnidirectional_camera", "colored_blob_omnidirectional_camera")
@@ -59,6 +57,7 @@ _BYTES = 500
 """Of all places of a reading: so much of a datagram is left beside a robot's other sensors."""
 _COLUMNS = 5
 _MAX_NOISE_M = 1e3
+_NOTICED_BYTES = kernel_ffi.sizeof("struct vs_noticed")
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,79 +95,62 @@ class OmnidirectionalCamera:
 
     def read(self, world: World, robots: Robots) -> Readings:
         """Reads the blobs; see `VirtualSensor.read`."""
-        leds_m, colors, owners = lit_leds(world)
-        cameras_m = np.empty((len(robots), 3))
-        cameras_m[:, 0], cameras_m[:, 1] = robots["x_m"], robots["y_m"]
-        cameras_m[:, 2] = CAMERA_HEIGHT_M
-        own = rows_of(world, robots)
-        ways_m = leds_m - cameras_m[:, None, :]
-        if self.square:
-            near = (np.abs(ways_m[..., :2]) < self.reach_m).all(axis=2)
-        else:
-            near = np.einsum("nli,nli->nl", ways_m, ways_m) < self.reach_m**2
-        near &= (owners != own[:, None]) & (ways_m[..., 2] < CAMERA_HEIGHT_M)
-        seeing, seen = np.nonzero(near)
-        free = ~world.bodies().blocked(cameras_m[seeing], leds_m[seen], own[seeing])
-        seeing, seen = seeing[free], seen[free]
-        flat_m = self._noisy(ways_m[seeing, seen, :2], world.random)
-        bearing = np.arctan2(flat_m[:, 1], flat_m[:, 0]) - robots["yaw_rad"][seeing]
-        blobs = Pairs(seeing, seen, np.hypot(*flat_m.T), np.asarray(wrap_angle(bearing)))
-        blobs = blobs.first(self.max_blobs, blobs.distance_m)
-        columns = np.column_stack(
-            (100.0 * blobs.distance_m, blobs.bearing_rad, colors[blobs.sender].astype(np.float64))
-        )
-        return blobs.reading(len(robots), self.max_blobs, columns)
+        count = 1 + _COLUMNS * self.max_blobs
+        return read_in_c(self.kernel(world, robots), world, robots, count)
+
+    def kernel(self, world: World, robots: Robots) -> ReadFunction:
+        """See `vsense/world/sensors/base.py`."""
+        camera = _Camera(self, world, len(robots))
+        return ReadFunction(kernels, "vs_camera_read", camera.cdata, True, camera)
 
     def tidy(self, values: Floats) -> Floats:
         """Leaves no noise in the places without a blob."""
         return without_empty(values, self.max_blobs)
 
-    def _noisy(self, flat_m: Floats, random: np.random.Generator) -> Floats:
-        """Moves places (b, 2) on the floor."""
-        if self.noise_std_dev <= 0.0:
-            return flat_m
-        away_m = random.normal(0.0, self.noise_std_dev, len(flat_m))
-        if self.square:
-            away_m *= np.hypot(*flat_m.T)
-        towards = random.uniform(0.0, 2.0 * np.pi, len(flat_m))
-        moved_m: Floats = flat_m + np.column_stack(
-            (away_m * np.cos(towards), away_m * np.sin(towards))
-        )
-        return moved_m
+
+class _Camera:
+    """What cameras see as C takes it: `cdata` is a `struct vs_camera *`."""
+
+    def __init__(self, sensor: OmnidirectionalCamera, world: World, robots: int) -> None:
+        """For so many robots; it holds until an entity changes."""
+        is_noisy = sensor.noise_std_dev > 0.0
+        still, room = _still_leds(world), ROBOT_LEDS * len(world.robots)
+        leds = len(still) + room
+        # Noise is drawn when all robots have looked. Of the room only what is used is memory.
+        seen = np.empty((leds * (robots if is_noisy else 1), _NOTICED_BYTES), dtype=np.uint8)
+        self._arrays: dict[str, Any] = {
+            "colors": kernel_ffi.from_buffer("uint8_t[]", world.led_colors),
+            "leds_m": kernel_ffi.new("double[]", LEDS_M.ravel().tolist()),
+            "random": random_in_c(world.random, is_noisy),
+            "lit": kernel_ffi.new(f"struct vs_lit[{leds + 1}]", still),
+            "seen": kernel_ffi.from_buffer("struct vs_noticed[]", seen),
+            "nearest": kernel_ffi.new("struct vs_noticed[]", sensor.max_blobs),
+            "counts": kernel_ffi.new("uint32_t[]", robots + 1),
+        }
+        self._owners = world.random, still
+        members = {
+            "world": world.sightings.cdata,
+            "leds": ROBOT_LEDS,
+            "still": len(still),
+            "height_m": CAMERA_HEIGHT_M,
+            "reach_m": sensor.reach_m,
+            "reach2_m2": sensor.reach_m**2,
+            "square": sensor.square,
+            "noise": sensor.noise_std_dev,
+            "most": sensor.max_blobs,
+            "room": len(seen),
+        }
+        self.cdata = kernel_ffi.new("struct vs_camera *", {**members, **self._arrays})
 
 
-def lit_leds(world: World) -> tuple[Floats, NDArray[np.uint8], NDArray[np.intp]]:
-    """All LEDs that are lit.
-
-    Returns:
-        Places (l, 3) [m], colours (l, 3), and whose they are (l,): rows of `world.robots`, -1: of
-        a box or cylinder.
-    """
-    robots, colors = world.robots, world.led_colors
-    lit = colors.any(axis=2) & (robots["capture_ns"] != NEVER_NS)[:, None]
-    owners, leds = np.nonzero(lit)
-    cosine, sine = np.cos(robots["yaw_rad"][owners]), np.sin(robots["yaw_rad"][owners])
-    ahead, left, up = LEDS_M[leds].T
-    places = np.column_stack(
-        (
-            robots["x_m"][owners] + ahead * cosine - left * sine,
-            robots["y_m"][owners] + ahead * sine + left * cosine,
-            up,
-        )
-    )
+def _still_leds(world: World) -> list[tuple[Any, ...]]:
+    """The lit LEDs of boxes and cylinders as `struct vs_lit`; they keep the colours alive."""
     things: list[Box | Cylinder] = [*world.boxes(), *world.cylinders()]
-    shown = [
-        (*_place(thing, led.offset_m), *led.color)
-        for thing in things
-        for led in thing.leds
-        if any(led.color)
+    shown = [(thing, led) for thing in things for led in thing.leds if any(led.color)]
+    return [
+        (_place(thing, led.offset_m), -1, 1, kernel_ffi.new("uint8_t[]", led.color))
+        for thing, led in shown
     ]
-    still = np.array(shown).reshape(-1, 6)
-    return (
-        np.concatenate((places, still[:, :3])),
-        np.concatenate((colors[owners, leds], still[:, 3:].astype(np.uint8))),
-        np.concatenate((owners, np.full(len(still), -1))),
-    )
 
 
 def _place(thing: Box | Cylinder, offset_m: tuple[float, float, float]) -> tuple[float, ...]:

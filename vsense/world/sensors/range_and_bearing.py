@@ -28,15 +28,15 @@ Source: epuck_range_and_bearing of ARGoS, iridia.md section 3.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from vsense.base.native import kernel_ffi, kernels, random_in_c
 from vsense.base.xml.element import Element
 from vsense.world.entities import BODY_RADIUS_M
-from vsense.world.sensors._neighbours import Reach, without_empty
 from vsense.world.sensors.base import ReadFunction, Readings, Robots, Scope
-from vsense.world.sensors.geometry import read_in_c
+from vsense.world.sensors.geometry import Reach, read_in_c, without_empty
 from vsense.world.sensors.quality import Floats, Scale
 from vsense.world.world import MESSAGE_MAX, World
 
@@ -106,20 +106,17 @@ class _Hearing:
         """For so many robots, until one comes or goes."""
         noise = sensor.noise or ArgosNoise(0.0, False)
         normal = noise.std_dev_m > 0.0 or noise.real_range
-        room = max(robots * sensor.max_messages, 1)
-        self._arrays = (
-            world.random,
-            random_in_c(world.random, normal),
-            world.messages,
-            kernel_ffi.new("double[]", 3 * len(world.robots)),
-            kernel_ffi.new("struct vs_noticed[]", room),
-            kernel_ffi.new("uint32_t[]", max(robots, 1)),
-        )
-        _, random, messages, places_m, heard, counts = self._arrays
+        room = robots * sensor.max_messages + 1
+        self._owners = world.random, world.messages
+        self._arrays: dict[str, Any] = {
+            "messages": kernel_ffi.cast("struct vs_message *", world.messages.ctypes.data),
+            "random": random_in_c(world.random, normal),
+            "places_m": kernel_ffi.new("double[]", 3 * len(world.robots)),
+            "heard": kernel_ffi.new("struct vs_noticed[]", room),
+            "counts": kernel_ffi.new("uint32_t[]", robots + 1),
+        }
         members = {
             "world": world.sightings.cdata,
-            "messages": kernel_ffi.cast("struct vs_message *", messages.ctypes.data),
-            "random": random,
             "range_m": sensor.reach.range_m,
             "view_rad": sensor.reach.field_of_view_rad,
             "height_m": sensor.reach.height_m or 0.0,
@@ -132,11 +129,8 @@ class _Hearing:
             "shuffled": sensor.noise is not None,
             "noise_m": noise.std_dev_m,
             "real_range": noise.real_range,
-            "places_m": places_m,
-            "heard": heard,
-            "counts": counts,
         }
-        self.cdata = kernel_ffi.new("struct vs_hearing *", members)
+        self.cdata = kernel_ffi.new("struct vs_hearing *", {**members, **self._arrays})
 
 
 def from_xml(element: Element, scope: Scope) -> RangeAndBearingSensor:
