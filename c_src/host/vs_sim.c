@@ -116,6 +116,8 @@ static void obey(struct vs_sim *sim)
             sim->leds[row] = program->leds[i];
         }
     }
+    if (sim->slip)
+        vs_slip_apply(sim->slip, sim->wheels);
     vs_physics_advance(sim->physics, sim->capture_ns + sim->act_ns);
     vs_physics_drive_all(sim->physics, sim->wheels, sim->capture_ns + sim->act_ns);
 }

@@ -11,6 +11,7 @@
 #include "vs_light.h"
 #include "vs_physics.h"
 #include "vs_ring.h"
+#include "vs_slip.h"
 #include "vs_world.h"
 
 /* How far the timestep is; each of these is what was done last. */
@@ -73,6 +74,7 @@ struct vs_sim {
     uint32_t programs_count;
     struct vs_sim_program *programs;
     struct vs_rings *rings;
+    const struct vs_slip *slip;   /* NULL: wheels obey */
     const double *errors;         /* the tracker's, and the rings' noise: of the next timestep, */
     const double *noise;          /* then of those after it */
     uint32_t *present;            /* told which controller runs */

@@ -108,6 +108,9 @@ VARIANTS = {
     "drop-out": ((LIGHT, LIGHT.replace("formula", "vs:drop_out='0.2' formula")),),
     "condition": ((LIGHT, LIGHT.replace("formula", "vs:update='change' formula")),),
     "Python beside C": ((LIGHT, f"<gps_virtual_sensor implementation='default' />{LIGHT}"),),
+    "wheels": (
+        ('<epuck_wheels implementation="default" />', '<epuck_wheels noise_std_dev="0.1" />'),
+    ),
     "whole numbers": ((LIGHT, LIGHT + GROUND),),
     "noisy whole numbers": ((LIGHT, LIGHT + GROUND.replace(" imp", " noise_level='0.1' imp")),),
 }
@@ -121,17 +124,9 @@ def test_c_gives_the_same_bits(name: str, tmp_path: Path, monkeypatch: pytest.Mo
     assert timesteps == experiment.timesteps - 1
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        ('ticks_per_second="10"', 'ticks_per_second="40"'),
-        ('<epuck_wheels implementation="default" />', '<epuck_wheels noise_std_dev="0.1" />'),
-    ],
-)
-def test_what_cannot_be_chained_is_not(
-    change: tuple[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    *_, timesteps = both_ways(world_of(tmp_path, 3, change), monkeypatch)
+def test_what_cannot_be_chained_is_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    faster = 'ticks_per_second="10"', 'ticks_per_second="40"'
+    *_, timesteps = both_ways(world_of(tmp_path, 3, faster), monkeypatch)
     assert timesteps == 0
 
 

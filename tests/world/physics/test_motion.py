@@ -11,7 +11,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vsense.world.entities import BODY_RADIUS_M
-from vsense.world.physics.motion import AXLE_M, MAX_SPEED_STEPS_S, STEP_M, Physics
+from vsense.world.physics.motion import (
+    AXLE_M,
+    MAX_SPEED_STEPS_S,
+    STEP_M,
+    NoisyWheels,
+    Physics,
+    WheelNoise,
+)
+from vsense.world.sensors.quality import generator
 
 TICK_NS = 10_000_000
 FULL_M_S = MAX_SPEED_STEPS_S * STEP_M
@@ -294,3 +302,34 @@ def test_a_robot_that_is_put_in_drives_as_it_is_built() -> None:
             physics.tick(tick * TICK_NS)
     assert (rebuilt.poses == meant.poses).all()
     assert (rebuilt.poses[0] != nominal.poses[0]).all()
+
+
+shares = st.floats(-2.0, 2.0)
+both = st.tuples(shares, shares)
+noises = st.builds(WheelNoise, both.map(np.abs), both, both.map(np.abs), both, both.map(np.abs))
+
+
+@given(
+    st.lists(st.none() | noises, min_size=1, max_size=5),
+    seeds,
+    st.lists(st.sampled_from([0, 0, 1, -7, 400, -1000]) | speeds, min_size=10, max_size=10),
+)
+def test_wheels_slip_as_in_numpy(
+    models: list[WheelNoise | None], seed: int, told: list[int]
+) -> None:
+    """The same bits, from the same numbers drawn; NoisyWheels says which formula."""
+
+    def column(name: str) -> np.ndarray:
+        return np.array([getattr(model or WheelNoise(), name) for model in models])
+
+    wheels, random, shape = NoisyWheels(models, seed), generator(seed, "wheels"), (len(models), 2)
+    bias = column("bias_m_s") + column("bias_dev_m_s") * random.normal(size=shape)
+    commands = np.array(told, dtype=np.int16).reshape(-1, 2)[: len(models)]
+    for _ in range(2):
+        drawn = commands * (1.0 + column("relative") * random.normal(size=shape))
+        factor = column("factor") + column("factor_dev") * random.normal(size=shape)
+        turning = (commands != 0).any(axis=1)[:, None]
+        expected = np.rint(np.where(turning, factor * (drawn + bias / STEP_M), drawn))
+        expected = np.clip(expected, -MAX_SPEED_STEPS_S, MAX_SPEED_STEPS_S)
+        quiet = not any(models)
+        assert (wheels.apply(commands) == (commands if quiet else expected)).all()

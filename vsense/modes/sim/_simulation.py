@@ -164,7 +164,7 @@ class Simulation:
     def go_on(self, run_timestep: int, most: int = MAX_TIMESTEPS) -> int:
         """Runs at least one timestep and `most` at most; says how many."""
         self._follow()
-        if run_timestep == 1 and self._slip.is_quiet:
+        if run_timestep == 1:
             self.chain = self._chained()
         if self.chain is None:
             self.step(run_timestep)
@@ -194,6 +194,8 @@ class Simulation:
         parts = ChainedParts(*arguments, after, is_watched)
         chain = chained(parts, ChainTimes(self._dt_ns, SENSE_NS, CONTROL_NS, ACT_NS))
         if chain is not None:
+            if not self._slip.is_quiet:
+                chain.cdata.slip = self._slip.cdata
             chain.wheels[:], chain.leds[:] = self._driven, self._leds
             self._driven, self._leds = chain.wheels, chain.leds
         return chain

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vsense.base.native import kernel_ffi, kernels
+from vsense.base.native import kernel_ffi, kernels, random_in_c
 from vsense.world.entities import BODY_HEIGHT_M, BODY_RADIUS_M, Box, Cylinder
 from vsense.world.sensors.quality import generator
 
@@ -260,7 +260,12 @@ class WheelNoise:
 
 
 class NoisyWheels:
-    """What becomes of the commands to the wheels of some robots; `is_quiet`: nothing."""
+    """What becomes of the commands to the wheels of some robots.
+
+    Attributes:
+        is_quiet: nothing.
+        cdata: the `struct vs_slip *`.
+    """
 
     def __init__(self, noises: Sequence[WheelNoise | None], seed: int) -> None:
         """Draws what stays the same during a run.
@@ -271,12 +276,17 @@ class NoisyWheels:
         """
         self.is_quiet = not any(noises)
         models = [noise or WheelNoise() for noise in noises]
-        self._random = generator(seed, _STREAM)
-        self._relative = _column(models, "relative")
-        self._factor, self._factor_dev = _column(models, "factor"), _column(models, "factor_dev")
-        deviation, shape = _column(models, "bias_dev_m_s"), (len(models), 2)
-        bias_m_s = _column(models, "bias_m_s") + deviation * self._random.normal(size=shape)
-        self._bias = bias_m_s / STEP_M
+        random, shape = generator(seed, _STREAM), (len(models), 2)
+        relative, factor, factor_dev, bias_m_s = (
+            _column(models, name) for name in ("relative", "factor", "factor_dev", "bias_m_s")
+        )
+        deviation_m_s = _column(models, "bias_dev_m_s")
+        bias = (bias_m_s + deviation_m_s * random.normal(size=shape)) / STEP_M
+        arrays = relative, factor, factor_dev, bias, np.empty(shape)
+        given = [kernel_ffi.from_buffer("double[]", array) for array in arrays]
+        given.insert(-1, random_in_c(random, normal=True))
+        self._owners = random, given
+        self.cdata = kernel_ffi.new("struct vs_slip *", (len(models), MAX_SPEED_STEPS_S, *given))
 
     def apply(self, commands: NDArray[np.int16]) -> NDArray[np.int16]:
         """Gives the speeds (n, 2) [step/s] that robots drive at which are told `commands`.
@@ -286,19 +296,15 @@ class NoisyWheels:
         """
         if self.is_quiet:
             return commands
-        wanted, shape = commands.astype(np.float64), commands.shape
-        drawn = wanted * (1.0 + self._relative * self._random.normal(size=shape))
-        factor = self._factor + self._factor_dev * self._random.normal(size=shape)
-        turning = (commands != 0).any(axis=1)[:, None]
-        speeds = np.where(turning, factor * (drawn + self._bias), drawn)
-        limited = np.clip(np.rint(speeds), -MAX_SPEED_STEPS_S, MAX_SPEED_STEPS_S)
-        return np.asarray(limited.astype(np.int16))
+        speeds: NDArray[np.int16] = commands.copy()
+        kernels.vs_slip_apply(self.cdata, pointer("int16_t", speeds))
+        return speeds
 
     def of_robot(self, robot: int, left_steps_s: int, right_steps_s: int) -> tuple[int, int]:
         """The same for one robot, by its index."""
         if self.is_quiet:
             return left_steps_s, right_steps_s
-        commands = np.zeros(self._bias.shape, dtype=np.int16)
+        commands = np.zeros((self.cdata.robots, 2), dtype=np.int16)
         commands[robot] = left_steps_s, right_steps_s
         left, right = self.apply(commands)[robot].tolist()
         return left, right
