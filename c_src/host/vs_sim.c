@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "../vs_err.h"
+#include "vs_loop_step.h"
 #include "vs_place.h"
 
 /* Everything moves on to the capture, the tracker sees it, and the world takes that over. */
@@ -153,10 +154,25 @@ static int end(struct vs_sim *sim, int *has_news)
     err = act(sim, has_news);
     if (err != VS_OK)
         return err;
+    sim->called = 0;
     sim->timestep++;
     sim->capture_ns += sim->dt_ns;
     sim->done++;
     return VS_OK;
+}
+
+/* Calls what is due of the loop, up to so many functions of a timestep; 0: somebody has to look. */
+static int call_loop(struct vs_sim *sim, uint32_t functions)
+{
+    if (!sim->loop || (sim->stops >> sim->at & 1u) != 0)
+        return 1;
+    while (sim->called < functions && sim->said == 0) {
+        uint32_t clock = sim->timestep - sim->first + 1;
+
+        sim->said = (uint32_t)vs_loop_step(sim->loop, sim->called, sim->timestep, clock);
+        sim->called += sim->said != VS_LOOP_SHINES;
+    }
+    return sim->said == 0;
 }
 
 /* The next part of a timestep; has_news is told at its end. */
@@ -164,6 +180,9 @@ static int go_on(struct vs_sim *sim, int *has_news)
 {
     int err = VS_OK;
 
+    if ((sim->at == VS_SIM_SEEN && !call_loop(sim, VS_LOOP_POST_STEP)) ||
+        (sim->at == VS_SIM_SENSED && !call_loop(sim, VS_LOOP_FLOOR)))
+        return VS_OK;
     if (sim->at == VS_SIM_BEGUN)
         see(sim);
     else if (sim->at == VS_SIM_SEEN)
@@ -181,13 +200,13 @@ int vs_sim_run(struct vs_sim *sim, uint32_t timesteps)
 {
     int has_news = 0;
 
-    sim->done = 0;
+    sim->done = sim->said = 0;
     while (sim->at != VS_SIM_BEGUN || sim->done < timesteps) {
         int err = go_on(sim, &has_news);
 
         if (err != VS_OK)
             return err;
-        if (has_news || (sim->stops >> sim->at & 1u) != 0)
+        if (has_news || sim->said != 0 || (sim->stops >> sim->at & 1u) != 0)
             break;
     }
     return VS_OK;

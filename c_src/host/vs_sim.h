@@ -9,6 +9,7 @@
 
 #include "vs_field.h"
 #include "vs_light.h"
+#include "vs_loop.h"
 #include "vs_physics.h"
 #include "vs_ring.h"
 #include "vs_slip.h"
@@ -73,6 +74,7 @@ struct vs_sim {
     uint32_t sensors_count;
     uint32_t programs_count;
     struct vs_sim_program *programs;
+    struct vs_loop *loop;         /* C++ around every timestep, where stops does not say so; or NULL */
     struct vs_rings *rings;
     const struct vs_slip *slip;   /* NULL: wheels obey */
     const double *errors;         /* the tracker's, and the rings' noise: of the next timestep, */
@@ -90,6 +92,9 @@ struct vs_sim {
     uint32_t timestep;            /* the next one */
     uint32_t done;                /* timesteps of the newest call of vs_sim_run */
     uint32_t at;                  /* VS_SIM_..., of the next timestep; VS_SIM_BEGUN at first */
+    uint32_t first;               /* the run's first timestep, whose clock is 1 */
+    uint32_t called;              /* functions of the loop in this timestep */
+    uint32_t said;                /* VS_LOOP_... of the newest one; else 0 */
     uint32_t stops;               /* bits: 1 << VS_SIM_SEEN: come back in every timestep then */
     uint32_t failed;              /* number of the sensor or actuator that an error is of */
 };
@@ -97,8 +102,8 @@ struct vs_sim {
 /*
  * Runs at most so many timesteps, and goes on where it was. It ends after one in which a controller
  * failed, showed something else than before, or logged; after a failure the wheels do not obey. It
- * ends within one where stops says so: then somebody else may change the world, the pointers of
- * this structure, and what they point to. Errors: those of vs_crowd_stand, of actuators, of sensors,
+ * ends within one where stops says so, or said: then somebody else may change the world, the
+ * pointers of this structure, and what they point to, and calls what it has not called. Errors: those of vs_crowd_stand, of actuators, of sensors,
  * of vs_sent_renew and of controllers' steps; after VS_ERR_SPACE it can be called again, with more room in the crowd.
  */
 int vs_sim_run(struct vs_sim *sim, uint32_t timesteps);

@@ -41,7 +41,7 @@ KERNEL_SUITES = {
     "test_sim": [
         *RAYS,
         *PHYSICS[1:],
-        *(HOST / f"vs_{p}.c" for p in ("world", "scene", "field", "slip", "sim")),
+        *(HOST / f"vs_{p}.c" for p in ("world", "scene", "field", "slip", "loop", "sim")),
     ],
 }
 """C test -> the kernel's files: none needs another kernel's."""

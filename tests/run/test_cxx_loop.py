@@ -27,6 +27,7 @@ from vsense.modes.sim.watch import simulate_all
 from vsense.robots import build
 from vsense.robots.sources import CodeOptions, ProgramSources
 from vsense.run import _loop_process
+from vsense.run.cxx_loop import CxxLoopFunctions
 from vsense.run.environment import Environment
 from vsense.run.programs import shared_objects
 from vsense.studies.series import campaign
@@ -121,6 +122,74 @@ def test_what_stands_and_shines_changes(mission: Callable[..., Path]) -> None:
     columns = (image == 0).all(axis=(0, 2))
     # 48 pixels over 2.4 m: the edge at 0.3 m is that of pixel 30.
     assert columns.tolist() == [False] * 30 + [True] * 18
+
+
+RESTLESS = r"""
+#include "controller.h"
+
+struct restless { int ground, leds, steps; };
+
+static void init(void *state, struct vs_robot *robot)
+{
+    struct restless *s = state;
+
+    s->ground = vs_robot_sensor(robot, "ground");
+    s->leds = vs_robot_actuator(robot, "rgb_leds");
+}
+
+static void step(void *state, struct vs_robot *robot)
+{
+    struct restless *s = state;
+    double floor[3] = {0.0, 0.0, 0.0};
+    int i;
+
+    vs_robot_values(robot, s->ground, floor, 3);
+    vs_robot_set_wheels(robot, 200 + (int)(4000.0 * floor[0]), 300 - (int)(4000.0 * floor[2]));
+    for (i = 0; i < 9; i++)
+        vs_robot_actuate(robot, s->leds, i, s->steps / 6 % 3 == 1 && i % 3 > 0 ? 255 : 0);
+    s->steps++;
+}
+
+const struct vs_controller vs_controller = {"restless", sizeof(struct restless), init, step};
+"""
+
+
+def test_a_timestep_in_c_calls_them_as_one_in_python(
+    mission: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They move robots and things, log, look at LEDs, change the floor, and end the run."""
+    path = mission(restless="true", end="18")
+    path.with_name("restless.c").write_text(RESTLESS)
+    devices = (
+        ("<sensors />", '<sensors><epuck_ground implementation="rot_z_only" /></sensors>'),
+        ("<actuators />", '<actuators><epuck_rgb_leds implementation="default" /></actuators>'),
+        ('library="stand_still"', 'library="restless.c"'),
+    )
+    text = path.read_text()
+    for old, new in devices:
+        assert old in text
+        text = text.replace(old, new)
+    path.write_text(text)
+    outcomes, calls = [], list[str]()
+    heard = CxxLoopFunctions.heard
+
+    def counted(loop: CxxLoopFunctions, world: Any, function: int, is_called: bool) -> int:
+        calls.append(f"{function} {is_called}")
+        return heard(loop, world, function, is_called)
+
+    monkeypatch.setattr(CxxLoopFunctions, "heard", counted)
+    for chained in (True, False):
+        run = simulated(path)
+        if not chained:
+            monkeypatch.setattr(run, "_chained", lambda: None)
+        measures = run.run()
+        record = run.record
+        assert (run.chain is not None) is chained
+        outcomes.append((measures, record.events, record.poses.tobytes(), record.leds.tobytes()))
+    assert outcomes[0] == outcomes[1]
+    assert len(run.record.timesteps) == 18 and any("shines" in text for _, text in record.events)
+    # Before the step a move; after it changed LEDs, a move or a word, and the end.
+    assert set(calls) == {"0 True", "1 False", "1 True", "2 True"}
 
 
 def test_leds_that_they_look_at_are_there_without_a_camera(mission: Callable[..., Path]) -> None:
@@ -265,13 +334,20 @@ def test_what_cannot_be_had_is_said(mission: Callable[..., Path], how: str, word
         ),
         ("Init", "crash", "Init.*SIGSEGV"),
         ("PreStep", "hang", r"timestep 0.*PreStep.*0\.5 s"),
+        ("PostStep@8", "crash", r"timestep 7 \(t = 0\.7 s\):.*: PostStep.*SIGSEGV"),
+        ("GetFloorColor@6", "crash", r"timestep 5 \(t = 0\.5 s\):.*: GetFloorColor.*SIGSEGV"),
+        ("IsExperimentFinished@6", "hang", r"timestep 5.*: IsExperimentFinished.*0\.5 s"),
         ("PostExperiment", "throw", "PostExperiment:.*PostExperiment"),
     ],
 )
 def test_a_simulations_end_names_the_function(
     mission: Callable[..., Path], tmp_path: Path, where: str, how: str, words: str
 ) -> None:
-    path = mission(fails_in=where, how=how)
+    """From the second timestep on it is C that calls them."""
+    where, _, begin = where.partition("@")
+    path = mission(fails_in=where, how=how, fails_from=begin or "0")
+    sensors = '<sensors><epuck_ground implementation="rot_z_only" /></sensors>'
+    path.write_text(path.read_text().replace("<sensors />", sensors))
     setup = Setup(str(path), 1.0)
     experiment = setup.load()
     libraries = {name: str(made) for name, made in shared_objects(experiment).items()}
@@ -283,7 +359,8 @@ def test_a_simulations_end_names_the_function(
     assert last == ["trouble", "", str(failure.value)]
     # The end throws when all is done: nothing of the run is lost.
     done = len(np.load(tmp_path / "trajectory.npz")["time_s"]) if how == "throw" else 0
-    assert (float(time_s), done) == ((1.0, 10) if how == "throw" else (0.0, 0))
+    at_s = (int(begin) - 1) / 10 if begin else 0.0
+    assert (float(time_s), done) == ((1.0, 10) if how == "throw" else (at_s, 0))
 
 
 def test_real_robots_stay_where_they_are(mission: Callable[..., Path], state: States) -> None:

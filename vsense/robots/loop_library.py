@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from cffi import FFI
@@ -37,8 +37,27 @@ class CxxLoopError(VsenseError):
     """Loop functions in C++ have failed; the message names the function."""
 
 
+class LoopAddress(NamedTuple):
+    """Where C calls loop functions in this process.
+
+    Attributes:
+        call: the address of vs_loop_call.
+        note: (3,) uint32 memory where it is noted who runs.
+        first_number: of FUNCTIONS, there.
+    """
+
+    call: int
+    note: memoryview
+    first_number: int
+
+
 class LoopCaller(Protocol):
     """Calls one function of the loop functions, in this process or in another one."""
+
+    @property
+    def address(self) -> LoopAddress | None:
+        """For calls from C; None: they are in another process."""
+        ...
 
     def call(
         self, function: str, lines: Sequence[str], numbers: NDArray[np.float64]
@@ -65,8 +84,11 @@ def _ffi() -> FFI:
 class LoopLibrary:
     """The shared object of loop functions, as `vsense.robots.build.loop_functions` gives it.
 
-    It has one run at a time: the call of "world" begins the next one.
+    It has one run at a time: the call of "world" begins the next one. `note` and `first_number` are
+    those of `address`.
     """
+
+    first_number = 0
 
     def __init__(self, library: Path) -> None:
         """Loads it.
@@ -80,6 +102,14 @@ class LoopLibrary:
         except OSError as error:
             raise CxxLoopError(f"{library}: cannot be loaded: {error}") from None
         self._answer: Any = ffi.new("struct vs_loop_answer *")
+        self.note = memoryview(bytearray(12)).cast("I")
+
+    @property
+    def address(self) -> LoopAddress | None:
+        """See `LoopCaller`."""
+        ffi = _ffi()
+        call = int(ffi.cast("uintptr_t", ffi.addressof(self._lib, "vs_loop_call")))
+        return LoopAddress(call, self.note, self.first_number)
 
     def call(
         self, function: str, lines: Sequence[str], numbers: NDArray[np.float64]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from vsense.base.errors import VsenseError
 from vsense.base.native import kernel_ffi, lib
+from vsense.run._loop_kernel import LoopKernel
 from vsense.world.fields import OPAQUE, Floor
 
 Floats = NDArray[np.float64]
@@ -23,8 +24,9 @@ Ask = Callable[[Floats], NDArray[np.uint8] | None]
 class FloorPainter:
     """Asks for colours, for C too; how the floor was painted last is what is left in the end."""
 
-    def __init__(self, ask: Ask) -> None:
-        self._ask = ask
+    def __init__(self, ask: Ask, kernel: LoopKernel | None) -> None:
+        """`kernel` asks without Python, until the end."""
+        self._ask, self._kernel = ask, kernel
         self._last: tuple[LoopFloor, int] | None = None
         self._painted = Floor()
         self._failure: VsenseError | None = None
@@ -45,16 +47,25 @@ class FloorPainter:
         """Paints once more what somebody has looked at: the last time that it can be asked for."""
         if self._last is not None:
             self.paint(*self._last)
+        if self._kernel is not None:
+            self._kernel.end(self._give)
 
     def check(self) -> None:
         """Raises the error that C has met when it asked for colours."""
+        if self._kernel is not None:
+            self._kernel.check()
         failure, self._failure = self._failure, None
         if failure is not None:
             raise failure
 
+    @property
+    def members(self) -> Mapping[str, Any]:
+        """Who is asked, as members of `struct vs_floor`."""
+        return {"ask": self._give} if self._kernel is None else self._kernel.painter()
+
     @cached_property
-    def ask(self) -> Any:
-        """What `ask` of `struct vs_floor` points to; an error waits for `check`."""
+    def _give(self) -> Any:
+        """What gives the colours to C; an error waits for `check`."""
 
         def give(whom: Any, points_m: Any, count: int, colors: Any) -> int:
             numbers, given = (
@@ -84,7 +95,7 @@ class LoopFloor(Floor):
     @property
     def _known_by(self) -> Mapping[str, Any]:
         """See `Floor._known_by`."""
-        return {} if self.painter is None else {"ask": self.painter.ask}
+        return {} if self.painter is None else self.painter.members
 
     def check(self) -> None:
         """See `Floor.check`."""

@@ -37,6 +37,8 @@ _SIZES = struct.Struct("=II")
 class LoopProcess:
     """The process, and its end of the line; a `LoopCaller`."""
 
+    address = None
+
     def __init__(self, library: Path) -> None:
         """Starts it."""
         theirs_in, self._calls = os.pipe()

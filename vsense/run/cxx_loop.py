@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ from vsense.robots.link.table import Table
 from vsense.robots.loop_library import Colors, CxxLoopError, LoopCaller
 from vsense.robots.sources import ProgramSources
 from vsense.run._loop_floor import FloorPainter, LoopFloor
+from vsense.run._loop_kernel import STEP_FUNCTIONS, LoopKernel
 from vsense.run._loop_process import LoopProcess
 from vsense.world.entities import (
     MAX_INTENSITY,
@@ -106,7 +108,9 @@ class CxxLoopFunctions:
         self._pending: list[list[str]] | None = None
         self._measures: dict[str, float] = {}
         self._floor: LoopFloor | None = None
-        self._painter = FloorPainter(self._colors)
+        address = caller.address
+        self._kernel = LoopKernel(address, self._hear_floor) if address is not None else None
+        self._painter = FloorPainter(self._colors, self._kernel)
         self._shown = np.zeros((0, 0, 3), dtype=np.uint8)
         self._begin()
 
@@ -173,6 +177,29 @@ class CxxLoopFunctions:
         self._hear("GetFloorColor", said)
         return colors.reshape(-1, 3)
 
+    def _hear_floor(self, said: str) -> None:
+        self._hear("GetFloorColor", said)
+
+    def kernel(self, world: World) -> Any:
+        """The `struct vs_loop *` that does both steps until an entity changes, where nothing is
+        said and nobody was moved; None: they have to be called."""
+        same = self._shown.shape == world.led_colors.shape and self._all_names(world) == self._sent
+        if self._kernel is None or self.moved or not same or not self.is_alive:
+            return None
+        return self._kernel.follow(world, self._shown)
+
+    def heard(self, world: World, function: int, is_called: bool) -> int:
+        """Does what C has left of a step: a function, by its number, that was called and has said
+        something, or that was not. Gives how many of a timestep's are done then."""
+        name = STEP_FUNCTIONS[function]
+        if is_called and self._kernel is not None:
+            self._apply(world, self._hear(name, self._kernel.answer))
+        else:
+            self._step(name, world)
+        if name == "PostStep":
+            self._step("IsExperimentFinished", world)
+        return 1 if name == "PreStep" else len(STEP_FUNCTIONS)
+
     def _begin(self) -> None:
         experiment = self._experiment
         self._names = [robot.id for robot in experiment.robots]
@@ -217,7 +244,7 @@ class CxxLoopFunctions:
 
     def _step(self, function: str, world: World) -> None:
         lines = [f"clock\t{world.run_timestep + 1}"]
-        names = [*self._names, *(e.id for e in world.entities.values() if _is_robot(e))]
+        names = self._all_names(world)
         if names != self._sent:
             self._sent = names
             lines.append("\t".join(("robots", *names)))
@@ -225,12 +252,17 @@ class CxxLoopFunctions:
         lines += self._changed_leds(world)
         self._apply(world, self._call(function, lines, self._rows(world)))
 
+    def _all_names(self, world: World) -> list[str]:
+        """The ids of all robots, in the world's order."""
+        return [*self._names, *(e.id for e in world.entities.values() if _is_robot(e))]
+
     def _changed_leds(self, world: World) -> list[str]:
         """Says what robots' LEDs show, where that is not what was said last."""
         colors = world.led_colors
-        before = self._shown if self._shown.shape == colors.shape else np.zeros_like(colors)
-        changed = np.flatnonzero((colors != before).any(axis=(1, 2)))
-        self._shown = colors.copy()
+        if self._shown.shape != colors.shape:
+            self._shown = np.zeros_like(colors)
+        changed = np.flatnonzero((colors != self._shown).any(axis=(1, 2)))
+        self._shown[:] = colors  # C compares with it
         return [
             "\t".join(("shine", str(row), *map(str, colors[row].reshape(-1)))) for row in changed
         ]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -218,6 +218,16 @@ class Environment:
         """Calls the user's `pre_step`, as `step` does."""
         if self._loop is not None:
             self._loop.pre_step(self.world)
+
+    def loop_kernel(self) -> Any:
+        """What calls the user's functions in C; None: they have to be called here."""
+        loop = self._loop
+        return loop.kernel(self.world) if isinstance(loop, CxxLoopFunctions) else None
+
+    def heard(self, function: int, is_called: bool) -> int:
+        """Does what C has left; see `CxxLoopFunctions.heard`."""
+        assert isinstance(self._loop, CxxLoopFunctions)
+        return self._loop.heard(self.world, function, is_called)
 
     def act(self, reports: Mapping[int, bytes], senders: Mapping[int, bytes] = NO_SENDERS) -> None:
         """Has actuators act and fields change, as `step` does."""

@@ -26,6 +26,7 @@ public:
       GetNodeAttributeOrDefault(tParams, "fails_from", m_unFailsFrom, (UInt32) 0);
       GetNodeAttributeOrDefault(tParams, "how", m_strHow, std::string(""));
       GetNodeAttributeOrDefault(tParams, "move", m_bMove, true);
+      GetNodeAttributeOrDefault(tParams, "restless", m_bRestless, false);
       CSpace::TMapPerType& tFloors = GetSpace().GetEntitiesByType("floor");
       CEPuckEntity& cFirst = *any_cast<CEPuckEntity*>(GetSpace().GetEntitiesByType("epuck").begin()->second);
       LOG << "from " << GetSpace().GetArenaLimits().GetMin() << " to " << GetSpace().GetArenaLimits().GetMax()
@@ -78,6 +79,8 @@ public:
    virtual void PreStep() {
       Fail("PreStep");
       UInt32 unClock = GetSpace().GetSimulationClock();
+      if(m_bRestless) m_fEdge = -0.02 * unClock;
+      if(m_bRestless && unClock % 5 == 4) MoveRobots();
       if(unClock == 1) LOG << "first\tstep\rfinished at " << unClock << std::endl;
       if(m_bMove && unClock == 5) {
          MoveEntity(m_pcBox->GetEmbodiedEntity(), CVector3(0.6, 0.6, 0.0), CQuaternion());
@@ -93,6 +96,8 @@ public:
 
    virtual void PostStep() {
       Fail("PostStep");
+      if(m_bRestless && GetSpace().GetSimulationClock() % 7 == 3) MoveRobots();
+      if(m_bRestless && GetSpace().GetSimulationClock() == 12) LOG << "twelve" << std::endl;
       CSpace::TMapPerType& tEpuckMap = GetSpace().GetEntitiesByType("epuck");
       for(CSpace::TMapPerType::iterator it = tEpuckMap.begin(); it != tEpuckMap.end(); ++it) {
          CEPuckEntity* pcEpuck = any_cast<CEPuckEntity*>(it->second);
@@ -116,6 +121,7 @@ public:
 
    virtual CColor GetFloorColor(const CVector2& c_position) {
       Fail("GetFloorColor");
+      if(m_bRestless && GetSpace().GetSimulationClock() == 9) LOG << "asked" << std::endl;
       return c_position.GetX() > m_fEdge ? CColor::BLACK : CColor(10, 20, 30);
    }
 
@@ -156,7 +162,7 @@ private:
    CBoxEntity* m_pcBox;
    Real m_fScore, m_fEdge;
    UInt32 m_unEnd, m_unFailsFrom;
-   bool m_bMove;
+   bool m_bMove, m_bRestless;
    std::string m_strFailsIn, m_strHow;
 };
 

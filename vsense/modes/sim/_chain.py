@@ -9,7 +9,7 @@ looks at. The results are the same bits.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,20 +17,15 @@ from numpy.typing import NDArray
 
 from vsense.base.errors import VsenseError
 from vsense.base.native import WireError, kernel_ffi, kernels, lib
+from vsense.modes.sim._chained_bank import ChainedBank, kernel_of
 from vsense.modes.sim._record import SimulatedTracker, SimulationRecord
 from vsense.robots.inprocess import ProgramKernel
-from vsense.robots.program import Program
-from vsense.run.environment import Environment, Equipment
+from vsense.run.environment import Environment
 from vsense.run.programs import Programs
-from vsense.world.actuators.bank import ActuatorKernel
 from vsense.world.actuators.base import ActuatorError
 from vsense.world.physics.motion import Physics, pointer
 from vsense.world.physics.proximity_ring import ProximityRing
-from vsense.world.rays import MovingBodies
-from vsense.world.sensors.bank import SensorKernel
 from vsense.world.sensors.base import SensorError
-from vsense.world.sensors.geometry import SensedScene
-from vsense.world.world import World
 
 _SEEN: int = kernels.VS_SIM_SEEN
 _SENSED: int = kernels.VS_SIM_SENSED
@@ -84,7 +79,7 @@ class Chain:
         self._keep_alive: list[Any] = []
         robots_of = dict(parts.programs.by_controller())
         self._banks = [
-            _ChainedBank(self._world, equipment, robots_of.get(equipment.controller))
+            ChainedBank(self._world, equipment, robots_of.get(equipment.controller))
             for equipment in parts.environment.equipment
         ]
         self._followed: object = None
@@ -107,6 +102,7 @@ class Chain:
         """
         sim = self.cdata
         sim.timestep, sim.capture_ns, sim.at = timestep, capture_ns, kernels.VS_SIM_BEGUN
+        sim.first, sim.called = timestep - run_timestep, 0
         self.done = 0
         for bank in self._banks:
             bank.begin()
@@ -134,14 +130,16 @@ class Chain:
                 self._crowd.grow()
             elif code < 0:
                 raise self._failure(code)
+            elif sim.said:
+                self._hear(run_timestep + self.done)
             elif sim.at == _SEEN:
                 self._evolve(run_timestep + self.done)
             elif sim.at == _SENSED:
                 self._look(run_timestep + self.done)
-                if self._parts.environment.finished:
-                    count = self.done + 1
             else:
                 return
+            if self._parts.environment.finished:
+                count = self.done + 1
 
     def _failure(self, code: int) -> VsenseError:
         """The error that C has given; raises that of whoever was asked for the floor."""
@@ -155,11 +153,29 @@ class Chain:
             return SensorError(f"sensor {names[number]!r}: gave what does not fit its layout")
         return WireError(code, "robots whose run is over")
 
+    def _hear(self, run_timestep: int) -> None:
+        """What happens after C has called a loop function that says something, or could not."""
+        sim, at = self.cdata, self.cdata.at
+        is_called = sim.said == kernels.VS_LOOP_SAID
+        self._advance_world(run_timestep)
+        sim.called = self._parts.environment.heard(sim.called - is_called, is_called)
+        if at == _SENSED:
+            self._end_look(run_timestep)
+        self._follow_world(self.done + (at == _SENSED))
+
+    def _advance_world(self, run_timestep: int) -> None:
+        """Tells Python's world how far it is."""
+        sim = self.cdata
+        is_standing = sim.at == _SENSED and sim.crowd != kernel_ffi.NULL
+        self._world.advanced(sim.capture_ns, run_timestep, is_standing)
+
     def _evolve(self, run_timestep: int) -> None:
         """What happens after everybody was seen."""
         sim, environment = self.cdata, self._parts.environment
-        self._world.advanced(sim.capture_ns, run_timestep)
-        environment.pre_step()
+        self._advance_world(run_timestep)
+        if not sim.called:
+            environment.pre_step()
+            sim.called = 1
         self._follow_world(self.done)
         if not self._evolves_in_c:
             environment.act(self._parts.programs.reports())
@@ -169,13 +185,18 @@ class Chain:
     def _look(self, run_timestep: int) -> None:
         """What happens after C has sensed."""
         sim, parts = self.cdata, self._parts
-        self._world.advanced(sim.capture_ns, run_timestep, sim.crowd != kernel_ffi.NULL)
+        self._advance_world(run_timestep)
         for bank in self._banks:
             bank.step(sim.timestep)
-        parts.environment.post_step()
-        physics = parts.after(run_timestep)
-        sim.physics = physics.cdata
+        if sim.called < kernels.VS_LOOP_FLOOR:
+            parts.environment.post_step()
+            sim.called = kernels.VS_LOOP_FLOOR
+        self._end_look(run_timestep)
         self._follow_world(self.done + 1)
+
+    def _end_look(self, run_timestep: int) -> None:
+        """Takes over what has become of the world."""
+        self.cdata.physics = self._parts.after(run_timestep).cdata
 
     def _follow_world(self, used: int) -> None:
         """Points to the world anew if something in it has changed.
@@ -184,11 +205,13 @@ class Chain:
         """
         sim, world = self.cdata, self._world
         qualities = [equipment.sensors.version for equipment in self._parts.environment.equipment]
-        now = world.version, qualities, [(f.as_c(), *f.rates) for f in world.fields.values()]
+        loop = self._parts.environment.loop_kernel() or kernel_ffi.NULL
+        rates = [(f.as_c(), *f.rates) for f in world.fields.values()]
+        now = world.version, qualities, rates, loop
         if now == self._followed:
             return
         self._followed, self._crowd = now, world.crowd
-        sim.world = world.sightings.cdata
+        sim.world, sim.loop = world.sightings.cdata, loop
         for bank in self._banks:
             bank.follow(self._crowd, used)
         self._follow_sensors()
@@ -224,7 +247,7 @@ class Chain:
 
     def _stops(self) -> int:
         """In which moments of a timestep Python has something to do."""
-        hooks = self._parts.environment.hooks
+        hooks = self._parts.environment.hooks if not self.cdata.loop else ()
         evolves = int("pre_step" in hooks or not self._evolves_in_c)
         senses = any(bank.in_python for bank in self._banks)
         looks = int(bool(hooks) or self._parts.is_watched or senses or not self._evolves_in_c)
@@ -254,7 +277,7 @@ class Chain:
         sim.present = pointer("uint32_t", self._present)
         self._programs = kernel_ffi.new("struct vs_sim_program[]", len(parts.programs.parts()))
         for row, (number, rows, robots) in zip(self._programs, parts.programs.parts()):
-            self._set_program(row, number, rows.astype(np.uint32), _kernel(robots))
+            self._set_program(row, number, rows.astype(np.uint32), kernel_of(robots))
         sim.programs, sim.programs_count = self._programs, len(self._programs)
         return sim
 
@@ -272,94 +295,6 @@ class Chain:
         row.shown = pointer("uint8_t", program.shown)
         row.shown_before = pointer("uint8_t", program.shown_before)
         row.shown_bytes = program.shown.nbytes
-
-
-class _ChainedBank:
-    """Sensors and actuators of one controller's robots: those that C reads, and the others.
-
-    Attributes:
-        in_c: sensors that C reads.
-        in_python: numbers of the others.
-        acting_in_c: the actuators that C can apply.
-    """
-
-    def __init__(self, world: World, equipment: Equipment, robots: Program | None) -> None:
-        """`robots` run the controller; None: there are none."""
-        self._world, self._bank, self._actuators = world, equipment.sensors, equipment.actuators
-        tags = world.robots["tag"].tolist()
-        own = list(equipment.tags)
-        first = tags.index(own[0]) if own else 0
-        # C takes robots that follow each other in the world.
-        self._rows: NDArray[np.intp] | None = None
-        if robots is not None and own == tags[first : first + len(own)]:
-            self._rows = np.arange(first, first + len(own))
-            self._reports = _kernel(robots).reports
-        self.in_c: list[SensorKernel] = []
-        self.in_python: list[int] = []
-        self.acting_in_c: list[ActuatorKernel] = []
-        self._used = 0
-
-    def follow(self, crowd: MovingBodies, used: int) -> None:
-        """Takes the world as it is now; see `Chain._follow_world`."""
-        self.use(used)
-        kernels_of: Sequence[SensorKernel | None] = [None] * len(self._bank.table)
-        if self._rows is not None:
-            robots = self._robots = self._world.robots[self._rows[0] : self._rows[-1] + 1]
-            kernels_of = self._bank.kernels(self._world, robots)
-            self._scene = SensedScene(self._world, robots, self._rows, crowd)
-        self.in_c = [sensor for sensor in kernels_of if sensor is not None]
-        self.in_python = [number for number, sensor in enumerate(kernels_of) if sensor is None]
-
-    def set_rows(self, rows: Any) -> list[NDArray[np.float64]]:
-        """Fills the next of the `struct vs_sim_sensor`; gives the noise to come."""
-        self._noise = []
-        for sensor in self.in_c:
-            row, read = next(rows), sensor.read
-            row.read = kernel_ffi.addressof(read.library, read.name)
-            row.sensor, row.scene, row.sent = read.cdata, self._scene.cdata, sensor.sent
-            if sensor.noise is not None:
-                self._noise.append(sensor.noise())
-                row.noise = pointer("double", self._noise[-1])
-        return self._noise
-
-    def actuators(self) -> list[tuple[Any, ...] | None]:
-        """Each as a `struct vs_sim_actuator`, None where C cannot."""
-        if self._rows is None:
-            return [None] * len(self._actuators.table)
-        rows = self._actuators.kernels(self._world, self._robots, self._reports)
-        self.acting_in_c = [row for row in rows if row is not None]
-        return [
-            row
-            and (
-                kernel_ffi.addressof(row.apply.library, row.apply.name),
-                row.apply.cdata,
-                self._scene.cdata,
-                row.heard,
-            )
-            for row in rows
-        ]
-
-    def step(self, timestep: int) -> None:
-        """Renews what C does not."""
-        if self.in_python:
-            self._bank.step(self._world, timestep, self.in_python)
-
-    def begin(self) -> None:
-        """Begins to count for `use`."""
-        self._used = 0
-
-    def use(self, timesteps: int) -> None:
-        """Noise of so many timesteps since `begin` has been used by C."""
-        for sensor in self.in_c:
-            sensor.use(timesteps - self._used)
-        self._used = timesteps
-
-
-def _kernel(program: Program) -> ProgramKernel:
-    """How C steps a program that can be chained."""
-    kernel = program.kernel()
-    assert kernel is not None
-    return kernel
 
 
 def chained(parts: ChainedParts, times: ChainTimes) -> Chain | None:

@@ -24,21 +24,23 @@ C++ run: which of `FUNCTIONS`."""
 class _Watched(LoopLibrary):
     """Loop functions in this process; which function runs stands in the memory of `Programs`."""
 
+    first_number = LOOP_FUNCTION
+
     def __init__(self, library: Path, progress: Any, timestep: Callable[[], int]) -> None:
         with loading(progress, LOADING_LOOP - LOADING):
             super().__init__(library)
-        self._note = memoryview(progress).cast("B").cast("I")
+        self.note = memoryview(progress).cast("B").cast("I")
         self._timestep = timestep
 
     def call(
         self, function: str, lines: Sequence[str], numbers: NDArray[np.float64]
     ) -> tuple[str, Colors]:
-        before = self._note[2]
-        self._note[0], self._note[2] = self._timestep(), LOOP_FUNCTION + FUNCTIONS.index(function)
+        note, before = self.note, self.note[2]
+        note[0], note[2] = self._timestep(), LOOP_FUNCTION + FUNCTIONS.index(function)
         # As if a robot were in its control step: so an endless loop is noticed.
-        self._note[1] = 1
+        note[1] = 1
         answer = super().call(function, lines, numbers)
-        self._note[1], self._note[2] = 0, before
+        note[1], note[2] = 0, before
         return answer
 
 

@@ -21,7 +21,6 @@ epuck_base_leds_default_actuator.cpp lines 58-70; argos3 421bd76, leds_default_a
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -69,11 +68,9 @@ class _Shine:
 
     def __init__(self, world: World, rows: RowNumbers) -> None:
         """`rows` (n,) are the robots' in the world; it holds until an entity changes."""
-        self._rows = np.ascontiguousarray(rows, dtype=np.int32)
-        self.cdata: Any = kernel_ffi.new("struct vs_shine *")
-        self.cdata.robots = len(rows)
-        self.cdata.rows = kernel_ffi.from_buffer("int32_t[]", self._rows)
-        self.cdata.colors = kernel_ffi.cast("uint8_t *", world.leds.ctypes.data)
+        own = kernel_ffi.from_buffer("int32_t[]", np.ascontiguousarray(rows, dtype=np.int32))
+        self._arrays = own, kernel_ffi.from_buffer("uint8_t[]", world.leds)
+        self.cdata = kernel_ffi.new("struct vs_shine *", (len(rows), *self._arrays))
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,14 +112,11 @@ class _Lamps:
 
     def __init__(self, actuator: SingleLedsActuator, world: World, rows: RowNumbers) -> None:
         """`rows` (n,) are the robots' in the world; it holds until an entity changes."""
-        numbers = np.ascontiguousarray(rows, dtype=np.int32)
-        self._arrays = numbers, world.led_colors, world.leds
-        own, colors, shown = (
-            kernel_ffi.from_buffer(kind, array)
-            for kind, array in zip(("int32_t[]", "uint8_t[]", "uint8_t[]"), self._arrays)
-        )
+        own = kernel_ffi.from_buffer("int32_t[]", np.ascontiguousarray(rows, dtype=np.int32))
+        shown = (world.led_colors, world.leds)
+        self._arrays = own, *(kernel_ffi.from_buffer("uint8_t[]", array) for array in shown)
         parts = actuator.first, actuator.count, actuator.switches
-        members = len(rows), own, colors, shown, ROBOT_LEDS, *parts
+        members = len(rows), *self._arrays, ROBOT_LEDS, *parts
         self.cdata = kernel_ffi.new("struct vs_lamps *", members)
 
 

@@ -107,15 +107,21 @@ class LightSensor:
     @cached_property
     def cdata(self) -> Any:
         """The `struct vs_light_ring *`."""
-        struct: Any = kernel_ffi.new("struct vs_light_ring *")
-        struct.formula, struct.sensors = _KERNELS[self.formula], len(self.ring)
-        struct.angles_rad = kernel_ffi.from_buffer("double[]", self._looking_rad)
-        struct.radius_m, struct.height_m, struct.nearest_m = RING_RADIUS_M, RING_HEIGHT_M, NEAREST_M
-        struct.range_m, struct.view_rad = self.range_m, self.field_of_view_rad
-        struct.most = 1.0 if self.formula != "thesis" and self.limited else np.inf
-        struct.gain, struct.occlusions = self.gain, self.occlusions
-        struct.step = 2 * len(self.ring) if self.angles else len(self.ring)
-        return struct
+        members = {
+            "formula": _KERNELS[self.formula],
+            "sensors": len(self.ring),
+            "angles_rad": kernel_ffi.from_buffer("double[]", self._looking_rad),
+            "radius_m": RING_RADIUS_M,
+            "height_m": RING_HEIGHT_M,
+            "nearest_m": NEAREST_M,
+            "range_m": self.range_m,
+            "view_rad": self.field_of_view_rad,
+            "most": 1.0 if self.formula != "thesis" and self.limited else np.inf,
+            "gain": self.gain,
+            "occlusions": self.occlusions,
+            "step": 2 * len(self.ring) if self.angles else len(self.ring),
+        }
+        return kernel_ffi.new("struct vs_light_ring *", members)
 
     @cached_property
     def _looking_rad(self) -> Floats:
