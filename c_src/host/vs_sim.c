@@ -80,7 +80,7 @@ static void give_prox(const struct vs_sim *sim, const struct vs_sim_program *pro
 {
     uint32_t i;
 
-    for (i = 0; i < program->robots; i++)
+    for (i = 0; i < program->robots && sim->rings; i++)
         memcpy(program->prox + 8 * i, sim->rings->raw + 8 * program->rows[i],
                8 * sizeof *program->prox);
 }
@@ -129,8 +129,10 @@ static int act(struct vs_sim *sim, int *has_news)
     uint32_t p;
 
     vs_physics_advance(sim->physics, sim->capture_ns + sim->sense_ns);
-    vs_rings_read(sim->rings, sim->physics->poses, sim->noise);
-    sim->noise += (size_t)sim->rings->near->robots * sim->rings->ring->sensors;
+    if (sim->rings) {
+        vs_rings_read(sim->rings, sim->physics->poses, sim->noise);
+        sim->noise += (size_t)sim->rings->near->robots * sim->rings->ring->sensors;
+    }
     for (p = 0; p < sim->programs_count; p++) {
         int err = control(sim, &sim->programs[p]);
 

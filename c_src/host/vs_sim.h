@@ -75,7 +75,7 @@ struct vs_sim {
     uint32_t programs_count;
     struct vs_sim_program *programs;
     struct vs_loop *loop;         /* C++ around every timestep, where stops does not say so; or NULL */
-    struct vs_rings *rings;
+    struct vs_rings *rings;       /* NULL: nobody asks for them */
     const struct vs_slip *slip;   /* NULL: wheels obey */
     const double *errors;         /* the tracker's, and the rings' noise: of the next timestep, */
     const double *noise;          /* then of those after it */

@@ -31,6 +31,10 @@ _SEEN: int = kernels.VS_SIM_SEEN
 _SENSED: int = kernels.VS_SIM_SENSED
 
 
+_RING = "proximity"
+"""What controllers call the robot's own ring."""
+
+
 class ChainTimes(NamedTuple):
     """Of a timestep [ns]: its length, and from the capture to rings, controllers and wheels."""
 
@@ -82,6 +86,10 @@ class Chain:
             ChainedBank(self._world, equipment, robots_of.get(equipment.controller))
             for equipment in parts.environment.equipment
         ]
+        equipped = [part for part in parts.environment.equipment if part.tags]
+        is_virtual = [_RING in {entry.name for entry in part.sensors.table} for part in equipped]
+        # What stands before the robot's own ring hides it from the controller.
+        self._rings = None if all(is_virtual) else parts.rings
         self._followed: object = None
         self.cdata = self._new_chain(times)
         self._follow_world(0)
@@ -113,7 +121,8 @@ class Chain:
             self._go_on(run_timestep, count)
         finally:
             self._parts.tracker.use(self.done)
-            self._parts.rings.use(self.done)
+            if self._rings is not None:
+                self._rings.use(self.done)
             for bank in self._banks:
                 bank.use(self.done)
         if not sim.stops:
@@ -256,8 +265,11 @@ class Chain:
     def _point_to(self, run_timestep: int) -> int:
         """Sets where a timestep takes its random numbers from; for how many they are enough."""
         sim, parts = self.cdata, self._parts
-        ahead = [parts.tracker.errors(), parts.rings.noise()]
-        sim.errors, sim.noise = (pointer("double", numbers) for numbers in ahead)
+        ahead = [parts.tracker.errors()]
+        if self._rings is not None:
+            ahead.append(self._rings.noise())
+            sim.noise = pointer("double", ahead[-1])
+        sim.errors = pointer("double", ahead[0])
         self._drawn = ahead
         rows = iter(self._sensor_rows)
         for bank in self._banks:
@@ -271,7 +283,8 @@ class Chain:
         """Makes the `struct vs_sim`."""
         parts, sim = self._parts, kernel_ffi.new("struct vs_sim *")
         sim.physics, sim.tracker = parts.physics.cdata, parts.tracker.cdata
-        sim.rings = parts.rings.cdata
+        if self._rings is not None:
+            sim.rings = self._rings.cdata
         sim.dt_ns, sim.sense_ns, sim.control_ns, sim.act_ns = times
         sim.wheels, sim.leds = pointer("int16_t", self.wheels), pointer("uint16_t", self.leds)
         sim.present = pointer("uint32_t", self._present)
