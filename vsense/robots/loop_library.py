@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Sequence
-from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from cffi import FFI
 from numpy.typing import NDArray
 
 from vsense.base.errors import VsenseError
+from vsense.base.native import kernel_ffi
 
 FUNCTIONS = (
     *("world", "construct", "Init", "Reset", "PreStep", "PostStep"),
@@ -19,16 +19,8 @@ FUNCTIONS = (
 )
 """What can be called; the first two are the host's words for what comes before Init."""
 
-_DECLARATIONS = """
-struct vs_loop_answer {
-    const char *text;
-    size_t text_size;
-    const unsigned char *colors;
-    size_t color_count;
-};
-void vs_loop_call(const char *text, size_t size, const double *numbers, size_t count,
-                  struct vs_loop_answer *answer);
-"""
+CALL = "void (*)(const char *, size_t, const double *, size_t, struct vs_loop_answer *)"
+"""The type of vs_loop_call."""
 
 Colors = NDArray[np.uint8]
 
@@ -74,13 +66,6 @@ class LoopCaller(Protocol):
         ...
 
 
-@cache
-def _ffi() -> FFI:
-    ffi = FFI()
-    ffi.cdef(_DECLARATIONS)
-    return ffi
-
-
 class LoopLibrary:
     """The shared object of loop functions, as `vsense.robots.build.loop_functions` gives it.
 
@@ -96,31 +81,31 @@ class LoopLibrary:
         Raises:
             CxxLoopError: that is not possible.
         """
-        ffi = _ffi()
         try:
-            self._lib: Any = ffi.dlopen(str(library))
+            function = ctypes.CDLL(str(library)).vs_loop_call
         except OSError as error:
             raise CxxLoopError(f"{library}: cannot be loaded: {error}") from None
-        self._answer: Any = ffi.new("struct vs_loop_answer *")
+        self._address = ctypes.cast(function, ctypes.c_void_p).value or 0
+        self._call: Any = kernel_ffi.cast(CALL, self._address)
+        self._answer: Any = kernel_ffi.new("struct vs_loop_answer *")
         self.note = memoryview(bytearray(12)).cast("I")
 
     @property
     def address(self) -> LoopAddress | None:
         """See `LoopCaller`."""
-        ffi = _ffi()
-        call = int(ffi.cast("uintptr_t", ffi.addressof(self._lib, "vs_loop_call")))
-        return LoopAddress(call, self.note, self.first_number)
+        return LoopAddress(self._address, self.note, self.first_number)
 
     def call(
         self, function: str, lines: Sequence[str], numbers: NDArray[np.float64]
     ) -> tuple[str, Colors]:
         """See `LoopCaller`; a crash here is that of this process."""
-        ffi, answer = _ffi(), self._answer
-        text = "\n".join((function, *lines)).encode()
+        text, answer = "\n".join((function, *lines)).encode(), self._answer
         row = np.ascontiguousarray(numbers, dtype=np.float64).reshape(-1)
-        self._lib.vs_loop_call(text, len(text), ffi.from_buffer("double[]", row), len(row), answer)
-        said: bytes = ffi.buffer(answer.text, answer.text_size)[:]
-        colors: bytes = ffi.buffer(answer.colors, answer.color_count)[:] if len(row) else b""
+        given = kernel_ffi.from_buffer("double[]", row)
+        self._call(kernel_ffi.from_buffer(text), len(text), given, len(row), answer)
+        said: bytes = kernel_ffi.buffer(answer.text, answer.text_size)[:]
+        size = answer.color_count if len(row) else 0
+        colors: bytes = kernel_ffi.buffer(answer.colors, size)[:]
         return said.decode(errors="replace"), np.frombuffer(colors, dtype=np.uint8)
 
     def close(self) -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vsense.base.errors import VsenseError
 from vsense.base.native import kernel_ffi, kernels, lib
-from vsense.robots.loop_library import FUNCTIONS, LoopAddress
+from vsense.robots.loop_library import CALL, FUNCTIONS, LoopAddress
 from vsense.world.world import World
 
 STEP_FUNCTIONS = ("PreStep", "PostStep", "IsExperimentFinished")
@@ -39,7 +39,7 @@ class LoopKernel:
         )
         self._owners = hears, note
         members = {
-            "call": kernel_ffi.cast(_CALL, address.call),
+            "call": kernel_ffi.cast(CALL, address.call),
             "note": kernel_ffi.cast("uint32_t *", note.ctypes.data),
             "numbers": [address.first_number + FUNCTIONS.index(name) for name in names],
             "answers": 1,
@@ -80,6 +80,3 @@ class LoopKernel:
         )
         self.cdata.color_bytes = colors.nbytes
         return self.cdata
-
-
-_CALL = "void (*)(const char *, size_t, const double *, size_t, struct vs_loop_answer *)"

@@ -24,10 +24,14 @@ RUN_PROGRESS_BYTES = inprocess.PROGRESS_BYTES + 4
 """Those of `Program`, and which of the experiment's controllers it is: a u32."""
 
 
+LOOP_PROGRAM = "<loop_functions>"
+"""What loop functions in C++ are called among `shared_objects`; no element has such an id."""
+
+
 def shared_objects(experiment: Experiment) -> dict[str, Path]:
     """Gives the program of each controller, by its id, as a shared object; builds what is missing.
 
-    In a simulation: loop functions that use the controller's class are part of the only one.
+    Loop functions in C++ are among them. Where they use the only controller's class both are one.
 
     Raises:
         UsageError: there is no such controller.
@@ -37,10 +41,10 @@ def shared_objects(experiment: Experiment) -> dict[str, Path]:
     loop = None if spec is None else spec.program
     if loop is not None and are_together(experiment):
         (controller,) = experiment.controllers
-        return {controller.id: build.shared_with_loop_functions(controller.program, loop)}
-    if loop is not None:
-        build.loop_functions(loop)
-    return {c.id: kind_of(c.program).build(c.program) for c in experiment.controllers}
+        both = build.shared_with_loop_functions(controller.program, loop)
+        return {LOOP_PROGRAM: both, controller.id: both}
+    built = {} if loop is None else {LOOP_PROGRAM: build.loop_functions(loop)}
+    return built | {c.id: kind_of(c.program).build(c.program) for c in experiment.controllers}
 
 
 def are_together(experiment: Experiment) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from vsense.config.specs import Experiment
 from vsense.robots.link.table import Table
 from vsense.robots.loop_library import FUNCTIONS, Colors, LoopCaller, LoopLibrary
 from vsense.run.cxx_loop import LoopHost
-from vsense.run.programs import LOADING, LOADING_LOOP, Programs, are_together, loading
+from vsense.run.programs import LOADING, LOADING_LOOP, LOOP_PROGRAM, Programs, loading
 
 LOOP_FUNCTION = 0x10000
 """What `Programs` notes as the number of its controller is this and more while loop functions in
@@ -68,10 +68,12 @@ class LoopFunctionsHost:
         def called(path: Path) -> LoopCaller:
             return _Watched(path, self.progress, self.timestep)
 
-        if not are_together(self.experiment):
+        library = self.libraries.get(LOOP_PROGRAM)
+        if library is None:
             return LoopHost(called, moves=True)
-        (library,) = self.libraries.values()
-        return LoopHost(called, True, lambda program: library, self._begin)
+        host = LoopHost(called, True, lambda program: library)
+        is_joined = any(library == self.libraries[c.id] for c in self.experiment.controllers)
+        return replace(host, begin=self._begin) if is_joined else host
 
     def opened(self, tables: Mapping[str, Table]) -> Programs:
         """Opens the programs of all robots."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -43,7 +44,6 @@ WARM_UP_TIMESTEPS = 3
 SENSE_NS = 20_000_000
 """From the capture to the last reading of the proximity sensors before a control step: their frame
 is composed after 24 ms, and they measure every 10 ms."""
-
 
 MAX_TIMESTEPS = 1 << 30
 """As many timesteps as there are."""
@@ -88,7 +88,7 @@ class Simulation:
 
         Args:
             experiment: it has a length.
-            libraries: its controllers' programs, as `shared_objects` gives them.
+            libraries: its programs, as `shared_objects` gives them.
             blind: hold the virtual sensors at 0.
             progress: see `Programs`.
 

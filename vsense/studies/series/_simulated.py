@@ -24,6 +24,7 @@ from vsense.modes.sim.outcome import Task, libraries_of, record_of
 from vsense.modes.sim.watch import Show, WorkerProcess, simulate_all
 from vsense.monitor import recording
 from vsense.monitor.recording import megabytes
+from vsense.run.programs import LOOP_PROGRAM
 from vsense.run.runs_csv import RunRow, versions
 from vsense.run.verdict import VoidCriteria, judge
 from vsense.studies.series._folder import CampaignTable, SeriesFolder
@@ -182,7 +183,8 @@ def outcome(task: Task, result: dict[str, Any], criteria: VoidCriteria) -> RunOu
 
 def programs_of(built: Mapping[str, str]) -> list[str]:
     """The controllers of a run as its versions name them: id, and digest of what was built."""
-    return [f"{name}={Path(path).parent.name[:12]}" for name, path in sorted(built.items())]
+    controllers = sorted((name, path) for name, path in built.items() if name != LOOP_PROGRAM)
+    return [f"{name}={Path(path).parent.name[:12]}" for name, path in controllers]
 
 
 def _bar(console: Console, todo: Sequence[Task], count: Callable[[], int]) -> Show:
