@@ -8,6 +8,11 @@ which bodies stand in the way, the proximity ring (8 sensors, as `epuck_proximit
 the controller `wander.c`, which reads both rings in every step. Nothing is drawn, and nothing is
 kept but poses.
 
+Then, in the same world and with as many robots as in most published experiments, come the devices
+that their files ask for, each alone and all together, with ARGoS's noise and the controller
+`devices.c`, which reads and sets them all: virtual proximity, ground, range-and-bearing both ways,
+and the omnidirectional camera with the LEDs that it sees.
+
 A run is one of a campaign. Its rate is robots times timesteps over the processor time between the
 first timestep and the last; what comes before, start-up, is reported apart: the time of a whole
 `vsense sim` of one second. The sizes take turns; each rate is the median of its rounds.
@@ -44,6 +49,24 @@ TIMESTEP_S = 0.1
 LIGHTS = 4
 
 CONTROLLER = Path(__file__).parent / "wander.c"
+DEVICES_CONTROLLER = CONTROLLER.with_name("devices.c")
+DEVICES_ROBOTS = 20
+_NOISE = 'noise_level="0.05"'
+_RAB = '<epuck_range_and_bearing implementation="medium" medium="rab" data_size="4" {} />'
+DEVICES = {
+    "proximity": ((), (f'<epuck_proximity vs:virtual="true" {_NOISE} />',)),
+    "ground": ((), (f'<epuck_ground implementation="rot_z_only" {_NOISE} />',)),
+    "range and bearing": (
+        (_RAB.format('range="0.7"'),),
+        (_RAB.format('loss_probability="0.85"'),),
+    ),
+    "camera and LEDs": (
+        ('<epuck_rgb_leds medium="leds" />',),
+        ('<epuck_omnidirectional_camera implementation="rot_z_only" medium="leds" />',),
+    ),
+}
+"""Actuators and sensors by what they are called in the report."""
+ALL_DEVICES = "all of these"
 
 _ROOM_M2 = 3.0 * 2.4 / 15
 _LIGHT_HEIGHT_M = 0.4
@@ -72,8 +95,8 @@ def run(rounds: int, say: Say, robots: Sequence[int] = ROBOTS) -> dict[str, Any]
     """Runs the benchmark: in each round each number of robots has its turn.
 
     Returns:
-        The report: `rows`, see `SimRow` and `parts_us` (and the `rest`), and `startup_s`, the
-        processor time of a run of one second.
+        The report: `rows`, see `SimRow` and `parts_us` (and the `rest`), `devices`, the rate with
+        each of them alone, and `startup_s`, the processor time of a run of one second.
 
     Raises:
         VsenseError: the controller cannot be built, or a simulation failed.
@@ -83,10 +106,14 @@ def run(rounds: int, say: Say, robots: Sequence[int] = ROBOTS) -> dict[str, Any]
     with tempfile.TemporaryDirectory(prefix="vsense-bench-") as folder:
         paths = {count: _written(count, Path(folder)) for count in robots}
         tasks = {count: task(path, timesteps_of(count)) for count, path in paths.items()}
+        devices = {name: _with_devices(name, Path(folder)) for name in (*DEVICES, ALL_DEVICES)}
+        with_devices: dict[str, list[float]] = {name: [] for name in devices}
         for turn in range(rounds + 1):
             say(f"round {turn} of {rounds}" if turn else "warming up")
             for count in robots:
                 rates[count].append(_rate(tasks[count]))
+            for name, device in devices.items():
+                with_devices[name].append(_rate(device))
             startups.append(startup_s(paths[min(robots)]))
         say("the parts of a timestep")
         parts = {count: parts_us(task) for count, task in tasks.items()}
@@ -96,7 +123,31 @@ def run(rounds: int, say: Say, robots: Sequence[int] = ROBOTS) -> dict[str, Any]
         rest_us = 1e6 * count / rate - sum(parts[count].values())
         where = {**parts[count], "rest": max(rest_us, 0.0)}
         rows.append(SimRow(count, timesteps_of(count), rate, where))
-    return {"rows": [asdict(row) for row in rows], "startup_s": float(np.median(startups[1:]))}
+    return {
+        "rows": [asdict(row) for row in rows],
+        "devices": {name: float(np.median(spent[1:])) for name, spent in with_devices.items()},
+        "startup_s": float(np.median(startups[1:])),
+    }
+
+
+def _with_devices(name: str, folder: Path) -> Task:
+    """A run with one of the devices, or with all."""
+    names = [name] if name in DEVICES else list(DEVICES)
+    actuators, sensors = ("".join(x for n in names for x in DEVICES[n][kind]) for kind in (0, 1))
+    text = experiment_text(DEVICES_ROBOTS)
+    if "proximity" in names:
+        text = text.replace('<epuck_proximity implementation="default" />', "")
+    for old, new in (
+        ("</actuators>", f"{actuators}</actuators>"),
+        ("</sensors>", f"{sensors}</sensors>"),
+        ('<led id="leds" />', '<led id="leds" /><range_and_bearing id="rab" />'),
+        (str(CONTROLLER), str(DEVICES_CONTROLLER)),
+    ):
+        assert old in text
+        text = text.replace(old, new)
+    path = folder / f"{name.replace(' ', '-')}.argos"
+    path.write_text(text)
+    return task(path, timesteps_of(DEVICES_ROBOTS))
 
 
 def timesteps_of(robots: int) -> int:
@@ -272,5 +323,8 @@ def table(report: dict[str, Any]) -> str:
     for row in report["rows"]:
         spent = row["us_per_timestep"].items()
         lines += [(str(row["robots"]), part, f"{us:.1f}") for part, us in spent]
+    lines += [("", "", "")]
+    lines += [(f"{DEVICES_ROBOTS} with", "robot-steps/s", "")]
+    lines += [(name, f"{rate:,.0f}", "") for name, rate in report["devices"].items()]
     startup = f"start-up of a run: {report['startup_s']:.2f} s of processor time"
     return "\n".join([*aligned(lines, left=0), "", startup])

@@ -59,7 +59,9 @@ def test_the_report_is_as_promised(
     assert main.main(["sim", "--json", "--rounds", "1"]) == 0
     captured = capsys.readouterr()
     report = json.loads(captured.out)
-    assert set(report) == {"rows", "startup_s"}
+    assert set(report) == {"rows", "devices", "startup_s"}
+    assert set(report["devices"]) == {*sim.DEVICES, sim.ALL_DEVICES}
+    assert min(report["devices"].values()) > 0.0
     assert [row["robots"] for row in report["rows"]] == [15, 100, 1000]
     assert [row["timesteps"] for row in report["rows"]] == [40, 10, 10]
     for row in report["rows"]:
@@ -70,7 +72,19 @@ def test_the_report_is_as_promised(
         assert min(row["us_per_timestep"].values()) >= 0.0
     assert report["startup_s"] > 0.0
     assert "round 1 of 1" in captured.err
-    assert "1000" in sim.table(report)
+    assert "1000" in sim.table(report) and "camera and LEDs" in sim.table(report)
+
+
+def test_devices_are_read_and_set_without_python(tmp_path: Path) -> None:
+    require_tool("cc", "build-essential")
+    experiment = sim._with_devices(sim.ALL_DEVICES, tmp_path).experiment
+    run = Simulation(experiment, shared_objects(experiment), 1)
+    for timestep in range(-3, 40):
+        run.go_on(timestep, 1)
+    assert run.chain is not None and run.chain.cdata.stops == 0
+    assert (run.environment.world.messages["length"] == 1).all()
+    assert run.environment.world.led_colors[:, 8:].all()
+    assert run.complaints() == []
 
 
 def test_argos_is_given_the_same_world_without_what_it_does_not_know() -> None:
