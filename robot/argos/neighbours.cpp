@@ -33,10 +33,11 @@ const UInt32 CCI_EPuckRangeAndBearingActuator::MAX_BYTES_SENT;
 std::vector<Real> VsPlaces::Read(vs_robot *robot, size_t numbers) const
 {
     Real values[NUMBERS_MAX];
-    const int known = Min(vs_robot_values(robot, m_handle, values, NUMBERS_MAX), NUMBERS_MAX);
+    const int known = Min(vs_robot_values(robot, m_handle, values, 1), NUMBERS_MAX);
     if (known < 1)
         return std::vector<Real>();
     const size_t count = Min(static_cast<size_t>(values[0]) * numbers, static_cast<size_t>(known - 1));
+    vs_robot_values(robot, m_handle, values, static_cast<int>(count) + 1);
     return std::vector<Real>(values + 1, values + 1 + count);
 }
 

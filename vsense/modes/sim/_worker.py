@@ -38,6 +38,7 @@ from typing import Any
 from vsense.base.errors import VsenseError
 from vsense.base.processes import read_line
 from vsense.base.terminal import Console
+from vsense.config.devices import virtual_devices
 from vsense.config.specs import Experiment
 from vsense.modes.sim import fingerprint
 from vsense.modes.sim._kept import KeptRun, prepare
@@ -268,6 +269,7 @@ def main() -> int:
     os.dup2(2, 1)
     try:
         declarations()
+        virtual_devices()  # imports them all
     except VsenseError as error:
         Console().say(f"vsense sim: {error}")
         return error.exit_code
