@@ -33,6 +33,11 @@ KERNEL_SUITES = {
     "test_rays": RAYS,
     "test_light": [*RAYS, HOST / "vs_light.c"],
     "test_leds": [*RAYS, HOST / "vs_leds.c"],
+    "test_devices": [
+        *RAYS,
+        *(HOST / f"vs_{part}.c" for part in ("camera", "hearing", "hearing_noise", "libm", "loop")),
+        *(HOST / f"vs_{part}.c" for part in ("noticed", "proximity")),
+    ],
     "test_world": [
         *(*RAYS, HOST / "vs_world.c"),
         *(HOST / f"vs_{part}.c" for part in ("scene", "field", "floor", "libm", "places")),
