@@ -291,6 +291,17 @@ def called_of_c(path: Path) -> list[str]:
         match node:
             case ast.Attribute(value=ast.Name(id="lib" | "kernels"), attr=name):
                 found.append(name)
+            case (
+                ast.Call(
+                    func=ast.Name(id="ReadFunction" | "ApplyFunction"),
+                    args=[ast.Name(id="kernels"), ast.Constant(value=name), *_],
+                )
+                | ast.Call(
+                    func=ast.Attribute(attr="addressof"),
+                    args=[ast.Name(id="kernels"), ast.Constant(value=name)],
+                )
+            ):
+                found.append(name)
             case ast.Call(
                 func=ast.Name(id="getattr"),
                 args=[ast.Name(id="lib" | "kernels"), ast.JoinedStr(values=parts)],
@@ -413,17 +424,17 @@ def test_functions_fit_a_screen() -> None:
 
 BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
-    "vsense in Python": (("vsense",), (".py",), 479, 97700, 400),
+    "vsense in Python": (("vsense",), (".py",), 481, 97950, 400),
     "the page": (("vsense",), (".js", ".css", ".html"), 45, 5900, 300),
-    "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 242, 26850, 400),
+    "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 260, 28200, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 34, 7100, 512),
-    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 619, 102300, 657),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 623, 103600, 657),
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 
-CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 67000, 48, 19
+CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 67100, 48, 19
 """Lines of code in `vsense/`; imports between rooms, and between folders inside of rooms."""
-DOORS_MAX, NAMES_MAX = 186, 743
+DOORS_MAX, NAMES_MAX = 186, 747
 """Modules that another room imports, and names taken from them."""
 SPLATS_MAX, OUTSIDE_MAX = 10, 223
 """Calls `f(*(a, b))`; attributes that are assigned from outside of their object."""

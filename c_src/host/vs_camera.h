@@ -61,8 +61,8 @@ struct vs_camera {
 /*
  * A sensor: 1 + 5 * most numbers, how many LEDs, and of each, the nearest first, 100 times the
  * distance along the floor, the bearing, red, green and blue; 0 where there is none. camera
- * is a struct vs_camera. It draws as omnidirectional_camera.py once did. Errors: VS_ERR_SPACE for
- * too little room, and as vs_rays_blocked.
+ * is a struct vs_camera. Noise is drawn when all robots have looked, in their order. Errors:
+ * VS_ERR_SPACE for too little room, and as vs_rays_blocked.
  */
 int vs_camera_read(const void *camera, const struct vs_scene *scene, double *readings);
 

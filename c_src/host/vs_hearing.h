@@ -60,7 +60,7 @@ struct vs_hearing {
 /*
  * A sensor: 1 + (2 + size) * most numbers, how many messages, and of each 100 times the range,
  * the bearing and the bytes; 0 where there is none. hearing is a struct vs_hearing. It draws
- * as range_and_bearing.py once did: in the order of pairs. Errors: as vs_rays_blocked.
+ * in the order of pairs. Errors: as vs_rays_blocked.
  */
 int vs_hearing_read(const void *hearing, const struct vs_scene *scene, double *readings);
 

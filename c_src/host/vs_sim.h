@@ -74,7 +74,7 @@ struct vs_sim {
     uint32_t sensors_count;
     uint32_t programs_count;
     struct vs_sim_program *programs;
-    struct vs_loop *loop;         /* C++ around every timestep, where stops does not say so; or NULL */
+    struct vs_loop *loop;         /* C++ around every timestep, unless stops says so; or NULL */
     struct vs_rings *rings;       /* NULL: nobody asks for them */
     const struct vs_slip *slip;   /* NULL: wheels obey */
     const double *errors;         /* the tracker's, and the rings' noise: of the next timestep, */
@@ -103,8 +103,9 @@ struct vs_sim {
  * Runs at most so many timesteps, and goes on where it was. It ends after one in which a controller
  * failed, showed something else than before, or logged; after a failure the wheels do not obey. It
  * ends within one where stops says so, or said: then somebody else may change the world, the
- * pointers of this structure, and what they point to, and calls what it has not called. Errors: those of vs_crowd_stand, of actuators, of sensors,
- * of vs_sent_renew and of controllers' steps; after VS_ERR_SPACE it can be called again, with more room in the crowd.
+ * pointers of this structure, and what they point to, and calls what it has not called. Errors:
+ * those of vs_crowd_stand, of actuators, of sensors, of vs_sent_renew and of controllers' steps;
+ * after VS_ERR_SPACE it can be called again, with more room in the crowd.
  */
 int vs_sim_run(struct vs_sim *sim, uint32_t timesteps);
 

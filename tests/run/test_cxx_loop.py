@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from tests.conftest import require_tool, shared_folder
 from vsense.base.arena import ArenaState
@@ -276,6 +277,24 @@ def test_timesteps_in_c_are_the_same(
             assert (run.chain is not None) == chained
             poses = run.record.poses.tobytes(), run.record.leds.tobytes()
             runs.append((poses, measures, run.record.events, dict(run.environment.world.entities)))
+    assert runs[0] == runs[1]
+
+
+def test_a_picture_of_the_floor_is_no_part_of_a_run(mission: Callable[..., Path]) -> None:
+    """GetFloorColor says something in timestep 9, wherever it is asked."""
+    runs = []
+    for is_watched in (True, False):
+        run = simulated(mission(restless="true", end="18"))
+        pictures: list[NDArray[np.uint8] | None] = []
+        if is_watched:
+            floor = run.environment.world.floor
+            run.observe = lambda _, to=pictures, ask=floor.picture: to.append(ask(16))
+        run.run()
+        assert len(pictures) == (18 if is_watched else 0)
+        rows = [image[0].tolist() for image in pictures if image is not None]
+        colors = {tuple(color) for row in rows for color in row}
+        assert colors == ({(0, 0, 0), (10, 20, 30)} if is_watched else set())
+        runs.append((run.record.poses.tobytes(), run.record.events))
     assert runs[0] == runs[1]
 
 

@@ -18,7 +18,7 @@ STEP_FUNCTIONS = ("PreStep", "PostStep", "IsExperimentFinished")
 
 
 class LoopKernel:
-    """The functions as C calls them; `cdata` is a `struct vs_loop *`."""
+    """The functions as C calls them; `cdata` is a `struct vs_loop *`, `note` who runs (3,)."""
 
     def __init__(self, address: LoopAddress, hear: Callable[[str], None]) -> None:
         """`hear` takes what GetFloorColor has said; an error of it waits for `check`."""
@@ -37,7 +37,7 @@ class LoopKernel:
             kernel_ffi.callback("int(void *)", told),
             np.frombuffer(address.note, np.uint32),
         )
-        self._owners = hears, note
+        self._owners, self.note = hears, note
         members = {
             "call": kernel_ffi.cast(CALL, address.call),
             "note": kernel_ffi.cast("uint32_t *", note.ctypes.data),

@@ -60,8 +60,7 @@ class LoopHost:
 
     Attributes:
         open: gives what calls a shared object of them.
-        moves: whether robots and what stands in the arena go where the functions put them: in a
-            simulation. Otherwise they are real, and the first try is told.
+        moves: whether robots and things go where the functions put them; a first try is told else.
         find: gives their shared object.
         begin: begins the controllers whose objects they use, before their Init, as ARGoS does.
     """
@@ -80,8 +79,7 @@ class CxxLoopFunctions:
     """The hooks of a run: those of `vsense.world.loop_functions.LoopFunctions`, called in C++.
 
     Attributes:
-        steps: both of them.
-        is_alive: they can be called.
+        steps, is_alive: both of them; they can be called.
         finished: they have said that the experiment is over.
         said: what they logged, and what is to be told, since the list was emptied.
         moved: by row of the robots, where they were put since the mapping was emptied.
@@ -108,7 +106,7 @@ class CxxLoopFunctions:
         self._pending: list[list[str]] | None = None
         self._measures: dict[str, float] = {}
         self._floor: LoopFloor | None = None
-        address = caller.address
+        address = self._caller.address
         self._kernel = LoopKernel(address, self._hear_floor) if address is not None else None
         self._painter = FloorPainter(self._colors, self._kernel)
         self._shown = np.zeros((0, 0, 3), dtype=np.uint8)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from tests.world.sensors import numpy_sensors
 from tests.world.sensors.scenes import STEP_NS, Place, arena_state, element, sensor
+from vsense.base.native import kernel_ffi
 from vsense.world.actuators import leds as leds_actuators
 from vsense.world.actuators.messages import MessagesActuator
 from vsense.world.entities import VIRTUAL_TAG_MIN, Box, Cylinder, Entity, Led, VirtualRobot, Zone
@@ -21,7 +22,7 @@ from vsense.world.fields import Floor
 from vsense.world.sensors import omnidirectional_camera, proximity, range_and_bearing
 from vsense.world.sensors.base import Scope
 from vsense.world.sensors.omnidirectional_camera import OmnidirectionalCamera
-from vsense.world.world import BODY_MEMORY_NS, MESSAGE_MAX, World
+from vsense.world.world import BODY_MEMORY_NS, MESSAGE, MESSAGE_MAX, World
 
 STEP_M = 0.0175
 """Places lie on a lattice of a quarter of a body: so many touch, or are the same."""
@@ -278,3 +279,16 @@ def test_single_leds(xml: str, world: World, numbers: list[int], dark: int) -> N
     actuator.apply(world, np.array(rows), values, values)
     np.testing.assert_array_equal(world.led_colors, expected)
     np.testing.assert_array_equal(world.leds, whole)
+
+
+def test_memory_that_c_and_numpy_share_is_laid_out_alike() -> None:
+    kind = kernel_ffi.typeof("struct vs_message")
+    assert kernel_ffi.sizeof(kind) == MESSAGE.itemsize and MESSAGE.fields is not None
+    offsets = {name: MESSAGE.fields[name][1] for name in MESSAGE.names or ()}
+    assert {name: field.offset for name, field in kind.fields} == offsets
+
+
+def test_no_two_leds_of_a_robot_are_farther_apart_than_c_looks() -> None:
+    """APART_M of vs_camera.c."""
+    leds_m = omnidirectional_camera.LEDS_M[:, :2]
+    assert np.hypot(*(leds_m[:, None] - leds_m[None]).transpose(2, 0, 1)).max() < 0.1

@@ -58,6 +58,8 @@ _BYTES = 500
 _COLUMNS = 5
 _MAX_NOISE_M = 1e3
 _NOTICED_BYTES = kernel_ffi.sizeof("struct vs_noticed")
+_MOST_NOTICED = 50_000_000
+"""LEDs that are in sight of robots in a timestep, at most, where noise is drawn for each: 2 GB."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,10 +116,11 @@ class _Camera:
     def __init__(self, sensor: OmnidirectionalCamera, world: World, robots: int) -> None:
         """For so many robots; it holds until an entity changes."""
         is_noisy = sensor.noise_std_dev > 0.0
-        still, room = _still_leds(world), ROBOT_LEDS * len(world.robots)
-        leds = len(still) + room
+        still = _still_leds(world)
+        leds = len(still) + ROBOT_LEDS * len(world.robots)
         # Noise is drawn when all robots have looked. Of the room only what is used is memory.
-        seen = np.empty((leds * (robots if is_noisy else 1), _NOTICED_BYTES), dtype=np.uint8)
+        room = min(leds * (robots if is_noisy else 1), _MOST_NOTICED)
+        seen = np.empty((room, _NOTICED_BYTES), dtype=np.uint8)
         self._arrays: dict[str, Any] = {
             "colors": kernel_ffi.from_buffer("uint8_t[]", world.led_colors),
             "leds_m": kernel_ffi.new("double[]", LEDS_M.ravel().tolist()),
