@@ -102,6 +102,7 @@ TABLE = {
     "run.recasting": "run.cast",
     "run.several": "modes.several",
     "sensors": "world.sensors",
+    "sensors.neighbours": "world.sensors.geometry",
     "sensors.readings": "base.readings",
     "sensors.updating": "world.sensors.quality",
     "series": "studies.series",
