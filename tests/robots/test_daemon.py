@@ -90,7 +90,7 @@ def test_greeting_telemetry_and_talk(rig: Rig) -> None:
     assert rig.daemon.said.count("does not know 'magic': ignored") == 1
     said = [line for line in rig.daemon.said.splitlines() if "parameter" in line]
     assert [line.split(": ", 1)[1] for line in said] == [
-        "controller 'pollutant': expected a number as parameter 'near_raw'",
+        "controller 'pollutant': expected a number of 0 or more as parameter 'near_raw'",
         "controller 'pollutant' does not know the parameter 'stop_probabilty': ignored",
     ]
 
