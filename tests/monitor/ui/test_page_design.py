@@ -39,6 +39,8 @@ def test_all_text_is_large_enough_and_can_be_read(served: Serve, opened: Open, d
     page.size(*LARGE_PX)
     page.dark(dark)
     puppet.say("something happened", level="trouble")
+    # Before them there is no robot to choose, and nothing to change.
+    page.until("vsense.store.robots && vsense.edit.able")
     page.key("j")
     page.key("e")
     page.until("document.querySelector('#readings .chartable') && vsense.edit.on")
