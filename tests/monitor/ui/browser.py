@@ -78,6 +78,8 @@ class Browser:
         target = self.call("Target.createTarget", url="about:blank", browserContextId=context)
         attached = self.call("Target.attachToTarget", targetId=target["targetId"], flatten=True)
         page = Page(self, attached["sessionId"], target["targetId"])
+        # Keys reach a page whose window has no focus only now and then.
+        page.call("Emulation.setFocusEmulationEnabled", enabled=True)
         page.size(width, height)
         page.go(url)
         return page
