@@ -8,7 +8,6 @@
 #include "vs_math.h"
 #include "vs_place.h"
 
-#define PI 3.14159265358979323846
 #define WIDTH 5         /* numbers of an LED */
 #define APART_M 0.1     /* no two LEDs of a robot are so far from each other */
 #define DIAGONAL 1.4143 /* of a square, over its side: a little more than it is */
@@ -71,7 +70,8 @@ static uint32_t add_robot(const struct vs_camera *how, uint32_t robot, const dou
     return count;
 }
 
-/* Finds all LEDs of robots that are lit, and gives how many there are: they follow those of things. */
+/* Finds all LEDs of robots that are lit, and gives how many there are: they follow those of
+ * things. */
 static uint32_t gather(const struct vs_camera *how)
 {
     const struct vs_pose_fields *fields = how->world->fields;
@@ -155,7 +155,7 @@ static void disturb(const struct vs_camera *how, struct vs_noticed *seen, uint32
             seen[k].drawn *= vs_libm_distance(seen[k].distance_m, seen[k].bearing_rad);
     }
     for (k = 0; k < count; k++) {
-        vs_libm_direction(2.0 * PI * random->next_double(random->state), &cosine, &sine);
+        vs_libm_direction(2.0 * VS_PI * random->next_double(random->state), &cosine, &sine);
         seen[k].distance_m += seen[k].drawn * cosine;
         seen[k].bearing_rad += seen[k].drawn * sine;
     }

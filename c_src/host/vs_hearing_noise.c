@@ -6,7 +6,6 @@
 #include "vs_libm.h"
 #include "vs_math.h"
 
-#define PI 3.14159265358979323846
 #define POINTS 9
 
 /* What the real board measures at a distance: power, log-normal; and exp(a + b power) is the
@@ -30,7 +29,7 @@ static void incline(const struct vs_hearing *how, struct vs_noticed *one, double
     double cosine, sine, away_m = one->key;
 
     (void)how;
-    vs_libm_direction(PI * uniform, &cosine, &sine);
+    vs_libm_direction(VS_PI * uniform, &cosine, &sine);
     one->key = away_m * sine;
     one->drawn = away_m * cosine;
 }
@@ -41,7 +40,7 @@ static void turn(const struct vs_hearing *how, struct vs_noticed *one, double un
 
     (void)how;
     vs_libm_direction(one->bearing_rad, &of[0], &of[1]);
-    vs_libm_direction(2.0 * PI * uniform, &to[0], &to[1]);
+    vs_libm_direction(2.0 * VS_PI * uniform, &to[0], &to[1]);
     ahead_m = one->distance_m * of[0] + one->key * to[0];
     left_m = one->distance_m * of[1] + one->key * to[1];
     one->distance_m = vs_libm_root(ahead_m * ahead_m + left_m * left_m + one->drawn * one->drawn);

@@ -3,7 +3,7 @@
 
 #include <math.h>
 
-#define PI 3.14159265358979323846
+#include "vs_math.h"
 
 void vs_libm_direction(double angle_rad, double *cosine, double *sine)
 {
@@ -33,13 +33,13 @@ double vs_libm_distance(double x, double y)
 
 double vs_libm_wrap(double angle_rad)
 {
-    double rest = PI - angle_rad;
+    double rest = VS_PI - angle_rad;
     double wrapped;
 
-    if (!(fabs(rest) < 2.0 * PI)) /* else it is its own remainder */
-        rest = fmod(rest, 2.0 * PI);
+    if (!(fabs(rest) < 2.0 * VS_PI)) /* else it is its own remainder */
+        rest = fmod(rest, 2.0 * VS_PI);
     if (rest < 0.0)
-        rest += 2.0 * PI;
-    wrapped = PI - rest;
-    return wrapped > -PI ? wrapped : PI;
+        rest += 2.0 * VS_PI;
+    wrapped = VS_PI - rest;
+    return wrapped > -VS_PI ? wrapped : VS_PI;
 }

@@ -7,7 +7,6 @@
 #include "vs_math.h"
 #include "vs_place.h"
 
-#define PI 3.14159265358979323846
 #define CENTRE_REACH 2.5 /* ARGoS's epuck_light ends at this distance over intensity */
 
 /* What a light gives at the robot's centre if nothing stands in the way. */
@@ -31,8 +30,8 @@ static void share_out(const struct vs_light_ring *ring, double bearing_rad, doub
 
     for (k = 0; k < ring->sensors; k++) {
         double turn_rad = fabs(bearing_rad - ring->angles_rad[k]);
-        double off_rad = vs_least(turn_rad, 2.0 * PI - turn_rad);
-        double share = vs_most(1.0 - 2.0 / PI * off_rad, 0.0);
+        double off_rad = vs_least(turn_rad, 2.0 * VS_PI - turn_rad);
+        double share = vs_most(1.0 - 2.0 / VS_PI * off_rad, 0.0);
 
         sums[k] += off_rad <= half_view_rad ? light * share : 0.0;
     }
@@ -92,7 +91,7 @@ static double at_sensor(const struct vs_light_ring *ring, const struct vs_light 
 
     if (squared > ring->range_m * ring->range_m)
         return 0.0;
-    if (ring->view_rad < 2.0 * PI &&
+    if (ring->view_rad < 2.0 * VS_PI &&
         fabs(vs_wrap_angle(vs_bearing(north_m, east_m) - heading_rad)) > 0.5 * ring->view_rad)
         return 0.0;
     return light->intensity * light->intensity / vs_most(squared, least);

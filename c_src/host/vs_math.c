@@ -5,7 +5,6 @@
 #include <stdint.h>
 #include <string.h>
 
-#define PI 3.14159265358979323846
 #define PER_QUARTER 0.63661977236758134308 /* 2 / pi */
 #define MOST_QUARTERS 4e9                  /* the counts still fit 64 bits by far */
 
@@ -158,9 +157,9 @@ double vs_bearing(double y, double x)
     if (high <= wide)
         angle = arctan_of_slope(high / wide);
     else
-        angle = 0.5 * PI - arctan_of_slope(wide / high);
+        angle = 0.5 * VS_PI - arctan_of_slope(wide / high);
     if (x < 0.0)
-        angle = PI - angle;
+        angle = VS_PI - angle;
     return y < 0.0 ? -angle : angle;
 }
 
@@ -168,9 +167,9 @@ double vs_wrap_angle(double angle_rad)
 {
     double wrapped = angle_rad;
 
-    if (angle_rad > PI || angle_rad <= -PI)
-        wrapped -= (double)nearest(angle_rad / (2.0 * PI)) * (2.0 * PI);
-    if (wrapped > PI)
-        return wrapped - 2.0 * PI;
-    return wrapped > -PI ? wrapped : wrapped + 2.0 * PI;
+    if (angle_rad > VS_PI || angle_rad <= -VS_PI)
+        wrapped -= (double)nearest(angle_rad / (2.0 * VS_PI)) * (2.0 * VS_PI);
+    if (wrapped > VS_PI)
+        return wrapped - 2.0 * VS_PI;
+    return wrapped > -VS_PI ? wrapped : wrapped + 2.0 * VS_PI;
 }

@@ -6,6 +6,7 @@
 #ifndef VS_MATH_H
 #define VS_MATH_H
 
+#define VS_PI 3.14159265358979323846
 #define VS_ANGLE_MAX_RAD 100000 /* [rad] beyond it the angle loses digits */
 
 static inline double vs_least(double a, double b)

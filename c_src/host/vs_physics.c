@@ -6,7 +6,6 @@
 #include "vs_contacts.h"
 #include "vs_math.h"
 
-#define PI 3.14159265358979323846
 #define STEPPER_HZ 10000 /* the motor library counts time in such ticks; epuck.md 1.6 */
 
 /* How readily a robot with blocked wheels gives way, beside 1 for one whose wheels turn.
@@ -15,7 +14,7 @@
 #define STANDING_MOBILITY 0.25
 
 const double vs_axle_m = 0.053;
-const double vs_step_m = 0.041 * PI / 1000.0;
+const double vs_step_m = 0.041 * VS_PI / 1000.0;
 
 /* Speed over ground of a wheel [m/s] that was commanded to turn at steps_s: the stepper
  * makes a step every whole number of its timer's ticks. */

@@ -6,8 +6,6 @@
 
 #include "vs_math.h"
 
-#define PI 3.14159265358979323846
-
 static uint32_t tag_of(const struct vs_pose_fields *fields, const uint8_t *row)
 {
     uint32_t tag;
@@ -104,23 +102,23 @@ int vs_crowd_stand(struct vs_crowd *crowd, int64_t now_ns)
     return VS_OK;
 }
 
-/* Brings all yaws back into (-pi, pi], in the steps of wrap_angle of vsense/base/arena.py: where one
- * has left it, the last digits of the others change, too. */
+/* Brings all yaws back into (-pi, pi], in the steps of wrap_angle of vsense/base/arena.py: where
+ * one has left it, the last digits of the others change, too. */
 static void wrap(struct vs_tracker *tracker, double *seen)
 {
     int has_left = 0;
     uint32_t i;
 
     for (i = 0; i < tracker->count; i++)
-        has_left |= fabs(seen[3 * i + 2]) > PI;
+        has_left |= fabs(seen[3 * i + 2]) > VS_PI;
     for (i = 0; i < tracker->count && has_left; i++) {
-        double turn = PI - seen[3 * i + 2];
+        double turn = VS_PI - seen[3 * i + 2];
 
-        if (turn >= 2.0 * PI)
-            turn -= 2.0 * PI;
+        if (turn >= 2.0 * VS_PI)
+            turn -= 2.0 * VS_PI;
         else if (turn < 0.0)
-            turn += 2.0 * PI;
-        seen[3 * i + 2] = PI - turn > -PI ? PI - turn : PI;
+            turn += 2.0 * VS_PI;
+        seen[3 * i + 2] = VS_PI - turn > -VS_PI ? VS_PI - turn : VS_PI;
     }
 }
 

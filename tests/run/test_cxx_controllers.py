@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from tests.conftest import require_tool, shared_folder
+from tests.conftest import require_tool
 from vsense.base.errors import VsenseError
 from vsense.config.experiment import load
 from vsense.config.specs import Stage
@@ -34,16 +34,13 @@ optimisation, with <physics_engines> and <media> added."""
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def folder(shared_cache: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Controller and loop functions, which are built once."""
     require_tool("c++", "build-essential")
-    patch = pytest.MonkeyPatch()
-    patch.setenv("XDG_CACHE_HOME", str(shared_folder("builds", tmp_path_factory)))
     made = tmp_path_factory.mktemp("supervised")
     for name in ("counter.h", "counter.cpp", "supervisor.cpp"):
         shutil.copy2(HERE / name, made)
-    yield made
-    patch.undo()
+    return made
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import shutil
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.conftest import require_tool, shared_folder
+from tests.conftest import require_tool
 from vsense.base.arena import ArenaState
 from vsense.base.errors import VsenseError
 from vsense.base.terminal import Interruption
@@ -41,16 +41,13 @@ TAGS = "one", "two", "six"
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def folder(shared_cache: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The mission, which is built once."""
     require_tool("c++", "build-essential")
-    patch = pytest.MonkeyPatch()
-    patch.setenv("XDG_CACHE_HOME", str(shared_folder("builds", tmp_path_factory)))
     made = tmp_path_factory.mktemp("mission")
     for name in ("mission.cpp", "mission.argos"):
         shutil.copy2(HERE / name, made / name)
-    yield made
-    patch.undo()
+    return made
 
 
 @pytest.fixture

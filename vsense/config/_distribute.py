@@ -91,7 +91,6 @@ class DistributedSpec:
 
 MAX_QUANTITY = 10_000
 MAX_BASE_NUMBER = 65_535
-ROBOT_ELEMENT = "e-puck"
 OBJECT_ELEMENT = "vs:object"
 
 _MAX_TRIALS = 1_000_000
@@ -128,7 +127,7 @@ def read_distribute(element: Element, number: int) -> DistributedCrowd | None:
     """Reads a `<distribute>`, the arena's `number`th; None where there is nothing to place."""
     entity = element.child("entity")
     others = argos.others_in(entity)
-    inner = entity.children(ROBOT_ELEMENT, OBJECT_ELEMENT, *THINGS, *others)
+    inner = entity.children(argos.ROBOT_ELEMENT, OBJECT_ELEMENT, *THINGS, *others)
     if len(inner) != 1:
         raise entity.error(f"holds {len(inner)} known elements, expected one, such as <e-puck>")
     if inner[0].name in others:

@@ -14,7 +14,6 @@ from vsense.base.xml.element import Element, shown
 from vsense.config import argos
 from vsense.config._distribute import (
     OBJECT_ELEMENT,
-    ROBOT_ELEMENT,
     DistributedCrowd,
     DistributedSpec,
     read_distribute,
@@ -33,7 +32,6 @@ from vsense.config.specs import Experiment, FieldSpec, FloorSpec, Stage
 from vsense.world.entities import Arena, Box, Cylinder, Entity, WorldError
 from vsense.world.fields import MAX_CONCENTRATION, Field, Floor, Image
 
-DISTRIBUTE = "distribute"
 FIELD_ELEMENT = "vs:field"
 LIGHT_ELEMENT = "light"
 
@@ -60,7 +58,7 @@ def read_arena(
     if (floor := element.optional_child("floor")) is not None:
         bodies.floor = read_floor(floor, folder)
         bodies.claim_id(floor, bodies.floor.id)
-    kinds = (ROBOT_ELEMENT, OBJECT_ELEMENT, DISTRIBUTE, FIELD_ELEMENT, *THINGS)
+    kinds = (argos.ROBOT_ELEMENT, OBJECT_ELEMENT, argos.DISTRIBUTE, FIELD_ELEMENT, *THINGS)
     others = argos.others_in(element)
     for child in element.children(*kinds, *others):
         if child.name in others:
@@ -71,7 +69,7 @@ def read_arena(
 
 
 def _read_child(element: Element, bodies: ArenaContents) -> None:
-    if element.name == ROBOT_ELEMENT:
+    if element.name == argos.ROBOT_ELEMENT:
         add_epuck(element, bodies)
     elif element.name == OBJECT_ELEMENT:
         add_object(element, bodies)
@@ -79,7 +77,7 @@ def _read_child(element: Element, bodies: ArenaContents) -> None:
         name = element.text("id")
         bodies.claim_id(element, name)
         bodies.fields.append(read_field(element, name, bodies.arena, bodies.timestep_s))
-    elif element.name == DISTRIBUTE:
+    elif element.name == argos.DISTRIBUTE:
         _read_crowd(element, bodies)
     else:
         name = element.text("id")
@@ -105,7 +103,7 @@ def _read_crowd(element: Element, bodies: ArenaContents) -> None:
     if crowd is None:
         return
     bodies.crowds += 1
-    if crowd.element.name in (ROBOT_ELEMENT, OBJECT_ELEMENT):
+    if crowd.element.name in (argos.ROBOT_ELEMENT, OBJECT_ELEMENT):
         warn_of_height(element, crowd.distribution.position_m)
         add_crowd(crowd, bodies)
     else:

@@ -24,6 +24,8 @@ from vsense.robots.compiling import PROGRAM_SUFFIXES
 from vsense.robots.sources import ProgramSources
 from vsense.world.sensors.quality import NOISES
 
+ROBOT_ELEMENT, DISTRIBUTE = "e-puck", "distribute"
+
 _OTHER_ROBOT = "only e-pucks are driven here"
 _VIRTUAL_CAMERA = "the robots have none; <epuck_omnidirectional_camera> sees LEDs"
 _VIRTUAL_MESSAGES = "the robots have none; <virtual_range_and_bearing_{}> gives them one"
@@ -44,17 +46,17 @@ def others_in(section: Element) -> dict[str, str]:
     """Names of an arena's or an entity's children that are left out, and why: of `ENTITIES`, and
     robots of any other kind, which are those with a controller."""
     names = {child.name for child in section.below() if child.below("controller")}
-    return {**ENTITIES, **dict.fromkeys(names - {"e-puck"}, _OTHER_ROBOT)}
+    return {**ENTITIES, **dict.fromkeys(names - {ROBOT_ELEMENT}, _OTHER_ROBOT)}
 
 
 def refuse_other_robots(arena: Element) -> None:
     """Raises ConfigError where an arena holds robots, and no e-puck."""
-    crowds = [crowd for place in arena.below("distribute") for crowd in place.below("entity")]
+    crowds = [crowd for place in arena.below(DISTRIBUTE) for crowd in place.below("entity")]
     robots: dict[str, list[tuple[Element, str]]] = {}
     for section in (arena, *crowds):
         others = others_in(section)
         for child in section.below():
-            if child.name == "e-puck":
+            if child.name == ROBOT_ELEMENT:
                 return
             if others.get(child.name) == _OTHER_ROBOT:
                 many = "1" if section is arena else section.peek("quantity") or ""

@@ -19,7 +19,7 @@ from vsense.config._population import cast, populate
 from vsense.config._robots import ArenaContents
 from vsense.config._settings import apply, check_used
 from vsense.config._things import Media, by_id, read_media
-from vsense.config.arena import DISTRIBUTE, read_arena
+from vsense.config.arena import read_arena
 from vsense.config.argos import USING_SETTINGS
 from vsense.config.casting import Casting
 from vsense.config.devices import Devices, read_devices
@@ -376,7 +376,7 @@ def _no_robot(root: Element, arena: Element) -> str:
     lines: dict[str, int] = {}
     for element in arena.below():
         inner = [e for entity in element.below("entity") for e in entity.below()]
-        for thing in inner if element.name == DISTRIBUTE else [element]:
+        for thing in inner if element.name == argos.DISTRIBUTE else [element]:
             lines.setdefault(thing.name, thing.line)
     there = ", ".join(f"<{name}> (line {line})" for name, line in lines.items()) or "nothing"
     message = f"holds no real robot, expected <e-puck>; it has {there}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -150,12 +150,7 @@ class Programs:
         Raises:
             SimError: a controller cannot, as `step`.
         """
-        for number, _, robots in self._parts:
-            self._present[0] = number
-            try:
-                robots.begin()
-            except ControllerFailure as failure:
-                raise self._placed(number, failure) from None
+        self._each(lambda robots: robots.begin())
 
     def step(
         self,
@@ -215,10 +210,14 @@ class Programs:
 
     def end(self) -> None:
         """See `Program.end`."""
+        self._each(lambda robots: robots.end())
+
+    def _each(self, act: Callable[[Program], None]) -> None:
+        """Has the robots of each controller do something; raises as `step`."""
         for number, _, robots in self._parts:
             self._present[0] = number
             try:
-                robots.end()
+                act(robots)
             except ControllerFailure as failure:
                 raise self._placed(number, failure) from None
 

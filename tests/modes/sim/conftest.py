@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from tests.bench.sim import experiment_text
-from tests.conftest import require_tool, shared_folder
+from tests.conftest import require_tool
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment, Stage
 from vsense.modes.sim._simulation import Simulation
@@ -128,11 +128,8 @@ LENGTH_S = 20.0
 
 
 @pytest.fixture(scope="module", autouse=True)
-def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+def cache(shared_cache: Path) -> None:
     """Builds land in a folder of the tests' own, shared by all of them and by all workers."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(shared_folder("builds", tmp_path_factory)))
-        yield
 
 
 def library(folder: Path, name: str, source: str) -> Path:

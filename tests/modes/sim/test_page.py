@@ -364,10 +364,11 @@ def test_a_picture_that_cannot_be_written_costs_neither_recording_nor_tables(
     tmp_path: Path,
 ) -> None:
     setup, file = Setup("foraging", 1.0, 2), tmp_path / "foraging.mcap"
-    libraries = libraries_of(setup.load())
+    experiment = setup.load()
+    libraries = libraries_of(experiment)
     (tmp_path / "foraging.png").mkdir()
     with pytest.raises(VsenseError, match="cannot be written"):
-        simulate(Job(setup, 9, libraries, str(tmp_path), str(file)), None)
+        simulate(Job(setup, 9, libraries, str(tmp_path), str(file)), experiment, None)
     with open_recording(file) as recording:
         assert recording.complete and not recording.gaps
     for name in ("timesteps.csv", "measures.csv"):

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from vsense.base.arena import wrap_angle
 from vsense.world.entities import BODY_RADIUS_M, Box, Cylinder
 from vsense.world.rays import NOBODY, Bodies, disc_rows, entity_rows
-from vsense.world.sensors.geometry import Reach, points_at, rows_of, within
+from vsense.world.sensors.geometry import RING_HEIGHT_M, RING_RADIUS_M, Reach, Ring, rows_of, within
 from vsense.world.sensors.ground import AHEAD_M, LEFT_M
 from vsense.world.sensors.omnidirectional_camera import (
     CAMERA_HEIGHT_M,
@@ -30,13 +30,37 @@ RAYS = 7
 GREY = np.array([0.299, 0.587, 0.114]) / 255.0
 
 
+def ring_headings(ring: Ring, robots: Robots) -> Floats:
+    """Directions in which the sensors of robots (n,) look: (n, k) [rad], not wrapped."""
+    return np.asarray(robots["yaw_rad"][:, None] + ring.places_rad)
+
+
+def ring_points(ring: Ring, robots: Robots) -> Floats:
+    """Places of the sensors of robots (n,): (n, k, 3) [m] in the arena."""
+    headings = ring_headings(ring, robots)
+    points = np.empty((*headings.shape, 3))
+    points[..., 0] = robots["x_m"][:, None] + RING_RADIUS_M * np.cos(headings)
+    points[..., 1] = robots["y_m"][:, None] + RING_RADIUS_M * np.sin(headings)
+    points[..., 2] = RING_HEIGHT_M
+    return points
+
+
+def points_at(robots: Robots, ahead_m: ArrayLike, left_m: ArrayLike) -> Floats:
+    """Points (k,) of the robots' own frame in the arena: (n, k, 2) [m]."""
+    ahead, left = np.asarray(ahead_m, dtype=np.float64), np.asarray(left_m, dtype=np.float64)
+    cosine, sine = np.cos(robots["yaw_rad"])[:, None], np.sin(robots["yaw_rad"])[:, None]
+    x = robots["x_m"][:, None] + ahead * cosine - left * sine
+    y = robots["y_m"][:, None] + ahead * sine + left * cosine
+    return np.stack((x, y), axis=-1)
+
+
 def proximity(sensor: ProximitySensor, world: World, robots: Robots) -> Floats:
     """What `ProximitySensor.read` gives."""
     fan = np.zeros(1)
     if sensor.field_of_view_rad > 0.0:
         fan = sensor.field_of_view_rad / 2.0 * np.linspace(-1.0, 1.0, RAYS)
-    headings = sensor.ring.headings(robots)[:, :, None] + fan
-    starts = np.repeat(sensor.ring.points(robots)[:, :, None, :], len(fan), axis=2)
+    headings = ring_headings(sensor.ring, robots)[:, :, None] + fan
+    starts = np.repeat(ring_points(sensor.ring, robots)[:, :, None, :], len(fan), axis=2)
     ends = starts.copy()
     ends[..., 0] += sensor.range_m * np.cos(headings)
     ends[..., 1] += sensor.range_m * np.sin(headings)

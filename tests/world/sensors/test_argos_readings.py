@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from tests.rigs.places import DATA
+from tests.world.sensors.numpy_sensors import points_at
 from tests.world.sensors.scenes import rows, sensor, world_of
 from vsense.world.entities import Box, Cylinder, Entity, Light
 from vsense.world.fields import Floor
-from vsense.world.sensors.geometry import points_at
 from vsense.world.world import World
 
 READINGS = DATA / "argos-readings"

@@ -11,11 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.rigs.places import ROOT
+from tests.world.sensors.numpy_sensors import points_at, ring_points
 from tests.world.sensors.scenes import element, world_of
 from vsense.base.errors import ConfigError
 from vsense.world.entities import VIRTUAL_TAG_MIN, VirtualRobot
 from vsense.world.physics import proximity_ring as lab_proximity
-from vsense.world.sensors.geometry import Ring, field_of_view, points_at, rows_of, seen_from, within
+from vsense.world.sensors.geometry import Ring, field_of_view, rows_of, seen_from, within
 
 ANGLES = st.floats(-math.pi, math.pi)
 LENGTHS = st.floats(-5, 5)
@@ -42,7 +43,7 @@ def test_an_even_ring_goes_round_counter_clockwise_from_straight_ahead() -> None
     assert ring("24").angles_rad.min() > -math.pi
     robots = world_of({1: (1.0, 2.0, math.pi / 2)}).robots
     at = [(1, 2.036), (0.964, 2), (1, 1.964), (1.036, 2)]
-    np.testing.assert_allclose(four.points(robots)[0], [(*p, 0.032) for p in at])
+    np.testing.assert_allclose(ring_points(four, robots)[0], [(*p, 0.032) for p in at])
 
 
 @pytest.mark.parametrize("text", ["0", "65", "-8", "8.0", "all", "1e2"])

@@ -24,6 +24,8 @@ from vsense.world.sensors.base import Scope
 from vsense.world.sensors.omnidirectional_camera import OmnidirectionalCamera
 from vsense.world.world import BODY_MEMORY_NS, MESSAGE, MESSAGE_MAX, World
 
+Floats = NDArray[np.float64]
+
 STEP_M = 0.0175
 """Places lie on a lattice of a quarter of a body: so many touch, or are the same."""
 
@@ -184,16 +186,21 @@ def both_ways(
     return readings, expected
 
 
+def check_but_for_bearings(readings: Floats, expected: Floats, width: int) -> None:
+    """Readings are equal, bearings but for their last bit: the second of `width` numbers each."""
+    bearings = np.zeros(readings.shape[1], dtype=bool)
+    bearings[2::width] = True
+    np.testing.assert_array_equal(readings[:, ~bearings], expected[:, ~bearings])
+    np.testing.assert_allclose(readings[:, bearings], expected[:, bearings], rtol=0, atol=5e-15)
+
+
 @pytest.mark.parametrize("name", HEARING)
 @given(world=talking())
 @settings(max_examples=60)
 def test_range_and_bearing(name: str, world: World) -> None:
     """But for the last bit of arcus tangents, as with exponentials above."""
     readings, expected = both_ways(HEARING[name], world, numpy_sensors.range_and_bearing)
-    bearings = np.zeros(readings.shape[1], dtype=bool)
-    bearings[2 :: 2 + HEARING[name].data_size] = True
-    np.testing.assert_array_equal(readings[:, ~bearings], expected[:, ~bearings])
-    np.testing.assert_allclose(readings[:, bearings], expected[:, bearings], rtol=0, atol=5e-15)
+    check_but_for_bearings(readings, expected, 2 + HEARING[name].data_size)
 
 
 @pytest.mark.parametrize("name", NOISY)
@@ -249,10 +256,7 @@ CAMERAS = {
 def test_camera(name: str, world: World) -> None:
     """But for the last bit of arcus tangents."""
     readings, expected = both_ways(CAMERAS[name], world, numpy_sensors.camera)
-    bearings = np.zeros(readings.shape[1], dtype=bool)
-    bearings[2::5] = True
-    np.testing.assert_array_equal(readings[:, ~bearings], expected[:, ~bearings])
-    np.testing.assert_allclose(readings[:, bearings], expected[:, bearings], rtol=0, atol=5e-15)
+    check_but_for_bearings(readings, expected, 5)
 
 
 @pytest.mark.parametrize("xml", ["epuck_rgb_leds", "leds", "epuck_base_leds"])

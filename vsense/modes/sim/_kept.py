@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from vsense.modes.sim._recording import SimRecorder
 
 
-def prepare(line: bytes, watched: bool) -> None:
+def prepare(job: Job, watched: bool) -> None:
     """Imports what a job's run needs beside the simulation, before the fork that does it."""
-    if watched or Job.from_line(line).recording is not None:
+    if watched or job.recording is not None:
         from vsense.modes.sim import _paced, _recording  # noqa: F401
 
 

@@ -54,10 +54,11 @@ EVENTS_TOLD = 20
 
 
 def simulate(
-    job: Job, progress: Any, page: Connection | None = None, experiment: Experiment | None = None
+    job: Job, experiment: Experiment, progress: Any, page: Connection | None = None
 ) -> dict[str, Any]:
-    """Does one run; `progress`: see `Programs`; `page`: whoever watches and paces it; `experiment`:
-    what the job's setup loads, None: it has yet to be loaded.
+    """Does one run of the experiment that the job's setup loads.
+
+    `progress`: see `Programs`; `page`: whoever watches and paces it.
 
     Returns:
         The experiment's `name`, number of `robots` and `timesteps`, `timestep_s`, `wall_s` that
@@ -69,7 +70,6 @@ def simulate(
     Raises:
         VsenseError: the run cannot be had.
     """
-    experiment = experiment or job.setup.load()
     libraries = {name: Path(path) for name, path in job.libraries.items()}
     run = Simulation(experiment, libraries, job.seed, job.setup.blind, progress)
     files = KeptRun(run, job, page)
@@ -167,8 +167,9 @@ class Worker:
 
     def _do(self, line: bytes) -> dict[str, Any] | None:
         """Does a job in a fork; None where the parent has ended it."""
-        prepare(line, self._page is not None)
-        setup = self._share(line)
+        job = Job.from_line(line)
+        prepare(job, self._page is not None)
+        self._share(job)
         source, target = os.pipe()
         # The fork dies with this process, even in an endless loop: see `_die_with_parent`.
         alive, life = os.pipe()
@@ -177,7 +178,7 @@ class Worker:
             os.close(life)
             os.close(source)
             _die_with_parent(alive)
-            self._answer(line, target)
+            self._answer(job, target)
         os.close(target)
         os.close(alive)
         try:
@@ -190,26 +191,24 @@ class Worker:
             return None
         if status == 0 and answer:
             facts: dict[str, Any] = json.loads(answer)
-            if facts.pop("shares", False) and self._shared is None:
-                self._shared = setup
+            if facts.pop("shares", False) and job.origin is None:
+                self._shared = job.setup
             return facts
         return {"status": status, "place": self._crash.words()}
 
-    def _share(self, line: bytes) -> Setup | None:
-        """Loads the experiment of a job like the one before, for all that follow; gives its setup.
+    def _share(self, job: Job) -> None:
+        """Loads the experiment of a job like the one before, for all that follow.
 
         The first is loaded in its fork: it may fail, and what a user's Python code leaves behind
         is no other run's business.
         """
-        job = Job.from_line(line)
         if job.origin is not None or job.setup != self._shared:
             self._shared = self._experiment = None
         elif self._experiment is None:
             with suppress(VsenseError):  # the fork will say so
                 self._experiment = job.setup.load()
-        return None if job.origin is not None else job.setup
 
-    def _answer(self, line: bytes, target: int) -> None:
+    def _answer(self, job: Job, target: int) -> None:
         """In the fork: does the job, writes its answer, and ends the process."""
         code = 1
         try:
@@ -219,10 +218,10 @@ class Worker:
             os.close(self._answers)
             self._crash.watch()
             try:
-                job = settled(Job.from_line(line))
+                job = settled(job)
                 experiment = self._experiment or job.setup.load()
                 shares = not UsersCode.ran
-                result = simulate(job, self._progress, self._page, experiment)
+                result = simulate(job, experiment, self._progress, self._page)
                 answer: dict[str, Any] = {"result": result, "shares": shares}
             except NotHere as error:
                 answer = {"refused": str(error)}

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.errors import VsenseError
+from vsense.base.native import kernel_ffi
 from vsense.world.sensors.quality import Floats, Quality, Scale
 from vsense.world.world import World
 
@@ -70,6 +71,13 @@ class ApplyFunction(NamedTuple):
     name: str
     cdata: Any
     owner: object = None
+
+
+def apply_in_c(kernel: ApplyFunction, levels: Floats) -> None:
+    """Sets levels (n, k) by a function that asks for nothing else and cannot fail."""
+    given = kernel_ffi.from_buffer("double[]", np.ascontiguousarray(levels))
+    function = getattr(kernel.library, kernel.name)
+    function(kernel.cdata, kernel_ffi.NULL, given, kernel_ffi.NULL)
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,7 +26,7 @@ import numpy as np
 
 from vsense.base.native import kernel_ffi, kernels
 from vsense.base.xml.element import Element
-from vsense.world.actuators.base import ApplyFunction, RowNumbers, VirtualActuator
+from vsense.world.actuators.base import ApplyFunction, RowNumbers, VirtualActuator, apply_in_c
 from vsense.world.sensors.base import Robots, Scope
 from vsense.world.sensors.geometry import rows_of
 from vsense.world.sensors.quality import Floats, Scale
@@ -52,14 +52,14 @@ class LedsActuator:
 
     def apply(self, world: World, rows: RowNumbers, values: Floats, increments: Floats) -> None:
         """Shows the colours; see `VirtualActuator.apply`."""
-        levels = kernel_ffi.from_buffer("double[]", np.rint(values))
-        # It owns what C is pointed to: without a name it would be gone before the call.
-        shine = _Shine(world, rows)
-        kernels.vs_shine_show(shine.cdata, kernel_ffi.NULL, levels, kernel_ffi.NULL)
+        apply_in_c(self._function(world, rows), np.rint(values))
 
     def kernel(self, world: World, robots: Robots) -> ApplyFunction:
         """See `vsense/world/actuators/base.py`."""
-        shine = _Shine(world, rows_of(world, robots))
+        return self._function(world, rows_of(world, robots))
+
+    def _function(self, world: World, rows: RowNumbers) -> ApplyFunction:
+        shine = _Shine(world, rows)
         return ApplyFunction(kernels, "vs_shine_show", shine.cdata, owner=shine)
 
 
@@ -97,13 +97,14 @@ class SingleLedsActuator:
 
     def apply(self, world: World, rows: RowNumbers, values: Floats, increments: Floats) -> None:
         """Lights them; see `VirtualActuator.apply`."""
-        lamps = _Lamps(self, world, rows)
-        levels = kernel_ffi.from_buffer("double[]", np.rint(values))
-        kernels.vs_lamps_light(lamps.cdata, kernel_ffi.NULL, levels, kernel_ffi.NULL)
+        apply_in_c(self._function(world, rows), np.rint(values))
 
     def kernel(self, world: World, robots: Robots) -> ApplyFunction:
         """See `vsense/world/actuators/base.py`."""
-        lamps = _Lamps(self, world, rows_of(world, robots))
+        return self._function(world, rows_of(world, robots))
+
+    def _function(self, world: World, rows: RowNumbers) -> ApplyFunction:
+        lamps = _Lamps(self, world, rows)
         return ApplyFunction(kernels, "vs_lamps_light", lamps.cdata, owner=lamps)
 
 

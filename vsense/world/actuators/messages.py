@@ -20,7 +20,7 @@ import numpy as np
 
 from vsense.base.native import kernel_ffi, kernels
 from vsense.base.xml.element import Element
-from vsense.world.actuators.base import ApplyFunction, RowNumbers
+from vsense.world.actuators.base import ApplyFunction, RowNumbers, apply_in_c
 from vsense.world.sensors.base import Robots, Scope
 from vsense.world.sensors.geometry import rows_of
 from vsense.world.sensors.quality import Floats, Scale
@@ -57,13 +57,14 @@ class MessagesActuator:
 
     def apply(self, world: World, rows: RowNumbers, values: Floats, increments: Floats) -> None:
         """Sets the messages; see `VirtualActuator.apply`."""
-        levels = kernel_ffi.from_buffer("double[]", np.ascontiguousarray(values))
-        speech = _Speech(self, world, rows)
-        kernels.vs_speech_set(speech.cdata, kernel_ffi.NULL, levels, kernel_ffi.NULL)
+        apply_in_c(self._function(world, rows), values)
 
     def kernel(self, world: World, robots: Robots) -> ApplyFunction:
         """See `vsense/world/actuators/base.py`."""
-        speech = _Speech(self, world, rows_of(world, robots))
+        return self._function(world, rows_of(world, robots))
+
+    def _function(self, world: World, rows: RowNumbers) -> ApplyFunction:
+        speech = _Speech(self, world, rows)
         return ApplyFunction(kernels, "vs_speech_set", speech.cdata, owner=speech)
 
 

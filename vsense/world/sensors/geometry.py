@@ -80,21 +80,6 @@ class Ring:
     def __len__(self) -> int:
         return len(self.angles_rad)
 
-    def headings(self, robots: Robots) -> Floats:
-        """Directions in which the sensors of robots (n,) look: (n, k) [rad], not wrapped."""
-        headings: Floats = robots["yaw_rad"][:, None] + self.places_rad
-        return headings
-
-    def points(self, robots: Robots) -> Floats:
-        """Places of the sensors of robots (n,): (n, k, 3) [m] in the arena."""
-        headings = self.headings(robots)
-        # Each coordinate in one piece: `read` goes over them one by one.
-        points = np.moveaxis(np.empty((3, *headings.shape)), 0, -1)
-        points[..., 0] = robots["x_m"][:, None] + RING_RADIUS_M * np.cos(headings)
-        points[..., 1] = robots["y_m"][:, None] + RING_RADIUS_M * np.sin(headings)
-        points[..., 2] = RING_HEIGHT_M
-        return points
-
 
 class SensedScene:
     """What sensors in C read of a world: `cdata` is a `struct vs_scene *`.
@@ -207,15 +192,6 @@ def seen_from(robots: Robots, x_m: ArrayLike, y_m: ArrayLike) -> tuple[Floats, F
     north = np.asarray(y_m, dtype=np.float64) - robots["y_m"][:, None]
     bearing = wrap_angle(np.arctan2(north, east) - robots["yaw_rad"][:, None])
     return np.hypot(east, north), bearing
-
-
-def points_at(robots: Robots, ahead_m: ArrayLike, left_m: ArrayLike) -> Floats:
-    """Points (k,) of the robots' own frame in the arena: (n, k, 2) [m]."""
-    ahead, left = np.asarray(ahead_m, dtype=np.float64), np.asarray(left_m, dtype=np.float64)
-    cosine, sine = np.cos(robots["yaw_rad"])[:, None], np.sin(robots["yaw_rad"])[:, None]
-    x = robots["x_m"][:, None] + ahead * cosine - left * sine
-    y = robots["y_m"][:, None] + ahead * sine + left * cosine
-    return np.stack((x, y), axis=-1)
 
 
 def rows_of(world: World, robots: Robots) -> NDArray[np.intp]:

@@ -70,10 +70,12 @@ export const capital = (text) => text.slice(0, 1).toUpperCase() + text.slice(1);
 /** @type {Record<string, string>} */
 const UNITS = { m_s: "m/s", mm: "mm", cm: "cm", m: "m", s: "s", rad: "rad" };
 
-/** A measure's name in words, and its unit: light_distance_m -> "light distance", "m".
- * The number of robots with LEDs on in the cone bears its name of older recordings, lit_in_cone.
+/** Measures that bear their names of older recordings. */
+const RENAMED = new Map([["lit_in_cone", "LEDs on in cone"]]);
+
+/** A measure's name in words, and its unit: light_distance_m -> "light distance", "m"
  * @param {string} name */
 export function labelOf(name) {
   const [, stem, unit] = /^(.+)_(m_s|mm|cm|m|s|rad)$/.exec(name) ?? [name, name, ""];
-  return { label: stem.replaceAll("_", " ").replace(/^lit\b/, "LEDs on"), unit: UNITS[unit] };
+  return { label: RENAMED.get(stem) ?? stem.replaceAll("_", " "), unit: UNITS[unit] };
 }
