@@ -110,7 +110,7 @@ def test_robots_that_find_no_room_are_reported_without_a_run(tmp_path: Path, sta
     words[there] = '<position method="uniform" min="5,5,0" max="6,6,0" />'
     path.write_text("\n".join(words))
     described = ExperimentOptions(str(path), stage).described(False)
-    assert "robots          10" in next(described)
+    assert "\n  robots " in next(described)
     with pytest.raises(ConfigError, match="outside of the arena") as caught:
         next(described)
     assert (caught.value.file, caught.value.line) == (str(path), there + 3)  # the <entity>
