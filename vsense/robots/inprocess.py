@@ -62,11 +62,15 @@ def declarations() -> FFI:
     Raises:
         BuildError: the C sources are not there.
     """
-    header = (build.source_tree().root / "robot" / "inprocess.h").read_text()
-    lines = [line for line in header.splitlines() if not line.startswith("#")]
     ffi = FFI()
-    ffi.cdef("\n".join(lines))
+    ffi.cdef(cut_declarations("inprocess.h"))
     return ffi
+
+
+def cut_declarations(header: str) -> str:
+    """The declarations of a header in `robot/`; raises as `declarations`."""
+    text = (build.source_tree().root / "robot" / header).read_text()
+    return "\n".join(line for line in text.splitlines() if not line.startswith("#"))
 
 
 def _address(ffi: FFI, pointer: Any) -> int:
@@ -199,8 +203,12 @@ class CompiledProgram:
         now = self._now
         now.wanted, now.from_timestep, now.timestep = wanted, from_timestep, timestep
         now.capture_ns, now.now_ns = times_ns
+        self.decide(wanted)
         check(self._lib.vs_inprocess_step(self._all, now), "robots whose run is over")
         self.check()
+
+    def decide(self, wanted: Wanted) -> None:
+        """What is decided in this process before the step: C decides in the step itself."""
 
     def home(self, timestep: int, times_ns: tuple[int, int], goals: NDArray[np.int16]) -> None:
         """One step of every robot's walk home, to goals (n, 3) as STATE has them; see `step`.
@@ -220,7 +228,7 @@ class CompiledProgram:
         self._point("values", readings.block)
         self._point("captures_ns", readings.captures_ns)
 
-    def kernel(self) -> ProgramKernel:
+    def kernel(self) -> ProgramKernel | None:
         """The robots as C steps them, with RUN in `from_timestep` as of the newest step."""
         ffi, now, own = self._ffi, self._now, self._lib
         address = partial(_address, ffi)
@@ -292,6 +300,10 @@ class CompiledProgram:
             said += [(self.tags[robot[0]], row) for row in self._log[robot[0]].add(number[0], text)]
         self._now.logged = 0
         return said
+
+    def failures(self) -> dict[int, str]:
+        """By tag why a robot's controller has failed; of those in C none goes on then."""
+        return {}
 
     def complaints(self) -> list[str]:
         """What the controllers asked for and did not get, or do not know: each complaint once."""

@@ -104,16 +104,26 @@ class UsersCode:
         Raises:
             VsenseError: the user's, made by `error`.
         """
+        with self.beside():
+            try:
+                yield
+            except KeyboardInterrupt:
+                raise
+            except through:
+                raise
+            except BaseException as error:
+                raise self.caused(error, where, fallback) from error
+
+    def caused(self, error: BaseException, where: str = "", fallback: int = 1) -> VsenseError:
+        """Makes the error that says what an exception of the user's code means; see `watch`."""
+        return self.error(_line_in(self.file, error) or fallback, where + _words(error))
+
+    @contextmanager
+    def beside(self) -> Iterator[None]:
+        """Modules beside the file may be imported."""
         sys.path.append(self._folder)
         try:
             yield
-        except KeyboardInterrupt:
-            raise
-        except through:
-            raise
-        except BaseException as error:
-            line = _line_in(self.file, error) or fallback
-            raise self.error(line, where + _words(error)) from error
         finally:
             ours = [place for place, folder in enumerate(sys.path) if folder == self._folder]
             for last in ours[-1:]:

@@ -121,7 +121,7 @@ class Rehearsal:
         self._timestep_ns = experiment.timestep_ns
         self._tags = list(experiment.tags.values())
         self._tracker, self._say = tracker, say
-        daemons = {c.id: build.daemon(c.program) for c in experiment.controllers}
+        daemons = {c.id: build.daemon(c.program) for c in experiment.robot_controllers}
         with ExitStack() as stack:
             stack.callback(tracker.close)
             truth = make_ring(len(self._tags))

@@ -134,7 +134,7 @@ class Session(ExperimentSession):
         grabber = LabGrabber(spec)
         self._stack.callback(grabber.close)
         self._grabber = grabber
-        daemons = {c.id: build.daemon(c.program) for c in experiment.controllers}
+        daemons = {c.id: build.daemon(c.program) for c in experiment.robot_controllers}
         self.cameras = grabber.cameras if self.rig is None else list(self.rig.solved)
         self.tracking = self._track(grabber)
         self._stack.callback(self.tracking.close)

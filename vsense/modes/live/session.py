@@ -300,7 +300,9 @@ class ExperimentSession(ABC):
 
     def record_of(self, figures: Figures, failure: VsenseError | None) -> RunRecord:
         """What there was of the run that is over: by its figures, and what has ended it."""
-        return figures.record(self.runner, self.resting, self.away, self._changes.carried, failure)
+        changes = self._changes.carried
+        record = figures.record(self.runner, self.resting, self.away, changes, failure)
+        return replace(record, failed=self.environment.failed())
 
     def judge(self, record: RunRecord) -> None:
         """Has page, recording and terminal know whether the run that is over is valid."""

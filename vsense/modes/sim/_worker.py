@@ -64,8 +64,9 @@ def simulate(
         The experiment's `name`, number of `robots` and `timesteps`, `timestep_s`, `wall_s` that
         the timesteps took and `cpu_s` of this process for them, `swarm` as of `metrics.swarm`,
         `measures` of the experiment's own, whether it is `complete` or was stopped, how many
-        `changes` people made to its world, `complaints` of controllers, and of what they logged
-        the first `events` (seconds and words) and how many there are; `recording`, see `KeptRun`.
+        `changes` people made to its world, `complaints` of controllers, which of them have
+        `failed`, and of what they logged the first `events` (seconds and words) and how many
+        there are; `recording`, see `KeptRun`.
 
     Raises:
         VsenseError: the run cannot be had.
@@ -102,6 +103,7 @@ def _notes(run: Simulation, files: KeptRun) -> dict[str, Any]:
     whose["timestep_s"] = experiment.timestep_s
     events_data = {"events": events[:EVENTS_TOLD], "events_in_all": len(events)}
     facts = {"complete": run.is_whole, "changes": files.changes, "complaints": run.complaints()}
+    facts["failed"] = run.failed()
     return {**whose, "swarm": run.record.swarm(), **facts, **events_data}
 
 
