@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from vsense.modes.sim.job import Setup, Sweep
     from vsense.monitor.recording.reader import open_recording
     from vsense.robots.python_robot import Robot
-    from vsense.robots.python_swarm import LED_BODY, LED_FRONT, LED_RING, Swarm
+    from vsense.robots.python_swarm import Leds, Swarm
     from vsense.studies.report.report import make_report
     from vsense.studies.series.campaign import Campaign
     from vsense.studies.series.campaign import run as run_campaign
@@ -39,9 +39,7 @@ PLACES = {
     "Element": "vsense.base.xml.element",
     "Engine": "vsense.modes.sim.engine",
     "Floor": "vsense.world.fields",
-    "LED_BODY": "vsense.robots.python_swarm",
-    "LED_FRONT": "vsense.robots.python_swarm",
-    "LED_RING": "vsense.robots.python_swarm",
+    "Leds": "vsense.robots.python_swarm",
     "Light": "vsense.world.entities",
     "Robot": "vsense.robots.python_robot",
     "Robots": "vsense.world.sensors.base",
@@ -65,9 +63,6 @@ PLACES = {
 """The module of each public name, and its name there where that is another one."""
 
 __all__ = [
-    "LED_BODY",
-    "LED_FRONT",
-    "LED_RING",
     "Box",
     "Camera",
     "Campaign",
@@ -76,6 +71,7 @@ __all__ = [
     "Element",
     "Engine",
     "Floor",
+    "Leds",
     "Light",
     "Robot",
     "Robots",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -51,6 +52,17 @@ def test_a_controller_in_python_does_what_the_same_does_in_c(folder: Path, code:
         assert np.ptp(ours["poses"][:, :, 0], axis=0).min() > 0.1 and ours["leds"].any()
         for name in ("poses", "leds", "tags"):
             assert np.array_equal(ours[name], theirs[name]), name
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_the_controllers_of_the_page_run(folder: Path, number: int) -> None:
+    page = (ROOT / "vsense" / "EXTENDING.md").read_text()
+    section = page.partition("## A controller in Python")[2].partition("\n## ")[0]
+    code = re.findall(r"```python\n(.*?)```", section, re.S)[number]
+    path = experiment(folder, code)
+    assert simulate(path, "--duration", 20, "--lenient", "-o", "out") == 0
+    with np.load("out/trajectory.npz") as run:
+        assert run["leds"].any() and np.ptp(run["poses"][:, :, 0], axis=0).min() > 0.1
 
 
 def failing(condition: str) -> str:
@@ -118,9 +130,7 @@ def test_a_mistake_ends_the_run_with_file_and_line(
     assert f"mine.py:{line}: " in last and words in last and "Traceback" not in last
 
 
-def test_loop_functions_are_no_controller(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_loop_functions_are_no_controller(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     loops = (SHIPPED / "phototaxis.py").read_text()
     assert simulate(experiment(folder, loops), "--duration", 2, "-o", "out") == 1
     assert "it has loop functions (reset, pre_step" in capsys.readouterr().err

@@ -355,12 +355,6 @@ class Experiment:
         """That of each robot's simulated wheels."""
         return [self.controller_of(robot).wheel_noise for robot in self.robots]
 
-    @property
-    def robot_controllers(self) -> tuple[ControllerSpec, ...]:
-        """Those that drive robots; the others drive virtual ones only."""
-        driven = {robot.controller for robot in self.robots}
-        return tuple(controller for controller in self.controllers if controller.id in driven)
-
     def driven_by(self, controller: ControllerSpec) -> tuple[str, ...]:
         """The ids of the robots that a controller drives, virtual ones included."""
         entities = (*self.entities, *(spec.entity for spec in self.distributed))

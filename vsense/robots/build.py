@@ -88,7 +88,7 @@ FAST_PARTS = (
 
 SHIPPED_CONTROLLER = "pollutant"
 
-PYTHON_PAGE = "robot/README.md, 'Controllers in Python'"
+PYTHON_PAGE = "vsense/EXTENDING.md, 'A controller in Python'"
 
 
 @dataclass(frozen=True, slots=True)

@@ -118,15 +118,15 @@ _COMPILED = ProgramKind(build.shared, CompiledProgram)
 
 
 def _build_python(sources: ProgramSources) -> Path:
-    from vsense.robots import python_program  # with what runs users' Python, 20 ms
+    from vsense.robots import _python_program  # with what runs users' Python, 20 ms
 
-    return python_program.build_program(sources)
+    return _python_program.build_program(sources)
 
 
 def _open_python(*arguments: Any, **named: Any) -> Program:
-    from vsense.robots import python_program
+    from vsense.robots import _python_program
 
-    return python_program.PythonProgram(*arguments, **named)
+    return _python_program.PythonProgram(*arguments, **named)
 
 
 _PYTHON = ProgramKind(_build_python, _open_python)

@@ -127,7 +127,7 @@ class Robot:
         self._swarm.set_wheels_of(self._row, finite(left_steps_s), finite(right_steps_s))
 
     def set_leds(self, leds: int) -> None:
-        """LEDs that are on: `LED_RING`, `LED_BODY`, `LED_FRONT`; bit n of the ring is LED n."""
+        """Which LEDs are on, see `Leds`; bit n of the ring is LED n."""
         self._swarm.set_leds_of(self._row, leds)
 
     def random(self) -> float:

@@ -26,6 +26,7 @@ Nothing here blocks.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from enum import IntFlag
 from typing import Any
 
 import numpy as np
@@ -34,8 +35,14 @@ from numpy.typing import ArrayLike, NDArray
 Floats = NDArray[np.float64]
 Rows = NDArray[np.bool_]
 
-LED_RING, LED_BODY, LED_FRONT = 0xFF, 0x100, 0x200
-"""For `set_leds`: the eight red LEDs around the body, the green body, the front."""
+
+class Leds(IntFlag):
+    """For `set_leds`: the eight red LEDs around the body, the green body, the front."""
+
+    RING = 0xFF
+    BODY = 0x100
+    FRONT = 0x200
+
 
 MAX_TEXT_BYTES = 4096
 """Of all parameters together. Source: robot/controller.h."""
@@ -50,7 +57,7 @@ _NEVER_NS = 2**64 - 1
 _MOST_STEPS_S = 32767.0
 
 
-class Runtime:
+class HostedRobots:
     """The robots of a controller as C has them (`robot/hosted.h`)."""
 
     def __init__(self, ffi: Any, lib: Any, robots: Any, count: int) -> None:
@@ -214,7 +221,7 @@ class Swarm:
 
     def __init__(
         self,
-        runtime: Runtime,
+        runtime: HostedRobots,
         tags: Sequence[int],
         timestep_s: float,
         counts: Mapping[str, int],
@@ -289,7 +296,7 @@ class Swarm:
             self._walk.drop(rows)
 
     def set_leds(self, leds: ArrayLike, where: ArrayLike = True) -> None:
-        """LEDs that are on: `LED_RING`, `LED_BODY`, `LED_FRONT`; bit n of the ring is LED n."""
+        """Which LEDs are on, see `Leds`; bit n of the ring is LED n."""
         rows = self.rows(where)
         self._leds[rows] = np.broadcast_to(np.asarray(leds, np.uint32), len(self))[rows]
         self._leds_set |= rows

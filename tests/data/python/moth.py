@@ -2,7 +2,7 @@
 
 import math
 
-from vsense import LED_RING, Robot
+from vsense import Leds, Robot
 
 ANGLES = [-0.3002, -0.8011, -1.5708, -2.6442, 2.6442, 1.5708, 0.7994, 0.3002]
 
@@ -20,7 +20,7 @@ class Controller:
         known, stale, brightest = light.known, light.stale, max(values)
         if not known or not stale:
             self.resting = known and brightest >= self.enough
-        robot.set_leds(LED_RING if self.resting else 0)
+        robot.set_leds(Leds.RING if self.resting else 0)
         if self.resting:
             self.walk.rest()
         elif known and not stale and brightest - min(values) >= self.least:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from vsense import LED_RING, Swarm
+from vsense import Leds, Swarm
 
 ANGLES = np.array([-0.3002, -0.8011, -1.5708, -2.6442, 2.6442, 1.5708, 0.7994, 0.3002])
 
@@ -19,7 +19,7 @@ class SwarmController:
         values, known, stale = self.light.values, self.light.known, self.light.stale
         top, low = values.max(axis=1), values.min(axis=1)
         self.resting = np.where(known & stale, self.resting, known & (top >= self.enough))
-        swarm.set_leds(np.where(self.resting, LED_RING, 0))
+        swarm.set_leds(np.where(self.resting, Leds.RING, 0))
         steers = ~self.resting & known & ~stale & (top - low >= self.least)
         first = ANGLES[values.argmax(axis=1)]
         between = ANGLES - first[:, None]

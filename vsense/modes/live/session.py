@@ -268,12 +268,10 @@ class ExperimentSession(ABC):
                 text = f"robot {new} does not take the role of {out}: {error}"
                 self.setup.console.say(text, "trouble")
                 continue
-            part = parts_of(self.experiment)[new]
+            part, control = parts_of(self.experiment)[new], self.runner.control
             whose = "its own role" if part == new else f"the role of {part}"
-            control = self.runner.control
-            run = control.run + (control.state is State.ENDED)
-            text = f"robot {new} takes {whose} from run {run} on"
-            self.setup.console.say(f"{wish.by}: {text}", "warning")
+            text = f"{whose} from run {control.run + (control.state is State.ENDED)} on"
+            self.setup.console.say(f"{wish.by}: robot {new} takes {text}", "warning")
 
     def _put_in_spares(self) -> None:
         """Has the roster's spares play for robots whose batteries are low, while there are some."""

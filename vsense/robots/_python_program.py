@@ -18,6 +18,7 @@ import numpy as np
 from cffi import FFI
 
 from vsense.base.errors import VsenseError, likely
+from vsense.base.users_code import UsersCode
 from vsense.robots import build
 from vsense.robots.inprocess import (
     PROGRESS_BYTES,
@@ -31,14 +32,15 @@ from vsense.robots.inprocess import (
 from vsense.robots.link.table import Direction, Table
 from vsense.robots.link.wire import Wanted
 from vsense.robots.python_robot import Robot
-from vsense.robots.python_swarm import Runtime, Swarm
+from vsense.robots.python_swarm import HostedRobots, Swarm
 from vsense.robots.sources import ProgramSources
-from vsense.world.loop_functions import HOOKS, UsersCode
 
 ONE, ALL = "Controller", "SwarmController"
 """The classes of which a file has one."""
 _METHODS = {"__init__": 2, "step": 2, "end": 1}
 """What they have, and how many arguments each takes, with itself."""
+_HOOKS = ("populate", "reset", "pre_step", "post_step", "end")
+"""By which a file of loop functions is known."""
 _HOST = "stand_still"
 """The controller in C that leaves alone what its host has set."""
 
@@ -88,7 +90,7 @@ class PythonProgram(CompiledProgram):
         self._notes = np.frombuffer(progress, dtype=np.uint32)
         counts = _counts(table, Direction.SENSOR), _counts(table, Direction.ACTUATOR)
         hosted: Any = _hosted().dlopen(str(build.shared(_HOST)))
-        runtime = Runtime(_hosted(), hosted, self._all, len(self.tags))
+        runtime = HostedRobots(_hosted(), hosted, self._all, len(self.tags))
         self._swarm = Swarm(runtime, self.tags, timestep_ns * 1e-9, *counts)
         self._controllers: list[Any] | None = None
         self._views = [self._swarm] if self._is_for_all else self._robots()
@@ -220,14 +222,14 @@ def _class_of(code: UsersCode, module: ModuleType) -> tuple[type[Any], bool]:
 
 
 def _takes(method: Any, count: int) -> bool:
-    try:
-        inspect.signature(method).bind(*range(count))
-    except TypeError:
-        return False
-    return True
+    parameters = inspect.signature(method).parameters.values()
+    placed = [p for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
+    needed = [p for p in placed if p.default is p.empty]
+    any_more = any(p.kind is p.VAR_POSITIONAL for p in parameters)
+    return len(needed) <= count and (any_more or count <= len(placed))
 
 
 def _loop_functions(module: ModuleType) -> str:
     places = [module, *(c for c in vars(module).values() if inspect.isclass(c))]
-    hooks = [hook for hook in HOOKS if any(hasattr(place, hook) for place in places)]
+    hooks = [hook for hook in _HOOKS if any(hasattr(place, hook) for place in places)]
     return f"; it has loop functions ({', '.join(hooks)})" if hooks else ""
