@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +14,8 @@ from vsense.monitor.recording import MCAP
 from vsense.run.directory import LOGGED, TRAJECTORY, RunTables
 
 if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
+
     from vsense.modes.sim._paced import PacedRun
     from vsense.modes.sim._publishing import SimPublisher
     from vsense.modes.sim._recording import SimRecorder
