@@ -42,7 +42,7 @@ class KeptRun:
         self._paced: PacedRun | None = None
         if job.directory is not None:
             experiment = run.environment.experiment
-            run.samples = RunSamples(experiment)
+            run.samples = RunSamples(experiment, 1)  # a simulation misses none
             run.record.keep_events(Path(job.directory) / LOGGED)
             note = lambda text: run.record.note_event(len(run.record.timesteps), text)  # noqa: E731
             self._tables = RunTables(Path(job.directory), experiment.timestep_s, note)
