@@ -23,9 +23,8 @@ from vsense.base.errors import VsenseError
 from vsense.base.native import check, ffi, lib
 from vsense.base.readings import SensorReadings
 from vsense.robots import build
-from vsense.robots.link._roster import robot_seed
 from vsense.robots.link.status import LogLines
-from vsense.robots.link.table import Direction, Table
+from vsense.robots.link.table import Direction, Table, robot_seed
 from vsense.robots.link.wire import Header, PacketType, ShownData, Wanted, Welcome, encode, shown_of
 
 PROGRESS_BYTES = 8
