@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from vsense.base.clock import pace
 from vsense.base.processes import describe_exit, end
 from vsense.base.shared import LabError
+from vsense.modes.lab._metrics import UNKNOWN_AGE
 from vsense.modes.lab.hardware import EmulatedRadio
 from vsense.robots.crashes import words_of_log
 from vsense.robots.link.keys import KeySource, robot_file, write_private
@@ -234,8 +235,6 @@ virtual sensor, `value` that of the judged one, `capture_ns` when it was measure
 where none is judged); `age_ns` (-1: unknown) and `stale` are the controller's. `left` and `right`
 are the commanded wheel speeds [steps/s].
 """
-
-UNKNOWN_AGE = -1
 
 
 def read_trace(robot: Robot, sensors: Sequence[str], judged: str | None) -> NDArray[np.void]:
